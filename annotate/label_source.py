@@ -109,10 +109,15 @@ class SuitSurvey:
 
     @classmethod
     def of(
-        cls, cloud: ThermalCloud, suit: Suit | None, window_c: tuple[float, float] | None = None
+        cls,
+        cloud: ThermalCloud,
+        suit: Suit | None,
+        window_c: tuple[float, float] | None = None,
+        *,
+        glance: bool = False,
     ) -> "SuitSurvey":
         """Survey of a cloud, made coarse; arguments as of ``Survey``."""
-        persons = Survey(CoarseCloud.of(cloud), window_c, suit)
+        persons = Survey(CoarseCloud.of(cloud), window_c, suit, glance=glance)
         likely = persons.person(None)
         read = suit is not None and likely.trusted
         return cls(cloud, persons, likely, view_of(cloud, persons, likely) if read else None)

@@ -149,9 +149,11 @@ def labelling_by(suit: Suit | None) -> Labelling:
     network = OnnxNetwork(mirrored=False)
     if suit is None:
         return Labelling(
-            lambda cloud: NetworkSurvey(CoarseCloud.of(cloud), network), NetworkSurvey.labels, _stance
+            lambda cloud: NetworkSurvey(CoarseCloud.of(cloud), network, glance=True),
+            NetworkSurvey.labels,
+            _stance,
         )
-    survey: Callable[[Any], SuitSurvey] = partial(SuitSurvey.of, suit=suit)
+    survey: Callable[[Any], SuitSurvey] = partial(SuitSurvey.of, suit=suit, glance=True)
     return Labelling(
         survey, suit_labeller(suit, shipped_reader(), glance=True), partial(_stance_beside, network)
     )

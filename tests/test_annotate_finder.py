@@ -35,6 +35,13 @@ def test_somebody_in_a_furnished_room_is_found_and_nothing_else():
     assert iou(found.mask, whose == 1) > 0.9
 
 
+def test_at_a_glance_the_same_person_is_found():
+    depth, whose = seen([(1, 0.0)])
+    coarse = CoarseCloud.of(cloud_of(depth))
+    whole, glance = (Survey(coarse, glance=quick).person().mask for quick in (False, True))
+    assert iou(glance, whose == 1) > 0.9 and iou(glance, whole) > 0.95 and (glance != whole).any()
+
+
 def test_nobody_is_found_where_nobody_is():
     depth, _ = seen([])
     found = survey_of(cloud_of(depth)).person()

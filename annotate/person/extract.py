@@ -55,7 +55,7 @@ class Survey:
     Persons are found in the coarse cloud, and their outlines enlarged. window_c: surface temperatures of a
     person, degrees Celsius; None = found from the frame itself; where nothing is as warm there is nobody.
     suit: of the subject, if they wear one, whose colours then tell them from others. everybody: all persons
-    are to be labelled: the earlier subject keeps number 1, and none has to stand out.
+    are labelled: the earlier subject keeps number 1, none has to stand out. glance: as of ``people_in``.
     """
 
     def __init__(
@@ -65,6 +65,7 @@ class Survey:
         suit: Suit | None = None,
         *,
         everybody: bool = False,
+        glance: bool = False,
     ) -> None:
         self.cloud, self._coarse, self._everybody = cloud, cloud.cloud, everybody
         self._suit = suit
@@ -75,7 +76,7 @@ class Survey:
         self.warmth = warmth(self._coarse.temperature_c, self.window_c)
         """Warmth (h, w) of the coarse cloud's points."""
         is_cold = self._is_felt and not self._warm.any()
-        self._persons = [] if is_cold else people_in(self._coarse, self.warmth)
+        self._persons = [] if is_cold else people_in(self._coarse, self.warmth, glance=glance)
         self._misaligned = self._misalignment() if self._is_felt else ()
 
     @cached_property

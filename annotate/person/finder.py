@@ -59,16 +59,17 @@ class Person:
     centre_m: Float64
 
 
-def people_in(cloud: ThermalCloud, warmth: Float32) -> list[Person]:
+def people_in(cloud: ThermalCloud, warmth: Float32, *, glance: bool = False) -> list[Person]:
     """All people of a cloud, in no order.
 
-    warmth: (h, w), of the way from the room's temperature, 0, to a person's, 1; NaN = not felt.
+    warmth: (h, w), of the way from the room's temperature, 0, to a person's, 1; NaN = not felt. glance: the
+    network is asked once, for a live picture, and not for the mirror image as well.
     """
     v, u = map(_grid, cloud.depth_mm.shape, (cloud.camera.fy, cloud.camera.fx))
     rows, columns = (np.rint(grid).astype(np.intp) for grid in (v, u))
     small_m, felt = (plane.take(rows, axis=0).take(columns, axis=1) for plane in (cloud.points_m, warmth))
     small_m = np.nan_to_num(small_m, copy=False)
-    odds, votes_m = _found(small_m, felt)
+    odds, votes_m = _found(small_m, felt, glance)
     z = np.ascontiguousarray(small_m[..., 2])
     surface_m2 = z**2 * np.float32(_spacing(v) * _spacing(u) / (cloud.camera.fx * cloud.camera.fy))
     if surface_m2.sum() <= MOST_PERSON_M2:
@@ -131,21 +132,22 @@ def _network() -> Network:
     return onnx_session(files("annotate").joinpath("person/finder.onnx").read_bytes())
 
 
-def _found(points_m: Float32, warmth: Float32) -> tuple[Float32, Float32]:
+def _found(points_m: Float32, warmth: Float32, glance: bool = False) -> tuple[Float32, Float32]:
     """Log odds (h, w) in the camera's frame of points (h, w, 3) in metres, 0 = none, and of warmth (h, w).
 
-    With votes (ceil(h / 2), ceil(w / 2), 3) of every second point; both by the image and its mirror image.
+    With votes (ceil(h / 2), ceil(w / 2), 3) of every second point. glance: as of ``people_in``.
     """
     height, width = points_m.shape[:2]
     more = ((0, -height % MULTIPLE), (0, -width % MULTIPLE))
     seen = network_input(np.pad(points_m[..., 2], more), np.pad(warmth, more))
     voters = points_m[::2, ::2]
     # In a mirror columns change places two by two, and votes to the right go to the left.
-    both = seen, seen[np.arange(len(seen)) ^ 1, :, ::-1]
-    direct, turned = (_network().run(None, {"image": image[None]})[0][0] for image in both)
-    turned = turned[[1, 0, 3, 2, 4, 5, 6], :, ::-1]
-    turned[4] *= -1
-    found = np.float32(0.5) * (direct + turned)
+    images = [seen] if glance else [seen, seen[np.arange(len(seen)) ^ 1, :, ::-1]]
+    answers = [_network().run(None, {"image": image[None]})[0][0] for image in images]
+    for turned in answers[1:]:
+        turned[:] = turned[[1, 0, 3, 2, 4, 5, 6], :, ::-1]
+        turned[4] *= -1
+    found: Float32 = sum(answers) / len(answers)
     odds = found[:4].reshape(2, 2, *found.shape[1:]).transpose(2, 0, 3, 1).reshape(2 * seen.shape[1], -1)
     right, down, away = found[4:, : voters.shape[0], : voters.shape[1]]
     # The network's votes lie beside the point at its depth, and behind or before that on the ray.

@@ -14,9 +14,8 @@ from annotate.suit.light import fitted_to
 from annotate.suit.palette import Suit, chromaticity
 
 OFF_CENTRE = 0.3
-"""Tangent of the angle off the view's middle column at which a score falls to 1/e: people are aimed at, half
-of a Kinect v2's view is 0.7. Chosen by eye; without it and without a suit the subject is right in 10 of 38
-frames of several people instead of in all (measured)."""
+"""Tangent of the angle off the view's middle column at which a score falls to 1/e. Chosen by eye; without it
+and without a suit the subject is right in 10 of 38 frames of several people instead of in all (measured)."""
 BEFORE_GAIN, CLEAR_LEAD = 4.0, 2.0
 """Factor less one by which standing where the subject stood before raises a score, and least ratio of the
 best to the next among three persons and more. Chosen by eye."""

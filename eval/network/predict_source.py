@@ -62,7 +62,7 @@ def predict_source(
 class NetworkSurvey:
     """A surveyed frame with its likely subject labelled: all the work that needs no other frame.
 
-    Arguments as of ``predict_source``.
+    Arguments as of ``predict_source``; glance: as of ``Survey``.
     """
 
     def __init__(
@@ -73,8 +73,9 @@ class NetworkSurvey:
         *,
         probabilities: bool = False,
         everybody: bool = False,
+        glance: bool = False,
     ) -> None:
-        self._survey = survey = Survey(cloud, window_c, everybody=everybody)
+        self._survey = survey = Survey(cloud, window_c, everybody=everybody, glance=glance)
         self._network, self._probabilities, self._everybody = network, probabilities, everybody
         self.depth_mm, self.planes = cloud.depth_mm, survey.planes
         self._known: dict[bytes, Segmentation] = {}
