@@ -109,15 +109,11 @@ class SuitSurvey:
 
     @classmethod
     def of(
-        cls,
-        cloud: ThermalCloud,
-        suit: Suit | None,
-        window_c: tuple[float, float] | None = None,
-        *,
-        glance: bool = False,
+        cls, cloud: ThermalCloud, suit: Suit | None, window_c: tuple[float, float] | None = None
     ) -> "SuitSurvey":
         """Survey of a cloud, made coarse; arguments as of ``Survey``."""
-        persons = Survey(CoarseCloud.of(cloud), window_c, suit, glance=glance)
+        # Who wears a suit is outlined by its reader: a glance is enough.
+        persons = Survey(CoarseCloud.of(cloud), window_c, suit, glance=suit is not None)
         likely = persons.person(None)
         read = suit is not None and likely.trusted
         return cls(cloud, persons, likely, view_of(cloud, persons, likely) if read else None)

@@ -153,7 +153,7 @@ def labelling_by(suit: Suit | None) -> Labelling:
             NetworkSurvey.labels,
             _stance,
         )
-    survey: Callable[[Any], SuitSurvey] = partial(SuitSurvey.of, suit=suit, glance=True)
+    survey: Callable[[Any], SuitSurvey] = partial(SuitSurvey.of, suit=suit)
     return Labelling(
         survey, suit_labeller(suit, shipped_reader(), glance=True), partial(_stance_beside, network)
     )

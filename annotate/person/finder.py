@@ -63,7 +63,7 @@ def people_in(cloud: ThermalCloud, warmth: Float32, *, glance: bool = False) -> 
     """All people of a cloud, in no order.
 
     warmth: (h, w), of the way from the room's temperature, 0, to a person's, 1; NaN = not felt. glance: the
-    network is asked once, for a live picture, and not for the mirror image as well.
+    network is asked once, where time counts, and not for the mirror image as well.
     """
     v, u = map(_grid, cloud.depth_mm.shape, (cloud.camera.fy, cloud.camera.fx))
     rows, columns = (np.rint(grid).astype(np.intp) for grid in (v, u))
