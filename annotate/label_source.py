@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
@@ -24,11 +25,9 @@ from annotate.reader.network import Reader, shipped_reader
 from annotate.reader.read import LIGHT, View, read, view_of
 from annotate.reader.segmentation import Segmentation, unlabelled
 from annotate.suit.palette import Suit, suit_to_toml
-from sensors.errors import CloudError, ExistsError, one_line
+from sensors.errors import CloudError, ExistsError
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import RigCalibration, calibration_to_json
-from sensors.session.messages import SUBJECT
-from sensors.session.reader import Session
 
 NO_SUIT = "no --suit: only the person is extracted, its parts stay undefined"
 """Note of frames labelled without a suit."""
@@ -161,7 +160,7 @@ def run(
     """
     fusion = fuser(source.calibration)
     info = {"source": source.name, "calibration": calibration_to_json(source.calibration), "steps": steps}
-    if isinstance(source, Session):
+    if source.sha256:
         info["sha256"] = source.sha256
     labels = LabelSet.resume(out, fusion.camera, info)
     with Claim.take(out, login()):
@@ -180,10 +179,9 @@ def _run(
     done = set(labels.frame_ids)
     failed: list[tuple[str, str]] = []
     before: FrameLabels | None = None
-    subject = one_line(source.metadata.get(SUBJECT, "")) if isinstance(source, Session) else ""
 
     def fuse(frame: RigFrame) -> _Fused:
-        if _id(frame) in done:
+        if _id(frame.index) in done:
             return _Fused(fuser.fuse(frame.depth_mm).depth_mm, None, [])
         frame, left_out = calibrated(frame, fuser.calibration)
         cloud = fuser.fuse_frame(frame)
@@ -191,8 +189,7 @@ def _run(
 
     with ThreadPoolExecutor(WRITERS, "write") as writers:
         unwritten: deque[Future[None]] = deque()
-        for frame, fused in _fused_ahead(source, fuse):
-            frame_id = _id(frame)
+        for frame_id, fused in _fused_ahead(source, fuse):
             if frame_id in done:
                 before = check_same(labels, frame_id, fused.result().depth_mm)
                 progress(1)
@@ -204,7 +201,7 @@ def _run(
                     before = None
                     progress(1)
                 else:
-                    labelled = replace(labelled, subject=subject)
+                    labelled = replace(labelled, subject=source.subject)
                     unwritten.append(writers.submit(labels.write, labelled, probabilities))
                     before = as_read(labelled)
             while unwritten and (len(unwritten) > MOST_UNWRITTEN or unwritten[0].done()):
@@ -216,9 +213,9 @@ def _run(
     return failed
 
 
-def _id(frame: RigFrame) -> str:
+def _id(index: int) -> str:
     """Id of a frame's labels."""
-    return f"{frame.index:06d}"
+    return f"{index:06d}"
 
 
 @dataclass(frozen=True)
@@ -232,10 +229,11 @@ class _Fused:
 
 def _fused_ahead(
     source: FrameSource, fuse: Callable[[RigFrame], _Fused]
-) -> Iterator[tuple[RigFrame, Future[_Fused]]]:
-    """Frames of a source, some of them read, fused and surveyed beside the work on those before.
+) -> Iterator[tuple[str, Future[_Fused]]]:
+    """Ids of a source's frames, some of them read, fused and surveyed beside the work on those before.
 
-    Errors of the source are raised in the frame's turn, errors of ``fuse`` by the future.
+    CloudErrors of the source, which cost one frame, and errors of ``fuse`` are raised by the future; other
+    errors of the source in the frame's turn.
     """
     frames = iter(source)
     with ThreadPoolExecutor(1, "read") as reader, ThreadPoolExecutor(SURVEYORS, "fuse") as surveyors:
@@ -245,9 +243,12 @@ def _fused_ahead(
             return read, surveyors.submit(lambda: fuse(cast(RigFrame, read.result())))
 
         coming = deque(start() for _ in range(AHEAD))
-        while (frame := coming[0][0].result()) is not None:
+        for index in count():
+            read, fused = coming.popleft()
+            if not isinstance(read.exception(), CloudError) and read.result() is None:
+                return
             coming.append(start())
-            yield frame, coming.popleft()[1]
+            yield _id(index), fused
 
 
 def check_same(labels: LabelSet, frame_id: str, depth_mm: UInt16) -> FrameLabels:

@@ -3,7 +3,7 @@
 import statistics
 import tempfile
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import BATCH, predict_frames
 from eval.network.predict_source import predict_source
 from eval.network.read_again import read_again, shipped_again
+from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 from synth.images.presets import preset_named, sample
 from synth.rig.truth import truth_labels
@@ -99,16 +100,15 @@ def dataset_seconds(folder, network):
     return taken
 
 
-@dataclass(frozen=True)
-class Played:
+class Played(FrameSource):
     """Frames of a rig as a source, rendered before."""
 
-    frames: list
-    calibration: RigCalibration
-    name: str = "played"
+    def __init__(self, frames: list, calibration: RigCalibration) -> None:
+        self.frames, self.calibration, self.name = frames, calibration, "played"
+        self.times_ns = np.array([frame.stamp_ns for frame in frames], np.int64)
 
-    def __iter__(self):
-        return iter(self.frames)
+    def _frame(self, index: int) -> RigFrame:
+        return self.frames[index]
 
 
 def recording_seconds(folder, rig, network, again):

@@ -1,6 +1,6 @@
 """Bad frames of issue 4: labels say which stream, which frame and what to do, and guess nothing."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -10,20 +10,22 @@ import pytest
 from annotate.label_source import label_source
 from annotate.parts import UNDEFINED
 from annotate.suit.palette import DEFAULT_SUIT
-from sensors.rig.frame import RigFrame
+from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration
 from sensors.session.reader import Session
 
 
-class Changed:
+class Changed(FrameSource):
     """A recording of which one frame, the second, is changed; or the calibration of all."""
 
     def __init__(self, session: Session, change=lambda frame: frame, calibration=None):
         self._session, self._change = session, change
         self.name, self.calibration = session.name, calibration or session.calibration
+        self.times_ns = session.times_ns
 
-    def __iter__(self) -> Iterator[RigFrame]:
-        return (self._change(frame) if frame.index == 1 else frame for frame in self._session)
+    def _frame(self, index: int) -> RigFrame:
+        frame = self._session.frame(index)
+        return self._change(frame) if index == 1 else frame
 
 
 def exposed(gain: float) -> Callable[[RigFrame], RigFrame]:

@@ -1,7 +1,6 @@
 """The labelling run keeps what it can, resumes to the bit, and mixes nothing."""
 
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,23 +19,23 @@ from annotate.person.extract import PersonMask
 from annotate.reader.segmentation import Segmentation, unlabelled
 from annotate.suit.palette import DEFAULT_SUIT
 from sensors.errors import CloudError, ExistsError
-from sensors.rig.frame import RigFrame
+from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.reader import Session
 
 
-class Altered:
+class Altered(FrameSource):
     """A recording with every frame changed: ``change`` returns a frame, or raises."""
 
     def __init__(
         self, session: Session, change=lambda frame: frame, calibration: RigCalibration | None = None
     ):
         self._session, self._change = session, change
-        self.name = session.name
+        self.name, self.times_ns, self.subject = session.name, session.times_ns, session.subject
         self.calibration = calibration or session.calibration
 
-    def __iter__(self) -> Iterator[RigFrame]:
-        return (self._change(frame) for frame in self._session)
+    def _frame(self, index: int) -> RigFrame:
+        return self._change(self._session.frame(index))
 
 
 def silent(n: int) -> None:

@@ -1,8 +1,7 @@
 """Everybody in depth alone: numbers that last, each one's joints, nobody where nobody is."""
 
 import csv
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from eval.network.predict_source import predict_source
 from eval.network.support import LEAST_HIPS_M, STANDING_HIPS, by_height, floor_of, support_of
 from eval.scores.joints import JOINT
 from sensors.rig.camera import rays
-from sensors.rig.frame import RigFrame
+from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
 from sensors.rig.rig_calibration import RigCalibration
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import VirtualRig
@@ -27,21 +26,16 @@ from tests.helpers.furnished_room import CAMERA, cloud_of, seen
 ROOM = RigCalibration(CAMERA)
 
 
-@dataclass(frozen=True)
-class Film:
+class Film(FrameSource):
     """A source of depth images in metres (h, w), NaN = no reading."""
 
-    images: list
-    calibration: RigCalibration = ROOM
-    name: str = "film"
+    def __init__(self, images: list) -> None:
+        self.images, self.calibration, self.name = images, ROOM, "film"
+        self.times_ns = regular_times_ns(len(images))
 
-    def __len__(self) -> int:
-        return len(self.images)
-
-    def __iter__(self) -> Iterator[RigFrame]:
-        for index, depth_m in enumerate(self.images):
-            depth_mm = np.rint(np.nan_to_num(depth_m) * 1000).astype(np.uint16)
-            yield RigFrame(index, index * 33_000_000, depth_mm)
+    def _frame(self, index: int) -> RigFrame:
+        depth_mm = np.rint(np.nan_to_num(self.images[index]) * 1000).astype(np.uint16)
+        return RigFrame(index, int(self.times_ns[index]), depth_mm)
 
 
 @pytest.fixture(scope="module")

@@ -27,11 +27,10 @@ class CutOut(Cold):
         self._persons = persons
         self.calibration = replace(source.calibration, depth=source.calibration.depth.undistorted())
 
-    def __iter__(self):
-        for frame, person in zip(self._source, self._persons, strict=True):
-            yield replace(
-                frame, thermal_c=None, depth_mm=np.where(person, frame.depth_mm, 0).astype(np.uint16)
-            )
+    def _frame(self, index):
+        frame = super()._frame(index)
+        depth_mm = np.where(self._persons[index], frame.depth_mm, 0).astype(np.uint16)
+        return replace(frame, depth_mm=depth_mm)
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """The recording that a label set was made from: where it lies, and its frames fused beside the labels."""
 
-from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,9 +11,8 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from sensors.errors import CloudError, FormatError
 from sensors.importers.open_source import open_source
-from sensors.rig.frame import FrameSource, RigFrame
+from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
-from sensors.session.reader import Session
 
 
 class Fused(NamedTuple):
@@ -52,14 +50,14 @@ class Recorded:
     @property
     def events(self) -> tuple[tuple[int, str], ...]:
         """(stamp in nanoseconds, text) of all that a session notes, by time."""
-        return tuple(sorted(self._source.events)) if isinstance(self._source, Session) else ()
+        return tuple(sorted(self._source.events)) if self._source else ()
 
     def fused(self, labels: FrameLabels) -> Fused:
         """Points of a labelled frame; what cannot be read of the recording is left out with a remark."""
         why = ""
         if self._source is not None:
             try:
-                frame = _rig_frame(self._source, int(labels.frame_id))
+                frame = self._source.frame(int(labels.frame_id))
                 cloud = self._fuser.fuse_frame(frame)
                 if np.array_equal(cloud.depth_mm, labels.depth_mm):
                     return Fused(cloud, frame)
@@ -76,12 +74,3 @@ def find_session(labels: LabelSet) -> Path | None:
     names = [name] if isinstance(name, str) and name and Path(name).name == name else []
     beside = [path.parent / f"{each}.mcap" for each in (*names, path.stem, path.name)]
     return next((file for file in beside if file.is_file()), None)
-
-
-def _rig_frame(source: Session | FrameSource, index: int) -> RigFrame:
-    """One frame of a recording; folders and clouds are read from their beginning. Raises IndexError."""
-    if isinstance(source, Session):
-        return source.frame(index)
-    for frame in islice(source, index, None):
-        return frame
-    raise IndexError(f"the recording has no frame {index}")

@@ -46,13 +46,12 @@ def clouds_with(
     if missing := sorted(wanted - set(labels.frame_ids)):
         raise CloudError(f"{labels.path} has no frame {missing[0]!r}; give one of its ids")
     fuser = Fuser(source.calibration)
-    for frame in source:
-        if (frame_id := f"{frame.index:06d}") in wanted:
-            wanted.remove(frame_id)
-            yield fuser.fuse_frame(frame), labels.read(frame_id)
-            if not wanted:
-                return
-    raise CloudError(f"{source.name} has no frame {min(wanted)}; give the session the labels were made from")
+    for frame_id in sorted(wanted):
+        if not frame_id.isdigit() or int(frame_id) >= len(source):
+            raise CloudError(
+                f"{source.name} has no frame {frame_id}; give the session the labels were made from"
+            )
+        yield fuser.fuse_frame(source.frame(int(frame_id))), labels.read(frame_id)
 
 
 def suit_from_labels(frames: Iterable[tuple[ThermalCloud, FrameLabels]], name: str) -> Suit:

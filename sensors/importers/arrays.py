@@ -5,7 +5,6 @@ A .npy holds depth (h, w) or (n, h, w), integers in millimetres or floats in met
 ``NAME.json`` or ``intrinsics.json`` beside the file (see ``intrinsics_file``).
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from sensors.errors import CalibrationError, FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.files.npz import array_sizes, load_arrays
 from sensors.rig.camera import Intrinsics
-from sensors.rig.frame import FRAME_PERIOD_NS, RigFrame, mm_from_metres, mm_from_units
+from sensors.rig.frame import FrameSource, RigFrame, mm_from_metres, mm_from_units, regular_times_ns
 from sensors.rig.intrinsics_file import first_intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 
@@ -27,7 +26,7 @@ MAX_UNPACKED_BYTES = 1 << 30
 _READ = ("depth", "K")
 
 
-class DepthArrays:
+class DepthArrays(FrameSource):
     """A NumPy file as a ``FrameSource``. Raises FormatError, or CalibrationError without intrinsics.
 
     notes: what is absent, where the intrinsics are from.
@@ -38,7 +37,7 @@ class DepthArrays:
         arrays, names = _load(path)
         self._depth = _depth(path, arrays, names)
         camera, self._unit_mm, origin = _intrinsics(path, arrays.get("K"), self._depth.shape[1:])
-        self.calibration = RigCalibration(camera)
+        self.calibration, self.times_ns = RigCalibration(camera), regular_times_ns(len(self._depth))
         unread = sorted(set(names) - set(arrays))
         self.notes = (
             origin,
@@ -48,14 +47,11 @@ class DepthArrays:
             "no time stamps: 30 frames a second assumed",
         )
 
-    def __len__(self) -> int:
-        return len(self._depth)
-
-    def __iter__(self) -> Iterator[RigFrame]:
-        for index, image in enumerate(self._depth):
-            whole = image.dtype.kind in "iu"
-            depth_mm = mm_from_units(image, self._unit_mm) if whole else mm_from_metres(image)
-            yield RigFrame(index, index * FRAME_PERIOD_NS, depth_mm)
+    def _frame(self, index: int) -> RigFrame:
+        image = self._depth[index]
+        whole = image.dtype.kind in "iu"
+        depth_mm = mm_from_units(image, self._unit_mm) if whole else mm_from_metres(image)
+        return RigFrame(index, int(self.times_ns[index]), depth_mm)
 
 
 def _load(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:

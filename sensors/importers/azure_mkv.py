@@ -4,7 +4,6 @@ Depth and infrared are raw big-endian 16-bit images, colour is the camera's own 
 Format: Azure Kinect DK documentation, "Azure Kinect DK recording file format".
 """
 
-from collections.abc import Iterator
 from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from sensors.errors import CalibrationError, FormatError
 from sensors.importers.azure_calibration import calibration_from_factory
 from sensors.importers.ebml import EbmlFile, Element
-from sensors.rig.frame import RigFrame
+from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
 
 EBML, SEGMENT, INFO, SCALE = 0x1A45DFA3, 0x18538067, 0x1549A966, 0x2AD7B1
@@ -45,12 +44,14 @@ class Track(NamedTuple):
     images: list[tuple[int, Element]]
 
 
-class AzureRecording:
+class AzureRecording(FrameSource):
     """An Azure Kinect recording as a ``FrameSource``; depth is master, images are read one at a time.
 
     notes: what is absent, where the calibration is from. Raises FormatError for what is no such recording,
     CalibrationError when its calibration is missing or unknown.
     """
+
+    path: Path
 
     def __init__(self, path: Path) -> None:
         self.path, self.name = path, path.stem
@@ -60,21 +61,18 @@ class AzureRecording:
         except OSError as error:
             raise FormatError(f"{path} cannot be read ({error.strerror}); give a recording") from error
 
-    def __len__(self) -> int:
-        return len(self._depth.images)
-
-    def __iter__(self) -> Iterator[RigFrame]:
+    def _frame(self, index: int) -> RigFrame:
+        stamp_ns, payload = self._depth.images[index]
+        color, infrared = self._belonging(COLOR, index), self._belonging(INFRARED, index)
         with self.path.open("rb") as file:
             ebml = EbmlFile(file)
-            for index, (stamp_ns, payload) in enumerate(self._depth.images):
-                color, infrared = self._belonging(COLOR, index), self._belonging(INFRARED, index)
-                yield RigFrame(
-                    index=index,
-                    stamp_ns=stamp_ns,
-                    depth_mm=self._grey(ebml, self._depth, payload),
-                    color_encoded=ebml.bytes(color) if color else None,
-                    infrared=self._grey(ebml, self._tracks[INFRARED], infrared) if infrared else None,
-                )
+            return RigFrame(
+                index=index,
+                stamp_ns=stamp_ns,
+                depth_mm=self._grey(ebml, self._depth, payload),
+                color_encoded=ebml.bytes(color) if color else None,
+                infrared=self._grey(ebml, self._tracks[INFRARED], infrared) if infrared else None,
+            )
 
     def _scan(self, ebml: EbmlFile) -> None:
         if next(ebml.children(ebml.whole), Element(0, 0, 0)).id != EBML:
@@ -87,6 +85,7 @@ class AzureRecording:
         if DEPTH not in self._tracks or not self._tracks[DEPTH].images:
             raise FormatError(f"{self.path} holds no readable depth image; record with a depth mode")
         self._depth, color, tags = self._tracks[DEPTH], self._tracks.get(COLOR), _tags(ebml, segment)
+        self.times_ns = np.array([stamp_ns for stamp_ns, _ in self._depth.images], np.int64)
         mode, size = tags.get("K4A_DEPTH_MODE", ""), (self._depth.width, self._depth.height)
         self.calibration = calibration_from_factory(
             _attachment(ebml, segment, tags.get("K4A_CALIBRATION_FILE", "calibration.json")),

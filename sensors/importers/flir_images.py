@@ -1,6 +1,5 @@
 """FLIR's radiometric JPEG images alone, one or a folder of them, as a source of frames without depth."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -9,7 +8,7 @@ import numpy as np
 from sensors.files.bounded import read_bounded
 from sensors.files.flir_jpeg import is_flir, read_flir
 from sensors.rig.camera import Intrinsics
-from sensors.rig.frame import RigFrame
+from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
 JPEGS = (".jpg", ".jpeg")
@@ -19,7 +18,7 @@ PERIOD_NS = 1_000_000_000
 """Between two images."""
 
 
-class FlirImages:
+class FlirImages(FrameSource):
     """Radiometric JPEGs as a ``FrameSource``: temperatures, depth images without a reading, photographs.
 
     In the order of their names. notes: what is absent or assumed. Raises FormatError.
@@ -28,6 +27,7 @@ class FlirImages:
     def __init__(self, path: Path) -> None:
         self.path, self.name = path, path.resolve().stem
         self._files = jpegs_in(path) if path.is_dir() else [path]
+        self.times_ns = regular_times_ns(len(self._files), PERIOD_NS)
         first = read_flir(read_bounded(self._files[0]), str(self._files[0]))
         height, width = first.celsius.shape
         focal_px = width / 2 / np.tan(np.radians(ASSUMED_WIDE_DEG / 2))
@@ -42,19 +42,15 @@ class FlirImages:
             else "photographs are not calibrated: they cannot be fused",
         )
 
-    def __len__(self) -> int:
-        return len(self._files)
-
-    def __iter__(self) -> Iterator[RigFrame]:
-        for index, file in enumerate(self._files):
-            image = read_flir(read_bounded(file), str(file))
-            encoded = None
-            if image.photo is not None:
-                bgr = np.ascontiguousarray(image.photo[..., ::-1])
-                encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
-            nothing = np.zeros(image.celsius.shape, np.uint16)
-            frame = RigFrame(index, index * PERIOD_NS, nothing, encoded, image.celsius)
-            yield frame.sized_as(self.calibration)
+    def _frame(self, index: int) -> RigFrame:
+        file = self._files[index]
+        image = read_flir(read_bounded(file), str(file))
+        encoded = None
+        if image.photo is not None:
+            bgr = np.ascontiguousarray(image.photo[..., ::-1])
+            encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+        nothing = np.zeros(image.celsius.shape, np.uint16)
+        return RigFrame(index, int(self.times_ns[index]), nothing, encoded, image.celsius)
 
 
 def jpegs_in(folder: Path) -> list[Path]:

@@ -13,7 +13,6 @@ Layout, everything but depth optional::
                         camera_intrinsic.json, camera_intrinsics.json
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +32,7 @@ from sensors.importers.tum_lists import (
     read_list,
 )
 from sensors.rig.camera import Intrinsics
-from sensors.rig.frame import FRAME_PERIOD_NS, RigFrame, mm_from_units
+from sensors.rig.frame import FRAME_PERIOD_NS, FrameSource, RigFrame, mm_from_units
 from sensors.rig.intrinsics_file import first_intrinsics
 from sensors.rig.pairing import pair_stamps
 from sensors.rig.rig_calibration import Pose, RigCalibration, load_calibration
@@ -42,7 +41,7 @@ from sensors.session.messages import thermal_from_uint16
 INTRINSICS = ("intrinsics.json", "intrinsic.json", "camera_intrinsic.json", "camera_intrinsics.json")
 
 
-class ImageFolder:
+class ImageFolder(FrameSource):
     """An image folder as a ``FrameSource``, frames in the order of their names, read one at a time.
 
     notes: what is absent or assumed, one sentence each. Raises FormatError when there are no depth images,
@@ -52,6 +51,9 @@ class ImageFolder:
     def __init__(self, path: Path) -> None:
         self.path, self.name = path, path.resolve().name
         self._depth, self._stamps_ns, self._color, timing = _colors(path, _depth_files(path))
+        stamps = (self._stamps_ns.get(stem, i * FRAME_PERIOD_NS) for i, stem in enumerate(self._depth))
+        self.times_ns = np.fromiter(stamps, np.int64, len(self._depth))
+        self._stems = tuple(self._depth)
         self._thermal = _matching(path / "thermal", (".png", ".jpg", ".jpeg"), self._depth)
         self.calibration, self._unit_mm, origin = _calibration(path, next(iter(self._depth.values())))
         self.notes = (
@@ -61,21 +63,16 @@ class ImageFolder:
             *_presence("thermal", self._thermal, len(self._depth), self.calibration.thermal),
         )
 
-    def __len__(self) -> int:
-        return len(self._depth)
-
-    def __iter__(self) -> Iterator[RigFrame]:
-        return (self._frame(index, stem) for index, stem in enumerate(self._depth))
-
-    def _frame(self, index: int, stem: str) -> RigFrame:
+    def _frame(self, index: int) -> RigFrame:
+        stem = self._stems[index]
         thermal, color = self._thermal.get(stem), self._color.get(stem)
         return RigFrame(
             index=index,
-            stamp_ns=self._stamps_ns.get(stem, index * FRAME_PERIOD_NS),
+            stamp_ns=int(self.times_ns[index]),
             depth_mm=mm_from_units(_grey16(self._depth[stem]), self._unit_mm),
             color_encoded=read_bounded(color) if color else None,
             thermal_c=_celsius(thermal) if thermal else None,
-        ).sized_as(self.calibration)
+        )
 
 
 def _depth_files(path: Path) -> dict[str, Path]:

@@ -4,7 +4,6 @@ An organised cloud already is a depth image: its intrinsics are fitted to its po
 through the intrinsics of a Kinect v2, from where the whole of it is in view.
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
@@ -15,7 +14,7 @@ from sensors.errors import FormatError
 from sensors.importers.cloud_header import CloudHeader, read_header
 from sensors.importers.las import read_las
 from sensors.rig.camera import Intrinsics
-from sensors.rig.frame import RigFrame, mm_from_metres
+from sensors.rig.frame import FrameSource, RigFrame, mm_from_metres, regular_times_ns
 from sensors.rig.nearest import Nearest
 from sensors.rig.rig_calibration import RigCalibration
 
@@ -44,7 +43,7 @@ _CAMERA_FROM = {
 }
 
 
-class CloudFile:
+class CloudFile(FrameSource):
     """A point cloud file in metres as a ``FrameSource`` of one frame.
 
     ``axes`` None: z up for LAS and LAZ, which are maps; y up where most points have a negative z, which no
@@ -67,15 +66,12 @@ class CloudFile:
             camera, depth_m, how = _organised(path, points.reshape(*header.shape, 3))
         else:
             camera, depth_m, how = _unorganised(finite @ _CAMERA_FROM[known_axes].T, known_axes)
-        self.calibration = RigCalibration(camera)
+        self.calibration, self.times_ns = RigCalibration(camera), regular_times_ns(1)
         self.notes = (how, "no colour images", "no thermal images", "one frame, without time stamp")
-        self._frame = RigFrame(0, 0, mm_from_metres(depth_m))
+        self._depth_mm = mm_from_metres(depth_m)
 
-    def __len__(self) -> int:
-        return 1
-
-    def __iter__(self) -> Iterator[RigFrame]:
-        return iter((self._frame,))
+    def _frame(self, index: int) -> RigFrame:
+        return RigFrame(index, int(self.times_ns[index]), self._depth_mm)
 
 
 def fit_intrinsics(points_m: NDArray[np.float64]) -> tuple[Intrinsics, float]:

@@ -11,7 +11,6 @@ from sensors.recording.intake import Event
 from sensors.recording.moments import Moment
 from sensors.recording.newest import Newest
 from sensors.rig.frame import FrameSource
-from sensors.session.reader import Session
 
 LONGEST_S = 1.0
 """Longest pause between two frames: what lies farther apart was recorded in pieces. Chosen by eye."""
@@ -29,7 +28,7 @@ class Playback:
         self.events = deque[tuple[int, Event]](maxlen=100)
         self.error: Exception | None = None
         self._source = source
-        self._coming = deque(enumerate(source.events, 1)) if isinstance(source, Session) else deque()
+        self._coming = deque(enumerate(sorted(source.events), 1))
         self._stop = threading.Event()
         self._started_s = 0.0
         self._thread = threading.Thread(target=self._run, name="playback", daemon=True)

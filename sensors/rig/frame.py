@@ -1,9 +1,11 @@
-"""Frames of the rig, each one synchronised moment of all its cameras, and the protocol of their sources."""
+"""Frames of the rig, each one synchronised moment of all its cameras, and what all their sources have."""
 
 import io
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, Protocol, Self
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,19 +107,48 @@ def _whole_mm(millimetres: NDArray[np.float64]) -> NDArray[np.uint16]:
     return np.where((whole > 0) & (whole <= FARTHEST_MM), whole, 0).astype(np.uint16)
 
 
-class FrameSource(Protocol):
-    """A finite or endless stream of frames: a session, a folder, a cloud, the virtual rig, or devices."""
+class FrameSource(ABC):
+    """Recorded frames with random access: a session, a folder, a cloud, the virtual rig.
+
+    name: short, for people: a file's stem. calibration: valid for every frame. times_ns: int64 (n,), the
+    depth stamps, in the order of the frames. notes: what is absent or assumed, one sentence each. path: the
+    recording's file or folder, None for none. subject: name of the person who is recorded, "" = unknown.
+    events: (stamp in nanoseconds, text) of all that the recording notes. A subclass sets these and
+    implements ``_frame``.
+    """
+
+    name: str
+    calibration: RigCalibration
+    times_ns: NDArray[np.int64]
+    notes: tuple[str, ...] = ()
+    path: Path | None = None
+    subject: str = ""
+    events: tuple[tuple[int, str], ...] = ()
 
     @property
-    def name(self) -> str:
-        """Short human name: a file's stem or a device's serial."""
-        ...
+    def sha256(self) -> str:
+        """SHA-256 of the recording's file, in hexadecimal; "" where it identifies nothing."""
+        return ""
 
-    @property
-    def calibration(self) -> RigCalibration:
-        """Calibration valid for every frame of the source."""
-        ...
+    def __len__(self) -> int:
+        return len(self.times_ns)
 
     def __iter__(self) -> Iterator[RigFrame]:
-        """Yield frames in the order of their depth timestamps."""
-        ...
+        """Yield the frames in the order of their depth stamps."""
+        # A generator would end with the first frame that cannot be read.
+        return map(self.frame, range(len(self)))
+
+    def frame(self, index: int) -> RigFrame:
+        """Read frame ``index`` of 0 .. len - 1 alone. Raises IndexError, FormatError or CalibrationError."""
+        if not 0 <= index < len(self):
+            raise IndexError(f"{self.name} has {len(self)} frames, no frame {index}")
+        return self._frame(index).sized_as(self.calibration)
+
+    @abstractmethod
+    def _frame(self, index: int) -> RigFrame:
+        """Read a frame that exists."""
+
+
+def regular_times_ns(count: int, period_ns: int = FRAME_PERIOD_NS) -> NDArray[np.int64]:
+    """Stamps int64 (count,) of images that carry none."""
+    return np.arange(count, dtype=np.int64) * period_ns

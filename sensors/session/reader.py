@@ -1,7 +1,6 @@
 """A recorded session as a source of frames, read from disk one frame at a time."""
 
 import hashlib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -9,8 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.errors import one_line
 from sensors.rig.clock import fit_clock
-from sensors.rig.frame import RigFrame
+from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.pairing import (
     CLOCK,
     COLOR_WINDOW_NS,
@@ -30,6 +30,7 @@ from sensors.session.messages import (
     DEPTH,
     INFRARED,
     PYROMETER,
+    SUBJECT,
     THERMAL,
     color_from,
     image_from,
@@ -47,8 +48,8 @@ class StreamRate:
     rate_hz: float
 
 
-class Session:
-    """A session file, whole or truncated, as a ``FrameSource`` with random access.
+class Session(FrameSource):
+    """A session file, whole or truncated, as a ``FrameSource``.
 
     Depth is master: a frame has the colour and thermal images nearest to it in device time, if within the
     windows above; no message is used twice. Frames are in the order of their depth stamps and numbered by
@@ -57,6 +58,8 @@ class Session:
     Raises FormatError for what is no session or is damaged, CalibrationError when calibration is missing.
     """
 
+    path: Path
+
     def __init__(self, path: Path) -> None:
         path = recording_at(path)
         contents = Contents(path)
@@ -64,7 +67,9 @@ class Session:
         self.name = contents.metadata.pop("name", "") or path.name.split(".")[0]
         self.metadata, self.events = contents.metadata, tuple(contents.events)
         self.calibration, self.truncated = contents.calibration, contents.truncated
+        self.subject = one_line(self.metadata.get(SUBJECT, ""))
         self._places = contents.places
+        self.times_ns = self._places[DEPTH]["stamp_ns"]
         host = host_times(self._places, self.metadata)
         depth_ns, infrared_ns = (self._places[topic]["stamp_ns"] for topic in (DEPTH, INFRARED))
         self._pairs = {
@@ -76,16 +81,7 @@ class Session:
         self._host = host
         self._reader = MessageReader(path)
 
-    def __len__(self) -> int:
-        return len(self._places[DEPTH])
-
-    def __iter__(self) -> Iterator[RigFrame]:
-        return (self.frame(index) for index in range(len(self)))
-
-    def frame(self, index: int) -> RigFrame:
-        """Frame ``index`` of 0 .. len - 1. Raises IndexError, FormatError or CalibrationError."""
-        if not 0 <= index < len(self):
-            raise IndexError(index)
+    def _frame(self, index: int) -> RigFrame:
         depth, color, thermal, infrared = (self._message(t, int(at[index])) for t, at in self._pairs.items())
         return RigFrame(
             index,
@@ -94,7 +90,7 @@ class Session:
             color_from(color) if color else None,
             self._referenced(index, thermal_from(thermal)) if thermal else None,
             image_from(infrared, "infrared") if infrared else None,
-        ).sized_as(self.calibration)
+        )
 
     @cached_property
     def reference_c(self) -> NDArray[np.float64]:
@@ -134,8 +130,8 @@ class Session:
         """Count and rate of every image topic that has messages."""
         return {topic: _rate(found["stamp_ns"]) for topic, found in self._places.items() if len(found)}
 
-    @property
-    def notes(self) -> tuple[str, ...]:
+    @cached_property
+    def notes(self) -> tuple[str, ...]:  # type: ignore[override]
         """Missing parts of the session, one sentence each."""
         notes = [
             f"no {name} images"

@@ -3,7 +3,7 @@
 A ``FrameSource``, so that it can be recorded and calibrated without hardware, against true poses.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from sensors.calibrate.hole_plate import HolePlate
 from sensors.files.atomic import check_free, replacing
 from sensors.recording.rig_templates import RigTemplate
 from sensors.rig.camera import Intrinsics, distort, project, rays
-from sensors.rig.frame import RigFrame
+from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration, save_calibration
 from sensors.session.writer import SessionWriter
 from synth.appearance.color_camera import encode
@@ -57,7 +57,7 @@ class _Values(NamedTuple):
     room: float
 
 
-class PlateViews:
+class PlateViews(FrameSource):
     """``count`` frames of a rig's plate; a share of them is bad: the plate slips between the exposures.
 
     rig: its calibration is the true one. Deterministic in the seed.
@@ -67,17 +67,14 @@ class PlateViews:
         self.rig, self.calibration = rig, rig.calibration
         self.count, self.seed, self.bad_share = count, seed, bad_share
         self.name = f"virtual-plate-{seed}"
+        self.times_ns = np.rint(np.arange(count) / FRAMES_PER_SECOND * 1e9).astype(np.int64)
+        slipping = np.random.default_rng((seed, 1)).permutation(count)[: round(bad_share * count)]
+        self._bad = frozenset(slipping.tolist())
         self._views = {n: _PlateCamera(camera, rig.plate) for n, camera in _cameras(rig.calibration).items()}
 
-    def __len__(self) -> int:
-        return self.count
-
-    def __iter__(self) -> Iterator[RigFrame]:
-        count = round(self.bad_share * self.count)
-        bad = set(np.random.default_rng((self.seed, 1)).permutation(self.count)[:count].tolist())
-        for index in range(self.count):
-            rng = np.random.default_rng((self.seed, 2, index))
-            yield self._shoot(index, self._pose(rng), index in bad, rng)
+    def _frame(self, index: int) -> RigFrame:
+        rng = np.random.default_rng((self.seed, 2, index))
+        return self._shoot(index, self._pose(rng), index in self._bad, rng)
 
     def held(self, index: int, depth_from_plate: Pose) -> RigFrame:
         """A further view, of the plate where somebody holds it; in ``bad_share`` of them it slips."""

@@ -7,6 +7,7 @@ camera's faults are apart; ``Difficulty`` holds the strength of each.
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from annotate.parts import N_CLASSES
 from annotate.suit.palette import DEFAULT_SUIT, Suit
 from sensors.errors import CloudError
 from sensors.recording.rig_templates import REFERENCE
-from sensors.rig.frame import RigFrame
+from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration
 from synth.appearance.color_camera import RESTING
 from synth.appearance.photograph import ColorCamera
@@ -55,7 +56,7 @@ class _Cameras(NamedTuple):
     thermal: ThermalState
 
 
-class VirtualRig:
+class VirtualRig(FrameSource):
     """Frames of ``subjects`` people, one after another; deterministic in the seed.
 
     rig: which cameras (``sensors.recording.rig_templates``). A seed has the same people before every rig.
@@ -89,6 +90,7 @@ class VirtualRig:
         self.difficulty = DIFFICULTIES[difficulty]
         self.frames, self.subjects, self.seed, self.scene = frames, subjects, seed, scene
         self.frames_per_second = frames_per_second
+        self.times_ns = np.rint(np.arange(frames) / frames_per_second * 1e9).astype(np.int64)
         depth, color, color_pose, thermal, thermal_pose = vars(self.calibration).values()
         self._depth, self._color = lens_of(depth, 1), lens_of(color, 1)
         self._thermal = lens_of(thermal, self._twin.supersample)
@@ -96,11 +98,12 @@ class VirtualRig:
         self._color_from_depth: Pose = color_pose
         self._thermal_from_depth: Pose = thermal_pose
 
-    def __len__(self) -> int:
-        return self.frames
-
     def __iter__(self) -> Iterator[RigFrame]:
         return (frame for frame, _ in self.with_truth())
+
+    def _frame(self, index: int) -> RigFrame:
+        # Cameras drift and people settle: a frame depends on those before it.
+        return next(islice(self, index, None))
 
     def with_truth(self) -> Iterator[tuple[RigFrame, Truth]]:
         """Yield every frame with its truth."""

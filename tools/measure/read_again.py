@@ -15,7 +15,7 @@ from eval.compare.compare import compare_sets
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import predict_source
 from eval.network.read_again import shipped_again
-from sensors.rig.frame import FrameSource
+from sensors.rig.frame import FrameSource, RigFrame
 from sensors.session.reader import Session
 from synth.rig.paths import truth_path
 from synth.rig.place import SCENES
@@ -26,18 +26,15 @@ FRAMES, SUBJECTS, FRAMES_PER_SECOND, FIRST_SEED = 24, 8, 0.5, 69001
 SCORES = ("mean_recall", "person_iou", "left_right_swap_rate")
 
 
-class Cold:
+class Cold(FrameSource):
     """A recording without temperatures."""
 
     def __init__(self, source: FrameSource) -> None:
         self._source, self.calibration, self.name = source, source.calibration, source.name
-        self.metadata = source.metadata
+        self.times_ns, self.subject = source.times_ns, source.subject
 
-    def __len__(self) -> int:
-        return len(self._source)
-
-    def __iter__(self):
-        return (replace(frame, thermal_c=None) for frame in self._source)
+    def _frame(self, index: int) -> RigFrame:
+        return replace(self._source.frame(index), thermal_c=None)
 
 
 def main() -> None:

@@ -13,7 +13,7 @@ from sensors.importers.bags.ros_images import COLORS, DEPTHS, color_encoded_from
 from sensors.importers.bags.ros_messages import CAMERAS, PICTURES, TRANSFORMS, Picture, picture_from
 from sensors.rig.camera import Intrinsics
 from sensors.rig.camera_messages import intrinsics_from, links_from
-from sensors.rig.frame import RigFrame
+from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
 from sensors.rig.rig_calibration import Pose, RigCalibration
 from sensors.session.mcap_records import is_complete
@@ -24,7 +24,7 @@ _OTHERS = re.compile(
 """Names of 16-bit or 8-bit images that are neither depth nor colour."""
 
 
-class Bag:
+class Bag(FrameSource):
     """A bag as a ``FrameSource``: its depth images, with the colour nearest in time.
 
     notes: which topics are read, where the calibration is from, what is absent. Raises FormatError, or
@@ -44,9 +44,10 @@ class Bag:
             )
         color = choose_color(pictures)
         self._depth, self._color = self._topics[depth], self._topics[color] if color else None
+        self.times_ns = self._depth.stamps_ns
         self.calibration, how = self._calibrate(depth, color, pictures)
         color_ns = self._color.stamps_ns if self._color else np.empty(0, np.int64)
-        self._pairs = pair_stamps(self._depth.stamps_ns, color_ns, COLOR_WINDOW_NS)
+        self._pairs = pair_stamps(self.times_ns, color_ns, COLOR_WINDOW_NS)
         cut = [file.path.name for file in files if isinstance(file, McapFile) and _is_cut(file.path)]
         ignored = sorted(set(pictures) - {depth, color})
         self.notes = (
@@ -58,19 +59,12 @@ class Bag:
             *(f"{name} is truncated: its end is lost" for name in cut),
         )
 
-    def __len__(self) -> int:
-        return len(self._depth.messages)
-
-    def __iter__(self) -> Iterator[RigFrame]:
-        return (self._frame(index) for index in range(len(self)))
-
     def _frame(self, index: int) -> RigFrame:
         depth_mm = depth_mm_from(picture_from(self._depth.read(index)))
         encoded, pair = None, int(self._pairs[index])
         if self._color is not None and pair >= 0:
             encoded = color_encoded_from(picture_from(self._color.read(pair)))
-        frame = RigFrame(index, self._depth.messages[index][0], depth_mm, encoded)
-        return frame.sized_as(self.calibration)
+        return RigFrame(index, int(self.times_ns[index]), depth_mm, encoded)
 
     def _calibrate(
         self, depth: str, color: str | None, pictures: dict[str, Picture]

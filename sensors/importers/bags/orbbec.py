@@ -6,7 +6,6 @@ OrbbecSDK_v2, src/media/ros (MIT). The SDK need not be installed.
 
 import re
 import struct
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -21,7 +20,7 @@ from sensors.importers.bags.bag_files import Place, RosbagFile, damaged
 from sensors.importers.bags.camera_frames import CameraFrames, Images
 from sensors.importers.bags.ros_messages import Picture
 from sensors.rig.camera import Intrinsics, intrinsics_from_rational
-from sensors.rig.frame import RigFrame
+from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
 DEPTH, COLOR, INFRARED = "depth", "colour", "infrared"
@@ -78,12 +77,14 @@ class _Stream:
         return Pose(np.array(self.profile[2:11]).reshape(3, 3), np.array(self.profile[11:14]) / 1000)
 
 
-class OrbbecRecording:
+class OrbbecRecording(FrameSource):
     """A recording of Orbbec's SDK as a ``FrameSource``: depth, its infrared, the colour nearest in time.
 
     notes: what is absent or assumed. Raises FormatError, and CalibrationError where nothing describes the
     depth camera.
     """
+
+    path: Path
 
     def __init__(self, path: Path) -> None:
         self.path, self.name = path, path.stem
@@ -101,15 +102,13 @@ class OrbbecRecording:
             notes.append(f"{lost} depth images were lost while it was recorded")
         self.notes = (*notes, "no thermal images")
         images = {name: self._images(name) for name in self._streams}
+        self.times_ns = images[DEPTH].stamps_ns
         self._frames = CameraFrames(
-            images[DEPTH], images[COLOR], images[INFRARED], depth.unit_mm or USUAL_UNIT_MM, self.calibration
+            images[DEPTH], images[COLOR], images[INFRARED], depth.unit_mm or USUAL_UNIT_MM
         )
 
-    def __len__(self) -> int:
-        return len(self._frames)
-
-    def __iter__(self) -> Iterator[RigFrame]:
-        return iter(self._frames)
+    def _frame(self, index: int) -> RigFrame:
+        return self._frames.frame(index)
 
     def _images(self, name: str) -> Images:
         stream = self._streams[name]

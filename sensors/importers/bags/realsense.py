@@ -6,7 +6,6 @@ messages: librealsense, src/media/ros/ros_file_format.h, ros_writer.cpp, src/med
 
 import re
 import struct
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -22,7 +21,7 @@ from sensors.importers.bags.bag_files import Entry, Place, RosbagFile, damaged
 from sensors.importers.bags.camera_frames import CameraFrames, Images
 from sensors.importers.bags.ros_messages import Picture, decode, picture_from
 from sensors.rig.camera import Intrinsics
-from sensors.rig.frame import RigFrame
+from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.realsense_lens import realsense_intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration, rotation_of
 from sensors.rig.wrapping_counter import WrappingCounter
@@ -74,12 +73,14 @@ class _Stream:
         return None
 
 
-class RealSenseRecording:
+class RealSenseRecording(FrameSource):
     """A recording of RealSense's SDK as a ``FrameSource``: depth, its infrared, the colour nearest in time.
 
     notes: what is absent or assumed. Raises FormatError, and CalibrationError where nothing describes the
     depth camera.
     """
+
+    path: Path
 
     def __init__(self, path: Path) -> None:
         self.path, self.name = path, path.stem
@@ -98,15 +99,11 @@ class RealSenseRecording:
             notes.append(f"{lost} depth images were lost while it was recorded")
         self.notes = (*notes, "no thermal images")
         images = {name: self._images(name) for name in self._streams}
-        self._frames = CameraFrames(
-            images[DEPTH], images[COLOR], images[INFRARED], self._unit_mm, self.calibration
-        )
+        self.times_ns = images[DEPTH].stamps_ns
+        self._frames = CameraFrames(images[DEPTH], images[COLOR], images[INFRARED], self._unit_mm)
 
-    def __len__(self) -> int:
-        return len(self._frames)
-
-    def __iter__(self) -> Iterator[RigFrame]:
-        return iter(self._frames)
+    def _frame(self, index: int) -> RigFrame:
+        return self._frames.frame(index)
 
     def _images(self, name: str) -> Images:
         stream = self._streams[name]
