@@ -49,7 +49,11 @@ class Intrinsics:
                 f"image size {self.width}x{self.height} is impossible; "
                 f"give 1 to {MAX_IMAGE_SIDE} pixels a side"
             )
-        numbers = (self.fx, self.fy, self.cx, self.cy, *self.distortion)
+        if not all(map(_is_finite, self.distortion)):
+            raise CalibrationError(
+                f"lens coefficients k1, k2, p1, p2, k3 are {self.distortion}; give finite ones, or 0"
+            )
+        numbers = (self.fx, self.fy, self.cx, self.cy)
         if not all(map(_is_finite, numbers)) or self.fx <= 0 or self.fy <= 0:
             raise CalibrationError(
                 f"intrinsics fx={self.fx}, fy={self.fy}, cx={self.cx}, cy={self.cy} are not a camera's; "

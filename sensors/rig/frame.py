@@ -14,8 +14,8 @@ from sensors.errors import FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.rig.rig_calibration import RigCalibration
 
-FARTHEST_MM = 65535
-"""Farthest depth of 16 bits."""
+FARTHEST_MM = 65534
+"""Farthest depth of 16 bits; 65535 is saturated, no reading."""
 FRAME_PERIOD_NS = 33_333_333
 """Stamps of images that carry none: 30 a second."""
 
@@ -95,11 +95,12 @@ def mm_from_metres(depth_m: NDArray[np.floating[Any]]) -> NDArray[np.uint16]:
         return _whole_mm(np.asarray(depth_m, np.float64) * 1000)
 
 
-def mm_from_units(depth: NDArray[np.integer[Any]], unit_mm: float) -> NDArray[np.uint16]:
-    """Integers of ``unit_mm`` millimetres each as depth on disk."""
+def mm_from_units(depth: NDArray[Any], unit_mm: float) -> NDArray[np.uint16]:
+    """Integers or floats of ``unit_mm`` millimetres each as depth on disk."""
     if unit_mm == 1.0 and depth.dtype == np.uint16:
         return np.asarray(depth, np.uint16)
-    return _whole_mm(depth.astype(np.float64) * unit_mm)
+    with np.errstate(invalid="ignore", over="ignore"):  # signalling NaNs
+        return _whole_mm(depth.astype(np.float64) * unit_mm)
 
 
 def _whole_mm(millimetres: NDArray[np.float64]) -> NDArray[np.uint16]:

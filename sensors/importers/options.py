@@ -1,0 +1,43 @@
+"""What a user declares about a recording that is opened, because the recording does not state it or is wrong."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from sensors.errors import CloudError
+
+TURNS_DEG = (0, 90, 180, 270)
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """Declared facts, each of which replaces what the source states or an importer assumes.
+
+    intrinsics: a file of the depth camera's numbers (``intrinsics_file``), None = as the source has them.
+    depth_unit_mm: millimetres of a depth step, None = as the source states, else assumed and judged.
+    turn_deg: clockwise turn that makes the images upright: 0, 90, 180 or 270; mirror: whether they are
+    mirrored left to right, which is undone before they are turned. subject: name of the person. rate_hz:
+    frames a second of sources without time stamps. topics: of a bag: depth's, then colour's, when they
+    cannot be told from names. Raises CloudError for impossible values.
+    """
+
+    intrinsics: Path | None = None
+    depth_unit_mm: float | None = None
+    turn_deg: int = 0
+    mirror: bool = False
+    subject: str = ""
+    rate_hz: float | None = None
+    topics: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.depth_unit_mm is not None and not 0 < self.depth_unit_mm <= 1000:
+            raise CloudError(f"depth unit is {self.depth_unit_mm:g} mm; give more than 0, up to 1000")
+        if self.turn_deg not in TURNS_DEG:
+            raise CloudError(f"turn is {self.turn_deg} degrees; give {', '.join(map(str, TURNS_DEG))}")
+        if self.rate_hz is not None and not 1e-3 <= self.rate_hz <= 1e4:
+            raise CloudError(f"rate is {self.rate_hz:g} Hz; give 0.001 to 10000")
+        if len(self.topics) > 2:
+            raise CloudError(f"{len(self.topics)} topics; give depth's, then colour's")
+
+
+AS_STATED = ImportOptions()
+"""Nothing is declared."""

@@ -1,0 +1,81 @@
+"""Judge of temperatures: which scale the words of a thermal image have.
+
+A scene of people lies between a winter's day and a hot room, so that its median tells the scales apart:
+their words for such temperatures do not overlap.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import FormatError
+
+COLDEST_C, HOTTEST_C = -30.0, 70.0
+"""Degrees Celsius of the median of a scene with people, outdoors or beside machines. Untuned."""
+ROOM_C = (0.0, 45.0)
+"""Degrees Celsius of a room; a median outside is a doubt. Untuned."""
+NO_READING = 65535
+"""Saturated word."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Scale of thermal words: celsius = word * step + offset; 0 is no reading in integers."""
+
+    name: str
+    step: float
+    offset: float
+
+    def celsius(self, words: NDArray[Any]) -> NDArray[np.float32]:
+        """float32 (h, w) degrees Celsius, NaN = no reading."""
+        values = words.astype(np.float64)
+        good = np.isfinite(values)
+        if words.dtype.kind in "iu":
+            good &= (values > 0) & (values != NO_READING)
+        return np.where(good, values * self.step + self.offset, np.nan).astype(np.float32)
+
+
+SESSION = Scale("(degrees Celsius + 100) x 100", 0.01, -100.0)
+INTEGERS = (
+    SESSION,
+    Scale("hundredths of a kelvin", 0.01, -273.15),
+    Scale("tenths of a kelvin", 0.1, -273.15),
+    Scale("kelvin", 1.0, -273.15),
+)
+CELSIUS = Scale("degrees Celsius", 1.0, 0.0)
+FLOATS = (CELSIUS, Scale("kelvin", 1.0, -273.15))
+
+
+def judge_celsius(samples: Sequence[NDArray[Any]], where: str) -> tuple[Scale, tuple[str, ...]]:
+    """Find the scale of thermal images (h, w), integers or floats, and notes on what was assumed.
+
+    The usual scale is a session's for integers, and degrees Celsius for floats. Raises FormatError where the
+    median of the samples is no temperature in any scale.
+    """
+    kind = samples[0].dtype.kind if samples else "u"
+    scales = INTEGERS if kind in "iu" else FLOATS
+    medians = [_median(samples, scale) for scale in scales]
+    if not np.isfinite(medians[0]):
+        return scales[0], ()
+    for scale, median in zip(scales, medians, strict=True):
+        if COLDEST_C <= median <= HOTTEST_C:
+            notes = (
+                []
+                if scale is scales[0]
+                else [f"temperatures are {scale.name}: their median is {median:.1f} C"]
+            )
+            if not ROOM_C[0] <= median <= ROOM_C[1]:
+                notes.append(f"doubtful temperatures: their median is {median:.1f} C")
+            return scale, tuple(notes)
+    raise FormatError(
+        f"{where}: temperatures with a median of {medians[0]:.0f} C; write {scales[0].name}, not raw counts"
+    )
+
+
+def _median(samples: Sequence[NDArray[Any]], scale: Scale) -> float:
+    values = np.concatenate([scale.celsius(image[::4]).ravel() for image in samples])
+    values = values[np.isfinite(values)]
+    return float(np.median(values)) if len(values) else float("nan")

@@ -1,0 +1,282 @@
+"""Judge of depth images: whether their numbers are depth, in which unit, and which of them are no reading.
+
+The judge looks at physics, not at names: how near and how far a scene is, whether neighbouring pixels agree,
+which codes stand apart. A declared unit is obeyed, and doubts about it are notes. An assumed unit that gives
+an impossible scene is refused, with the units that give a possible one.
+
+Sources of the units: 1 mm is common; TUM RGB-D "File Formats" (1/5000 m); librealsense (D405: 0.1 mm, L515:
+0.25 mm); libfreenect and NYU's raw Kinect v1 words (13 bits of millimetres above 3 bits of player index), and
+SUN RGB-D, which rotates its words by the same 3 bits; libfreenect2 (floats in millimetres).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import FormatError
+from sensors.rig.frame import mm_from_units
+
+Image = NDArray[Any]
+
+SATURATED = 65535
+"""Largest word of 16 bits: saturated, or how OAK cameras and others write that there is no reading."""
+CODES = tuple(2**bits - 1 for bits in (11, 12, 13, 14, 15))
+"""Largest words of sensors of 11 to 15 bits (2047: Kinect v1). They are no reading where they stand apart."""
+LEAST_SHARE, GAP = 0.001, 0.1
+"""Share of pixels that such a code has at least, and the free range below it, as its share. Untuned."""
+
+NEAREST_M = 4.5
+"""Metres: where nothing is nearer, an assumed unit is wrong. A room's floor or person is nearer; a Kinect v2
+measures to 4.5 m. Untuned."""
+NEAR_M, MEDIAN_M = 2.5, 7.5
+"""Metres: where nothing is nearer than the one, and half is farther than the other, an assumed unit is wrong:
+0.25 mm of an L515 look so. Half beyond the second alone is a doubt. Untuned."""
+CONVENTION = 2.0
+"""Times by which these are farther for floats, which are metres by convention (REP 118). Untuned."""
+CLOSE_M, CLOSE_MEDIAN_M = 0.15, 0.4
+"""Metres: where something is nearer, or half is, another unit is not taken unasked. Untuned."""
+FARTHEST_M = 0.3
+"""Metres: where nothing is farther, an assumed unit is wrong, because no camera sees a person so near."""
+SMOOTHER = 8
+"""Times by which neighbours agree better after a swap of bytes, where bytes are swapped. A swap multiplies
+steps of a few units by 256. Untuned."""
+ROUGH_M, ROUGH = 0.5, 0.125
+"""Metres, and share of the scene's median: neighbours in what is no image differ by more. Untuned."""
+LEAST_PIXELS = 200
+"""Readings below which nothing is judged. Untuned."""
+MOST_PIXELS = 100_000
+"""Pixels of a sample that are looked at. Untuned."""
+SAMPLES = 5
+"""Frames of a source that are looked at, spread over all of it. Untuned."""
+
+UNITS_MM = {
+    0.1: "D405",
+    0.125: "Kinect v1 words above a player index, SUN RGB-D",
+    0.2: "TUM, 1/5000 m",
+    0.25: "L515",
+    1.0: "millimetres",
+    10.0: "centimetres",
+    1000.0: "metres",
+}
+"""Millimetres of a step that programs write, and who does."""
+
+
+class Range(NamedTuple):
+    """Depth of a scene in metres: the 1st, 50th and 99th percentile of its readings."""
+
+    near: float
+    median: float
+    far: float
+
+    def __str__(self) -> str:
+        return f"{self.near:.3g} m, {self.median:.3g} m, {self.far:.3g} m"
+
+
+@dataclass(frozen=True)
+class DepthReading:
+    """How the numbers of a source's depth images are read.
+
+    unit_mm: millimetres of a step. invalid: codes that are no reading besides 0, negative and non-finite
+    ones. swapped: whether the two bytes of a word are. range_m: of the samples, None where they hold too
+    little. notes: what was assumed and what is doubtful, one sentence each.
+    """
+
+    unit_mm: float
+    invalid: tuple[int, ...] = ()
+    swapped: bool = False
+    range_m: Range | None = None
+    notes: tuple[str, ...] = ()
+
+    def to_mm(self, image: Image) -> NDArray[np.uint16]:
+        """Whole millimetres (h, w), 0 = no reading or beyond 16 bits, of an image as the source stores it."""
+        words = image.byteswap() if self.swapped else image
+        if not self.invalid:
+            return mm_from_units(words, self.unit_mm)
+        bad = np.isin(words, self.invalid) if len(self.invalid) > 1 else words == self.invalid[0]
+        return mm_from_units(np.where(bad, words.dtype.type(0), words), self.unit_mm)
+
+
+def spread(count: int, most: int = SAMPLES) -> list[int]:
+    """Indices of at most ``most`` of ``count`` frames, spread evenly, the first and the last among them."""
+    return [int(at) for at in np.unique(np.linspace(0, max(count - 1, 0), min(most, count)).round())]
+
+
+def judge_depth(
+    samples: Sequence[Image], unit_mm: float | None, where: str, likely_mm: float | None = None
+) -> DepthReading:
+    """Judge depth images (h, w) as a source stores them, integers or floats.
+
+    unit_mm: millimetres of a step if declared, None = assumed: 1 for integers, 1000 for floats. likely_mm:
+    the unit that is taken where the assumed one is impossible, because files of this kind have it. where:
+    names the source in messages. Raises FormatError where the images are no depth, or the assumed unit gives
+    an impossible scene.
+    """
+    images = [_thinned(np.asarray(sample)) for sample in samples if np.size(sample)]
+    kind = images[0].dtype if images else np.dtype(np.uint16)
+    if kind.itemsize == 1 and unit_mm is None:
+        raise FormatError(
+            f"{where}: depth of 8 bits has no known unit; store 16-bit integers in millimetres, or give the "
+            "millimetres of a step with --depth-unit"
+        )
+    swapped = kind.kind in "iu" and kind.itemsize == 2 and _swapped(images)
+    words = [image.byteswap() if swapped else image for image in images]
+    invalid = _codes(words)
+    values = np.concatenate([np.zeros(0), *(_valid(image, invalid) for image in words)])
+    unit, notes = _unit(values, kind.kind == "f", unit_mm, where, likely_mm)
+    total = sum(image.size for image in images)
+    if len(values) < LEAST_PIXELS:
+        few = f"only {len(values)} depth readings in the {len(images)} images looked at"
+        return DepthReading(
+            unit, invalid, swapped, None, (*notes, few) if total > 4 * LEAST_PIXELS else tuple(notes)
+        )
+    found = _range(values, unit)
+    if found.far <= 0 or found.near > SATURATED / 1000:
+        raise FormatError(
+            f"{where}: no depth within 65 m with {unit:g} mm a step (range {found}); {_remedy(values, unit)}"
+        )
+    return DepthReading(
+        unit,
+        invalid,
+        swapped,
+        found,
+        (
+            f"depth: {unit:g} mm a step ({'assumed' if unit_mm is None else 'declared'}), {found} at the "
+            f"1st, 50th and 99th percentile; no reading: {1 - len(values) / total:.1%} of the pixels",
+            *(["bytes of the depth words are swapped: read the other way round"] if swapped else []),
+            *_seen_codes(words, invalid),
+            *notes,
+            *_doubts(found, words, unit),
+        ),
+    )
+
+
+def _thinned(image: Image) -> Image:
+    """Every n-th row: neighbours along rows stay neighbours."""
+    return image[:: max(1, image.size // MOST_PIXELS)] if image.ndim == 2 else image
+
+
+def _valid(image: Image, invalid: tuple[int, ...]) -> NDArray[np.float64]:
+    with np.errstate(invalid="ignore", over="ignore"):
+        values = image.astype(np.float64).ravel()
+    return values[np.isfinite(values) & (values > 0) & (values < 1e9) & ~np.isin(values, invalid)]
+
+
+def _swapped(images: Sequence[Image]) -> bool:
+    """Whether neighbours agree far better once the bytes of every word are exchanged."""
+    steps, other = (_steps(each) for each in (images, [image.byteswap() for image in images]))
+    return len(steps) >= LEAST_PIXELS and float(other.mean()) * SMOOTHER < float(steps.mean())
+
+
+def _steps(images: Sequence[Image]) -> NDArray[np.float64]:
+    """Differences of neighbours in a row, both of which have a reading."""
+    steps = [np.zeros(0)]
+    for image in images:
+        with np.errstate(invalid="ignore"):
+            wide = np.where(np.isfinite(image), image, 0).astype(np.float64)
+        good = (wide > 0) & (wide != SATURATED)
+        steps.append(np.abs(np.diff(wide, axis=1))[good[:, 1:] & good[:, :-1]])
+    return np.concatenate(steps)
+
+
+def _codes(images: Sequence[Image]) -> tuple[int, ...]:
+    """Codes of integers that stand for no reading."""
+    if not images or images[0].dtype.kind not in "iu":
+        return ()
+    always = (SATURATED,) if images[0].dtype.itemsize >= 2 else ()
+    values = np.concatenate([image.ravel() for image in images]).astype(np.int64)
+    values = values[(values > 0) & (values != SATURATED)]
+    if len(values) < LEAST_PIXELS:
+        return always
+    top = int(values.max())
+    apart = not ((values > (1 - GAP) * top) & (values < top)).any()
+    share = np.count_nonzero(values == top) / len(values)
+    return (*always, top) if top in (*CODES, 65536) and apart and LEAST_SHARE < share < 1 else always
+
+
+def _seen_codes(images: Sequence[Image], invalid: tuple[int, ...]) -> list[str]:
+    total = sum(image.size for image in images)
+    shares = {code: sum(np.count_nonzero(image == code) for image in images) / total for code in invalid}
+    return [
+        f"depth of {code} is no reading: {share:.1%} of the pixels" for code, share in shares.items() if share
+    ]
+
+
+def _range(values: NDArray[np.float64], unit_mm: float) -> Range:
+    return Range(*(np.percentile(values, (1, 50, 99)) * unit_mm / 1000).tolist())
+
+
+def _impossible(found: Range, times: float = 1.0) -> str:
+    """Why a range is no scene's that a camera of people sees; "" where it may be. times: farther bounds."""
+    if found.near > NEAREST_M * times:
+        return f"nothing is nearer than {found.near:.3g} m"
+    if found.near > NEAR_M * times and found.median > MEDIAN_M * times:
+        return f"nothing is nearer than {found.near:.3g} m and half is farther than {found.median:.3g} m"
+    return f"nothing is farther than {found.far:.3g} m" if found.far < FARTHEST_M else ""
+
+
+def _is_usual(found: Range) -> bool:
+    """Whether a range is what cameras see of people in rooms."""
+    return not _impossible(found) and found.near > CLOSE_M and CLOSE_MEDIAN_M < found.median < MEDIAN_M
+
+
+def _unit(
+    values: NDArray[np.float64], floats: bool, declared: float | None, where: str, likely: float | None
+) -> tuple[float, list[str]]:
+    """Millimetres of a step, and notes. Raises FormatError where an assumed one is impossible."""
+    usual = 1000.0 if floats else 1.0
+    if declared is not None or len(values) < LEAST_PIXELS:
+        return declared or usual, []
+    found = _range(values, usual)
+    why = _impossible(found, CONVENTION if floats else 1.0)
+    if not why:
+        return usual, []
+    for other in ([1.0] if floats else []) + ([likely] if likely else []):
+        if _is_usual(_range(values, other)):
+            return other, [f"{other:g} mm a step taken, because {why} with {usual:g}; else give --depth-unit"]
+    raise FormatError(
+        f"{where}: {why} with {usual:g} mm a step, which no file declares (1st, 50th and 99th percentile: "
+        f"{found}); {_remedy(values, usual)}"
+    )
+
+
+def _remedy(values: NDArray[np.float64], usual: float) -> str:
+    """How to declare the unit, and which give a possible scene; one that divides all values is the first."""
+    whole = values[values == np.rint(values)].astype(np.int64)
+    common = int(np.gcd.reduce(whole[:: max(1, len(whole) // 1000)])) if len(whole) == len(values) else 1
+    fits = [
+        (f"{unit:g} ({who}) gives {found}", unit * common == 1)
+        for unit, who in UNITS_MM.items()
+        if unit != usual and _is_usual(found := _range(values, unit))
+    ]
+    fits.sort(key=lambda fit: not fit[1])
+    if not fits:
+        return "these may be disparity, temperatures or infrared; else give --depth-unit"
+    units = "; ".join(text for text, _ in fits[:4])
+    return (
+        f"give --depth-unit, or depth_unit_mm in intrinsics.json: {units}; "
+        "disparity, temperatures and infrared are no depth"
+    )
+
+
+def _doubts(found: Range, images: Sequence[Image], unit_mm: float) -> list[str]:
+    """What is odd of a scene that is read nevertheless."""
+    doubts = []
+    why = _impossible(found)
+    if not why and found.median > MEDIAN_M:
+        why = f"half of the scene is farther than {found.median:.3g} m"
+    if why:
+        doubts.append(
+            f"doubtful depth: {why} with {unit_mm:g} mm a step; where that is wrong, give --depth-unit"
+        )
+    if found.far < 1.15 * found.near:
+        doubts.append(
+            f"all depth lies between {found.near:.3g} and {found.far:.3g} m: a wall, or no depth image"
+        )
+    elif len(steps := _steps(images)) >= LEAST_PIXELS:
+        step_m = float(np.median(steps)) * unit_mm / 1000
+        if step_m > max(ROUGH_M, found.median * ROUGH):
+            doubts.append(f"neighbouring pixels differ by {step_m:.2g} m: perhaps no depth image")
+    return doubts
