@@ -179,7 +179,6 @@ def clear(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
     Raises ExistsError for a folder that must not be removed (``check_replaceable``).
     """
     if overwrite and out.exists():
-        from annotate.labelset.appearing import check_replaceable
+        from annotate.labelset.appearing import remove
 
-        check_replaceable(out, marker, *inputs)
-        shutil.rmtree(out)
+        remove(out, marker, *inputs)

@@ -306,7 +306,13 @@ def fix(
         from annotate.gui.app import run_window
         from annotate.gui.learning import Lesson
     model = labels.resolve().with_name(f"{labels.resolve().name}.learnt")
-    verb = ("-m", "cli.main", "learn", str(labels), "--out", str(model), "--json")
-    command = (sys.executable, *verb, *(("--session", str(session)) if session else ()))
+    command = learn_command(labels, session, model)
     states = run_window(labels, session, compare, who, read_only, Lesson(command, model / "labels"))
     print(f"{labels}: " + ", ".join(f"{count} {state}" for state, count in states.items()))
+
+
+def learn_command(labels: Path, session: Path | None, model: Path) -> tuple[str, ...]:
+    """Return the command that learns from corrections beside the window, into the folder ``model``."""
+    # -P: no module of the folder in which the user stands.
+    verb = (sys.executable, "-P", "-m", "cli.main", "learn", str(labels), "--out", str(model), "--json")
+    return (*verb, *(("--session", str(session)) if session else ()))

@@ -78,6 +78,8 @@ INTERRUPTED = "interrupted; run the same command again, without --overwrite, to 
 
 def main() -> None:
     """Run the command; exit 0 done, 1 a user's error in one line, 2 wrong usage, 3 done in part."""
+    # Child processes import nothing from the folder in which the user stands: it may be somebody else's.
+    os.environ["PYTHONSAFEPATH"] = "1"
     try:
         with interruptible():
             app()

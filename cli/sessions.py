@@ -15,6 +15,7 @@ from typer import Option
 
 from cli.console import clear, finish, progress, say, table
 from sensors.errors import CloudError, FormatError
+from sensors.versions import versions
 
 if TYPE_CHECKING:
     from annotate.label_source import Run
@@ -109,28 +110,16 @@ def _outcomes(
         return
     from concurrent.futures import as_completed
 
-    here = _versions()
+    here = versions(DECISIVE)
     names = {workers.executor.submit(_checked, here, work, *job): name for name, job in jobs.items()}
     for future in as_completed(names):
         yield names[future], future.result
 
 
-def _versions() -> dict[str, str]:
-    from importlib.metadata import PackageNotFoundError, version
-
-    found = {}
-    for name in DECISIVE:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "none"
-    return found
-
-
-def _checked(versions: dict[str, str], work: Callable[..., T], *job: object) -> T:
+def _checked(wanted: dict[str, str], work: Callable[..., T], *job: object) -> T:
     """A job's outcome. Raises CloudError on a worker of other versions, whose bytes might differ."""
-    if (here := _versions()) != versions:
-        raise CloudError(f"a worker has {here}, the command {versions}; install the same versions everywhere")
+    if (here := versions(DECISIVE)) != wanted:
+        raise CloudError(f"a worker has {here}, the command {wanted}; install the same versions everywhere")
     return work(*job)
 
 

@@ -4,6 +4,8 @@ import json
 import shutil
 import subprocess
 import sys
+import tracemalloc
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +16,14 @@ from hypothesis import strategies as st
 
 from annotate.correction.audit import audit
 from annotate.correction.correction import Correction, RestorableError
-from annotate.correction.replay import replayed
+from annotate.correction.replay import after, replayed
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.claim import ClaimedError
 from annotate.labelset.journal import JOURNAL, Journal, NotSavedError
 from annotate.labelset.store import LabelSet, validate
 from annotate.labelset.stroke import Gesture, Stroke, to_line
 from sensors.errors import CloudError, FormatError
+from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.rig.camera import Intrinsics
 
 law = settings(deadline=None, max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -380,6 +383,32 @@ def test_a_journal_of_another_set_is_refused(folder, runs, says):
     (folder / JOURNAL).write_bytes(to_line(other))
     with pytest.raises(FormatError, match="other labels"):
         replayed(LabelSet.open(folder), Journal.of(folder), FRAMES[0])
+
+
+def test_a_run_beyond_the_image_is_refused_before_it_is_expanded(folder):
+    """152 bytes that claim 16 GiB of pixels."""
+    far = np.array([[0, 2**31 - 1, 0, 1]], np.int64)
+    with pytest.raises(FormatError, match="beyond every image"):
+        Stroke(FRAMES[0], "relabel", far, reason="0001")
+    largest = np.array([[0, MAX_IMAGE_SIDE**2, 0, 1]], np.int64)
+    stroke = Stroke(FRAMES[0], "relabel", largest, reason="0001")
+    frame = LabelSet.open(folder).read(FRAMES[0])
+    with pytest.raises(FormatError, match="other labels"), allocating_at_most(50_000_000):
+        after(frame, [stroke], exact=True)
+    with pytest.raises(FormatError, match="reaches pixel"), allocating_at_most(50_000_000):
+        after(frame, [stroke])
+
+
+@contextmanager
+def allocating_at_most(size):
+    """Bytes that NumPy and Python may have in use at once."""
+    tracemalloc.start()
+    try:
+        yield
+    finally:
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak <= size
 
 
 def test_what_killed_processes_left_is_swept(folder):

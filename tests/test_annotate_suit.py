@@ -66,7 +66,19 @@ def test_a_palette_survives_being_written(suit):
 def test_a_name_cannot_smuggle_toml(tmp_path, name):
     path = tmp_path / "suit.toml"
     path.write_text(suit_to_toml(Suit(name, DEFAULT_SUIT.colors_rgb, DEFAULT_SUIT.parts)), encoding="utf-8")
-    np.testing.assert_array_equal(load_suit(path).colors_rgb[2:], DEFAULT_SUIT.colors_rgb[2:])
+    back = load_suit(path)
+    assert back.name == name
+    np.testing.assert_array_equal(back.colors_rgb, DEFAULT_SUIT.colors_rgb)
+
+
+@law
+@given(st.text(max_size=20))
+def test_any_name_survives_being_written(name):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "suit.toml"
+        suit = Suit(name, DEFAULT_SUIT.colors_rgb, DEFAULT_SUIT.parts)
+        path.write_bytes(suit_to_toml(suit).encode())
+        assert load_suit(path).name == name
 
 
 @law

@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from conftest import assert_refused, largest_file, tree
 from test_cli_nothing_lost import ordinary_user
@@ -21,15 +22,18 @@ from test_cli_nothing_lost import ordinary_user
 import sensors.recording.intake
 from annotate.correction.correction import Correction
 from annotate.correction.edit import IDLE_S, ActiveTime, steady_time
+from annotate.frame_labels import FrameLabels
 from annotate.label_source import label_source
-from annotate.labelset.appearing import appearing
+from annotate.labelset.appearing import appearing, claimed_to_replace, moved_aside
 from annotate.labelset.claim import CLAIM, Claim, ClaimedError
-from annotate.labelset.store import LabelSet, validate
+from annotate.labelset.journal import JOURNAL
+from annotate.labelset.store import MANIFEST, LabelSet, validate
 from annotate.suit.palette import DEFAULT_SUIT
-from sensors.errors import CloudError
+from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import sweep, temporary_of
 from sensors.recording.open_device import open_device
 from sensors.recording.recorder import Recorder
+from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.reader import Session
@@ -194,6 +198,51 @@ def test_a_result_that_replaces_another_is_never_half_of_one(tmp_path, monkeypat
     write("newer")
     assert (out / "marker").read_text() == "newer"
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_nobody_corrects_a_set_that_is_being_replaced(tmp_path):
+    out = tmp_path / "labels"
+
+    def written(folder: Path) -> None:
+        labels = LabelSet.create(folder, Intrinsics(8, 8, 8.0, 8.0, 4.0, 4.0), {"source": "x"})
+        depth_mm = np.full((8, 8), 1000, np.uint16)
+        labels.write(FrameLabels("000000", depth_mm, np.ones((8, 8), np.uint8)))
+
+    written(out)
+    with appearing(out, MANIFEST, overwrite=True) as folder:
+        written(folder)
+        with pytest.raises(ClaimedError):
+            Correction.open(out, "ann")
+    with Correction.open(out, "ann") as correction:
+        with pytest.raises(ClaimedError), claimed_to_replace(out, MANIFEST):
+            pass
+        correction.edit("000000").paint(np.arange(8), 2)
+    with pytest.raises(ExistsError, match="corrections"), appearing(out, MANIFEST, overwrite=True):
+        pass
+    assert (out / JOURNAL).is_file()
+
+
+def test_a_result_that_cannot_take_its_place_restores_the_old_one(tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "marker").write_text("old")
+    with pytest.raises(OSError, match="full"), moved_aside(out):
+        raise OSError("the disk is full")
+    assert (out / "marker").read_text() == "old"
+    assert list(tmp_path.iterdir()) == [out]
+
+
+def test_a_claim_that_is_given_back_leaves_the_next_ones(tmp_path):
+    """The folder was replaced meanwhile, and the new one is claimed."""
+    out = tmp_path / "out"
+    out.mkdir()
+    first = Claim.take(out, "ann")
+    out.replace(tmp_path / "aside")
+    out.mkdir()
+    with Claim.take(out, "ben"):
+        first.release()
+        with pytest.raises(ClaimedError, match="ben"):
+            Claim.take(out, "cid")
 
 
 def test_a_killed_generate_goes_on_to_the_same_bytes(killed, whole):

@@ -23,6 +23,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from annotate.cloud.fuse import Fuser
 from annotate.foxglove import topics
 from annotate.foxglove.file import export_foxglove
+from annotate.foxglove.origin_gate import is_admitted
 from annotate.foxglove.points import HEAT_POINT, PART_POINT
 from annotate.foxglove.skeleton import BONES, skeleton_message
 from annotate.foxglove.topics import SCHEMAS, Shown, shown_messages
@@ -269,6 +270,51 @@ def test_a_taken_port_is_said_in_one_line():
         FoxgloveServer(server.port)
     with pytest.raises(CloudError, match="port 70000 cannot be served"):
         FoxgloveServer(70000)
+
+
+def request(origin: str | None, *fields: str) -> bytes:
+    """The handshake that a browser sends from a page of this origin; a program sends none."""
+    own = () if origin is None else (f"Origin: {origin}",)
+    lines = ("GET / HTTP/1.1", "Host: 127.0.0.1:8765", "Upgrade: WebSocket", *own, *fields, "", "")
+    return "\r\n".join(lines).encode("latin-1")
+
+
+@pytest.mark.parametrize(
+    "origin", [None, "https://app.foxglove.dev", "file://", "http://localhost:8080", "http://[::1]:80"]
+)
+def test_programs_foxglove_and_pages_of_this_machine_are_admitted(origin):
+    assert is_admitted(request(origin))
+
+
+@pytest.mark.parametrize(
+    "origin",
+    ["https://evil.example", "null", "", "https://app.foxglove.dev.evil.example", "http://localhost.evil",
+     "https://evil.example/localhost", "http://127.0.0.1@evil.example", "http://[", "http://127.0.0.2"],
+)  # fmt: skip
+def test_pages_of_other_sites_are_refused(origin):
+    assert not is_admitted(request(origin))
+    assert not is_admitted(request("file://", f"origin: {origin}"))
+
+
+def test_a_request_that_opens_no_websocket_is_refused():
+    assert not is_admitted(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+
+
+def test_a_web_page_receives_nothing_and_does_not_find_the_server_behind():
+    pytest.importorskip("foxglove")
+    from websockets.exceptions import InvalidStatus
+    from websockets.sync.client import connect
+
+    from annotate.foxglove.server import FoxgloveServer
+
+    evil, own = (partial(connect, origin=site) for site in ("https://evil.example", "file://"))
+    with FoxgloveServer(0) as server:
+        with pytest.raises(InvalidStatus, match="403"):
+            evil(server.address, subprotocols=[PROTOCOL])
+        with own(server.address, subprotocols=[PROTOCOL]) as client:
+            assert json.loads(client.recv(timeout=60))["op"] == "serverInfo"
+        with pytest.raises(OSError):
+            evil(f"ws://127.0.0.1:{server.behind[1]}", subprotocols=[PROTOCOL])
 
 
 def test_the_layout_of_the_documentation_is_current_and_shows_topics_that_there_are():

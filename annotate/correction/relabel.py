@@ -103,7 +103,7 @@ def before_step(correction: Correction, frame_id: str) -> UInt8 | None:
 def _recorded(correction: Correction, strokes: Sequence[Stroke], step: str) -> Relabelled:
     correction.record_together(strokes)
     moved = [stroke for stroke in strokes if stroke.changes]
-    changed = sum(len(stroke.pixels) for stroke in moved)
+    changed = sum(int(stroke.runs[:, 1].sum()) for stroke in moved)
     body = sum(int((correction.frame(s.frame_id).parts != BACKGROUND).sum()) for s in moved)
     return Relabelled(step, len(moved), changed / body if body else 0.0)
 

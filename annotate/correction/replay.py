@@ -62,8 +62,10 @@ def begun_from(frame: FrameLabels, strokes: Sequence[Stroke]) -> FrameLabels:
 
 
 def _fits(stroke: Stroke, parts: UInt8) -> bool:
-    at = stroke.pixels
-    return not len(at) or (at[-1] < parts.size and bool((parts.ravel()[at] == stroke.old).all()))
+    # The end first: runs that reach far would be expanded to as many pixels.
+    if stroke.end > parts.size:
+        return False
+    return bool((parts.ravel()[stroke.pixels] == stroke.old).all())
 
 
 def noted(frame: FrameLabels, journal: Journal, before: Status) -> FrameLabels:

@@ -6,14 +6,13 @@ from typing import Self
 import foxglove
 from mcap_protobuf.schema import build_file_descriptor_set
 
+from annotate.foxglove.origin_gate import LOOPBACK, OriginGate, hidden_address
 from annotate.foxglove.topics import SCHEMAS, Shown, shown_messages
 from sensors.errors import CloudError
 from sensors.session.messages import EVENTS, event_message
 
 PORT = 8765
 """Where Foxglove's app looks for a server unless told otherwise."""
-LOOPBACK = "127.0.0.1"
-"""Only programs of this machine are let in: the stream shows a person, and the protocol knows no password."""
 BACKLOG = 3 * len(SCHEMAS)
 """Messages kept for a client that is slow, three moments: then the oldest is dropped. Chosen by eye."""
 
@@ -21,7 +20,9 @@ BACKLOG = 3 * len(SCHEMAS)
 class FoxgloveServer:
     """Serves every topic of ``topics.SCHEMAS``; use it as a context manager.
 
-    port: 0 takes a free one, see ``port``. Raises CloudError where the port is taken or forbidden.
+    The stream shows a person, and the protocol has no password: only programs of this machine and Foxglove's
+    app are admitted (``origin_gate``). port: 0 takes a free one, see ``port``. behind: address and port of
+    the SDK's own server. Raises CloudError where the port is taken or forbidden.
     """
 
     def __init__(self, port: int = PORT) -> None:
@@ -40,25 +41,27 @@ class FoxgloveServer:
             )
             for topic, schema in SCHEMAS.items()
         }
+        hidden = hidden_address()
+        self._server = foxglove.start_server(
+            name="annotate-cloud", host=hidden, port=0, context=context, message_backlog_size=BACKLOG
+        )
         try:
-            self._server = foxglove.start_server(
-                name="annotate-cloud",
-                host=LOOPBACK,
-                port=port,
-                context=context,
-                message_backlog_size=BACKLOG,
-            )
-        except (RuntimeError, OverflowError) as error:
-            why = str(error).removeprefix("FoxgloveError: ")
+            self.behind = (hidden, self._server.port)
+            self._gate = OriginGate(port, self.behind)
+        except (OSError, OverflowError) as error:
+            self._server.stop()
+            why = getattr(error, "strerror", None) or error
             raise CloudError(f"port {port} cannot be served ({why}); choose another with --port") from error
-        self.port = self._server.port
+        self.port = self._gate.port
 
     def __enter__(self) -> Self:
+        self._gate.__enter__()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._gate.__exit__()
         self._server.stop()
 
     @property

@@ -36,7 +36,8 @@ def main() -> None:
 def check_screen() -> None:
     """Raises CloudError with the remedy where the window could not be shown."""
     names = displays()
-    command = [sys.executable, "-m", "annotate.gui.probe"]
+    # -P: no module of the folder in which the user stands.
+    command = [sys.executable, "-P", "-m", "annotate.gui.probe"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     except subprocess.TimeoutExpired as error:

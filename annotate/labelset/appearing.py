@@ -3,11 +3,11 @@
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from glob import escape
 from pathlib import Path
 
-from annotate.labelset.claim import CLAIM, Claim, login
+from annotate.labelset.claim import Claim, login
 from annotate.labelset.journal import JOURNAL
 from sensors.errors import ExistsError
 from sensors.files.atomic import is_taken, sweep, temporary_of
@@ -19,39 +19,76 @@ def check_replaceable(out: Path, marker: str, *inputs: Path) -> None:
     Raises ExistsError for a folder that no run of this command made, that holds one of its ``inputs``, or
     people's corrections; ClaimedError while somebody writes it.
     """
+    with claimed_to_replace(out, marker, *inputs):
+        pass
+
+
+@contextmanager
+def claimed_to_replace(out: Path, marker: str, *inputs: Path) -> Iterator[None]:
+    """Hold the claim on a folder that is about to be replaced, so that nobody corrects it meanwhile.
+
+    Raises as ``check_replaceable``.
+    """
     for path in inputs:
         if path.resolve().is_relative_to(out.resolve()):
             raise ExistsError(f"{out} holds the input {path}; choose another folder for the result")
     if not (out / marker).is_file() and (not out.is_dir() or any(out.iterdir())):
         raise ExistsError(f"{out} was not made by this command (it has no {marker}); remove it yourself")
-    # Dangling links too: both names mean that a person or a process works in the folder.
+    _check_uncorrected(out)
+    with Claim.take(out, login()):
+        _check_uncorrected(out)
+        yield
+
+
+def _check_uncorrected(out: Path) -> None:
+    # A dangling link too: the name means that a person works in the folder.
     if os.path.lexists(out / JOURNAL):
         raise ExistsError(f"{out} holds people's corrections; choose another folder, or remove it yourself")
-    if os.path.lexists(out / CLAIM):
-        Claim.take(out, login()).release()
+
+
+def remove(out: Path, marker: str, *inputs: Path) -> None:
+    """Remove a folder that an earlier run made. Raises as ``check_replaceable``."""
+    with claimed_to_replace(out, marker, *inputs), moved_aside(out):
+        pass
 
 
 @contextmanager
 def appearing(out: Path, marker: str, *inputs: Path, overwrite: bool) -> Iterator[Path]:
     """A temporary folder beside ``out`` that takes its name on success and is removed on any error.
 
-    Raises ExistsError when ``out`` is there and is not to be replaced, or must not be.
+    The claim on a folder that is replaced is held from the beginning to the end. Raises ExistsError when
+    ``out`` is there and is not to be replaced, or must not be; ClaimedError while somebody writes it.
     """
-    if is_taken(out):
-        if not overwrite:
-            raise ExistsError(f"{out} already exists; choose another folder or pass --overwrite")
-        check_replaceable(out, marker, *inputs)
-    folder, aside = temporary_of(out), temporary_of(out.with_name(f"{out.name}.old"))
-    sweep(out.parent, f".{escape(out.name)}.*.partial")
-    for left in (folder, aside):
-        shutil.rmtree(left, ignore_errors=True)
-    folder.mkdir(parents=True)
-    try:
-        yield folder
-        # Aside first: half removed by a process that is killed, it would be nobody's, and in everybody's way.
-        if out.exists():
-            out.replace(aside)
-        folder.replace(out)
-    finally:
+    taken = is_taken(out)
+    if taken and not overwrite:
+        raise ExistsError(f"{out} already exists; choose another folder or pass --overwrite")
+    with claimed_to_replace(out, marker, *inputs) if taken else nullcontext():
+        folder = temporary_of(out)
+        sweep(out.parent, f".{escape(out.name)}.*.partial")
         shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        try:
+            yield folder
+            with moved_aside(out):
+                folder.replace(out)
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def moved_aside(out: Path) -> Iterator[None]:
+    """Rename a folder, if it exists, while another takes its name; then remove it, or restore it on an error.
+
+    A process that is killed within the removal leaves no half of a folder under the final name.
+    """
+    aside = temporary_of(out.with_name(f"{out.name}.old"))
+    shutil.rmtree(aside, ignore_errors=True)
+    if out.exists():
+        out.replace(aside)
+    try:
+        yield
+    except BaseException:
+        if aside.exists() and not out.exists():
+            aside.replace(out)
+        raise
     shutil.rmtree(aside, ignore_errors=True)

@@ -72,10 +72,14 @@ class Claim:
         self.release()
 
     def release(self) -> None:
-        """Give the folder up; again does nothing."""
+        """Give the folder up; again does nothing.
+
+        The file of a folder that took this one's place belongs to whoever claimed that folder, and stays.
+        """
         if self._file >= 0:
             with suppress(OSError):
-                self.path.unlink()
+                if _is_at(self._file, self.path):
+                    self.path.unlink()
             os.close(self._file)
             self._file = -1
 

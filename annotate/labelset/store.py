@@ -23,6 +23,7 @@ from sensors.errors import CalibrationError, CloudError, ExistsError, FormatErro
 from sensors.files.atomic import is_taken, write_bytes
 from sensors.files.bounded import read_bounded
 from sensors.rig.camera import Intrinsics
+from sensors.versions import versions
 
 SCHEMA = 1
 MANIFEST = manifests.LABELSET
@@ -57,12 +58,10 @@ class LabelSet:
         """Start an empty label set in a new or empty folder. Raises ExistsError otherwise."""
         if is_taken(path):
             raise ExistsError(f"{path} already exists; choose another folder or pass --overwrite")
-        from importlib.metadata import version
-
         (path / FRAMES).mkdir(parents=True, exist_ok=True)
         manifest = {
             "schema": SCHEMA,
-            "versions": {tool: version(tool) for tool in TOOLS},
+            "versions": versions(TOOLS),
             "parts": {part.name: part.id for part in PARTS},
             "intrinsics": asdict(intrinsics),
             **info,

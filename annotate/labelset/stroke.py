@@ -9,6 +9,7 @@ import numpy as np
 from annotate.array_types import Int64, UInt8
 from annotate.parts import N_CLASSES, UNDEFINED
 from sensors.errors import FormatError
+from sensors.files.bounded import MAX_IMAGE_SIDE
 
 Operation = Literal[
     # change labels,
@@ -115,6 +116,11 @@ class Stroke:
         return self.operation not in ("leave", "relabel")
 
     @property
+    def end(self) -> int:
+        """Flat index behind the last pixel that changed; 0 without any."""
+        return int(self.runs[-1, :2].sum()) if len(self.runs) else 0
+
+    @property
     def pixels(self) -> Int64:
         """Flat indices (n,) of the pixels that changed, sorted."""
         start, length = self.runs[:, 0], self.runs[:, 1]
@@ -142,10 +148,9 @@ class Stroke:
 
     def apply_to(self, parts: UInt8) -> None:
         """Make the change in ``parts`` (h, w), contiguous. Raises FormatError where it reaches outside."""
-        if self.changes and int(self.runs[-1, :2].sum()) > parts.size:
+        if self.end > parts.size:
             raise FormatError(
-                f"a stroke on frame {self.frame_id} reaches pixel {int(self.runs[-1, :2].sum()) - 1} "
-                f"of {parts.size}"
+                f"a stroke on frame {self.frame_id} reaches pixel {self.end - 1} of {parts.size}"
             )
         parts.reshape(-1)[self.pixels] = self.new
 
@@ -206,6 +211,8 @@ def _check_runs(runs: Int64) -> None:
     ids = np.array([*range(N_CLASSES), UNDEFINED])
     if start[0] < 0 or length.min() < 1 or max(start.max(), length.max()) >= 1 << 31:
         raise FormatError("runs start before the image or are empty")
+    if int(start[-1] + length[-1]) > MAX_IMAGE_SIDE**2:
+        raise FormatError(f"runs end at pixel {start[-1] + length[-1]}, beyond every image")
     if (start[1:] < (start + length)[:-1]).any():
         raise FormatError("runs overlap or are not sorted")
     if not (np.isin(old, ids).all() and np.isin(new, ids).all()) or (old == new).any():

@@ -9,6 +9,7 @@ A palette file names every part once, with every colour it shows; bare hands go 
     ...
 """
 
+import json
 import re
 import tomllib
 from dataclasses import dataclass
@@ -128,7 +129,9 @@ def _swatch(what: str, part: str, color: object) -> tuple[int, tuple[int, ...]]:
 
 def suit_to_toml(suit: Suit) -> str:
     """A palette as TOML text; inverse of ``load_suit``."""
-    lines = [f'name = "{re.sub(r"[^A-Za-z0-9 _.-]", "", suit.name)}"', "[colors]"]
+    # A JSON string is a TOML string, but for DEL, which TOML forbids.
+    name = json.dumps(suit.name, ensure_ascii=False).replace("\x7f", "\\u007f")
+    lines = [f"name = {name}", "[colors]"]
     for part in BODY_PARTS:
         swatches = ", ".join(
             '"#{:02x}{:02x}{:02x}"'.format(*rgb) for rgb in suit.colors_rgb[suit.parts == part.id].tolist()
