@@ -103,14 +103,19 @@ def _source(path: Path) -> Shown:
     result: dict[str, Any] = {"kind": type(source).__name__, "name": source.name, "frames": len(source)}
     short, texts = dict(result), []
     if isinstance(source, Session):
-        result |= {"truncated": source.truncated, "sha256": source.sha256}
+        result |= {
+            "truncated": source.truncated,
+            "being_recorded": source.is_being_recorded,
+            "sha256": source.sha256,
+        }
         result["streams"] = {
             topic: {"messages": s.count, "per_second": round(s.rate_hz, 2)}
             for topic, s in source.streams.items()
         }
         depth = source.streams[DEPTH]
         short["duration"] = cell((depth.count - 1) / depth.rate_hz if depth.rate_hz else 0.0, "s")
-        short["recording"] = "cut off" if source.truncated else "complete"
+        now = "being recorded" if source.is_being_recorded else "cut off"
+        short["recording"] = now if source.truncated else "complete"
         short |= {"events": Counter(text for _, text in source.events), "sha256": source.sha256}
         known_c = source.reference_c[np.isfinite(source.reference_c)]
         if len(known_c):
@@ -196,7 +201,9 @@ def _source_problems(path: Path) -> list[str]:
     from sensors.session.reader import Session
 
     problems = []
-    if isinstance(source, Session) and source.truncated:
+    if isinstance(source, Session) and source.is_being_recorded:
+        problems.append(f"{source.path} is being recorded; check it when the recording has ended")
+    elif isinstance(source, Session) and source.truncated:
         problems.append(
             f"{path} is truncated: its end is lost; make its {len(source)} frames a whole session with: "
             f"annotate-cloud repair {source.path}"

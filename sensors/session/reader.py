@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.errors import one_line
+from sensors.errors import CloudError, one_line
 from sensors.rig.clock import fit_clock
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.pairing import (
@@ -23,6 +23,7 @@ from sensors.rig.pairing import (
 )
 from sensors.rig.thermal_reference import LEAST_READINGS, READINGS, ThermalReference
 from sensors.session.index import Contents, Places
+from sensors.session.lock import RecordingError, is_being_recorded
 from sensors.session.mcap_records import MessageReader
 from sensors.session.messages import (
     COLOR,
@@ -62,7 +63,12 @@ class Session(FrameSource):
 
     def __init__(self, path: Path) -> None:
         path = recording_at(path)
-        contents = Contents(path)
+        try:
+            contents = Contents(path)
+        except CloudError as error:
+            if is_being_recorded(path):
+                raise RecordingError(f"{path} is being recorded; read it after its first frame") from error
+            raise
         self.path = path
         self.name = contents.metadata.pop("name", "") or path.name.split(".")[0]
         self.metadata, self.events = contents.metadata, tuple(contents.events)
@@ -79,6 +85,7 @@ class Session(FrameSource):
             INFRARED: pair_stamps(depth_ns, infrared_ns, 0),  # one exposure gives both
         }
         self._host = host
+        self.is_being_recorded = self.truncated and is_being_recorded(path)
         self._reader = MessageReader(path)
 
     def _frame(self, index: int) -> RigFrame:
@@ -142,7 +149,9 @@ class Session(FrameSource):
             notes.append("thermal counts without the camera's calibration are not temperatures")
         if len(self._places[PYROMETER]) >= LEAST_READINGS and len(self._places[THERMAL]):
             notes.append(self._pyrometer_note())
-        if self.truncated:
+        if self.truncated and self.is_being_recorded:
+            notes.append(f"{self.path} is being recorded: {len(self)} frames up to now")
+        elif self.truncated:
             notes.append(
                 f"truncated: the recording was cut off after {len(self)} frames; "
                 f"make it whole with: annotate-cloud repair {self.path}"

@@ -10,6 +10,7 @@ from mcap.writer import Writer
 
 from sensors.errors import FormatError
 from sensors.files.atomic import check_free, replacing
+from sensors.session.lock import check_ended
 from sensors.session.mcap_records import chunk_end_ns, end_of_records, record_offsets, records_at
 from sensors.session.messages import DEPTH, METADATA
 from sensors.session.paths import final_of, recording_at
@@ -53,6 +54,7 @@ def repair(path: Path, out: Path | None = None, *, overwrite: bool = False) -> R
     if target != source:
         check_free(target, overwrite)
     with source.open("rb") as file, replacing(target) as temporary:
+        check_ended(file)
         lost_ns, damaged = _copy(file, temporary)
         frames = len(Session(temporary))
     if out is None and target != source:

@@ -20,6 +20,7 @@ from sensors.errors import FormatError
 from sensors.files.atomic import check_free
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
+from sensors.session.lock import open_locked
 from sensors.session.messages import (
     COLOR,
     DEPTH,
@@ -45,7 +46,8 @@ class SessionWriter:
 
     On success the file takes its final name. On an exception, Ctrl-C included, what was recorded stays
     under ``partial`` and opens as a truncated session; with ``keep_partial`` False it is removed instead.
-    Raises ExistsError when ``path`` or an unfinished recording of it exists and ``overwrite`` is False.
+    The partial is locked (``lock``) while it is written. Raises ExistsError when ``path`` or an unfinished
+    recording of it exists and ``overwrite`` is False, RecordingError while another process writes it.
     """
 
     def __init__(
@@ -71,7 +73,7 @@ class SessionWriter:
         for path in (self.path, self.partial):
             check_free(path, self._overwrite)
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = self.partial.open("wb" if self._overwrite else "xb")
+        self._file = open_locked(self.partial, self._overwrite)
         self._writer = Writer(self._file, chunk_size=CHUNK_BYTES)
         self._writer.start(profile="", library=METADATA)
         for topic, schema in SCHEMAS.items():
@@ -87,8 +89,8 @@ class SessionWriter:
                     self._writer.finish()
                     self._file.flush()
                     os.fsync(self._file.fileno())
-            if kind is None:
-                self.partial.replace(self.path)
+                    # Before the lock goes: nobody finds a partial that is not locked.
+                    self.partial.replace(self.path)
         finally:
             if not self._keep_partial:
                 self.partial.unlink(missing_ok=True)

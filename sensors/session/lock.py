@@ -1,0 +1,66 @@
+"""Lock of a recording while it is written: the kernel's (flock), which a dead process does not hold."""
+
+import fcntl
+import os
+import time
+from pathlib import Path
+from typing import BinaryIO
+
+from sensors.errors import CloudError
+
+PATIENCE_S, PAUSE_S = 1.0, 0.01
+"""How long a writer waits for programs that look whether the file is locked, and between two tries: each
+holds the lock for microseconds. Untuned."""
+
+
+class RecordingError(CloudError):
+    """The recording is still being written."""
+
+
+def open_locked(path: Path, overwrite: bool) -> BinaryIO:
+    """Create a file and lock it until it is closed, or empty one with ``overwrite``.
+
+    Raises RecordingError while another process writes or repairs it, FileExistsError without ``overwrite``.
+    """
+    flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | (0 if overwrite else os.O_EXCL)
+    file = os.fdopen(os.open(path, flags, 0o666), "r+b" if path.is_file() else "wb")
+    try:
+        end_s = time.monotonic() + PATIENCE_S
+        while not _locked(file, fcntl.LOCK_EX):
+            if time.monotonic() > end_s:
+                raise RecordingError(
+                    f"{path} is in use by another program; end it first, or choose another name"
+                )
+            time.sleep(PAUSE_S)
+        if os.fstat(file.fileno()).st_size:
+            file.truncate(0)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def is_being_recorded(path: Path) -> bool:
+    """Whether a process holds the lock of ``open_locked`` on a file."""
+    try:
+        with path.open("rb") as file:
+            return not _locked(file, fcntl.LOCK_SH)
+    except OSError:
+        return False
+
+
+def check_ended(file: BinaryIO) -> None:
+    """Keep writers off an open file until it is closed. Raises RecordingError while it is being recorded."""
+    if not _locked(file, fcntl.LOCK_SH):
+        raise RecordingError(f"{file.name} is being recorded; the recording still runs: end it first")
+
+
+def _locked(file: BinaryIO, kind: int) -> bool:
+    try:
+        fcntl.flock(file, kind | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        # A file system without locks: nobody can hold one.
+        return True
+    return True

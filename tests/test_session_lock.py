@@ -1,0 +1,81 @@
+"""A recording is locked while it is written: whatever else is run on it, nothing of it is lost."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sensors.errors import CloudError
+from sensors.session.reader import Session
+from sensors.session.repair import repair
+from sensors.session.writer import SessionWriter
+from tests.conftest import assert_refused
+from tests.test_sensors_session import RIG, assert_same, frames
+
+RECORDS = """
+import sys
+from pathlib import Path
+from sensors.session.writer import SessionWriter
+from tests.test_sensors_session import RIG, frames
+with SessionWriter(Path(sys.argv[1]), RIG, "rig") as writer:
+    for frame in frames(20)[:10]:
+        writer.write(frame)
+    print("ready", flush=True)
+    sys.stdin.readline()
+    for frame in frames(20)[10:]:
+        writer.write(frame)
+"""
+
+
+@pytest.fixture
+def recorder(tmp_path):
+    """Another process that has recorded 10 frames, and records 10 more after a line."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", RECORDS, str(tmp_path / "take.mcap")],
+        cwd=Path(__file__).parent.parent,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    assert process.stdout.readline() == b"ready\n"
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def test_nothing_that_is_run_during_a_recording_harms_it(annotate_cloud, tmp_path, recorder):
+    path, partial = tmp_path / "take.mcap", tmp_path / "take.mcap.partial"
+    assert_refused(annotate_cloud("repair", path), "is being recorded", "end it first")
+    assert_refused(annotate_cloud("repair", partial, "--out", tmp_path / "out.mcap"), "is being recorded")
+    info = annotate_cloud("info", path, "--json").result
+    assert (info["frames"], info["being_recorded"]) == (10, True)
+    assert "is being recorded" in info["notes"][-1]
+    checked = annotate_cloud("validate", path)
+    assert checked.code == 1 and "is being recorded" in checked.out
+    for text in (*info["notes"], checked.out, annotate_cloud("info", partial).out):
+        assert "repair" not in text
+    with (
+        pytest.raises(CloudError, match="in use by another program"),
+        SessionWriter(path, RIG, "other", overwrite=True),
+    ):
+        pass
+    assert recorder.communicate(b"\n") == (b"", None) and recorder.returncode == 0
+    assert [file.name for file in tmp_path.iterdir()] == ["take.mcap"]
+    for original, copy in zip(frames(20), Session(path), strict=True):
+        assert_same(original, copy)
+
+
+def test_a_recording_without_a_frame_yet_is_no_damage(tmp_path):
+    with SessionWriter(tmp_path / "a.mcap", RIG, "rig") as writer:
+        writer.flush()
+        with pytest.raises(CloudError, match="is being recorded"):
+            Session(tmp_path / "a.mcap")
+        writer.write(frames(1)[0])
+
+
+def test_a_killed_recording_holds_no_lock(annotate_cloud, tmp_path, recorder):
+    recorder.kill()
+    recorder.communicate()
+    info = annotate_cloud("info", tmp_path / "take.mcap", "--json").result
+    assert not info["being_recorded"] and "annotate-cloud repair" in info["notes"][-1]
+    assert repair(tmp_path / "take.mcap").frames == 10
