@@ -1,9 +1,10 @@
-"""Kinect v2: undistortion to the last bit, the compiled shim, its driver, and which device is meant."""
+"""Kinect v2: left stays left, undistortion to the last bit, the compiled shim, its driver, which device is meant."""
 
 import shutil
 import subprocess
 from contextlib import closing
 from ctypes import CDLL, c_void_p
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,14 +13,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from annotate.cloud.fuse import undistortion_index
+from annotate.cloud.fuse import Fuser, undistortion_index
+from annotate.label_source import label_source
+from annotate.labelset.store import LabelSet
+from annotate.parts import UNDEFINED, swap_left_right
+from annotate.suit.palette import DEFAULT_SUIT
+from eval.network.onnx_network import OnnxNetwork
+from eval.network.predict_source import predict_source
 from sensors.drivers import kinect2_build
-from sensors.drivers.kinect2 import DEPTH, Kinect2, load_shim, uint16_from_float
+from sensors.drivers.kinect2 import COLOR, DEPTH, INFRARED, Kinect2, load_shim, uint16_from_float
 from sensors.drivers.kinect2_build import built_shim
 from sensors.errors import DeviceBusyError, DeviceError, DeviceNotFoundError
-from sensors.rig.camera import Intrinsics
+from sensors.recording.rig_templates import REFERENCE, TEMPLATES
+from sensors.rig.calibration_yaml import read_yaml
+from sensors.rig.camera import Intrinsics, project, undistort
+from sensors.rig.frame import RigFrame
 from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.rig.wrapping_counter import WrappingCounter
+from sensors.session.reader import Session
+from sensors.session.writer import SessionWriter
 from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.kinect2 import VirtualKinect2
 from tests.helpers.swinging_ball import swinging_ball
@@ -37,6 +49,10 @@ def infrared_camera(folder, unit):
     k, d = file.getNode("cameraMatrix").mat(), file.getNode("distortionCoefficients").mat().ravel()
     file.release()
     return Intrinsics(512, 424, k[0, 0], k[1, 1], k[0, 2], k[1, 2], *d[:5])
+
+
+def decoded(encoded):
+    return cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_COLOR).astype(int)
 
 
 def random_depth(rng):
@@ -125,6 +141,9 @@ def test_the_compiled_shim_streams_native_jpeg_and_millimetres(compiled):
         assert [int(r.value.depth_mm.max()) for r in depth] == numbers
         assert [int(r.value.infrared.max()) for r in depth] == numbers
         assert [r.value.depth_mm.shape for r in depth] == [(424, 512)] * 8
+        # The library's first column is the camera's right: the driver's last one.
+        for image in [r.value.depth_mm for r in depth] + [r.value.infrared for r in depth]:
+            assert (image[:, -1] > 0).all() and not image[:, :-1].any()
         ticks = np.diff([r.stamp_ns for r in depth]) / 125_000
         np.testing.assert_array_equal(ticks, 267 * np.diff(numbers))
     Kinect2(shim=compiled).close()
@@ -134,8 +153,9 @@ def test_factory_parameters_are_read_in_libfreenect2s_order(compiled):
     with closing(Kinect2("012345678947", compiled)) as device:
         device.start()
         camera = device.calibration.depth
-        assert (camera.fx, camera.fy, camera.cx, camera.cy) == (365, 366, 254, 211)
-        np.testing.assert_allclose(camera.distortion, (0.1, 0.2, 0.4, 0.5, 0.3), rtol=1e-6)
+        # The library's are of mirrored images, and so are its cx and p2.
+        assert (camera.fx, camera.fy, camera.cx, camera.cy) == (365, 366, 511 - 254, 211)
+        np.testing.assert_allclose(camera.distortion, (0.1, 0.2, 0.4, -0.5, 0.3), rtol=1e-6)
 
 
 def test_the_twin_has_real_parameters_and_shows_its_scene():
@@ -147,7 +167,103 @@ def test_the_twin_has_real_parameters_and_shows_its_scene():
         first = {(r := device.read(1)).stream: r.value for _ in range(2)}
     np.testing.assert_array_equal(first["depth"].depth_mm, scene.depth(0))
     np.testing.assert_array_equal(first["depth"].infrared, scene.infrared(0))
-    assert first["color"].encoded == scene.color(0)
+    np.testing.assert_allclose(decoded(first["color"].encoded), decoded(scene.color(0)), atol=25)
+
+
+class Library(VirtualKinect2):
+    """A libfreenect2 that delivers these images, as they are: depth (424, 512), colour (1080, 1920, 3)."""
+
+    def __init__(self, depth_mm, color_bgr):
+        super().__init__(FrameLoop(swinging_ball()))
+        self._images = {
+            DEPTH: depth_mm.astype(np.float32).tobytes(),
+            INFRARED: np.ones(depth_mm.shape, np.float32).tobytes(),
+            COLOR: cv2.imencode(".jpg", color_bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes(),
+        }
+
+    def _image(self, kind, number):
+        return self._images[kind]
+
+
+def read_from(twin):
+    """A depth and a colour image of a twin, by stream, and the camera's factory calibration."""
+    with closing(Kinect2(shim=twin.shim)) as device:
+        device.start()
+        return {(r := device.read(1)).stream: r.value for _ in range(2)}, device.calibration
+
+
+def color_of_depth(u, v, z_mm):
+    """Pixels (u, v) of colour for a depth image's: ``Registration::apply`` of libfreenect2, mirrored images."""
+    c, x, y = KINECT2_COLOR, (u - KINECT2_DEPTH.cx) * 0.01, (v - KINECT2_DEPTH.cy) * 0.01
+    terms = (x**3, y**3, x**2 * y, y**2 * x, x**2, y**2, x * y, x, y, 1)
+    wx, wy = (sum(a * b for a, b in zip(side, terms, strict=True)) for side in (c.mx, c.my))
+    right = wx / (c.f * 0.002199) - c.shift_m / c.shift_d + c.shift_m / z_mm
+    return right * c.f + c.cx, wy / 0.002199 + c.cy
+
+
+@pytest.mark.parametrize("left", [60, 180, 330])
+def test_what_libfreenect2_delivers_has_its_colour_by_iais_calibration(left):
+    """A near plate on a far wall, red in colour where libfreenect2's own registration maps it."""
+    depth = np.full((424, 512), 2500.0)
+    rows, columns = slice(150, 280), slice(left, left + 110)
+    depth[rows, columns] = 1000
+    color = np.full((1080, 1920, 3), (200, 80, 60), np.uint8)
+    ends = (np.float64([at.start, at.stop]) for at in (columns, rows))
+    u, v = color_of_depth(*ends, np.full(2, 1000.0))
+    color[round(v[0]) : round(v[1]), round(u[0]) : round(u[1])] = (40, 40, 220)
+    images, calibration = read_from(Library(depth, color))
+    rig = replace(TEMPLATES[REFERENCE].calibration, depth=calibration.depth)
+    cloud = Fuser(rig).fuse_frame(RigFrame(0, 0, images["depth"].depth_mm, images["color"].encoded))
+    near = cloud.valid & (cloud.points_m[..., 2] < 1.5) & cloud.color_valid
+    # Mirrored left of the middle is the camera's right.
+    assert np.sign(cloud.points_m[near][:, 0].mean()) == np.sign(254 - (left + 55))
+    red = cloud.color_rgb[..., 0] > 130
+    # Two units differ by 25 pixels of colour at most, which is a fifteenth of the plate.
+    assert red[near].mean() > 0.9
+    assert (red & cloud.color_valid & ~near).sum() < 0.1 * near.sum()
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_calibrations_of_real_units_project_with_the_sign_of_iais_sources(shared_data, tmp_path, unit):
+    """iai flips images before it calibrates: its pose is libfreenect2's registration, mirrored."""
+    for file in (shared_data / "kinect2_calibration").glob(f"iai_{unit}_*.yaml"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    rig = read_yaml(tmp_path)
+    u, v = map(np.ravel, np.meshgrid(np.linspace(40, 470, 9), np.linspace(90, 330, 7)))
+    by_meter = {}
+    for z in (0.8, 3.0):
+        library = color_of_depth(511 - u, v, 1000 * z)[0]
+        rays = undistort(rig.depth, np.c_[(u - rig.depth.cx) / rig.depth.fx, (v - rig.depth.cy) / rig.depth.fy])
+        pixels = project(rig.color, rig.color_from_depth.apply(np.c_[rays, np.ones(len(u))] * z))[:, 0]
+        by_meter[z] = 1919 - library, pixels
+    near, far = by_meter[0.8], by_meter[3.0]
+    # Nearer is farther left, by f * 52 mm * (1 / 0.8 - 1 / 3).
+    np.testing.assert_allclose(near[0] - far[0], -1081.37 * 0.052 * (1 / 0.8 - 1 / 3), atol=0.01)
+    np.testing.assert_allclose(near[1] - far[1], near[0] - far[0], atol=2.5)
+
+
+def test_left_stays_left_from_the_library_to_the_labels(rig_session, tmp_path):
+    """People of the virtual rig through a libfreenect2 that mirrors them: parts, joints and points by the truth."""
+    session, truth = Session(rig_session), LabelSet.open(rig_session.with_suffix(".truth"))
+    with SessionWriter(tmp_path / "k.mcap", session.calibration, "kinect") as writer:
+        for frame in session:
+            color = cv2.imdecode(np.frombuffer(frame.color_encoded, np.uint8), cv2.IMREAD_COLOR)
+            images, factory = read_from(Library(frame.depth_mm[:, ::-1], color[:, ::-1]))
+            shown = replace(frame, depth_mm=images["depth"].depth_mm, color_encoded=images["color"].encoded)
+            writer.write(shown)
+    assert factory.depth.cx == pytest.approx(511 - (511 - session.calibration.depth.cx), abs=1e-4)
+    recorded = Session(tmp_path / "k.mcap")
+    labels = label_source(recorded, DEFAULT_SUIT, tmp_path / "l", lambda n: None).labels
+    network = predict_source(recorded, OnnxNetwork(), tmp_path / "p", lambda n: None).labels
+    for found, least in ((labels, 0.85), (network, 0.6)):
+        for frame in found:
+            true = truth.read(frame.frame_id).parts
+            sided = (true != swap_left_right(true)) & (frame.parts != UNDEFINED)
+            right, swapped = (frame.parts[sided] == t[sided] for t in (true, swap_left_right(true)))
+            assert right.mean() > least and swapped.mean() < 0.1
+    frame = session.frame(0)
+    points, own = (Fuser(one.calibration).fuse(one.frame(0).depth_mm).points_m for one in (recorded, session))
+    np.testing.assert_array_equal(points, own)
 
 
 @pytest.mark.parametrize(

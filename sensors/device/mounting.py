@@ -1,14 +1,13 @@
 """Mounting of a camera (on its side, upside down, mirrored); its images are turned upright.
 
 Depth and thermal images are turned; a colour image stays as the camera encodes it, and the pose of the colour
-camera has the turn instead. Only a mirrored colour image is decoded and encoded again.
+camera has the turn instead. A mirrored colour image is a new JPEG (``sensors.files.jpeg``).
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,14 +21,13 @@ from sensors.device.protocol import (
     ThermalImage,
     Value,
 )
+from sensors.files.jpeg import mirrored_jpeg
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
 Pixel = TypeVar("Pixel", bound=np.generic)
 TURNS = {"0": 0, "90": 1, "180": 2, "270": 3}
 """Quarter turns by the value of the option ``turn``, degrees clockwise."""
-JPEG_QUALITY = 95
-"""Of a mirrored colour image, as of a RealSense's. Chosen by eye."""
 _MIRROR = np.diag([-1.0, 1.0, 1.0])
 _QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """From a camera's frame to that of its image turned clockwise: x' = -y, y' = x."""
@@ -85,7 +83,7 @@ class Mounting:
         if isinstance(value, ThermalCounts):
             return replace(value, counts=self.image(value.counts))
         if isinstance(value, ColorImage) and self.mirror:
-            return ColorImage(_mirrored(value.encoded))
+            return ColorImage(mirrored_jpeg(value.encoded))
         return value
 
 
@@ -123,11 +121,3 @@ def mounting_of(address: Address) -> Mounting:
     return Mounting(
         address.choice("turn", TURNS, "0"), address.choice("mirror", {"no": False, "yes": True}, "no")
     )
-
-
-def _mirrored(encoded: bytes) -> bytes:
-    """A colour image's bytes, mirrored; those of no image stay as they are."""
-    image = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_COLOR)
-    if image is None:
-        return encoded
-    return cv2.imencode(".jpg", image[:, ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()

@@ -1,4 +1,10 @@
-"""Kinect v2 through libfreenect2 (0.2): depth with its infrared image, colour as the device's own JPEG."""
+"""Kinect v2 through libfreenect2 (0.2): depth with its infrared image, colour as the device's own JPEG.
+
+libfreenect2 delivers mirror images of all three, and the firmware's intrinsics are those of the mirrored images
+(OpenKinect/libfreenect2 issues 172 and 474). The driver mirrors images and intrinsics back, so that the left
+of an image is the camera's left; kinect2_bridge.cpp of code-iai/iai_kinect2 does so with ``cv::flip(.., 1)``, and
+calibrates the result.
+"""
 
 import ctypes
 from ctypes import CDLL, CFUNCTYPE, POINTER, Structure, c_char_p, c_float, c_int, c_uint32, c_void_p
@@ -9,11 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.device.mounting import Mounting
 from sensors.device.node import check_usb
 from sensors.device.protocol import ColorImage, DepthImage
 from sensors.device.streaming_camera import DEPTH_CAMERA_RATES_HZ, StreamingCamera, choose
 from sensors.drivers.kinect2_build import built_shim
 from sensors.errors import DeviceBusyError, DeviceError, DeviceFaultError, DeviceNotFoundError
+from sensors.files.jpeg import mirrored_jpeg
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.rig.wrapping_counter import WrappingCounter
@@ -28,6 +36,8 @@ BUFFER_BYTES = 8 << 20
 COLOR, INFRARED, DEPTH = 1, 2, 4
 """Frame types (libfreenect2's Frame::Type)."""
 INFRARED_PARAMS, COLOR_PARAMS = 9, 26
+MIRRORED = Mounting(mirror=True)
+"""Transformation between the images of libfreenect2 and those of this driver, either way."""
 
 
 class Frame(Structure):
@@ -82,7 +92,8 @@ class Kinect2(StreamingCamera):
         infrared, color = (c_float * INFRARED_PARAMS)(), (c_float * COLOR_PARAMS)()
         self._shim.k2_params(self._handle, infrared, color)
         fx, fy, cx, cy, k1, k2, k3, p1, p2 = infrared
-        return RigCalibration(Intrinsics(512, 424, fx, fy, cx, cy, k1, k2, p1, p2, k3))
+        mirrored = Intrinsics(512, 424, fx, fy, cx, cy, k1, k2, p1, p2, k3)
+        return RigCalibration(MIRRORED.camera(mirrored))
 
     def _receive(self, timeout_s: float) -> None:
         frame = Frame()
@@ -106,7 +117,8 @@ class Kinect2(StreamingCamera):
         stamp_ns = self._clock.unwrap(frame.timestamp) * TICK_NS
         image, (infrared_number, infrared) = self._image(frame), self._infrared
         if frame.type == COLOR:
-            value: ColorImage | DepthImage = ColorImage(bytes(memoryview(self._buffer)[: frame.bytes]))
+            encoded = bytes(memoryview(self._buffer)[: frame.bytes])
+            value: ColorImage | DepthImage = ColorImage(mirrored_jpeg(encoded))
         elif image is None:
             return
         else:
@@ -116,11 +128,11 @@ class Kinect2(StreamingCamera):
             self._take(stamp_ns, value, number - before - 1)
 
     def _image(self, frame: Frame) -> NDArray[np.uint16] | None:
-        """uint16 (424, 512): the float image in the buffer, rounded; None for one of another size."""
+        """uint16 (424, 512): the float image in the buffer, rounded and mirrored; None for another size."""
         if (frame.height, frame.width) != DEPTH_SHAPE or frame.bytes != 4 * frame.height * frame.width:
             return None
         values = np.frombuffer(memoryview(self._buffer), np.float32, frame.height * frame.width)
-        return uint16_from_float(values.reshape(DEPTH_SHAPE))
+        return MIRRORED.image(uint16_from_float(values.reshape(DEPTH_SHAPE)))
 
 
 def load_shim(path: Path | None = None) -> Shim:

@@ -1,4 +1,7 @@
-"""The twin of a Kinect v2: the shim's C interface, made of C function pointers into Python."""
+"""The twin of a Kinect v2: the shim's C interface, made of C function pointers into Python.
+
+As libfreenect2 does, it delivers mirror images of its scene, and the intrinsics of those (issue 172 there).
+"""
 
 from collections import deque
 from ctypes import c_float, memmove, pointer
@@ -6,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from sensors.drivers.kinect2 import COLOR, DEPTH, INFRARED, PROTOTYPES, Frame, Shim
+from sensors.drivers.kinect2 import COLOR, DEPTH, INFRARED, MIRRORED, PROTOTYPES, Frame, Shim
+from sensors.files.jpeg import mirrored_jpeg
 from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.schedule import Faults, Schedule, UnpluggedError
@@ -57,7 +61,7 @@ class VirtualKinect2:
         return _HANDLE
 
     def _k2_params(self, handle: int, infrared: Pointer, color: Pointer) -> None:
-        d, c = KINECT2_DEPTH, KINECT2_COLOR
+        d, c = MIRRORED.camera(KINECT2_DEPTH), KINECT2_COLOR
         values = (
             (infrared, (d.fx, d.fy, d.cx, d.cy, d.k1, d.k2, d.k3, d.p1, d.p2)),
             (color, (c.f, c.f, c.cx, c.cy, c.shift_d, c.shift_m, *c.mx, *c.my)),
@@ -97,7 +101,7 @@ class VirtualKinect2:
     def _image(self, kind: int, number: int) -> bytes:
         seconds = number / RATE_HZ
         if kind == COLOR:
-            return self._scene.color(seconds)
+            return mirrored_jpeg(self._scene.color(seconds))
         infrared = self._scene.infrared(seconds) if kind == INFRARED else None
         image = self._scene.depth(seconds) if infrared is None else infrared
-        return image.astype(np.float32).tobytes()
+        return image[:, ::-1].astype(np.float32).tobytes()

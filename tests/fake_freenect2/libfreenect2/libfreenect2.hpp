@@ -32,7 +32,8 @@ class Freenect2Device {
 
 inline std::atomic<bool> device_open{false};
 
-// Depth of frame n is n millimetres everywhere; its JPEG is FF D8 FF and the byte n.
+// Frame n is n in its first column, which is the camera's right: libfreenect2 mirrors its images. Elsewhere it is 0.
+// Its JPEG is FF D8 FF and the byte n.
 class FakeDevice : public Freenect2Device {
  public:
   explicit FakeDevice(const PacketPipeline *pipeline) : pipeline_(pipeline) {}
@@ -81,7 +82,7 @@ class FakeDevice : public Freenect2Device {
       std::memcpy(frame->data, jpeg, 4);
       frame->bytes_per_pixel = 4;
     } else {
-      for (int i = 0; i < 512 * 424; ++i) reinterpret_cast<float *>(frame->data)[i] = static_cast<float>(n);
+      for (int i = 0; i < 512 * 424; ++i) reinterpret_cast<float *>(frame->data)[i] = i % 512 ? 0.0f : static_cast<float>(n);
     }
     if (n == 5 || !listener->onNewFrame(type, frame)) delete frame;
   }
