@@ -1,4 +1,4 @@
-"""Kinect v2: left stays left, undistortion to the last bit, the compiled shim, its driver, which device is meant."""
+"""Kinect v2: left stays left, undistortion to the last bit, the shim, its driver, and which device is meant."""
 
 import shutil
 import subprocess
@@ -193,7 +193,7 @@ def read_from(twin):
 
 
 def color_of_depth(u, v, z_mm):
-    """Pixels (u, v) of colour for a depth image's: ``Registration::apply`` of libfreenect2, mirrored images."""
+    """Pixels (u, v) of colour by ``Registration::apply`` of libfreenect2; both images are mirrored."""
     c, x, y = KINECT2_COLOR, (u - KINECT2_DEPTH.cx) * 0.01, (v - KINECT2_DEPTH.cy) * 0.01
     terms = (x**3, y**3, x**2 * y, y**2 * x, x**2, y**2, x * y, x, y, 1)
     wx, wy = (sum(a * b for a, b in zip(side, terms, strict=True)) for side in (c.mx, c.my))
@@ -233,8 +233,9 @@ def test_calibrations_of_real_units_project_with_the_sign_of_iais_sources(shared
     by_meter = {}
     for z in (0.8, 3.0):
         library = color_of_depth(511 - u, v, 1000 * z)[0]
-        rays = undistort(rig.depth, np.c_[(u - rig.depth.cx) / rig.depth.fx, (v - rig.depth.cy) / rig.depth.fy])
-        pixels = project(rig.color, rig.color_from_depth.apply(np.c_[rays, np.ones(len(u))] * z))[:, 0]
+        lens = rig.depth
+        xy = undistort(lens, np.c_[(u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy])
+        pixels = project(rig.color, rig.color_from_depth.apply(np.c_[xy, np.ones(len(u))] * z))[:, 0]
         by_meter[z] = 1919 - library, pixels
     near, far = by_meter[0.8], by_meter[3.0]
     # Nearer is farther left, by f * 52 mm * (1 / 0.8 - 1 / 3).
@@ -243,7 +244,7 @@ def test_calibrations_of_real_units_project_with_the_sign_of_iais_sources(shared
 
 
 def test_left_stays_left_from_the_library_to_the_labels(rig_session, tmp_path):
-    """People of the virtual rig through a libfreenect2 that mirrors them: parts, joints and points by the truth."""
+    """People of the virtual rig through a libfreenect2 that mirrors them: parts and points by the truth."""
     session, truth = Session(rig_session), LabelSet.open(rig_session.with_suffix(".truth"))
     with SessionWriter(tmp_path / "k.mcap", session.calibration, "kinect") as writer:
         for frame in session:

@@ -1,9 +1,9 @@
 """Kinect v2 through libfreenect2 (0.2): depth with its infrared image, colour as the device's own JPEG.
 
-libfreenect2 delivers mirror images of all three, and the firmware's intrinsics are those of the mirrored images
+libfreenect2 delivers mirror images of all three, and the firmware's intrinsics are those of mirrored images
 (OpenKinect/libfreenect2 issues 172 and 474). The driver mirrors images and intrinsics back, so that the left
-of an image is the camera's left; kinect2_bridge.cpp of code-iai/iai_kinect2 does so with ``cv::flip(.., 1)``, and
-calibrates the result.
+of an image is the camera's left. So does kinect2_bridge.cpp of code-iai/iai_kinect2 (``cv::flip(.., 1)``), whose
+calibrations are of unmirrored images.
 """
 
 import ctypes

@@ -1,7 +1,7 @@
 """JPEG images mirrored left to right: without loss by libturbojpeg, else decoded and encoded again.
 
-libturbojpeg moves the blocks of the compressed image (``tjTransform``, turbojpeg.h of libjpeg-turbo; the names
-are the same in its versions 1.2 to 3). libfreenect2 needs the same library on Linux.
+libturbojpeg moves the blocks of the compressed image (``tjTransform``, turbojpeg.h of libjpeg-turbo; its
+versions 1.2 to 3 have the same names). libfreenect2 needs the same library on Linux.
 """
 
 import ctypes
@@ -12,9 +12,9 @@ from functools import cache
 import numpy as np
 
 HFLIP, PERFECT = 1, 1
-"""``TJXOP_HFLIP``; ``TJXOPT_PERFECT``: fail where the last column of blocks is cut, and could not be moved."""
+"""``TJXOP_HFLIP``; ``TJXOPT_PERFECT``: fail where the last column of blocks is cut and would stay where it is."""
 QUALITY = 95
-"""JPEG quality of an image that is encoded again: a second compression loses little at 95 (untuned)."""
+"""JPEG quality of an image that is encoded again: a second compression loses little (untuned)."""
 
 
 class _Transform(Structure):

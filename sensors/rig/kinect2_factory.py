@@ -1,7 +1,7 @@
 """Factory calibration of a Kinect v2: the infrared camera, and how depth maps to colour.
 
-libfreenect2's ``Registration`` maps mirror images: its baseline, shift_m, is +52 mm where the pose of unmirrored
-images has x = -52 mm (iai_kinect2's calibrations).
+libfreenect2's ``Registration`` maps mirror images: its baseline, shift_m, is +52 mm where the pose of
+unmirrored images has x = -52 mm (iai_kinect2's calibrations).
 """
 
 from typing import NamedTuple
@@ -34,8 +34,8 @@ KINECT2_DEPTH = Intrinsics(
     k2=-0.266797304,
     k3=0.0901915208,
 )
-"""Infrared camera of a Kinect v2, in unmirrored images. The numbers are those that the firmware of one real unit
-reports for its mirrored images: the two differ by 3 pixels of cx, and units by up to 12."""
+"""Infrared camera of a Kinect v2, for unmirrored images. The numbers are those that the firmware of one real
+unit reports for its mirrored images: the two differ by 3 pixels of cx, and units by up to 12."""
 KINECT2_PINHOLE = KINECT2_DEPTH.undistorted()
 """The same camera without its lens: what undistorted depth images are seen with."""
 
