@@ -1,8 +1,10 @@
 """Depth images in NumPy files (.npy, .npz) as a source of frames; nothing in them is ever executed.
 
-A .npy holds depth (h, w) or (n, h, w), integers in millimetres or floats in metres. A .npz holds it as
-``depth``, or as its only array; ``K``, the 3x3 camera matrix, may lie beside it. Otherwise intrinsics are in
-``NAME.json`` or ``intrinsics.json`` beside the file (see ``intrinsics_file``).
+A .npy holds depth (h, w) or (n, h, w), integers in millimetres or floats in metres (``depth_check`` judges
+which). A .npz holds it as ``depth``, or as its only array; beside it may lie the 3x3 camera matrix, as ``K``
+or ``intrinsics``, or ``fx``, ``fy``, ``cx``, ``cy``. Otherwise intrinsics are in ``NAME.json`` or
+``intrinsics.json`` beside the file (see ``intrinsics_file``). MATLAB's (h, w, n) is recognised where the
+camera fits that way alone.
 """
 
 from pathlib import Path
@@ -14,48 +16,59 @@ from numpy.typing import NDArray
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.files.npz import array_sizes, load_arrays
+from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.camera import Intrinsics
-from sensors.rig.frame import FrameSource, RigFrame, mm_from_metres, mm_from_units, regular_times_ns
-from sensors.rig.intrinsics_file import first_intrinsics
+from sensors.rig.camera_check import check_camera
+from sensors.rig.depth_check import judge_depth, spread
+from sensors.rig.frame import FRAME_PERIOD_NS, FrameSource, RigFrame, regular_times_ns
+from sensors.rig.intrinsics_file import FoundIntrinsics, first_intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 
 NPY_MAGIC, ZIP_MAGIC = b"\x93NUMPY", b"PK\x03\x04"
 MAX_UNPACKED_BYTES = 1 << 30
-"""Bytes of a .npz's depth and K, which are unpacked into memory as a whole; chosen by eye."""
+"""Bytes of a .npz's depth and camera, which are unpacked into memory as a whole; chosen by eye."""
 
-_READ = ("depth", "K")
+_MATRICES, _NUMBERS = ("K", "intrinsics"), ("fx", "fy", "cx", "cy")
+_READ = ("depth", *_MATRICES, *_NUMBERS)
+CENTRED = 0.25
+"""Share of a side by which a camera's centre is off the middle at most, so that it tells axes. Untuned."""
 
 
 class DepthArrays(FrameSource):
     """A NumPy file as a ``FrameSource``. Raises FormatError, or CalibrationError without intrinsics.
 
-    notes: what is absent, where the intrinsics are from.
+    notes: what is absent or assumed, where the intrinsics are from.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, options: ImportOptions = AS_STATED) -> None:
         self.path, self.name = path, path.stem
         arrays, names = _load(path)
-        self._depth = _depth(path, arrays, names)
-        camera, self._unit_mm, origin = _intrinsics(path, arrays.get("K"), self._depth.shape[1:])
-        self.calibration, self.times_ns = RigCalibration(camera), regular_times_ns(len(self._depth))
+        depth = _depth(path, arrays, names)
+        found, origin, self._depth, turned = _camera(path, arrays, depth, options.intrinsics)
+        period_ns = round(1e9 / options.rate_hz) if options.rate_hz else FRAME_PERIOD_NS
+        self.times_ns = regular_times_ns(len(self._depth), period_ns)
+        self.calibration = RigCalibration(found.depth)
+        samples = [self._depth[at] for at in spread(len(self._depth))]
+        self._reading = judge_depth(samples, options.depth_unit_mm or found.unit_mm, str(path))
+        rate = f"{options.rate_hz:g} frames a second as declared" if options.rate_hz else ""
         unread = sorted(set(names) - set(arrays))
         self.notes = (
             origin,
+            *turned,
+            *self._reading.notes,
             *(f"array {name[:60]!r} is not read" for name in unread),
             "no colour images",
             "no thermal images",
-            "no time stamps: 30 frames a second assumed",
+            f"no time stamps: {rate or '30 frames a second assumed'}",
         )
 
     def _frame(self, index: int) -> RigFrame:
-        image = self._depth[index]
-        whole = image.dtype.kind in "iu"
-        depth_mm = mm_from_units(image, self._unit_mm) if whole else mm_from_metres(image)
-        return RigFrame(index, int(self.times_ns[index]), depth_mm)
+        image = np.ascontiguousarray(self._depth[index])
+        return RigFrame(index, int(self.times_ns[index]), self._reading.to_mm(image))
 
 
 def _load(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
-    """``depth`` and ``K``, or the only array, by name, and the names of all; a .npy stays on disk."""
+    """Arrays that are read, or the only array, by name, and the names of all; a .npy stays on disk."""
     remedy = "save depth as a .npy file, or split it"
     try:
         with path.open("rb") as file:
@@ -69,7 +82,7 @@ def _load(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
 
 
 def _depth(path: Path, arrays: dict[str, NDArray[Any]], names: list[str]) -> NDArray[Any]:
-    """The depth array as (n, h, w)."""
+    """The depth array, as it is, but with three axes."""
     depth = arrays.get("depth", next(iter(arrays.values())) if len(names) == 1 else None)
     if depth is None:
         others = ", ".join(name[:30] for name in sorted(names)[:8])
@@ -79,21 +92,58 @@ def _depth(path: Path, arrays: dict[str, NDArray[Any]], names: list[str]) -> NDA
             f"{path}: depth is {depth.dtype} {depth.shape}; give (h, w) or (n, h, w), integers in "
             "millimetres or floats in metres"
         )
-    images = depth.reshape(-1, *depth.shape[-2:])
-    if max(images.shape[1:]) > MAX_IMAGE_SIDE:
+    return depth.reshape(-1, *depth.shape[-2:])
+
+
+def _camera(
+    path: Path, arrays: dict[str, NDArray[Any]], depth: NDArray[Any], declared: Path | None
+) -> tuple[FoundIntrinsics, str, NDArray[Any], tuple[str, ...]]:
+    """The camera, a note on where it is from, depth as (n, h, w), and a note where its axes were others.
+
+    Raises CalibrationError without a camera, FormatError for images that are too large.
+    """
+    numbers = None if declared else _numbers(path, arrays)
+    if numbers is None:
+        files = [declared] if declared else [path.with_suffix(".json"), path.with_name("intrinsics.json")]
+        found, origin = first_intrinsics(files, depth.shape[1:])
+        others = depth.shape[:2] == found.depth.shape != depth.shape[1:]
+    else:
+        others = not _centred(numbers, depth.shape[1:]) and _centred(numbers, depth.shape[:2])
+    if others:
+        depth = np.moveaxis(depth, 2, 0)
+    height, width = depth.shape[1:]
+    if max(height, width) > MAX_IMAGE_SIDE:
         raise FormatError(f"{path}: depth is {depth.shape}; give at most {MAX_IMAGE_SIDE} pixels a side")
-    return images
+    if numbers is not None:
+        fx, fy, cx, cy = numbers
+        found = FoundIntrinsics(Intrinsics(width, height, fx, fy, cx, cy))
+        check_camera(found.depth, str(path))
+        origin = "intrinsics from the file's " + next(
+            (name for name in _MATRICES if name in arrays), "fx, fy, cx, cy"
+        )
+    note = f"axes of depth are (h, w, n): {len(depth)} images of {width}x{height}"
+    return found, origin, depth, (note,) if others else ()
 
 
-def _intrinsics(
-    path: Path, matrix: NDArray[Any] | None, shape: tuple[int, ...]
-) -> tuple[Intrinsics, float, str]:
-    height, width = shape
-    if matrix is not None:
+def _centred(numbers: tuple[float, ...], shape: tuple[int, ...]) -> bool:
+    """Whether a camera's centre lies near the middle of an image (h, w)."""
+    offsets = (numbers[2] - shape[1] / 2) / shape[1], (numbers[3] - shape[0] / 2) / shape[0]
+    return max(map(abs, offsets)) < CENTRED
+
+
+def _numbers(path: Path, arrays: dict[str, NDArray[Any]]) -> tuple[float, ...] | None:
+    """fx, fy, cx, cy of the file's own arrays; None where it has none. Raises CalibrationError."""
+    name = next((name for name in _MATRICES if name in arrays), None)
+    if name is not None:
+        matrix = arrays[name]
         if matrix.shape != (3, 3) or matrix.dtype.kind not in "iuf":
-            raise CalibrationError(f"{path}: K is {matrix.dtype} {matrix.shape}; give the 3x3 camera matrix")
-        fx, cx, fy, cy = (float(matrix[at]) for at in ((0, 0), (0, 2), (1, 1), (1, 2)))
-        return Intrinsics(width, height, fx, fy, cx, cy), 1.0, "intrinsics from the file's K"
-    files = [path.with_suffix(".json"), path.with_name("intrinsics.json")]
-    found, origin = first_intrinsics(files, (height, width))
-    return found.depth, found.unit_mm, origin
+            raise CalibrationError(
+                f"{path}: {name} is {matrix.dtype} {matrix.shape}; give the 3x3 camera matrix"
+            )
+        return tuple(float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    if any(each not in arrays for each in _NUMBERS):
+        return None
+    values = [arrays[each] for each in _NUMBERS]
+    if any(value.size != 1 or value.dtype.kind not in "iuf" for value in values):
+        raise CalibrationError(f"{path}: fx, fy, cx, cy are no single numbers; give one each")
+    return tuple(float(value.item()) for value in values)

@@ -1,19 +1,24 @@
-"""A folder of 16-bit depth PNGs, with colour and thermal images where there are some, as a source of frames.
+"""A folder of depth images, with colour and thermal images where there are some, as a source of frames.
 
 Layout, everything but depth optional::
 
-    depth/NAME.png      16-bit depth; or NAME.depth.png, or NAME.png, in the folder itself
+    depth/NAME.png      16-bit depth (or TIFF, PGM); other layouts: ``folder_files``
     color/NAME.jpg      JPEG or PNG of the same name; or in rgb/
-    thermal/NAME.png    16-bit temperatures in the scale of a session (``messages.THERMAL_OFFSET_C``); or
-                        NAME.jpg, a FLIR camera's radiometric JPEG
+    thermal/NAME.png    16-bit temperatures in the scale of a session (``messages.THERMAL_OFFSET_C``), or in
+                        hundredths or tenths of a kelvin (``celsius_check``); or NAME.jpg, a FLIR camera's
+                        radiometric JPEG
     associations.txt    which colour belongs to which depth image, and when they were taken, where names
-                        differ; or depth.txt and rgb.txt (see ``associations``)
-    calibration.json    the rig's calibration as ``calibration.save_calibration`` writes it; or
+                        differ; or depth.txt and rgb.txt (see ``tum_lists``)
+    calibration.json    the rig's calibration as ``rig_calibration.save_calibration`` writes it; or
     intrinsics.json     the depth camera's numbers (see ``intrinsics_file``); or intrinsic.json,
                         camera_intrinsic.json, camera_intrinsics.json
+
+Without calibration.json, colour and thermal images of the depth images' size are aligned with them pixel for
+pixel.
 """
 
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,123 +26,176 @@ from numpy.typing import NDArray
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.files.flir_jpeg import read_flir
-from sensors.files.png import decode_grey, png_shape
-from sensors.importers.tum_lists import (
-    ASSOCIATIONS,
-    TUM_UNIT_MM,
-    WINDOW_NS,
-    Image,
-    is_tum,
-    read_associations,
-    read_list,
-)
+from sensors.files.grey_image import decode_depth, image_shape
+from sensors.files.png import decode_grey
+from sensors.importers.folder_files import THERMAL, Files, FolderImages, find_images, matching
+from sensors.importers.options import AS_STATED, ImportOptions
+from sensors.importers.tum_lists import TUM_UNIT_MM, Listed, is_tum, read_lists
 from sensors.rig.camera import Intrinsics
-from sensors.rig.frame import FRAME_PERIOD_NS, FrameSource, RigFrame, mm_from_units
-from sensors.rig.intrinsics_file import first_intrinsics
-from sensors.rig.pairing import pair_stamps
+from sensors.rig.celsius_check import SESSION, Scale, judge_celsius
+from sensors.rig.depth_check import judge_depth, spread
+from sensors.rig.frame import FRAME_PERIOD_NS, FrameSource, RigFrame, regular_times_ns
+from sensors.rig.intrinsics_file import FoundIntrinsics, first_intrinsics, read_intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration, load_calibration
-from sensors.session.messages import thermal_from_uint16
 
+CALIBRATION = "calibration.json"
 INTRINSICS = ("intrinsics.json", "intrinsic.json", "camera_intrinsic.json", "camera_intrinsics.json")
 
 
 class ImageFolder(FrameSource):
-    """An image folder as a ``FrameSource``, frames in the order of their names, read one at a time.
+    """An image folder as a ``FrameSource``, frames in the natural order of their names, or by their times.
 
+    Opening it reads a few images, which are judged; a frame reads its own alone.
     notes: what is absent or assumed, one sentence each. Raises FormatError when there are no depth images,
-    CalibrationError when the intrinsics are missing or contradict them.
+    or they are judged to be none, CalibrationError when the intrinsics are missing or contradict them.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, options: ImportOptions = AS_STATED) -> None:
         self.path, self.name = path, path.resolve().name
-        self._depth, self._stamps_ns, self._color, timing = _colors(path, _depth_files(path))
-        stamps = (self._stamps_ns.get(stem, i * FRAME_PERIOD_NS) for i, stem in enumerate(self._depth))
-        self.times_ns = np.fromiter(stamps, np.int64, len(self._depth))
-        self._stems = tuple(self._depth)
-        self._thermal = _matching(path / "thermal", (".png", ".jpg", ".jpeg"), self._depth)
-        self.calibration, self._unit_mm, origin = _calibration(path, next(iter(self._depth.values())))
+        images, listed = find_images(path), read_lists(path)
+        timed = _timed(path, images, listed, options.rate_hz)
+        self._depth, self._color, self._thermal = timed.depth, timed.color, timed.thermal
+        self._names, self.times_ns = tuple(timed.depth), timed.times_ns
+        cameras = _cameras(path, timed, options.intrinsics)
+        self.calibration = cameras.calibration
+        tum = is_tum(path) and not (options.depth_unit_mm or cameras.unit_mm)
+        unit_mm = TUM_UNIT_MM if tum else options.depth_unit_mm or cameras.unit_mm
+        likely_mm = TUM_UNIT_MM if listed else None
+        samples = _readable(list(timed.depth.values()))
+        self._reading = judge_depth(samples, unit_mm, str(path), likely_mm)
+        self._scale, judged = _scale(path, list(timed.thermal.values()))
         self.notes = (
-            *origin,
-            timing,
-            *_presence("colour", self._color, len(self._depth), self.calibration.color),
-            *_presence("thermal", self._thermal, len(self._depth), self.calibration.thermal),
+            *cameras.notes,
+            *(["depth in 1/5000 m, as in every TUM dataset"] if tum else []),
+            *self._reading.notes,
+            timed.note,
+            *_presence("colour", timed.color, len(self._names), self.calibration.color),
+            *_presence("thermal", timed.thermal, len(self._names), self.calibration.thermal),
+            *judged,
         )
 
     def _frame(self, index: int) -> RigFrame:
-        stem = self._stems[index]
-        thermal, color = self._thermal.get(stem), self._color.get(stem)
+        name = self._names[index]
+        thermal, color = self._thermal.get(name), self._color.get(name)
         return RigFrame(
             index=index,
             stamp_ns=int(self.times_ns[index]),
-            depth_mm=mm_from_units(_grey16(self._depth[stem]), self._unit_mm),
+            depth_mm=self._reading.to_mm(_depth_image(self._depth[name])),
             color_encoded=read_bounded(color) if color else None,
-            thermal_c=_celsius(thermal) if thermal else None,
+            thermal_c=_celsius(thermal, self._scale) if thermal else None,
         )
 
 
-def _depth_files(path: Path) -> dict[str, Path]:
-    """Depth files by name without suffix, sorted."""
-    if (path / "depth").is_dir():
-        files = {file.stem: file for file in (path / "depth").glob("*.png")}
-    else:
-        suffixed = list(path.glob("*.depth.png"))
-        files = {file.name.removesuffix(".depth.png"): file for file in suffixed}
-        files = files or {file.stem: file for file in path.glob("*.png")}
-    if not files:
-        raise FormatError(f"{path} holds no depth images; put 16-bit PNGs into {path / 'depth'}")
-    return dict(sorted(files.items()))
+class _Timed(NamedTuple):
+    """Images in the order of their times int64 (n,) in ns, and a note on the times."""
+
+    depth: Files
+    color: Files
+    thermal: Files
+    times_ns: NDArray[np.int64]
+    note: str
 
 
-def _colors(
-    path: Path, depth: dict[str, Path]
-) -> tuple[dict[str, Path], dict[str, int], dict[str, Path], str]:
-    """Depth files, their stamps in ns, and their colour files, by the depth image's name; a note on time.
+class _Cameras(NamedTuple):
+    """Calibration; millimetres of a depth step if a file states it; notes on where they are from."""
 
-    Where there is a list, depth is in the order of its stamps, less what it leaves out. Raises FormatError.
-    """
-    folder = path / "color" if (path / "color").is_dir() else path / "rgb"
-    suffixes = (".jpg", ".jpeg", ".png")
-    listed = [path / name for name in ASSOCIATIONS if (path / name).is_file()]
-    if listed:
-        pairs = read_associations(listed[0])
-        images = [image for image, _ in pairs]
-    elif (path / "depth.txt").is_file() and (path / "rgb.txt").is_file():
-        images = sorted(read_list(path / "depth.txt"))
-        pairs = _nearest(images, sorted(read_list(path / "rgb.txt")))
-    else:
-        return depth, {}, _matching(folder, suffixes, depth), "no time stamps: 30 frames a second assumed"
-    stamped = {Path(name).stem: stamp_ns for stamp_ns, name in images}
-    wanted = {Path(name).stem: color for (_, name), (_, color) in pairs}
-    order = sorted((stem for stem in stamped if stem in depth), key=lambda stem: stamped[stem])
-    if not order:
+    calibration: RigCalibration
+    unit_mm: float | None
+    notes: tuple[str, ...]
+
+
+def _timed(path: Path, images: FolderImages, listed: Listed | None, rate_hz: float | None) -> _Timed:
+    """Order a folder's images, less what its lists leave out. Raises FormatError."""
+    period_ns = round(1e9 / rate_hz) if rate_hz else FRAME_PERIOD_NS
+    rate = f"{rate_hz:g} frames a second as declared" if rate_hz else "30 frames a second assumed"
+    if listed is not None:
+        return _by_list(path, images, listed, period_ns, rate)
+    depth, stamps = images.depth, images.stamps_ns
+    others = matching(images.color, depth), matching(images.thermal, depth)
+    if stamps and not rate_hz:
+        names = sorted(depth, key=lambda name: stamps[name])
+        times, note = np.array([stamps[name] for name in names], np.int64), "times from the images' names"
+        return _Timed({name: depth[name] for name in names}, *others, times, note)
+    note = f"no time stamps: {rate}, in the natural order of names"
+    return _Timed(depth, *others, regular_times_ns(len(depth), period_ns), note)
+
+
+def _by_list(path: Path, images: FolderImages, listed: Listed, period_ns: int, rate: str) -> _Timed:
+    names = {file.stem: name for name, file in images.depth.items()}
+    there = {file.name: file for file in images.color.values()}
+    depth, color, stamps = {}, {}, []
+    for (stamp_ns, wanted), its_color in listed.depth:
+        name = names.get(Path(wanted).stem)
+        if name is None or name in depth:
+            continue
+        depth[name] = images.depth[name]
+        stamps.append(stamp_ns // 1_000_000_000 * period_ns if listed.counted else stamp_ns)
+        if its_color in there:
+            color[name] = there[its_color]
+    if not depth:
         raise FormatError(f"{path}: no depth image is named in its list; give the folder the list belongs to")
-    there = {file.name: file for file in folder.glob("*") if file.suffix.lower() in suffixes}
-    color = {stem: there[name] for stem, name in wanted.items() if stem in depth and name in there}
-    left_out = len(depth) - len(order)
+    left_out = len(images.depth) - len(depth)
     rest = f"; {left_out} depth images that it does not name are left out" if left_out else ""
-    timing = f"times from {listed[0].name if listed else 'depth.txt'}{rest}"
-    return {stem: depth[stem] for stem in order}, stamped, color, timing
+    note = f"{listed.file} has numbers, not times: {rate}" if listed.counted else f"times from {listed.file}"
+    return _Timed(depth, color, matching(images.thermal, depth), np.array(stamps, np.int64), note + rest)
 
 
-def _nearest(depth: list[Image], color: list[Image]) -> list[tuple[Image, Image]]:
-    """Depth images with the colour image nearest in time; both sorted."""
-    depth_ns, color_ns = (np.array([stamp for stamp, _ in images], np.int64) for images in (depth, color))
-    pairs = pair_stamps(depth_ns, color_ns, WINDOW_NS).tolist()
-    return [(image, color[at]) for image, at in zip(depth, pairs, strict=True) if at >= 0]
+def _cameras(path: Path, images: _Timed, declared: Path | None) -> _Cameras:
+    """The cameras of a folder's images, by its files or the one that is declared. Raises CalibrationError."""
+    first = next(iter(images.depth.values()))
+    shape = image_shape(read_bounded(first), str(first))
+    files = [path / name for name in INTRINSICS]
+    stated = any(file.is_file() for file in files)
+    if (path / CALIBRATION).is_file() and declared is None:
+        unit_mm = first_intrinsics(files, shape)[0].unit_mm if stated else None
+        return _Cameras(load_calibration(path / CALIBRATION), unit_mm, (f"calibration from {CALIBRATION}",))
+    if declared is not None:
+        found, origin = read_intrinsics(declared, shape), f"intrinsics from {declared.name}"
+    else:
+        found, origin = first_intrinsics(files, shape)
+    aligned = {"color": images.color, "thermal": images.thermal}
+    notes = [origin]
+    fields: dict[str, Intrinsics | Pose] = {}
+    for name, its_images in aligned.items():
+        note, fits = _aligned(name, its_images, found)
+        notes += note
+        if fits:
+            fields |= {name: found.depth, f"{name}_from_depth": Pose.identity()}
+    return _Cameras(RigCalibration(found.depth, **fields), found.unit_mm, tuple(notes))
 
 
-def _matching(folder: Path, suffixes: tuple[str, ...], depth: dict[str, Path]) -> dict[str, Path]:
-    files = {f.stem: f for f in sorted(folder.glob("*")) if f.suffix.lower() in suffixes}
-    matching = {stem: file for stem, file in files.items() if stem in depth}
-    if files and not matching:
-        first = next(iter(depth))
-        raise FormatError(
-            f"no image in {folder} is named like a depth image; name them alike, e.g. {first}{suffixes[0]}"
-        )
-    return matching
+def _aligned(name: str, images: Files, found: FoundIntrinsics) -> tuple[list[str], bool]:
+    """Whether images are of the depth images' size, and so aligned with them, with a note on it."""
+    shape = _shape_of(list(images.values()))
+    word = "colour" if name == "color" else name
+    if name == "color" and found.aligned:
+        return [f"{word} assumed to be aligned with depth, as Open3D's recorder saves it"], True
+    if shape is None:
+        return [], False
+    size, depth = (f"{width}x{height}" for height, width in (shape, found.depth.shape))
+    if size == depth:
+        return [
+            f"{word} assumed to be aligned with depth pixel for pixel: of its size, no {CALIBRATION}"
+        ], True
+    return [
+        f"{word} images are {size}, depth is {depth}: not used; register them to depth, or add {CALIBRATION}"
+    ], False
 
 
-def _presence(name: str, files: dict[str, Path], frames: int, camera: Intrinsics | None) -> tuple[str, ...]:
+def _shape_of(files: list[Path]) -> tuple[int, int] | None:
+    """(h, w) of the first of a few images that can be read; None where a frame's own error will name why."""
+    for at in spread(len(files)):
+        try:
+            data, name = read_bounded(files[at]), str(files[at])
+            flir = files[at].parent.name.lower() in THERMAL and files[at].suffix.lower() != ".png"
+            height, width = read_flir(data, name).celsius.shape if flir else image_shape(data, name)
+        except FormatError:
+            continue
+        return height, width
+    return None
+
+
+def _presence(name: str, files: Files, frames: int, camera: Intrinsics | None) -> tuple[str, ...]:
     if not files:
         return (f"no {name} images",)
     missing = frames - len(files)
@@ -145,26 +203,30 @@ def _presence(name: str, files: dict[str, Path], frames: int, camera: Intrinsics
     return absent if camera else (*absent, f"no calibration of the {name} camera: its images cannot be fused")
 
 
-def _calibration(path: Path, first_depth: Path) -> tuple[RigCalibration, float, tuple[str, ...]]:
-    """Calibration, millimetres of a depth step, and notes on where they are from."""
-    if (path / "calibration.json").is_file():
-        return load_calibration(path / "calibration.json"), 1.0, ("calibration from calibration.json",)
-    shape = png_shape(read_bounded(first_depth), str(first_depth))
-    found, origin = first_intrinsics([path / name for name in INTRINSICS], shape)
-    notes, unit_mm = [origin], found.unit_mm
-    if unit_mm == 1.0 and is_tum(path):
-        notes, unit_mm = [*notes, "depth in 1/5000 m, as in every TUM dataset"], TUM_UNIT_MM
-    if not found.aligned:
-        return RigCalibration(found.depth), unit_mm, tuple(notes)
-    notes.append("colour assumed to be aligned with depth, as Open3D's recorder saves it")
-    return RigCalibration(found.depth, found.depth, Pose.identity()), unit_mm, tuple(notes)
+def _scale(path: Path, files: list[Path]) -> tuple[Scale, tuple[str, ...]]:
+    """Scale of thermal PNGs, and notes on it; photographs of FLIR cameras state theirs."""
+    words = [file for file in files if file.suffix.lower() == ".png"]
+    return judge_celsius(_readable(words), f"{path}: thermal images") if words else (SESSION, ())
 
 
-def _celsius(file: Path) -> NDArray[np.float32]:
+def _readable(files: list[Path]) -> list[NDArray[Any]]:
+    """A few images of the files, spread over them; raises FormatError only where none can be read."""
+    images, error = [], None
+    for at in spread(len(files)):
+        try:
+            images.append(_depth_image(files[at]))
+        except FormatError as found:
+            error = error or found
+    if error is not None and not images:
+        raise error
+    return images
+
+
+def _celsius(file: Path, scale: Scale) -> NDArray[np.float32]:
     if file.suffix.lower() == ".png":
-        return thermal_from_uint16(_grey16(file))
+        return scale.celsius(decode_grey(read_bounded(file), np.uint16, str(file)))
     return read_flir(read_bounded(file), str(file)).celsius
 
 
-def _grey16(file: Path) -> NDArray[np.uint16]:
-    return decode_grey(read_bounded(file), np.uint16, str(file))
+def _depth_image(file: Path) -> NDArray[Any]:
+    return decode_depth(read_bounded(file), str(file))

@@ -1,4 +1,4 @@
-"""What a user declares about a recording that is opened, because the recording does not state it or is wrong."""
+"""What a user declares about a recording: what the recording does not state, or states wrongly."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,30 +1,66 @@
-"""Lists of time-stamped images in the TUM RGB-D format: ``depth.txt``, ``rgb.txt``, ``associations.txt``.
+"""Lists of images in the TUM RGB-D format: ``depth.txt``, ``rgb.txt``, ``associations.txt``.
 
-Lines are ``seconds path``, in associations two such pairs; ``#`` begins a comment.
-Source: TUM RGB-D dataset, "File Formats" and its ``associate.py``.
+Lines are ``seconds path``, in associations two such pairs; ``#`` begins a comment. ICL-NUIM and others write
+the image's number in place of the seconds. Sources: TUM RGB-D dataset, "File Formats" and its
+``associate.py``; ICL-NUIM, "TUM RGB-D compatible PNGs"; ETH3D SLAM, ``associated.txt``; Bonn RGB-D Dynamic.
 """
 
 import re
 from pathlib import Path, PurePosixPath
+from typing import NamedTuple
+
+import numpy as np
 
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
+from sensors.rig.pairing import pair_stamps
 
-ASSOCIATIONS = ("associations.txt", "associate.txt", "assoc.txt", "association.txt")
+ASSOCIATIONS = ("associations.txt", "associate.txt", "associated.txt", "assoc.txt", "association.txt")
+DEPTH_LIST, COLOR_LIST = "depth.txt", "rgb.txt"
 WINDOW_NS = 20_000_000
 """``associate.py``'s longest time between two images that belong together."""
 TUM_UNIT_MM = 0.2
-"""Depth PNGs of the TUM datasets have 5000 steps a metre."""
+"""Depth PNGs of the TUM datasets have 5000 steps a metre; so have ETH3D's, ICL-NUIM's and Bonn's."""
 MAX_BYTES = 64_000_000
 """Bytes of a list: a million images; chosen by eye."""
+MAX_INDEX = 10_000_000
+"""Whole numbers below this are images' numbers, from here on seconds since 1970. Untuned."""
 
 Image = tuple[int, str]
 """An image of a list: its stamp in ns, and its name without folders."""
 
 
+class Listed(NamedTuple):
+    """What a folder's lists state. file: the list's name; depth: by time, with the colour image's name or "".
+
+    counted: whether the list has the images' numbers instead of times.
+    """
+
+    file: str
+    depth: list[tuple[Image, str]]
+    counted: bool
+
+
+def read_lists(folder: Path) -> Listed | None:
+    """Read a folder's lists, associations before the others; None without any. Raises FormatError."""
+    file = next((folder / name for name in ASSOCIATIONS if (folder / name).is_file()), None)
+    if file is not None:
+        pairs = [(image, name) for image, (_, name) in read_associations(file)]
+        return Listed(file.name, sorted(pairs), _counted([stamp for (stamp, _), _ in pairs]))
+    if not (folder / DEPTH_LIST).is_file():
+        return None
+    depth = sorted(read_list(folder / DEPTH_LIST))
+    color = sorted(read_list(folder / COLOR_LIST)) if (folder / COLOR_LIST).is_file() else []
+    depth_ns, color_ns = (np.array([stamp for stamp, _ in images], np.int64) for images in (depth, color))
+    pairs = pair_stamps(depth_ns, color_ns, WINDOW_NS).tolist()
+    names = [color[at][1] if at >= 0 else "" for at in pairs]
+    counted = _counted([stamp for stamp, _ in depth])
+    return Listed(DEPTH_LIST, list(zip(depth, names, strict=True)), counted)
+
+
 def is_tum(folder: Path) -> bool:
     """Whether the folder has the lists of a TUM dataset, header included: then depth is in TUM's unit."""
-    return (folder / "depth.txt").is_file() and _text(folder / "depth.txt").startswith("# depth maps")
+    return (folder / DEPTH_LIST).is_file() and _text(folder / DEPTH_LIST).startswith("# depth maps")
 
 
 def read_list(file: Path) -> list[Image]:
@@ -39,6 +75,14 @@ def read_associations(file: Path) -> list[tuple[Image, Image]]:
         first, second = ((_nanoseconds(words[at], file), _name(words[at + 1], file)) for at in (0, 2))
         pairs.append((first, second) if "depth" in words[1].lower() else (second, first))
     return pairs
+
+
+def _counted(stamps_ns: list[int]) -> bool:
+    """Whether "seconds" are the images' numbers: small whole ones, most of them in steps of one."""
+    seconds = sorted({stamp / 1e9 for stamp in stamps_ns})
+    if not all(second.is_integer() and second < MAX_INDEX for second in seconds):
+        return False
+    return len(seconds) > 1 and float(np.median(np.diff(seconds))) == 1
 
 
 def _lines(file: Path, words: int) -> list[list[str]]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import FormatError
+from sensors.rig.depth_check import LEAST_PIXELS
 
 COLDEST_C, HOTTEST_C = -30.0, 70.0
 """Degrees Celsius of the median of a scene with people, outdoors or beside machines. Untuned."""
@@ -76,6 +77,6 @@ def judge_celsius(samples: Sequence[NDArray[Any]], where: str) -> tuple[Scale, t
 
 
 def _median(samples: Sequence[NDArray[Any]], scale: Scale) -> float:
-    values = np.concatenate([scale.celsius(image[::4]).ravel() for image in samples])
+    values = np.concatenate([scale.celsius(image).ravel() for image in samples])
     values = values[np.isfinite(values)]
-    return float(np.median(values)) if len(values) else float("nan")
+    return float(np.median(values)) if len(values) >= LEAST_PIXELS else float("nan")

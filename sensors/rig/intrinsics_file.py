@@ -1,4 +1,4 @@
-"""Intrinsics as various programs write them in JSON, and what goes with them.
+"""Intrinsics as various programs write them in JSON, and what goes with them; keys: docs/formats.md.
 
 Read are ours (``fx fy cx cy width height``, optionally ``k1 k2 p1 p2 k3`` and ``depth_unit_mm``),
 librealsense's (``fx fy ppx ppy width height``, optionally ``coeffs model depth_scale``), and Open3D's
@@ -14,18 +14,20 @@ import numpy as np
 from sensors.errors import CalibrationError
 from sensors.files.bounded import read_bounded
 from sensors.rig.camera import Intrinsics
+from sensors.rig.camera_check import check_camera
+from sensors.rig.realsense_lens import realsense_intrinsics
 from sensors.rig.rig_calibration import MAX_CALIBRATION_BYTES
 
 _OURS = frozenset({"fx", "fy", "cx", "cy", "width", "height"})
 _OURS_OPTIONAL = frozenset({"k1", "k2", "p1", "p2", "k3", "depth_unit_mm"})
-_PINHOLES = ("", "none", "distortion.none", "brown_conrady", "distortion.brown_conrady", "brown conrady")
 
 
 class FoundIntrinsics(NamedTuple):
-    """Intrinsics of a file. unit_mm: millimetres of a depth step; aligned: colour has the depth's pixels."""
+    """Intrinsics of a file. unit_mm: millimetres of a depth step, None = not stated; aligned: colour has the
+    depth's pixels."""
 
     depth: Intrinsics
-    unit_mm: float = 1.0
+    unit_mm: float | None = None
     aligned: bool = False
 
 
@@ -39,7 +41,7 @@ def first_intrinsics(files: list[Path], shape: tuple[int, int]) -> tuple[FoundIn
         raise CalibrationError(
             f"depth images without intrinsics; add {files[0]} holding "
             f'{{"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": {shape[1]}, "height": {shape[0]}}} '
-            "with the depth camera's four numbers in pixels"
+            "with the depth camera's four numbers in pixels, or give such a file with --intrinsics"
         )
     return read_intrinsics(file, shape), f"intrinsics from {file.name}"
 
@@ -55,8 +57,9 @@ def read_intrinsics(file: Path, shape: tuple[int, int] = (0, 0)) -> FoundIntrins
             found = _from_realsense(fields) if "ppx" in fields else _from_ours(fields)
     except (TypeError, ValueError, KeyError, AttributeError, OverflowError, RecursionError) as error:
         raise CalibrationError(f"{file} is malformed ({error}); correct it") from error
-    if not 0 < found.unit_mm <= 1000:
+    if found.unit_mm is not None and not 0 < found.unit_mm <= 1000:
         raise CalibrationError(f"{file} has depth steps of {found.unit_mm} mm; give more than 0, up to 1000")
+    check_camera(found.depth, str(file))
     return found
 
 
@@ -67,19 +70,21 @@ def _from_ours(fields: dict[str, Any]) -> FoundIntrinsics:
         raise ValueError("not all of its values are numbers")
     size = {side: int(fields[side]) for side in ("width", "height")}
     numbers = {name: float(value) for name, value in fields.items()}
-    unit_mm = numbers.pop("depth_unit_mm", 1.0)
+    unit_mm = numbers.pop("depth_unit_mm", None)
     return FoundIntrinsics(Intrinsics(**{**numbers, **size}), unit_mm)  # type: ignore[arg-type]
 
 
 def _from_realsense(fields: dict[str, Any]) -> FoundIntrinsics:
-    """librealsense's ``rs2_intrinsics``; an inverse lens of all zeros is none."""
+    """librealsense's ``rs2_intrinsics``; pyrealsense2 writes its models as ``distortion.NAME``."""
     lens = [float(x) for x in fields.get("coeffs", [])]
-    model = str(fields.get("model", "")).lower()
-    if any(lens) and (model not in _PINHOLES or len(lens) != 5):
-        raise ValueError(f"lens model {model[:40]!r}; only Brown-Conrady, or none, is read")
+    if any(lens) and len(lens) != 5:
+        raise ValueError(f"coeffs has {len(lens)} numbers; give k1, k2, p1, p2, k3")
     numbers = [float(fields[name]) for name in ("fx", "fy", "ppx", "ppy")]
-    camera = Intrinsics(int(fields["width"]), int(fields["height"]), *numbers, *(lens if any(lens) else ()))
-    return FoundIntrinsics(camera, 1000 * float(fields.get("depth_scale", 0.001)))
+    pinhole = Intrinsics(int(fields["width"]), int(fields["height"]), *numbers)
+    model = str(fields.get("model", "")).lower().removeprefix("distortion.")
+    camera = realsense_intrinsics(pinhole, model or "none", lens) if any(lens) else pinhole
+    scale = fields.get("depth_scale")
+    return FoundIntrinsics(camera, None if scale is None else 1000 * float(scale))
 
 
 def _from_open3d(fields: dict[str, Any], shape: tuple[int, int]) -> FoundIntrinsics:
@@ -87,7 +92,9 @@ def _from_open3d(fields: dict[str, Any], shape: tuple[int, int]) -> FoundIntrins
     height, width = (fields["height"], fields["width"]) if "width" in fields else shape
     (fx, _, _), (_, fy, _), (cx, cy, _) = np.array(fields["intrinsic_matrix"], float).reshape(3, 3).tolist()
     camera = Intrinsics(int(width), int(height), fx, fy, cx, cy)
-    steps_per_m = float(fields.get("depth_scale", 1000.0))
+    if "depth_scale" not in fields:
+        return FoundIntrinsics(camera, None, aligned=True)
+    steps_per_m = float(fields["depth_scale"])
     if not 1 <= steps_per_m <= 1e6:
         raise ValueError(f"depth_scale {steps_per_m}")
     return FoundIntrinsics(camera, 1000 / steps_per_m, aligned=True)
