@@ -22,13 +22,16 @@ if TYPE_CHECKING:
 
     from eval.network.checkpoint import Epoch
     from eval.network.networks import NetworkConfig
+    from eval.training.calibration_split import CalibrationSplit
     from eval.training.crops import Crops
     from eval.training.plan import Plan
     from eval.training.processes import ProcessGroup
     from eval.training.train import Watch
 
 CALIBRATED_ON = 512
-"""Images, at most, on which confidences are made chances: the measured ones where there are any."""
+"""Images, at most, on which the temperature of the confidences is fitted. Untuned."""
+EPOCHS = 12
+"""Passes over all images, unless told otherwise. Untuned."""
 PLAN = "plan.json"
 """What both trainings write first into their folder."""
 SHIPPED = Path("shipped")
@@ -59,7 +62,9 @@ def train(
     ] = "modern",
     init: Annotated[Path | None, Option(help="Weights to start from (.safetensors), or shipped.")] = None,
     without: Annotated[list[Without] | None, Option(help="Augmentation to leave out; repeatable.")] = None,
-    epochs: Annotated[int, Option(min=1, max=10_000, help="Passes over all images.")] = 12,
+    epochs: Annotated[
+        int | None, Option(min=1, max=10_000, help="Passes over all images.", show_default="12")
+    ] = None,
     minutes: Annotated[float | None, Option(min=0.1, help="How long to train, instead of --epochs.")] = None,
     batch: Annotated[
         int | None, Option(min=1, max=1024, help="Images per step.", show_default="32, the paper's 12")
@@ -83,6 +88,8 @@ def train(
     started, tests = time.monotonic(), test or []
     if tests and hold_out:
         raise CloudError("--test and --hold-out exclude each other; give one of them")
+    if epochs is not None and minutes is not None:
+        raise CloudError("--epochs and --minutes exclude each other; give one of them")
     if init and network:
         raise CloudError(f"{init} determines the network; leave out --network {network}")
     inputs = _checked([*data, *tests], None if init == SHIPPED else init)
@@ -95,14 +102,16 @@ def train(
     with ProcessGroup.join() as group:
         plan, start = _plan(network, recipe, init, without or [], batch)
         precision = precision or best_precision()
-        plan = replace(plan, epochs=epochs, minutes=minutes, seed=seed, precision=precision)
-        crops, measured = _crops(data, tests, frozenset(hold_out or []), test_images)
+        plan = replace(plan, epochs=epochs or EPOCHS, minutes=minutes, seed=seed, precision=precision)
+        split, measured = _crops(data, tests, frozenset(hold_out or []), test_images)
+        crops = split.trained
         if group.first:
             clear(out, PLAN, overwrite, *inputs)
         with _watching(group, out, plan, crops, checkpoint_minutes) as watch:
             model, done = run(crops, measured, out, plan, group, watch, start, workers)
     if group.first:
-        _report(_written(out, model, plan, measured or crops), done.epochs, started, json)
+        say(split.note)
+        _report(_written(out, model, plan, split), done.epochs, started, json)
 
 
 def _checked(frames: list[Path], init: Path | None) -> list[Path]:
@@ -134,17 +143,23 @@ def _report(written: dict[str, Any], epochs: "Sequence[Epoch]", started: float, 
     finish(result, json, text)
 
 
-def _written(out: Path, model: "nn.Module", plan: "Plan", seen: "Crops") -> dict[str, Any]:
-    """Weights of a trained network in both formats: their path, and the temperature fitted on crops."""
+def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSplit") -> dict[str, Any]:
+    """Write a trained network in both formats; return its path, its temperature and what that rests on."""
     from eval.network.checkpoint import save_weights
     from eval.network.networks import export_onnx
     from eval.training.temperature import fitted_temperature
 
     weights = out / "weights.onnx"
     save_weights(weights.with_suffix(".safetensors"), model, plan.network)
-    temperature = fitted_temperature(model, seen.spread(CALIBRATED_ON))
+    held = split.calibrated
+    temperature = 1.0 if held is None else fitted_temperature(model, held.spread(CALIBRATED_ON))
     export_onnx(model, weights, temperature)
-    return {"temperature": round(temperature, 4), "weights": str(weights)}
+    calibrated_on = split.described()
+    return {
+        "temperature": round(temperature, 4),
+        "calibrated_on": calibrated_on,
+        "weights": str(weights),
+    }
 
 
 def _plan(
@@ -182,14 +197,15 @@ def _config(network: NetworkName) -> "NetworkConfig":
 
 def _crops(
     data: list[Path], tests: list[Path], hold_out: frozenset[str], images: int
-) -> "tuple[Crops, Crops | None]":
-    """Images to train on, and so many to measure on, if any."""
+) -> "tuple[CalibrationSplit, Crops | None]":
+    """Images to train and to calibrate on, and so many to measure on, if any; they share none."""
+    from eval.training.calibration_split import calibration_split
     from eval.training.crops import load_crops
 
-    crops = load_crops(data, without=hold_out)
+    split = calibration_split(load_crops(data, without=hold_out))
     if hold_out:
-        return crops, load_crops(data, only=hold_out).spread(images)
-    return crops, load_crops(tests).spread(images) if tests else None
+        return split, load_crops(data, only=hold_out).spread(images)
+    return split, load_crops(tests).spread(images) if tests else None
 
 
 @contextmanager
@@ -197,14 +213,16 @@ def _watching(
     group: "ProcessGroup", out: Path, plan: "Plan", crops: "Crops", minutes: float
 ) -> "Iterator[Watch]":
     """Where a training reports, and when it is saved; only the first of several processes reports."""
-    from eval.training.train import Watch, images_left
+    from eval.training.train import Watch, work_left
 
     def ended(epoch: "Epoch") -> None:
         scores = "" if epoch.miou is None else f", mean recall {epoch.mean_recall:.4f}, mIoU {epoch.miou:.4f}"
-        say(f"epoch {epoch.number} of {plan.epochs}: loss {epoch.loss:.4f}{scores}")
+        of = f" of {plan.epochs}" if plan.minutes is None else ""
+        say(f"epoch {epoch.number}{of}: loss {epoch.loss:.4f}{scores}")
 
     if group.first:
-        with progress("train, images", images_left(out, plan, crops)) as advance:
+        left, unit = work_left(out, plan, crops)
+        with progress(f"train, {unit}", left) as advance:
             yield Watch(advance, ended, 60 * minutes)
     else:
         yield Watch(checkpoint_s=60 * minutes)

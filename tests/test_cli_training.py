@@ -63,6 +63,7 @@ def test_what_is_wrong_is_one_line(annotate_cloud, tmp_path, labels):
         (("--hold-out", "a", "--hold-out", "b"), "no labelled part"),
         (("--hold-out", "a", "--test", labels.path), "give one of them"),
         (("--init", tmp_path / "w.safetensors"), "leave out --network"),
+        (("--epochs", 2, "--minutes", 1), "give one of them"),
         (("--test", tmp_path / "absent"), "absent"),
     ):
         assert_refused(annotate_cloud(*small(labels, out, *more)), said)

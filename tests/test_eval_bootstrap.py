@@ -46,6 +46,8 @@ def test_frames_of_one_subject_are_resampled_together() -> None:
 def test_frames_of_a_lone_subject_are_drawn_one_by_one() -> None:
     assert intervals.clusters_of(["anna"] * 4).tolist() == [0, 1, 2, 3]
     assert intervals.clusters_of(["b", "a", "b"]).tolist() == [1, 0, 1]
+    mixed = intervals.clusters_of(["unknown", "a", "unknown", "a"]).tolist()
+    assert mixed[1] == mixed[3] and len({*mixed}) == 3
 
 
 def test_a_resample_draws_as_many_subjects_as_there_are() -> None:
@@ -99,12 +101,13 @@ def test_resamples_that_lack_a_part_are_left_out() -> None:
 @pytest.mark.parametrize(
     ("subjects", "said"),
     [
-        (["?"] * 9, "unknown"),
+        (["unknown"] * 9, "subjects unknown: drawn"),
+        (["unknown"] * 50 + ["a", "b", "c", "d", "e"], "in 50 of 55 frames"),
         (["anna"] * 9, "one subject"),
         (["a", "b"] * 4, "2 subjects"),
         (list("abcd"), ""),
     ],
 )
 def test_what_an_interval_cannot_say_is_said(subjects: list[str], said: str) -> None:
-    note = intervals.note_on(subjects, unknown="?")
+    note = intervals.note_on(subjects)
     assert said in note and bool(note) == bool(said)

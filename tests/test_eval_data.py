@@ -15,6 +15,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.frames import camera_of, open_frames, pinhole_of
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, UNDEFINED
+from eval.training.calibration_split import calibration_split
 from eval.training.crops import DEPTH_STEPS, Crops, load_crops, to_crop
 from eval.training.whole import nothing_known
 from sensors.errors import CloudError
@@ -32,6 +33,39 @@ def test_spread_takes_from_first_to_last():
     assert [int(crops.spread(4).depth(i)[0, 0]) for i in range(4)] == [0, 3, 6, 9]
     assert len(crops.spread(99)) == 10
     assert len(crops.spread(1)) == 1
+
+
+def test_chosen_crops_are_those_and_are_told_apart_from_others():
+    crops = of(
+        np.arange(10, dtype=np.uint16).reshape(10, 1, 1), np.arange(10, dtype=np.uint8).reshape(10, 1, 1)
+    )
+    some = crops.chosen(np.array([7, 2, 2]))
+    assert [int(some.depth(i)[0, 0]) for i in range(3)] == [7, 2, 2]
+    assert [int(some.parts(i)[0, 0]) for i in range(3)] == [7, 2, 2]
+    assert len({crops.crc32, some.crc32, crops.chosen(np.array([7, 2])).crc32}) == 3
+
+
+def people(n: int, images: int) -> Crops:
+    """``images`` crops of each of ``n`` people, in turn; a crop's depth is its number."""
+    depth = np.arange(n * images, dtype=np.uint16).reshape(-1, 1, 1)
+    examples = ((d, np.ones((1, 1), np.uint8), nothing_known()) for d in depth)
+    return Crops.of(examples, [f"p{i % n}" for i in range(n * images)])
+
+
+@pytest.mark.parametrize(("n", "images", "held"), [(40, 2, 4), (10, 3, 3), (9, 20, 9), (1, 99, 0)])
+def test_what_calibrates_is_not_trained_on(n, images, held):
+    crops = people(n, images)
+    split = calibration_split(crops)
+    trained = {int(split.trained.depth(i)[0, 0]) for i in range(len(split.trained))}
+    own = split.calibrated
+    calibrated = set() if own is None else {int(own.depth(i)[0, 0]) for i in range(len(own))}
+    assert len(calibrated) == held
+    assert trained | calibrated == set(range(len(crops))) and not trained & calibrated
+    if split.subjects:
+        assert not set(split.trained.subjects) & set(split.subjects)
+        assert own is not None and set(own.subjects) == set(split.subjects)
+    again = calibration_split(crops)
+    assert again.trained.crc32 == split.trained.crc32 and again.subjects == split.subjects
 
 
 def test_no_crops_are_refused():

@@ -31,7 +31,7 @@ from eval.training.loader import BatchOrder, Images, batches  # noqa: E402
 from eval.training.plan import ModernRecipe, PaperRecipe, Plan, class_weights, loss_of, one_cycle, rate  # noqa: E402
 from eval.training.processes import ALONE  # noqa: E402
 from eval.training.temperature import fitted_temperature  # noqa: E402
-from eval.training.train import Watch, evaluate, images_left, predicted, train  # noqa: E402
+from eval.training.train import Watch, evaluate, predicted, train, work_left  # noqa: E402
 from eval.training.whole import ROW, nothing_known  # noqa: E402
 from sensors.errors import CloudError, ExistsError, FormatError  # noqa: E402
 from tests.helpers import tiny_training  # noqa: E402
@@ -82,12 +82,20 @@ def interrupted_at(image: int) -> Watch:
     return Watch(advance, checkpoint_s=ALWAYS)
 
 
+def test_a_training_by_the_clock_counts_its_seconds(tmp_path):
+    plan, seen = replace(PLAN, minutes=1.6 / 60), []
+    assert work_left(tmp_path / "t", plan, CROPS) == (2, "seconds")
+    _, progress = train(CROPS, CROPS, tmp_path / "t", plan, ALONE, Watch(seen.append))
+    assert sum(seen) == int(progress.seconds) <= 2
+    assert work_left(tmp_path / "t", plan, CROPS) == (2 - int(progress.seconds), "seconds")
+
+
 @pytest.mark.parametrize("image", [2, 6, 8, 14])
 def test_resumed_anywhere_equals_uninterrupted_bit_for_bit(tmp_path, whole, image):
     """Within an epoch (3 steps of 2 images) and at its end."""
     with pytest.raises(KeyboardInterrupt):
         train(CROPS, CROPS, tmp_path / "t", PLAN, ALONE, interrupted_at(image))
-    assert images_left(tmp_path / "t", PLAN, CROPS) == 18 - image
+    assert work_left(tmp_path / "t", PLAN, CROPS) == (18 - image, "images")
     seen: list[int] = []
     assert_same(train(CROPS, CROPS, tmp_path / "t", PLAN, ALONE, Watch(seen.append)), whole[1])
     assert sum(seen) == 18 - image

@@ -21,8 +21,6 @@ from eval.scores.scores import PART_SCORES, named, plain, scores_of
 from eval.scores.traits import Traits
 from sensors.errors import CloudError
 
-UNKNOWN_SUBJECT = "unknown"
-
 SUMMARY = ("mean_recall", "recall", "miou", "iou", "boundary_f", "left_right_swap_rate", "person_iou")
 """Scores of the short summary."""
 
@@ -107,7 +105,7 @@ class Comparison:
     @property
     def ci_note(self) -> str:
         """Why the intervals cannot be relied on; "" where they can."""
-        return intervals.note_on(self.subjects, UNKNOWN_SUBJECT)
+        return intervals.note_on(self.subjects)
 
     @cached_property
     def frame_miou(self) -> Scores:
@@ -196,7 +194,7 @@ def compare_sets(
     texts: list[tuple[str, str, Traits, Digests]] = []
     for i, frame in enumerate(count_pairs(predicted, truth, pairs, workers)):
         counts[i], joints[i] = frame.counts, frame.joints
-        subject = intern(frame.subject or UNKNOWN_SUBJECT)
+        subject = intern(frame.subject or intervals.UNKNOWN)
         texts.append((pairs[i].truth.frame_id, subject, frame.traits, frame.digests))
         advance(1)
     frame_ids, subjects, traits, digests = zip(*texts, strict=True)
@@ -206,6 +204,6 @@ def compare_sets(
         traits=traits,
         digests=digests,
         counts=FrameCounts(counts),
-        joints_mm=joint_errors_mm(joints, subjects) if joints["known"].any() else None,
+        joints_mm=joint_errors_mm(joints, intervals.persons_of(subjects)) if joints["known"].any() else None,
         extra_frames=extra,
     )

@@ -82,11 +82,15 @@ def load_checkpoint(
         raise _unusable(path, error) from error
 
 
-def steps_done(path: Path) -> int:
-    """Steps of the training that a checkpoint stands for. Raises FormatError when it is none."""
+def saved_work(path: Path) -> tuple[int, float]:
+    """Return the steps and the seconds of the training that a checkpoint holds.
+
+    Raises FormatError when the file is no checkpoint.
+    """
     try:
         with safe_open(path, framework="pt") as file:
-            return int(json.loads(file.metadata()["progress"])["step"])
+            progress = json.loads(file.metadata()["progress"])
+        return int(progress["step"]), float(progress["seconds"])
     except (OSError, SafetensorError, ValueError, KeyError, TypeError) as error:
         raise _unusable(path, error) from error
 

@@ -27,15 +27,25 @@ RESAMPLES = 2000
 AT_ONCE = 4_000_000
 """Numbers drawn at a time, 32 MB: 40 resamples of 100,000 clusters, where all would take 1.6 GB."""
 SEED = 20170606
+UNKNOWN = "unknown"
+"""Subject of frames that name none."""
 LEVEL = 0.95
 FEW = 4
 """Fewer subjects than this give an interval that rests on hardly anything; chosen by eye."""
 
 
 def clusters_of(subjects: Sequence[str]) -> Int64:
-    """Cluster that each frame is drawn with, int64 (F,): its subject, or itself where there is but one."""
-    owner = np.unique(np.array(subjects), return_inverse=True)[1].astype(np.int64)
+    """Return the cluster that each frame is drawn with, int64 (F,).
+
+    The cluster is the frame's subject; the frame itself where the subject is ``UNKNOWN``, or the only one.
+    """
+    owner = np.unique(persons_of(subjects), return_inverse=True)[1].astype(np.int64)
     return owner if owner.max(initial=0) > 0 else np.arange(len(subjects))
+
+
+def persons_of(subjects: Sequence[str]) -> list[str]:
+    """Return the subjects (F,), with another name for each frame whose subject is ``UNKNOWN``."""
+    return [f"{UNKNOWN} {i}" if name == UNKNOWN else name for i, name in enumerate(subjects)]
 
 
 def cluster_sums(counts: Int64, clusters: Int64) -> Int64:
@@ -120,11 +130,12 @@ def unpaired_interval(value: Scores, resampled: Sequence[Scores], n: Sequence[In
     return np.clip(np.stack([value - half, value + half]), -1.0, 1.0)
 
 
-def note_on(subjects: Sequence[str], unknown: str) -> str:
+def note_on(subjects: Sequence[str]) -> str:
     """Why an interval over these frames' subjects is doubtful; "" where it is not."""
-    people = set(subjects)
-    if people == {unknown}:
-        return "subjects unknown: frames were drawn as if of different people; the interval is too narrow"
+    people, nameless = set(subjects), sum(name == UNKNOWN for name in subjects)
+    if nameless:
+        some = "" if nameless == len(subjects) else f" in {nameless} of {len(subjects)} frames"
+        return f"subjects unknown{some}: drawn as if of different people; the interval is too narrow"
     if len(people) == 1:
         return "one subject: the interval is for the frames of this person only, not for other people"
     if len(people) < FEW:

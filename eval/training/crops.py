@@ -2,8 +2,8 @@
 
 import zlib
 from array import array
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryFile, gettempdir
@@ -41,50 +41,58 @@ class Crops:
     """Crops at hand, deflated: 14 kB each instead of 135.
 
     packed: their bytes, in a nameless file that goes with the process; what the system reads of it, it can
-    give back when memory is short. ends: int64 (N, 2), where each crop's depth and parts end. shape: (h, w).
-    wholes: float32 (N, ROW), what is known of each person, see ``eval.training.whole``. crc32: of all this,
-    by which these crops differ from others.
+    give back when memory is short. places: int64 (N, 3), where each crop's depth starts, its depth ends and
+    its parts end. shape: (h, w). wholes: float32 (N, ROW), what is known of each person, see
+    ``eval.training.whole``. crc32: of all this, by which these crops differ from others. subjects: of each
+    crop, (N,) str.
     """
 
     packed: UInt8
-    ends: Int64
+    places: Int64
     shape: tuple[int, int]
     wholes: Float32
     crc32: int
+    subjects: NDArray[np.str_]
 
     @classmethod
-    def of(cls, crops: Iterable[tuple[UInt16, UInt8, Float32]]) -> "Crops":
+    def of(
+        cls, crops: Iterable[tuple[UInt16, UInt8, Float32]], subjects: Sequence[str] | None = None
+    ) -> "Crops":
         """Keep crops of one shape: depth uint16 (h, w) in 1 / 65535 of its range, parts uint8 (h, w), whole.
 
-        Raises CloudError where there is none, OSError where the disk has no room.
+        subjects: of each crop, a list that may grow with ``crops``; None = unknown. Raises CloudError where
+        there is none, OSError where the disk has no room.
         """
-        ends, wholes, shape, crc32 = array("q"), array("f"), (0, 0), 0
+        places, wholes, shape, crc32 = array("q"), array("f"), (0, 0), 0
         with TemporaryFile() as file:
             for depth, parts, whole in crops:
                 shape = depth.shape[0], depth.shape[1]
                 wholes.extend(whole.tolist())
+                places.append(file.tell())
                 for data in (depth.tobytes(), parts.tobytes()):
                     crc32 = zlib.crc32(data, crc32)
                     file.write(zlib.compress(data, 1))
-                    ends.append(file.tell())
+                    places.append(file.tell())
             file.flush()
-            if not ends:
+            if not places:
                 raise CloudError("there are no crops; give at least one image")
             packed = np.asarray(np.memmap(file, np.uint8, "r"))
         known = np.array(wholes, np.float32).reshape(-1, ROW)
-        return cls(packed, np.array(ends).reshape(-1, 2), shape, known, zlib.crc32(known.tobytes(), crc32))
+        whose = np.array(["unknown"] * len(known) if subjects is None else subjects)
+        crc32 = zlib.crc32(known.tobytes(), crc32)
+        return cls(packed, np.array(places).reshape(-1, 3), shape, known, crc32, whose)
 
     def __len__(self) -> int:
-        return len(self.ends)
+        return len(self.places)
 
     def depth(self, index: int) -> UInt16:
         """Depth of crop ``index``, (h, w) in 1 / 65535 of its range."""
-        start = int(self.ends[index - 1, 1]) if index else 0
-        return self._image(start, int(self.ends[index, 0]), np.uint16)
+        start, end, _ = self.places[index].tolist()
+        return self._image(start, end, np.uint16)
 
     def parts(self, index: int) -> UInt8:
         """Part ids of crop ``index``, (h, w)."""
-        start, end = self.ends[index].tolist()
+        _, start, end = self.places[index].tolist()
         return self._image(start, end, np.uint8)
 
     def _image(self, start: int, end: int, kind: type[K]) -> NDArray[K]:
@@ -103,8 +111,17 @@ class Crops:
 
     def spread(self, n: int) -> "Crops":
         """``n`` of them, evenly spread (neighbours show one person), or all when there are fewer."""
-        index = np.linspace(0, len(self) - 1, min(n, len(self))).astype(int)
-        return Crops.of((self.depth(i), self.parts(i), self.wholes[i]) for i in index)
+        return self.chosen(np.linspace(0, len(self) - 1, min(n, len(self))).astype(np.int64))
+
+    def chosen(self, index: Int64) -> "Crops":
+        """The crops of these numbers (m,), in this order; their bytes are not copied."""
+        return replace(
+            self,
+            places=self.places[index],
+            wholes=self.wholes[index],
+            crc32=zlib.crc32(index.tobytes(), self.crc32),
+            subjects=self.subjects[index],
+        )
 
 
 def load_crops(
@@ -121,8 +138,15 @@ def load_crops(
     if (first := next(taught, None)) is None:
         whom = "" if only is None else f" of {', '.join(sorted(only))}"
         raise CloudError(f"{names} hold no labelled part{whom}; generate or label some first")
+    subjects: list[str] = []
+
+    def kept() -> Iterator[tuple[UInt16, UInt8, Float32]]:
+        for source, frame in chain([first], taught):
+            subjects.append(frame.subject)
+            yield _kept(source, frame)
+
     try:
-        return Crops.of(_kept(*one) for one in chain([first], taught))
+        return Crops.of(kept(), subjects)
     except OSError as error:
         raise CloudError(
             f"{names}: the images do not fit into {gettempdir()} ({error.strerror}); give fewer, or set "

@@ -13,6 +13,7 @@ from eval.training.augment import Augmentation, augment
 from eval.training.crops import Crops
 from sensors.errors import CloudError
 from synth.images.workers import check_semaphores
+from synth.random_stream import stream
 
 At = tuple[int, int]
 """An image's turn: (epoch, index of the crop)."""
@@ -28,7 +29,7 @@ class Images(Dataset[tuple[Tensor, Tensor, Tensor]]):
 
     def __getitem__(self, at: At) -> tuple[Tensor, Tensor, Tensor]:
         epoch, index = at
-        rng = np.random.default_rng((self.seed, epoch, index))
+        rng = stream(self.seed, "augmentation", epoch, index)
         example = *self.crops.image(index), self.crops.wholes[index]
         depth, parts, whole = augment(example, self.augmentation, rng)
         return torch.from_numpy(depth[None]), torch.from_numpy(parts), torch.from_numpy(whole)
@@ -67,7 +68,7 @@ class BatchOrder:
     def after(self, step: int) -> Iterator[list[At]]:
         """This process's share of each batch from a step on."""
         for epoch in range(step // self.epoch_steps, self.epochs):
-            order = np.random.default_rng((self.seed, epoch)).permutation(self.images)
+            order = stream(self.seed, "order", epoch).permutation(self.images)
             first = step % self.epoch_steps if epoch == step // self.epoch_steps else 0
             for k in range(first, self.epoch_steps):
                 batch = order[k * self.step_images : (k + 1) * self.step_images]

@@ -17,7 +17,7 @@ from annotate.array_types import Int64, UInt8
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.images import encode_parts, encode_png
 from annotate.parts import BACKGROUND, N_CLASSES
-from eval.network.checkpoint import Epoch, Point, Progress, load_checkpoint, save_checkpoint, steps_done
+from eval.network.checkpoint import Epoch, Point, Progress, load_checkpoint, save_checkpoint, saved_work
 from eval.network.networks import build
 from eval.scores.confusion import confusion_matrix, mean_recall, miou
 from eval.training.average import Average
@@ -79,9 +79,13 @@ class FixedFrame:
 
 @dataclass(frozen=True)
 class Watch:
-    """Calls after each step and each epoch of a training, and seconds between two checkpoints."""
+    """Calls after each step and each epoch of a training, and seconds between two checkpoints.
 
-    advance: Callable[[int], None] = lambda images: None
+    advance: called with the images of a step, or with the seconds since the last call where the clock ends
+    the training (``work_left``).
+    """
+
+    advance: Callable[[int], None] = lambda work: None
     ended: Callable[[Epoch], None] = lambda epoch: None
     checkpoint_s: float = 300.0
 
@@ -116,7 +120,7 @@ def train(
         progress = (
             load_checkpoint(out / CHECKPOINT, model, average.model, optimizer) if resumed else Progress()
         )
-        fixed = FixedFrame(out / "frame", (measured or crops).spread(1), plan.epochs)
+        fixed = FixedFrame(out / "frame", (measured or crops).spread(1), plan.rounds)
         run = _Run(plan, crops, measured, out, watch, group, model, average, optimizer, progress, fixed)
         if group.first and not resumed:
             fixed.begin(model)
@@ -148,7 +152,7 @@ class _Run:
         weight = class_weights(plan.recipe, weighed).to(self.group.device)
         network = self.group.together(self.model)
         began, before = time.monotonic(), progress.seconds
-        saved = began
+        saved, shown_s = began, int(before)
         if plan.done(progress.step / order.epoch_steps, progress.seconds) >= 1:
             return
         for depth, parts, whole in batches(images, order, progress.step, workers):
@@ -166,7 +170,11 @@ class _Run:
                 saved = now
             if ended:
                 self.watch.ended(progress.epochs[-1])
-            self.watch.advance(order.step_images)
+            if plan.minutes is None:
+                self.watch.advance(order.step_images)
+            else:
+                self.watch.advance(int(progress.seconds) - shown_s)
+                shown_s = int(progress.seconds)
             if over:
                 return
 
@@ -241,11 +249,13 @@ class _Run:
         write_bytes(self.out / HISTORY, (json.dumps(history, indent=1) + "\n").encode())
 
 
-def images_left(out: Path, plan: Plan, crops: Crops) -> int:
-    """Number of images that a training in ``out`` has yet to see, for the progress; all in a new folder."""
-    order = BatchOrder(len(crops), plan.recipe.batch, plan.rounds, plan.seed)
-    done = steps_done(out / CHECKPOINT) if (out / CHECKPOINT).is_file() else 0
-    return (order.epoch_steps * plan.rounds - done) * order.step_images
+def work_left(out: Path, plan: Plan, crops: Crops) -> tuple[int, str]:
+    """What a training in ``out`` has yet to do, and its unit: images, or seconds where the clock ends it."""
+    steps, seconds = saved_work(out / CHECKPOINT) if (out / CHECKPOINT).is_file() else (0, 0.0)
+    if plan.minutes is not None:
+        return max(0, round(60 * plan.minutes) - int(seconds)), "seconds"
+    order = BatchOrder(len(crops), plan.recipe.batch, plan.epochs, plan.seed)
+    return (order.epoch_steps * plan.epochs - steps) * order.step_images, "images"
 
 
 def _begin(out: Path, plan: Plan, crops: Crops, init: nn.Module | None) -> None:

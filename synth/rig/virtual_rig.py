@@ -28,6 +28,7 @@ from synth.cameras.sensor import CleanDepth, Sensor
 from synth.cameras.thermal_camera import ThermalState, thermograph, through_lens, warmth_seen
 from synth.cameras.time_of_flight import TimeOfFlight
 from synth.choices import check_rig
+from synth.random_stream import stream
 from synth.rig.difficulty import DIFFICULTIES
 from synth.rig.place import SCENES
 from synth.rig.stay import Cast, Stay, Tableau
@@ -94,7 +95,7 @@ class VirtualRig(FrameSource):
         depth, color, color_pose, thermal, thermal_pose = vars(self.calibration).values()
         self._depth, self._color = lens_of(depth, 1), lens_of(color, 1)
         self._thermal = lens_of(thermal, self._twin.supersample)
-        self._pyrometer = Pyrometer.drawn(thermal, np.random.default_rng((seed, 16))) if pyrometer else None
+        self._pyrometer = Pyrometer.drawn(thermal, stream(seed, "pyrometer")) if pyrometer else None
         self._color_from_depth: Pose = color_pose
         self._thermal_from_depth: Pose = thermal_pose
 
@@ -107,7 +108,7 @@ class VirtualRig(FrameSource):
 
     def with_truth(self) -> Iterator[tuple[RigFrame, Truth]]:
         """Yield every frame with its truth."""
-        rng, faults = np.random.default_rng((self.seed, 3)), self.difficulty
+        rng, faults = stream(self.seed, "unit of the cameras"), self.difficulty
         offset_mm, scale = rng.normal(0, faults.unit_mm), rng.normal(1, faults.unit_scale)
         depth = self._twin.sensor(faults)
         if isinstance(depth, TimeOfFlight):
@@ -138,7 +139,7 @@ class VirtualRig(FrameSource):
         return ColorCamera(lens.pinhole, lens.maps, pose, cast.setting, self.difficulty.color.camera)
 
     def _shoot(self, cast: Cast, tableau: Tableau, index: int, cameras: _Cameras) -> tuple[RigFrame, Truth]:
-        rng, time_s = np.random.default_rng((self.seed, index, 11)), index / self.frames_per_second
+        rng, time_s = stream(self.seed, "shot", index), index / self.frames_per_second
         in_depth = cast.camera_from_world.apply(tableau.vertices_m)
         seen = self._see_distance(in_depth, cast.faces, cameras.depth)
         clean = CleanDepth(self.calibration.depth, seen.depth_m, cast.dark[seen.face])
@@ -152,7 +153,7 @@ class VirtualRig(FrameSource):
             warm = self._warmth(cast, tableau, velocity, [0.0] if closed else noise.delays_s(rng))
             warm = through_lens(warm, self._thermal)
             if self._pyrometer:
-                spot_c = self._pyrometer.read_c(warm, np.random.default_rng((self.seed, index, 17)))
+                spot_c = self._pyrometer.read_c(warm, stream(self.seed, "pyrometer's reading", index))
             if not closed:
                 temperatures = thermograph(warm, noise, drift_c, rng)
         frame = RigFrame(index, round(time_s * 1e9), reading.depth_mm, color, temperatures)

@@ -122,9 +122,10 @@ def many_crops(followed: Followed, folder: Path, images: int) -> Crops:
             file.write(crops.packed.data)
         file.flush()
         packed = np.asarray(np.memmap(file, np.uint8, "r"))
-    ends = (np.arange(times)[:, None, None] * crops.packed.size + crops.ends).reshape(-1, 2)[:images]
+    places = (np.arange(times)[:, None, None] * crops.packed.size + crops.places).reshape(-1, 3)[:images]
     wholes = np.resize(crops.wholes, (images, crops.wholes.shape[1]))
-    return replace(crops, packed=packed, ends=ends, wholes=wholes)
+    subjects = np.resize(crops.subjects, images)
+    return replace(crops, packed=packed, places=places, wholes=wholes, subjects=subjects)
 
 
 def train_ends(followed: Followed, folder: Path, images: int) -> None:
