@@ -62,7 +62,8 @@ def learn(
     fields = vars(done).items()
     result: dict[str, Any] = {name: str(v) if isinstance(v, Path) else v for name, v in fields}
     text = (
-        f"{done.frames} corrected frames learnt; right on {done.held_out} held out: "
+        f"{done.frames} corrected frames learnt; right on {done.held_out} held out "
+        f"({', '.join(done.measured_on)}): "
         f"{done.before:.1%} before, {done.after:.1%} after"
     )
     if done.labels is None:

@@ -15,7 +15,7 @@ from typer import Option
 
 from cli.console import clear, finish, progress, say, table
 from sensors.errors import CloudError, FormatError
-from sensors.versions import versions
+from sensors.versions import code_digest, versions
 
 if TYPE_CHECKING:
     from annotate.label_source import Run
@@ -110,15 +110,19 @@ def _outcomes(
         return
     from concurrent.futures import as_completed
 
-    here = versions(DECISIVE)
+    here = _decisive()
     names = {workers.executor.submit(_checked, here, work, *job): name for name, job in jobs.items()}
     for future in as_completed(names):
         yield names[future], future.result
 
 
+def _decisive() -> dict[str, str]:
+    return versions(DECISIVE) | {"code": code_digest("sensors", "annotate", "synth", "eval")}
+
+
 def _checked(wanted: dict[str, str], work: Callable[..., T], *job: object) -> T:
     """A job's outcome. Raises CloudError on a worker of other versions, whose bytes might differ."""
-    if (here := versions(DECISIVE)) != wanted:
+    if (here := _decisive()) != wanted:
         raise CloudError(f"a worker has {here}, the command {wanted}; install the same versions everywhere")
     return work(*job)
 

@@ -1,7 +1,14 @@
-"""Versions of installed packages."""
+"""Versions of installed packages, and the digest of the code itself."""
 
+import hashlib
 from collections.abc import Iterable
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path
+
+CODE = frozenset({".py", ".toml", ".npz", ".json", ".onnx", ".safetensors", ".cpp"})
+"""Suffixes of code and data."""
 
 
 def versions(packages: Iterable[str]) -> dict[str, str]:
@@ -16,3 +23,20 @@ def versions(packages: Iterable[str]) -> dict[str, str]:
         except PackageNotFoundError:
             found[name] = "none"
     return found
+
+
+@cache
+def code_digest(*packages: str) -> str:
+    """Return 16 hexadecimal digits of the SHA-256 of the packages' code and data.
+
+    Two checkouts may have the same version and other code. Compiled extensions are left out, because each
+    machine compiles its own.
+    """
+    digest = hashlib.sha256()
+    for package in packages:
+        spec = find_spec(package)
+        for folder in map(Path, (spec and spec.submodule_search_locations) or ()):
+            for file in sorted(folder.rglob("*")):
+                if file.suffix in CODE and "__pycache__" not in file.parts:
+                    digest.update(f"{package}/{file.relative_to(folder)}\0".encode() + file.read_bytes())
+    return digest.hexdigest()[:16]

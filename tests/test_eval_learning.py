@@ -1,6 +1,7 @@
 """Learning from corrections: what teaches, that it helps on the next frames; a kill changes nothing."""
 
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,9 @@ from eval.learning import learn as learning  # noqa: E402
 from eval.learning import practice  # noqa: E402
 from eval.learning.by_depth import DepthLearner, example_of  # noqa: E402
 from eval.learning.lesson import HELD_OUT, LEAST_FRAMES, divided, lessons  # noqa: E402
+from eval.learning.practice import Practice  # noqa: E402
 from eval.training.reader import train  # noqa: E402
+from eval.training.reader.train import Stage  # noqa: E402
 from sensors.errors import CloudError, ExistsError  # noqa: E402
 from sensors.rig.camera import Intrinsics  # noqa: E402
 
@@ -87,12 +90,46 @@ def test_a_lesson_shows_the_room_the_first_labels_and_calls_the_seat_background(
     assert example.pixel_m == pytest.approx(1.4 / 60)
 
 
-def test_every_fourth_frame_is_held_out_and_one_of_three(taught):
+def test_a_fourth_of_the_frames_is_held_out_and_one_of_three(taught):
     found = lessons(taught)
     for count in range(LEAST_FRAMES, len(found) + 1):
         school, held = divided(found[:count])
         assert len(held) == max(1, count // HELD_OUT)
         assert sorted(one.first.frame_id for one in (*school, *held)) == list(DONE[:count])
+
+
+@pytest.mark.parametrize(
+    ("places", "held"),
+    [
+        ((0, 1, 2, 3, 50), [50]),  # the one frame of another moment, not a neighbour of four
+        ((0, 1, 2, 3, 4, 5, 200, 201), [200, 201]),  # the other moment whole, not each of its neighbours
+        ((0, 30, 60, 90, 120, 150, 180, 210), [0, 30]),
+        ((7, 8, 9), [7]),
+    ],
+)
+def test_frames_are_measured_on_far_from_those_learnt(taught, places, held):
+    frame = lessons(taught)[0]
+    school, measured = divided([replace(frame, place=place) for place in places])
+    assert [one.place for one in measured] == held
+    assert [one.place for one in school] == [place for place in places if place not in held]
+
+
+def test_another_training_does_not_go_on_from_a_checkpoint(taught):
+    """Its first labels, its recording or its numbers are others."""
+    found = lessons(taught)[0]
+    example = example_of(found.first, found.corrected.parts, LabelSet.open(taught).intrinsics)
+    planes = example.planes.copy()
+    planes[CHANNELS.index("before")] = 0
+    stage = Stage(0.01, 32, 6, 4e-3, 0.9)
+    begun = Practice("start", spoilt=False)
+    digests = {
+        begun.digest([example], stage),
+        begun.digest([example._replace(planes=planes)], stage),
+        begun.digest([example._replace(meta=example.meta * 2)], stage),
+        begun.digest([example], replace(stage, peak_rate=2e-3)),
+        Practice("other", spoilt=False).digest([example], stage),
+    }
+    assert len(digests) == 5
 
 
 def test_too_few_frames_are_refused_in_one_line(tmp_path):

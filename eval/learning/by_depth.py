@@ -41,7 +41,7 @@ class DepthLearner:
             for one in taught
             if (example := example_of(one.first, one.corrected.parts, camera_in(self._labels, one.first)))
         ]
-        self._network = self._practice.trained(self._network, known, taught, more, run, progress)
+        self._network = self._practice.trained(self._network, known, more, run, progress)
 
     def save(self, path: Path) -> None:
         """Write the reader (.onnx); a training goes on from it, too."""

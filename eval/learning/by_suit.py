@@ -57,7 +57,7 @@ class SuitLearner:
         known = [self._examples[one.first.frame_id] for one in taught if one.first.frame_id in self._examples]
         if not known:
             raise CloudError(f"no accepted frame of {self._labels.path} shows a suit that can be read")
-        self._network = self._practice.trained(self._network, known, taught, more, run, progress)
+        self._network = self._practice.trained(self._network, known, more, run, progress)
 
     def save(self, path: Path) -> None:
         """Write the reader (.onnx); a training goes on from it, too."""

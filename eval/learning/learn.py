@@ -55,7 +55,8 @@ class Learner(Protocol):
 
 @dataclass(frozen=True)
 class Learnt:
-    """Result of learning. frames: corrected ones; held_out: those measured on before they were learnt too.
+    """Result of learning. frames: corrected ones; held_out: those measured on before they were learnt too,
+    measured_on: their ids.
 
     before, after: mean agreement within 2 px on these, of their first labels and of those learnt. weights,
     labels: the adapted network, and the set with its labels of the frames nobody has worked on; None where
@@ -66,6 +67,7 @@ class Learnt:
     held_out: int
     before: float
     after: float
+    measured_on: tuple[str, ...] = ()
     weights: Path | None = None
     labels: Path | None = None
 
@@ -97,7 +99,8 @@ def learn(path: Path, out: Path, learner: Learner, progress: Progress) -> Learnt
     with Claim.take(out, login()):
         school, held = divided(taught)
         learner.learn(school, False, out / RUN, progress)
-        done = Learnt(len(taught), len(held), *_measured(learner, held, out / RUN / WEIGHTS))
+        ids = tuple(one.first.frame_id for one in held)
+        done = Learnt(len(taught), len(held), *_measured(learner, held, out / RUN / WEIGHTS), ids)
         if done.better:
             learner.learn(taught, True, out / RUN, progress)
             learner.save(out / WEIGHTS)

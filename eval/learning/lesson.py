@@ -4,6 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from annotate.array_types import Int64
 from annotate.correction.correction import Correction
 from annotate.crop import person_of
 from annotate.frame_labels import FrameLabels
@@ -19,10 +22,14 @@ HELD_OUT = 4
 
 @dataclass(frozen=True)
 class Taught:
-    """A frame that a person has finished. first: its labels before all work; corrected: as they are now."""
+    """A frame that a person has finished.
+
+    first: its labels before all work; corrected: as they are now; place: its number in the label set.
+    """
 
     first: FrameLabels
     corrected: FrameLabels
+    place: int
 
 
 def lessons(path: Path) -> list[Taught]:
@@ -33,8 +40,11 @@ def lessons(path: Path) -> list[Taught]:
     with Correction.open(path, read_only=True) as correction:
         check_alone(correction.labels)
         labels = correction.labels
-        done = [i for i in labels.frame_ids if correction.state(i) in ("accepted", "reviewed")]
-        found = (Taught(labels.read(i, original=labels.has_original(i)), correction.frame(i)) for i in done)
+        ids = enumerate(labels.frame_ids)
+        done = [(n, i) for n, i in ids if correction.state(i) in ("accepted", "reviewed")]
+        found = (
+            Taught(labels.read(i, original=labels.has_original(i)), correction.frame(i), n) for n, i in done
+        )
         taught = [one for one in found if _shows_parts(one)]
     if len(taught) < LEAST_FRAMES:
         raise CloudError(
@@ -49,9 +59,20 @@ def _shows_parts(taught: Taught) -> bool:
 
 
 def divided(taught: Sequence[Taught]) -> tuple[list[Taught], list[Taught]]:
-    """Frames to learn from, and frames to measure on, evenly among them: one at least, of two and more."""
-    held = {HELD_OUT // 2 + HELD_OUT * k for k in range(max(1, len(taught) // HELD_OUT))}
-    return (
-        [one for n, one in enumerate(taught) if n not in held],
-        [one for n, one in enumerate(taught) if n in held],
-    )
+    """Frames to learn from, and frames to measure on: one at least, of two and more.
+
+    The frames to measure on follow each other, and lie as far from the others in time as possible: the
+    neighbour of a frame that was learnt shows nearly the same picture, and would flatter.
+    """
+    count = max(1, len(taught) // HELD_OUT)
+    places = np.array([one.place for one in taught])
+    first = max(range(len(taught) - count + 1), key=lambda at: _mean_gap(places, at, count))
+    held = range(first, first + count)
+    return [one for n, one in enumerate(taught) if n not in held], [taught[n] for n in held]
+
+
+def _mean_gap(places: Int64, first: int, count: int) -> float:
+    """Mean distance, in frames, of the places [first, first + count) from the nearest other one."""
+    inside = places[first : first + count]
+    others = np.concatenate([places[:first], places[first + count :]])
+    return float(np.abs(inside[:, None] - others).min(axis=1).mean()) if len(others) else 0.0

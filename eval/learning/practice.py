@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from annotate.reader.read import SAMPLE_M
-from eval.learning.lesson import Taught
 from eval.training.reader.examples import Example
 from eval.training.reader.fit import Progress, shown
 from eval.training.reader.net import ReaderNet
@@ -38,7 +38,6 @@ class Practice:
         self,
         network: ReaderNet,
         known: Sequence[Example],
-        taught: Sequence[Taught],
         more: bool,
         run: Path,
         progress: Progress,
@@ -50,14 +49,19 @@ class Practice:
         stage = Stage(
             SAMPLE_M, SIDE, steps, RATE, AVERAGED, statistics=False, by_part=True, spoilt=self.spoilt
         )
-        checkpoint = run / self._digest(taught) / f"{'all' if more else 'some'}.safetensors"
+        checkpoint = run / self.digest(known, stage) / f"{'all' if more else 'some'}.safetensors"
         checkpoint.parent.mkdir(parents=True, exist_ok=True)
         with progress("learn, steps", stage.steps) as advance:
             return trained(network, known, stage, checkpoint, SEED, shown(advance))
 
-    def _digest(self, taught: Sequence[Taught]) -> str:
-        """SHA-256 of the weights at first and of the corrections, shortened: a folder's name."""
-        digest = hashlib.sha256(self.start.encode())
-        for one in taught:
-            digest.update(one.corrected.frame_id.encode() + one.corrected.parts.tobytes())
+    def digest(self, known: Sequence[Example], stage: Stage) -> str:
+        """SHA-256 of all that decides a training, shortened: a folder's name.
+
+        That is the weights at first, the examples (their images, first labels and corrections), and the
+        numbers of the stage.
+        """
+        digest = hashlib.sha256(f"{self.start} {stage} {SEED}".encode())
+        for example in known:
+            for array in (example.planes, example.target, example.meta):
+                digest.update(f"{array.dtype} {array.shape}".encode() + np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()[:16]

@@ -5,7 +5,6 @@ import json
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +12,7 @@ from annotate.labelset.claim import Claim, login
 from annotate.labelset.dataset import MANIFEST, ORDER, SCHEMA, Dataset, encode_shard, sha256
 from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import is_taken, write_bytes
+from sensors.versions import code_digest, versions
 from synth.images.dataset_page import write_page
 from synth.images.distributions import Distributions
 from synth.images.motion_stage import Moved
@@ -22,9 +22,9 @@ from synth.images.workers import Workers
 
 
 def _versions() -> dict[str, str]:
-    return {
-        name: version(name) for name in ("annotate-cloud", "numpy", "numba", "opencv-contrib-python-headless")
-    }
+    """What decides the bytes of a dataset beside its order."""
+    decisive = ("annotate-cloud", "numpy", "numba", "opencv-contrib-python-headless")
+    return versions(decisive) | {"code": code_digest("sensors", "annotate", "synth")}
 
 
 @dataclass(frozen=True)

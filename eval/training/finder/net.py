@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -15,6 +14,7 @@ from eval.network.halved import halve_onnx
 from eval.training.average import Average
 from eval.training.finder.images import Batch, Stock, draw_batch
 from eval.training.onnx_file import export_any_size
+from synth.random_stream import stream
 
 INPUTS, FINE = 24, 16
 """Channels of the input, and of the layers at half of the image's sides. Chosen by eye."""
@@ -112,13 +112,13 @@ def train_finder(
         for name in parts.keys() & state.keys():
             parts[name].load_state_dict(state[name])
         step, spent_s = state["step"], state["spent_s"]
-    rng, saved_s = np.random.default_rng(step), spent_s
+    saved_s = spent_s
     while (done := spent_s / (60 * minutes)) < 1:
         start = time.monotonic()
         share = 0.5 * (1 + math.cos(math.pi * done)) + LAST_RATE
         for group in optimizer.param_groups:
             group["lr"] = RATE * share * min(1, (step + 1) / WARM_UP)
-        loss = loss_of(network, draw_batch(stock, BATCH, rng))
+        loss = loss_of(network, draw_batch(stock, BATCH, stream(0, "finder", step)))
         optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(network.parameters(), 2.0)
