@@ -169,7 +169,7 @@ def _limb_vertices(body: Body) -> list[tuple[Int64, Int64]]:
 
 
 def _touching(vertices_m: Float32, pairs: list[tuple[Int64, Int64]]) -> Bool:
-    """Float32 (V,) that are near to the other set of their pair."""
+    """Return whether each vertex (V,) is near to the other set of its pair."""
     touched = np.zeros(len(vertices_m), np.bool_)
     for one, other in pairs:
         a, b = vertices_m[one], vertices_m[other]

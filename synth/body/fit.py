@@ -39,7 +39,7 @@ class BodyModel:
         self.waist = np.array(anny.Anthropometry(self._model).waist_vertex_indices, np.int32)
 
     def shape(self, phenotype: Float64) -> tuple[Float64, Float64]:
-        """Float32 (V, 3) and bone heads (B, 3) in metres for phenotypes (6,) in [0, 1]."""
+        """Return vertices (V, 3) and bone heads (B, 3), metres, of phenotypes (6,) in [0, 1]."""
         model = self._model
         with self._torch.no_grad():
             numbers = (self._torch.tensor([v], dtype=model.dtype) for v in phenotype)
@@ -85,7 +85,7 @@ class BodyModel:
         return cut_into_parts(vertices, self.faces, joints, self._weights_by_joint(len(vertices)))
 
     def _standing(self, phenotype: Float64) -> tuple[Float64, Float64]:
-        """Float32 (V, 3) and joints (J, 3) with the soles on the ground."""
+        """Return vertices (V, 3) and joints (J, 3), metres, with the soles on the ground."""
         vertices, heads = self.shape(phenotype)
         joints = np.stack([heads[self._model.bone_labels.index(_head_bone(j))] for j in JOINTS])
         floor = np.array([0.0, 0.0, vertices[:, 2].min()])

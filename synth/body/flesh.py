@@ -113,7 +113,7 @@ def _half(own: Float32, start: Float64, along: Float64, towards: Float64) -> Flo
 
 
 def _limb(body: Body, owned: Int64, joint: int, limb: str, side: str, end: str) -> tuple[Float32, Float64]:
-    """Float32 of a limb, or its half, and (2, 3) first and last station on the line it follows."""
+    """Return the vertices (n, 3) of a limb or its half, and the first and last station (2, 3) of its line."""
     own, start = body.vertices_m[owned], body.joints_m[joint]
     if end:
         along = body.joints_m[JOINT_ID[f"{side}_{end}"]] - start
@@ -165,7 +165,7 @@ def _fit_head(body: Body, owned: list[Int64], centres: Float64, radii: Float64, 
 
 
 def _vertices_of_joints(body: Body) -> list[Int64]:
-    """Float32 by joint, those it moves most.
+    """Return by joint the numbers of the vertices that it moves most.
 
     Those on a border between parts are left out: they stand in a dense row and would weigh in every mean.
     """

@@ -66,7 +66,7 @@ _SIDES = ("left", "right")
 
 
 def _vertices_of(body: Body, names: tuple[str, ...]) -> Int64:
-    """Float32 of these parts, or of these limbs on both sides."""
+    """Return the numbers of the vertices, int64 (n,), of these parts, or of these limbs on both sides."""
     ids = [PART_ID[p] for name in names for p in (name, *(f"{s}_{name}" for s in _SIDES)) if p in PART_ID]
     return np.unique(body.faces[np.isin(body.face_parts, ids)]).astype(np.int64)
 

@@ -91,7 +91,7 @@ class Visitor:
     turn_rad: float
 
     def pose(self, moment: Moment) -> Float32:
-        """Float32 (V, 3), world."""
+        """Return the vertices, float32 (V, 3), metres, world frame."""
         vertices, _ = self.behaviour.pose(self.body, moment)
         rotation = Rotation.from_euler("z", self.turn_rad).as_matrix()
         return np.asarray(vertices @ rotation.T + self.at_m, np.float32)
