@@ -73,6 +73,7 @@ HONEST: dict[str, float] = {
     * 640
     * 576
     * 2,  # half a minute of an Azure Kinect
+    "sensors.importers.bags.ros1_file.MAX_HEADER_BYTES": 1000,  # a chunk of a thousand connections has 16 each
     "sensors.importers.cloud_header.MAX_POINTS": 40_000_000,  # of a scanner on a tripod
     "sensors.importers.ebml.MAX_ELEMENT_BYTES": 4096 * 3072 * 2,  # an Azure Kinect's largest image
     "sensors.importers.tum_lists.MAX_BYTES": 8 * HOUR_S * 30 * 60,  # lines of a night

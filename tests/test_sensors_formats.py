@@ -286,7 +286,7 @@ def test_a_list_is_read_up_to_its_bound(tum, monkeypatch):
 
 
 def test_a_package_that_is_missing_is_named(tmp_path, monkeypatch):
-    bag = write(tmp_path / "x.bag", b"#ROSBAG V2.0\n")
+    bag = write(tmp_path / "x.db3", b"SQLite format 3\0")
     cloud = write(tmp_path / "x.las", las(np.ones((3, 3)), 0, False))
     for package in ("laspy", "rosbags"):
         monkeypatch.setitem(sys.modules, package, None)

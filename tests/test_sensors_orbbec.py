@@ -73,7 +73,7 @@ def test_the_unit_of_depth_counts_where_there_is_one(tmp_path, monkeypatch, unit
     source = open_source(bag(tmp_path, [(number, stamp_us, depth // 2 * 2, *rest)]))
     expected = depth // 2 * 2 if note else depth // 2
     np.testing.assert_array_equal(next(iter(source)).depth_mm, expected)
-    assert ("no depth unit: taken as 1 mm" in source.notes) == note
+    assert ("no depth unit in the recording" in source.notes) == note
 
 
 def test_without_a_pose_colour_is_kept_but_not_fused(tmp_path, monkeypatch):

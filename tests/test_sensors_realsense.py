@@ -254,11 +254,8 @@ def db3(tmp_path_factory):
 def test_what_the_sdk_records_is_read(db3):
     source, ball = open_source(db3), small_ball()
     assert isinstance(source, RealSenseRecording) and len(source) == 4
-    assert source.notes == (
-        "calibration from the recording",
-        "1 depth images were lost while it was recorded",
-        "no thermal images",
-    )
+    assert "1 depth images were lost while it was recorded" in source.notes
+    assert any(note.startswith("depth: 0.5 mm a step (declared)") for note in source.notes)
     for number, frame in zip(NUMBERS, source, strict=True):
         assert abs(frame.stamp_ns - 1e6 * (FIRST_MS + number / 0.03)) <= 1000
         np.testing.assert_array_equal(frame.depth_mm, ball[number].depth_mm)

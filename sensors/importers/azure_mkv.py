@@ -34,7 +34,8 @@ WANTED = {DEPTH: b"b16g", COLOR: b"MJPG", INFRARED: b"b16g"}
 class Track(NamedTuple):
     """One video track. fourcc: the pixel format of its BITMAPINFOHEADER.
 
-    images: when each was taken, ns on the recording's clock, and where it lies; in this order.
+    images: when each was taken, ns on the recording's clock, and where it lies; in this order, without the
+    image that the file's end cuts off.
     """
 
     name: str
@@ -83,7 +84,8 @@ class AzureRecording(FrameSource):
         if DEPTH not in {track.name for track in tracks.values()}:
             raise FormatError(f"{self.path} has no DEPTH track; give an Azure Kinect recording with depth")
         if DEPTH not in self._tracks or not self._tracks[DEPTH].images:
-            raise FormatError(f"{self.path} holds no readable depth image; record with a depth mode")
+            why = " (it is cut off)" if ebml.cut else ""
+            raise FormatError(f"{self.path} holds no readable depth image{why}; record with a depth mode")
         self._depth, color, tags = self._tracks[DEPTH], self._tracks.get(COLOR), _tags(ebml, segment)
         self.times_ns = np.array([stamp_ns for stamp_ns, _ in self._depth.images], np.int64)
         mode, size = tags.get("K4A_DEPTH_MODE", ""), (self._depth.width, self._depth.height)
@@ -103,6 +105,7 @@ class AzureRecording(FrameSource):
                 for track in tracks.values()
                 if track.name in WANTED and track.fourcc != WANTED[track.name]
             ),
+            *([f"{self.path.name} is cut off: its end is lost"] if ebml.cut else []),
             "no thermal images",
         )
 
@@ -147,7 +150,7 @@ def _tracks(ebml: EbmlFile, segment: Element) -> dict[int, Track]:
             for block in (child,) if child.id == SIMPLE_BLOCK else grouped:
                 number, ticks, payload = _block(ebml, block)
                 stamp_ns = (start + ticks) * scale
-                if number in tracks and 0 <= stamp_ns < 1 << 62:
+                if number in tracks and 0 <= stamp_ns < 1 << 62 and not payload.cut:
                     tracks[number].images.append((stamp_ns, payload))
     for track in tracks.values():
         track.images.sort(key=itemgetter(0))
@@ -160,7 +163,7 @@ def _block(ebml: EbmlFile, block: Element) -> tuple[int, int, Element]:
     if len(head) < 4 or not head[0] & 0x80 or head[3] & 0x06:
         return 0, 0, block
     ticks = int.from_bytes(head[1:3], "big", signed=True)
-    return head[0] & 0x7F, ticks, Element(block.id, block.start + 4, block.size - 4)
+    return head[0] & 0x7F, ticks, block._replace(start=block.start + 4, size=block.size - 4)
 
 
 def _tags(ebml: EbmlFile, segment: Element) -> dict[str, str]:

@@ -14,11 +14,15 @@ MAX_ELEMENT_BYTES = 1 << 26
 
 
 class Element(NamedTuple):
-    """One element: its id (marker bits included) and where its payload lies."""
+    """One element: its id (marker bits included) and where its payload lies.
+
+    cut: whether its parent ends before it does, as at the end of a file that was cut off.
+    """
 
     id: int
     start: int
     size: int
+    cut: bool = False
 
     @property
     def end(self) -> int:
@@ -27,10 +31,13 @@ class Element(NamedTuple):
 
 
 class EbmlFile:
-    """A file open for reading as EBML. Raises FormatError for what is none or is cut off where it matters."""
+    """A file open for reading as EBML. Raises FormatError for what is none or is cut off where it matters.
+
+    cut: whether any element that was met ends later than its parent, or has no whole head.
+    """
 
     def __init__(self, file: BinaryIO) -> None:
-        self._file = file
+        self._file, self.cut = file, False
         self._size = os.fstat(file.fileno()).st_size
 
     @property
@@ -80,11 +87,14 @@ class EbmlFile:
         size_length = _length(head[id_length:], 8) if id_length else 0
         start = offset + id_length + size_length
         if not size_length or start > end:
+            self.cut = True
             return None
         size = int.from_bytes(head[id_length : id_length + size_length], "big") & ((1 << 7 * size_length) - 1)
         if size == (1 << 7 * size_length) - 1:  # unknown (RFC 8794, 6.2)
             size = end - start
-        return Element(int.from_bytes(head[:id_length], "big"), start, min(size, end - start))
+        rest = end - start
+        self.cut |= size > rest
+        return Element(int.from_bytes(head[:id_length], "big"), start, min(size, rest), size > rest)
 
 
 def _length(head: bytes, longest: int) -> int:

@@ -32,6 +32,8 @@ KINDS = (
 )
 JPEG_MAGIC = b"\xff\xd8\xff"
 CLOUDS = (".pcd", ".ply", ".las", ".laz")
+BAG_METADATA = "metadata.yaml"
+"""In a ROS 2 bag's folder, which is meant where somebody names this file."""
 
 
 Opener: TypeAlias = "Callable[[], Source]"
@@ -48,6 +50,8 @@ def opener_at(path: Path) -> "Opener":
     Files are recognised by their first bytes, clouds by their name. Raises FormatError for anything else.
     """
     path = recording_at(path)
+    if path.name == BAG_METADATA and path.is_file():
+        path = path.parent
     if path.is_dir():
         return _folder(path)
     head = _head(path)
@@ -80,12 +84,14 @@ def _folder(path: Path) -> "Opener":
 
 def _bag(path: Path) -> "Opener":
     from sensors.importers.bags.bag import Bag
+    from sensors.importers.bags.bag_files import open_rosbag
     from sensors.importers.bags.orbbec import OrbbecRecording, is_orbbec
     from sensors.importers.bags.realsense import RealSenseRecording, is_realsense
 
-    if is_realsense(path):
+    file = open_rosbag(path)
+    if is_realsense(file):
         return partial(RealSenseRecording, path)
-    return partial(OrbbecRecording if is_orbbec(path) else Bag, path)
+    return partial(OrbbecRecording if is_orbbec(file) else Bag, path)
 
 
 def _other(path: Path, head: bytes) -> "Opener":

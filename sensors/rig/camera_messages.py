@@ -1,9 +1,10 @@
 """Camera descriptions and transforms of ROS and Foxglove messages (from any decoder) as plain values."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sensors.errors import CalibrationError
 from sensors.rig.camera import Intrinsics, intrinsics_from_rational
@@ -12,32 +13,103 @@ from sensors.rig.rig_calibration import Pose, rotation_of
 Decoded = Any
 """A message of the classes that rosbags and protobuf make at run time."""
 
+_BROWN = ("plumb_bob", "rational_polynomial", "radtan", "brown_conrady", "")
+"""Lens models whose coefficients are OpenCV's. image_geometry passes plumb_bob and rational_polynomial to
+OpenCV alike, however many numbers there are; Kalibr's name of the first four is radtan."""
+_FISHEYES = ("equidistant", "fisheye", "kannala", "omni", "double_sphere", "ftheta", "f_theta", "ucm")
+"""Words of lens models that are no pinhole even where all their numbers are zero."""
+_PLAIN, _RATIONAL = 5, 8
+"""Numbers of the polynomial lens, and of the rational one."""
 
-def intrinsics_from(message: Decoded, rectified: bool, name: str) -> Intrinsics:
+
+class Window(NamedTuple):
+    """Which pixels of the calibrated sensor an image has: those from left, top on, of each block one.
+
+    size: (width, height) of the image in its own pixels.
+    """
+
+    left: int
+    top: int
+    block_x: int
+    block_y: int
+    size: tuple[int, int]
+
+
+def window_of(message: Decoded) -> Window:
+    """The binning and the region of interest of a CameraInfo; a CameraCalibration has none.
+
+    A region lies in unbinned pixels, 0 wide or high is the whole sensor, binning 0 is 1 (REP 104).
+    """
+    x, y = (max(1, int(getattr(message, f"binning_{axis}", 1))) for axis in "xy")
+    width, height, left, top = int(message.width), int(message.height), 0, 0
+    region = getattr(message, "roi", None)
+    if region is not None and region.width and region.height:
+        left, top, width, height = (
+            int(getattr(region, part)) for part in ("x_offset", "y_offset", "width", "height")
+        )
+    return Window(left, top, x, y, (width // x, height // y))
+
+
+def describes(message: Decoded, size: tuple[int, int]) -> bool:
+    """Whether a camera message is of images of this size (width, height)."""
+    return size in (window_of(message).size, (int(message.width), int(message.height)))
+
+
+def intrinsics_from(
+    message: Decoded, rectified: bool, name: str, size: tuple[int, int] | None = None
+) -> Intrinsics:
     """The pinhole of a CameraInfo or CameraCalibration with its lens, or that of the rectified image.
 
-    Raises CalibrationError, which names the topic ``name``.
+    size: (width, height) of the image; None = the message's. Where binning and region of interest give it,
+    they are applied as ``image_geometry::PinholeCameraModel::fromCameraInfo`` does. Raises CalibrationError,
+    which names the topic ``name``.
     """
-    # ROS 1 and Foxglove write large letters, ROS 2 small ones.
-    d, k, p = (
-        np.array(getattr(message, letter if hasattr(message, letter) else letter.upper()), np.float64)
-        for letter in "dkp"
-    )
+    d, k, p = (_numbers(message, letter) for letter in "dkp")
     matrix = k.reshape(3, 3) if k.size == 9 else np.zeros((3, 3))
     if rectified and p.size == 12 and p[0] > 0:
         matrix = p.reshape(3, 4)[:, :3]
-    size, model = (int(message.width), int(message.height)), str(message.distortion_model)
+    if not matrix[:2, :2].any():
+        raise CalibrationError(f"{name} holds no calibration (K is zero); calibrate the camera, or give --intrinsics FILE")
+    full = int(message.width), int(message.height)
+    window = window_of(message)
+    if size is not None and size != full and size == window.size:
+        shift = np.array([[1.0, 0, -window.left], [0, 1, -window.top], [0, 0, 1]])
+        matrix = np.diag([1 / window.block_x, 1 / window.block_y, 1.0]) @ shift @ matrix
+    return _with_lens(matrix, size or full, np.zeros(0) if rectified else d, _model(message), name)
+
+
+def _numbers(message: Decoded, letter: str) -> NDArray[np.float64]:
+    """A field of numbers: ROS 1 and Foxglove write large letters, ROS 2 small ones."""
+    return np.array(getattr(message, letter if hasattr(message, letter) else letter.upper()), np.float64)
+
+
+def _model(message: Decoded) -> str:
+    return str(message.distortion_model).strip().lower().replace(" ", "_")
+
+
+def _with_lens(
+    matrix: NDArray[np.float64], size: tuple[int, int], d: NDArray[np.float64], model: str, name: str
+) -> Intrinsics:
+    """A pinhole with OpenCV's coefficients k1 k2 p1 p2 k3 k4 k5 k6; what is zero behind them is nothing."""
     pinhole = [float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2))]
-    if rectified or not d.any():
+    if not np.isfinite(d).all():
+        raise CalibrationError(
+            f"{name} has lens coefficients that are no numbers ({', '.join(f'{n:g}' for n in d[:5])}); "
+            "give --intrinsics FILE"
+        )
+    fisheye = d.size > 0 and any(word in model for word in _FISHEYES)
+    used = int(np.flatnonzero(d)[-1]) + 1 if d.any() else 0
+    if not fisheye and not used:
         return Intrinsics(*size, *pinhole)
-    if model in ("plumb_bob", "") and d.size in (4, 5):
-        return Intrinsics(*size, *pinhole, *d.tolist())
-    if model == "rational_polynomial" and d.size == 8 and np.isfinite(d).all():
-        return intrinsics_from_rational(size, matrix, d)
-    raise CalibrationError(
-        f"{name} has lens model {model[:40]!r} with {d.size} numbers; give plumb_bob or "
-        "rational_polynomial, or record the rectified image"
-    )
+    if fisheye or model not in _BROWN or used > _RATIONAL:
+        raise CalibrationError(
+            f"{name} has lens model {model[:40]!r} with {d.size} numbers; give plumb_bob or "
+            "rational_polynomial, or record the rectified image"
+        )
+    lens = np.pad(d[:used], (0, _RATIONAL - used))
+    if used <= _PLAIN:
+        return Intrinsics(*size, *pinhole, *lens[:_PLAIN].tolist())
+    return intrinsics_from_rational(size, matrix, lens)
 
 
 def links_from(message: Decoded) -> Iterator[tuple[str, str, Pose]]:

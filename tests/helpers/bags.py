@@ -105,3 +105,32 @@ def realsense(frames: int = 3) -> list[tuple[str, object, int]]:
         infra = (depth % 256).astype(np.uint8)
         messages.append(("/camera/infra1/image_rect_raw", image(infra, "mono8", stamp, "i"), 9 * SECOND))
     return messages
+
+
+def write_old_bag(path: Path, messages: list[tuple[str, object, int]], compression: str = "") -> Path:
+    """(topic, message, time logged) into a ROS 1 bag, by rosbags' own writer. compression: "", BZ2 or LZ4."""
+    rosbag1 = pytest.importorskip("rosbags.rosbag1")
+    store = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
+    transforms = "geometry_msgs/TransformStamped[] transforms"
+    store.register(typesys.get_types_from_msg(transforms, "tf2_msgs/msg/TFMessage"))
+
+    def of_ros_1(value: object) -> object:
+        """ROS 1 has a header's number beside, and some names in large letters."""
+        if isinstance(value, list) or not hasattr(value, "__msgtype__"):
+            return [of_ros_1(v) for v in value] if isinstance(value, list) else value
+        kind = store.types[value.__msgtype__]
+        fields = {name.lower(): of_ros_1(v) for name, v in vars(value).items()}
+        names = [name for name in kind.__dataclass_fields__ if not name.startswith("__")]
+        return kind(**{name: fields.get(name.lower(), 0) for name in names})
+
+    writer = rosbag1.Writer(path)
+    if compression:
+        writer.set_compression(rosbag1.Writer.CompressionFormat[compression])
+    with writer:
+        connections: dict[str, object] = {}
+        for topic, message, logged_ns in messages:
+            old = of_ros_1(message)
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, old.__msgtype__, typestore=store)
+            writer.write(connections[topic], logged_ns, store.serialize_ros1(old, old.__msgtype__))
+    return path

@@ -1,30 +1,27 @@
-"""The messages of a bag's files, topic by topic: MCAP files by their records, all others by rosbags."""
+"""The files of a bag: MCAP files and ROS 1 bags by their records, ROS 2's SQLite files by rosbags."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import islice
-from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from weakref import finalize
 
-import numpy as np
 from mcap.records import Channel, Message, Metadata, Schema
-from numpy.typing import NDArray
+from natsort import natsorted
 
 from sensors.errors import CloudError, FormatError
-from sensors.importers.bags.ros_messages import ENCODINGS, PICTURES, READ, decode, stamp_and_frame
-from sensors.rig.camera_messages import Decoded
-from sensors.session.mcap_records import MessageReader, record_offsets, records_at
+from sensors.importers.bags.entries import Entry, Place, bare
+from sensors.importers.bags.ros1_file import Ros1File
+from sensors.importers.bags.ros_messages import ENCODINGS, READ
+from sensors.session.mcap_records import MAGIC, MessageReader, is_complete, record_offsets, records_at
 from sensors.session.messages import DEPTH
 from sensors.session.messages import METADATA as SESSION_METADATA
 
 METADATA = "metadata.yaml"
 """In a ROS 2 bag's folder; a recorder that was killed has not written it."""
-
-Place = tuple[int, int]
-"""Where a file has a message: offset and slot in MCAP; elsewhere the time it was logged, and how many
-messages of its topic logged at that time come before it."""
+_ROS1 = b"#ROSBAG "
+"""Begin of a ROS 1 bag of any version."""
 
 
 def is_bag(path: Path) -> bool:
@@ -49,23 +46,18 @@ def is_bag(path: Path) -> bool:
     return seen
 
 
-class Entry(NamedTuple):
-    """One message. kind: its type without package or folder; encoding: ros1, cdr or protobuf."""
-
-    topic: str
-    kind: str
-    encoding: str
-    logged_ns: int
-    place: Place
-    data: bytes
-
-
 class McapFile:
     """An MCAP file's messages; one that was cut off simply ends early. Raises FormatError."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._messages = MessageReader(path)
+
+    @property
+    def lost(self) -> str:
+        """What is cut off, one sentence; "" for nothing."""
+        with self.path.open("rb") as file:
+            return "" if is_complete(file) else f"{self.path.name} is truncated: its end is lost"
 
     def entries(self) -> Iterator[Entry]:
         """Every message of a type that is read, in the file's order."""
@@ -75,7 +67,7 @@ class McapFile:
             for offset in record_offsets(file):
                 for slot, record in enumerate(records_at(file, offset)):
                     if isinstance(record, Schema):
-                        schemas[record.id] = _bare(record.name)
+                        schemas[record.id] = bare(record.name)
                     elif isinstance(record, Channel):
                         kind, encoding = schemas.get(record.schema_id, ""), record.message_encoding
                         if kind in READ and encoding in ENCODINGS:
@@ -90,21 +82,21 @@ class McapFile:
 
 
 class RosbagFile:
-    """The messages of a ROS 1 bag, a SQLite file, or a ROS 2 bag's folder, by rosbags (extra ``exchange``).
+    """The messages of a ROS 2 bag's SQLite file, or of its folder, by rosbags (extra ``exchange``).
 
-    Its ``AnyReader`` would make Python code of the definitions in a file: not used. encoding: ros1 or cdr.
-    Raises FormatError.
+    Its ``AnyReader`` would make Python code of the definitions in a file: not used. Raises FormatError.
     """
+
+    encoding, lost = "cdr", ""
 
     def __init__(self, path: Path) -> None:
         try:
-            from rosbags import rosbag1, rosbag2
+            from rosbags import rosbag2
         except ImportError as error:
             raise FormatError(f"{path} needs rosbags; pip install 'annotate-cloud[exchange]'") from error
         self.path = path
-        self.encoding = "ros1" if path.suffix.lower() == ".bag" else "cdr"
         with damaged(path):
-            self._reader: Any = rosbag1.Reader(path) if self.encoding == "ros1" else rosbag2.Reader(path)
+            self._reader: Any = rosbag2.Reader(path)
             self._reader.open()
         finalize(self, self._reader.close)
 
@@ -117,12 +109,12 @@ class RosbagFile:
         """Every message of a type that is read, in the order of their log times."""
         last: dict[str, Place] = {}
         with damaged(self.path):
-            wanted = [c for c in self._reader.connections if _bare(c.msgtype) in kinds]
+            wanted = [c for c in self._reader.connections if bare(c.msgtype) in kinds]
             for connection, logged_ns, data in self._reader.messages(wanted) if wanted else ():
                 topic = str(connection.topic)
                 before_ns, count = last.get(topic, (-1, 0))
                 last[topic] = place = (logged_ns, count + 1 if before_ns == logged_ns else 0)
-                yield Entry(topic, _bare(connection.msgtype), self.encoding, logged_ns, place, bytes(data))
+                yield Entry(topic, bare(connection.msgtype), self.encoding, logged_ns, place, bytes(data))
 
     def read(self, topic: str, place: Place) -> bytes:
         """A message's bytes."""
@@ -133,31 +125,12 @@ class RosbagFile:
             return bytes(next(islice(messages, number, None))[2])
 
 
-BagFile = McapFile | RosbagFile
-
-
-class Topic(NamedTuple):
-    """One topic's messages, all of one kind and encoding: each one's time stamp in ns, file and place."""
-
-    name: str
-    kind: str
-    encoding: str
-    messages: list[tuple[int, BagFile, Place]]
-
-    @property
-    def stamps_ns(self) -> NDArray[np.int64]:
-        """Time stamps (n,) of the messages, sorted."""
-        return np.array([stamp_ns for stamp_ns, _, _ in self.messages], np.int64)
-
-    def read(self, index: int) -> Decoded:
-        """A message. Raises FormatError."""
-        _, file, place = self.messages[index]
-        return decode(self.kind, self.encoding, file.read(self.name, place))
+BagFile = McapFile | RosbagFile | Ros1File
 
 
 def storage_files(folder: Path) -> list[Path]:
-    """The MCAP and SQLite files of a folder, sorted."""
-    return sorted(f for f in folder.iterdir() if f.suffix.lower() in (".mcap", ".db3") and f.is_file())
+    """The MCAP and SQLite files of a folder, in the natural order of their names."""
+    return natsorted(f for f in folder.iterdir() if f.suffix.lower() in (".mcap", ".db3") and f.is_file())
 
 
 def open_files(path: Path) -> list[BagFile]:
@@ -166,31 +139,25 @@ def open_files(path: Path) -> list[BagFile]:
     mcap = any(file.suffix.lower() == ".mcap" for file in paths)
     if path.is_dir() and (path / METADATA).is_file() and not mcap:
         paths = [path]  # its metadata name the compression
-    return [McapFile(file) if mcap else RosbagFile(file) for file in paths]
+    return [open_file(file) for file in paths]
 
 
-def index_topics(files: list[BagFile]) -> dict[str, Topic]:
-    """Every topic of a kind that is read, its messages by stamp, or as logged. Raises FormatError."""
-    topics: dict[str, Topic] = {}
-    for file in files:
-        for entry in file.entries():
-            topic = topics.setdefault(entry.topic, Topic(entry.topic, entry.kind, entry.encoding, []))
-            if (topic.kind, topic.encoding) != (entry.kind, entry.encoding):
-                raise FormatError(f"{file.path}: topic {entry.topic[:60]!r} holds messages of two kinds")
-            stamp_ns = entry.logged_ns
-            if entry.kind in PICTURES:
-                stamp_ns = stamp_and_frame(decode(entry.kind, entry.encoding, entry.data))[0] or stamp_ns
-            if not 0 <= stamp_ns < 1 << 63:
-                raise FormatError(f"{file.path}: a message of {entry.topic[:60]!r} has an impossible time")
-            topic.messages.append((stamp_ns, file, entry.place))
-    for topic in topics.values():
-        topic.messages.sort(key=itemgetter(0))
-    return topics
+def open_file(path: Path) -> BagFile:
+    """One file, or a folder of SQLite files. Raises FormatError."""
+    head = b""
+    if path.is_file():
+        with path.open("rb") as file:
+            head = file.read(len(MAGIC))
+    return McapFile(path) if head.startswith(MAGIC) or path.suffix.lower() == ".mcap" else open_rosbag(path)
 
 
-def _bare(kind: str) -> str:
-    """``sensor_msgs/msg/Image`` or ``foxglove.RawImage`` without what stands before the type's own name."""
-    return kind.replace(".", "/").rpartition("/")[2]
+def open_rosbag(path: Path) -> RosbagFile | Ros1File:
+    """A ROS 1 bag, or SQLite files. Raises FormatError."""
+    if path.is_file():
+        with path.open("rb") as file:
+            if file.read(len(_ROS1)) == _ROS1:
+                return Ros1File(path)
+    return RosbagFile(path)
 
 
 @contextmanager

@@ -7,20 +7,22 @@ OrbbecSDK_v2, src/media/ros (MIT). The SDK need not be installed.
 import re
 import struct
 from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.errors import CalibrationError, FormatError
-from sensors.importers.bags.bag_files import Place, RosbagFile, damaged
-from sensors.importers.bags.camera_frames import CameraFrames, Images
+from sensors.importers.bags.bag_files import RosbagFile, damaged, open_rosbag
+from sensors.importers.bags.camera_frames import CameraFrames, Images, Recorded, Stream
+from sensors.importers.bags.ros1_file import Ros1File
 from sensors.importers.bags.ros_messages import Picture
+from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.camera import Intrinsics, intrinsics_from_rational
+from sensors.rig.camera_check import check_camera
 from sensors.rig.frame import FrameSource, RigFrame
+from sensors.rig.intrinsics_file import read_intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
 DEPTH, COLOR, INFRARED = "depth", "colour", "infrared"
@@ -29,7 +31,6 @@ SENSORS = {"3": DEPTH, "2": COLOR, "1": INFRARED, "6": INFRARED}
 KINDS = frozenset({"Image", "OBStreamProfileInfo"})
 UNITS_MM = (0.01, 10.0)
 """Millimetres of a step of depth: what lies beyond is none."""
-USUAL_UNIT_MM = 1.0
 _IMAGE = re.compile(r"/cam/sensor_(\d+)/frameType_\d+")
 _PROFILE = re.compile(r"/cam/streamProfileType_(\d+)")
 _HEADER, _SIZE, _LENGTH, _STEP = (struct.Struct(code) for code in ("<III", "<II", "<I", "<BI"))
@@ -50,18 +51,11 @@ class _Image(NamedTuple):
 
 
 @dataclass
-class _Stream:
-    """One stream. images: time and place of each; profile: the numbers of ``_STREAM``."""
+class _Stream(Stream):
+    """One stream. unit_mm: of depth, 0 = not stated; profile: the numbers of ``_STREAM``."""
 
-    topic: str = ""
-    images: list[tuple[int, Place]] = field(default_factory=list)
-    numbers: list[int] = field(default_factory=list)
     unit_mm: float = 0.0
     profile: tuple[float, ...] = ()
-
-    @property
-    def stamps_ns(self) -> NDArray[np.int64]:
-        return np.array([stamp_ns for stamp_ns, _ in self.images], np.int64)
 
     def lens(self) -> Intrinsics | None:
         """The factory's intrinsics."""
@@ -86,25 +80,28 @@ class OrbbecRecording(FrameSource):
 
     path: Path
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, options: ImportOptions = AS_STATED) -> None:
         self.path, self.name = path, path.stem
-        self._file = RosbagFile(path)
+        self._file = open_rosbag(path)
         self._streams = {name: _Stream() for name in (DEPTH, COLOR, INFRARED)}
         with damaged(path):
             self._index()
             depth = self._streams[DEPTH]
             if not depth.images:
                 raise FormatError(f"{path} has no depth images; record the depth sensor")
-            self.calibration, notes = self._calibrate()
-        if not depth.unit_mm:
-            notes.append(f"no depth unit: taken as {USUAL_UNIT_MM:g} mm")
-        if (lost := sum(np.diff(sorted(depth.numbers)).astype(int) - 1)) > 0:
-            notes.append(f"{lost} depth images were lost while it was recorded")
-        self.notes = (*notes, "no thermal images")
-        images = {name: self._images(name) for name in self._streams}
-        self.times_ns = images[DEPTH].stamps_ns
-        self._frames = CameraFrames(
-            images[DEPTH], images[COLOR], images[INFRARED], depth.unit_mm or USUAL_UNIT_MM
+            self.calibration, notes = self._calibrate(options)
+            depths, colors, infrareds = (self._images(name) for name in (DEPTH, COLOR, INFRARED))
+            unit_mm = options.depth_unit_mm or depth.unit_mm or None
+            self._frames = CameraFrames(depths, colors, infrareds, unit_mm, path.name)
+        timeline = depths.timeline
+        self.times_ns = timeline.times_ns
+        self.notes = (
+            *notes,
+            *([] if unit_mm else ["no depth unit in the recording"]),
+            *self._frames.notes,
+            *depth.lost(timeline),
+            "no thermal images",
+            *([self._file.lost] if self._file.lost else []),
         )
 
     def _frame(self, index: int) -> RigFrame:
@@ -112,11 +109,12 @@ class OrbbecRecording(FrameSource):
 
     def _images(self, name: str) -> Images:
         stream = self._streams[name]
-        return Images(stream.stamps_ns, partial(self._picture, stream))
+        stream.images.sort(key=lambda image: image.received_ns)
+        return stream.opened(name, stream.stamps_ns, self._file, self._picture)
 
-    def _picture(self, stream: _Stream, index: int) -> Picture:
+    def _picture(self, data: bytes) -> Picture:
         with damaged(self.path):
-            return _image(self._file.read(stream.topic, stream.images[index][1])).picture
+            return _image(data).picture
 
     def _index(self) -> None:
         """Find the images and what describes their cameras."""
@@ -131,17 +129,18 @@ class OrbbecRecording(FrameSource):
                 continue
             read = _image(entry.data)
             stream.topic = entry.topic
-            stream.images.append((read.stamp_ns, entry.place))
+            stream.images.append(Recorded(read.number, read.stamp_ns, entry.logged_ns, entry.place))
             stream.unit_mm = stream.unit_mm or read.unit_mm
-            stream.numbers += [read.number] * (read.number >= 0)
-        for stream in self._streams.values():
-            stream.images.sort()
 
-    def _calibrate(self) -> tuple[RigCalibration, list[str]]:
+    def _calibrate(self, options: ImportOptions) -> tuple[RigCalibration, list[str]]:
         """The calibration, and notes on it."""
         depth, color = self._streams[DEPTH], self._streams[COLOR]
-        if (lens := depth.lens()) is None:
-            raise CalibrationError(f"{self.path} has no intrinsics of the depth camera; record it again")
+        lens = depth.lens() if options.intrinsics is None else read_intrinsics(options.intrinsics).depth
+        if lens is None:
+            raise CalibrationError(
+                f"{self.path} has no intrinsics of the depth camera; give --intrinsics FILE"
+            )
+        check_camera(lens, f"{self.path.name}, depth camera")
         if not color.images:
             return RigCalibration(lens), ["intrinsics from the recording", "no colour images"]
         with suppress(CalibrationError):
@@ -151,9 +150,9 @@ class OrbbecRecording(FrameSource):
         return RigCalibration(lens), ["intrinsics from the recording", note]
 
 
-def is_orbbec(path: Path) -> bool:
+def is_orbbec(file: RosbagFile | Ros1File) -> bool:
     """Whether Orbbec's SDK made this ROS 1 bag. Raises FormatError."""
-    return any(topic.startswith("/cam/streamProfileType_") for topic in RosbagFile(path).topics)
+    return any(_PROFILE.fullmatch(topic) or _IMAGE.fullmatch(topic) for topic in file.topics)
 
 
 def _image(data: bytes) -> _Image:

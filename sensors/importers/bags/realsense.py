@@ -1,7 +1,9 @@
 """A recording of RealSense's SDK as a source of frames: .db3 (SQLite, today's), .bag (ROS 1, older ones).
 
 Both are bags by their container, with contents of RealSense's own. Topics, and the encodings of their
-messages: librealsense, src/media/ros/ros_file_format.h, ros_writer.cpp, src/media/ros2.
+messages: librealsense, src/media/ros/ros_file_format.h, ros_writer.cpp, src/media/ros2. The stamp of an image
+in a .bag is the frame's time in whole seconds and nanoseconds (``write_video_frame``), so that only the
+camera's own clock of 32 bits ever wraps around.
 """
 
 import re
@@ -17,20 +19,24 @@ from numpy.typing import NDArray
 
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.bounded import MAX_IMAGE_BYTES, MAX_IMAGE_SIDE
-from sensors.importers.bags.bag_files import Entry, Place, RosbagFile, damaged
-from sensors.importers.bags.camera_frames import CameraFrames, Images
+from sensors.importers.bags.bag_files import RosbagFile, damaged, open_rosbag
+from sensors.importers.bags.camera_frames import CameraFrames, Images, Recorded, Stream
+from sensors.importers.bags.entries import Entry, Place
+from sensors.importers.bags.ros1_file import Ros1File
 from sensors.importers.bags.ros_messages import Picture, decode, picture_from
+from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.camera import Intrinsics
+from sensors.rig.camera_check import check_camera
 from sensors.rig.frame import FrameSource, RigFrame
+from sensors.rig.intrinsics_file import read_intrinsics
 from sensors.rig.realsense_lens import realsense_intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration, rotation_of
-from sensors.rig.wrapping_counter import WrappingCounter
 
 KINDS = frozenset({"Image", "CompressedImage", "CameraInfo", "Transform", "String", "Float32"})
 DEPTH, COLOR, INFRARED = STREAMS = "Depth_0", "Color_0", "Infrared_1"
 """Streams that are read; of the two infrared cameras the left one, which has the pixels of depth."""
-USUAL_UNIT_MM = 1.0
-"""One unit of depth of every D400 as it is sold, but for the D405."""
+WRAPS_NS = 1000 * 2**32
+"""Where the camera's clock, of 32 bits in microseconds, starts again."""
 _STREAM = re.compile(rf"/device_0/sensor_\d+/({'|'.join(STREAMS)})/(.+)")
 _UNIT = re.compile(r"/device_0/sensor_\d+/option/Depth[ _]Units/value")
 _LENS, _METADATA, _PIXELS, _POSE = ("camera_info", "info/camera_info"), "image/metadata", "image/data", "tf/"
@@ -43,20 +49,11 @@ _VERSION = b"\1\0\0\0" + b"1"
 
 
 @dataclass
-class _Stream:
-    """One stream. images: frame number, time and place of each; about: messages by the end of their topics.
+class _Stream(Stream):
+    """One stream. kind: the type of the images' messages; about: messages by the end of their topics."""
 
-    kind: the type of the images' messages.
-    """
-
-    topic: str = ""
     kind: str = ""
-    images: list[tuple[int, int, Place]] = field(default_factory=list)
     about: dict[str, Entry] = field(default_factory=dict)
-
-    @property
-    def stamps_ns(self) -> NDArray[np.int64]:
-        return np.array([stamp_ns for _, stamp_ns, _ in self.images], np.int64)
 
     def lens(self) -> Intrinsics | None:
         """The factory's intrinsics."""
@@ -82,50 +79,57 @@ class RealSenseRecording(FrameSource):
 
     path: Path
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, options: ImportOptions = AS_STATED) -> None:
         self.path, self.name = path, path.stem
-        self._file, self._unit_mm = RosbagFile(path), 0.0
+        self._file, self._unit_mm = open_rosbag(path), options.depth_unit_mm
         self._streams = {name: _Stream() for name in STREAMS}
         with damaged(path):
             self._index()
-            if not self._streams[DEPTH].images:
+            depth = self._streams[DEPTH]
+            if not depth.images:
                 raise FormatError(f"{path} has no depth images; record the stream Depth")
-            self.calibration, notes = self._calibrate()
-        if not self._unit_mm:
-            self._unit_mm = USUAL_UNIT_MM
-            notes.append(f"no depth unit: taken as {USUAL_UNIT_MM:g} mm")
-        numbers = [number for number, _, _ in self._streams[DEPTH].images]
-        if (lost := max(numbers) - min(numbers) + 1 - len(numbers)) > 0:
-            notes.append(f"{lost} depth images were lost while it was recorded")
-        self.notes = (*notes, "no thermal images")
-        images = {name: self._images(name) for name in self._streams}
-        self.times_ns = images[DEPTH].stamps_ns
-        self._frames = CameraFrames(images[DEPTH], images[COLOR], images[INFRARED], self._unit_mm)
+            self.calibration, notes = self._calibrate(options)
+            images = {name: self._images(name) for name in STREAMS}
+            self._frames = CameraFrames(
+                images[DEPTH], images[COLOR], images[INFRARED], self._unit_mm, path.name
+            )
+        timeline = images[DEPTH].timeline
+        self.times_ns = timeline.times_ns
+        self.notes = (
+            *notes,
+            *([] if self._unit_mm else ["no depth unit in the recording"]),
+            *self._frames.notes,
+            *depth.lost(timeline),
+            "no thermal images",
+            *([self._file.lost] if self._file.lost else []),
+        )
 
     def _frame(self, index: int) -> RigFrame:
         return self._frames.frame(index)
 
     def _images(self, name: str) -> Images:
         stream = self._streams[name]
-        return Images(stream.stamps_ns, partial(self._picture, stream))
+        stream.images.sort(key=lambda image: image.received_ns)
+        return stream.opened(
+            name, unwrapped(stream.stamps_ns), self._file, partial(self._picture, stream.kind)
+        )
 
-    def _picture(self, stream: _Stream, index: int) -> Picture:
-        data = self._file.read(stream.topic, stream.images[index][2])
+    def _picture(self, kind: str, data: bytes) -> Picture:
         with damaged(self.path):
             if self._file.encoding == "ros1" and data.startswith(_VERSION, _HEAD.size):
                 data = data[:-4]
-            return _unpacked(picture_from(decode(stream.kind, self._file.encoding, data)))
+            return _unpacked(picture_from(decode(kind, self._file.encoding, data)))
 
     def _index(self) -> None:
         """Find the images and what describes them. In a .db3 their times are beside them."""
-        clock, metadata = WrappingCounter(), dict[tuple[str, int], Entry]()
+        metadata = dict[tuple[str, int], Entry]()
         places: list[tuple[str, int, Place]] = []
         for entry in self._file.entries(KINDS):
             found = _STREAM.fullmatch(entry.topic)
             if _UNIT.fullmatch(entry.topic):
                 value = decode(entry.kind, entry.encoding, entry.data).data
                 # A float32 has no more than seven digits.
-                self._unit_mm = float(f"{1000 * float(value):.6g}")
+                self._unit_mm = self._unit_mm or float(f"{1000 * float(value):.6g}")
             elif found is None:
                 continue
             elif found[2].startswith(_PIXELS):
@@ -133,8 +137,9 @@ class RealSenseRecording(FrameSource):
                 stream.topic, stream.kind = entry.topic, entry.kind
                 if entry.encoding == "ros1":
                     number, seconds, nanoseconds = _HEAD.unpack_from(entry.data)
-                    stamp_ns = 1000 * clock.unwrap(1_000_000 * seconds + round(nanoseconds / 1000))
-                    stream.images.append((number, stamp_ns, entry.place))
+                    # The SDK goes through seconds in floating point.
+                    stamp_ns = 1000 * (1_000_000 * seconds + round(nanoseconds / 1000))
+                    stream.images.append(Recorded(number, stamp_ns, entry.logged_ns, entry.place))
                 else:
                     places.append((found[1], entry.logged_ns, entry.place))
             elif found[2] == _METADATA:
@@ -143,16 +148,20 @@ class RealSenseRecording(FrameSource):
                 self._streams[found[1]].about.setdefault(found[2], entry)
         for name, logged_ns, place in places:
             fields = _fields(metadata[name, logged_ns])
-            stamp_ns = 1000 * clock.unwrap(round(1000 * float(fields["timestamp"])))
-            self._streams[name].images.append((int(fields["Frame number"]), stamp_ns, place))
-        for stream in self._streams.values():
-            stream.images.sort(key=lambda image: image[1])
+            stamp_ns = 1000 * round(1000 * float(fields["timestamp"]))
+            self._streams[name].images.append(
+                Recorded(int(fields["Frame number"]), stamp_ns, logged_ns, place)
+            )
 
-    def _calibrate(self) -> tuple[RigCalibration, list[str]]:
+    def _calibrate(self, options: ImportOptions) -> tuple[RigCalibration, list[str]]:
         """The calibration, and notes on it."""
         depth, color = self._streams[DEPTH], self._streams[COLOR]
-        if (lens := depth.lens()) is None:
-            raise CalibrationError(f"{self.path} has no intrinsics of the depth camera; record it again")
+        lens = depth.lens() if options.intrinsics is None else read_intrinsics(options.intrinsics).depth
+        if lens is None:
+            raise CalibrationError(
+                f"{self.path} has no intrinsics of the depth camera; give --intrinsics FILE"
+            )
+        check_camera(lens, f"{self.path.name}, depth camera")
         if not color.images:
             return RigCalibration(lens), ["intrinsics from the recording", "no colour images"]
         color_lens, at_depth, at_color = color.lens(), depth.pose(), color.pose()
@@ -164,9 +173,20 @@ class RealSenseRecording(FrameSource):
         return RigCalibration(lens, color_lens, color_from_depth), ["calibration from the recording"]
 
 
-def is_realsense(path: Path) -> bool:
+def unwrapped(stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Times (n,) of one stream where the camera's own clock starts again after 71.6 minutes.
+
+    A clock of the host (the SDK's usual domain) is far beyond the 32 bits, so that nothing is unwrapped.
+    """
+    if len(stamps_ns) < 2 or stamps_ns.max() >= WRAPS_NS:
+        return stamps_ns
+    wraps = np.cumsum(np.diff(stamps_ns) < -WRAPS_NS // 2) * WRAPS_NS
+    return np.asarray(stamps_ns + np.concatenate([[0], wraps]), np.int64)
+
+
+def is_realsense(file: RosbagFile | Ros1File) -> bool:
     """Whether RealSense's SDK made this SQLite file or ROS 1 bag. Raises FormatError."""
-    return any(topic.startswith("/device_0/sensor_") for topic in RosbagFile(path).topics)
+    return any(topic.startswith("/device_0/sensor_") for topic in file.topics)
 
 
 def _fields(entry: Entry) -> dict[str, str]:

@@ -1,21 +1,25 @@
-"""Pictures of ROS 2 and Foxglove messages as depth in millimetres and as encoded colour.
+"""Pictures of ROS and Foxglove messages as depth and as encoded colour.
 
-Encodings: sensor_msgs/image_encodings.hpp; compressed depth: compressed_depth_image_transport (ROS).
+Encodings: sensor_msgs/image_encodings.hpp; compressed depth: compressed_depth_image_transport (ROS); Bayer
+patterns: cv_bridge, src/cv_bridge.cpp.
 """
 
+import io
 import struct
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from sensors.errors import FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.files.png import PNG_MAGIC, decode_grey
 from sensors.importers.bags.ros_messages import Picture
-from sensors.rig.frame import mm_from_metres
 
+Depth = NDArray[np.uint16] | NDArray[np.float32]
+"""Depth (h, w) as messages have it: whole units, millimetres by REP 118, or metres."""
 DEPTHS = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
 COLORS = {
     "rgb8": (3, cv2.COLOR_RGB2BGR),
@@ -28,21 +32,51 @@ COLORS = {
     "YUYV": (2, cv2.COLOR_YUV2BGR_YUY2),
     "yuv422_yuy2": (2, cv2.COLOR_YUV2BGR_YUY2),
     "yuv422": (2, cv2.COLOR_YUV2BGR_UYVY),
+    "bayer_rggb8": (1, cv2.COLOR_BayerRGGB2BGR),
+    "bayer_bggr8": (1, cv2.COLOR_BayerBGGR2BGR),
+    "bayer_gbrg8": (1, cv2.COLOR_BayerGBRG2BGR),
+    "bayer_grbg8": (1, cv2.COLOR_BayerGRBG2BGR),
 }
 """Encodings that are read; of colours, number of channels and OpenCV's way to its own order."""
+FINE_MM = 0.1
+"""Millimetres of a depth unit of a RealSense D405, which realsense-ros publishes as they are."""
 _CONFIG = struct.Struct("<iff")
 """What stands before the PNG of a compressed depth image: format (1 = inverse depth), and its two numbers."""
 
 
-def depth_mm_from(picture: Picture) -> NDArray[np.uint16]:
-    """Depth (h, w) in millimetres. Raises FormatError."""
+def depth_from(picture: Picture) -> Depth:
+    """Depth (h, w) as the message has it: whole units (millimetres by REP 118), or floats (metres).
+
+    Raises FormatError.
+    """
     if picture.compressed:
         return _unpacked_depth(picture)
     kind = DEPTHS.get(picture.encoding)
     if kind is None:
         raise FormatError(f"depth image is {picture.encoding[:40]!r}; only {', '.join(DEPTHS)} are read")
     values = pixels_of(picture, np.dtype(kind), 1)[..., 0]
-    return mm_from_metres(values) if kind is np.float32 else values.astype(np.uint16)
+    return values.astype(np.float32) if kind is np.float32 else values.astype(np.uint16)
+
+
+def is_grey_png(picture: Picture) -> bool:
+    """Whether a compressed picture is a PNG of one channel with 16 bits, which loses nothing.
+
+    image_transport's plain ``compressed`` transport and Foxglove's CompressedImage carry depth so.
+    """
+    # IHDR: bit depth, colour type (PNG specification, 11.2.2).
+    return picture.compressed and picture.data.startswith(PNG_MAGIC) and picture.data[24:26] == b"\x10\0"
+
+
+def picture_size(picture: Picture) -> tuple[int, int] | None:
+    """(width, height) by the message or by the header of its JPEG or PNG; None where that is damaged."""
+    if not picture.compressed:
+        return picture.width, picture.height
+    start = max(0, picture.data[:64].find(PNG_MAGIC))  # compressed depth has numbers before it
+    try:
+        with Image.open(io.BytesIO(picture.data[start:]), formats=("JPEG", "PNG")) as header:
+            return header.size
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+        return None
 
 
 def grey_from(picture: Picture) -> NDArray[np.uint16]:
@@ -84,7 +118,7 @@ def pixels_of(picture: Picture, dtype: np.dtype[Any], channels: int) -> NDArray[
     return np.ascontiguousarray(rows).view(order).reshape(height, width, channels)
 
 
-def _unpacked_depth(picture: Picture) -> NDArray[np.uint16]:
+def _unpacked_depth(picture: Picture) -> Depth:
     start = picture.data[:64].find(PNG_MAGIC)
     if start < 0:
         raise FormatError(
@@ -98,4 +132,4 @@ def _unpacked_depth(picture: Picture) -> NDArray[np.uint16]:
     if not (np.isfinite(a) and np.isfinite(b) and a > 0):
         raise FormatError(f"compressed depth is quantised by {a} and {b}; record it again")
     with np.errstate(divide="ignore", invalid="ignore"):
-        return mm_from_metres(np.where(values > 0, a / (values.astype(np.float64) - b), np.nan))
+        return np.where(values > 0, a / (values.astype(np.float64) - b), np.nan).astype(np.float32)

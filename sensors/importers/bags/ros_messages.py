@@ -81,6 +81,13 @@ def stamp_and_frame(message: Decoded) -> tuple[int, str]:
     return _nanoseconds(message.timestamp.seconds, message.timestamp.nanos), str(message.frame_id)
 
 
+def is_empty(message: Decoded) -> bool:
+    """Whether a picture has no pixels, as some drivers send before the camera runs."""
+    if hasattr(message, "height") and not (message.height and message.width):
+        return True
+    return not len(message.data)
+
+
 def picture_from(message: Decoded) -> Picture:
     """An Image, RawImage or CompressedImage."""
     frame, pixels = stamp_and_frame(message)[1], bytes(message.data)

@@ -1,0 +1,178 @@
+"""The calibration of a bag's depth and colour cameras, from camera descriptions and transforms."""
+
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from sensors.errors import CalibrationError
+from sensors.importers.bags.choose import is_aligned
+from sensors.importers.bags.ros_images import picture_size
+from sensors.importers.bags.ros_messages import CAMERAS, TRANSFORMS, Picture, stamp_and_frame
+from sensors.importers.bags.topics import Topic
+from sensors.importers.options import ImportOptions
+from sensors.rig.camera import Intrinsics
+from sensors.rig.camera_check import check_camera
+from sensors.rig.camera_messages import describes, intrinsics_from, links_from, window_of
+from sensors.rig.intrinsics_file import read_intrinsics
+from sensors.rig.rig_calibration import Pose, RigCalibration
+
+
+class Stream(NamedTuple):
+    """An image topic and its first picture."""
+
+    name: str
+    first: Picture
+
+    @property
+    def frame(self) -> str:
+        """The camera's frame in the tree of transforms; ROS writes some names with a slash before them."""
+        return self.first.frame_id.lstrip("/")
+
+
+class Found(NamedTuple):
+    """A calibration, and notes on how it was found."""
+
+    calibration: RigCalibration
+    notes: tuple[str, ...]
+
+
+class BagCameras:
+    """The camera descriptions and transforms of a bag."""
+
+    def __init__(self, path: Path, topics: dict[str, Topic]) -> None:
+        self._path = path
+        self._infos = {name: t.read(0) for name, t in topics.items() if t.kind in CAMERAS and len(t)}
+        self._topics = topics
+
+    def calibrate(self, depth: Stream, color: Stream | None, options: ImportOptions) -> Found:
+        """The calibration of two image topics. Raises CalibrationError where nothing describes depth."""
+        if options.intrinsics is not None:
+            width, height = picture_size(depth.first) or (0, 0)
+            found = read_intrinsics(options.intrinsics, (height, width))
+            lens, origin = found.depth, options.intrinsics.name
+        else:
+            lens, origin = self._lens(depth, ", or give --intrinsics FILE")
+        if color is None:
+            return Found(RigCalibration(lens), (f"depth intrinsics from {origin}",))
+        try:
+            color_lens, color_origin = self._color_lens(depth, color, lens, origin)
+            pose, how = self._pose(depth, color, origin == color_origin and lens.shape == color_lens.shape)
+        except CalibrationError as error:
+            note = f"colour images cannot be fused: {error}"
+            return Found(RigCalibration(lens), (f"depth intrinsics from {origin}", note))
+        notes = (f"intrinsics from {origin} and {color_origin}", how)
+        return Found(RigCalibration(lens, color_lens, pose), notes)
+
+    def _lens(self, stream: Stream, otherwise: str = "") -> tuple[Intrinsics, str]:
+        """The lens of an image topic and the topic that describes it.
+
+        otherwise: another remedy where none does. Raises CalibrationError.
+        """
+        size, near = picture_size(stream.first), described_by(stream.name, set(self._infos))
+        candidates = [*near, *self._of_frame(stream)]
+        if not candidates:
+            raise CalibrationError(
+                f"{self._path} has no camera_info for {stream.name}; record that topic as well{otherwise}"
+            )
+        name = next((n for n in candidates if size is None or describes(self._infos[n], size)), None)
+        if name is None or size is None:
+            name = name or candidates[0]
+            described = window_of(self._infos[name]).size
+            if size is not None:
+                raise CalibrationError(
+                    f"{name} describes {described[0]}x{described[1]}, {stream.name} is {size[0]}x{size[1]}; "
+                    "record both in one mode"
+                )
+            size = described
+        rectified = "rect" in stream.name.lower().removesuffix("/compressed").rpartition("/")[2]
+        lens = intrinsics_from(self._infos[name], rectified, name, size)
+        return check_camera(lens, name), name
+
+    def _color_lens(
+        self, depth: Stream, color: Stream, lens: Intrinsics, origin: str
+    ) -> tuple[Intrinsics, str]:
+        """The lens of colour: that of depth where both are one camera's and nothing else describes colour."""
+        one = bool(depth.frame) and depth.frame == color.frame
+        try:
+            return self._lens(color)
+        except CalibrationError:
+            if one and picture_size(color.first) == (lens.width, lens.height):
+                return lens, origin
+            raise
+
+    def _of_frame(self, stream: Stream) -> list[str]:
+        """Descriptions elsewhere of a camera with the same frame.
+
+        The only description of a bag counts where the frames are not named, or depth is aligned by its name.
+        """
+        frames = {name: stamp_and_frame(info)[1].lstrip("/") for name, info in self._infos.items()}
+        same = [name for name in sorted(frames) if stream.frame and frames[name] == stream.frame]
+        if same or len(frames) != 1:
+            return same
+        name = next(iter(frames))
+        return [name] if not stream.frame or not frames[name] or is_aligned(stream.name) else []
+
+    def _pose(self, depth: Stream, color: Stream, same_info: bool) -> tuple[Pose, str]:
+        """color_from_depth by the frames, or by the first transforms that join the two, static ones first.
+
+        same_info: one message describes both, at one size: without other word they are one camera. Raises
+        CalibrationError.
+        """
+        if depth.frame == color.frame and depth.frame:
+            return Pose.identity(), f"depth and colour share the frame {depth.frame[:60]!r}"
+        links: dict[tuple[str, str], Pose] = {}
+        wanted = {depth.frame, color.frame}
+        for parent, child, pose in self._links():
+            wanted -= {parent, child}
+            if links.setdefault((parent, child), pose) is not pose or wanted:
+                continue
+            if (found := path_between(links, depth.frame, color.frame)) is not None:
+                return found, "pose of the colour camera from tf"
+        if same_info:
+            return Pose.identity(), "depth and colour share their camera_info: taken as aligned"
+        raise CalibrationError(
+            f"no transform from depth ({depth.frame[:60]!r}) to colour ({color.frame[:60]!r}); "
+            "record /tf_static"
+        )
+
+    def _links(self) -> Iterator[tuple[str, str, Pose]]:
+        topics = [topic for topic in self._topics.values() if topic.kind in TRANSFORMS]
+        for topic in sorted(topics, key=lambda topic: ("static" not in topic.name, topic.name)):
+            for message in topic.all():
+                yield from links_from(message)
+
+
+def described_by(picture: str, cameras: set[str]) -> list[str]:
+    """The topics that may describe an image topic's camera: beside it, or beside what it was made from."""
+    found, parent = [], picture
+    while "/" in parent:
+        parent = parent.rpartition("/")[0]
+        found += [
+            f"{parent}/{n}" for n in ("camera_info", "calibration", "info") if f"{parent}/{n}" in cameras
+        ]
+    return found
+
+
+def path_between(links: dict[tuple[str, str], Pose], depth: str, color: str) -> Pose | None:
+    """color_from_depth along the tree of frames, or None where nothing joins the two.
+
+    links: parent_from_child by (parent, child).
+    """
+    neighbours: dict[str, list[str]] = {}
+    for parent, child in links:
+        neighbours.setdefault(parent, []).append(child)
+        neighbours.setdefault(child, []).append(parent)
+    before, waiting = {depth: depth}, deque([depth])
+    while waiting and color not in before:
+        frame = waiting.popleft()
+        new = [neighbour for neighbour in neighbours.get(frame, []) if neighbour not in before]
+        before.update(dict.fromkeys(new, frame))
+        waiting.extend(new)
+    if color not in before:
+        return None
+    pose, frame = Pose.identity(), color
+    while frame != depth:
+        last, frame = frame, before[frame]
+        pose = pose @ (links[last, frame] if (last, frame) in links else links[frame, last].inverse())
+    return pose

@@ -1,0 +1,186 @@
+"""Which image topics of a bag are depth and which are colour, by their contents and names."""
+
+import re
+from collections.abc import Callable, Sequence
+from enum import Enum
+from typing import NamedTuple
+
+from natsort import natsort_key
+
+from sensors.errors import FormatError
+from sensors.importers.bags.ros_images import COLORS, DEPTHS, is_grey_png
+from sensors.importers.bags.ros_messages import Picture
+
+
+class Meaning(Enum):
+    """What a name says that an image holds."""
+
+    DEPTH = "depth"
+    COLOR = "colour"
+    OTHER = "other"
+    UNKNOWN = "unknown"
+
+
+_DERIVED = re.compile(
+    r"confiden|uncertain|varian|disparit|mask|segment|semantic|instance|label|amplitude|intensity|reflect"
+    r"|coloriz|colouris|colormap|heatmap|optical_?flow"
+)
+"""Words for images that are made from depth, or are about it, and are none."""
+_DEPTH, _COLOR = re.compile(r"depth"), re.compile(r"colou?r|rgb(?!d)|bgr")
+_OTHER = re.compile(
+    r"infra|therm|temperature|flir|boson|lepton|optris|(?<![a-z])seek|lwir|swir|fisheye|(?<![a-z])n?ir\d?(?![a-z])"
+)
+"""Words for cameras of infrared light and of temperatures, whose images have 16 bits as well."""
+_ALIGNED = re.compile(r"aligned|registered|to_color|to_colour|to_rgb")
+"""Depth in the pixels of the colour camera, as realsense-ros, ROS's depth_image_proc and others name it."""
+_TRANSPORTS = ("compressed", "compresseddepth")
+
+
+class Choice(NamedTuple):
+    """The topics to read; notes: what was assumed."""
+
+    depth: str
+    color: str | None
+    notes: tuple[str, ...]
+
+
+def meaning_of(name: str) -> Meaning:
+    """What a topic's name says: the last of its parts that says anything counts."""
+    for part in reversed(_parts(name)):
+        if _DERIVED.search(part):
+            return Meaning.OTHER
+        if _DEPTH.search(part):
+            return Meaning.DEPTH
+        if _COLOR.search(part):
+            return Meaning.COLOR
+        if _OTHER.search(part):
+            return Meaning.OTHER
+    return Meaning.UNKNOWN
+
+
+def is_aligned(name: str) -> bool:
+    """Whether a topic's name says that its depth images have the colour camera's pixels."""
+    return bool(_ALIGNED.search(name.lower()))
+
+
+def choose(first: dict[str, Picture], wanted: Sequence[str] = ()) -> Choice | None:
+    """The depth topic and the colour topic of the same camera; None where no topic is depth.
+
+    first: the first message of every image topic. wanted: topics, or namespaces, among which to choose; a
+    topic that is named in full is depth or colour by its encoding alone. Raises FormatError where there is no
+    such topic.
+    """
+    for name in wanted:
+        if not any(_is_below(topic, name) for topic in first):
+            raise FormatError(f"no image topic {name!r}; give one of {', '.join(sorted(first)[:8])}")
+    depth = choose_depth(first, wanted)
+    if depth is None:
+        return None
+    color = choose_color(first, depth, wanted)
+    notes = [f"depth from {depth}", f"colour from {color}" if color else "no colour images"]
+    if meaning_of(depth) is not Meaning.DEPTH and depth not in wanted:
+        notes.append(f"{depth} is not named depth: read as depth because it is {first[depth].encoding[:40]}")
+    rivals = [n for n in sorted(first) if _is_depth(n, first[n]) and camera_of(n) != camera_of(depth)]
+    if rivals and not wanted:
+        notes.append(f"other depth images: {', '.join(rivals[:8])}; choose by --topic")
+    return Choice(depth, color, tuple(notes))
+
+
+def choose_depth(first: dict[str, Picture], wanted: Sequence[str] = ()) -> str | None:
+    """The depth topic: named so, of a camera with colour, with the sensor's own pixels, raw, rectified."""
+    asked = [n for n in first if n in wanted and holds_depth(first[n]) and not _shows_color(n, first[n])]
+    below = [n for n in wanted if n not in first]
+    named = asked or [n for n, image in first.items() if _is_depth(n, image) and _allowed(n, below)]
+    colors = [camera_of(n) for n, image in first.items() if _is_color(n, image)]
+    shared = {n: max((_shared(camera_of(n), color) for color in colors), default=0) for n in named}
+    most = max(shared.values(), default=0)
+    tests: tuple[Callable[[str], bool], ...] = (
+        lambda name: meaning_of(name) is Meaning.DEPTH,
+        lambda name: shared[name] == most,
+        lambda name: not is_aligned(name) and not _COLOR.search(first[name].frame_id.lower()),
+        lambda name: not first[name].compressed,
+        lambda name: "rect" in name.lower(),
+    )
+    return min(named, key=lambda name: _rank(name, tests), default=None)
+
+
+def choose_color(first: dict[str, Picture], depth: str, wanted: Sequence[str] = ()) -> str | None:
+    """The colour topic: of the depth's camera, named so, the camera's own JPEG before decoded pixels."""
+    camera = camera_of(depth)
+    asked = [n for n in first if n in wanted and n != depth and _shows_color(n, first[n])]
+    below = [n for n in wanted if n not in first]
+    found = asked or [n for n, i in first.items() if _is_color(n, i) and _allowed(n, below) and n != depth]
+    nearest = max((_shared(camera, camera_of(name)) for name in found), default=0)
+    tests: tuple[Callable[[str], bool], ...] = (
+        lambda name: _shared(camera, camera_of(name)) == nearest,
+        lambda name: bool(_COLOR.search(name.lower())),
+        lambda name: not _DEPTH.search(name.lower()),
+        lambda name: first[name].compressed,
+        lambda name: "rect" not in name.lower(),
+    )
+    return min(found, key=lambda name: _rank(name, tests), default=None)
+
+
+def camera_of(name: str) -> tuple[str, ...]:
+    """The parts of a topic's name that stand before the one which says what its images hold."""
+    parts = _parts(name)
+    says = [at for at, part in enumerate(parts) if meaning_of(part) is not Meaning.UNKNOWN]
+    return tuple(parts[: says[-1]] if says else parts[:-1])
+
+
+def _parts(name: str) -> list[str]:
+    """The parts of a name in small letters, without the transport."""
+    parts = [part for part in name.lower().split("/") if part]
+    return [part for part in parts if part not in _TRANSPORTS] or parts
+
+
+def _shared(a: tuple[str, ...], b: tuple[str, ...]) -> int:
+    """How many parts two names have in common from the beginning."""
+    return next((at for at, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
+
+
+def _rank(name: str, tests: Sequence[Callable[[str], bool]]) -> tuple[object, ...]:
+    """Least for the topic that passes the earliest tests; then for the shortest, then by name."""
+    return (*(not test(name) for test in tests), len(name), natsort_key(name))
+
+
+def _is_below(topic: str, name: str) -> bool:
+    return topic == name or topic.startswith(name.rstrip("/") + "/")
+
+
+def _allowed(topic: str, wanted: Sequence[str]) -> bool:
+    return not wanted or any(_is_below(topic, name) for name in wanted)
+
+
+def holds_depth(image: Picture) -> bool:
+    """Whether the encoding can be depth."""
+    if image.compressed:
+        return "compressedDepth" in image.encoding or is_grey_png(image)
+    return image.encoding in DEPTHS
+
+
+def _is_depth(name: str, image: Picture) -> bool:
+    """Whether a topic is depth. Images of 16 bits with another name may be infrared or temperatures.
+
+    Where the name says nothing, ROS's encodings of depth count (REP 118), unless the camera's frame has the
+    name of another camera; ``mono16`` is no such encoding.
+    """
+    if not holds_depth(image):
+        return False
+    meaning = meaning_of(name)
+    if meaning is not Meaning.UNKNOWN:
+        # iai_kinect2 and others put the words for both into one part, e.g. depth_to_rgb.
+        return meaning is Meaning.DEPTH
+    return "mono16" not in image.encoding and meaning_of(image.frame_id) is not Meaning.OTHER
+
+
+def _shows_color(name: str, image: Picture) -> bool:
+    """Whether the encoding can be colour."""
+    if not image.compressed:
+        return image.encoding in COLORS
+    picture = image.data.startswith((b"\xff\xd8\xff", b"\x89PNG")) and not is_grey_png(image)
+    return picture and (meaning_of(name) is not Meaning.DEPTH or image.encoding.startswith(("rgb", "bgr")))
+
+
+def _is_color(name: str, image: Picture) -> bool:
+    return meaning_of(name) is not Meaning.OTHER and _shows_color(name, image)

@@ -1,0 +1,23 @@
+"""One message of a bag's file, and where it lies."""
+
+from typing import NamedTuple
+
+Place = tuple[int, ...]
+"""Where a file has a message: offset and slot in MCAP; chunk, offset and length in a ROS 1 bag; in SQLite the
+time it was logged, and how many messages of its topic logged at that time come before it."""
+
+
+class Entry(NamedTuple):
+    """One message. kind: its type without package or folder; encoding: ros1, cdr or protobuf."""
+
+    topic: str
+    kind: str
+    encoding: str
+    logged_ns: int
+    place: Place
+    data: bytes
+
+
+def bare(kind: str) -> str:
+    """``sensor_msgs/msg/Image`` or ``foxglove.RawImage`` without what stands before the type's own name."""
+    return kind.replace(".", "/").rpartition("/")[2]

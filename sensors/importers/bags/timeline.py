@@ -1,0 +1,209 @@
+"""Order and times of the messages of a topic, and which messages of two topics belong together.
+
+Stamps are the sender's times, receive times are the recorder's. A sender's clock may step back, may be
+another one than that of the next camera, or may not be there at all.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.rig.frame import FRAME_PERIOD_NS, regular_times_ns
+from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
+
+Times = NDArray[np.int64]
+
+MOVED, LATE_NS = 3, 500_000_000
+"""Places and nanoseconds by which transport moves a message at most: what lies farther back is a clock that
+stepped. Untuned."""
+EQUAL_SHARE = 0.1
+"""Share of messages with the stamp of the one before above which the stamps are too coarse. Untuned."""
+PAIRED_SHARE = 0.5
+"""Share of the images of the slower stream below which stamps pair too few. Untuned."""
+_MS, _S = 1e6, 1e9
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """The messages of one topic in the order in which they are read, each array (n,).
+
+    recorded: their places in the order of receive times. times_ns: never decreasing. stamps_ns, received_ns:
+    as recorded. epochs: how often the clock stepped back before. notes: what was assumed.
+    """
+
+    recorded: Times
+    times_ns: Times
+    stamps_ns: Times
+    received_ns: Times
+    epochs: Times
+    notes: tuple[str, ...] = ()
+    stamped: bool = True
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """A topic's messages in the order of receive times. same: whether two messages hold the same bytes.
+
+    rate_hz: images a second where there are no times, None = 30.
+    """
+
+    name: str
+    stamps_ns: Times
+    received_ns: Times
+    same: Callable[[int, int], bool]
+    rate_hz: float | None = None
+
+
+def timeline_of(given: Stamps) -> Timeline:
+    """Order a topic's messages and find their times. A message that is there twice is read once.
+
+    Only a message that was received a few places late is moved; where a clock stepped back, the recorded
+    order stays and time goes on by the receive times.
+    """
+    stamps_ns, received_ns, name = given.stamps_ns, given.received_ns, given.name
+    order, notes = np.arange(len(stamps_ns)), list[str]()
+    if len(order) and (not stamps_ns.any() or (len(order) > 1 and np.ptp(stamps_ns) == 0)):
+        return _received(given, order, received_ns)
+    if (np.diff(stamps_ns) < 0).any():
+        by_stamp = np.argsort(stamps_ns, kind="stable")
+        if np.abs(by_stamp - order).max() <= MOVED and not _steps_back(stamps_ns, received_ns):
+            notes.append(f"{name}: {np.count_nonzero(by_stamp != order)} messages were received out of order")
+            order = by_stamp
+    order, twice = _once(order, stamps_ns, given.same)
+    notes += _twice(name, twice)
+    equal = int(np.count_nonzero(np.diff(stamps_ns[order]) == 0))
+    if equal > EQUAL_SHARE * len(order) and np.count_nonzero(np.diff(received_ns[order]) == 0) < equal:
+        coarse = _received(given, np.sort(order), None)
+        return replace(coarse, notes=(*notes, *coarse.notes))
+    if equal:
+        notes.append(f"{name}: {equal} messages have the stamp of the message before")
+    times_ns, epochs, stepped = _bridged(name, stamps_ns[order], received_ns[order])
+    return Timeline(order, times_ns, stamps_ns[order], received_ns[order], epochs, (*notes, *stepped))
+
+
+def paired(depth: Timeline, color: Timeline) -> tuple[Times, tuple[str, ...]]:
+    """For each depth image the index of the colour image that belongs to it, or -1, and notes on it.
+
+    Stamps decide. Receive times do where stamps pair less than half of the images, and they pair more.
+    """
+    count = len(depth.times_ns)
+    slower = min(count, len(color.times_ns))
+    pairs, notes = paired_by_stamps(depth, color, COLOR_WINDOW_NS), list[str]()
+    if np.count_nonzero(pairs >= 0) < PAIRED_SHARE * slower:
+        received = _by_received(depth, color)
+        if np.count_nonzero(received >= 0) > np.count_nonzero(pairs >= 0):
+            both = depth.stamped and color.stamped
+            apart = _apart(depth.stamps_ns[received >= 0], color.stamps_ns[received[received >= 0]])
+            notes.append(f"colour paired by receive times{f': its stamps are {apart} depth' if both else ''}")
+            pairs = received
+    found = int(np.count_nonzero(pairs >= 0))
+    if found < count:
+        why = ""
+        if not found and slower:
+            nearest = pair_stamps(depth.times_ns, color.times_ns, 1 << 62)
+            has = nearest >= 0
+            apart = _apart(depth.times_ns[has], color.times_ns[nearest[has]])
+            why = f"; colour is {apart} depth: record both on one clock"
+        notes.append(
+            f"{found} of {count} depth images have a colour image within {COLOR_WINDOW_NS / _MS:.0f} ms{why}"
+        )
+    return pairs, tuple(notes)
+
+
+def paired_by_stamps(depth: Timeline, other: Timeline, window_ns: int) -> Times:
+    """Like ``pair_stamps``, within each epoch of the clock; none where the streams' epochs differ."""
+    pairs = np.full(len(depth.times_ns), -1, np.int64)
+    if not len(other.times_ns) or not len(depth.times_ns) or not (depth.stamped and other.stamped):
+        return pairs
+    if depth.epochs[-1] != other.epochs[-1]:
+        return pairs
+    for epoch in range(int(depth.epochs[-1]) + 1):
+        mine, its = (np.flatnonzero(each.epochs == epoch) for each in (depth, other))
+        found = pair_stamps(depth.stamps_ns[mine], other.stamps_ns[its], window_ns)
+        pairs[mine[found >= 0]] = its[found[found >= 0]]
+    return pairs
+
+
+def _steps_back(stamps_ns: Times, received_ns: Times) -> bool:
+    """Whether the clock stepped back, rather than that transport delayed single messages.
+
+    After a step all messages are received later by their stamps than before it, after a delay they are not.
+    """
+    late_ns = int((np.maximum.accumulate(stamps_ns) - stamps_ns).max())
+    if late_ns > LATE_NS:
+        return True
+    if np.ptp(received_ns) < np.ptp(stamps_ns) / 2:
+        return False  # the messages were received in a burst, perhaps by a converter
+    delays_ns = received_ns - stamps_ns
+    falls = np.flatnonzero(np.diff(stamps_ns) < 0) + 1
+    shifts = [np.median(delays_ns[at:]) - np.median(delays_ns[:at]) for at in falls]
+    return max(shifts) > late_ns / 2
+
+
+def _received(given: Stamps, order: Times, doubled_at: Times | None) -> Timeline:
+    """A topic without usable stamps: the times at which its messages were received, or a regular rate.
+
+    doubled_at: times by which messages may be there twice; None where those are left out already.
+    """
+    notes = [f"{given.name} has no usable time stamps: receive times are taken"]
+    if doubled_at is not None:
+        order, twice = _once(order, doubled_at, given.same)
+        notes += _twice(given.name, twice)
+    times_ns = given.received_ns[order]
+    if len(times_ns) > 1 and np.ptp(times_ns) == 0:
+        period_ns = FRAME_PERIOD_NS if given.rate_hz is None else round(1e9 / given.rate_hz)
+        times_ns = times_ns[0] + regular_times_ns(len(times_ns), period_ns)
+        notes[0] = f"{given.name} has no usable times: taken as {1e9 / period_ns:.3g} a second (--rate)"
+    zeros = np.zeros(len(order), np.int64)
+    stamps = given.stamps_ns[order], given.received_ns[order]
+    return Timeline(order, times_ns, *stamps, zeros, tuple(notes), stamped=False)
+
+
+def _twice(name: str, twice: int) -> list[str]:
+    """A note on messages that are there twice; none of none."""
+    return [f"{name}: {twice} messages are in the recording twice, read once"] * bool(twice)
+
+
+def _once(order: Times, times_ns: Times, same: Callable[[int, int], bool]) -> tuple[Times, int]:
+    """The order without messages that repeat the one before, and how many those are."""
+    kept = [*map(int, order[:1])]
+    for at in map(int, order[1:]):
+        if times_ns[at] != times_ns[kept[-1]] or not same(kept[-1], at):
+            kept.append(at)
+    return np.array(kept, np.int64), len(order) - len(kept)
+
+
+def _bridged(name: str, stamps_ns: Times, received_ns: Times) -> tuple[Times, Times, tuple[str, ...]]:
+    """Times that go on where the clock steps back, the number of steps before each message, and a note."""
+    steps = np.diff(stamps_ns)
+    back = steps < 0
+    if not back.any():
+        return stamps_ns, np.zeros(len(stamps_ns), np.int64), ()
+    forward = steps[steps > 0]
+    usual_ns = int(np.median(forward)) if len(forward) else FRAME_PERIOD_NS
+    gaps = np.diff(received_ns)
+    steps = np.where(back, np.where(gaps > 0, gaps, usual_ns), steps)
+    times_ns = np.concatenate([stamps_ns[:1], stamps_ns[0] + np.cumsum(steps)])
+    first = int(np.argmax(back))
+    fell_s = (stamps_ns[first] - stamps_ns[first + 1]) / _S
+    note = (
+        f"{name}: its clock steps back {np.count_nonzero(back)} times, first by {fell_s:.3f} s at message "
+        f"{first + 1}: the recorded order is kept"
+    )
+    return times_ns, np.concatenate([[0], np.cumsum(back)]).astype(np.int64), (note,)
+
+
+def _by_received(depth: Timeline, color: Timeline) -> Times:
+    pairs = np.full(len(depth.times_ns), -1, np.int64)
+    mine, its = (np.argsort(each.received_ns, kind="stable") for each in (depth, color))
+    found = pair_stamps(depth.received_ns[mine], color.received_ns[its], COLOR_WINDOW_NS)
+    pairs[mine[found >= 0]] = its[found[found >= 0]]
+    return pairs
+
+
+def _apart(depth_ns: Times, color_ns: Times) -> str:
+    """How far colour is from depth, in words."""
+    apart_s = float(np.median((color_ns - depth_ns).astype(np.float64))) / _S
+    return f"{abs(apart_s):.3f} s {'behind' if apart_s > 0 else 'ahead of'}"

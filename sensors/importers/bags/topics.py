@@ -1,0 +1,94 @@
+"""The messages of a bag's files, topic by topic, in the order of their times."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from sensors.errors import FormatError
+from sensors.importers.bags.bag_files import BagFile
+from sensors.importers.bags.entries import Entry, Place
+from sensors.importers.bags.ros_messages import PICTURES, decode, is_empty, stamp_and_frame
+from sensors.importers.bags.timeline import Stamps, Timeline, timeline_of
+from sensors.rig.camera_messages import Decoded
+
+
+class Message(NamedTuple):
+    """Where a message is, its sender's time and the recorder's, in nanoseconds."""
+
+    stamp_ns: int
+    received_ns: int
+    file: BagFile
+    place: Place
+
+
+@dataclass
+class Topic:
+    """One topic's messages, all of one kind and encoding, in the order in which they were received.
+
+    rate_hz: images a second where a topic has no times, None = 30. empty: how many images without pixels were
+    left out. ``len``, ``read`` and ``timeline`` count in the order of times.
+    """
+
+    name: str
+    kind: str
+    encoding: str
+    rate_hz: float | None = None
+    messages: list[Message] = field(default_factory=list)
+    empty: int = 0
+
+    def __len__(self) -> int:
+        return len(self.timeline.times_ns) if self.kind in PICTURES else len(self.messages)
+
+    def read(self, index: int) -> Decoded:
+        """A message. Raises FormatError."""
+        at = int(self.timeline.recorded[index]) if self.kind in PICTURES else index
+        return decode(self.kind, self.encoding, self._bytes(at))
+
+    def all(self) -> Iterator[Decoded]:
+        """Every message. Raises FormatError."""
+        return map(self.read, range(len(self)))
+
+    @cached_property
+    def timeline(self) -> Timeline:
+        """Order and times. Raises FormatError where messages with equal stamps cannot be compared."""
+        stamps_ns, received_ns = (
+            np.array([message[at] for message in self.messages], np.int64) for at in (0, 1)
+        )
+        return timeline_of(Stamps(self.name, stamps_ns, received_ns, self._same, self.rate_hz))
+
+    def _same(self, a: int, b: int) -> bool:
+        return self._bytes(a) == self._bytes(b)
+
+    def _bytes(self, at: int) -> bytes:
+        message = self.messages[at]
+        return message.file.read(self.name, message.place)
+
+
+def index_topics(files: list[BagFile], rate_hz: float | None = None) -> dict[str, Topic]:
+    """Every topic of a kind that is read. rate_hz: see ``Topic``. Raises FormatError."""
+    topics: dict[str, Topic] = {}
+    for file in files:
+        for entry in file.entries():
+            topic = topics.setdefault(entry.topic, Topic(entry.topic, entry.kind, entry.encoding, rate_hz))
+            if (topic.kind, topic.encoding) != (entry.kind, entry.encoding):
+                raise FormatError(f"{file.path}: topic {entry.topic[:60]!r} holds messages of two kinds")
+            _add(topic, file, entry)
+    for topic in topics.values():
+        topic.messages.sort(key=lambda message: message.received_ns)
+    return topics
+
+
+def _add(topic: Topic, file: BagFile, entry: Entry) -> None:
+    stamp_ns = 0
+    if entry.kind in PICTURES:
+        message = decode(entry.kind, entry.encoding, entry.data)
+        if is_empty(message):
+            topic.empty += 1
+            return
+        stamp_ns = stamp_and_frame(message)[0]
+    if not (0 <= stamp_ns < 1 << 63 and 0 <= entry.logged_ns < 1 << 63):
+        raise FormatError(f"{file.path}: a message of {entry.topic[:60]!r} has an impossible time")
+    topic.messages.append(Message(stamp_ns, entry.logged_ns, file, entry.place))
