@@ -120,7 +120,7 @@ def _write(found: "Adjusted", out: Path, yaml: Path | None) -> None:
         save_calibration(temporary, found.calibration)
     _plot_residuals(_plot(out), found)
     if yaml is not None:
-        write_yaml(yaml, found.calibration, found.depth_shift_mm[0])
+        write_yaml(yaml, found.calibration)
 
 
 def _report(found: "Adjusted", good: bool, findings: "list[Finding]", out: Path, json: bool) -> None:
@@ -166,13 +166,12 @@ def _solve(session: "Session", plate: "HolePlate") -> "Adjusted":
 
 
 def _result(found: "Adjusted", good: bool) -> dict[str, Any]:
-    shift_mm, shift_sd = found.depth_shift_mm
     return {
         "reprojection_px": {name: round(seen.rms_px, 4) for name, seen in found.residuals.items()},
         "rotation_deg_sd": {n: sd.rotation_deg.round(5).tolist() for n, sd in found.deviations.items()},
         "translation_mm_sd": {n: sd.translation_mm.round(4).tolist() for n, sd in found.deviations.items()},
-        "depth_shift_mm": round(shift_mm, 3),
-        "depth_shift_mm_sd": round(shift_sd, 3),
+        "depth_shift_mm": round(found.calibration.depth_shift_mm, 3),
+        "depth_shift_mm_sd": round(found.depth_shift_sd_mm, 3),
         "views": found.views,
         "left_out": list(found.left_out),
         "good": good,

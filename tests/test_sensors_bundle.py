@@ -68,7 +68,7 @@ def test_exact_views_give_the_rig_back():
         said, true = (getattr(c, f"{name}_from_depth") for c in (found.calibration, RIG))
         np.testing.assert_allclose(said.rotation, true.rotation, atol=2e-4)
         np.testing.assert_allclose(said.translation_m, true.translation_m, atol=3e-4)
-    assert found.depth_shift_mm[0] == pytest.approx(5.0, abs=0.3)
+    assert found.calibration.depth_shift_mm == pytest.approx(-5.0, abs=0.3)
     assert found.left_out == ()
     assert max(seen.rms_px for seen in found.residuals.values()) < 0.01
 
@@ -121,7 +121,7 @@ def test_a_plate_that_cannot_be_is_refused(fields):
 
 
 def test_yaml_survives(tmp_path):
-    write_yaml(tmp_path / "yaml", RIG, -13.4)
+    write_yaml(tmp_path / "yaml", replace(RIG, depth_shift_mm=-13.4))
     read = open_calibration(tmp_path / "yaml")
     assert (read.depth, read.color, read.thermal) == (RIG.depth, RIG.color, RIG.thermal)
     for name in ("color_from_depth", "thermal_from_depth"):

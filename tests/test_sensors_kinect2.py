@@ -1,4 +1,4 @@
-"""Kinect v2: left stays left, undistortion to the last bit, the shim, its driver, and which device is meant."""
+"""Kinect v2: left stays left, undistortion to the last bit, the shim, the driver, which device is meant."""
 
 import shutil
 import subprocess

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from annotate.array_types import Float32, Index, Int32, UInt8, UInt16
-from annotate.cloud.fuse import Fuser, undistortion_index
+from annotate.cloud.fuse import Fuser, shifted, undistortion_index
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from sensors.rig.camera import Intrinsics
@@ -87,7 +87,8 @@ class CoarseFuser:
         self._source = undistortion_index(calibration.depth)
         self._stride = stride_of(self.camera)
         coarse = replace(calibration, depth=reduced(self.camera, self._stride))
-        self._fuser = Fuser(replace(coarse, color=None, color_from_depth=None))
+        # The coarse image is undistorted and shifted already.
+        self._fuser = Fuser(replace(coarse, color=None, color_from_depth=None, depth_shift_mm=0.0))
 
     def fuse_frame(self, frame: RigFrame) -> CoarseCloud:
         """Coarse cloud of a frame, whose colour image is not decoded. Raises CalibrationError."""
@@ -96,7 +97,8 @@ class CoarseFuser:
     def fuse(self, depth_mm: UInt16, thermal_c: Float32 | None = None) -> CoarseCloud:
         """Coarse cloud of one moment; arguments as of ``Fuser.fuse``."""
         self.camera.check_size("depth image", depth_mm.shape)
-        whole = _undistorted(np.ascontiguousarray(depth_mm).ravel(), self._source)
+        measured = shifted(depth_mm, self.calibration.depth_shift_mm)
+        whole = _undistorted(np.ascontiguousarray(measured).ravel(), self._source)
         pixel = _chosen(whole, self._stride)
         coarse = np.where(pixel >= 0, whole.ravel()[pixel], np.uint16(0))
         cloud = self._fuser.fuse(coarse, None, thermal_c)

@@ -16,7 +16,7 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.cloud.visibility import ONE, ZERO, PointView, Projection, nearest_pixel
 from sensors.errors import CalibrationError
 from sensors.rig.camera import Intrinsics, rays
-from sensors.rig.frame import RigFrame
+from sensors.rig.frame import FARTHEST_MM, RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 
 BESIDE = 2
@@ -44,6 +44,19 @@ def undistortion_index(camera: Intrinsics) -> Int32:
     inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
     index = np.where(inside, row, 0).astype(np.int32) * camera.width + np.where(inside, column, 0)
     return np.where(inside, index, -1).astype(np.int32)
+
+
+def shifted(depth_mm: UInt16, shift_mm: float) -> UInt16:
+    """Add a calibration's depth shift to readings, in whole millimetres as depth images have them.
+
+    No reading stays none; a reading that leaves what 16 bits hold becomes none.
+    """
+    whole = round(shift_mm)
+    if not whole:
+        return depth_mm
+    moved = depth_mm.astype(np.int32) + whole
+    known = (depth_mm > 0) & (depth_mm <= FARTHEST_MM) & (moved > 0) & (moved <= FARTHEST_MM)
+    return np.where(known, moved, 0).astype(np.uint16)
 
 
 class Fuser:
@@ -77,13 +90,15 @@ class Fuser:
         """Organised cloud of one moment, over the undistorted depth image.
 
         depth_mm: uint16 (h, w) of the sensor, with its lens distortion; undistorted by nearest neighbour as
-        in libfreenect2. color_rgb: uint8 (h', w', 3); each point takes the nearest pixel. thermal_c: float32
-        (h", w") degrees Celsius, NaN = no reading; each point takes the bilinear mean of those of its four
-        pixels that see its surface alone. A missing image leaves colours invalid or temperatures NaN. Raises
-        CalibrationError when an image's size is not its camera's, or the calibration has no such camera.
+        in libfreenect2, and moved by the calibration's depth shift. color_rgb: uint8 (h', w', 3); each point
+        takes the nearest pixel. thermal_c: float32 (h", w") degrees Celsius, NaN = no reading; each point
+        takes the bilinear mean of those of its four pixels that see its surface alone. A missing image leaves
+        colours invalid or temperatures NaN. Raises CalibrationError when an image's size is not its camera's,
+        or the calibration has no such camera.
         """
         self.camera.check_size("depth image", depth_mm.shape)
-        undistorted, points = _undistort(np.ascontiguousarray(depth_mm).ravel(), self._source, self._rays)
+        measured = shifted(depth_mm, self.calibration.depth_shift_mm)
+        undistorted, points = _undistort(np.ascontiguousarray(measured).ravel(), self._source, self._rays)
         depth_m = np.ascontiguousarray(points[..., 2])
         color, seen = np.zeros(points.shape, np.uint8), np.zeros(undistorted.shape, np.bool_)
         felt = None

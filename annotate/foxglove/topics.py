@@ -7,7 +7,7 @@ and units of a session, so that a file of these messages is one too. All places 
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
@@ -95,7 +95,8 @@ def shown_messages(
 
 def _cameras(shown: Shown) -> Iterator[tuple[str, Message]]:
     """Cameras and where they are, the depth camera without its lens, and which way is up."""
-    calibration = RigCalibration(**{**vars(shown.calibration), "depth": shown.cloud.camera})
+    # The cloud's depth image is undistorted and shifted already.
+    calibration = replace(shown.calibration, depth=shown.cloud.camera, depth_shift_mm=0.0)
     upright = transform_message(UPRIGHT, "depth", Pose(UPRIGHT_FROM_DEPTH, np.zeros(3)), shown.stamp_ns)
     links = FrameTransforms(transforms=[upright])
     for topic, message in calibration_messages(calibration, shown.stamp_ns):

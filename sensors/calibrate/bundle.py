@@ -30,7 +30,8 @@ LENS_PRIOR = np.array([np.inf, np.inf, np.inf, np.inf, 0.5, 1.0, 0.002, 0.002, 1
 undetermined. Tangential terms trade against the principal point and so against the pose; those of the two
 Kinects of iai_kinect2 are 0.0002 to 0.002."""
 SHIFT_PRIOR_MM = 30.0
-"""Depth shift of a Kinect v2: -13 mm in iai_kinect2's first unit."""
+"""Millimetres that a Kinect v2's readings are too far: 13 in iai_kinect2's first unit, 24 in issue 144 of
+OpenKinect/libfreenect2. The adjustment solves for this; a calibration holds its negative, to be added."""
 SIGMA_PX, SIGMA_MM = 0.1, 3.0
 """First guesses of the noise in pixels and millimetres, chosen by eye; both are then estimated."""
 BAD = 4.0
@@ -64,13 +65,13 @@ class Residuals(NamedTuple):
 class Adjusted(NamedTuple):
     """A solved rig. deviations: by camera other than depth; residuals: by camera.
 
-    depth_shift_mm: what readings are too far, with its deviation. left_out: frame indices of bad views.
+    depth_shift_sd_mm: deviation of the calibration's depth shift. left_out: frame indices of bad views.
     views: how many showed the plate.
     """
 
     calibration: RigCalibration
     deviations: dict[str, Deviations]
-    depth_shift_mm: tuple[float, float]
+    depth_shift_sd_mm: float
     residuals: dict[str, Residuals]
     left_out: tuple[int, ...]
     views: int
@@ -297,8 +298,8 @@ class _Problem:
             for name, seen in self.seen.items()
             if name != READINGS
         }
-        shift = shift_mm, shift_sd_mm
-        return Adjusted(RigCalibration(**cameras), deviations, shift, residuals, self.left_out, views)
+        rig = RigCalibration(**cameras, depth_shift_mm=-shift_mm)
+        return Adjusted(rig, deviations, shift_sd_mm, residuals, self.left_out, views)
 
     def _deviations(self, x: Array) -> Array:
         jacobian, residuals = self.jacobian(x), self.residuals(x)

@@ -2,8 +2,8 @@
 
 libfreenect2 delivers mirror images of all three, and the firmware's intrinsics are those of mirrored images
 (OpenKinect/libfreenect2 issues 172 and 474). The driver mirrors images and intrinsics back, so that the left
-of an image is the camera's left. So does kinect2_bridge.cpp of code-iai/iai_kinect2 (``cv::flip(.., 1)``), whose
-calibrations are of unmirrored images.
+of an image is the camera's left. So does kinect2_bridge.cpp of code-iai/iai_kinect2 (``cv::flip(.., 1)``),
+whose calibrations are of unmirrored images.
 """
 
 import ctypes

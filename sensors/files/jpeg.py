@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 
 HFLIP, PERFECT = 1, 1
-"""``TJXOP_HFLIP``; ``TJXOPT_PERFECT``: fail where the last column of blocks is cut and would stay where it is."""
+"""``TJXOP_HFLIP``; ``TJXOPT_PERFECT``: fail where the last column of blocks is cut and would not move."""
 QUALITY = 95
 """JPEG quality of an image that is encoded again: a second compression loses little (untuned)."""
 

@@ -45,8 +45,8 @@ _COLOR_TURN = np.array([
     [0.010815349052457943, -0.0019158623955699537, 0.9999396770286471],
 ])  # fmt: skip
 COLOR_FROM_DEPTH = Pose(_COLOR_TURN, np.array([-0.05205248, -0.00046314, 0.00088807]))
-"""Pose of the same unit's colour camera, 52 mm to the right of the depth camera as seen from behind. It holds for
-unmirrored images, as the driver delivers them: iai_kinect2 flips libfreenect2's before it calibrates."""
+"""Pose of the same unit's colour camera, 52 mm to the right of the depth camera as seen from behind. It holds
+for unmirrored images, as the driver delivers them: iai_kinect2 flips libfreenect2's before calibrating."""
 OPTRIS = Intrinsics(160, 120, 110.1, 110.1, 80.3, 59.2, -0.19, 0.04)
 """Optris PI200 with its 72 degree lens."""
 LEPTON = Intrinsics(160, 120, 158.7, 158.7, 79.5, 59.5, -0.26, 0.06)

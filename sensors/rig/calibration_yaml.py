@@ -1,9 +1,9 @@
 """Calibrations as OpenCV YAML: the files of iai_kinect2, and the same for the thermal camera.
 
 A folder holds ``calib_ir.yaml``, ``calib_color.yaml``, ``calib_pose.yaml`` (ir -> colour),
-``calib_depth.yaml`` (depthShift in millimetres), and of ours ``calib_thermal.yaml`` and
-``calib_pose_thermal.yaml``. The entries of OpenCV's own calibration sample (camera_matrix, image_width, ...)
-are read as well.
+``calib_depth.yaml`` (depthShift, millimetres that kinect2_bridge.cpp adds to depth), and of ours
+``calib_thermal.yaml`` and ``calib_pose_thermal.yaml``. The entries of OpenCV's own calibration sample
+(camera_matrix, image_width, ...) are read as well.
 """
 
 import re
@@ -42,10 +42,11 @@ def read_yaml(folder: Path) -> RigCalibration:
     depth, color, thermal = (_lens(folder, name) for name in ("depth", "color", "thermal"))
     if depth is None:
         raise CalibrationError(f"{folder} has no {FILES['depth']}; give a folder that iai_kinect2 wrote")
-    return RigCalibration(depth, color, _pose(folder, "color"), thermal, _pose(folder, "thermal"))
+    poses = {f"{name}_from_depth": _pose(folder, name) for name in POSES}
+    return RigCalibration(depth, color, thermal=thermal, depth_shift_mm=_shift_mm(folder), **poses)
 
 
-def write_yaml(folder: Path, calibration: RigCalibration, depth_shift_mm: float = 0.0) -> None:
+def write_yaml(folder: Path, calibration: RigCalibration) -> None:
     """Write the folder that ``read_yaml`` reads; files there of the same names are replaced."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, file in FILES.items():
@@ -66,7 +67,7 @@ def write_yaml(folder: Path, calibration: RigCalibration, depth_shift_mm: float 
         pose: Pose | None = getattr(calibration, f"{name}_from_depth")
         if pose is not None:
             _write(folder / file, {"rotation": pose.rotation, "translation": pose.translation_m[:, None]})
-    _write(folder / SHIFT, {"depthShift": float(depth_shift_mm)})
+    _write(folder / SHIFT, {"depthShift": float(calibration.depth_shift_mm)})
 
 
 def _write(path: Path, fields: dict[str, Any]) -> None:
@@ -106,6 +107,14 @@ def _pose(folder: Path, name: str) -> Pose | None:
     fields = _fields(path)
     rotation = np.reshape(_matrix(path, fields, ("rotation",), (9,)), (3, 3))
     return Pose(rotation, np.array(_matrix(path, fields, ("translation",), (3,))))
+
+
+def _shift_mm(folder: Path) -> float:
+    """depthShift; 0 where there is no such file, as one of iai_kinect2's own units has none."""
+    path = _existing(folder, SHIFT)
+    if path is None:
+        return 0.0
+    return _matrix(path, _fields(path), ("depthShift",), (1,))[0]
 
 
 def _matrix(

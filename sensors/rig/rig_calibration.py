@@ -13,6 +13,8 @@ from sensors.files.bounded import read_bounded
 from sensors.rig.camera import FloatArray, Intrinsics
 
 MAX_CALIBRATION_BYTES = 1_000_000
+LARGEST_SHIFT_MM = 500.0
+"""Millimetres: a larger depth shift is a wrong unit, not a camera's (a Kinect v2: -13 to -50 mm)."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,9 @@ class Pose:
 class RigCalibration:
     """Intrinsics of the rig's cameras and their poses relative to the depth camera.
 
-    Colour and thermal are optional, but each needs both its intrinsics and its pose.
+    Colour and thermal are optional, but each needs both its intrinsics and its pose. depth_shift_mm: to add
+    to every depth reading (iai_kinect2's depthShift). Fusion adds the shift; recorded images stay as the
+    camera gave them. Raises CalibrationError.
     """
 
     depth: Intrinsics
@@ -65,6 +69,7 @@ class RigCalibration:
     color_from_depth: Pose | None = None
     thermal: Intrinsics | None = None
     thermal_from_depth: Pose | None = None
+    depth_shift_mm: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("color", "thermal"):
@@ -72,16 +77,23 @@ class RigCalibration:
             if (camera is None) != (pose is None):
                 missing = "intrinsics" if camera is None else f"pose {name}_from_depth"
                 raise CalibrationError(f"calibration of the {name} camera lacks its {missing}; give both")
+        if not abs(self.depth_shift_mm) <= LARGEST_SHIFT_MM:
+            raise CalibrationError(
+                f"depth shift {self.depth_shift_mm:g} mm is impossible; "
+                f"give millimetres from {-LARGEST_SHIFT_MM:g} to {LARGEST_SHIFT_MM:g}"
+            )
 
 
 def calibration_to_json(calibration: RigCalibration) -> dict[str, Any]:
-    """A calibration as plain JSON values; poses as row-major rotation and metres."""
+    """A calibration as plain JSON values; poses as row-major rotation and metres. No entry for no shift."""
     fields: dict[str, Any] = {}
     for name, value in vars(calibration).items():
         if isinstance(value, Intrinsics):
             fields[name] = asdict(value)
         elif isinstance(value, Pose):
             fields[name] = {key: numbers.tolist() for key, numbers in vars(value).items()}
+        elif value:
+            fields[name] = float(value)
     return fields
 
 
@@ -95,7 +107,10 @@ def calibration_from_json(fields: object) -> RigCalibration:
     values: dict[str, Any] = {}
     for name, entry in fields.items():
         try:
-            values[name] = _pose(entry) if name.endswith("_from_depth") else _intrinsics(entry)
+            if name == "depth_shift_mm":
+                values[name] = float(entry)
+            else:
+                values[name] = _pose(entry) if name.endswith("_from_depth") else _intrinsics(entry)
         except (TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
             raise CalibrationError(
                 f"calibration entry {name!r} is malformed ({error}); correct it"

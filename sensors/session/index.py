@@ -17,6 +17,7 @@ from sensors.session.messages import (
     IMAGES,
     METADATA,
     SCHEMAS,
+    SHIFT,
     TF,
     calibration_from,
     event_from,
@@ -95,7 +96,7 @@ class Contents:
             if message.publish_time >= 1 << 63 or message.log_time >= 1 << 63:
                 raise FormatError(f"{self._path}: an impossible time in {topic}; record it again")
             self._found[topic].extend((message.publish_time, message.log_time, offset, slot))
-        elif topic is not None and (topic in CALIBRATIONS or topic == TF):
+        elif topic is not None and topic in (*CALIBRATIONS, TF, SHIFT):
             # One too large is kept as far as calibration_from needs to refuse it.
             self._calibrations.setdefault(topic, message.data[: MAX_CALIBRATION_BYTES + 1])
         elif topic == EVENTS:

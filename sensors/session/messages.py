@@ -12,6 +12,7 @@ from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.KeyValuePair_pb2 import KeyValuePair
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import DecodeError
@@ -35,6 +36,8 @@ INFRARED, COUNTS, PYROMETER = "/infrared/image", "/thermal/counts", "/pyrometer"
 IMAGES = (DEPTH, COLOR, THERMAL, INFRARED, COUNTS, PYROMETER)
 CALIBRATIONS = {f"/{camera}/calibration": camera for camera in CAMERAS}
 TF, EVENTS = "/tf", "/events"
+SHIFT, SHIFT_KEY = "/depth/shift", "depth_shift_mm"
+"""Topic and key of the depth shift, absent for 0. A message, as tools that copy messages lose metadata."""
 
 SCHEMAS: dict[str, type[ProtoMessage]] = {
     DEPTH: RawImage,
@@ -46,6 +49,7 @@ SCHEMAS: dict[str, type[ProtoMessage]] = {
     **dict.fromkeys(CALIBRATIONS, CameraCalibration),
     TF: FrameTransforms,
     EVENTS: Log,
+    SHIFT: KeyValuePair,
 }
 """Message class of every topic of a session."""
 
@@ -142,7 +146,7 @@ def event_from(data: bytes) -> str:
 
 
 def calibration_messages(calibration: RigCalibration, stamp_ns: int) -> Iterator[tuple[str, ProtoMessage]]:
-    """(topic, message) pairs: intrinsics of each camera, and the poses as a tree below frame ``depth``."""
+    """(topic, message) pairs: cameras' intrinsics, poses as a tree below frame ``depth``, the depth shift."""
     for topic, name in CALIBRATIONS.items():
         camera = getattr(calibration, name)
         if camera is not None:
@@ -154,6 +158,8 @@ def calibration_messages(calibration: RigCalibration, stamp_ns: int) -> Iterator
     ]
     if transforms:
         yield TF, FrameTransforms(transforms=transforms)
+    if calibration.depth_shift_mm:
+        yield SHIFT, KeyValuePair(key=SHIFT_KEY, value=repr(float(calibration.depth_shift_mm)))
 
 
 def calibration_from(messages: dict[str, bytes]) -> RigCalibration:
@@ -173,7 +179,16 @@ def calibration_from(messages: dict[str, bytes]) -> RigCalibration:
     for parent, child, depth_from_child in links_from(_decode(FrameTransforms, messages.get(TF, b""))):
         if parent == "depth" and child in ("color", "thermal"):
             poses[f"{child}_from_depth"] = depth_from_child.inverse()
-    return RigCalibration(**cameras, **poses)  # type: ignore[arg-type]
+    shift_mm = _shift_from(messages[SHIFT]) if SHIFT in messages else 0.0
+    return RigCalibration(**cameras, **poses, depth_shift_mm=shift_mm)  # type: ignore[arg-type]
+
+
+def _shift_from(data: bytes) -> float:
+    entry = _decode(KeyValuePair, data)
+    try:
+        return float(entry.value) if entry.key == SHIFT_KEY else 0.0
+    except ValueError as error:
+        raise CalibrationError(f"{SHIFT} holds {entry.value[:40]!r}; record it again") from error
 
 
 M = TypeVar("M", bound=ProtoMessage)

@@ -4,6 +4,7 @@ A ``FrameSource``, so that it can be recorded and calibrated without hardware, a
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -45,7 +46,7 @@ SUBPIXELS = 8
 FRAMES_PER_SECOND = 0.5
 """Of the recording: a view every two seconds. Chosen by eye."""
 DEPTH_SHIFT_MM = -8.0
-"""Added to every reading, as real units have it. Chosen by eye."""
+"""Added to every reading, as by a unit that reads too near; its calibration adds 8 mm. Chosen by eye."""
 _AROUND = np.ones((3, 3), np.uint8)
 
 
@@ -133,7 +134,7 @@ def record_plate(
         replacing(truth) as temporary,
         SessionWriter(out, rough, views.name, overwrite=overwrite, keep_partial=False) as writer,
     ):
-        save_calibration(temporary, views.calibration)
+        save_calibration(temporary, replace(views.calibration, depth_shift_mm=-DEPTH_SHIFT_MM))
         for frame in views:
             writer.write(frame)
             progress(1)

@@ -92,7 +92,7 @@ class VirtualRig(FrameSource):
         self.frames, self.subjects, self.seed, self.scene = frames, subjects, seed, scene
         self.frames_per_second = frames_per_second
         self.times_ns = np.rint(np.arange(frames) / frames_per_second * 1e9).astype(np.int64)
-        depth, color, color_pose, thermal, thermal_pose = vars(self.calibration).values()
+        depth, color, color_pose, thermal, thermal_pose, _ = vars(self.calibration).values()
         self._depth, self._color = lens_of(depth, 1), lens_of(color, 1)
         self._thermal = lens_of(thermal, self._twin.supersample)
         self._pyrometer = Pyrometer.drawn(thermal, stream(seed, "pyrometer")) if pyrometer else None
