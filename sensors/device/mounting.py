@@ -6,10 +6,6 @@ camera has the turn instead. A mirrored colour image is a new JPEG (``sensors.fi
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
 
 from sensors.device.address import Address
 from sensors.device.protocol import (
@@ -22,56 +18,16 @@ from sensors.device.protocol import (
     Value,
 )
 from sensors.files.jpeg import mirrored_jpeg
-from sensors.rig.camera import Intrinsics
-from sensors.rig.rig_calibration import Pose, RigCalibration
+from sensors.rig.rig_calibration import RigCalibration
+from sensors.rig.turn import Turn
 
-Pixel = TypeVar("Pixel", bound=np.generic)
 TURNS = {"0": 0, "90": 1, "180": 2, "270": 3}
 """Quarter turns by the value of the option ``turn``, degrees clockwise."""
-_MIRROR = np.diag([-1.0, 1.0, 1.0])
-_QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""From a camera's frame to that of its image turned clockwise: x' = -y, y' = x."""
 
 
 @dataclass(frozen=True)
-class Mounting:
-    """Transformation of images: mirrored left to right, then turned clockwise by ``quarters``."""
-
-    quarters: int = 0
-    mirror: bool = False
-
-    def image(self, image: NDArray[Pixel]) -> NDArray[Pixel]:
-        """An image (h, w), upright."""
-        return np.ascontiguousarray(np.rot90(image[:, ::-1] if self.mirror else image, -self.quarters))
-
-    def camera(self, camera: Intrinsics) -> Intrinsics:
-        """The camera of the upright image."""
-        if self.mirror:
-            camera = replace(camera, cx=camera.width - 1 - camera.cx, p2=-camera.p2)
-        for _ in range(self.quarters):
-            camera = replace(
-                camera,
-                width=camera.height,
-                height=camera.width,
-                fx=camera.fy,
-                fy=camera.fx,
-                cx=camera.height - 1 - camera.cy,
-                cy=camera.cx,
-                p1=camera.p2,
-                p2=-camera.p1,
-            )
-        return camera
-
-    def calibration(self, factory: RigCalibration) -> RigCalibration:
-        """The calibration of a depth camera, with or without colour, mounted so."""
-        depth = self.camera(factory.depth)
-        if factory.color is None or factory.color_from_depth is None:
-            return replace(factory, depth=depth)
-        color, pose = Mounting(0, self.mirror).camera(factory.color), factory.color_from_depth
-        if self.mirror:
-            pose = Pose(_MIRROR @ pose.rotation @ _MIRROR, _MIRROR @ pose.translation_m)
-        back = Pose(np.linalg.matrix_power(_QUARTER, self.quarters).T, np.zeros(3))
-        return replace(factory, depth=depth, color=color, color_from_depth=pose @ back)
+class Mounting(Turn):
+    """Turn of a device's images."""
 
     def value(self, value: Value) -> Value:
         """A reading, upright."""

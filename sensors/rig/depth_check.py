@@ -64,6 +64,11 @@ UNITS_MM = {
 """Millimetres of a step that programs write, and who does."""
 
 
+def metres(length_m: float) -> str:
+    """A length to three digits."""
+    return f"{length_m:.0f} m" if length_m >= 100 else f"{length_m:.3g} m"
+
+
 class Range(NamedTuple):
     """Depth of a scene in metres: the 1st, 50th and 99th percentile of its readings."""
 
@@ -72,7 +77,7 @@ class Range(NamedTuple):
     far: float
 
     def __str__(self) -> str:
-        return f"{self.near:.3g} m, {self.median:.3g} m, {self.far:.3g} m"
+        return ", ".join(map(metres, self))
 
 
 @dataclass(frozen=True)
@@ -211,10 +216,10 @@ def _range(values: NDArray[np.float64], unit_mm: float) -> Range:
 def _impossible(found: Range, times: float = 1.0) -> str:
     """Why a range is no scene's that a camera of people sees; "" where it may be. times: farther bounds."""
     if found.near > NEAREST_M * times:
-        return f"nothing is nearer than {found.near:.3g} m"
+        return f"nothing is nearer than {metres(found.near)}"
     if found.near > NEAR_M * times and found.median > MEDIAN_M * times:
-        return f"nothing is nearer than {found.near:.3g} m and half is farther than {found.median:.3g} m"
-    return f"nothing is farther than {found.far:.3g} m" if found.far < FARTHEST_M else ""
+        return f"nothing is nearer than {metres(found.near)} and half is farther than {metres(found.median)}"
+    return f"nothing is farther than {metres(found.far)}" if found.far < FARTHEST_M else ""
 
 
 def _is_usual(found: Range) -> bool:
@@ -266,14 +271,14 @@ def _doubts(found: Range, images: Sequence[Image], unit_mm: float) -> list[str]:
     doubts = []
     why = _impossible(found)
     if not why and found.median > MEDIAN_M:
-        why = f"half of the scene is farther than {found.median:.3g} m"
+        why = f"half of the scene is farther than {metres(found.median)}"
     if why:
         doubts.append(
             f"doubtful depth: {why} with {unit_mm:g} mm a step; where that is wrong, give --depth-unit"
         )
     if found.far < 1.15 * found.near:
         doubts.append(
-            f"all depth lies between {found.near:.3g} and {found.far:.3g} m: a wall, or no depth image"
+            f"all depth lies between {metres(found.near)} and {metres(found.far)}: a wall, or no depth image"
         )
     elif len(steps := _steps(images)) >= LEAST_PIXELS:
         step_m = float(np.median(steps)) * unit_mm / 1000

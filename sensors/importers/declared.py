@@ -1,0 +1,82 @@
+"""A source of frames with what its user declares of it: upright images, unit, camera, times, subject."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from sensors.files.png import PNG_MAGIC
+from sensors.importers.options import ImportOptions
+from sensors.rig.depth_check import judge_depth, spread
+from sensors.rig.frame import FrameSource, RigFrame, mm_from_units, regular_times_ns
+from sensors.rig.intrinsics_file import read_intrinsics
+from sensors.rig.turn import Turn
+
+JPEG_QUALITY = 95
+"""Of a turned colour image that was a JPEG, as of a RealSense's. Untuned."""
+
+
+class Declared(FrameSource):
+    """Frames of another source as its user declares them.
+
+    own: whether the source has read the unit, the intrinsics and the rate of ``options`` itself. Otherwise
+    its depth has steps of one millimetre. Raises CalibrationError and FormatError.
+    """
+
+    def __init__(self, source: FrameSource, options: ImportOptions, *, own: bool) -> None:
+        self._source, self._options, self._own = source, options, own
+        self._turn = Turn(options.turn_deg // 90, options.mirror)
+        self.name, self.path, self.events = source.name, source.path, source.events
+        self.subject = options.subject or source.subject
+        self.times_ns, calibration, notes = source.times_ns, source.calibration, list(source.notes)
+        if options.intrinsics is not None and not own:
+            found = read_intrinsics(options.intrinsics, calibration.depth.shape)
+            found.depth.check_size("depth image", calibration.depth.shape)
+            calibration = replace(calibration, depth=found.depth)
+            notes.append(f"intrinsics of depth from {options.intrinsics.name}, as declared")
+        if options.rate_hz is not None and not own:
+            self.times_ns = regular_times_ns(len(source), round(1e9 / options.rate_hz))
+            notes.append(f"times: {options.rate_hz:g} frames a second as declared")
+        if options.depth_unit_mm is not None and not own:
+            samples = [source.frame(at).depth_mm for at in spread(len(source))]
+            notes += judge_depth(samples, options.depth_unit_mm, source.name).notes
+        self._calibration, self.calibration = calibration, self._turn.whole(calibration)
+        if self._turn != Turn():
+            mirrored = "mirrored and " if options.mirror else ""
+            notes.append(f"images, cameras and poses are {mirrored}turned by {options.turn_deg} degrees")
+        self.notes = tuple(notes)
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the source's file."""
+        return self._source.sha256
+
+    def _frame(self, index: int) -> RigFrame:
+        frame = self._source.frame(index)
+        unit_mm, turn = self._options.depth_unit_mm, self._turn
+        depth_mm = frame.depth_mm if self._own or unit_mm is None else mm_from_units(frame.depth_mm, unit_mm)
+        thermal, infrared = frame.thermal_c, frame.infrared
+        return replace(
+            frame,
+            stamp_ns=int(self.times_ns[index]),
+            depth_mm=turn.image(depth_mm),
+            color_encoded=turned_color(frame.color_encoded, turn),
+            thermal_c=None if thermal is None else turn.image(thermal),
+            infrared=None if infrared is None else turn.image(infrared),
+        )
+
+
+def turned_color(encoded: bytes | None, turn: Turn) -> bytes | None:
+    """A turned colour image in its own format; bytes of no image stay as they are.
+
+    A PNG loses nothing, a JPEG is encoded again. An EXIF orientation is not obeyed: sensors' pixels count.
+    """
+    if encoded is None or turn == Turn():
+        return encoded
+    image = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    if image is None:
+        return encoded
+    upright = turn.image(np.asarray(image, np.uint8))
+    if encoded.startswith(PNG_MAGIC):
+        return bytes(cv2.imencode(".png", upright)[1])
+    return bytes(cv2.imencode(".jpg", upright, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
