@@ -9,6 +9,7 @@ import pytest
 from conftest import assert_refused
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from annotate.labelset.store import LabelSet
 from annotate.parts import BODY_PARTS
@@ -183,6 +184,17 @@ def swatches(path: Path, columns: int, shown: int = 11) -> Path:
 def test_a_palette_is_learnt_from_a_photograph(tmp_path, columns):
     learnt = suit_from_photo(swatches(tmp_path / "cloths.png", columns), "cloths")
     assert len(learnt.parts) == 11
+    assert max(nearest(DEFAULT_SUIT, learnt).values()) < 0.03
+
+
+def test_a_photograph_taken_with_the_telephone_on_its_side_shows_the_cloths_upright(tmp_path):
+    """EXIF orientation 6: a viewer turns the stored pixels clockwise by a quarter."""
+    with Image.open(swatches(tmp_path / "cloths.png", 4)) as upright:
+        exif = Image.Exif()
+        exif[0x112] = 6
+        lying = upright.transpose(Image.Transpose.ROTATE_90)
+        lying.save(tmp_path / "lying.jpg", exif=exif, quality=98, subsampling=0)
+    learnt = suit_from_photo(tmp_path / "lying.jpg", "cloths")
     assert max(nearest(DEFAULT_SUIT, learnt).values()) < 0.03
 
 

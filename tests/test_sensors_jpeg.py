@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from sensors.files.jpeg import is_lossless, mirrored_jpeg
+from sensors.rig.frame import RigFrame
 
 SAMPLINGS = [cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
 
@@ -54,3 +55,15 @@ def test_an_exif_orientation_turns_nothing(orientation):
 @pytest.mark.parametrize("data", [b"", b"\xff\xd8\xff", b"no image", photograph(64, 64, 0)[:300]])
 def test_bytes_of_no_image_stay_as_they_are(data):
     assert mirrored_jpeg(data) == data
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_camera_s_colour_image_is_decoded_as_the_sensor_has_it(orientation, kind):
+    quarter, file = np.zeros((32, 64, 3), np.uint8), io.BytesIO()
+    quarter[:16, :32] = (250, 10, 10)
+    exif = Image.Exif()
+    exif[0x112] = orientation
+    Image.fromarray(quarter).save(file, kind, exif=exif)
+    found = RigFrame(0, 0, np.zeros((4, 4), np.uint16), file.getvalue()).decode_color()
+    assert found.shape == quarter.shape and np.abs(found.astype(int) - quarter).mean() < 3

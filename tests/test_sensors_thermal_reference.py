@@ -108,3 +108,26 @@ def test_a_live_camera_is_corrected_by_the_same_function():
         off.append(float((watch.corrected(moment, frame).thermal_c - image).mean()))
     assert np.abs(np.subtract(off[:20], DRIFT_K[:20])).max() < 0.01  # not known yet
     assert np.median(np.abs(off[25:])) < 0.3 < np.median(np.abs(DRIFT_K[25:]))
+
+
+@pytest.mark.parametrize("focal_px", [60.0, 240.0, 408.0, 700.0])
+def test_pixels_without_a_temperature_are_left_out_and_touch_no_others(focal_px):
+    """Naive means over the known half of each disc; a Boson's disc is 19 pixels wide."""
+    rng, reference = np.random.default_rng(3), ThermalReference(focal_px)
+    image = rng.normal(25, 2, (160, 200)).astype(np.float32)
+    image[rng.random(image.shape) < 0.002] = np.nan
+    image[60:90, 80:120] = np.nan
+    reference.add(0.0, 30.0, image)
+    places = np.array([reference.pixel(at) for at in range(len(reference._places))])
+    rows, columns = np.indices(image.shape)
+    for at in rng.choice(len(places), 40):
+        u, v = places[at]
+        disc = image[np.hypot(columns - u, rows - v) <= reference._radius]
+        known = disc[np.isfinite(disc)]
+        if abs(known.size / disc.size - 0.5) < 0.02:
+            continue
+        if known.size < disc.size / 2:
+            assert np.isnan(reference._off_k[0][at])
+        else:
+            assert reference._off_k[0][at] == pytest.approx(30.0 - known.mean(), abs=1e-3)
+            assert reference._uneven_k[0][at] == pytest.approx(known.std(), abs=5e-2)

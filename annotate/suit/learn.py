@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageOps
 
 from annotate.array_types import UInt8
 from annotate.cloud.fuse import Fuser
@@ -156,10 +156,13 @@ def _row_by_row(stats: NDArray[Any]) -> list[int]:
 
 
 def _read(path: Path) -> UInt8:
-    """Photograph uint8 (h, w, 3), at most 1,000 pixels a side; Pillow itself bounds what it decodes."""
+    """Photograph uint8 (h, w, 3), at most 1,000 pixels a side; Pillow itself bounds what it decodes.
+
+    An EXIF orientation is obeyed, as by the viewer in which a person counts the rows of cloths.
+    """
     try:
         with Image.open(path, formats=("JPEG", "PNG")) as image:
             image.thumbnail((1000, 1000))
-            return np.array(image.convert("RGB"))
+            return np.array(ImageOps.exif_transpose(image).convert("RGB"))
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise CloudError(f"swatches {path} cannot be read ({error}); give a PNG or JPEG") from error

@@ -69,7 +69,9 @@ def intrinsics_from(
     if rectified and p.size == 12 and p[0] > 0:
         matrix = p.reshape(3, 4)[:, :3]
     if not matrix[:2, :2].any():
-        raise CalibrationError(f"{name} holds no calibration (K is zero); calibrate the camera, or give --intrinsics FILE")
+        raise CalibrationError(
+            f"{name} holds no calibration (K is zero); calibrate the camera, or give --intrinsics FILE"
+        )
     full = int(message.width), int(message.height)
     window = window_of(message)
     if size is not None and size != full and size == window.size:

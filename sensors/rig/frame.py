@@ -63,7 +63,7 @@ class RigFrame:
     def decode_color(self) -> NDArray[np.uint8] | None:
         """Colour image (h, w, 3) RGB, or None where the frame has none.
 
-        Raises FormatError when the bytes are no image.
+        An EXIF orientation is not obeyed: calibration and pose are those of the sensor's pixels. Raises FormatError when the bytes are no image.
         """
         if self.color_encoded is None:
             return None
@@ -78,7 +78,8 @@ class RigFrame:
             raise self._broken_color(str(error)) from error
         if max(size) > MAX_IMAGE_SIDE:
             raise self._broken_color(f"it claims {size[0]}x{size[1]} pixels")
-        image = cv2.imdecode(np.frombuffer(self.color_encoded, np.uint8), cv2.IMREAD_COLOR_RGB)
+        flags = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
+        image = cv2.imdecode(np.frombuffer(self.color_encoded, np.uint8), flags)
         if image is None:
             raise self._broken_color("it is cut off or corrupt")
         return np.asarray(image, np.uint8)

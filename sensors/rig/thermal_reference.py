@@ -28,6 +28,8 @@ UNSURE_K = 0.5
 """Kelvin by which the offsets of such places may differ (half of 5 to 95 %): the accuracy that is wanted."""
 EVEN_K = 0.3
 """Standard deviation within the spot from which on a reading counts for less: an edge is in it. By eye."""
+LEAST_KNOWN = 0.5
+"""Least share of the spot's pixels with a temperature; fewer are no mean of the spot (untuned)."""
 SMOOTH_S = 5.0
 """Seconds before and after within which offsets are averaged: drift takes minutes. Chosen by eye."""
 
@@ -61,17 +63,30 @@ class ThermalReference:
             sides = ([round(MARGIN * n), round((1 - MARGIN) * n)] for n in thermal_c.shape)
             rows, columns = (np.arange(first, end, step) for first, end in sides)
             self._places = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
-        # Off the reading rather than off zero: squares of small numbers keep their digits.
-        off = np.float32(reading_c) - thermal_c
+        # Differences from the reading: squares of small numbers keep their digits.
+        mean, square = self._over_disc(np.float32(reading_c) - thermal_c)
+        self._times_s.append(time_s)
+        self._read_c.append(reading_c)
+        self._off_k.append(mean)
+        self._uneven_k.append(np.sqrt(np.maximum(square - mean**2, 0)))
+
+    def _over_disc(self, off_k: Celsius) -> tuple[Celsius, Celsius]:
+        """Mean of an image (h, w) and of its square over the known pixels of each place's disc (places,).
+
+        NaN where less than half of a disc is known. Unknown pixels go into the filter as 0, not as NaN: from
+        11 x 11 pixels on OpenCV filters by a Fourier transform, which spreads a NaN over much of the image.
+        """
         # Its import takes a tenth of the time that a refusal has.
         import cv2
 
-        mean, square = (cv2.filter2D(image, -1, self._disc) for image in (off, off * off))
-        at = tuple(self._places.T[::-1])
-        self._times_s.append(time_s)
-        self._read_c.append(reading_c)
-        self._off_k.append(mean[at])
-        self._uneven_k.append(np.sqrt(np.maximum(square[at] - mean[at] ** 2, 0)))
+        known, at = np.isfinite(off_k), tuple(self._places.T[::-1])
+        there = np.where(known, off_k, np.float32(0))
+        share, mean, square = (
+            cv2.filter2D(image, -1, self._disc)[at]
+            for image in (known.astype(np.float32), there, there * there)
+        )
+        share = np.where(share >= LEAST_KNOWN, share, np.float32(np.nan))
+        return np.asarray(mean / share, np.float32), np.asarray(square / share, np.float32)
 
     @property
     def _disc(self) -> Celsius:

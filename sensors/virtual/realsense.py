@@ -92,7 +92,7 @@ class VirtualRealSense:
     def color(self, seconds: float) -> NDArray[np.uint8]:
         """The scene's colour as the camera gives it: uint8 (h, w, 2), YUYV."""
         encoded = np.frombuffer(self._scene.color(seconds), np.uint8)
-        bgr = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR))
+        bgr = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION))
         return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_YUY2), np.uint8)
 
     def _run(self) -> None:
