@@ -68,12 +68,13 @@ def _solve() -> None:
     from synth.markers.markerset import shipped_marker_sets
     from synth.markers.person_fit import zero_bones
     from synth.markers.solve import solve
+    from synth.markers.vertical import GIVEN, Upward
     from synth.motion.floor import Traces
 
     places, bones = shipped_marker_sets()[0], zero_bones(shipped_bodies()[0].joints_m)
     state = State.of(np.zeros((N_JOINTS, 3)), np.array([0.0, 0.0, 0.95]))
     positions = 1000 * np.array([markers_at(state, Subject(bones, places.joint, places.at_m))] * 8)
-    standing = Markers(places.names, positions, 100.0, "mm", 2)
+    standing = Markers(places.names, positions, 100.0, "mm", Upward("z", GIVEN))
     motion = solve(standing, standing, places)
     Traces.of(flesh_of(shipped_bodies()[0]), motion.angles_rad, motion.pelvis_m)
 

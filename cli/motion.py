@@ -1,6 +1,7 @@
 """The verb ``solve``: markers to joint angles; and what ``info`` shows of them."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -32,6 +33,9 @@ def solve(
         Path | None, Option(help="Picture of the markers on the body at a few moments (.png).")
     ] = None,
     film: Annotated[Path | None, Option(help="The same as an animation: .webp, .gif or .png.")] = None,
+    up: Annotated[
+        str | None, Option(help="Vertical axis of the recording: x, y, z, -x, -y, -z. Default: found.")
+    ] = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -48,6 +52,7 @@ def solve(
         from synth.markers.motion_file import save_motion
         from synth.markers.solve import places_m
         from synth.markers.solve import solve as solve_markers
+        from synth.markers.vertical import given
         from synth.motion.picture import check_animation, save_animation, save_picture
 
     if film is not None:
@@ -60,6 +65,8 @@ def solve(
     else:
         recorded = read_markers(markers)
     standing = None if static is None else read_markers(static)
+    if up is not None:
+        recorded = replace(recorded, up=given(up))
     started = time.monotonic()
     with progress("solve", len(recorded.positions)) as advance:
         motion = solve_markers(recorded, standing, places, advance)

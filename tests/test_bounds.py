@@ -40,7 +40,8 @@ from synth.clothes import makehuman_garments
 from synth.clothes.makehuman_garments import read_garment
 from synth.markers import joint_file as joint_files
 from synth.markers.joint_file import read_joint_file
-from synth.markers.marker_files import MAX_HEAD_LINES, read_markers
+from synth.markers.marker_files import read_markers
+from synth.markers.trc_file import MAX_HEAD_LINES
 from tests.helpers.marker_samples import positions, write_trc
 
 PACKAGES = ("sensors", "annotate", "synth", "eval", "cli")
@@ -87,10 +88,10 @@ HONEST: dict[str, float] = {
     "synth.markers.bvh.MAX_FILE_BYTES": HOUR_S // 4 * 120 * 300 * 9,
     "synth.markers.joint_file.MAX_BYTES": 12 * HOUR_S * 30 * 40 * 3 * 4,  # 40 joints, float32
     "synth.markers.marker_files.MAX_FILE_BYTES": HOUR_S * 120 * 100 * 16,  # 100 markers of a C3D
-    "synth.markers.marker_files.MAX_HEAD_LINES": 30,  # five, and comments
     "synth.markers.marker_files.MAX_POSITIONS": HOUR_S * 120 * 100,
     "synth.markers.markerset.MAX_FILE_BYTES": 1000 * 200,  # markers
     "synth.markers.motion_file.MAX_BYTES": 3 * HOUR_S * 60 * 40 * 12,  # 40 markers
+    "synth.markers.trc_file.MAX_HEAD_LINES": 30,  # five, and comments
 }
 """By bound: the largest honest value known."""
 

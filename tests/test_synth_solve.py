@@ -29,8 +29,11 @@ from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SWAPPED, Motion, 
 from synth.markers.person_fit import Template, posture_prior, zero_bones
 from synth.markers.posture_fit import Observed, fit_posture
 from synth.markers.solve import bridge, solve
+from synth.markers.vertical import GIVEN, Upward
 from tests.helpers.marker_truth import joint_errors_deg, plug_in_gait, synthesise
 from tools.measure.people.lab_angles import LEG, PlugInGait, columns, errors_deg
+
+UP = Upward("z", GIVEN)
 
 
 def random_posture(seed: int) -> Posture:
@@ -149,7 +152,7 @@ def test_bad_recordings_are_refused(truth):
     other = synthesise(5, 20, body=0).static
     with pytest.raises(CloudError, match="another person"):
         solve(truth.moving, other)
-    few = Markers(truth.moving.labels[:9], truth.static.positions[:, :9], 100, "mm", 2)
+    few = Markers(truth.moving.labels[:9], truth.static.positions[:, :9], 100, "mm", UP)
     with pytest.raises(CloudError):
         solve(truth.moving, with_positions(few, np.full_like(few.positions, np.nan)))
 

@@ -1,8 +1,7 @@
 """BVH files: a skeleton's own rotations become points at its joints, and those are solved like markers."""
 
-import re
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,9 +9,11 @@ from scipy.spatial.transform import Rotation
 from annotate.array_types import Float64
 from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import read_bounded
+from synth.markers.bvh_text import Bone, BvhText, parse_bvh
 from synth.markers.joint_places import marker_set_of_joints
 from synth.markers.marker_files import Markers
-from synth.markers.markerset import MarkerSet, upright_axis
+from synth.markers.markerset import MarkerSet
+from synth.markers.vertical import Upward, zero_pose_axis
 
 MAX_FILE_BYTES = 300_000_000
 """A quarter of an hour of 100 joints at 120 frames/s."""
@@ -20,97 +21,69 @@ MAX_CENTRES = 20_000_000
 """Frames times joints, about 60 bytes and 2 us each: half an hour of 100 joints at 120 frames/s."""
 LEG_M = 0.82
 """BVH has no unit: the skeleton is scaled to this length from hip to ankle."""
-_CHANNEL = re.compile("[xyz](position|rotation)")
-
-
-class Bone(NamedTuple):
-    """One joint of a BVH: parent (-1 root), offset in the file's unit, channels and their first column."""
-
-    name: str
-    parent: int
-    offset: tuple[float, float, float]
-    channels: tuple[str, ...]
-    column: int
+STILL = 1e-3
+"""Share of its offset that a joint moves at most by position channels that say nothing. Untuned."""
 
 
 def read_bvh(path: Path) -> tuple[Markers, MarkerSet]:
-    """Joint centres of a BVH as markers in metres, y up, and the marker set of these joints.
+    """Joint centres of a BVH as markers in metres, in the file's axes, and the marker set of these joints.
 
     Raises FormatError when the file is damaged or of impossible size, CloudError when its joints are unknown.
     """
     data = read_bounded(path, MAX_FILE_BYTES, "cut the motion")
     try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FormatError(f"{path} cannot be read ({error}); give a BVH file") from error
-    try:
-        hierarchy, _, motion = text.partition("MOTION")
-        bones = _hierarchy(hierarchy.split())
-        rows, seconds = _motion(motion, sum(len(b.channels) for b in bones))
-        if len(rows) * len(bones) > MAX_CENTRES:
-            raise FormatError(f"{len(rows)} frames of {len(bones)} joints; cut the motion")
+        text = parse_bvh(data)
+        if len(text.rows) * len(text.bones) > MAX_CENTRES:
+            raise FormatError(f"{len(text.rows)} frames of {len(text.bones)} joints; cut the motion")
+        return _markers(text)
     except (ValueError, IndexError) as error:
         raise FormatError(f"{path}: damaged BVH ({error}); export it again") from error
-    except FormatError as error:
-        raise FormatError(f"{path}: {error}") from error
-    return _markers(path, bones, _centres(bones, rows), 1 / seconds)
+    except CloudError as error:
+        raise type(error)(f"{path}: {error}") from error
 
 
-def _hierarchy(tokens: list[str]) -> list[Bone]:
-    if tokens[:1] != ["HIERARCHY"]:
-        raise FormatError("no HIERARCHY; give a BVH file")
-    bones: list[Bone] = []
-    open_bones: list[int] = []
-    at, columns, name = 1, 0, ""
-    while at < len(tokens):
-        word = tokens[at].upper()
-        if word in ("ROOT", "JOINT", "END"):
-            name = tokens[at + 1] if word != "END" else f"{bones[open_bones[-1]].name}_end"
-            at += 2
-        elif word == "{":
-            if tokens[at + 1].upper() != "OFFSET":
-                raise FormatError(f"joint {name[:40]!r} has no OFFSET; export it again")
-            x, y, z = (float(v) for v in tokens[at + 2 : at + 5])
-            at += 5
-            channels: tuple[str, ...] = ()
-            if tokens[at].upper() == "CHANNELS":
-                count = int(tokens[at + 1])
-                channels = tuple(c.lower() for c in tokens[at + 2 : at + 2 + count])
-                if len(channels) != count or not all(map(_CHANNEL.fullmatch, channels)):
-                    shown = " ".join(channels)[:60]
-                    raise FormatError(f"joint {name[:40]!r} has channels {shown}; export it again")
-                at += 2 + count
-            bones.append(Bone(name, open_bones[-1] if open_bones else -1, (x, y, z), channels, columns))
-            open_bones.append(len(bones) - 1)
-            columns += len(channels)
-        elif word == "}":
-            open_bones.pop()
-            at += 1
-        else:
-            raise FormatError(f"{tokens[at][:40]!r} is not a BVH keyword; export it again")
-    if open_bones or not columns:
-        raise FormatError("the hierarchy is cut short; copy it again")
-    return bones
+def _markers(text: BvhText) -> tuple[Markers, MarkerSet]:
+    bones, rows = text.bones, text.rows
+    kept, line = _keeping_offset(bones, rows)
+    centres = _centres(bones, rows, kept)
+    parents = np.array([bone.parent for bone in bones])
+    columns, places, leg = marker_set_of_joints([bone.name for bone in bones], parents, centres)
+    still = _centres(bones, np.zeros((1, rows.shape[1])), [True] * len(bones))
+    axis = zero_pose_axis(still[:, columns], places.joint)
+    scale = f"no unit is stated; the leg is taken to be {LEG_M} m long ({leg:.4g} units)"
+    found = Markers(places.names, centres[:, columns] * LEG_M / leg, 1 / text.seconds, "m")
+    up = Upward(axis, "the zero pose" if axis else "", "y")
+    return replace(found, up=up, assumed=(*text.assumed, *line, scale)), places
 
 
-def _motion(text: str, columns: int) -> tuple[Float64, float]:
-    """Channels (F, C) of all frames, and seconds a frame."""
-    head = re.match(r"\s*Frames:\s*(\d+)\s+Frame\s+Time:\s*(\S+)", text, re.IGNORECASE)
-    if head is None:
-        raise FormatError("no number of frames and frame time; copy it again")
-    frames, seconds = int(head[1]), float(head[2])
-    if not 1e-4 <= seconds <= 1:
-        raise FormatError(f"frame time {seconds}; give seconds from 0.0001 to 1")
-    numbers = np.fromstring(text[head.end() :], sep=" ")
-    if frames < 1 or numbers.size != frames * columns or not np.isfinite(numbers).all():
-        raise FormatError(
-            f"claims {frames} frames of {columns} finite numbers and holds {numbers.size}; copy it again"
-        )
-    return numbers.reshape(frames, columns), seconds
+def _keeping_offset(bones: list[Bone], rows: Float64) -> tuple[list[bool], tuple[str, ...]]:
+    """Which bones keep their OFFSET beside position channels, and a line on it.
+
+    Position channels replace the OFFSET in Blender's importer and exporter, bvhio (issue 5) and Holden's
+    ``BVH.py`` (DeepMotionEditing); three.js adds them to it. Of a file in which most joints are nearer to their
+    parent than half their OFFSET, the positions are displacements; positions that stay 0 are none at all.
+    """
+    moved, shares = [], []
+    for i, bone in enumerate(bones):
+        columns = [c for c, channel in enumerate(bone.channels) if channel.endswith("position")]
+        offset = np.array(bone.offset)
+        if bone.parent < 0 or not columns or not offset.any():
+            continue
+        axes = ["xyz".index(bone.channels[c][0]) for c in columns]
+        at = rows[:, bone.column + np.array(columns)]
+        if np.abs(at).max() > STILL * np.linalg.norm(offset):
+            moved.append(i)
+            shares.append(float(np.median(at @ offset[axes])) / float(offset @ offset))
+    added = bool(shares) and float(np.median(shares)) < 0.5
+    keep = [bone.parent >= 0 and (added or (i not in moved and any(bone.offset))) for i, bone in enumerate(bones)]
+    if not moved:
+        return keep, ()
+    how = "are added to their OFFSET" if added else "replace their OFFSET"
+    return keep, (f"positions of {len(moved)} joints beside the root {how}",)
 
 
-def _centres(bones: list[Bone], rows: Float64) -> Float64:
-    """World positions (F, B, 3) of all joints, in the file's unit."""
+def _centres(bones: list[Bone], rows: Float64, keep: list[bool]) -> Float64:
+    """World positions (F, B, 3) of all joints, in the file's unit. keep: bones whose OFFSET positions add to."""
     positions = np.empty((len(rows), len(bones), 3))
     turned: list[Rotation] = []
     for i, bone in enumerate(bones):
@@ -119,7 +92,7 @@ def _centres(bones: list[Bone], rows: Float64) -> Float64:
         for k, channel in enumerate(bone.channels):
             values, axis = rows[:, bone.column + k], "xyz".index(channel[0])
             if channel.endswith("position"):
-                offset[:, axis] = values if bone.parent < 0 else offset[:, axis] + values
+                offset[:, axis] = offset[:, axis] + values if keep[i] else values
             else:
                 turn = turn * Rotation.from_euler("XYZ"[axis], np.radians(values)[:, None])
         if bone.parent < 0:
@@ -129,14 +102,3 @@ def _centres(bones: list[Bone], rows: Float64) -> Float64:
             positions[:, i] = positions[:, bone.parent] + turned[bone.parent].apply(offset)
             turned.append(turned[bone.parent] * turn)
     return positions
-
-
-def _markers(path: Path, bones: list[Bone], centres: Float64, rate: float) -> tuple[Markers, MarkerSet]:
-    parents = np.array([bone.parent for bone in bones])
-    try:
-        columns, places, leg = marker_set_of_joints([bone.name for bone in bones], parents, centres)
-    except CloudError as error:
-        raise type(error)(f"{path}: {error}") from error
-    still = _centres(bones, np.zeros((1, sum(len(bone.channels) for bone in bones))))
-    up = upright_axis(still[:, columns], places)
-    return Markers(places.names, centres[:, columns] * LEG_M / leg, rate, "m", up), places

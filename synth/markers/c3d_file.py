@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from annotate.array_types import Float64
 from sensors.errors import FormatError
 from synth.markers.c3d_parameters import BLOCK, DEC, MIPS, RATES, C3dFile, floats_of
+from synth.markers.vertical import AXES
 
 IMPLAUSIBLE = 0.02
 """Share of points that cannot be any beyond which a layout is wrong. Measured on five recordings: 0 where
@@ -32,13 +33,14 @@ _MOST_STATEMENTS = 4
 
 class C3dPoints(NamedTuple):
     """Points of a C3D file: labels, M names; positions, float64 (F, M, 3) in its unit and axes, NaN where not
-    seen; frames_per_second; unit, "" if none is stated; up, axis 0 to 2 or -1; assumed, one line each."""
+    seen; frames_per_second; unit, "" if none is stated; up, a direction of ``vertical.AXES`` or ""; assumed, one
+    line each."""
 
     labels: tuple[str, ...]
     positions: Float64
     frames_per_second: float
     unit: str
-    up: int
+    up: str
     assumed: tuple[str, ...]
 
 
@@ -59,13 +61,13 @@ def parse_c3d(data: bytes, most: int) -> C3dPoints:
     with np.errstate(invalid="ignore"):  # A NaN that signals.
         positions = numbers[..., :3] * np.float64(1 if layout.floats else scale)
         positions[~(np.isfinite(numbers).all(axis=2) & (numbers[..., 3] >= 0))] = np.nan
-    vertical = next(iter(file.texts("POINT:Y_SCREEN")), "").upper().lstrip("+-")
+    vertical = next(iter(file.texts("POINT:Y_SCREEN")), "").strip().lower().lstrip("+")
     return C3dPoints(
         _labels(file, layout.points, assumed),
         positions,
         _rate(file, assumed),
         next(iter(file.texts("POINT:UNITS")), "").lower(),
-        "XYZ".find(vertical) if len(vertical) == 1 else -1,
+        vertical if vertical in AXES else "",
         tuple(assumed),
     )
 

@@ -12,7 +12,8 @@ from sensors.files.npz import load_arrays
 from synth.markers.archives import JOINTS_REMEDY
 from synth.markers.joint_places import marker_set_of_joints
 from synth.markers.marker_files import Markers
-from synth.markers.markerset import MarkerSet, upright_axis
+from synth.markers.markerset import MarkerSet, known_markers
+from synth.markers.vertical import GIVEN, Upward
 
 MAX_BYTES = 1_000_000_000
 """Of a file unpacked: six hours of 40 joints at 30 frames/s in int16 take 150 MB."""
@@ -45,7 +46,8 @@ def read_joint_file(path: Path) -> tuple[dict[str, Markers], MarkerSet]:
     except (KeyError, TypeError, ValueError) as error:
         raise FormatError(f"{path} cannot be read ({error}); {JOINTS_REMEDY}") from error
     known = {name: take[:, columns] for name, take in takes.items()}
-    up = upright_axis(np.concatenate(list(known.values())), places)
+    together = Markers(places.names, np.concatenate(list(known.values())), rate)
+    up = Upward(known_markers(together, places).up, GIVEN)
     return {name: Markers(places.names, take, rate, "", up) for name, take in known.items()}, places
 
 

@@ -13,15 +13,26 @@ import numpy as np
 from annotate.array_types import Bool, Float64, Int64
 from sensors.errors import CloudError, FormatError
 from synth.body.skeleton import JOINT_ID
+from synth.markers.labels import without_prefix
 from synth.markers.markerset import MIN_MARKERS, MarkerSet
 from synth.shipped import table
 
-_RANKS = {
-    name: (kind, rank) for kind, names in table("joint_names").items() for rank, name in enumerate(names)
-}
-"""Kind of joint, and how good a name for it this is (0 best), by the name without side and prefix."""
-_TRUNK = ("pelvis", "neck", "head", "head_end")
-_PREFIX, _SUFFIX = re.compile(r"(left|right|l|r)"), re.compile(r"[._-](left|right|l|r)$")
+_NAMES = table("joint_names")
+"""Names of joints, the best first, by our kind of joint, in the order in which kinds are filled."""
+_KINDS = {name for names in _NAMES.values() for name in names}
+_TRUNK = ("pelvis", "neck", "head", "head_end", "nose")
+_FACE = ("nose", "eye", "ear")
+"""Points by which a head is known that has no joint of its own."""
+_SIDES = (
+    re.compile(r"(?P<side>left|right|l|r)[ _.-]*(?P<rest>.+)"),
+    re.compile(r"(?P<rest>.+?)[ _.-]*(?P<side>left|right)"),
+    re.compile(r"(?P<rest>.+?)[ _.-](?P<side>l|r)"),
+)
+_MIDDLE = re.compile(r"[cm][ _.-](.+)|(.+)[ _.-][cm]")
+"""Names of VRM ("C_Hips") and AdvancedSkeleton ("Root_M") for what has no side."""
+KNUCKLES = 0.06
+"""Least length of a hand, wrist to knuckles, as a share of the leg: of ASF skeletons' short bones the hand is
+the wrist. SMPL's hand has 0.1."""
 _BEASTS = re.compile(r"tail|paw|hoof|wing|snout", re.IGNORECASE)
 """Joints that no person has."""
 _PROPORTIONS = {"thigh": (0.35, 0.65), "arm": (0.4, 1.1), "trunk": (0.3, 1.0)}
@@ -41,7 +52,7 @@ def marker_set_of_joints(
     legs = [f"left_{joint}" in places for joint in ("hip", "knee", "ankle")]
     shown = f"{', '.join(names[:6])}, ..."
     if len(places) < MIN_MARKERS or not all(legs):
-        raise CloudError(f"unknown joints ({shown}); rename them like LeftUpLeg, LeftLeg, LeftFoot")
+        raise CloudError(f"unknown joints ({shown}); rename them like LeftUpLeg, LeftLeg, LeftFoot (docs/markers.md)")
     leg = _check_person(names, places, centres)
     rows = [_row(place) for place in places]
     joint, at, spread = (np.array(column) for column in zip(*rows, strict=True))
@@ -52,17 +63,40 @@ def marker_set_of_joints(
 def _places(names: Sequence[str], parents: Int64, centres: Float64) -> dict[str, int]:
     """Index of the best joint for each of our places ("left_knee", "head", "left_toe")."""
     apart = _apart(parents, centres)
-    ranked: dict[str, list[tuple[int, int]]] = {}
-    for i, name in enumerate(names):
-        place, rank = _place_of(name)
-        if place and apart[i]:
-            ranked.setdefault(place, []).append((rank, i))
-    found = {place: min(candidates)[1] for place, candidates in ranked.items()}
+    plain = without_prefix(names)
+    named: dict[tuple[str, str], int] = {}
+    for i, name in enumerate(plain):
+        for side, kind in _readings(name) if apart[i] else ():
+            named.setdefault((side, kind), i)
+    found = {}
+    for side in ("", "left_", "right_"):
+        for kind, best in _NAMES.items():
+            free = [i for name in best if (i := named.get((side, name))) is not None and i not in found.values()]
+            if free and (kind in _TRUNK) == (not side):
+                found[side + kind] = free[0]
+        _at_wrist(side, found, centres)
+    if "head" in found:
+        found = {place: i for place, i in found.items() if place.rpartition("_")[2] not in _FACE}
     for end, of in (("head_end", "head"), ("left_hand_end", "left_wrist"), ("right_hand_end", "right_wrist")):
-        tips = [i for i in np.flatnonzero(parents == found.get(of, -2)) if apart[i]]
+        tips = [i for i in np.flatnonzero(parents == found.get(of, -2)) if apart[i] and i not in found.values()]
         if end not in found and tips and (len(tips) == 1 or of != "head"):
             found[end] = int(tips[len(tips) // 2])
     return found
+
+
+def _at_wrist(side: str, found: dict[str, int], centres: Float64) -> None:
+    """Make the hand the wrist where the two are one, as in ASF skeletons."""
+    wrist, hand = found.get(f"{side}wrist"), found.get(f"{side}hand_end")
+    hip, knee = found.get(f"{side}hip"), found.get(f"{side}knee")
+    if wrist is None or hand is None or hip is None or knee is None:
+        return
+    if _length(centres, wrist, hand) < KNUCKLES * 2 * _length(centres, hip, knee):
+        found[f"{side}wrist"] = hand
+        del found[f"{side}hand_end"]
+
+
+def _length(centres: Float64, a: int, b: int) -> float:
+    return float(np.nanmedian(np.linalg.norm(centres[:, a] - centres[:, b], axis=-1)))
 
 
 def _apart(parents: Int64, centres: Float64) -> Bool:
@@ -71,18 +105,17 @@ def _apart(parents: Int64, centres: Float64) -> Bool:
     return np.asarray((away > 1e-3 * away.max()) | (parents < 0), np.bool_)
 
 
-def _place_of(name: str) -> tuple[str | None, int]:
-    """Our place that a joint's name stands for, None if it is none of them; and the rank of the name."""
-    label = name.rpartition(":")[2].casefold()
-    prefixed, suffixed = _PREFIX.match(label), _SUFFIX.search(label)
-    readings: list[tuple[str | None, str]] = [(None, label)]
-    readings += [(prefixed[1], label[prefixed.end() :])] if prefixed else []
-    readings += [(suffixed[1], label[: suffixed.start()])] if suffixed else []
-    for side, rest in readings:
-        kind, rank = _RANKS.get(re.sub(r"[^a-z0-9]", "", rest), (None, 0))
-        if kind and (kind in _TRUNK) == (side is None):
-            return (kind if side is None else f"{'left' if side[0] == 'l' else 'right'}_{kind}"), rank
-    return None, 0
+def _readings(name: str) -> list[tuple[str, str]]:
+    """Sides ("left_", "right_" or "") and known names of joints that a joint's name may stand for."""
+    label = name.casefold()
+    found = [("", label)]
+    if match := _MIDDLE.fullmatch(label):
+        found.append(("", match[1] or match[2]))
+    for pattern in _SIDES:
+        if match := pattern.fullmatch(label):
+            found.append(("left_" if match["side"][0] == "l" else "right_", match["rest"]))
+    bare = [(side, re.sub(r"[^a-z0-9]", "", rest)) for side, rest in found]
+    return [(side, rest) for side, rest in bare if rest in _KINDS]
 
 
 def _check_person(names: Sequence[str], places: dict[str, int], centres: Float64) -> float:
@@ -92,10 +125,7 @@ def _check_person(names: Sequence[str], places: dict[str, int], centres: Float64
         raise CloudError(f"its joint {beast[:40]!r} is not a person's; give the motion of a person")
 
     def length(a: str, b: str) -> float:
-        ends = [places.get(end) for end in (a, b)]
-        if None in ends:
-            return float("nan")
-        return float(np.nanmedian(np.linalg.norm(centres[:, ends[0]] - centres[:, ends[1]], axis=-1)))
+        return _length(centres, places[a], places[b]) if a in places and b in places else float("nan")
 
     thigh, leg = length("left_hip", "left_knee"), length("left_hip", "left_knee")
     leg += length("left_knee", "left_ankle")
@@ -112,15 +142,22 @@ def _check_person(names: Sequence[str], places: dict[str, int], centres: Float64
     return leg
 
 
+_POINTS = {"nose": ("head", (0.0, -0.11, 0.03)), "eye": ("head", (0.032, -0.085, 0.06)), "ear": ("head", (0.075, 0.0, 0.05))}
+"""Joint and place in metres from it of points of the left half of a face."""
+
+
 def _row(place: str) -> tuple[int, tuple[float, float, float], float]:
     """Joint, place in metres from it and spread of one point."""
-    side, _, kind = place.partition("_")
+    side, _, kind = place.partition("_") if "_" in place else ("", "", place)
     if kind == "toe":
         return JOINT_ID[f"{side}_ankle"], (0.0, -0.15, -0.05), 0.05
     if kind == "hand_end":
         return JOINT_ID[f"{side}_wrist"], (0.0, 0.0, -0.09), 0.05
     if place == "head_end":
         return JOINT_ID["head"], (0.0, 0.0, 0.15), 0.05
+    if kind in _POINTS:
+        joint, at = _POINTS[kind]
+        return JOINT_ID[joint], (at[0] if side == "left" else -at[0], *at[1:]), 0.03
     # Limbs hinge at the joints of the file; its hips, collar and neck differ from tool to tool.
     exact = kind in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
     return JOINT_ID[place], (0.0, 0.0, 0.0), 0.005 if exact else 0.03

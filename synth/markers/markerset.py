@@ -1,8 +1,8 @@
 """Marker sets: which place on the body a marker's name stands for."""
 
-import re
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +10,10 @@ import numpy as np
 from annotate.array_types import Bool, Float64, Int64
 from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import read_toml
-from synth.body.skeleton import JOINT_ID, JOINTS, shortest_arc
+from synth.body.skeleton import JOINT_ID, shortest_arc
+from synth.markers.labels import key_of, without_prefix
 from synth.markers.marker_files import UNITS_M, Markers
+from synth.markers.vertical import direction, find_vertical
 from synth.shipped import shipped
 
 MIN_MARKERS = 8
@@ -28,6 +30,7 @@ class MarkerSet:
 
     names: of the M markers. joint: int64 (M,) the joint each moves with. at_m: (M, 3) metres from it,
     x to the person's left, y back, z up. spread_m: (M,) standard deviation of that place. weight: (M,).
+    also: other names of markers, by the key of the name (see ``key_of``).
     """
 
     name: str
@@ -36,11 +39,19 @@ class MarkerSet:
     at_m: Float64
     spread_m: Float64
     weight: Float64
+    also: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
+    @cached_property
+    def places(self) -> dict[str, int]:
+        """Index of the marker by the key of each of its names."""
+        known = {key_of(name): place for place, name in enumerate(self.names)}
+        others = {key_of(other): known[key] for key, spellings in self.also.items() for other in spellings}
+        return others | known
 
-def key_of(label: str) -> str:
-    """Key that two spellings of a label share: no prefix up to the last colon, no punctuation, one case."""
-    return re.sub(r"[^0-9a-z]", "", label.rpartition(":")[2].casefold())
+    def columns(self, labels: Sequence[str]) -> list[int | None]:
+        """Return the index of the marker that each label of a file names, None for labels of no marker."""
+        keys = zip(map(key_of, labels), map(key_of, without_prefix(labels, "_- .")), strict=True)
+        return [self.places.get(whole, self.places.get(short)) for whole, short in keys]
 
 
 def load_marker_set(path: Path) -> MarkerSet:
@@ -62,7 +73,15 @@ def load_marker_set(path: Path) -> MarkerSet:
         np.array(at, float),
         np.array(spread, float) / 1000,
         np.array(weight, float),
+        {key_of(name): _also(path, name, entry) for name, entry in markers.items() if "also" in entry},
     )
+
+
+def _also(path: Path, name: str, entry: dict[str, object]) -> tuple[str, ...]:
+    also = entry["also"]
+    if not isinstance(also, list) or not all(isinstance(other, str) for other in also):
+        raise FormatError(f'marker set {path}: other names of {name} are no list; give also = ["LeftKnee"]')
+    return tuple(also)
 
 
 def _place(path: Path, name: str, entry: object) -> tuple[int, list[float], float, float]:
@@ -81,16 +100,15 @@ def _place(path: Path, name: str, entry: object) -> tuple[int, list[float], floa
 
 @cache
 def shipped_marker_sets() -> tuple[MarkerSet, ...]:
-    """The sets that come with the package: Plug-in-Gait, CMU-41, a Vicon set of 53 and OpenSim's of 51."""
+    """The sets that come with the package (``synth/data/markersets``)."""
     return tuple(load_marker_set(path) for path in sorted(shipped("markersets").glob("*.toml")))
 
 
 def choose_marker_set(labels: tuple[str, ...]) -> MarkerSet:
     """The shipped set with most of the labels. Raises CloudError when none has enough."""
-    present = {key_of(label) for label in labels}
 
     def known(markers: MarkerSet) -> int:
-        return sum(key_of(name) in present for name in markers.names)
+        return len(set(markers.columns(labels)) - {None})
 
     best = max(shipped_marker_sets(), key=lambda s: (known(s), -len(s.names)))
     if known(best) < MIN_MARKERS:
@@ -105,17 +123,17 @@ SAME_PERSON = 0.12
 """Share by which distances of markers on one bone differ between two people. Chosen by eye."""
 FAR_M = 100.0
 """Farthest coordinate of a marker in a capture room, metres. Chosen by eye."""
-_UPPER = ("head", "spine_upper", "left_clavicle", "right_clavicle")
-_LOWER = ("left_ankle", "right_ankle", "left_knee", "right_knee")
 
 
 @dataclass(frozen=True)
 class KnownMarkers:
     """positions_m: float64 (F, M, 3) world, z up, NaN where not seen, one column per marker of the set;
-    unknown: labels that the set does not know; assumed: a line if the unit was."""
+    unknown: labels that the set does not know; up: the file's axis that became z, of ``vertical.AXES``;
+    assumed: lines on the unit, the vertical axis and labels that occur twice."""
 
     positions_m: Float64
     unknown: tuple[str, ...]
+    up: str
     assumed: tuple[str, ...] = ()
 
     @property
@@ -124,70 +142,44 @@ class KnownMarkers:
         return np.asarray(np.isfinite(self.positions_m).all(axis=2))
 
 
-def known_markers(markers: Markers, markerset: MarkerSet, up: Float64 | None = None) -> KnownMarkers:
+def known_markers(markers: Markers, markerset: MarkerSet, standing: bool = False) -> KnownMarkers:
     """Pick the set's markers out of a recording and bring them to metres, z up.
 
-    up: the file's vertical direction, when it is known from elsewhere. A unit that contradicts the size of a
-    person is replaced by the one that fits. Raises CloudError when too few markers are known or seen, or when
-    no unit fits.
+    standing: whether the recording is of a standing person. A unit that contradicts the size of a person is
+    replaced by the one that fits, a vertical axis that contradicts the motion likewise (``vertical``). Raises
+    CloudError when too few markers are known or seen, or when no unit fits.
     """
-    columns: dict[str, int] = {}
-    for column, label in enumerate(markers.labels):
-        columns.setdefault(key_of(label), column)
-    wanted = {key_of(name): place for place, name in enumerate(markerset.names)}
-    found = [(columns[key], place) for key, place in wanted.items() if key in columns]
-    if len(found) < MIN_MARKERS:
+    picked, unknown, twice = _picked(markers, markerset)
+    scale, unit = _unit_m(picked, markers.unit)
+    picked *= scale
+    up, vertical = find_vertical(picked, markerset.joint, markerset.at_m, markers.up, standing)
+    world = picked @ shortest_arc(direction(up), np.array([0.0, 0.0, 1.0])).T
+    world[np.abs(world).max(axis=2) > FAR_M] = np.nan
+    return KnownMarkers(world, unknown, up, (*twice, *unit, *vertical))
+
+
+def _picked(markers: Markers, markerset: MarkerSet) -> tuple[Float64, tuple[str, ...], tuple[str, ...]]:
+    """Return positions (F, M, 3) of the set's markers in the file's unit, labels of no marker, and a line on
+    labels that occur twice."""
+    columns: dict[int, int] = {}
+    unknown, twice = [], []
+    places = markerset.columns(markers.labels)
+    for column, (label, place) in enumerate(zip(markers.labels, places, strict=True)):
+        if place is None:
+            unknown.append(label)
+        elif columns.setdefault(place, column) != column:
+            twice.append(label)
+    if len(columns) < MIN_MARKERS:
         raise CloudError(
-            f"only {len(found)} of the {len(wanted)} markers of set {markerset.name!r} are in the recording; "
-            "give a marker-set file that fits it"
+            f"only {len(columns)} of the {len(markerset.names)} markers of set {markerset.name!r} are in the "
+            "recording; give a marker-set file that fits it"
         )
     picked = np.full((len(markers.positions), len(markerset.names), 3), np.nan)
-    for column, place in found:
+    for place, column in columns.items():
         picked[:, place] = markers.positions[:, column]
-    scale, assumed = _unit_m(picked, markers.unit)
-    picked *= scale
-    if up is None:
-        up = up_direction(markers, markerset, picked)
-    world = picked @ shortest_arc(up, np.array([0.0, 0.0, 1.0])).T
-    world[np.abs(world).max(axis=2) > FAR_M] = np.nan
-    unknown = tuple(label for label in markers.labels if key_of(label) not in wanted)
-    return KnownMarkers(world, unknown, assumed)
-
-
-def up_direction(markers: Markers, markerset: MarkerSet, positions: Float64) -> Float64:
-    """Vertical direction (3,) of a file: as declared, else where the trunk stands over the legs, else y."""
-    if markers.up >= 0:
-        return np.asarray(np.eye(3)[markers.up])
-    upright = _trunk_rise(positions, markerset)
-    axis = int(np.argmax(np.abs(upright)))
-    clear = np.isfinite(upright).all() and abs(upright[axis]) > 0.7 * np.linalg.norm(upright)
-    result = np.zeros(3)
-    result[axis if clear else 1] = np.sign(upright[axis]) if clear else 1.0
-    return result
-
-
-def upright_axis(positions: Float64, markerset: MarkerSet) -> int:
-    """Axis 0, 1 or 2 along which the trunk of skeletons (F, M, 3) rises over their legs, -1 if none."""
-    rise = _trunk_rise(positions, markerset)
-    axis = int(np.argmax(rise))
-    return axis if rise[axis] > 0.7 * np.linalg.norm(rise) else -1
-
-
-def _trunk_rise(positions: Float64, markerset: MarkerSet) -> Float64:
-    """Mean way (3,) from the lower to the upper markers, NaN where there are none."""
-    names = np.array([JOINTS[j].name for j in markerset.joint])
-    upper = _mean(positions[:, np.isin(names, _UPPER)])
-    lower = _mean(positions[:, np.isin(names, _LOWER)])
-    return np.asarray(_mean((upper - lower)[:, None].swapaxes(0, 1))[0])
-
-
-def _mean(positions: Float64) -> Float64:
-    """Mean over axis 1 of what is finite, NaN where nothing is."""
-    finite = np.isfinite(positions)
-    count = finite.sum(axis=1)
-    return np.asarray(
-        np.where(count > 0, np.where(finite, positions, 0).sum(axis=1) / np.maximum(count, 1), np.nan)
-    )
+    shown = ", ".join(twice[:4]) + (", ..." if len(twice) > 4 else "")
+    line = f"{len(twice)} labels name a marker that another label names ({shown}); the first is used"
+    return picked, tuple(unknown), (line,) if twice else ()
 
 
 def _unit_m(positions: Float64, unit: str) -> tuple[float, tuple[str, ...]]:

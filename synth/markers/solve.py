@@ -16,7 +16,6 @@ from synth.markers.markerset import (
     check_same_person,
     choose_marker_set,
     known_markers,
-    up_direction,
 )
 from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SEEN, SWAPPED, MarkerReport, Motion
 from synth.markers.person_fit import (
@@ -27,6 +26,7 @@ from synth.markers.person_fit import (
     posture_prior,
 )
 from synth.markers.posture_fit import ROBUST_M, Observed, Prior, fit_posture
+from synth.markers.vertical import GIVEN, Upward
 
 CALIBRATION_FRAMES = 30
 STATIC_FRAMES = 10
@@ -96,12 +96,13 @@ def places_m(markers: Markers, static: Markers | None = None, markerset: MarkerS
 def _trials(
     markers: Markers, static: Markers | None, markerset: MarkerSet
 ) -> tuple[KnownMarkers, KnownMarkers | None]:
-    """The known markers of a recording and of its static trial, which must be of the same person."""
-    up = None if static is None else up_direction(static, markerset, _picked(static, markerset))
-    trial = known_markers(markers, markerset, up)
+    """The known markers of a recording and of its static trial, which must be of the same person and have the
+    same vertical axis: the static's, because its person stands."""
     if static is None:
-        return trial, None
-    standing = known_markers(static, markerset, up)
+        return known_markers(markers, markerset), None
+    standing = known_markers(static, markerset, standing=True)
+    given = markers.up if markers.up.by == GIVEN else Upward(standing.up, GIVEN)
+    trial = known_markers(replace(markers, up=given), markerset)
     check_same_person(trial, standing, markerset)
     return trial, standing
 
@@ -175,10 +176,6 @@ def _person(frames: Float64, markerset: MarkerSet) -> tuple[Subject, Float64]:
     places = np.array([markers_at(state, person) for state in states])
     squared = np.where(weights > 0, ((places - frames) ** 2).sum(axis=2), 0.0)
     return person, np.sqrt(squared.sum(axis=0) / np.maximum((weights > 0).sum(axis=0), 1))
-
-
-def _picked(markers: Markers, markerset: MarkerSet) -> Float64:
-    return known_markers(markers, markerset, np.array([0.0, 0.0, 1.0])).positions_m
 
 
 def _calibration_frames(trial: KnownMarkers, count: int) -> Float64:

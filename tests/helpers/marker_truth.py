@@ -11,6 +11,7 @@ from synth.markers.kinematics import State, Subject, markers_at
 from synth.markers.marker_files import Markers
 from synth.markers.markerset import MarkerSet, shipped_marker_sets
 from synth.markers.person_fit import zero_bones
+from synth.markers.vertical import Upward
 
 RATE = 100.0
 
@@ -45,7 +46,7 @@ def synthesise(
             for a, p in zip(angles, pelvis, strict=True)
         ]
         noisy = np.array(places) + rng.normal(0, noise_mm / 1000, (len(angles), len(offsets), 3))
-        return Markers(markerset.names, 1000 * noisy, RATE, "mm", 2)
+        return Markers(markerset.names, 1000 * noisy, RATE, "mm", Upward("z", "the test"))
 
     standing = np.zeros((40, N_JOINTS, 3))
     for side in ("left", "right"):

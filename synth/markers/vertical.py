@@ -1,0 +1,211 @@
+"""The vertical axis of a recording: what the file states, checked against how the person stands and moves.
+
+Files state the axis wrongly or not at all: ezc3d and BTK write no Y_SCREEN, the zero pose of Bandai Namco's
+BVH files is no standing pose (BandaiNamcoResearchInc/Bandai-Namco-Research-Motiondataset issue 9), and Blender
+writes a z-up motion beside a y-up zero pose (Wasserwecken/bvhio issue 11). A person may lie, so a trunk along
+an axis is no proof that the axis is vertical. Proofs are: the person goes far without leaving the level; the
+pelvis moves along the trunk while both feet stay; the soles are flat on the lowest level.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from annotate.array_types import Bool, Float64, Int64
+from sensors.errors import CloudError
+from synth.body.skeleton import JOINTS
+
+AXES = ("x", "y", "z", "-x", "-y", "-z")
+"""Names of directions of a file."""
+GIVEN = "--up"
+"""Source of a vertical axis that is obeyed without a check."""
+UPRIGHT_DEG = 45.0
+"""Greatest angle between trunk and vertical of a person who is upright. Untuned."""
+MOST, SOME = 0.5, 0.25
+"""Share of frames in which a person is upright: most of a recording, and enough where the person walks too."""
+FAR_M = 0.7
+"""Way of the pelvis beyond which a person walks; somebody in bed turns over within it. Untuned."""
+CLIMB = 0.6
+"""Rise of the pelvis at most, as a share of its way: stairs rise by 0.6. Untuned."""
+SQUAT_M, STAY_M = 0.12, 0.06
+"""Way of the pelvis along the trunk, at least, and of both ankles, at most, of somebody who squats. Untuned."""
+FLAT_DEG = 20.0
+"""Greatest angle of a flat sole; feet at rest in bed hang by 30 and more. Untuned."""
+FLOOR_M = (-0.08, 0.2)
+"""Level of the lowest marker over a floor at 0: least and most. Untuned."""
+_UPPER = ("head", "neck", "spine_upper", "left_clavicle", "right_clavicle")
+_MIDDLE = ("pelvis",)
+_LOWER = ("left_ankle", "right_ankle", "left_knee", "right_knee")
+
+
+class Upward(NamedTuple):
+    """Direction that a file states. axis: one of ``AXES``, "" none; by: what states it; usual: direction of
+    such files where nothing else decides."""
+
+    axis: str = ""
+    by: str = ""
+    usual: str = "y"
+
+
+def given(axis: str) -> Upward:
+    """Return a direction that is obeyed. Raises CloudError when it is none of ``AXES``."""
+    if axis not in AXES:
+        raise CloudError(f"vertical axis {axis!r} is none; give {', '.join(AXES)}")
+    return Upward(axis, GIVEN)
+
+
+def direction(axis: str) -> Float64:
+    """Unit vector (3,) of one of ``AXES``."""
+    return np.asarray(np.eye(3)["xyz".index(axis[-1])] * (-1.0 if axis[0] == "-" else 1.0))
+
+
+@dataclass(frozen=True)
+class _Person:
+    """Ways (F, 3) in metres along a person (the trunk; from legs to head), places (F, 3) of pelvis and ankles, and
+    of all markers (F, M, 3), and directions of the soles."""
+
+    rises: tuple[Float64, Float64]
+    pelvis: Float64
+    ankles: tuple[Float64, Float64]
+    points: Float64
+    soles: tuple[tuple[Float64, float], ...]
+
+    def upright(self, axis: str) -> float:
+        """Return the share of frames in which the trunk, or the person as a whole, stands along an axis."""
+        lengths = np.array([np.linalg.norm(rise, axis=1) for rise in self.rises])
+        along = np.array([rise @ direction(axis) for rise in self.rises])
+        known = lengths.max(axis=0) > 0
+        stands = (along > np.cos(np.radians(UPRIGHT_DEG)) * lengths).any(axis=0)
+        return float(stands[known].mean()) if known.any() else 0.0
+
+    def moves_upright(self, axis: str) -> bool:
+        """Return whether the person walks or squats with the trunk along an axis."""
+        up = direction(axis)
+        climb = _way(self.pelvis @ up)
+        across = self.pelvis[:, up == 0]
+        walked = float(np.hypot(*(_way(column) for column in across.T)))
+        squats = climb > SQUAT_M and max(_way(ankle @ up) for ankle in self.ankles) < STAY_M
+        return (walked > FAR_M and climb < CLIMB * walked) or squats
+
+    def stands_flat(self, axis: str) -> bool | None:
+        """Return whether the soles are level in most frames, None without markers of heel and toes."""
+        if not self.soles:
+            return None
+        up = direction(axis)
+        flat = [np.abs(np.degrees(np.arcsin(sole @ up)) - rest) < FLAT_DEG for sole, rest in self.soles]
+        return bool(np.concatenate(flat).mean() > MOST)
+
+    def on_floor(self, axis: str) -> bool:
+        """Return whether the lowest markers are at 0, where laboratories have their floor."""
+        heights = (self.points @ direction(axis)).ravel()
+        heights = heights[np.isfinite(heights)]
+        return bool(FLOOR_M[0] < np.quantile(heights, 0.02) < FLOOR_M[1]) if heights.size else False
+
+    def stands(self, axis: str, instead: str) -> bool:
+        """Return whether the person stands along an axis rather than lies on the ground across it."""
+        if self.moves_upright(axis):
+            return True
+        flat = self.stands_flat(axis)
+        floor = self.on_floor(axis) if flat is None else flat
+        return bool(floor and not (instead and self.on_floor(instead)))
+
+
+def find_vertical(
+    positions_m: Float64, joint: Int64, at_m: Float64, stated: Upward, standing: bool = False
+) -> tuple[str, tuple[str, ...]]:
+    """Return the vertical axis of markers (F, M, 3) in metres, and a line on each assumption.
+
+    joint, at_m: (M,) and (M, 3) of the marker set. standing: whether the recording is of a standing person.
+    """
+    if stated.by == GIVEN:
+        return stated.axis, ()
+    person = _person(positions_m, joint, at_m)
+    shares = {axis: person.upright(axis) for axis in AXES}
+    best = max(AXES, key=lambda axis: shares[axis])
+    if stated.axis and shares[stated.axis] >= MOST:
+        return stated.axis, ()
+    sure = (standing and shares[best] >= MOST) or (shares[best] >= SOME and person.moves_upright(best))
+    if stated.axis:
+        if sure or (shares[best] >= MOST and person.stands(best, stated.axis)):
+            return best, (f"{stated.by} states {stated.axis} up, but the person stands along {best}, which is used",)
+        if shares[best] >= MOST:
+            lies = f"by {stated.by} ({stated.axis} up) the person lies"
+            return stated.axis, (f"{lies}; if the person stands, give --up {_option(best)}",)
+        return stated.axis, ()
+    if sure or (shares[best] >= MOST and person.stands(best, "")):
+        return best, (f"no vertical axis is stated; the person stands along {best}, which is used",)
+    return _unstated(person, shares, best, stated.usual)
+
+
+def zero_pose_axis(positions: Float64, joint: Int64) -> str:
+    """Return y or z where the zero pose (1, M, 3) of a skeleton stands along it, else "": the pose of others
+    (Xsens, Ubisoft's LAFAN1 along x) says nothing of the vertical."""
+    rise = _person(positions, joint, np.zeros((len(joint), 3))).rises[1][0]
+    axis = int(np.argmax(rise))
+    return "xyz"[axis] if axis and rise[axis] > 0.7 * np.linalg.norm(rise) > 0 else ""
+
+
+def _unstated(person: _Person, shares: dict[str, float], best: str, usual: str) -> tuple[str, tuple[str, ...]]:
+    """Return the likeliest axis of a person who neither moves nor stands on a floor, and a line on it."""
+    grounds = [axis for axis in (usual, "y", "z") if person.on_floor(axis) and shares[axis] < MOST]
+    lying = next(iter(grounds), usual if best[-1] == "x" else "")
+    used = lying or (best if shares[best] >= MOST else usual)
+    how = "lies" if shares[used] < MOST else "stands"
+    other = best if used != best else next(axis for axis in (usual, "z", "y") if axis != used)
+    line = f"no vertical axis is stated and the motion does not decide it: {used} is used, by which the person {how}"
+    return used, (f"{line}; else give --up {_option(other)}",)
+
+
+def _option(axis: str) -> str:
+    """Return an axis as a value on the command line."""
+    return axis if axis[0] != "-" else f"'{axis}'"
+
+
+def _person(positions_m: Float64, joint: Int64, at_m: Float64) -> _Person:
+    names = np.array([JOINTS[int(j)].name for j in joint])
+
+    def middle(*of: str) -> Float64:
+        return _mean(positions_m[:, np.isin(names, of)])
+
+    upper, pelvis, lower = middle(*_UPPER), middle(*_MIDDLE), middle(*_LOWER)
+    upper = np.where(np.isfinite(upper), upper, pelvis)
+    lower = np.where(np.isfinite(lower), lower, pelvis)
+    rises = np.nan_to_num(upper - pelvis), np.nan_to_num(upper - lower)
+    trunk = np.where(np.isfinite(pelvis), pelvis, upper)
+    left, right = (middle(f"{side}_ankle") for side in ("left", "right"))
+    soles = [_sole(positions_m, names == f"{side}_ankle", at_m) for side in ("left", "right")]
+    return _Person(rises, trunk, (left, right), positions_m, tuple(sole for sole in soles if sole is not None))
+
+
+def _sole(positions_m: Float64, on_foot: Bool, at_m: Float64) -> tuple[Float64, float] | None:
+    """Return directions (n, 3) from a foot's hindmost to its foremost marker, and their rise on a flat foot in
+    degrees; None where there is only one."""
+    columns = np.flatnonzero(on_foot & np.isfinite(positions_m).any(axis=(0, 2)))
+    if not len(columns):
+        return None
+    back, front = columns[np.argmax(at_m[columns, 1])], columns[np.argmin(at_m[columns, 1])]
+    rest = at_m[front] - at_m[back]
+    if np.linalg.norm(rest) < 0.05:
+        return None
+    ways = positions_m[:, front] - positions_m[:, back]
+    length = np.linalg.norm(ways, axis=1)
+    usable = length > 0.02
+    if not usable.any():
+        return None
+    return ways[usable] / length[usable, None], float(np.degrees(np.arcsin(rest[2] / np.linalg.norm(rest))))
+
+
+def _way(values: Float64) -> float:
+    """Return the range of values (F,) without their outermost hundredths, 0 where there are none."""
+    finite = values[np.isfinite(values)]
+    return float(np.subtract(*np.quantile(finite, (0.99, 0.01)))) if finite.size else 0.0
+
+
+def _mean(positions: Float64) -> Float64:
+    """Return the mean over axis 1 of what is finite, NaN where nothing is."""
+    finite = np.isfinite(positions)
+    count = finite.sum(axis=1)
+    return np.asarray(
+        np.where(count > 0, np.where(finite, positions, 0).sum(axis=1) / np.maximum(count, 1), np.nan)
+    )
