@@ -23,7 +23,7 @@ STATUSES = ("bridged", "missing", "ghost", "swapped")
 
 
 def solve(
-    markers: Annotated[Path, Argument(help="Recording: C3D, TRC or BVH.")],
+    markers: Annotated[Path, Argument(help="Recording: C3D, TRC, BVH, or joints in .npz.")],
     out: Annotated[Path, Option(help="Motion file to write (.npz).")],
     static: Annotated[Path | None, Option(help="Static trial of the same person: C3D or TRC.")] = None,
     markerset: Annotated[
@@ -47,6 +47,7 @@ def solve(
     check_there(markers, *(given for given in (static, markerset) if given is not None))
     with needing("synth"):
         from synth.markers.bvh import read_bvh
+        from synth.markers.joint_file import read_joints
         from synth.markers.marker_files import read_markers
         from synth.markers.markerset import load_marker_set
         from synth.markers.motion_file import save_motion
@@ -58,10 +59,11 @@ def solve(
     if film is not None:
         check_animation(film)
     places = None if markerset is None else load_marker_set(markerset)
-    if markers.suffix.lower() == ".bvh":
+    skeletons = {".bvh": read_bvh, ".npz": read_joints}
+    if (read := skeletons.get(markers.suffix.lower())) is not None:
         if static is not None or places is not None:
             raise CloudError(f"{markers} has its own skeleton; leave out --static and --markerset")
-        recorded, places = read_bvh(markers)
+        recorded, places = read(markers)
     else:
         recorded = read_markers(markers)
     standing = None if static is None else read_markers(static)

@@ -59,9 +59,9 @@ def _markers(text: BvhText) -> tuple[Markers, MarkerSet]:
 def _keeping_offset(bones: list[Bone], rows: Float64) -> tuple[list[bool], tuple[str, ...]]:
     """Which bones keep their OFFSET beside position channels, and a line on it.
 
-    Position channels replace the OFFSET in Blender's importer and exporter, bvhio (issue 5) and Holden's
-    ``BVH.py`` (DeepMotionEditing); three.js adds them to it. Of a file in which most joints are nearer to their
-    parent than half their OFFSET, the positions are displacements; positions that stay 0 are none at all.
+    Position channels replace the OFFSET in Blender's ``import_bvh.py``, bvhio (issue 5) and Holden's
+    ``BVH.py`` (DeepMotionEditing); three.js (``BVHLoader.js``) adds them to it. Where the positions of most
+    joints lead less than half way along the OFFSET, they are displacements; positions that stay 0 are none.
     """
     moved, shares = [], []
     for i, bone in enumerate(bones):
@@ -75,7 +75,9 @@ def _keeping_offset(bones: list[Bone], rows: Float64) -> tuple[list[bool], tuple
             moved.append(i)
             shares.append(float(np.median(at @ offset[axes])) / float(offset @ offset))
     added = bool(shares) and float(np.median(shares)) < 0.5
-    keep = [bone.parent >= 0 and (added or (i not in moved and any(bone.offset))) for i, bone in enumerate(bones)]
+    keep = [
+        bone.parent >= 0 and (added or (i not in moved and any(bone.offset))) for i, bone in enumerate(bones)
+    ]
     if not moved:
         return keep, ()
     how = "are added to their OFFSET" if added else "replace their OFFSET"
@@ -83,7 +85,7 @@ def _keeping_offset(bones: list[Bone], rows: Float64) -> tuple[list[bool], tuple
 
 
 def _centres(bones: list[Bone], rows: Float64, keep: list[bool]) -> Float64:
-    """World positions (F, B, 3) of all joints, in the file's unit. keep: bones whose OFFSET positions add to."""
+    """World positions (F, B, 3) of all joints, in the file's unit. keep: bones that keep their OFFSET."""
     positions = np.empty((len(rows), len(bones), 3))
     turned: list[Rotation] = []
     for i, bone in enumerate(bones):

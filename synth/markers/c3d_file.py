@@ -33,8 +33,8 @@ _MOST_STATEMENTS = 4
 
 class C3dPoints(NamedTuple):
     """Points of a C3D file: labels, M names; positions, float64 (F, M, 3) in its unit and axes, NaN where not
-    seen; frames_per_second; unit, "" if none is stated; up, a direction of ``vertical.AXES`` or ""; assumed, one
-    line each."""
+    seen; frames_per_second; unit, "" if none is stated; up, a direction of ``vertical.AXES`` or ""; assumed,
+    one line each."""
 
     labels: tuple[str, ...]
     positions: Float64

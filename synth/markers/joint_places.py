@@ -52,7 +52,9 @@ def marker_set_of_joints(
     legs = [f"left_{joint}" in places for joint in ("hip", "knee", "ankle")]
     shown = f"{', '.join(names[:6])}, ..."
     if len(places) < MIN_MARKERS or not all(legs):
-        raise CloudError(f"unknown joints ({shown}); rename them like LeftUpLeg, LeftLeg, LeftFoot (docs/markers.md)")
+        raise CloudError(
+            f"unknown joints ({shown}); rename them like LeftUpLeg, LeftLeg, LeftFoot (docs/markers.md)"
+        )
     leg = _check_person(names, places, centres)
     rows = [_row(place) for place in places]
     joint, at, spread = (np.array(column) for column in zip(*rows, strict=True))
@@ -68,17 +70,20 @@ def _places(names: Sequence[str], parents: Int64, centres: Float64) -> dict[str,
     for i, name in enumerate(plain):
         for side, kind in _readings(name) if apart[i] else ():
             named.setdefault((side, kind), i)
-    found = {}
+    found: dict[str, int] = {}
     for side in ("", "left_", "right_"):
         for kind, best in _NAMES.items():
-            free = [i for name in best if (i := named.get((side, name))) is not None and i not in found.values()]
+            here = [named[side, name] for name in best if (side, name) in named]
+            free = [i for i in here if i not in found.values()]
             if free and (kind in _TRUNK) == (not side):
                 found[side + kind] = free[0]
         _at_wrist(side, found, centres)
     if "head" in found:
         found = {place: i for place, i in found.items() if place.rpartition("_")[2] not in _FACE}
     for end, of in (("head_end", "head"), ("left_hand_end", "left_wrist"), ("right_hand_end", "right_wrist")):
-        tips = [i for i in np.flatnonzero(parents == found.get(of, -2)) if apart[i] and i not in found.values()]
+        tips = [
+            i for i in np.flatnonzero(parents == found.get(of, -2)) if apart[i] and i not in found.values()
+        ]
         if end not in found and tips and (len(tips) == 1 or of != "head"):
             found[end] = int(tips[len(tips) // 2])
     return found
@@ -142,7 +147,11 @@ def _check_person(names: Sequence[str], places: dict[str, int], centres: Float64
     return leg
 
 
-_POINTS = {"nose": ("head", (0.0, -0.11, 0.03)), "eye": ("head", (0.032, -0.085, 0.06)), "ear": ("head", (0.075, 0.0, 0.05))}
+_POINTS = {
+    "nose": ("head", (0.0, -0.11, 0.03)),
+    "eye": ("head", (0.032, -0.085, 0.06)),
+    "ear": ("head", (0.075, 0.0, 0.05)),
+}
 """Joint and place in metres from it of points of the left half of a face."""
 
 

@@ -11,7 +11,7 @@ _SIDE = re.compile(r"(left|right|l|r)", re.IGNORECASE)
 
 
 def key_of(label: str) -> str:
-    """Return the key that spellings of a name share: no prefix up to the last colon, no punctuation, one case."""
+    """Return the key of all spellings of a name: no prefix up to the last colon, no punctuation, one case."""
     return re.sub(r"[^0-9a-z]", "", label.rpartition(":")[2].casefold())
 
 
@@ -30,7 +30,9 @@ def _shared(labels: Sequence[str], ending: str) -> str:
     beginning, most = "", max(2, SHARED * len(labels))
     while True:
         following = Counter(
-            label[: len(beginning) + 1] for label in labels if len(label) > len(beginning) and label.startswith(beginning)
+            label[: len(beginning) + 1]
+            for label in labels
+            if len(label) > len(beginning) and label.startswith(beginning)
         )
         longer, count = max(following.items(), key=lambda pair: pair[1], default=("", 0))
         if count < most:

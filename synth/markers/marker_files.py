@@ -10,7 +10,7 @@ from annotate.array_types import Float64
 from sensors.errors import CloudError, FormatError
 from synth.markers.c3d_file import parse_c3d
 from synth.markers.trc_file import parse_trc
-from synth.markers.vertical import Upward
+from synth.markers.vertical import UNSTATED, Upward
 
 MAX_FILE_BYTES = 1_000_000_000
 """Of a C3D, which may hold force plates and muscle signals too, or a TRC."""
@@ -39,7 +39,7 @@ class Markers:
     positions: Float64
     frames_per_second: float
     unit: str = ""
-    up: Upward = Upward()
+    up: Upward = UNSTATED
     assumed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -95,4 +95,6 @@ def _read_trc(path: Path) -> Markers:
     # Names in a laboratory's own encoding must not stop the numbers from being read.
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         points = parse_trc(file, MAX_POSITIONS)
-    return Markers(points.labels, points.positions, points.frames_per_second, points.unit, Upward(), points.assumed)
+    return Markers(
+        points.labels, points.positions, points.frames_per_second, points.unit, UNSTATED, points.assumed
+    )

@@ -129,11 +129,12 @@ FAR_M = 100.0
 class KnownMarkers:
     """positions_m: float64 (F, M, 3) world, z up, NaN where not seen, one column per marker of the set;
     unknown: labels that the set does not know; up: the file's axis that became z, of ``vertical.AXES``;
-    assumed: lines on the unit, the vertical axis and labels that occur twice."""
+    unit: the file's; assumed: lines on the unit, the vertical axis and labels that occur twice."""
 
     positions_m: Float64
     unknown: tuple[str, ...]
     up: str
+    unit: str
     assumed: tuple[str, ...] = ()
 
     @property
@@ -150,12 +151,12 @@ def known_markers(markers: Markers, markerset: MarkerSet, standing: bool = False
     CloudError when too few markers are known or seen, or when no unit fits.
     """
     picked, unknown, twice = _picked(markers, markerset)
-    scale, unit = _unit_m(picked, markers.unit)
-    picked *= scale
+    unit, unit_line = _unit(picked, markers.unit)
+    picked *= UNITS_M[unit]
     up, vertical = find_vertical(picked, markerset.joint, markerset.at_m, markers.up, standing)
     world = picked @ shortest_arc(direction(up), np.array([0.0, 0.0, 1.0])).T
     world[np.abs(world).max(axis=2) > FAR_M] = np.nan
-    return KnownMarkers(world, unknown, up, (*twice, *unit, *vertical))
+    return KnownMarkers(world, unknown, up, unit, (*twice, *unit_line, *vertical))
 
 
 def _picked(markers: Markers, markerset: MarkerSet) -> tuple[Float64, tuple[str, ...], tuple[str, ...]]:
@@ -182,13 +183,13 @@ def _picked(markers: Markers, markerset: MarkerSet) -> tuple[Float64, tuple[str,
     return picked, tuple(unknown), (line,) if twice else ()
 
 
-def _unit_m(positions: Float64, unit: str) -> tuple[float, tuple[str, ...]]:
-    """Metres per unit, and a line where the file's unit is none or would make no person."""
+def _unit(positions: Float64, unit: str) -> tuple[str, tuple[str, ...]]:
+    """Unit of a file, and a line where the one it states is none or would make no person."""
     span = _span(positions)
     for name in (unit, "m", "cm", "mm"):
         if name in UNITS_M and PERSON_M[0] <= span * UNITS_M[name] <= PERSON_M[1]:
             stated = f"the unit {unit!r} does not fit a person" if unit else "no unit is stated"
-            return UNITS_M[name], () if name == unit else (f"{stated}; {name} is assumed",)
+            return name, () if name == unit else (f"{stated}; {name} is assumed",)
     raise CloudError(
         f"the markers span {span:.3g} {unit or 'units'}, no person's size in m, cm or mm; scale them"
     )

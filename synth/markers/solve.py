@@ -129,7 +129,8 @@ def solve_takes(takes: dict[str, Markers], markerset: MarkerSet) -> dict[str, Mo
         person, _ = _person(frames, markerset)
         for name in names:
             rate = takes[name].frames_per_second
-            motions[name] = _track(trials[name], person, markerset, rate)
+            motion = _track(trials[name], person, markerset, rate)
+            motions[name] = replace(motion, report=replace(motion.report, assumed=takes[name].assumed))
     return {name: motions[name] for name in takes}
 
 

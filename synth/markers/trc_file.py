@@ -24,8 +24,8 @@ NO_RATE = "no rate is stated; 100 frames a second are assumed"
 
 
 class TrcPoints(NamedTuple):
-    """Points of a TRC: labels, M names; positions, float64 (F, M, 3) in its unit and axes, NaN where not seen;
-    frames_per_second; unit, "" if none is stated; assumed, one line each."""
+    """Points of a TRC: labels, M names; positions, float64 (F, M, 3) in its unit and axes, NaN where not
+    seen; frames_per_second; unit, "" if none is stated; assumed, one line each."""
 
     labels: tuple[str, ...]
     positions: Float64
@@ -106,7 +106,7 @@ def _labels(cells: list[str], assumed: list[str]) -> tuple[str, ...]:
 def _frames(
     lines: Iterable[str], head: _Head, odd: Counter[str], most: int
 ) -> tuple[list[float], list[Float64], tuple[str, ...]]:
-    """Return times and positions (M, 3) of each frame, and M labels; count in ``odd`` what is unlike a TRC."""
+    """Return times and positions (M, 3) of frames, and M labels; count in ``odd`` what is unlike a TRC."""
     times: list[float] = []
     rows: list[Float64] = []
     labels = head.labels

@@ -1,10 +1,10 @@
 """The vertical axis of a recording: what the file states, checked against how the person stands and moves.
 
 Files state the axis wrongly or not at all: ezc3d and BTK write no Y_SCREEN, the zero pose of Bandai Namco's
-BVH files is no standing pose (BandaiNamcoResearchInc/Bandai-Namco-Research-Motiondataset issue 9), and Blender
-writes a z-up motion beside a y-up zero pose (Wasserwecken/bvhio issue 11). A person may lie, so a trunk along
-an axis is no proof that the axis is vertical. Proofs are: the person goes far without leaving the level; the
-pelvis moves along the trunk while both feet stay; the soles are flat on the lowest level.
+BVH files is no standing pose (Bandai-Namco-Research-Motiondataset issue 9), and some BVH files hold a z-up
+motion beside a y-up zero pose (bvhio issues 1 and 11). A person may lie, so a trunk along an axis is no proof
+that the axis is vertical. Proofs are: the person goes far without leaving the level; the pelvis moves along
+the trunk while both feet stay; the soles are flat on the lowest level.
 """
 
 from dataclasses import dataclass
@@ -23,13 +23,13 @@ GIVEN = "--up"
 UPRIGHT_DEG = 45.0
 """Greatest angle between trunk and vertical of a person who is upright. Untuned."""
 MOST, SOME = 0.5, 0.25
-"""Share of frames in which a person is upright: most of a recording, and enough where the person walks too."""
+"""Share of frames in which a person is upright: most of a recording, and enough where the person walks."""
 FAR_M = 0.7
 """Way of the pelvis beyond which a person walks; somebody in bed turns over within it. Untuned."""
 CLIMB = 0.6
 """Rise of the pelvis at most, as a share of its way: stairs rise by 0.6. Untuned."""
 SQUAT_M, STAY_M = 0.12, 0.06
-"""Way of the pelvis along the trunk, at least, and of both ankles, at most, of somebody who squats. Untuned."""
+"""Way of the pelvis along the trunk, at least, and of the ankles, at most, of who squats. Untuned."""
 FLAT_DEG = 20.0
 """Greatest angle of a flat sole; feet at rest in bed hang by 30 and more. Untuned."""
 FLOOR_M = (-0.08, 0.2)
@@ -48,6 +48,10 @@ class Upward(NamedTuple):
     usual: str = "y"
 
 
+UNSTATED = Upward()
+"""Of a file that states nothing."""
+
+
 def given(axis: str) -> Upward:
     """Return a direction that is obeyed. Raises CloudError when it is none of ``AXES``."""
     if axis not in AXES:
@@ -62,8 +66,8 @@ def direction(axis: str) -> Float64:
 
 @dataclass(frozen=True)
 class _Person:
-    """Ways (F, 3) in metres along a person (the trunk; from legs to head), places (F, 3) of pelvis and ankles, and
-    of all markers (F, M, 3), and directions of the soles."""
+    """Ways (F, 3) in metres along a person (the trunk; from legs to head), places (F, 3) of pelvis and
+    ankles, and of all markers (F, M, 3), and directions of the soles."""
 
     rises: tuple[Float64, Float64]
     pelvis: Float64
@@ -84,7 +88,7 @@ class _Person:
         up = direction(axis)
         climb = _way(self.pelvis @ up)
         across = self.pelvis[:, up == 0]
-        walked = float(np.hypot(*(_way(column) for column in across.T)))
+        walked = float(np.linalg.norm([_way(column) for column in across.T]))
         squats = climb > SQUAT_M and max(_way(ankle @ up) for ankle in self.ankles) < STAY_M
         return (walked > FAR_M and climb < CLIMB * walked) or squats
 
@@ -128,7 +132,9 @@ def find_vertical(
     sure = (standing and shares[best] >= MOST) or (shares[best] >= SOME and person.moves_upright(best))
     if stated.axis:
         if sure or (shares[best] >= MOST and person.stands(best, stated.axis)):
-            return best, (f"{stated.by} states {stated.axis} up, but the person stands along {best}, which is used",)
+            return best, (
+                f"{stated.by} states {stated.axis} up, but the person stands along {best}, which is used",
+            )
         if shares[best] >= MOST:
             lies = f"by {stated.by} ({stated.axis} up) the person lies"
             return stated.axis, (f"{lies}; if the person stands, give --up {_option(best)}",)
@@ -146,14 +152,18 @@ def zero_pose_axis(positions: Float64, joint: Int64) -> str:
     return "xyz"[axis] if axis and rise[axis] > 0.7 * np.linalg.norm(rise) > 0 else ""
 
 
-def _unstated(person: _Person, shares: dict[str, float], best: str, usual: str) -> tuple[str, tuple[str, ...]]:
+def _unstated(
+    person: _Person, shares: dict[str, float], best: str, usual: str
+) -> tuple[str, tuple[str, ...]]:
     """Return the likeliest axis of a person who neither moves nor stands on a floor, and a line on it."""
     grounds = [axis for axis in (usual, "y", "z") if person.on_floor(axis) and shares[axis] < MOST]
     lying = next(iter(grounds), usual if best[-1] == "x" else "")
     used = lying or (best if shares[best] >= MOST else usual)
     how = "lies" if shares[used] < MOST else "stands"
     other = best if used != best else next(axis for axis in (usual, "z", "y") if axis != used)
-    line = f"no vertical axis is stated and the motion does not decide it: {used} is used, by which the person {how}"
+    line = (
+        f"no vertical axis is stated and the motion does not decide it: {used} is used, so the person {how}"
+    )
     return used, (f"{line}; else give --up {_option(other)}",)
 
 
@@ -175,12 +185,14 @@ def _person(positions_m: Float64, joint: Int64, at_m: Float64) -> _Person:
     trunk = np.where(np.isfinite(pelvis), pelvis, upper)
     left, right = (middle(f"{side}_ankle") for side in ("left", "right"))
     soles = [_sole(positions_m, names == f"{side}_ankle", at_m) for side in ("left", "right")]
-    return _Person(rises, trunk, (left, right), positions_m, tuple(sole for sole in soles if sole is not None))
+    return _Person(
+        rises, trunk, (left, right), positions_m, tuple(sole for sole in soles if sole is not None)
+    )
 
 
 def _sole(positions_m: Float64, on_foot: Bool, at_m: Float64) -> tuple[Float64, float] | None:
-    """Return directions (n, 3) from a foot's hindmost to its foremost marker, and their rise on a flat foot in
-    degrees; None where there is only one."""
+    """Return directions (n, 3) from a foot's hindmost to its foremost marker, and their rise on a flat foot
+    in degrees; None where there is only one."""
     columns = np.flatnonzero(on_foot & np.isfinite(positions_m).any(axis=(0, 2)))
     if not len(columns):
         return None
