@@ -303,11 +303,12 @@ def fix(
     if session is not None:
         opener_at(session)
     with needing("gui"):
-        from annotate.gui.app import run_window
+        from annotate.gui.app import recording_of, run_window
         from annotate.gui.learning import Lesson
+    recording = recording_of(labels, session)
     model = labels.resolve().with_name(f"{labels.resolve().name}.learnt")
-    command = learn_command(labels, session, model)
-    states = run_window(labels, session, compare, who, read_only, Lesson(command, model / "labels"))
+    command = learn_command(labels, recording, model)
+    states = run_window(labels, recording, compare, who, read_only, Lesson(command, model / "labels"))
     print(f"{labels}: " + ", ".join(f"{count} {state}" for state, count in states.items()))
 
 

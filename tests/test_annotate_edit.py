@@ -8,7 +8,8 @@ from hypothesis.extra.numpy import arrays
 
 from annotate import cleanup
 from annotate.correction import select
-from annotate.correction.edit import ARMS, IDLE_S, LEGS, ActiveTime, Editor, History
+from annotate.correction.edit import ARMS, IDLE_S, LEGS, ActiveTime, Editor
+from annotate.correction.history import History
 from annotate.correction.replay import after
 from annotate.correction.select import edit_supervoxels
 from annotate.frame_labels import FrameLabels
@@ -156,8 +157,8 @@ def test_a_new_stroke_leaves_nothing_to_redo():
     assert editor.redo() is None
     editor.undo()
     editor.judge("accept")
-    assert editor.redo().operation == "redo"
-    assert editor.redo() is None and editor.parts.flat[1] == 1
+    assert editor.redo() is None, "what was accepted stays as it was accepted"
+    assert editor.undo().operation == "undo" and editor.parts.flat[1] == 0
 
 
 def test_painting_takes_masks_and_indices_in_any_order_and_more_than_once():

@@ -103,6 +103,7 @@ def test_a_person_goes_on_from_learnt_labels_which_no_step_takes_back_then(folde
         assert editor.undo() is None, "what was learnt is no stroke of the person's"
         editor.paint(SPOT, 5)
         assert correction.state(FREE[0]) == "touched"
+        correction.leave_all()
         take_back(correction)
         relabel(correction, learnt[1])
         editor = correction.edit(FREE[0])

@@ -87,7 +87,7 @@ def test_a_verdict_is_taken_back_and_given_again(hand):
         hand.key("undo")
         assert hand.window.frame_id == left and hand.correction.state(left) == state
     hand.key("redo")
-    assert hand.correction.state(first) == "accepted" and "accepted" in hand.said
+    assert hand.correction.state(first) == "accepted" and "Accepted again" in hand.said
     hand.window.open_frame(second)
     hand.click(hand.place(hand.middle_of(TORSO)))
     hand.key("undo")
@@ -103,7 +103,7 @@ def test_space_goes_to_the_next_unfinished_frame_and_wraps(hand):
         seen.append(hand.window.frame_id)
         hand.key("accept")
     assert seen == [ids[i] for i in (3, 4, 0, 1, 2)] and states(hand) == ["accepted"] * 5
-    assert "every frame is done" in hand.said and "5 of 5 done" in hand.window.panel.text.text()
+    assert "No unfinished frames left" in hand.said and "5 of 5 done" in hand.window.panel.text.text()
 
 
 def test_the_order_by_doubt_opens_the_worst_and_leaves_none(hand):
@@ -220,6 +220,7 @@ def test_a_stroke_leaves_its_outline_in_every_colouring(hand):
     QTest.keyPress(hand.window, peek)
     assert hand.window.look(pane).outlines is False
     QTest.keyRelease(hand.window, peek)
+    QTest.qWait(100)
     assert hand.window.look(pane).outlines
 
 
@@ -267,7 +268,7 @@ def test_the_frames_picture_and_state_follow_a_stroke(hand):
     QTest.qWait(200)
     hand.settle()
     assert frames.data(frames.index(0), Qt.ItemDataRole.DecorationRole) != before
-    assert "begun" in frames.data(frames.index(0), Qt.ItemDataRole.ToolTipRole)
+    assert "in progress" in frames.data(frames.index(0), Qt.ItemDataRole.ToolTipRole)
     assert hand.correction.state(frame_id) == "touched"
 
 

@@ -83,7 +83,7 @@ def test_what_is_learnt_comes_in_one_step_and_is_taken_back_in_one(window, sets)
         np.testing.assert_array_equal(window.correction.frame(first.frame_id).parts, first.parts)
     assert (window.parts == TORSO).any()
     window.key("unlearn")
-    wait_until(window, lambda: "nothing learnt" in window.said)
+    wait_until(window, lambda: "no learning to take back" in window.said)
 
 
 @pytest.mark.parametrize("window", ["sys.exit('annotate-cloud: accept at least 3')"], indirect=True)
@@ -97,7 +97,7 @@ def test_why_nothing_was_learnt_is_said(window):
 @pytest.mark.parametrize("window", ["time.sleep(600)"], indirect=True)
 def test_work_goes_on_beside_learning_and_closing_ends_it(window):
     window.key("learn")
-    wait_until(window, lambda: "beside your work" in window.said)
+    wait_until(window, lambda: "in the background" in window.said)
     window.key("accept")
     window.click(window.place(window.middle_of(TORSO)))
     assert window.window.frame_id == IDS[1]

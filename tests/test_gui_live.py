@@ -88,7 +88,7 @@ def test_takes_are_numbered_and_overwrite_nothing(tmp_path):
     assert next(names) == first
     (tmp_path / "a-2.mcap").touch()
     assert next(names) == tmp_path / "a-3.mcap"
-    assert next(takes(None, datetime(2026, 5, 4, 3, 2, 1))).name == "take-20260504-030201.mcap"
+    assert next(takes(None, lambda: datetime(2026, 5, 4, 3, 2, 1))).name == "take-20260504-030201.mcap"
 
 
 def test_without_a_screen_one_line_says_so(annotate_cloud, rig_session, monkeypatch):

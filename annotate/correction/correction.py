@@ -14,7 +14,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from annotate.correction.edit import ActiveTime, Editor, History, steady_time
+from annotate.correction.edit import ActiveTime, Editor, steady_time
+from annotate.correction.history import History
 from annotate.correction.replay import State, after, begun_from, noted, replayed, state_of, step_of, verdicts
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset.claim import Claim, login
@@ -44,6 +45,7 @@ class Correction:
         self._opened: dict[str, tuple[FrameLabels, Editor]] = {}
         self._unsaved: set[str] = set()
         self._statuses: dict[str, Status] = {}
+        self._states: dict[str, tuple[int, State]] = {}
 
     @classmethod
     def open(
@@ -153,6 +155,11 @@ class Correction:
             self._write(replace(frame, parts=editor.parts.copy()))
         self._unsaved.discard(frame_id)
 
+    def leave_all(self) -> None:
+        """Save and close all frames that were edited. Raises NotSavedError."""
+        for frame_id in list(self._opened):
+            self.leave(frame_id)
+
     def leave(self, frame_id: str) -> None:
         """Save a frame that was edited, and close its editor."""
         editor = self._opened[frame_id][1]
@@ -175,11 +182,11 @@ class Correction:
     def record_together(self, strokes: Sequence[Stroke]) -> None:
         """Take entries of frames that nobody has worked on: all together or, after a crash, none.
 
-        Frames that are open are saved and closed first. Raises NotSavedError, CloudError when read-only.
+        No editor may be open (``leave_all``): another thread than the editors' may call this.
+        Raises NotSavedError, CloudError when read-only.
         """
         self._refuse_read_only()
-        for frame_id in list(self._opened):
-            self.leave(frame_id)
+        assert not self._opened, f"frames {sorted(self._opened)} are being edited"
         with nothing_changed(self.labels.path):
             for stroke in strokes:
                 self.labels.keep_original(stroke.frame_id)
@@ -189,18 +196,28 @@ class Correction:
                 self._write(self.frame(stroke.frame_id))
 
     def state(self, frame_id: str) -> State:
-        """The state of a frame."""
+        """Return the state of a frame."""
         strokes = self.journal.strokes(frame_id)
-        if any(stroke.by_person for stroke in strokes):
-            return state_of(strokes)
-        # Needed again and again for every frame, and nobody else writes the set.
+        known = self._states.get(frame_id)
+        # The window needs the states of all frames after every stroke, and nobody else writes the set.
+        if known is None or known[0] != len(strokes):
+            known = self._states[frame_id] = len(strokes), state_of(strokes, self._first_status(frame_id))
+        return known[1]
+
+    def _first_status(self, frame_id: str) -> Status:
+        """Return a frame's status from before its first entry."""
         if frame_id not in self._statuses:
-            self._statuses[frame_id] = self.labels.status(frame_id)
-        return state_of(strokes, self._statuses[frame_id])
+            original = bool(self.journal.strokes(frame_id)) and self.labels.has_original(frame_id)
+            self._statuses[frame_id] = self.labels.status(frame_id, original)
+        return self._statuses[frame_id]
 
     def next_verdict(self, frame_id: str) -> Literal["accept", "agree", "none"]:
-        """The verdict that accepting a frame gives now; "none" where this person gave the last one."""
-        if self.state(frame_id) not in ("accepted", "reviewed"):
+        """Return the verdict that agreeing with what stands gives now.
+
+        "agree" where another person accepted or rejected the frame last, "none" where this person did,
+        "accept" where no verdict stands. So a rejection is never overruled by it.
+        """
+        if self.state(frame_id) in ("auto", "touched"):
             return "accept"
         standing = verdicts(self.journal.strokes(frame_id))
         return "none" if standing and standing[-1].who == self.who else "agree"
@@ -235,15 +252,16 @@ class Correction:
         Raises NotSavedError, the set still claimed, when the disk refuses strokes: call it again, or
         ``abandon``.
         """
-        for frame_id in list(self._opened):
-            self.leave(frame_id)
-        self.flush()
+        if not self.read_only:
+            self.leave_all()
+            self.flush()
         self.abandon()
 
     def abandon(self) -> None:
-        """Release the set as it is on the disk."""
-        if self._claim:
-            self._claim.release()
+        """Release the set as it is on the disk; nothing is written to it from here on."""
+        claim, self._claim = self._claim, None
+        if claim:
+            claim.release()
 
     def _later(self, frame_id: str, notes: dict[str, Any]) -> Sequence[Stroke]:
         """Entries that a saved frame with these notes does not include yet.
@@ -281,6 +299,7 @@ class Correction:
         self.labels.write_labels(noted(frame, self.journal, before))
 
     def _record(self, stroke: Stroke) -> None:
+        self._refuse_read_only()
         self.journal.add(stroke)
         self._unsaved.add(stroke.frame_id)
         self.flush()
@@ -290,7 +309,7 @@ class Correction:
 
     def _refuse_read_only(self) -> None:
         if self.read_only:
-            raise CloudError(f"{self.labels.path} is open read-only; open it again to correct it")
+            raise CloudError(f"{self.labels.path} is closed or open read-only; open it again to correct it")
 
 
 @contextmanager

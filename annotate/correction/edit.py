@@ -5,7 +5,6 @@ Every operation computes its result first and then replaces, by one stroke; ``un
 
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 import numpy as np
@@ -13,10 +12,10 @@ from numpy.typing import NDArray
 
 from annotate.array_types import Bool, Int64, UInt8
 from annotate.cleanup import neighbours
+from annotate.correction.history import History
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.stroke import (
     KEY,
-    VERDICTS,
     Activity,
     Gesture,
     Operation,
@@ -26,7 +25,7 @@ from annotate.labelset.stroke import (
     is_part,
 )
 from annotate.parts import BACKGROUND, LEFT_RIGHT, UNDEFINED
-from sensors.errors import CloudError, FormatError
+from sensors.errors import CloudError
 
 ARMS, LEGS = LEFT_RIGHT[:2], LEFT_RIGHT[2:]
 """The limbs that can be confused with each other, as (left, right) pairs."""
@@ -66,47 +65,6 @@ class ActiveTime:
     def now(self) -> str:
         """The clock as ISO 8601 in UTC."""
         return datetime.fromtimestamp(self.clock(), UTC).isoformat(timespec="milliseconds")
-
-
-@dataclass
-class History:
-    """Strokes and verdicts of one frame that can be undone and redone, the last at the end.
-
-    Rebuilt from the journal. An undo without runs takes a verdict back. In journals of before verdicts could
-    be taken back, an undo passes over the verdicts given after its stroke.
-    """
-
-    done: list[Stroke] = field(default_factory=list)
-    undone: list[Stroke] = field(default_factory=list)
-
-    @classmethod
-    def of(cls, strokes: Iterable[Stroke]) -> "History":
-        """The history after a frame's entries. Raises FormatError as ``add`` does."""
-        history = cls()
-        for stroke in strokes:
-            history.add(stroke)
-        return history
-
-    def add(self, stroke: Stroke) -> None:
-        """Take one more entry. Raises FormatError for an undo or redo of anything but the last stroke."""
-        if stroke.operation == "undo":
-            self.undone.append(self._pop(self.done, stroke, undo=True))
-        elif stroke.operation == "redo":
-            self.done.append(self._pop(self.undone, stroke, undo=False))
-        elif stroke.changes and stroke.by_person:
-            self.done.append(stroke)
-            self.undone.clear()
-        elif stroke.operation in VERDICTS:
-            self.done.append(stroke)
-
-    @staticmethod
-    def _pop(stack: list[Stroke], stroke: Stroke, undo: bool) -> Stroke:
-        while stack and stroke.changes and not stack[-1].changes:
-            stack.pop()
-        runs = (stack[-1].inverse_runs() if undo else stack[-1].runs) if stack else None
-        if runs is None or not np.array_equal(runs, stroke.runs):
-            raise FormatError(f"frame {stroke.frame_id}: its {stroke.operation} is not of the last stroke")
-        return stack.pop()
 
 
 class Editor:

@@ -69,7 +69,7 @@ def propagate(
     frame to change, as labelled automatically. camera: the undistorted depth camera of all. cloud: colours
     and temperatures of the target.
     """
-    frames = _most_alike(frames[:FRAMES_COMPARED], target)
+    frames = most_alike(frames[:FRAMES_COMPARED], target)
     if not any(frame.changed for frame in frames):
         return target.parts
     bodies = [target.parts, *(x.parts for each in frames for x in (each.automatic, each.corrected))]
@@ -88,8 +88,11 @@ def propagate(
     return _without_new_islands(parts, target)
 
 
-def _most_alike(frames: Sequence[CorrectedFrame], target: FrameLabels) -> list[CorrectedFrame]:
-    """Frames with automatic labels most like the target's, the most alike first: mistakes recur."""
+def most_alike(frames: Sequence[CorrectedFrame], target: FrameLabels) -> list[CorrectedFrame]:
+    """Return the frames that vote on a target: FRAMES_VOTING of them, the most alike first.
+
+    Their automatic labels are most like the target's, because mistakes recur.
+    """
 
     def unlike(frame: CorrectedFrame) -> float:
         labels, others = target.parts, frame.automatic.parts

@@ -8,12 +8,15 @@ import numpy as np
 
 from annotate.correction.correction import Correction
 from annotate.correction.relabel import untouched
-from annotate.correction.replay import is_stroke, rejection, verdicts
+from annotate.correction.replay import is_stroke, rejected_by, verdicts
 from annotate.labelset.stroke import Stroke
 from sensors.errors import CloudError
 
 HASTY_S = 1.5
 """Active seconds on an accepted frame below which it was hardly looked at. Chosen by eye."""
+LEAST_DONE = 3
+"""Finished frames of a person from which the time for the rest is estimated: the first one takes longer,
+because its person is still learning (untuned)."""
 UNSURE = 0.9
 """Mean confidence of a frame's labels below which accepting them unchanged is worth a look. Chosen by eye."""
 REACH = 10
@@ -34,7 +37,7 @@ class Queued:
 @dataclass(frozen=True)
 class Progress:
     """done, total: numbers of frames; left_s: active seconds for the rest at the median of those done by
-    this person, or None before there are any."""
+    this person, or None before there are LEAST_DONE of them."""
 
     done: int
     total: int
@@ -51,17 +54,21 @@ class Progress:
 
 
 def review_queue(correction: Correction) -> list[Queued]:
-    """The frames whose last verdict is somebody else's and no review, the most urgent first."""
-    queue = []
-    for frame_id in correction.labels.frame_ids:
-        strokes = correction.journal.strokes(frame_id)
-        standing = verdicts(strokes)
-        if correction.state(frame_id) not in ("accepted", "rejected"):
-            continue
-        if standing and standing[-1].who == correction.who:
-            continue
-        queue.append(Queued(frame_id, *_why(strokes, confidence_of(correction, frame_id))))
+    """Return the frames whose last verdict is somebody else's and no review, the most urgent first."""
+    queue = [
+        Queued(i, *_why(correction.journal.strokes(i), confidence_of(correction, i)))
+        for i in correction.labels.frame_ids
+        if is_queued(correction, i)
+    ]
     return sorted(queue, key=lambda queued: (-queued.urgency, queued.frame_id))
+
+
+def is_queued(correction: Correction, frame_id: str) -> bool:
+    """Return whether a frame's last verdict is somebody else's, and nobody has agreed with it."""
+    if correction.state(frame_id) not in ("accepted", "rejected"):
+        return False
+    standing = verdicts(correction.journal.strokes(frame_id))
+    return not standing or (standing[-1].who != correction.who and standing[-1].operation != "agree")
 
 
 def teaching_order(correction: Correction) -> list[str]:
@@ -95,7 +102,7 @@ def progress(correction: Correction, frame_ids: list[str]) -> Progress:
         for strokes in map(correction.journal.strokes, done)
     ]
     known = [seconds for seconds in spent if seconds > 0]
-    left = (len(frame_ids) - len(done)) * median(known) if known else None
+    left = (len(frame_ids) - len(done)) * median(known) if len(known) >= LEAST_DONE else None
     return Progress(len(done), len(frame_ids), left)
 
 
@@ -115,9 +122,10 @@ def _why(entries: Sequence[Stroke], confidence: float | None) -> tuple[str, floa
     """The reason, and its urgency: the mean doubt, and a whole number for the kind of the reason."""
     doubt = 0.0 if confidence is None else min(1.0, 1 - confidence)
     unsure = "" if confidence is None else f", confidence {max(confidence, 0):.2f}"
-    who = entries[-1].who if entries else "another tool"
-    if (reason := rejection(entries)) is not None:
-        return f"rejected by {who}: {reason}", 4 + doubt
+    if (rejected := rejected_by(entries)) is not None:
+        return f"rejected by {rejected.who}: {rejected.reason}", 4 + doubt
+    given = verdicts(entries) or entries
+    who = given[-1].who if given else "another tool"
     work = [stroke for stroke in entries if is_stroke(stroke)]
     seconds = sum(stroke.active_seconds for stroke in entries)
     if not work and confidence is not None and confidence < UNSURE:

@@ -35,9 +35,17 @@ class Relabelled:
 
     @property
     def text(self) -> str:
-        """In words, such as "37 frames labelled again: 8.1 % of the person is another part"."""
-        frames = "1 frame" if self.frames == 1 else f"{self.frames} frames"
-        return f"{frames} labelled again: {self.changed:.1%} of the person is another part"
+        """Return the step in words: how many frames it labelled again, and how much of the person changed."""
+        return f"{self._frames} labelled again: {self.changed:.1%} of the person is another part"
+
+    @property
+    def text_of_taking_back(self) -> str:
+        """Return the step in words where it takes back another one."""
+        return f"The last learning is taken back: {self._frames} restored"
+
+    @property
+    def _frames(self) -> str:
+        return "1 frame" if self.frames == 1 else f"{self.frames} frames"
 
 
 def untouched(correction: Correction) -> list[str]:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any, Literal
 
 from annotate.array_types import UInt8
+from annotate.correction.history import standing
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset.journal import Journal
 from annotate.labelset.store import LEARNT, LabelSet
@@ -14,7 +15,7 @@ from annotate.parts import on_body
 from sensors.errors import FormatError
 
 State = Literal["auto", "touched", "accepted", "reviewed", "rejected"]
-"""Not edited; edited; accepted by the annotator; agreed to by a reviewer; rejected."""
+"""Not edited; edited; accepted by the annotator; accepted, and a reviewer agrees; rejected."""
 _BASE: dict[Status, State] = {
     "auto": "auto",
     "corrected": "accepted",
@@ -23,13 +24,13 @@ _BASE: dict[Status, State] = {
 }
 STATE_NAMES: dict[State, str] = {
     "auto": "automatic",
-    "touched": "begun",
+    "touched": "in progress",
     "accepted": "accepted",
     "reviewed": "reviewed",
     "rejected": "rejected",
 }
 """States in words, the same in the window, at its end and in ``info``."""
-_VERDICT: dict[str, State] = {"accept": "accepted", "agree": "reviewed", "reject": "rejected"}
+_VERDICT: dict[str, State] = {"accept": "accepted", "reject": "rejected"}
 
 
 def replayed(labels: LabelSet, journal: Journal, frame_id: str) -> FrameLabels:
@@ -76,41 +77,47 @@ def noted(frame: FrameLabels, journal: Journal, before: Status) -> FrameLabels:
     state = state_of(strokes, before)
     done = state in ("accepted", "reviewed") or any(stroke.changes and stroke.by_person for stroke in strokes)
     status: Status = "reviewed" if state == "reviewed" else "corrected" if done else before
-    return replace(frame, status=status, notes={**frame.notes, **_notes_of(strokes)})
+    return replace(frame, status=status, notes={**frame.notes, **_notes_of(strokes, state)})
 
 
 def verdicts(strokes: Sequence[Stroke]) -> list[Stroke]:
-    """The verdicts that stand, the last at the end: without those taken back, with those given again."""
-    given: list[Stroke] = []
-    taken: list[Stroke] = []
-    for stroke in strokes:
-        if stroke.operation in VERDICTS:
-            given.append(stroke)
-        elif stroke.operation == "undo" and not stroke.changes and given:
-            taken.append(given.pop())
-        elif stroke.operation == "redo" and not stroke.changes and taken:
-            given.append(taken.pop())
-    return given
+    """Return the verdicts that stand, the last at the end."""
+    return [stroke for stroke in standing(strokes) if stroke.operation in VERDICTS]
 
 
 def state_of(strokes: Sequence[Stroke], saved: Status = "auto") -> State:
-    """A frame's state after its entries. saved: its status before the first."""
-    standing = verdicts(strokes)
-    last = _VERDICT[standing[-1].operation] if standing else _BASE[saved]
-    for stroke in reversed(strokes):
-        if standing and stroke is standing[-1]:
-            break
-        if stroke.changes and stroke.by_person:
-            return "touched"
-    return last
+    """Return a frame's state after its entries. saved: its status before the first entry.
+
+    Whoever agrees with a rejection leaves the frame rejected.
+    """
+    given = standing(strokes)
+    agreed = bool(given) and given[-1].operation == "agree"
+    while given and given[-1].operation == "agree":
+        given.pop()
+    if given and given[-1].operation not in VERDICTS:
+        return "reviewed" if agreed else "touched"
+    if given:
+        last = _VERDICT[given[-1].operation]
+        return "reviewed" if agreed and last == "accepted" else last
+    base = "reviewed" if agreed else _BASE[saved]
+    worked = any(stroke.changes and stroke.by_person for stroke in strokes)
+    return "touched" if worked and base == "auto" else base
+
+
+def rejected_by(strokes: Sequence[Stroke]) -> Stroke | None:
+    """Return the rejection that stands, or None."""
+    if state_of(strokes) != "rejected":
+        return None
+    return next(verdict for verdict in reversed(verdicts(strokes)) if verdict.operation == "reject")
 
 
 def rejection(strokes: Sequence[Stroke]) -> str | None:
-    """The reason why a frame is rejected, or None."""
-    return verdicts(strokes)[-1].reason if state_of(strokes) == "rejected" else None
+    """Return the reason why a frame is rejected, or None."""
+    rejected = rejected_by(strokes)
+    return rejected.reason if rejected else None
 
 
-def _notes_of(strokes: Sequence[Stroke]) -> dict[str, Any]:
+def _notes_of(strokes: Sequence[Stroke], state: State) -> dict[str, Any]:
     """A frame's notes on the work: the last person and time, active seconds, counts of strokes, and the
     number of entries of the journal that its labels include."""
     operations = Counter(stroke.operation for stroke in strokes if stroke.operation != "leave")
@@ -123,7 +130,7 @@ def _notes_of(strokes: Sequence[Stroke]) -> dict[str, Any]:
         "strokes": sum(is_stroke(stroke) for stroke in strokes),
         "undos": operations["undo"],
         "operations": dict(sorted(operations.items())),
-        "accepted": state_of(strokes) in ("accepted", "reviewed"),
+        "accepted": state in ("accepted", "reviewed"),
         "rejected": rejection(strokes),
         "journal": len(strokes),
     }

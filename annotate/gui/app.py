@@ -4,6 +4,7 @@ import math
 import signal
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from PySide6.QtCore import QTimer
@@ -15,14 +16,15 @@ from annotate.gui.commands import bind
 from annotate.gui.keys import load_settings, settings_path
 from annotate.gui.learning import Lesson
 from annotate.gui.live_window import LiveWindow
-from annotate.gui.memory import memory_path
+from annotate.gui.memory import memory_path, recall, remember
 from annotate.gui.probe import check_screen
 from annotate.gui.scene import SceneReader
 from annotate.gui.theme import theme_of
 from annotate.gui.window import CorrectionWindow
-from annotate.labelset.recorded import find_session
+from annotate.labelset.recorded import Recorded, find_session
 from annotate.labelset.store import LabelSet
 from annotate.live.pipeline import LivePipeline
+from sensors.errors import CloudError
 
 LISTEN_MS = 300
 """Interval in which Python handles signals, in milliseconds: within Qt's loop it would not. Chosen by eye."""
@@ -40,7 +42,7 @@ def run_window(
     compared = LabelSet.open(other) if other else None
     correction = Correction.open(path, who, read_only=read_only)
     try:
-        reader = SceneReader(correction, session or find_session(correction.labels), compared)
+        reader = SceneReader(correction, session, compared)
         check_screen()
         app = QApplication.instance() or QApplication(sys.argv[:1])
         window = CorrectionWindow(correction, reader, settings, memory_path())
@@ -53,6 +55,24 @@ def run_window(
     app.exec()
     states = [STATE_NAMES[correction.state(frame_id)] for frame_id in correction.labels.frame_ids]
     return {state: states.count(state) for state in sorted(set(states))}
+
+
+def recording_of(path: Path, given: Path | None) -> Path | None:
+    """Return the recording of the label set at ``path``: the one given, the last one given, or one beside it.
+
+    A recording that is given is remembered for the set; a remembered one that no longer fits is left out.
+    Raises CloudError where the set cannot be read or does not fit the recording that is given.
+    """
+    labels, known = LabelSet.open(path), recall(memory_path())
+    if given:
+        Recorded(labels, given)
+        remember(known.with_session(path, given))
+        return given
+    if before := known.session(path):
+        with suppress(CloudError):
+            Recorded(labels, before)
+            return before
+    return find_session(labels)
 
 
 def run_live(pipeline: LivePipeline, takes: Iterator[Path], subject: str, seconds: float) -> None:

@@ -30,8 +30,12 @@ class Background(QObject):
         work: Callable[[], T],
         then: Callable[[T], None],
         failed: Callable[[CloudError], None],
+        idle: Callable[[], None] = lambda: None,
     ) -> None:
-        """Do ``work`` in a thread, then ``then`` with its result, or ``failed``, on the window's thread."""
+        """Do ``work`` in a thread, then ``then`` with its result, or ``failed``, on the window's thread.
+
+        idle: called after either.
+        """
         assert not self.busy, f"{self.busy} goes on"
         self.busy = text
         future = self._pool.submit(work)
@@ -44,6 +48,7 @@ class Background(QObject):
                 failed(error)
             else:
                 then(result)
+            idle()
 
         self._after = after
         future.add_done_callback(lambda _: self._finished.emit())

@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from annotate.correction.replay import STATE_NAMES, rejection
+from annotate.correction.replay import STATE_NAMES, rejected_by, verdicts
 from annotate.gui.cloud_view import CloudView
 from annotate.gui.colors import Colouring, Look, colourings
 from annotate.gui.depth_pane import DepthPane
@@ -28,7 +28,7 @@ from annotate.gui.keys import Settings
 from annotate.gui.pointing import Hand
 from annotate.gui.theme import Theme, scaled
 from annotate.gui.walk import Walk
-from annotate.gui.widgets import ICON, button, icon, laid, named
+from annotate.gui.widgets import ICON, Elided, button, icon, laid, named
 
 COLOURINGS: dict[Colouring, str] = {
     "part": "Parts",
@@ -42,7 +42,6 @@ MISSING: dict[Colouring, str] = {
     "colour": "no colour: give the recording with --session",
     "temperature": "no temperature: give the recording with --session",
     "confidence": "these labels carry no confidence",
-    "disagreement": "nothing to compare: give another label set with --compare",
 }
 SWITCHES = ("through", "only", "room")
 """The switches of ``Hand``."""
@@ -50,7 +49,7 @@ EDITS = (
     *("undo", "redo", "swap", "neighbour", "merge", "remove_islands", "fill_holes"),
     *("copy_previous", "propagate", "carry", "learn"),
 )
-CHANGING = {*EDITS, "reject", "unlearn"} - {"carry"}
+CHANGING = {*EDITS, "reject", "overrule", "stop_learning", "unlearn"} - {"carry"}
 """Commands that a set open read-only refuses."""
 ROW_PX = 25
 """Height of a row of the tool column in logical pixels: all of them fit on a screen of 1280 x 720."""
@@ -67,9 +66,7 @@ class Header(QWidget):
         self.menus = QMenuBar()
         self.menus.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Preferred)
         self.frame, self.badge = named(QLabel(), "title"), named(QLabel(), "badge")
-        # Plain text: a reason or a name is not markup.
-        self.facts = named(QLabel(textFormat=Qt.TextFormat.PlainText), "quiet")
-        self.facts.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.facts = named(Elided(), "quiet")
         items = self.menus, self.frame, self.badge, self.facts
         row = laid(QHBoxLayout(self), *items, gap=10, margins=(4, 0, 12, 0))
         for widget in items[:-1]:
@@ -84,13 +81,28 @@ class Header(QWidget):
         self.badge.setText(STATE_NAMES[state])
         color = state_color(state, theme).name()
         self.badge.setStyleSheet(f"color: {color}; border: 1px solid {color}")
-        why = rejection(desk.correction.journal.strokes(frame_id))
-        facts = ["READ-ONLY" if desk.correction.read_only else ""]
-        facts.append(f"{walk.frame_ids.index(frame_id) + 1} of {len(walk.frame_ids)}")
-        facts.append(f"because: {why}" if why else walk.reasons.get(frame_id, ""))
+        facts = ["READ-ONLY" if desk.correction.read_only else "", _place(walk, frame_id)]
+        facts.append(_rejection(desk) or walk.reasons.get(frame_id, ""))
         facts.append(doubt)
         self.facts.setText("   ·   ".join(filter(None, facts)))
-        self.facts.setToolTip(self.facts.text())
+
+
+def _place(walk: Walk, frame_id: str) -> str:
+    """Return a frame's place among those that are shown, in words."""
+    shown = len(walk.frame_ids)
+    if not walk.passes(frame_id):
+        return f"not among the {shown - 1} shown"
+    return f"place {walk.frame_ids.index(frame_id) + 1} of {shown}"
+
+
+def _rejection(desk: Desk) -> str:
+    """Return who rejected the frame, why, and who agrees, in words; "" where it does not stand rejected."""
+    strokes = desk.correction.journal.strokes(desk.scene.labels.frame_id)
+    if (rejected := rejected_by(strokes)) is None:
+        return ""
+    last = verdicts(strokes)[-1]
+    agreed = f"; {last.who} agrees" if last.operation == "agree" else ""
+    return f"rejected by {rejected.who}: {rejected.reason}{agreed}"
 
 
 class PaneBar(QWidget):
@@ -136,9 +148,10 @@ class PaneBar(QWidget):
         self.colouring.setText(f"{COLOURINGS[shown]} ▾")
         for name, entry in self.entries.items():
             entry.setEnabled(name in there)
-            entry.setText(COLOURINGS[name] + ("" if name in there else f" ({MISSING[name]})"))
+            missing = MISSING.get(name, desk.scene.no_other)
+            entry.setText(COLOURINGS[name] + ("" if name in there else f" ({missing})"))
         self.buttons["outlines"].setChecked(look.outlines)
-        self.buttons["tint"].setText(f"Tint {look.tint:.0%}")
+        self.buttons["tint"].setText(f"Opacity {look.tint:.0%}")
         for item in self.buttons.values():
             item.setEnabled(shown != "part")
 

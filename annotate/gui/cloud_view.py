@@ -17,7 +17,7 @@ from annotate.correction.select import ScreenPoints
 from annotate.gui.colors import Colors, Look
 from annotate.gui.drawing import Drawing
 from annotate.gui.orbit import Orbit, front_view, project
-from annotate.gui.pointing import Hand, Pointing
+from annotate.gui.pointing import Hand, Pointing, samples
 from annotate.gui.scene import FrameScene
 from annotate.gui.widgets import laid
 
@@ -227,6 +227,8 @@ class CloudView(QWidget):
             if (pixel := self.pixel_at(event.position())) is not None:
                 self.bring(pixel)
             return True
+        if samples(event) and self._grip is None:
+            return False
         if kind in pressed and event.button() in grips:
             self._grip = event.position()
             return True

@@ -152,7 +152,12 @@ class Painting:
 
 
 def legend(scene: FrameScene, colouring: Colouring) -> tuple[str, str, UInt8] | None:
-    """The ends of a colouring's scale in words, and its colours (n, 3) from one to the other."""
+    """Return the ends of a colouring's scale in words, and its colours (n, 3) from one to the other.
+
+    None for a colouring without a scale, or one for which the frame has no data: parts are shown instead.
+    """
+    if colouring not in colourings(scene):
+        return None
     if colouring in ("confidence", "disagreement"):
         ends = ("sure", "unsure") if colouring == "confidence" else ("same", "differs")
         mix = np.linspace(0, 1, 64)[:, None]

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import TypeVar
 
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QMenu
 
-from annotate.array_types import UInt8
 from annotate.gui.bars import CHANGING, SWITCHES
 from annotate.gui.colors import TINTS, colourings
 from annotate.gui.dialogs import ask_export, ask_reason
@@ -20,6 +20,7 @@ from annotate.gui.walk import FILTERS, ORDERS
 from annotate.gui.window import CorrectionWindow
 from annotate.parts import PARTS, UNDEFINED
 
+C = TypeVar("C")
 Action = Callable[[], Done | None]
 BRUSHES_PX = {"small": 9.0, "medium": 18.0, "large": 30.0}
 """Radii of the brush in logical pixels of the screen. Chosen by eye."""
@@ -51,8 +52,9 @@ def bind(window: CorrectionWindow, lesson: Lesson | None = None) -> None:
     HeldKeys(window)
     actions = _actions(window)
     judged, learner = Judged(window), Learner(window, lesson)
-    actions |= {"learn": learner.learn, "unlearn": learner.unlearn}
-    actions |= {"accept": judged.accept, "reject": judged.reject, "undo": judged.undo}
+    actions |= {"learn": learner.learn, "stop_learning": learner.stop_now, "unlearn": learner.unlearn}
+    actions |= {"accept": judged.accept, "reject": judged.reject, "overrule": judged.overrule}
+    actions["undo"] = judged.undo
     run = partial(_run, window, actions)
     menus = {name: window.header.menus.addMenu(title) for name, title in MENUS.items()}
     menus |= {name: menus[above].addMenu(f"{name} a part") for name, above in SUBMENUS.items()}
@@ -100,8 +102,12 @@ def _check(window: CorrectionWindow) -> None:
 
 def _run(window: CorrectionWindow, actions: dict[str, Action], name: str, *_: object) -> None:
     command = window.settings.command(name)
-    if window.background.busy and command.menu not in ("View", "Help"):
-        window.status.show_done(Done(window.background.busy), window.theme)
+    if name == "undo" and (done := window.remove_corner()):
+        window.status.show_done(done, window.theme)
+        return
+    refusal = window.background.busy or (window.shape_in_hand if command.menu in ("Edit", "Frames") else "")
+    if refusal and command.menu not in ("View", "Help") and name != "close":
+        window.status.show_done(Done(refusal, "warn"), window.theme)
         return
     window.mark("looking")
     if name in STROKE_SETUP:
@@ -155,7 +161,7 @@ def _actions(window: CorrectionWindow) -> dict[str, Action]:
 
 
 class Judged:
-    """Verdicts, each followed by the next unfinished frame, and undo, which goes back to take one back."""
+    """Verdicts, each followed by the next frame that waits, and undo, which goes back to take one back."""
 
     def __init__(self, window: CorrectionWindow) -> None:
         self._window = window
@@ -163,17 +169,27 @@ class Judged:
         self._way: list[tuple[str, str, int]] = []
 
     def accept(self) -> Done | None:
-        """Accept the frame, and go on."""
+        """Accept the frame or agree with the verdict that stands, and go on."""
         window = self._window
         if window.correction.read_only:
             return self._go_on(Done("Read-only"), False)
         return self._go_on(window.desk.accept(), window.desk.carrying)
 
     def reject(self) -> Done | None:
-        """Reject the frame for a reason that is asked for, and go on."""
+        """Reject the frame for a reason that is asked for, or agree with a colleague's rejection; go on."""
+        desk = self._window.desk
+        if desk.rejected and self._window.correction.next_verdict(self._window.frame_id) == "agree":
+            return self._go_on(desk.accept(), False)
         if not (reason := ask_reason(self._window)):
             return Done("Not rejected")
-        return self._go_on(self._window.desk.reject(reason), False)
+        return self._go_on(desk.reject(reason), False)
+
+    def overrule(self) -> Done | None:
+        """Accept a frame although it stands rejected, and go on."""
+        window = self._window
+        if done := window.desk.overrule():
+            return self._go_on(done, window.desk.carrying)
+        return Done(f"This frame is not rejected: {window.settings.key('accept')} accepts it", "warn")
 
     def undo(self) -> Done | None:
         """Take back the last stroke, or the verdict that opened this frame if nothing was done since."""
@@ -192,7 +208,8 @@ class Judged:
         window.refresh_picture()
         following = window.walk.next_unfinished(judged)
         if following is None or following == judged:
-            return Done(f"{done.text}: every frame is done" if following is None else done.text, "good")
+            left = f". {window.walk.all_done()}" if following is None else ""
+            return Done(f"{done.text}{left}", "good")
 
         def arrived() -> Done | None:
             editor = window.desk.editor
@@ -248,16 +265,14 @@ def _copy(window: CorrectionWindow) -> Done | None:
 
 
 def _carry_over(window: CorrectionWindow, keys: int) -> Done | None:
-    work = window.desk.carried(window.walk.corrected_near(window.frame_id))
-    _computed(window, "Carrying corrections over…", work, partial(window.desk.propagate, keys=keys))
+    then = partial(window.desk.propagate, keys=keys)
+    _computed(window, "Carrying corrections over…", window.desk.carried(), then)
     return None
 
 
-def _computed(
-    window: CorrectionWindow, text: str, work: Callable[[], UInt8], then: Callable[[UInt8], Done]
-) -> None:
-    """Compute parts beside the window, and apply them."""
-    window.busy(text, work, lambda parts: window.act(partial(then, parts)))
+def _computed(window: CorrectionWindow, text: str, work: Callable[[], C], then: Callable[[C], Done]) -> None:
+    """Compute labels beside the window, and apply them."""
+    window.busy(text, work, lambda computed: window.act(partial(then, computed)))
 
 
 def _doubt(window: CorrectionWindow) -> Done:
@@ -301,13 +316,28 @@ def _next_colouring(window: CorrectionWindow) -> None:
     window.set_look(window.pane, replace(look, colouring=there[at % len(there)]))
 
 
-def _outlines(window: CorrectionWindow) -> None:
+def _outlines(window: CorrectionWindow) -> Done | None:
+    if refusal := _all_parts(window):
+        return refusal
     window.set_look(window.pane, replace(window.pane.look, outlines=not window.pane.look.outlines))
+    return None
 
 
-def _next_tint(window: CorrectionWindow) -> None:
+def _all_parts(window: CorrectionWindow) -> Done | None:
+    """Why outlines and opacity have no effect on a pane that shows parts alone; None where they have."""
+    if window.look(window.pane).colouring in colourings(window.desk.scene)[1:]:
+        return None
+    return Done(
+        f"This view shows the parts themselves: {window.settings.key('colouring')} changes that", "warn"
+    )
+
+
+def _next_tint(window: CorrectionWindow) -> Done | None:
+    if refusal := _all_parts(window):
+        return refusal
     look = window.pane.look
     window.set_look(window.pane, replace(look, tint=TINTS[(TINTS.index(look.tint) + 1) % len(TINTS)]))
+    return None
 
 
 def _save(window: CorrectionWindow) -> Done:

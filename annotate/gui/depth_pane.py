@@ -13,6 +13,7 @@ from annotate.gui.colors import Colors, Look
 from annotate.gui.drawing import Drawing
 from annotate.gui.pointing import Hand, Pointing
 from annotate.gui.scene import FrameScene
+from annotate.gui.theme import DARK
 
 SCALES = (0.2, 40.0)
 """Least and greatest zoom, logical pixels per pixel of the image. Chosen by eye."""
@@ -35,6 +36,8 @@ class DepthPane(QWidget):
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setMinimumSize(120, 90)
         self.ground = QColor("black")
+        # Where a light ground showed through, missing depth would be specks all over a picture.
+        self._hole_rgb = DARK.ground_rgb
         self._rgb: UInt8 = np.zeros((*scene.labels.parts.shape, 3), np.uint8)
         self._view = ScreenPoints.of_image(scene.labels.depth_mm)
         self._scale, self._corner = 1.0, QPointF(0, 0)
@@ -54,12 +57,12 @@ class DepthPane(QWidget):
             self.fit()
 
     def recolor(self, pixels: Int64 | None, colors: Colors) -> None:
-        """New colours for some pixels, or for all that have depth; those not shown have the ground's."""
+        """Give some pixels, or all that have depth, new colours; those not shown get the ground's."""
         ground = (self.ground.red(), self.ground.green(), self.ground.blue())
         changed = pixels
         if changed is None:
             changed = np.flatnonzero(self.scene.labels.depth_mm)
-            self._rgb[:] = ground
+            self._rgb[:] = self._hole_rgb
         rgb = colors(changed)
         rgb[np.isnan(self._view.xy_px[changed, 0])] = ground
         self._rgb.reshape(-1, 3)[changed] = rgb

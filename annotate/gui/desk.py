@@ -14,11 +14,12 @@ from annotate.correction.doubt import part_title as title
 from annotate.correction.doubt import pixels_text
 from annotate.correction.edit import ARMS, LEGS, Editor
 from annotate.correction.follow import followed
-from annotate.correction.propagate import FRAMES_COMPARED, CorrectedFrame, propagate
-from annotate.correction.replay import STATE_NAMES
+from annotate.correction.nearby import corrected_nearby, frames_text
+from annotate.correction.propagate import FRAMES_COMPARED, CorrectedFrame, most_alike, propagate
+from annotate.correction.replay import STATE_NAMES, rejected_by
 from annotate.frame_labels import FrameLabels
 from annotate.gui.drawing import Drawing
-from annotate.gui.outcome import NOTHING, Done, described
+from annotate.gui.outcome import NOTHING, VERDICT_TITLES, Done, described, rejected_text
 from annotate.gui.scene import FrameScene
 from annotate.gui.sight import Preview, Sight
 from annotate.labelset.stroke import Gesture, Operation, Stroke
@@ -36,6 +37,15 @@ class _Grown:
     part: int
     pixels: Int64
     parts: UInt8
+
+
+@dataclass(frozen=True)
+class Carried:
+    """Labels that other frames' corrections give a frame. parts (h, w); sources: ids of the frames that voted
+    and were changed by somebody."""
+
+    parts: UInt8
+    sources: tuple[str, ...]
 
 
 @dataclass
@@ -83,8 +93,8 @@ class Desk(Sight):
         old, self.giver = self.giver, wanted
         if self._given() is None:
             self.giver = old
-            missing = {"other": "other set: give one with --compare", "before": "frame before this one"}
-            return Done(f"There is no {missing[giver]}", "warn")
+            missing = {"other": self.scene.no_other, "before": "there is no frame before this one"}[giver]
+            return Done(missing[:1].upper() + missing[1:], "warn")
         return Done("")
 
     def _given(self) -> UInt8 | None:
@@ -233,26 +243,37 @@ class Desk(Sight):
         target, camera = self._target(), self.scene.cloud.camera
         return lambda: followed(self._corrected([frame_id])[0], target, camera)
 
-    def carried(self, frame_ids: Sequence[str]) -> Callable[[], UInt8]:
-        """A computation of the parts (h, w) after the corrections of other frames, the nearest first."""
+    def carried(self) -> Callable[[], Carried]:
+        """Return a computation of the labels after corrections nearby (``corrected_nearby``)."""
         target, camera, cloud = self._target(), self.correction.labels.intrinsics, self.scene.cloud
-        return lambda: propagate(self._corrected(frame_ids), target, camera, cloud)
+
+        def compute() -> Carried:
+            near = self._corrected(corrected_nearby(self.correction, target.frame_id))
+            voting = most_alike(near, target)
+            sources = tuple(frame.corrected.frame_id for frame in voting if frame.changed)
+            return Carried(propagate(voting, target, camera, cloud), sources)
+
+        return compute
 
     def copy_previous(self, parts: UInt8) -> Done:
         """Take over what ``copied`` has computed."""
         stroke = self._editor().copy_previous(parts, how=self._key(keys=2))
         return self._did(stroke, "The frame before has the same labels")
 
-    def propagate(self, parts: UInt8, keys: int = 2) -> Done:
+    def propagate(self, carried: Carried, keys: int = 2) -> Done:
         """Take over what ``carried`` has computed."""
-        stroke = self._editor().propagate(parts, self._key(keys=keys))
-        return self._did(stroke, "The corrections of the frames nearby change nothing here")
+        stroke = self._editor().propagate(carried.parts, self._key(keys=keys))
+        if stroke is None:
+            return Done("The corrections of the frames nearby change nothing here", "warn")
+        done = self._did(stroke, "")
+        sources = f"Carried over from {frames_text(carried.sources)}"
+        return done._replace(text=done.text.replace("Carried over", sources, 1))
 
     def toggle_carrying(self) -> Done:
         """Carry corrections over to every frame that accepting opens, or only by the key."""
         self.carrying = not self.carrying
-        where = "to every next frame" if self.carrying else "only by the key"
-        return Done(f"Corrections are carried over {where}")
+        how = "in each frame opened by Accept" if self.carrying else "only by the command"
+        return Done(f"Corrections are carried over {how}")
 
     def _target(self) -> FrameLabels:
         self._editor()
@@ -270,30 +291,48 @@ class Desk(Sight):
         """Take back the last stroke or verdict."""
         if (cancelled := self.cancel()).text:
             return cancelled
-        return self._again(self._editor().undo(self._key(keys=2)), "taken back", "Nothing to undo")
+        stroke = self._editor().undo(self._key(keys=2))
+        if stroke and not stroke.changes:
+            state = STATE_NAMES[self.correction.state(self.scene.labels.frame_id)]
+            return Done(f"Verdict taken back: the frame is {state}", "good")
+        return self._did(stroke, "Nothing to undo in this frame")
 
     def redo(self) -> Done:
         """Do again what was undone last."""
-        return self._again(self._editor().redo(self._key(keys=3)), "restored", "Nothing to redo")
-
-    def _again(self, stroke: Stroke | None, verdict: str, nothing: str) -> Done:
+        editor = self._editor()
+        stroke = editor.redo(self._key(keys=3))
         if stroke and not stroke.changes:
-            state = STATE_NAMES[self.correction.state(self.scene.labels.frame_id)]
-            return Done(f"Verdict {verdict}: the frame is {state}", "good")
-        return self._did(stroke, nothing)
+            return Done(f"{VERDICT_TITLES[editor.history.done[-1].operation]} again", "good")
+        return self._did(stroke, "Nothing to redo in this frame")
+
+    @property
+    def rejected(self) -> bool:
+        """Whether the frame stands rejected."""
+        return self.correction.state(self.scene.labels.frame_id) == "rejected"
 
     def accept(self) -> Done:
-        """Accept the frame, or agree where another person accepted it."""
+        """Accept the frame, or agree with another person's verdict; a rejection stays."""
         editor, verdict = self._editor(), self.correction.next_verdict(self.scene.labels.frame_id)
         if verdict != "none":
             editor.judge(verdict)
         texts = {"accept": "Accepted", "agree": "Agreed", "none": "Already accepted"}
+        if self.rejected:
+            texts = {"agree": "Agreed with the rejection", "none": "It stays rejected"}
         return Done(texts[verdict], "good")
+
+    def overrule(self) -> Done | None:
+        """Accept a frame that stands rejected; None where it is not rejected."""
+        if not self.rejected:
+            return None
+        rejection = rejected_by(self.correction.journal.strokes(self.scene.labels.frame_id))
+        self._editor().judge("accept", how=Gesture("key", keys=3))
+        whose = f" of {rejection.who}" if rejection else ""
+        return Done(f"Accepted: the rejection{whose} is overruled", "good")
 
     def reject(self, reason: str) -> Done:
         """Reject the frame, for a reason."""
         self._editor().judge("reject", reason, Gesture("key", keys=2))
-        return Done(f"Rejected: {reason}", "warn")
+        return Done(rejected_text(reason), "warn")
 
     # Within
 

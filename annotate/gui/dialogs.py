@@ -5,10 +5,11 @@ from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
 from PySide6.QtWidgets import (
     QDialog,
     QFileDialog,
+    QGridLayout,
     QHBoxLayout,
     QLabel,
     QLineEdit,
@@ -27,33 +28,78 @@ REASONS = (
     "Several people touch",
     "Parts cannot be told apart",
 )
+FORMAT_TITLES = {
+    "pairs": "Image pairs (PNG)",
+    "mmseg": "MMSegmentation",
+    "coco": "COCO",
+    "cvat": "CVAT",
+    "pcd": "Point clouds (PCD)",
+    "ply": "Point clouds (PLY)",
+    "semantic-kitti": "SemanticKITTI",
+    "parquet": "Parquet",
+}
+"""Names of export formats on their buttons."""
+
+
+class ReasonDialog(QDialog):
+    """Question for the reason of a rejection: a button for each of REASONS, and a field for own words.
+
+    reason: the one given, "" for none. Whatever is typed goes into the field, wherever the focus is.
+    """
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setWindowTitle("Reject the frame")
+        self.setMinimumWidth(360)
+        self.reason = ""
+        buttons = [QPushButton(f"{i}   {reason}", autoDefault=False) for i, reason in enumerate(REASONS, 1)]
+        for number, (button, reason) in enumerate(zip(buttons, REASONS, strict=True), 1):
+            button.setStyleSheet("text-align: left; padding: 8px 12px")
+            button.clicked.connect(partial(self._choose, reason))
+            QShortcut(QKeySequence(str(number)), self, button.click)
+        self.words = QLineEdit(placeholderText="…or in your own words, then Enter", maxLength=200)
+        self.words.setAccessibleName("Reason in your own words")
+        self.words.returnPressed.connect(lambda: self._choose(self.words.text()))
+        question = named(QLabel("Why should this frame not be used?"), "title")
+        keep = named(QLabel("Esc keeps the frame"), "quiet")
+        items = question, *buttons, self.words, keep
+        laid(QVBoxLayout(self), *items, gap=8, margins=(20, 18, 20, 18))
+
+    def _choose(self, reason: str, _: bool = False) -> None:
+        if reason.strip():
+            self.reason = reason.strip()
+            self.accept()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:  # noqa: N802
+        """Qt's hook: keys that no widget takes; letters go on in the field."""
+        if event.text().strip() and event.text().isprintable():
+            self.words.setFocus()
+            self.words.insert(event.text())
+        else:
+            super().keyPressEvent(event)
 
 
 def ask_reason(parent: QWidget) -> str | None:
-    """Why a frame is not to be used: one of REASONS by its number, or a text; None keeps the frame."""
-    dialog = QDialog(parent)
-    dialog.setWindowTitle("Reject the frame")
-    dialog.setMinimumWidth(360)
-    given: list[str] = []
-
-    def choose(reason: str) -> None:
-        if reason.strip():
-            given.append(reason.strip())
-            dialog.accept()
-
-    buttons = [QPushButton(f"{i}   {reason}", autoDefault=False) for i, reason in enumerate(REASONS, 1)]
-    for number, (button, reason) in enumerate(zip(buttons, REASONS, strict=True), 1):
-        button.setStyleSheet("text-align: left; padding: 8px 12px")
-        button.clicked.connect(lambda _=False, reason=reason: choose(reason))
-        QShortcut(QKeySequence(str(number)), dialog, button.click)
-    words = QLineEdit(placeholderText="…or in your own words, then Enter", maxLength=200)
-    words.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
-    words.returnPressed.connect(lambda: choose(words.text()))
-    question = named(QLabel("Why should this frame not be used?"), "title")
-    keep = named(QLabel("Esc keeps the frame"), "quiet")
-    laid(QVBoxLayout(dialog), question, *buttons, words, keep, gap=8, margins=(20, 18, 20, 18))
+    """Return why a frame is not to be used: one of REASONS, or own words; None keeps the frame."""
+    dialog = ReasonDialog(parent)
     dialog.exec()
-    return given[0] if given else None
+    return dialog.reason or None
+
+
+def show_keys(parent: QWidget, keys: Sequence[tuple[str, str]]) -> None:
+    """Show keys and what each does, until Escape, Return or F1 is pressed."""
+    dialog = QDialog(parent)
+    dialog.setWindowTitle("All keys")
+    grid = QGridLayout()
+    grid.setHorizontalSpacing(14)
+    for row, (key, does) in enumerate(keys):
+        grid.addWidget(named(QLabel(key), "key"), row, 0, Qt.AlignmentFlag.AlignRight)
+        grid.addWidget(QLabel(does), row, 1)
+    close = QPushButton("Close", default=True)
+    close.clicked.connect(dialog.accept)
+    QShortcut(QKeySequence("F1"), dialog, dialog.accept)
+    laid(QVBoxLayout(dialog), grid, close, gap=14, margins=(20, 18, 20, 18))
+    dialog.exec()
 
 
 def _ask(parent: QWidget | None, title: str, text: str, yes: str, no: str) -> bool:
@@ -76,14 +122,14 @@ def ask_export(parent: QWidget, formats: Sequence[str]) -> tuple[str, Path] | No
     """The format and the folder of an export; None for none."""
     dialog = QDialog(parent)
     dialog.setWindowTitle("Export")
-    question = named(QLabel("Export the labels for which tool?"), "title")
+    question = named(QLabel("Export format"), "title")
     given: list[str] = []
 
     def choose(name: str) -> None:
         given.append(name)
         dialog.accept()
 
-    buttons = [QPushButton(name, autoDefault=False) for name in formats]
+    buttons = [QPushButton(FORMAT_TITLES.get(name, name), autoDefault=False) for name in formats]
     for item, name in zip(buttons, formats, strict=True):
         item.clicked.connect(partial(choose, name))
     laid(QVBoxLayout(dialog), question, *buttons, gap=8, margins=(20, 18, 20, 18))

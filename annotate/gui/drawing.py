@@ -56,6 +56,12 @@ class Drawing:
         self.points_px.append((x, y))
         self.clicks += 1
 
+    def without_corner(self) -> bool:
+        """Remove a polygon's last corner; returns whether any is left."""
+        self.points_px.pop()
+        self.clicks -= 1
+        return bool(self.points_px)
+
     @property
     def is_slip(self) -> bool:
         """Whether the shape is too small to be meant."""

@@ -100,7 +100,7 @@ class Frames(QAbstractListModel):
     def refresh(self, labels: FrameLabels) -> None:
         """Draw a frame's picture and state again, from labels as they stand."""
         self._images[labels.frame_id] = thumbnail(labels)
-        self._changed(labels.frame_id)
+        self.changed(labels.frame_id)
 
     def forget(self) -> None:
         """Draw all pictures anew: labels have changed beside the window."""
@@ -127,9 +127,10 @@ class Frames(QAbstractListModel):
 
     def _keep(self, frame_id: str, image: QImage) -> None:
         self._images[frame_id] = image
-        self._changed(frame_id)
+        self.changed(frame_id)
 
-    def _changed(self, frame_id: str) -> None:
+    def changed(self, frame_id: str) -> None:
+        """Let a frame's cell be drawn again: its state may be another one."""
         if frame_id in self.frame_ids:
             index = self.index(self.frame_ids.index(frame_id))
             self.dataChanged.emit(index, index)

@@ -11,7 +11,6 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QScrollArea,
-    QSizePolicy,
     QVBoxLayout,
     QWidget,
 )
@@ -22,7 +21,7 @@ from annotate.gui.keys import BODY_GRID, Settings, settings_path
 from annotate.gui.outcome import Done, strokes_text
 from annotate.gui.pointing import Hand
 from annotate.gui.theme import DARK, Theme, part_color, scaled
-from annotate.gui.widgets import laid, named
+from annotate.gui.widgets import Elided, laid, named
 from annotate.parts import PARTS
 
 MOUSE = (
@@ -32,8 +31,8 @@ MOUSE = (
     ("Wheel", "zoom at the pointer"),
     ("Right double click", "centre on it"),
     ("Shift + stroke", "replace only the part where it starts"),
-    ("Ctrl + stroke", "through the body, not only its front"),
-    ("Alt + click", "choose the part under the pointer"),
+    ("Ctrl + stroke", "through the body, not only its visible surface"),
+    ("Alt + click, or Ctrl + right click", "choose the part under the pointer"),
     ("Shift + wheel", "size of the brush"),
     ("Shift + part", "lock the part: it cannot gain or lose pixels"),
     ("Alt + part", "fade the part, hide it, show it again"),
@@ -49,8 +48,11 @@ ONCE = {
 """The next click after a command that needs a place."""
 
 
-def next_click(hand: Hand, desk: Desk) -> str:
-    """The effect of the left button now, as a sentence."""
+def next_click(hand: Hand, desk: Desk, in_image: bool) -> str:
+    """Return the effect of the left button now, with the keys that are held, as a sentence.
+
+    in_image: whether the pointer is in the depth image, where nothing lies behind a pixel.
+    """
     if hand.once:
         whole = f"{ONCE[hand.once]} {title(desk.part)}" if hand.once == "merge" else ONCE[hand.once]
         return f"{whole} · Esc cancels"
@@ -59,16 +61,17 @@ def next_click(hand: Hand, desk: Desk) -> str:
         becomes = f"becomes as in the {'other set' if desk.giver == 'other' else 'frame before'}"
     act = {
         "piece": f"Click: the piece {becomes} · click it again to grow it",
-        "lasso": f"Drag round it: it {becomes}",
-        "polygon": f"Click corners, double-click to close it: the inside {becomes}",
+        "lasso": f"Draw a loop: the inside {becomes}",
+        "polygon": f"Click corners, Return closes: the inside {becomes}",
         "rectangle": f"Drag a rectangle: the inside {becomes}",
-        "brush": f"Drag over it: it {becomes} · Shift+wheel: size",
+        "brush": f"Drag over it: it {becomes}",
     }[hand.tool]
-    if hand.tool != "piece":
-        if hand.only or hand.room:
-            act += " · only the part where it starts" if hand.only else " · the room too"
-        act += " · through the body" if hand.through else " · front only"
-    return act
+    if hand.tool == "piece":
+        return act
+    limits = ["only the part I start on"] if hand.takes_only else ["background too"] if hand.room else []
+    if not in_image:
+        limits.append("through the body" if hand.goes_through else "visible surface only")
+    return f"{act} ({', '.join(limits)})" if limits else act
 
 
 class StatusLine(QWidget):
@@ -81,37 +84,38 @@ class StatusLine(QWidget):
         self.setFixedHeight(scaled(30))
         self.chip = QLabel()
         self.chip.setFixedSize(14, 14)
-        self.next, self.saved = named(QLabel(), "title"), named(QLabel(), "quiet")
-        self.last, self.space = QLabel(), QLabel()
+        self.next, self.saved = named(Elided(), "title"), named(QLabel(), "quiet")
+        self.last, self.space = Elided(), QLabel()
         for label, name in ((self.next, "Next click"), (self.last, "Last outcome"), (self.saved, "Saved")):
             label.setAccessibleName(name)
-        for label in (self.next, self.last):
-            label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.last.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         labels = self.chip, self.next, self.last, self.space, self.saved
         row = laid(QHBoxLayout(self), *labels, gap=10, margins=(14, 0, 14, 0))
         row.setStretchFactor(self.next, 1)
         row.setStretchFactor(self.last, 1)
 
-    def show_desk(self, desk: Desk, hand: Hand, theme: Theme) -> None:
-        """Update the next click beside the part's colour, the key for accepting, and the unsaved strokes."""
+    def show_next(self, desk: Desk, hand: Hand, in_image: bool) -> None:
+        """Update the effect of the next click. in_image: whether the pointer is in the depth image."""
+        read_only = "Read-only: nothing can be changed"
+        self.next.setText(read_only if desk.correction.read_only else next_click(hand, desk, in_image))
+
+    def show_desk(self, desk: Desk, theme: Theme) -> None:
+        """Update the part's colour, the key for accepting, and the unsaved strokes."""
         correction, color = desk.correction, part_color(desk.part, theme).name()
         self.chip.setStyleSheet(f"background: {color}; border: 1px solid {theme.quiet}; border-radius: 7px")
-        read_only = "Read-only: nothing can be changed"
-        self.next.setText(read_only if correction.read_only else next_click(hand, desk))
-        self.next.setToolTip(self.next.text())
         verdict = correction.next_verdict(desk.scene.labels.frame_id)
-        act = {"accept": "accept and go on", "agree": "agree and go on", "none": "go on"}[verdict]
+        agree = "agree with the rejection" if desk.rejected else "agree"
+        act = {"accept": "accept and go on", "agree": f"{agree} and go on", "none": "go on"}[verdict]
         self.space.setText(f"{self._accept_key}: {'go on' if correction.read_only else act}")
         unsaved = correction.unsaved
         self.saved.setText(f"{strokes_text(unsaved)} not saved" if unsaved else "✓ saved")
         self.saved.setStyleSheet(f"color: {theme.bad if unsaved else theme.good}")
 
     def show_done(self, done: Done, theme: Theme) -> None:
-        """The outcome of the last key or stroke."""
+        """Show the outcome of the last key or stroke."""
         color = {"plain": theme.quiet, "good": theme.good, "warn": theme.warn, "bad": theme.bad}[done.tone]
-        self.last.setText(f'<span style="color:{color}">{escape(done.text)}</span>')
-        self.last.setToolTip(escape(done.text))
+        self.last.setStyleSheet(f"color: {color}")
+        self.last.setText(done.text)
 
 
 class KeyPage(QWidget):
@@ -148,7 +152,7 @@ class KeyPage(QWidget):
                 ([], ("Edit", "View")),
             )
         ]
-        head = named(QLabel("All keys lie under the left hand; the right hand has the mouse"), "title")
+        head = named(QLabel("Parts and tools lie under the left hand; the right hand has the mouse"), "title")
         text = (
             f'Keys can be changed: layout = "qwertz", or  undo = "Ctrl+K"  under [keys], in {settings_path()}'
         )

@@ -1,7 +1,7 @@
 """Every command of the window: its names, its keys, its menu, and how users change the keys.
 
-All keys lie under the left hand while the right hand holds the mouse. The parts are laid out like a body
-that faces you: head on top, its right arm on the left.
+The keys of parts and tools lie under the left hand while the right hand holds the mouse. The parts are laid
+out like a body that faces you: head on top, its right arm on the left.
 
      1  2  3        right upper arm   head    left upper arm
      Q  W  E        right forearm     torso   left forearm
@@ -73,8 +73,14 @@ COMMANDS: tuple[Command, ...] = (
     ),
     Command("from_before", "Ctrl+5", "Parts", "As in the frame before", "Strokes take over the frame before"),
     Command("piece", "F", "Tools", "Piece", "Click a piece, click again to grow it"),
-    Command("lasso", "G", "Tools", "Lasso", "Draw round it"),
-    Command("polygon", "T", "Tools", "Polygon", "Click corners, double-click closes it"),
+    Command("lasso", "G", "Tools", "Lasso", "Draw a loop"),
+    Command(
+        "polygon",
+        "T",
+        "Tools",
+        "Polygon",
+        "Click corners; Return or a double click closes it, Backspace removes one",
+    ),
     Command("rectangle", "R", "Tools", "Rectangle", "Drag a rectangle"),
     Command("brush", "B", "Tools", "Brush", "Drag over it"),
     Command("small", "Ctrl+1", "Tools", "Small brush"),
@@ -82,37 +88,78 @@ COMMANDS: tuple[Command, ...] = (
     Command("large", "Ctrl+3", "Tools", "Large brush"),
     Command("smaller", "[", "Tools", "Smaller brush", repeats=True),
     Command("larger", "]", "Tools", "Larger brush", repeats=True),
-    Command("through", "Tab", "Tools", "Through", "Through the body, not only its front"),
-    Command("only", "4", "Tools", "One part", "Replace only the part where a stroke starts"),
-    Command("room", "6", "Tools", "Room too", "The room too, not only the body"),
+    Command("through", "Tab", "Tools", "Through the body", "Through the body, not only its visible surface"),
+    Command("only", "4", "Tools", "Only the part I start on", "Replace only the part where a stroke starts"),
+    Command("room", "6", "Tools", "Include background", "Change the background too, not only the body"),
     Command("cancel", "Esc", "Tools", "Cancel", "Cancel the stroke or the preview"),
-    Command("undo", "Ctrl+Z", "Edit", "Undo", "Undo strokes and verdicts, without limit", repeats=True),
+    Command(
+        "undo",
+        "Ctrl+Z",
+        "Edit",
+        "Undo",
+        "Undo strokes and verdicts of this frame, without limit",
+        repeats=True,
+    ),
     Command("redo", "Ctrl+Shift+Z", "Edit", "Redo", "Redo what was undone", "Ctrl+Y", repeats=True),
     Command("swap", "V", "Edit", "Swap left/right", "Swap left and right of the limb under the pointer"),
-    Command("neighbour", "5", "Edit", "To neighbour", "Give the patch under the pointer to its neighbour"),
-    Command("merge", "Ctrl+E", "Edit", "Merge part", "Turn the part under the pointer into the chosen one"),
-    Command("remove_islands", "Ctrl+D", "Edit", "Islands", "Remove islands: press again to apply"),
-    Command("fill_holes", "Ctrl+F", "Edit", "Holes", "Fill holes: press again to apply"),
     Command(
-        "copy_previous", "Ctrl+V", "Edit", "Copy before", "Parts of the frame before, following movement"
+        "neighbour",
+        "5",
+        "Edit",
+        "Give patch to neighbour",
+        "Give the patch under the pointer to its neighbour",
+    ),
+    Command("merge", "Ctrl+E", "Edit", "Merge part", "Turn the part under the pointer into the chosen one"),
+    Command(
+        "remove_islands", "Ctrl+D", "Edit", "Islands", "Mark islands of all parts: press again to remove them"
+    ),
+    Command(
+        "fill_holes", "Ctrl+F", "Edit", "Holes", "Mark holes of the chosen part: press again to fill them"
+    ),
+    Command(
+        "copy_previous",
+        "Ctrl+V",
+        "Edit",
+        "Copy previous frame",
+        "Copy the parts of the frame before, following movement",
     ),
     Command("propagate", "Ctrl+G", "Edit", "Carry over", "Carry over the corrections of nearby frames"),
-    Command("carry", "Ctrl+Shift+G", "Edit", "Always carry", "Do so in every frame that accepting opens"),
-    Command("accept", "Space", "Frames", "Accept", "Accept, and open the next unfinished frame"),
-    Command("reject", "Ctrl+R", "Frames", "Reject…", "Reject, with a reason"),
+    Command(
+        "carry",
+        "Ctrl+Shift+G",
+        "Edit",
+        "Carry over automatically",
+        "Carry over in each frame opened by Accept",
+    ),
+    Command(
+        "accept",
+        "Space",
+        "Frames",
+        "Accept",
+        "Accept, or agree with a colleague's verdict; open the next unfinished frame",
+    ),
+    Command(
+        "reject", "Ctrl+R", "Frames", "Reject…", "Reject, with a reason; agree with a colleague's rejection"
+    ),
+    Command("overrule", "Ctrl+Shift+A", "Frames", "Accept although rejected", "Overrule a rejection"),
     Command("doubt", "N", "Frames", "Next doubtful place", "Show the next doubtful place", repeats=True),
     Command("next", "Ctrl+Space", "Frames", "Next frame", "Next frame, without a verdict", "Right", True),
     Command("back", "Shift+Space", "Frames", "Previous frame", "Previous frame", "Left", True),
     Command(
         "learn", "Ctrl+Shift+T", "Frames", "Learn", "Learn from the accepted frames, and label the rest again"
     ),
-    Command("unlearn", "Ctrl+Shift+R", "Frames", "Unlearn", "Take back what the last learning changed"),
+    Command(
+        "stop_learning", "Ctrl+Shift+X", "Frames", "Stop learning", "Stop learning; labels stay as they are"
+    ),
+    Command(
+        "unlearn", "Ctrl+Shift+R", "Frames", "Unlearn", "Restore the labels from before the last learning"
+    ),
     Command("go_to", "Ctrl+T", "Frames", "Go to frame…", "Go to a frame by its number"),
-    Command("order", "F5", "Frames", "Next order", "By time, the worst first, or for review"),
+    Command("order", "F5", "Frames", "Next order", "By time, worst first, most useful first, or for review"),
     Command("filter", "F6", "Frames", "Next filter", "All frames, or those in one state"),
     Command("colouring", "F2", "View", "Next colouring", "Next colouring of the pane under the pointer"),
     Command("outlines", "Ctrl+W", "View", "Part outlines", "Outlines of parts over the pane"),
-    Command("tint", "Ctrl+Q", "View", "Next part tint", "Parts over the pane: none, faint, half, strong"),
+    Command("tint", "Ctrl+Q", "View", "Part opacity", "Parts over the pane: none, faint, half, strong"),
     Command("onion", "Ctrl+B", "View", "Outlines of the frame before", "Outlines of the frame before"),
     Command("peek", "H", "View", "Peek (hold)", "Hold it to see the pane without parts"),
     Command("solo", "Ctrl+A", "View", "Chosen part alone", "Show only the chosen part, or all again"),

@@ -1,24 +1,32 @@
 """Learning in the background: another process learns, and the window takes over its labels at the end."""
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import QObject, QProcess, QTimer
 
+from annotate.correction.correction import Correction
 from annotate.correction.relabel import Relabelled, relabel, take_back
 from annotate.gui.outcome import Done
 from annotate.gui.window import CorrectionWindow, Read
 from annotate.labelset.store import LabelSet
 from sensors.errors import CloudError
 
+SPOKEN = "annotate-cloud: "
+"""Beginning of the lines in which a command says what is wrong."""
+PROGRESS = re.compile(r"(?:learn, )?(.+): (\d+)/(\d+), [^,]+, (.+) left")
+"""Line of a command's progress: what it counts, how many are done, of how many, the time left."""
 AGAIN_MS = 100
 """Interval in which the window tries again to take over what was learnt, in milliseconds: while it opens a
 frame it cannot. Chosen by eye."""
 STOP_MS = 3000
 """How long a closing window waits for the process that it has killed, in milliseconds."""
+Change = Callable[[], Relabelled | None]
 
 
 @dataclass(frozen=True)
@@ -30,7 +38,7 @@ class Lesson:
 
 
 class Learner(QObject):
-    """One learning at a time. lesson: None where the program that opened the window knows of none.
+    """One learning at a time. lesson: None where the program that opened the window has none.
 
     The process is killed with the window; the next learning goes on with what it has done.
     """
@@ -39,10 +47,10 @@ class Learner(QObject):
         super().__init__(window)
         self._window, self._lesson = window, lesson
         self._process = QProcess(self)
-        self._errors = ""
+        self._heard, self._error, self._stopped = "", "", False
         self._process.readyReadStandardError.connect(self._hear)
         self._process.finished.connect(self._end)
-        window.closed.connect(self.stop)
+        window.closed.connect(self.kill)
 
     @property
     def running(self) -> bool:
@@ -54,18 +62,33 @@ class Learner(QObject):
         if self._lesson is None:
             return Done("Nothing here can learn: open the set with annotate-cloud fix", "warn")
         if self.running:
-            return Done(f"Still learning: {self._errors or 'it has just begun'}")
-        self._errors = ""
+            stop = self._window.settings.key("stop_learning")
+            return Done(f"Still learning; {stop} stops it")
+        self._heard, self._error, self._stopped = "", "", False
         program, *arguments = self._lesson.command
         self._process.start(program, arguments)
-        return Done("Learning from the accepted frames, beside your work")
+        self._window.panel.show_learning("Learning: begun")
+        return Done("Learning in the background; go on working")
+
+    def stop_now(self) -> Done | None:
+        """Stop the learning that runs; labels stay as they are."""
+        if not self.running:
+            return Done("Nothing is being learnt", "warn")
+        self._stopped = True
+        self._process.kill()
+        return None
 
     def unlearn(self) -> Done | None:
         """Take back what the last learning changed, in all frames that nobody has worked on since."""
-        self._take(partial(take_back, self._window.correction), "taken back: ")
+
+        def words(done: Relabelled | None) -> str:
+            return done.text_of_taking_back if done else "There is no learning to take back"
+
+        busy = "Restoring the labels from before the last learning…"
+        self._take(busy, partial(take_back, self._window.correction), words)
         return None
 
-    def stop(self) -> None:
+    def kill(self) -> None:
         """Kill the process, if there is one."""
         if self.running:
             self._process.finished.disconnect(self._end)
@@ -73,50 +96,79 @@ class Learner(QObject):
             self._process.waitForFinished(STOP_MS)
 
     def _hear(self) -> None:
-        said = bytes(self._process.readAllStandardError().data()).decode(errors="replace").strip()
-        self._errors = said.rpartition("\n")[2].removeprefix("annotate-cloud: ") or self._errors
+        said = bytes(self._process.readAllStandardError().data()).decode(errors="replace")
+        # What is read may end within a line.
+        *lines, self._heard = (self._heard + said).splitlines(keepends=True) or [""]
+        if self._heard.endswith("\n"):
+            lines, self._heard = [*lines, self._heard], ""
+        for line in lines:
+            if progress := PROGRESS.fullmatch(line.strip()):
+                what, done, total, left = progress.groups()
+                share = int(done) / max(1, int(total))
+                self._window.panel.show_learning(f"Learning: {what} {share:.0%}, {left} left")
+            elif line.startswith(SPOKEN):
+                self._error = line.removeprefix(SPOKEN).strip()
 
-    def _end(self, code: int) -> None:
+    def _end(self, code: int, status: QProcess.ExitStatus) -> None:
+        self._window.panel.show_learning("")
         said = bytes(self._process.readAllStandardOutput().data()).decode(errors="replace")
-        if code:
-            self._show(Done(f"Nothing learnt: {self._errors or f'the process ended with {code}'}", "warn"))
-            return
-        result = json.loads(said)
+        if self._stopped:
+            self._show(Done("Learning is stopped; labels are unchanged", "warn"))
+        elif status == QProcess.ExitStatus.CrashExit or (code and not self._error):
+            self._show(Done("Learning stopped before it finished; labels are unchanged", "bad"))
+        elif code:
+            self._show(Done(f"Nothing learnt: {self._error}", "warn"))
+        else:
+            self._learnt(json.loads(said))
+
+    def _learnt(self, result: dict[str, Any]) -> None:
+        before, after = f"{result['before']:.1%}", f"{result['after']:.1%}"
         if result["labels"] is None:
-            self._show(Done(self._errors[:1].upper() + self._errors[1:], "warn"))
+            text = f"No improvement ({before} before, {after} now), so labels stay. Correct more frames"
+            self._show(Done(text, "warn"))
             return
-        held = f"right on held-out frames: {result['before']:.1%} before, {result['after']:.1%} now; "
-        self._take(self._relabelled, held)
-
-    def _relabelled(self) -> Relabelled:
+        held = f"Right on held-out frames: {before} before, {after} now"
         assert self._lesson is not None
-        return relabel(self._window.correction, LabelSet.open(self._lesson.labels))
+        learnt = partial(_relabelled, self._window.correction, self._lesson.labels)
+        self._take(
+            "Taking over the learnt labels…", learnt, lambda done: f"{held}; {done.text}" if done else held
+        )
 
-    def _take(self, change: Callable[[], Relabelled | None], words: str) -> None:
-        """Change labels beside the window, and show the open frame anew; later where it is busy."""
+    def _take(self, busy: str, change: Change, words: Callable[[Relabelled | None], str]) -> None:
+        """Change labels beside the window, and show the open frame anew; later where the window is busy."""
         window = self._window
-        if window.background.busy:
-            QTimer.singleShot(AGAIN_MS, self, partial(self._take, change, words))
+        if window.background.busy or window.shape_in_hand:
+            QTimer.singleShot(AGAIN_MS, self, partial(self._take, busy, change, words))
             return
         window.refresh_picture()
+        window.leave_due.stop()
+        try:
+            # Here, in the window's thread, which owns the editors; beside it only labels change.
+            window.correction.leave_all()
+        except CloudError as error:
+            self._show(Done(str(error), "bad"))
+            return
+
+        def read() -> Read:
+            window.walk.forget()
+            return window.walk.read(window.frame_id), window.walk.parts_before(window.frame_id)
 
         def work() -> tuple[Relabelled | None, Read]:
-            done = change()
-            window.walk.forget()
-            return done, (window.walk.read(window.frame_id), window.walk.parts_before(window.frame_id))
+            return change(), read()
 
         def then(found: tuple[Relabelled | None, Read]) -> None:
-            done, read = found
-            text = f"{words}{done.text}" if done else "There is nothing learnt to take back"
-            window.act(partial(window.show_anew, read, Done(text[0].upper() + text[1:], "good")))
+            done, now = found
+            window.act(partial(window.show_anew, now, Done(words(done), "good")))
 
         def failed(error: CloudError) -> None:
             # The editors were closed: the frame is opened as it stands.
-            window.walk.forget()
-            read = window.walk.read(window.frame_id), window.walk.parts_before(window.frame_id)
-            window.act(partial(window.show_anew, read, Done(str(error), "bad")))
+            window.act(lambda: window.show_anew(read(), Done(str(error), "bad")))
 
-        window.busy("Taking over the learnt labels…", work, then, failed)
+        window.busy(busy, work, then, failed)
 
     def _show(self, done: Done) -> None:
         self._window.status.show_done(done, self._window.theme)
+
+
+def _relabelled(correction: Correction, labels: Path) -> Relabelled:
+    return relabel(correction, LabelSet.open(labels))

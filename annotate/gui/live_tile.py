@@ -8,7 +8,8 @@ from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
 from annotate.array_types import Float64, UInt8
-from annotate.gui.theme import Theme, scaled
+from annotate.gui.theme import Theme
+from annotate.gui.veil import draw_title
 from annotate.live.live_frame import Stance
 
 DIAL_PX, DIAL_MARGIN_PX = 22.0, 10.0
@@ -50,8 +51,7 @@ class Tile(QWidget):
             if self._stance is not None and self._joints_px is not None:
                 self._draw_bones(painter, corner, scale, self._stance.bones, self._joints_px)
                 self._draw_dial(painter, self._stance)
-        painter.setPen(QColor("white"))
-        painter.drawText(QPointF(8, scaled(16)), self.title)
+        draw_title(painter, self.title)
 
     def _draw_bones(
         self,

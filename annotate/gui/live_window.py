@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from html import escape
 from pathlib import Path
 
@@ -14,14 +15,15 @@ from PySide6.QtWidgets import (
     QInputDialog,
     QLabel,
     QMainWindow,
-    QSizePolicy,
     QSplitter,
+    QToolButton,
     QVBoxLayout,
     QWidget,
 )
 
 from annotate.gui.cloud_view import CloudView
 from annotate.gui.colors import Colouring, Look, Painting, colourings
+from annotate.gui.dialogs import show_keys
 from annotate.gui.held import HeldKeys
 from annotate.gui.live_commands import COMMANDS
 from annotate.gui.live_pictures import TITLES, joints_px, live_scene, pictures
@@ -30,7 +32,7 @@ from annotate.gui.pointing import Hand
 from annotate.gui.scene import FrameScene
 from annotate.gui.stance_lines import StanceLines
 from annotate.gui.theme import DARK, LIGHT, Theme, scaled, style_app
-from annotate.gui.widgets import button, laid, line, named
+from annotate.gui.widgets import Elided, button, laid, line, named
 from annotate.live.complaint import Complaint
 from annotate.live.live_frame import LiveFrame
 from annotate.live.pipeline import LivePipeline
@@ -43,6 +45,8 @@ CLOUD_MS = 100
 (measured), which labelling needs too."""
 RATE_FRAMES = 30
 """Frames over which the rate of the picture is counted. Chosen by eye."""
+ENDED = "The recording is played to its end"
+"""State of a window after the last frame."""
 CLOUD_COLOURINGS: tuple[Colouring, ...] = ("temperature", "part", "colour", "depth")
 
 
@@ -66,17 +70,19 @@ class LiveWindow(QMainWindow):
         self._frame: LiveFrame | None = None
         style_app(theme)
         self.setWindowTitle(f"{pipeline.rig.name} - annotate-cloud live")
-        self.banner, self.state, self.facts = (named(QLabel(), n) for n in ("banner", "title", "quiet"))
+        self.banner, self.state = named(QLabel(), "banner"), named(QLabel(), "title")
+        self.facts = named(Elided(), "quiet")
         for label, name in ((self.banner, "What is wrong"), (self.state, "Recording"), (self.facts, "State")):
             label.setAccessibleName(name)
-            label.setTextFormat(Qt.TextFormat.RichText if label is self.banner else Qt.TextFormat.PlainText)
+        self.state.setTextFormat(Qt.TextFormat.PlainText)
+        self.banner.setTextFormat(Qt.TextFormat.RichText)
         self.banner.setWordWrap(True)
-        self.facts.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.tiles = {title: Tile(title, theme) for title in TITLES}
         self.cloud_view: CloudView | None = None
         self._bones: StanceLines | None = None
         self._large = QSplitter(Qt.Orientation.Horizontal)
         self._lay_out()
+        self.buttons: dict[str, QToolButton] = {}
         self.actions_by_name = self._bound()
         self._timer = QTimer(self, interval=LOOK_MS)
         self._timer.timeout.connect(self.look)
@@ -111,10 +117,11 @@ class LiveWindow(QMainWindow):
             action.setAutoRepeat(command.repeats)
             action.triggered.connect(getattr(self, command.name))
             self.addAction(action)
-            made = button(f"{command.title}   {command.key}")
+            made = button(_button_text(command.title, action))
             made.setToolTip(command.hint)
             made.clicked.connect(action.trigger)
             self._foot.addWidget(made)
+            self.buttons[command.name] = made
             actions[command.name] = action
         self._foot.addStretch(1)
         return actions
@@ -176,19 +183,26 @@ class LiveWindow(QMainWindow):
 
     def _show_state(self) -> None:
         health, frame = self.pipeline.rig.health(), self._frame
+        ended = self.pipeline.frames.ended and not (self.pipeline.error or self.pipeline.rig.error)
         if health.recording is not None:
             minutes, seconds = divmod(int(health.recorded_s), 60)
             self.state.setText(f"● {health.recording.name}  {minutes}:{seconds:02d}")
+        elif ended:
+            self.state.setText(ENDED)
         else:
             self.state.setText("not recording")
         self.state.setStyleSheet(f"color: {self.theme.bad if health.recording else self.theme.quiet}")
-        self.actions_by_name["record"].setText("End recording" if health.recording else "Record")
+        record = "End recording" if health.recording else "Record"
+        self.actions_by_name["record"].setText(record)
+        self.buttons["record"].setText(_button_text(record, self.actions_by_name["record"]))
         facts = [self._said, f"person: {self.subject}" if self.subject else ""]
         if frame is not None:
             if (stance := frame.stance) is not None:
                 facts.append(f"{stance.posture}, facing {stance.facing_deg:+.0f}°")
-            facts.append(f"{self.rate_hz:.0f} labelled frames a second, {frame.latency_ms:.0f} ms old")
-        facts += [f"{name} {stream.rate_hz:.0f}/s" for name, stream in health.streams.items()]
+            rate = f"{self.rate_hz:.0f} labelled frames a second, {frame.latency_ms:.0f} ms old"
+            facts.append(f"{self.shown} frames shown" if ended else rate)
+        if not ended:
+            facts += [f"{name} {stream.rate_hz:.0f}/s" for name, stream in health.streams.items()]
         facts.append(f"{health.dropped} dropped" if health.dropped else "")
         facts.append("flag closed" if health.flag_closed_s else "")
         self.facts.setText("   ·   ".join(filter(None, facts)))
@@ -209,7 +223,11 @@ class LiveWindow(QMainWindow):
     def mark(self) -> None:
         """Note what happens now."""
         if text := self._asked("Mark an event", "What happens now?"):
-            self._act(lambda: self.pipeline.rig.mark(text))
+            self._act(partial(self._mark, text))
+
+    def help(self) -> None:
+        """Show all keys."""
+        show_keys(self, [(command.key, command.hint or command.title) for command in COMMANDS])
 
     def name(self) -> None:
         """Name the person of the next recording."""
@@ -243,6 +261,11 @@ class LiveWindow(QMainWindow):
         path = self.pipeline.rig.end_recording()
         self._said = f"{path} is saved" if path else ""
 
+    def _mark(self, text: str) -> None:
+        self.pipeline.rig.mark(text)
+        where = "" if self.pipeline.rig.health().recording else ", but nothing is recorded"
+        self._said = f"Marked: {text}{where}"
+
     def _act(self, action: Callable[[], None]) -> None:
         try:
             action()
@@ -260,3 +283,7 @@ class LiveWindow(QMainWindow):
         if self.cloud_view is not None:
             self.cloud_view.end()
         event.accept()
+
+
+def _button_text(title: str, action: QAction) -> str:
+    return f"{title}   {action.shortcut().toString()}"

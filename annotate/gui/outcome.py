@@ -34,6 +34,16 @@ def strokes_text(count: int) -> str:
     return "1 stroke" if count == 1 else f"{count:,} strokes"
 
 
+VERDICT_TITLES = {"accept": "Accepted", "agree": "Agreed", "reject": "Rejected"}
+"""Verdicts as outcomes."""
+
+
+def rejected_text(reason: str) -> str:
+    """Return a rejection in words. reason: one of the dialog's or the person's own, which keeps its case."""
+    first = reason[:1].lower() if reason[1:2].islower() else reason[:1]
+    return f"Rejected ({first}{reason[1:]})"
+
+
 def described(stroke: Stroke, limb: str = "") -> str:
     """A stroke in words: how many pixels went from which parts to which. limb: of a swap."""
     count = pixels_text(len(stroke.pixels))

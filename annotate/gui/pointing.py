@@ -22,7 +22,8 @@ _MODIFIER = Qt.KeyboardModifier
 class Hand:
     """The tool and its settings, shared by all views; see ``Drawing``.
 
-    once: the command that the next click carries out instead, "" for none.
+    once: the command that the next click carries out instead, "" for none. ctrl, shift: whether the key is
+    held, which turns a switch round for the next stroke.
     """
 
     tool: Tool = "piece"
@@ -31,7 +32,27 @@ class Hand:
     through: bool = False
     only: bool = False
     room: bool = False
+    ctrl: bool = False
+    shift: bool = False
     color: QColor = field(default_factory=lambda: QColor("white"))
+
+    @property
+    def goes_through(self) -> bool:
+        """Whether the next stroke goes through the body."""
+        return self.through ^ self.ctrl
+
+    @property
+    def takes_only(self) -> bool:
+        """Whether the next stroke replaces only the part that it starts on."""
+        return self.only ^ self.shift
+
+    def hold(self, modifiers: Qt.KeyboardModifier) -> bool:
+        """Note the modifier keys that are held; returns whether they are others than before."""
+        before = self.ctrl, self.shift
+        self.ctrl, self.shift = (
+            bool(modifiers & m) for m in (_MODIFIER.ControlModifier, _MODIFIER.ShiftModifier)
+        )
+        return before != (self.ctrl, self.shift)
 
     def set_radius(self, radius_px: float) -> None:
         """Change the brush's radius, in logical pixels."""
@@ -44,12 +65,14 @@ class Pointing(QWidget):
     It shows the shape being drawn, the brush, a ring at the position in the other view, the outline of what a
     click would take (veil), words on the pixel under the pointer and the scale of the colours, and repaints
     without rendering the view below again. drawn: a finished Drawing. hovered: the pointer's position, or
-    None when it left. sampled: Alt+click.
+    None when it left. sampled: a click with Alt, or one with Ctrl and the right button, since many window
+    managers take Alt. held: other modifier keys are held than before.
     """
 
     drawn = Signal(object)
     hovered = Signal(object)
     sampled = Signal()
+    held = Signal()
 
     def __init__(self, view: QWidget, hand: Hand) -> None:
         super().__init__(view)
@@ -97,6 +120,10 @@ class Pointing(QWidget):
 
     def _draw_shape(self, painter: QPainter, drawing: Drawing) -> None:
         points = [QPointF(x, y) for x, y in drawing.outline_px()]
+        corners = points
+        if drawing.tool == "polygon" and self.place:
+            # A rubber band from the last corner to the pointer.
+            points = [*points, self.place]
         color = QColor(self.hand.color)
         color.setAlpha(110 if drawing.tool == "brush" else 90)
         if drawing.tool == "brush":
@@ -107,7 +134,7 @@ class Pointing(QWidget):
         painter.setBrush(color)
         _stroke(painter, partial(painter.drawPolygon, QPolygonF(points)))
         if drawing.tool == "polygon":
-            for corner in points:
+            for corner in corners:
                 _stroke(painter, partial(painter.drawEllipse, corner, 3, 3))
 
     # Drawing
@@ -117,6 +144,20 @@ class Pointing(QWidget):
         had, self.drawing = self.drawing is not None, None
         self.update()
         return had
+
+    def remove_corner(self) -> bool:
+        """Remove the last corner of the polygon being drawn; returns whether any is left."""
+        if self.drawing and not self.drawing.without_corner():
+            self.drawing = None
+        self.update()
+        return self.drawing is not None
+
+    def close_polygon(self) -> bool:
+        """Finish the polygon being drawn; returns whether it has the corners for that."""
+        if self.drawing is None or self.drawing.is_slip:
+            return False
+        self._finish()
+        return True
 
     def eventFilter(self, view: QObject, event: QEvent) -> bool:  # noqa: N802
         """Qt's hook: true for events that are handled here."""
@@ -140,8 +181,13 @@ class Pointing(QWidget):
 
     def _mouse(self, kind: QEvent.Type, event: QMouseEvent) -> bool:
         self.place = event.position()
+        if self.hand.hold(event.modifiers()):
+            self.held.emit()
         if kind == QEvent.Type.MouseMove:
             return self._moved(event)
+        if samples(event) and kind != QEvent.Type.MouseButtonRelease:
+            self.sampled.emit()
+            return True
         if event.button() != Qt.MouseButton.LeftButton:
             return False
         polygon = self.drawing is not None and self.drawing.tool == "polygon"
@@ -171,12 +217,9 @@ class Pointing(QWidget):
         elif self.drawing and self.drawing.tool == "polygon":
             self.drawing.corner(x, y)
         else:
-            ctrl, shift = (bool(held & m) for m in (_MODIFIER.ControlModifier, _MODIFIER.ShiftModifier))
-            through, only = hand.through ^ ctrl, hand.only ^ shift
-            options = hand.radius_px, through, only, hand.room
-            self.drawing = Drawing(
-                "piece" if hand.once else hand.tool, (x, y), *options, held_keys=ctrl + shift
-            )
+            options = hand.radius_px, hand.goes_through, hand.takes_only, hand.room
+            tool: Tool = "piece" if hand.once else hand.tool
+            self.drawing = Drawing(tool, (x, y), *options, held_keys=hand.ctrl + hand.shift)
         self.update()
 
     def _finish(self) -> None:
@@ -184,6 +227,13 @@ class Pointing(QWidget):
         self.update()
         if drawing and not drawing.is_slip:
             self.drawn.emit(drawing)
+
+
+def samples(event: QMouseEvent) -> bool:
+    """Return whether a button is pressed that chooses the part under the pointer, or released again."""
+    return event.button() == Qt.MouseButton.RightButton and bool(
+        event.modifiers() & _MODIFIER.ControlModifier
+    )
 
 
 def _stroke(painter: QPainter, draw: Callable[[], None]) -> None:

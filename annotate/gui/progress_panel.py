@@ -1,16 +1,16 @@
-"""Beside the frames: their order and filter, a field to go to one, progress and the time left."""
+"""Beside the frames: their order and filter, a field to go to one, progress of the work and of learning."""
 
 from collections.abc import Iterable
 from functools import partial
 
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QMenu, QProgressBar, QToolButton, QWidget
+from PySide6.QtWidgets import QGridLayout, QLineEdit, QMenu, QProgressBar, QToolButton, QWidget
 
 from annotate.correction.queue import Progress
 from annotate.gui.theme import scaled
 from annotate.gui.walk import FILTERS, ORDERS, Walk
-from annotate.gui.widgets import button, named
+from annotate.gui.widgets import Elided, button, named
 
 
 class ProgressPanel(QWidget):
@@ -37,13 +37,14 @@ class ProgressPanel(QWidget):
         self.bar = QProgressBar(textVisible=False)
         self.bar.setFixedHeight(6)
         self.bar.setAccessibleName("Frames done")
-        self.text = named(QLabel(), "quiet")
+        self.text = named(Elided(), "quiet")
+        self._progress, self._learning = "", ""
         grid = QGridLayout(self)
         grid.setContentsMargins(8, 6, 8, 6)
         grid.setSpacing(4)
-        grid.addWidget(self.order, 0, 0)
-        grid.addWidget(self.filter, 0, 1)
-        grid.addWidget(self.number, 1, 0, 1, 2)
+        grid.addWidget(self.order, 0, 0, 1, 2)
+        grid.addWidget(self.filter, 1, 0)
+        grid.addWidget(self.number, 1, 1)
         grid.addWidget(self.bar, 2, 0, 1, 2)
         grid.addWidget(self.text, 3, 0, 1, 2)
 
@@ -56,7 +57,16 @@ class ProgressPanel(QWidget):
         self.bar.setRange(0, max(1, progress.total))
         self.bar.setValue(progress.done)
         self.bar.setUpdatesEnabled(True)
-        self.text.setText(progress.text)
+        self._progress = progress.text
+        self._show_text()
+
+    def show_learning(self, text: str) -> None:
+        """Show how far a learning is, in place of the work's progress; "" for none."""
+        self._learning = text
+        self._show_text()
+
+    def _show_text(self) -> None:
+        self.text.setText(self._learning or self._progress)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802
         """Qt's hook: Escape leaves the field; its other keys are no commands."""

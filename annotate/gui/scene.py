@@ -1,6 +1,6 @@
 """One frame as the window shows it: its points and the data for all colourings. No window here."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -33,7 +33,8 @@ class FrameScene:
     the last learning, or None. near: bool (h * w,), points shown in
     full. room: int64 (k,), pixels of the thinned rest, every ``room_step``th along each side.
     shade: float32 (h * w,), 0 edge-on to 1 head-on. pieces: int32 (h, w), supervoxels for clicks, -1 = none.
-    remark: the missing data and the reason, "" if none are missing.
+    remark: the missing data and the reason, "" if none are missing. no_other: the reason why nothing is
+    compared.
     """
 
     labels: FrameLabels
@@ -45,6 +46,7 @@ class FrameScene:
     shade: Float32
     pieces: Int32
     remark: str = ""
+    no_other: str = "nothing to compare: give another label set with --compare"
 
     @property
     def points_m(self) -> Float32:
@@ -62,7 +64,10 @@ class FrameScene:
 
 
 class SceneReader:
-    """Reads scenes of the set that is being corrected; also from a thread beside the window's."""
+    """Reads scenes of the set that is being corrected; also from a thread beside the window's.
+
+    has_recording: whether scenes have the colours and temperatures of a recording.
+    """
 
     def __init__(
         self, correction: Correction, session: Path | None = None, other: LabelSet | None = None
@@ -71,6 +76,7 @@ class SceneReader:
         self._correction, self.other = correction, other
         labels = self.labels = correction.labels
         self._recorded = Recorded(labels, session)
+        self.has_recording = session is not None
         if other and other.intrinsics.shape != labels.intrinsics.shape:
             raise FormatError(
                 f"{other.path} has frames of {other.intrinsics.shape}, {labels.path} of "
@@ -90,7 +96,8 @@ class SceneReader:
         color = cloud.color_rgb if cloud.color_valid.any() else None
         pieces = edit_supervoxels(labels.depth_mm, labels.parts, cloud.camera, color)
         remark = "; ".join(filter(None, [without, unlike]))
-        return FrameScene(labels, cloud, other, near, room, step, shade_of(cloud), pieces, remark)
+        scene = FrameScene(labels, cloud, other, near, room, step, shade_of(cloud), pieces, remark)
+        return replace(scene, no_other=unlike) if unlike else scene
 
     def _compared(self, labels: FrameLabels) -> tuple[UInt8 | None, str]:
         if self.other is None:

@@ -1,7 +1,6 @@
 """The window's shell: its widgets in their places, the theme, and what is remembered of it."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QPointF, Qt, QTimer, Signal
@@ -17,7 +16,7 @@ from annotate.gui.desk import Desk
 from annotate.gui.frame_strip import FrameStrip
 from annotate.gui.hints import KeyPage, StatusLine
 from annotate.gui.keys import Settings
-from annotate.gui.memory import Memory, recall, remember
+from annotate.gui.memory import Memory, order_key, remember
 from annotate.gui.outcome import NOTHING
 from annotate.gui.palette import Palette
 from annotate.gui.panes import Panes
@@ -38,16 +37,15 @@ EDGE = 0.1
 class Shell(QMainWindow):
     """requested: a button with a command's name was clicked. actions_by_name: what ``commands.bind`` made.
 
-    memory: file of what is remembered, None for nothing; known: what was. pane: the view that the pointer was
+    known: what is remembered. pane: the view that the pointer was
     in last. peeking: whether the views are shown without parts. doubt: the frame's worst place in words.
     """
 
     requested = Signal(str)
 
-    def __init__(self, desk: Desk, walk: Walk, settings: Settings, memory: Path | None) -> None:
+    def __init__(self, desk: Desk, walk: Walk, settings: Settings, known: Memory) -> None:
         super().__init__()
-        self.desk, self.walk, self.settings = desk, walk, settings
-        self._memory_path, self.known = memory, recall(memory)
+        self.desk, self.walk, self.settings, self.known = desk, walk, settings, known
         chosen = settings.theme != "system"
         self.theme = theme_of(settings.theme if chosen or not self.known.theme else self.known.theme)
         # Before there are widgets: styling them one by one is quicker than all at once.
@@ -113,18 +111,18 @@ class Shell(QMainWindow):
     def remember(self) -> None:
         """Write down what is remembered."""
         size = self.normalGeometry().size() if self.isMaximized() else self.size()
-        memory = Memory(
-            (size.width(), size.height()),
-            self.isMaximized(),
-            self.panes.swapped,
-            "dark" if self.theme is DARK else "light",
-            self.walk.order,
-            self.hand.tool,
-            self.hand.radius_px,
-            (self.cloud_view.look, self.depth_pane.look),
-            self.panes.splits(),
+        memory = replace(
+            self.known,
+            size=(size.width(), size.height()),
+            maximized=self.isMaximized(),
+            swapped=self.panes.swapped,
+            theme="dark" if self.theme is DARK else "light",
+            tool=self.hand.tool,
+            radius_px=self.hand.radius_px,
+            looks=(self.cloud_view.look, self.depth_pane.look),
+            splits=self.panes.splits(),
         )
-        remember(self._memory_path, memory)
+        remember(memory.with_order(order_key(self.desk.correction), self.walk.order))
 
     # Showing
 
@@ -173,11 +171,23 @@ class Shell(QMainWindow):
             self.tools.show_state(self.hand, desk.carrying, enabled, self.theme)
         self.header.show_desk(desk, self.walk, self.theme, self.doubt and f"look at {self.doubt}")
         self.panel.show_walk(self.walk, self.walk.progress())
-        self.status.show_desk(desk, self.hand, self.theme)
+        self.strip.frames.changed(desk.scene.labels.frame_id)
+        self.status.show_desk(desk, self.theme)
+        self.show_next()
         for view in self.views:
             self.panes.bars[view].show_look(view.look, desk)
             view.pointing.scale = legend(desk.scene, self.look(view).colouring)
             view.pointing.update()
+
+    def show_next(self) -> None:
+        """Show what the next click will do, with the keys that are held and in the view under the pointer."""
+        self.status.show_next(self.desk, self.hand, self.pane is self.depth_pane)
+
+    def hover_again(self) -> None:
+        """Show what is under the pointer anew, after labels or the tool changed below it."""
+        for view in self.views:
+            if view.pointing.place is not None and not view.pointing.drawing:
+                self.show_hovered(view, view.pointing.place)
 
     def refresh_picture(self) -> None:
         """Draw the frame's picture in the strip as its labels are now."""
@@ -194,8 +204,9 @@ class Shell(QMainWindow):
     def show_hovered(self, view: View, place: QPointF | None) -> None:
         other = self.depth_pane if view is self.cloud_view else self.cloud_view
         pixel = view.pixel_at(place) if place is not None else None
-        if place is not None:
+        if place is not None and view is not self.pane:
             self.pane = view
+            self.show_next()
         other.mark(pixel)
         taken = NOTHING
         if self.hand.tool == "piece" and not self.hand.once and not self.key_page.isVisible():

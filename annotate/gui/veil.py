@@ -61,6 +61,15 @@ def draw_words(painter: QPainter, size: QRectF, text: str) -> None:
     painter.drawText(box.adjusted(7, 0, 0, 0), left, text)
 
 
+def draw_title(painter: QPainter, text: str) -> None:
+    """Draw a title at the upper left corner, on a dark ground of its own, visible on any picture."""
+    size = painter.fontMetrics().size(0, text)
+    box = QRectF(0, 0, size.width() + 2 * MARGIN_PX, size.height() + MARGIN_PX)
+    painter.fillRect(box, QColor(0, 0, 0, 170))
+    painter.setPen(QColor("white"))
+    painter.drawText(box, Qt.AlignmentFlag.AlignCenter, text)
+
+
 def draw_scale(painter: QPainter, size: QRectF, scale: tuple[str, str, UInt8] | None) -> None:
     """A scale at the upper right corner, its ends named beneath; see ``colors.legend``."""
     if scale is None:

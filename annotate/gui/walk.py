@@ -8,8 +8,14 @@ from typing import Literal
 from annotate.array_types import UInt8
 from annotate.correction.correction import Correction
 from annotate.correction.edit import Editor
-from annotate.correction.propagate import FRAMES_COMPARED
-from annotate.correction.queue import Progress, confidence_of, progress, review_queue, teaching_order
+from annotate.correction.queue import (
+    Progress,
+    confidence_of,
+    is_queued,
+    progress,
+    review_queue,
+    teaching_order,
+)
 from annotate.correction.replay import STATE_NAMES, State
 from annotate.gui.scene import FrameScene, SceneReader
 from sensors.errors import CloudError
@@ -20,7 +26,7 @@ Order = Literal["time", "worst", "teach", "review"]
 ORDERS: dict[Order, str] = {
     "time": "By time",
     "worst": "Worst first",
-    "teach": "Teaches most",
+    "teach": "Most useful first",
     "review": "For review",
 }
 Filter = Literal["all", "unfinished"] | State
@@ -56,10 +62,10 @@ class Walk:
         self.reasons: dict[str, str] = {}
         self._confidence: dict[str, float | None] = {}
 
-    def arrange(self, order: Order, kept: Filter, frame_id: str) -> None:
-        """Choose an order and a filter; the frame that is open is shown whatever they are."""
+    def arrange(self, order: Order, kept: Filter, frame_id: str = "") -> None:
+        """Choose an order and a filter; the frame that is open, if any, is shown whatever they are."""
         self.order, self.filter = order, kept
-        found = [i for i in self.all_ids if i == frame_id or self._passes(i)]
+        found = [i for i in self.all_ids if i == frame_id or self.passes(i)]
         if order == "review":
             queue = review_queue(self.correction)
             self.reasons = {queued.frame_id: queued.reason for queued in queue}
@@ -72,18 +78,19 @@ class Walk:
             found.sort(key=lambda i: place.get(i, len(place)))
         self.frame_ids = found
 
-    def _passes(self, frame_id: str) -> bool:
+    def passes(self, frame_id: str) -> bool:
+        """Return whether the filter shows a frame."""
         state = self.correction.state(frame_id)
         return self.filter in ("all", state) or (self.filter == "unfinished" and state in UNFINISHED)
 
     def first(self) -> list[str]:
-        """Frames to try to open first: those that nobody has finished, then the others.
+        """Return the frames in the order in which to try to open one: those that wait, then the others.
 
         Raises CloudError for an empty set.
         """
         if not self.all_ids:
             raise CloudError(f"{self.correction.labels.path} holds no frames; label a recording first")
-        return sorted(self.all_ids, key=lambda i: self.correction.state(i) not in UNFINISHED)
+        return sorted(self.frame_ids, key=lambda i: not self.waits(i))
 
     def read(self, frame_id: str) -> FrameScene:
         """A frame's scene with its labels as they stand, waited for where it is not there yet.
@@ -143,11 +150,17 @@ class Walk:
         return next((i for i in (*self.frame_ids[at:], *self.frame_ids[:at]) if self.waits(i)), None)
 
     def waits(self, frame_id: str) -> bool:
-        """Whether a frame waits for this person: unfinished, or in the order for review unreviewed."""
-        state = self.correction.state(frame_id)
-        if self.order != "review":
-            return state in UNFINISHED
-        return state == "accepted" and self.correction.next_verdict(frame_id) == "agree"
+        """Return whether a frame waits for this person: unfinished; in the order for review, unreviewed."""
+        if self.order == "review":
+            return is_queued(self.correction, frame_id)
+        return self.correction.state(frame_id) in UNFINISHED
+
+    def all_done(self) -> str:
+        """Return in words what is left when no frame that is shown waits."""
+        if self.order == "review":
+            return "Nothing is left to review"
+        left = any(self.waits(i) for i in self.all_ids)
+        return "No unfinished frame among those shown" if left else "No unfinished frames left"
 
     def forget(self) -> None:
         """Read every frame anew: labels have changed beside the window."""
@@ -163,21 +176,6 @@ class Walk:
         if frame_id not in self._confidence:
             self._confidence[frame_id] = confidence_of(self.correction, frame_id)
         return self._confidence[frame_id]
-
-    def corrected_near(self, frame_id: str) -> list[str]:
-        """Ids of the frames nearest in time, before and after, that people corrected or accepted.
-
-        Raises CloudError where there are none.
-        """
-        at = self.all_ids.index(frame_id)
-        near = sorted(range(len(self.all_ids)), key=lambda i: (abs(i - at), i))
-        done = [i for i in (self.all_ids[n] for n in near) if self._votes(i)]
-        if not (found := [i for i in done if i != frame_id][:FRAMES_COMPARED]):
-            raise CloudError("No frame has been corrected yet: there is nothing to carry over")
-        return found
-
-    def _votes(self, frame_id: str) -> bool:
-        return self.correction.state(frame_id) not in ("auto", "rejected")
 
     def close(self) -> None:
         """Stop reading ahead."""

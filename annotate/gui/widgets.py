@@ -1,11 +1,12 @@
 """The parts of all widgets: layouts, cards, lines of text, and the pictures of tools and tiles as SVG."""
 
+from html import escape
 from typing import TypeVar
 
 from PySide6.QtCore import QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QIcon, QPainter, QPainterPath, QPen, QPixmap
+from PySide6.QtGui import QColor, QIcon, QPainter, QPainterPath, QPaintEvent, QPen, QPixmap
 from PySide6.QtSvg import QSvgRenderer
-from PySide6.QtWidgets import QBoxLayout, QFrame, QLayout, QToolButton, QWidget
+from PySide6.QtWidgets import QBoxLayout, QFrame, QLabel, QLayout, QSizePolicy, QToolButton, QWidget
 
 from annotate.gui.theme import Theme
 
@@ -77,6 +78,31 @@ def laid(
         else:
             layout.addSpacing(item)
     return layout
+
+
+class Elided(QLabel):
+    """A line of plain text that ends in an ellipsis where it is too long; its tool tip holds the whole."""
+
+    def __init__(self) -> None:
+        super().__init__(textFormat=Qt.TextFormat.PlainText)
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+
+    @property
+    def shown(self) -> str:
+        """The part of the text that is visible, with the ellipsis."""
+        room = self.contentsRect().width()
+        return self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, room)
+
+    def setText(self, text: str) -> None:  # noqa: N802
+        """Qt's setter."""
+        super().setText(text)
+        self.setToolTip(escape(text))
+
+    def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
+        """Qt's hook."""
+        painter = QPainter(self)
+        painter.setPen(self.palette().color(self.foregroundRole()))
+        painter.drawText(self.contentsRect(), self.alignment(), self.shown)
 
 
 def line(vertical: bool = False) -> QFrame:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QPointF, QTimer, Signal
+from PySide6.QtCore import QEvent, QPointF, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QColor, QKeyEvent
 
 from annotate.array_types import UInt8
@@ -16,6 +16,7 @@ from annotate.gui.bars import CHANGING, View
 from annotate.gui.desk import Desk
 from annotate.gui.drawing import Drawing, Tool
 from annotate.gui.keys import Settings
+from annotate.gui.memory import order_key, recall
 from annotate.gui.opening import first, restored
 from annotate.gui.outcome import Done
 from annotate.gui.scene import FrameScene, SceneReader
@@ -26,9 +27,17 @@ from annotate.labelset.journal import NotSavedError
 from annotate.labelset.stroke import Activity
 from sensors.errors import CloudError
 
+CTRL, SHIFT = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
 AT_ONCE_MS = 20
 """Milliseconds after which it is said what the window is busy with: a frame that was read ahead opens without
 a flicker. Chosen by eye."""
+PEEK_MS = 50
+"""Milliseconds from the release of the key for peeking to the return of the parts, because X servers repeat a
+held key as a release and a press (untuned)."""
+NO_RECORDING = "No recording beside these labels: no colour and heat; reopen with --session RECORDING"
+"""First sentence of a window that shows depth alone."""
+POLYGON_KEYS = (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Backspace)
+"""Keys of a polygon being drawn, whatever else they are: close it, remove its last corner."""
 Read = tuple[FrameScene, UInt8 | None]
 """A frame as it was read, and the parts (h, w) of the frame before."""
 
@@ -45,23 +54,27 @@ class CorrectionWindow(Shell):
     def __init__(
         self, correction: Correction, reader: SceneReader, settings: Settings, memory: Path | None = None
     ) -> None:
-        walk = Walk(correction, reader)
+        known, walk = recall(memory), Walk(correction, reader)
+        walk.arrange(known.order(order_key(correction)), "all")
         opened = first(walk)
         desk = Desk(correction, opened.scene, opened.editor, opened.before)
-        super().__init__(desk, walk, settings, memory)
+        super().__init__(desk, walk, settings, known)
         self.correction, self.background = correction, Background()
-        self._retry_declined = False
+        self._retry_declined, self._closing = False, False
+        self._peek_due = QTimer(self, singleShot=True, interval=PEEK_MS)
+        self._peek_due.timeout.connect(partial(self.peek, False))
         # What is ready at once shows no sentence in between; frames are saved when the next one is shown.
         self.busy_due = QTimer(self, singleShot=True, interval=AT_ONCE_MS)
         self.busy_due.timeout.connect(self._show_busy)
         self.leave_due = QTimer(self, singleShot=True, interval=0)
         self.leave_due.timeout.connect(lambda: self.act(lambda: correction.leave_others(self.frame_id)))
         self._connect()
-        self.walk.arrange(self.known.order, "all", self.frame_id)
         self.strip.frames.order(self.walk.frame_ids)
         self.choose(self.desk.part)
         self.show_theme()
         self.show_frame()
+        if not reader.has_recording and not desk.scene.remark:
+            self.status.show_done(Done(NO_RECORDING, "warn"), self.theme)
 
     # Frames
 
@@ -73,6 +86,10 @@ class CorrectionWindow(Shell):
     def open_frame(self, frame_id: str, then: Callable[[], Done | None] = lambda: None) -> None:
         """Open another frame, at once where it was read ahead; then do something on it."""
         if frame_id == self.frame_id or self.background.busy:
+            return
+        if shape := self.shape_in_hand:
+            self.strip.choose(self.frame_id)
+            self.status.show_done(Done(shape, "warn"), self.theme)
             return
 
         def read() -> Read:
@@ -99,6 +116,7 @@ class CorrectionWindow(Shell):
         if self.frame_id not in self.walk.frame_ids:
             self.arrange(self.walk.order, self.walk.filter)
         self.show_frame()
+        self.hover_again()
         return then()
 
     def show_anew(self, read: Read, done: Done) -> Done:
@@ -122,8 +140,13 @@ class CorrectionWindow(Shell):
         def fail(error: CloudError) -> None:
             self.status.show_done(Done(str(error), "bad"), self.theme)
 
-        self.background.run(text, work, then, failed or fail)
+        self.background.run(text, work, then, failed or fail, self._idle)
         self.busy_due.start()
+
+    def _idle(self) -> None:
+        """Close a window that was to close when its work was done."""
+        if self._closing and not self.background.busy:
+            self.close()
 
     def _show_busy(self) -> None:
         if self.background.busy:
@@ -139,7 +162,8 @@ class CorrectionWindow(Shell):
         """Open the frame of this number, zeros at its beginning left out."""
         found = [i for i in self.walk.all_ids if number in (i, i.lstrip("0") or "0")]
         if not found:
-            return Done(f"There is no frame {number}", "warn")
+            first, last = (i.lstrip("0") or "0" for i in (self.walk.all_ids[0], self.walk.all_ids[-1]))
+            return Done(f"There is no frame {number}: they are numbered {first} to {last}", "warn")
         self.open_frame(found[0])
         return None
 
@@ -166,11 +190,40 @@ class CorrectionWindow(Shell):
         self.hand.color = part_color(part, self.theme) if part else QColor("white")
         if self.desk.alone:
             self.recolor()
+        self.hover_again()
 
     def set_tool(self, tool: Tool) -> None:
         """Choose another tool; a shape begun with the last one is dropped."""
         self.hand.tool = tool
         self.cancel_stroke()
+        self.hover_again()
+
+    @property
+    def shape_in_hand(self) -> str:
+        """How to end the shape being drawn, in words; "" where none is."""
+        drawing = next((view.pointing.drawing for view in self.views if view.pointing.drawing), None)
+        if drawing is None:
+            return ""
+        ways = (
+            "Return closes it, Backspace removes a corner"
+            if drawing.tool == "polygon"
+            else "release the button"
+        )
+        return f"A {drawing.tool} is being drawn: {ways}, Esc drops it"
+
+    def remove_corner(self) -> Done | None:
+        """Remove the last corner of a polygon being drawn; None where none is."""
+        for view in self.views:
+            drawing = view.pointing.drawing
+            if drawing and drawing.tool == "polygon":
+                return Done("Corner removed" if view.pointing.remove_corner() else "Polygon dropped")
+        return None
+
+    def _close_polygon(self) -> Done | None:
+        for view in self.views:
+            if view.pointing.drawing and not view.pointing.close_polygon():
+                return Done("A polygon needs three corners", "warn")
+        return None
 
     def cancel_stroke(self) -> bool:
         """Drop the shapes being drawn and a command that waits for a click; whether there were any."""
@@ -217,6 +270,7 @@ class CorrectionWindow(Shell):
             if len(done.pixels):
                 self.recolor(done.pixels)
                 self.picture_due.start()
+                self.hover_again()
             self.status.show_done(done, self.theme)
         self._retry_declined = self._retry_declined and self.correction.unsaved > 0
         self.refresh()
@@ -272,6 +326,7 @@ class CorrectionWindow(Shell):
         for view in self.views:
             view.pointing.drawn.connect(partial(self._drawn, view))
             view.pointing.hovered.connect(partial(self.show_hovered, view))
+            view.pointing.held.connect(self.show_next)
             view.moved.connect(partial(self.mark, "navigating"))
             view.moved.connect(partial(view.pointing.show_under_pointer, None, ""))
             bar = self.panes.bars[view]
@@ -296,31 +351,72 @@ class CorrectionWindow(Shell):
         self.requested.emit(name)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:  # noqa: N802
-        """Qt's hook: the key that is held to peek."""
+        """Qt's hook: the key that is held to peek, those of a polygon, and those that turn strokes round."""
+        if event.key() in POLYGON_KEYS and self.shape_in_hand:
+            erases = event.key() == Qt.Key.Key_Backspace
+            self.act(self.remove_corner if erases else self._close_polygon)
+            return
+        self._hold(event)
         self._peek_key(event, True)
 
     def keyReleaseEvent(self, event: QKeyEvent) -> None:  # noqa: N802
         """Qt's hook."""
+        self._hold(event)
         self._peek_key(event, False)
 
+    def event(self, event: QEvent) -> bool:
+        """Qt's hook: a polygon's keys are no commands; no key is held in a window that is left."""
+        if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
+            if event.key() in POLYGON_KEYS and self.shape_in_hand:
+                event.accept()
+                return True
+        elif event.type() == QEvent.Type.WindowDeactivate and self.hand.hold(Qt.KeyboardModifier.NoModifier):
+            self.show_next()
+        return super().event(event)
+
+    def _hold(self, event: QKeyEvent) -> None:
+        """Note the modifier keys that are held after an event."""
+        keys = {Qt.Key.Key_Control: CTRL, Qt.Key.Key_Shift: SHIFT}
+        own, held = keys.get(Qt.Key(event.key())), event.modifiers()
+        if own is not None:
+            # Systems differ in whether a modifier's own press and release count it.
+            held = held | own if event.type() == QEvent.Type.KeyPress else held & ~own
+        if self.hand.hold(held):
+            self.show_next()
+
     def _peek_key(self, event: QKeyEvent, pressed: bool) -> None:
-        if event.key() == self.actions_by_name["peek"].data() and not event.isAutoRepeat():
-            self.peek(pressed and not self.key_page.isVisible())
+        if event.key() != self.actions_by_name["peek"].data() or event.isAutoRepeat():
+            return
+        if not pressed:
+            self._peek_due.start()
+        elif not self.key_page.isVisible():
+            self._peek_due.stop()
+            self.peek(True)
 
     def closeEvent(self, event: QCloseEvent) -> None:  # noqa: N802
-        """Qt's hook: everything is saved, or the window stays."""
+        """Qt's hook: everything is saved, or the window stays.
+
+        Work beside the window ends first, because it may write to the label set.
+        """
+        if self.background.busy and not self._closing:
+            self._closing = True
+            self.status.show_done(Done(f"{self.background.busy} Then the window closes"), self.theme)
+            event.ignore()
+            return
+        self.background.close()
         try:
             self.correction.close()
         except NotSavedError:
             if not dialogs.ask_close(self, self.correction.unsaved):
+                self._closing = False
+                self.background = Background()
                 event.ignore()
                 return
             self.correction.abandon()
-        for due in (self.words_due, self.busy_due, self.leave_due):
+        for due in (self.words_due, self.busy_due, self.leave_due, self.picture_due, self._peek_due):
             due.stop()
         self.remember()
         self.closed.emit()
-        self.background.close()
         self.walk.close()
         self.strip.frames.close()
         self.cloud_view.end()
