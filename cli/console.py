@@ -38,8 +38,11 @@ _NUMBER = re.compile(r"[+-]?[\d.,]+( ?%)?|-")
 
 
 @contextmanager
-def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Show the progress of a long run, its rate and the time left; yields ``advance(n)``."""
+def progress(what: str, total: int | None) -> Iterator[Callable[[int], None]]:
+    """Show the progress of a long run, its rate and the time left; yields ``advance(n)``.
+
+    total: None where it is not known.
+    """
     console = Console(stderr=True)
     if not console.is_terminal:
         yield _lines(what, total)
@@ -65,7 +68,7 @@ def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
         yield advance
 
 
-def _lines(what: str, total: int) -> Callable[[int], None]:
+def _lines(what: str, total: int | None) -> Callable[[int], None]:
     started = said = time.monotonic()
     done = 0
 
@@ -73,11 +76,14 @@ def _lines(what: str, total: int) -> Callable[[int], None]:
         nonlocal said, done
         done += n
         now = time.monotonic()
-        if now - said >= LINE_SECONDS or done >= total:
+        if now - said >= LINE_SECONDS or (total is not None and done >= total):
             said = now
             rate = done / (now - started + 1e-6)
-            left = max(0, total - done) / rate if rate else 0
-            print(f"{what}: {done}/{total}, {rate:.1f}/s, {left:.0f} s left", file=sys.stderr, flush=True)
+            course = f"{what}: {done}, {rate:.1f}/s"
+            if total is not None:
+                left = max(0, total - done) / rate if rate else 0
+                course = f"{what}: {done}/{total}, {rate:.1f}/s, {left:.0f} s left"
+            print(course, file=sys.stderr, flush=True)
 
     return advance
 

@@ -124,11 +124,13 @@ def _import_images(source: Path, out: Path, overwrite: bool, json: bool) -> None
 def _import_labels(source: Path, out: Path, overwrite: bool, json: bool) -> None:
     from annotate.exchange.formats import import_labels
 
-    with progress("import", 0) as advance:
-        labels, name = import_labels(source, out, advance, overwrite=overwrite)
+    with progress("import", None) as advance:
+        labels, name, remarks = import_labels(source, out, advance, overwrite=overwrite)
+    for remark in remarks:
+        say(remark)
     frames = len(labels)
     streams = {"depth": frames, "parts": frames}
-    result = {"frames": frames, "streams": streams, "format": name, "path": str(out)}
+    result = {"frames": frames, "streams": streams, "format": name, "path": str(out), "remarks": remarks}
     finish(result, json, f"{frames} labelled frames of {name} in {out}")
 
 

@@ -18,7 +18,8 @@ from annotate.exchange import cvat as cvat_format
 from annotate.exchange import labelled_cloud as cloud_format
 from annotate.exchange import parquet as parquet_format
 from annotate.exchange import record_file
-from annotate.exchange.coco import ANNOTATIONS, rle_from_string, rle_to_string
+from annotate.exchange.coco import ANNOTATIONS
+from annotate.exchange.coco_runs import rle_from_string, rle_to_string
 from annotate.exchange.companion import COMPANION, Companion
 from annotate.exchange.cvat import ANNOTATIONS as XML
 from annotate.exchange.formats import FORMATS, export_labels, import_labels, recognise
@@ -176,7 +177,7 @@ def test_uncompressed_run_lengths_are_read(export, tmp_path):
     for annotation in content["annotations"]:
         annotation["segmentation"]["counts"] = rle_from_string(annotation["segmentation"]["counts"])
     (out / ANNOTATIONS).write_text(json.dumps(content))
-    back, _ = import_labels(out, tmp_path / "back", nothing)
+    back, *_ = import_labels(out, tmp_path / "back", nothing)
     np.testing.assert_array_equal(back.read("000000").parts, blocks(0).parts)
 
 
@@ -253,7 +254,7 @@ def test_cvat_masks_and_polygons_of_others_are_read(export, tmp_path):
         '<mask label="head" rle="1, 2, 1" left="5" top="4" width="2" height="2" z_order="1"/>'
         '<box label="x" xtl="1"/><tag label="y"/></image></annotations>'
     )
-    back, _ = import_labels(out, tmp_path / "back", nothing)
+    back, *_ = import_labels(out, tmp_path / "back", nothing)
     parts = back.read("000001").parts
     assert parts[4:6, 5:7].tolist() == [[2, 1], [1, 2]]
     assert set(np.unique(parts[4:8, 5:9])) == {1, 2}
@@ -375,7 +376,7 @@ def test_two_frames_of_one_name_are_refused(export, tmp_path):
     content = json.loads((out / ANNOTATIONS).read_text())
     content["images"][1]["file_name"] = content["images"][0]["file_name"]
     (out / ANNOTATIONS).write_text(json.dumps(content))
-    with pytest.raises(FormatError, match="two frames"):
+    with pytest.raises(FormatError, match="two images are called"):
         import_labels(out, tmp_path / "back", nothing)
 
 
@@ -408,7 +409,7 @@ def test_folders_of_others_need_only_intrinsics(export, tmp_path):
         (out / folder / "train").mkdir()
         (out / folder / "000001.png").rename(out / folder / "train" / "000001.png")
         (out / folder / "000000.png").unlink()
-    back, _ = import_labels(out, tmp_path / "back", nothing)
+    back, *_ = import_labels(out, tmp_path / "back", nothing)
     expected = replace(blocks(1), subject="", status="auto")
     assert_same_frame(back.read("000001"), expected, ("persons", "confidence"))
     (out / "intrinsics.json").unlink()

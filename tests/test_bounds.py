@@ -49,6 +49,7 @@ RIG = RigCalibration(KINECT2_DEPTH)
 HOUR_S = 3600
 HONEST: dict[str, float] = {
     "annotate.exchange.companion.MAX_TEXT_BYTES": 50_000 * 10_000,  # frames of CVAT
+    "annotate.exchange.unpacked.MAX_FILES": 2 * 1_000_000,  # frames
     "annotate.exchange.labelled_cloud.MAX_CLOUD_BYTES": 50_000_000
     * 33,  # points: double xyz, float color, part
     "annotate.exchange.parquet.MAX_GROUP_BYTES": 1000 * 1024 * 1024 * 2,  # images of 16 bits

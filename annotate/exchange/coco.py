@@ -1,26 +1,38 @@
 """COCO: ``annotations.json`` with run-length masks, and the depth images in ``images/``.
 
-Format: cocodataset.org, "Data format"; the compressed run lengths are those of pycocotools' ``maskApi.c``
-(``rleToString``). They are read here and not by pycocotools, which writes past its memory where a file is cut
-off. A part is a category by its id, undefined is 255, a person's whole mask is category 100.
+Format: cocodataset.org, "Data format"; run lengths: ``coco_runs``. A part is a category by its id, undefined
+is 255, a person's whole mask is category 100.
 """
 
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from annotate.array_types import Bool
+import numpy as np
+from natsort import natsorted
+
 from annotate.crop import window_of
+from annotate.exchange.coco_runs import pixels_of, rle_to_string
 from annotate.exchange.companion import MAX_TEXT_BYTES, Companion
-from annotate.exchange.masks import MASK_IDS, PERSON, Mask, images_from, mask_from_runs, masks_of, runs_of
+from annotate.exchange.image_names import frame_ids, read_depth
+from annotate.exchange.masks import MASK_IDS, PERSON, Mask, images_from, masks_of, runs_of
+from annotate.exchange.polygons import POLYGONS, polygon_pixels
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.images import decode_depth, encode_png
+from annotate.labelset.images import encode_png
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.rig.camera import Intrinsics
 
 ANNOTATIONS, IMAGES = "annotations.json", "images"
+LAYOUTS = (
+    "annotations/instances_*.json",
+    "instances_*.json",
+    "annotations/*.json",
+    "_annotations.coco.json",
+    "result.json",
+)
+"""Annotation files as CVAT, Roboflow and Label Studio name them, by glob pattern."""
 CATEGORIES = {**MASK_IDS, PERSON: 100}
 """Category by the name of a mask."""
 
@@ -42,18 +54,50 @@ def write_coco(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> 
     (out / ANNOTATIONS).write_text(json.dumps(content), encoding="ascii")
 
 
+def annotation_files(source: Path) -> list[Path]:
+    """Return the annotation files of a folder, as this project, CVAT, Roboflow and Label Studio name them.
+
+    CVAT's ``annotations/instances_SUBSET.json`` come first: its key points lie beside them.
+    """
+    for pattern in (ANNOTATIONS, *LAYOUTS):
+        if files := natsorted(source.glob(pattern)):
+            return files
+    return []
+
+
 def read_coco(source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """The inverse of ``write_coco``; masks as run lengths, compressed or not. Raises FormatError."""
+    """Read masks as run lengths, compressed or not, and polygons; the inverse of ``write_coco``.
+
+    Raises FormatError.
+    """
+    images = [image for file in annotation_files(source) for image in _images(file)]
+    ids = frame_ids([image.name for image in images])
+    yield from (_frame(source, *both, companion) for both in zip(images, ids, strict=True))
+
+
+class _Image(NamedTuple):
+    """An image of an annotation file: its name, its annotations, and the names of categories by id."""
+
+    file: Path
+    name: str
+    annotations: list[dict[str, Any]]
+    categories: dict[str, str]
+
+
+def _images(file: Path) -> list[_Image]:
+    """Return the images of an annotation file, in its order; ids may be numbers or texts."""
     try:
-        content = json.loads(read_bounded(source / ANNOTATIONS, MAX_TEXT_BYTES))
-        names = {int(c["id"]): str(c["name"]) for c in content["categories"]}
-        images = {int(image["id"]): image for image in content["images"]}
-        by_image: dict[int, list[dict[str, Any]]] = {number: [] for number in images}
+        content = json.loads(read_bounded(file, MAX_TEXT_BYTES))
+        categories = {str(c["id"]): str(c["name"]) for c in content["categories"]}
+        images = {
+            str(image["id"]): _Image(file, str(image["file_name"]), [], categories)
+            for image in content["images"]
+        }
         for annotation in content["annotations"]:
-            by_image[int(annotation["image_id"])].append(annotation)
+            images[str(annotation["image_id"])].annotations.append(annotation)
     except (ValueError, KeyError, TypeError, RecursionError, OverflowError) as error:
-        raise FormatError(f"{source / ANNOTATIONS} is not a COCO file ({str(error)[:80]!r})") from error
-    yield from (_frame(source, images[n], by_image[n], names, companion) for n in images)
+        raise FormatError(f"{file} is not a COCO file ({str(error)[:80]!r})") from error
+    return list(images.values())
 
 
 def _annotation(mask: Mask, number: int, image: int) -> dict[str, Any]:
@@ -73,68 +117,33 @@ def _annotation(mask: Mask, number: int, image: int) -> dict[str, Any]:
     }
 
 
-def _frame(
-    source: Path,
-    image: dict[str, Any],
-    annotations: list[dict[str, Any]],
-    names: dict[int, str],
-    companion: Companion,
-) -> FrameLabels:
-    name = Path(str(image.get("file_name", ""))).name
+def _frame(source: Path, image: _Image, frame_id: str, companion: Companion) -> FrameLabels:
     try:
-        depth_mm = decode_depth(read_bounded(source / IMAGES / name))
-        masks = (_mask(annotation, names, depth_mm.shape) for annotation in annotations)
-        parts, persons = images_from(masks, depth_mm.shape)
+        depth_mm = read_depth(source, image.name)
+        shape = depth_mm.shape
+        masks = (_mask(one, image.categories, shape, companion) for one in image.annotations)
+        parts, persons = images_from((mask for mask in masks if mask is not None), shape)
     except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
-        raise FormatError(f"{source / ANNOTATIONS}, image {name[:100]!r}: {str(error)[:80]!r}") from error
-    return companion.labels(name.removesuffix(".png"), depth_mm, parts, persons)
+        raise FormatError(f"{image.file}, image {image.name[:100]!r}: {str(error)[:80]!r}") from error
+    return companion.labels(frame_id, depth_mm, parts, persons)
 
 
-def _mask(annotation: dict[str, Any], names: dict[int, str], shape: tuple[int, int]) -> Mask:
-    segmentation = annotation["segmentation"]
-    if not isinstance(segmentation, dict):
-        raise FormatError("a mask is a polygon; export run lengths (RLE), polygons are not exact")
-    height, width = (int(side) for side in segmentation["size"])
-    if (height, width) != shape:
-        raise FormatError(f"a mask is {height}x{width} on an image of {shape}; export it again")
-    counts = segmentation["counts"]
-    runs = rle_from_string(counts) if isinstance(counts, str) else [int(n) for n in counts]
-    pixels: Bool = mask_from_runs(runs, height * width).reshape((height, width), order="F")
-    return Mask(names[int(annotation["category_id"])], int(annotation.get("person", 1)), pixels)
-
-
-def rle_to_string(runs: list[int]) -> str:
-    """Text of run lengths in COCO's compressed form.
-
-    From the fourth on each is the difference to the last but one; each character, counted from "0", holds
-    five bits and a sixth that is set while more of the number follows.
-    """
-    text = []
-    for i, run in enumerate(runs):
-        value, more = (run - runs[i - 2] if i > 2 else run), True
-        while more:
-            low = value & 31
-            value >>= 5
-            more = value != (-1 if low & 16 else 0)
-            text.append(chr(low + 48 + (32 if more else 0)))
-    return "".join(text)
-
-
-def rle_from_string(text: str) -> list[int]:
-    """Inverse of ``rle_to_string``. Raises FormatError."""
-    runs: list[int] = []
-    value = shift = 0
-    for character in text:
-        bits = ord(character) - 48
-        if not 0 <= bits < 64 or shift > 35:
-            raise FormatError(f"a mask's run lengths hold {character!r}; export it again")
-        value |= (bits & 31) << shift
-        shift += 5
-        if not bits & 32:
-            if bits & 16:
-                value -= 1 << shift
-            runs.append(value + runs[-2] if len(runs) > 2 else value)
-            value = shift = 0
-    if shift:
-        raise FormatError("a mask's run lengths are truncated; export it again")
-    return runs
+def _mask(
+    annotation: dict[str, Any], categories: dict[str, str], shape: tuple[int, int], companion: Companion
+) -> Mask | None:
+    """Return the mask of an annotation; None for a box or key points alone, which are counted."""
+    segmentation, name = annotation.get("segmentation"), categories[str(annotation["category_id"])]
+    person = int(annotation.get("person", 1))
+    if not segmentation:
+        companion.remark("annotations without a mask (boxes, key points) are not read")
+        return None
+    if isinstance(segmentation, dict):
+        pixels, remark = pixels_of(segmentation, annotation.get("bbox"), shape)
+        if remark:
+            companion.remark(remark)
+        return Mask(name, person, pixels)
+    companion.remark(POLYGONS)
+    pixels = np.zeros(shape, np.bool_)
+    for polygon in segmentation:
+        pixels |= polygon_pixels(np.array(polygon, np.float64).reshape(-1, 2), shape)
+    return Mask(name, person, pixels)

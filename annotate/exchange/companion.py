@@ -5,6 +5,7 @@ another tool, is read too, given ``intrinsics.json``.
 """
 
 import json
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -26,10 +27,18 @@ MAX_TEXT_BYTES = 1_000_000_000
 
 @dataclass
 class Companion:
-    """The camera of a folder, and by frame id what its images lack, in the order of the frames."""
+    """The camera of a folder, and by frame id what its images lack, in the order of the frames.
+
+    remarks: what a reader left out or assumed, with how often.
+    """
 
     intrinsics: Intrinsics
     frames: dict[str, dict[str, Any]] = field(default_factory=dict)
+    remarks: Counter[str] = field(default_factory=Counter)
+
+    def remark(self, text: str) -> None:
+        """Count something that was left out or assumed."""
+        self.remarks[text] += 1
 
     def add(self, frame: FrameLabels) -> None:
         """Note a frame's subject, status and notes."""
@@ -66,13 +75,18 @@ class Companion:
             raise FormatError(f"{COMPANION}: frame {frame_id[:100]!r} is malformed ({error})") from error
 
 
-def load_companion(folder: Path) -> Companion:
-    """Read a folder's companion, or its intrinsics alone. Raises FormatError, CalibrationError."""
+def load_companion(folder: Path, intrinsics: Path | None = None) -> Companion:
+    """Read a folder's companion, or intrinsics alone: a file that is given, or the folder's.
+
+    Raises FormatError, CalibrationError.
+    """
     file = folder / COMPANION
+    if intrinsics is not None:
+        return Companion(read_intrinsics(intrinsics).depth)
     if not file.is_file():
         if not (folder / INTRINSICS).is_file():
             raise CalibrationError(
-                f"{folder} has neither {COMPANION} nor {INTRINSICS}; add {folder / INTRINSICS} holding "
+                f"{folder} has neither {COMPANION} nor {INTRINSICS}; give --intrinsics FILE holding "
                 '{"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": W, "height": H} of the depth camera'
             )
         return Companion(read_intrinsics(folder / INTRINSICS).depth)

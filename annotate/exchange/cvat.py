@@ -6,20 +6,20 @@ XML with a document type, which is what entities and external references need, i
 """
 
 from collections.abc import Iterator
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
 
-import cv2
 import numpy as np
 from defusedxml import DTDForbidden
 from defusedxml.ElementTree import fromstring
 
-from annotate.array_types import Bool
 from annotate.crop import window_of
 from annotate.exchange.companion import MAX_TEXT_BYTES, Companion
+from annotate.exchange.image_names import frame_ids, read_depth
 from annotate.exchange.masks import MASK_IDS, PERSON, Mask, images_from, mask_from_runs, masks_of, runs_of
+from annotate.exchange.polygons import POLYGONS, polygon_pixels
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.images import decode_depth, encode_png
+from annotate.labelset.images import encode_png
 from annotate.parts import UNDEFINED, palette_rgb
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
@@ -56,7 +56,8 @@ def read_cvat(source: Path, companion: Companion) -> Iterator[FrameLabels]:
         raise FormatError(f"{file} is not XML ({str(error)[:80]}); export it from CVAT again") from error
     if not images:
         raise FormatError(f"{file} holds no image; give CVAT's 'CVAT for images 1.1'")
-    yield from (_frame(source, image, companion) for image in images)
+    ids = frame_ids([image.get("name", "") for image in images])
+    yield from (_frame(source, *both, companion) for both in zip(images, ids, strict=True))
 
 
 def _labels() -> Iterator[str]:
@@ -81,16 +82,21 @@ def _mask_xml(mask: Mask) -> str:
     return f"  {head}{attribute}</mask>\n"
 
 
-def _frame(source: Path, image: Element, companion: Companion) -> FrameLabels:
-    name = PurePosixPath(image.get("name", "").replace("\\", "/")).name
+def _frame(source: Path, image: Element, frame_id: str, companion: Companion) -> FrameLabels:
+    name = image.get("name", "")
+    for shape in image:
+        if shape.tag == "polygon":
+            companion.remark(POLYGONS)
+        elif shape.tag != "mask":
+            companion.remark(f"shapes of the kind {shape.tag[:40]} are not read")
     try:
-        depth_mm = decode_depth(read_bounded(source / IMAGES / name))
+        depth_mm = read_depth(source, name)
         shapes = (shape for shape in image if shape.tag in SHAPES)
         ordered = sorted(shapes, key=lambda shape: int(shape.get("z_order", 0)))
         parts, persons = images_from((_mask(shape, depth_mm.shape) for shape in ordered), depth_mm.shape)
     except (ValueError, KeyError, OverflowError, FormatError) as error:
         raise FormatError(f"{source / ANNOTATIONS}, image {name[:100]!r}: {str(error)[:200]}") from error
-    return companion.labels(name.removesuffix(".png"), depth_mm, parts, persons)
+    return companion.labels(frame_id, depth_mm, parts, persons)
 
 
 def _mask(element: Element, shape: tuple[int, int]) -> Mask:
@@ -98,7 +104,8 @@ def _mask(element: Element, shape: tuple[int, int]) -> Mask:
     fields = element.attrib
     person = int(element.findtext("attribute[@name='number']") or 1)
     if element.tag == "polygon":
-        return Mask(fields["label"], person, _polygon(fields["points"], shape))
+        points = [[float(x) for x in point.split(",")] for point in fields["points"].split(";")]
+        return Mask(fields["label"], person, polygon_pixels(np.array(points, np.float64), shape))
     left, top, width, height = (int(fields[name]) for name in ("left", "top", "width", "height"))
     if not (0 <= left < left + width <= shape[1] and 0 <= top < top + height <= shape[0]):
         raise FormatError(f"a mask lies at {left}, {top}, {width}x{height} on an image of {shape}")
@@ -106,14 +113,3 @@ def _mask(element: Element, shape: tuple[int, int]) -> Mask:
     box = mask_from_runs([int(n) for n in fields["rle"].split(",")], width * height)
     pixels[top : top + height, left : left + width] = box.reshape(height, width)
     return Mask(fields["label"], person, pixels)
-
-
-def _polygon(text: str, shape: tuple[int, int]) -> Bool:
-    """Pixels (h, w) of a polygon. CVAT's pixel centres lie at halves, OpenCV's at whole numbers."""
-    points = [[float(x) for x in point.split(",")] for point in text.split(";")]
-    corners = np.array(points, np.float64) - 0.5
-    if corners.shape[1:] != (2,) or len(corners) < 3 or not (np.abs(corners) < 1e5).all():
-        raise FormatError("a polygon has fewer than three corners on the image; export it again")
-    canvas = np.zeros(shape, np.uint8)
-    cv2.fillPoly(canvas, [np.rint(corners).astype(np.int32)], 1)
-    return canvas.astype(bool)

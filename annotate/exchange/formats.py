@@ -4,18 +4,21 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
-from annotate.exchange import coco, cvat
-from annotate.exchange.coco import read_coco, write_coco
+from annotate.exchange import cvat
+from annotate.exchange.coco import annotation_files, read_coco, write_coco
 from annotate.exchange.companion import COMPANION, Companion, load_companion
 from annotate.exchange.cvat import read_cvat, write_cvat
 from annotate.exchange.image_pairs import MMSEG, PAPER, Folders, read_pairs, write_pairs
 from annotate.exchange.labelled_cloud import PCD, PLY, CloudFile, read_clouds, write_clouds
 from annotate.exchange.parquet import camera_of_parquet, is_parquet, read_parquet, write_parquet
 from annotate.exchange.semantic_kitti import LABELS, SEQUENCE, read_kitti, write_kitti
+from annotate.exchange.unpacked import unpacked
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.appearing import appearing
 from annotate.labelset.store import MANIFEST, LabelSet
+from annotate.parts import BACKGROUND, BODY_PARTS
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics
 
@@ -34,7 +37,7 @@ class Format:
     read: Reader
     recognise: Callable[[Path], bool]
     lacks: tuple[str, ...]
-    companion: Callable[[Path], Companion] = load_companion
+    companion: Callable[[Path, Path | None], Companion] = load_companion
 
 
 def _holds(*patterns: str) -> Callable[[Path], bool]:
@@ -54,7 +57,7 @@ def _clouds(kind: CloudFile) -> Format:
 FORMATS = {
     "pairs": _pairs(PAPER),
     "mmseg": _pairs(MMSEG),
-    "coco": Format(write_coco, read_coco, _holds(coco.ANNOTATIONS), ("confidence",)),
+    "coco": Format(write_coco, read_coco, lambda source: bool(annotation_files(source)), ("confidence",)),
     "cvat": Format(write_cvat, read_cvat, _holds(cvat.ANNOTATIONS), ("confidence",)),
     "pcd": _clouds(PCD),
     "ply": _clouds(PLY),
@@ -98,28 +101,59 @@ def recognise(source: Path) -> str | None:
     return next((name for name, format_ in FORMATS.items() if format_.recognise(source)), None)
 
 
-def import_labels(
-    source: Path, out: Path, advance: Callable[[int], None], *, overwrite: bool = False
-) -> tuple[LabelSet, str]:
-    """Read another tool's folder into a new label set; returns it and the format's name.
+class Imported(NamedTuple):
+    """A new label set, the name of the format it came in, and what was left out or assumed."""
 
-    ``out`` appears when it is whole. Raises FormatError, CalibrationError, ExistsError.
+    labels: LabelSet
+    format: str
+    remarks: tuple[str, ...]
+
+
+def import_labels(
+    source: Path,
+    out: Path,
+    advance: Callable[[int], None],
+    *,
+    overwrite: bool = False,
+    intrinsics: Path | None = None,
+) -> Imported:
+    """Read another tool's folder, archive (.zip) or annotation file into a new label set.
+
+    ``out`` appears when it is whole. intrinsics: the depth camera's, in JSON; None = the folder's. Raises
+    FormatError, also where no frame has a body part, CalibrationError, ExistsError.
     """
-    name = recognise(source)
-    if name is None:
+    with unpacked(source) as folder:
+        name = recognise(folder)
+        if name is None:
+            raise FormatError(
+                f"{source} holds labels in no known format; give a folder or archive of "
+                f"{', '.join(FORMATS)}, or name the result .mcap to import images"
+            )
+        companion = FORMATS[name].companion(folder, intrinsics)
+        info = {"source": source.resolve().name, "steps": {"import": {"format": name}}}
+        with appearing(out, MANIFEST, source, overwrite=overwrite) as made:
+            labels = LabelSet.create(made, companion.intrinsics, info)
+            named = False
+            for frame in FORMATS[name].read(folder, companion):
+                if frame.frame_id in labels:
+                    raise FormatError(f"{source} has two frames called {frame.frame_id[:100]!r}; rename one")
+                labels.write(frame)
+                named |= bool((frame.parts != BACKGROUND).any())
+                advance(1)
+            _check_named(source, labels, named or (folder / COMPANION).is_file())
+    return Imported(LabelSet.open(out), name, _texts(companion))
+
+
+def _check_named(source: Path, labels: LabelSet, named: bool) -> None:
+    """Raise FormatError for an import without frames, or whose every pixel is background."""
+    if not len(labels):
+        raise FormatError(f"{source} holds no frames; export it again")
+    if not named:
         raise FormatError(
-            f"{source} holds labels in no known format; give a folder of {', '.join(FORMATS)}, or name the "
-            "result .mcap to import images"
+            f"{source} labels no body part in {len(labels)} frames; give the labels the names of parts: "
+            f"{', '.join(part.name for part in BODY_PARTS)}"
         )
-    companion = FORMATS[name].companion(source)
-    info = {"source": source.resolve().name, "steps": {"import": {"format": name}}}
-    with appearing(out, MANIFEST, source, overwrite=overwrite) as folder:
-        labels = LabelSet.create(folder, companion.intrinsics, info)
-        for frame in FORMATS[name].read(source, companion):
-            if frame.frame_id in labels:
-                raise FormatError(f"{source} has two frames called {frame.frame_id[:100]!r}; rename one")
-            labels.write(frame)
-            advance(1)
-        if not len(labels):
-            raise FormatError(f"{source} holds no frames; export it again")
-    return LabelSet.open(out), name
+
+
+def _texts(companion: Companion) -> tuple[str, ...]:
+    return tuple(f"{count} times: {text}" for text, count in companion.remarks.items())

@@ -11,6 +11,8 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
+from natsort import natsorted
+
 from annotate.exchange.companion import Companion, frame_files
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import decode_depth, decode_parts, encode_parts, encode_png, read_image
@@ -41,8 +43,12 @@ def read_pairs(folders: Folders, source: Path, companion: Companion) -> Iterator
 
     Raises FormatError.
     """
-    splits = sorted(folder.name for folder in (source / folders[1]).iterdir() if folder.is_dir()) or [""]
+    splits = natsorted(folder.name for folder in (source / folders[1]).iterdir() if folder.is_dir()) or [""]
     for split in splits:
-        for frame_id, file in frame_files(source / folders[1] / split, ".png"):
+        labelled = list(frame_files(source / folders[1] / split, ".png"))
+        images = {file.name for file in (source / folders[0] / split).glob("*.png")}
+        for _ in images - {file.name for _, file in labelled}:
+            companion.remark(f"images in {folders[0]}/ without a label image in {folders[1]}/ are left out")
+        for frame_id, file in labelled:
             depth_mm = read_image(source / folders[0] / split / file.name, decode_depth)
             yield companion.labels(frame_id, depth_mm, read_image(file, decode_parts))

@@ -55,10 +55,10 @@ def is_parquet(source: Path) -> bool:
     return bool(_files(source))
 
 
-def camera_of_parquet(source: Path) -> Companion:
+def camera_of_parquet(source: Path, intrinsics: Path | None = None) -> Companion:
     """The camera of Parquet files, or the folder's companion. Raises FormatError, CalibrationError."""
     camera = _camera(_files(source)[0])
-    return Companion(camera) if camera else load_companion(source)
+    return Companion(camera) if camera else load_companion(source, intrinsics)
 
 
 def read_parquet(source: Path, companion: Companion) -> Iterator[FrameLabels]:

@@ -25,7 +25,8 @@ TABLES = (
     Table(
         name="network",
         kind="synthetic",
-        about="the shipped network; one seed a preset; intervals over people, 24 images of each (16 in sitting-test, recumbent, upright).",
+        about="the shipped network; one seed a preset; intervals over people, 24 images of each "
+        "(16 in sitting-test, recumbent, upright).",
         pages=("eval/weights/compact.md", "docs/figures.md"),
         columns={
             "images": ".0f",
