@@ -2,27 +2,22 @@
 
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.errors import FormatError
-from sensors.importers.cloud_header import MAX_POINTS
+from sensors.importers.cloud_records import MAX_POINTS, CloudRecords
 
 CHUNK = 1_000_000
-"""Points unpacked at once; chosen by eye."""
+"""Points unpacked at once; untuned."""
 _VLR_BYTES, _EVLR_BYTES, _CHUNK_BYTES = 54, 60, 20
 """Least bytes of a variable length record, of an extended one, and of a chunk: one point (the format)."""
-FAR_M = 1000.0
-"""Metres from the origin beyond which a cloud is moved to its own centre; chosen by eye."""
+_COLORS = ("red", "green", "blue")
 
 
-def read_las(path: Path) -> NDArray[np.float64]:
-    """All points (n, 3) in metres; less their own rounded centre where they are far from the origin.
-
-    Georeferenced clouds lie millions of metres from the origin; only their shape is wanted here.
-    Raises FormatError.
-    """
+def read_las(path: Path) -> CloudRecords:
+    """All points, x y z as doubles in the file's own coordinates, with its colours. Raises FormatError."""
     try:
         import laspy
     except ImportError as error:
@@ -30,23 +25,29 @@ def read_las(path: Path) -> NDArray[np.float64]:
     try:
         _check_counts(path)
         with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as reader:
-            header, expected = reader.header, reader.header.point_count
+            header = reader.header
+            expected = header.point_count
             if not 0 < expected <= MAX_POINTS:
                 raise FormatError(f"{path} claims {expected} points; give 1 to {MAX_POINTS}")
-            chunks = [
-                np.stack([chunk[axis] for axis in "XYZ"], axis=-1) * header.scales + header.offsets
-                for chunk in reader.chunk_iterator(CHUNK)
-            ]
+            colors = [name for name in _COLORS if name in set(header.point_format.dimension_names)]
+            layout: list[Any] = [(axis, "<f8") for axis in "xyz"]
+            layout += [(name, "<u2") for name in colors] if len(colors) == 3 else []
+            chunks = []
+            for chunk in reader.chunk_iterator(CHUNK):
+                part = np.zeros(len(chunk), layout)
+                for axis, scale, offset in zip("xyz", header.scales, header.offsets, strict=True):
+                    part[axis] = np.asarray(chunk[axis.upper()]) * scale + offset
+                for name in colors if len(colors) == 3 else []:
+                    part[name] = chunk[name]
+                chunks.append(part)
     except (FormatError, KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:  # a panic of the LAZ decoder is no Exception
         raise FormatError(f"{path} cannot be read ({str(error)[:80]}); restore it from a copy") from error
-    points = np.concatenate(chunks) if chunks else np.zeros((0, 3))
-    if len(points) != expected:
-        raise FormatError(f"{path} holds {len(points)} of its {expected} points; restore it from a copy")
-    finite = points[np.isfinite(points).all(axis=1)]
-    centre = np.rint(np.median(finite, axis=0)) if len(finite) else np.zeros(3)
-    return points - centre if np.abs(centre).max() > FAR_M else points
+    records = np.concatenate(chunks) if chunks else np.zeros(0, layout)
+    if len(records) != expected:
+        raise FormatError(f"{path} holds {len(records)} of its {expected} points; restore it from a copy")
+    return CloudRecords(records)
 
 
 def _check_counts(path: Path) -> None:

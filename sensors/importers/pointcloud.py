@@ -1,203 +1,247 @@
-"""A point cloud file (PCD, PLY, LAS, LAZ) as a source of one depth image.
+"""A point cloud file (PCD, PLY, LAS, LAZ) as a source of one depth image with the cloud's colours.
 
-An organised cloud already is a depth image: its intrinsics are fitted to its points. Any other cloud is seen
-through the intrinsics of a Kinect v2, from where the whole of it is in view.
+An organised cloud already is a depth image: its camera is fitted to its grid. Any other cloud that lies in a
+camera's frame stays there, and is seen by a camera at its origin; the rest is moved into a camera's view.
 """
 
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import FormatError
-from sensors.importers.cloud_header import CloudHeader, read_header
+from sensors.importers.cloud_axes import AXES, camera_from, cone_of, thinned, upright, world_axes
+from sensors.importers.cloud_grid import grid_camera
+from sensors.importers.cloud_records import CloudRecords
+from sensors.importers.cloud_unit import unit_mm
+from sensors.importers.cloud_view import (
+    KINECT_V2,
+    camera_of,
+    pixels_of,
+    project_cloud,
+    shift_into_view,
+    spacing_m,
+)
 from sensors.importers.las import read_las
+from sensors.importers.pcd_file import read_pcd
+from sensors.importers.pixel_lattice import find_line
+from sensors.importers.ply_file import read_ply
 from sensors.rig.camera import Intrinsics
-from sensors.rig.frame import FrameSource, RigFrame, mm_from_metres, regular_times_ns
-from sensors.rig.nearest import Nearest
-from sensors.rig.rig_calibration import RigCalibration
+from sensors.rig.frame import FARTHEST_MM, FrameSource, RigFrame, mm_from_metres, regular_times_ns
+from sensors.rig.rig_calibration import Pose, RigCalibration
 
-KINECT_V2 = Intrinsics(512, 424, 365.15, 365.15, 253.98, 211.09)
-"""Pinhole of a typical Kinect v2 depth camera; a projected cloud has no lens distortion."""
+Float64 = NDArray[np.float64]
 
-NEAREST_M = 0.5
-"""Nearest depth of a Kinect v2."""
-MARGIN = 0.05
-"""Share of the image kept free at each side of a cloud moved into view; chosen by eye."""
+READERS = {".pcd": read_pcd, ".ply": read_ply, ".las": read_las, ".laz": read_las}
+"""By suffix."""
+MAPS = (".las", ".laz")
+"""Formats of maps, whose z points up where nothing contradicts."""
 
-SPLAT = 0.65
-"""Half-width of a projected point in point spacings: a half closes an ideal lattice; on Kinect fusion scans
-0.6 is the least that hides their far side."""
 
-FARTHEST_M = 10_000.0
-"""Metres from the origin beyond which a coordinate counts as no reading; chosen by eye."""
+@dataclass(frozen=True)
+class CloudOptions:
+    """What a user knows of a cloud. axes: a name of ``cloud_axes.AXES``. depth_unit_mm: millimetres of a unit of
+    its coordinates. None: found in the points. Raises FormatError for other axes."""
 
-Axes = Literal["camera", "y-up", "z-up"]
-"""Axes of a cloud: the camera's own (x right, y down, z forward); y up, z backward; or z up, y forward."""
+    axes: str | None = None
+    depth_unit_mm: float | None = None
 
-_CAMERA_FROM = {
-    "camera": np.eye(3),
-    "y-up": np.diag([1.0, -1.0, -1.0]),
-    "z-up": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
-}
+    def __post_init__(self) -> None:
+        if self.axes is not None and self.axes not in AXES:
+            raise FormatError(f"axes {self.axes[:20]!r} are unknown; use {', '.join(AXES)}")
+
+
+@dataclass(frozen=True)
+class _View:
+    """How a cloud is seen. points_m: camera frame (n, 3), in the file's order, NaN = none.
+    shown: index (h, w) of each pixel's point, -1 = none. how: what was found or assumed.
+    organised: whether point n is pixel n."""
+
+    camera: Intrinsics
+    points_m: Float64
+    shown: NDArray[np.intp]
+    how: tuple[str, ...]
+    organised: bool = False
 
 
 class CloudFile(FrameSource):
-    """A point cloud file in metres as a ``FrameSource`` of one frame.
+    """A point cloud file as a ``FrameSource`` of one frame.
 
-    ``axes`` None: z up for LAS and LAZ, which are maps; y up where most points have a negative z, which no
-    camera sees; else the camera's own.
-    notes: what is absent, how intrinsics and viewpoint were found. Raises FormatError.
+    cloud: its points as the file has them. notes: what is absent, how unit, axes and camera were found. Raises
+    FormatError.
     """
 
-    def __init__(self, path: Path, axes: Axes | None = None) -> None:
+    def __init__(self, path: Path, options: CloudOptions | None = None) -> None:
         self.path, self.name = path, path.stem
-        mapped = path.suffix.lower() in (".las", ".laz")
-        header = CloudHeader(0, None) if mapped else read_header(path)
-        points = read_las(path) if mapped else _read_points(path, header)
-        points[(np.abs(points) > FARTHEST_M).any(axis=-1)] = np.nan
-        finite = points[np.isfinite(points).all(axis=-1)]
-        if len(finite) < 2:
-            raise FormatError(f"{path} holds {len(finite)} finite points; give a surface in metres")
-        seen: Axes = "y-up" if np.median(finite[:, 2]) < 0 else "camera"
-        known_axes = axes or ("z-up" if mapped else seen)
-        if header.shape is not None and known_axes == "camera":
-            camera, depth_m, how = _organised(path, points.reshape(*header.shape, 3))
-        else:
-            camera, depth_m, how = _unorganised(finite @ _CAMERA_FROM[known_axes].T, known_axes)
-        self.calibration, self.times_ns = RigCalibration(camera), regular_times_ns(1)
-        self.notes = (how, "no colour images", "no thermal images", "one frame, without time stamp")
+        self.cloud = READERS[path.suffix.lower()](path)
+        points = self.cloud.points()
+        with np.errstate(invalid="ignore"):
+            points[~np.isfinite(points).all(axis=1) | ~points.any(axis=1)] = np.nan
+        if np.isfinite(points[:, 0]).sum() < 2:
+            raise FormatError(f"{path} holds {np.isfinite(points[:, 0]).sum()} finite points; give a surface")
+        self._view = _seen(path, self.cloud, points, options or CloudOptions())
+        depth_m = np.where(self._view.shown >= 0, self._view.points_m[self._view.shown, 2], np.nan)
         self._depth_mm = mm_from_metres(depth_m)
+        self._check_depth()
+        colors = self.cloud.colors()
+        camera, pose = self._view.camera, Pose.identity()
+        self.calibration = (
+            RigCalibration(camera)
+            if colors is None
+            else RigCalibration(camera, camera, color_from_depth=pose)
+        )
+        self._color = None if colors is None else _png(colors, self._view.shown)
+        self.times_ns = regular_times_ns(1)
+        faces = self.cloud.faces
+        self.notes = (
+            *self._view.how,
+            *([f"a mesh: of its {faces} faces only the corners are read"] if faces else ()),
+            "no colour images" if colors is None else "colours of the cloud's points",
+            "no thermal images",
+            "one frame, without time stamp",
+        )
 
     def _frame(self, index: int) -> RigFrame:
-        return RigFrame(index, int(self.times_ns[index]), self._depth_mm)
+        return RigFrame(index, int(self.times_ns[index]), self._depth_mm, self._color)
 
-
-def fit_intrinsics(points_m: NDArray[np.float64]) -> tuple[Intrinsics, float]:
-    """Intrinsics of the pinhole that saw an organised cloud (h, w, 3), and the residual RMS in pixels.
-
-    Least squares of u = fx x/z + cx and v = fy y/z + cy over all finite points with z > 0.
-    Raises FormatError where the points do not determine them.
-    """
-    height, width = points_m.shape[:2]
-    v, u = np.nonzero(np.isfinite(points_m).all(axis=-1) & (points_m[..., 2] > 0))
-    x, y, z = points_m[v, u].T
-    (fx, cx, error_u), (fy, cy, error_v) = _line(x / z, u), _line(y / z, v)
-    if not (fx > 0 and fy > 0):
+    def _check_depth(self) -> None:
+        """Raise FormatError where the points lie beyond what a depth image holds."""
+        if self._depth_mm.any():
+            return
+        nearest = float(np.nanmin(np.abs(self._view.points_m[:, 2])))
         raise FormatError(
-            f"the {width}x{height} grid of the cloud fits no camera (fx={fx:.4g}, fy={fy:.4g}); "
-            "give x right, y down, z forward, in metres"
+            f"{self.path}: no point is within the {FARTHEST_MM / 1000:g} m of a depth image (the nearest is "
+            f"{nearest:.4g} m away); give --depth-unit, the millimetres of a unit"
         )
-    return Intrinsics(width, height, fx, fy, cx, cy), float(np.hypot(error_u, error_v))
+
+    @cached_property
+    def pixels(self) -> NDArray[np.intp]:
+        """The flat index (n,) of the pixel that shows each point of ``cloud``, in its order; -1 where none does."""
+        depth_m = np.where(self._depth_mm > 0, self._depth_mm / 1000, np.nan)
+        if self._view.organised:
+            return np.where(np.isfinite(depth_m.ravel()), np.arange(depth_m.size), -1)
+        return pixels_of(self._view.points_m, self._view.camera, depth_m)
 
 
-def project_cloud(points_m: NDArray[np.float64], camera: Intrinsics, spacing_m: float) -> NDArray[np.float64]:
-    """Depth image (h, w) in metres, NaN = nothing, of camera-frame points (n, 3); the nearest point wins.
-
-    A point covers the pixels within SPLAT * ``spacing_m`` of it, at least its own, so that a surface sampled
-    at that spacing shows no holes through which its far side would be seen.
-    """
-    points = points_m[points_m[:, 2] > 0]
-    x, y, z = points.T
-    u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
-    radius = np.clip(camera.fx * SPLAT * spacing_m / z, 0.5, 8.0)
-    depth = np.full(camera.shape, np.inf)
-    reach = int(np.ceil(radius.max(initial=0.5)))
-    for dv in range(-reach, reach + 1):
-        for du in range(-reach, reach + 1):
-            column, row = np.rint(u) + du, np.rint(v) + dv
-            hit = (np.abs(column - u) <= radius) & (np.abs(row - v) <= radius)
-            hit &= (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-            np.minimum.at(depth, (row[hit].astype(int), column[hit].astype(int)), z[hit])
-    return np.where(np.isfinite(depth), depth, np.nan)
+def _seen(path: Path, cloud: CloudRecords, points: Float64, options: CloudOptions) -> _View:
+    if cloud.grid is not None and options.axes is None:
+        return _organised(path, cloud, points, options)
+    return _unorganised(path, cloud, points, options)
 
 
-def shift_into_view(points_m: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.float64]:
-    """The translation (3,) in metres after which the camera sees all of the points (n, 3).
-
-    Zero where it does already; else the cloud is centred and moved back until it fills the image but
-    for a margin.
-    """
-    x, y, z = points_m.T
-    if z.min() >= NEAREST_M:
-        u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
-        if u.min() >= 0 and u.max() <= camera.width - 1 and v.min() >= 0 and v.max() <= camera.height - 1:
-            return np.zeros(3)
-    shift = np.asarray(-(points_m.min(axis=0) + points_m.max(axis=0)) / 2, np.float64)
-    # The camera's field is not symmetric about its axis: its narrower half counts.
-    center, size = np.array([camera.cx, camera.cy]), np.array([camera.width, camera.height])
-    half = np.minimum(center, size - 1 - center) * (1 - 2 * MARGIN)
-    needed = np.abs(points_m[:, :2] + shift[:2]) * (camera.fx, camera.fy) / half - z[:, None]
-    shift[2] = max(needed.max(), NEAREST_M - z.min())
-    return shift
-
-
-def _organised(path: Path, points_m: NDArray[np.float64]) -> tuple[Intrinsics, NDArray[np.float64], str]:
-    camera, residual = fit_intrinsics(points_m)
-    if residual > 2.0:
-        raise FormatError(
-            f"{path}: the grid of the cloud is not a pinhole image (residual {residual:.1f} px); "
-            "give it as an unorganised cloud (HEIGHT 1)"
-        )
+def _organised(path: Path, cloud: CloudRecords, points: Float64, options: CloudOptions) -> _View:
+    assert cloud.grid is not None
+    found = grid_camera(path, points.reshape(*cloud.grid, 3), cloud.viewpoint)
+    camera, pose = found.intrinsics, found.camera_from_cloud
+    seen = points @ pose.rotation.T + pose.translation_m
+    scale, unit = _unit(path, seen, options)
+    shown = np.where(np.isfinite(seen[:, 2]) & (seen[:, 2] > 0), np.arange(len(seen)), -1).reshape(cloud.grid)
     how = (
-        f"intrinsics fitted to the organised cloud: fx {camera.fx:.2f}, fy {camera.fy:.2f}, "
-        f"cx {camera.cx:.2f}, cy {camera.cy:.2f}, residual {residual:.2g} px"
+        f"intrinsics fitted to the organised cloud ({found.how}): fx {camera.fx:.2f}, fy {camera.fy:.2f}, "
+        f"cx {camera.cx:.2f}, cy {camera.cy:.2f}, residual {found.residual_px:.2g} px"
     )
-    return camera, points_m[..., 2], how
+    return _View(camera, seen * scale, shown, (how, *unit), organised=True)
 
 
-def _unorganised(points_m: NDArray[np.float64], axes: Axes) -> tuple[Intrinsics, NDArray[np.float64], str]:
-    shift = shift_into_view(points_m, KINECT_V2)
-    depth = project_cloud(points_m + shift, KINECT_V2, _spacing(points_m))
-    moved = "not moved" if not shift.any() else "moved by ({:.2f}, {:.2f}, {:.2f}) m".format(*shift)
-    return KINECT_V2, depth, f"cloud with {axes} axes seen through Kinect v2 intrinsics, {moved}"
+def _unit(path: Path, seen: Float64, options: CloudOptions) -> tuple[float, tuple[str, ...]]:
+    """Metres of a unit of camera-frame points (n, 3), and a note where it is no metre."""
+    ahead = seen[seen[:, 2] > 0, 2]
+    distance = float(np.median(ahead)) if len(ahead) else 0.0
+    return _scale(path, distance, ahead, options)
 
 
-def _line(ratio: NDArray[np.float64], pixel: NDArray[np.intp]) -> tuple[float, float, float]:
-    """Least-squares slope, offset and RMS of pixel = slope * ratio + offset."""
-    if len(ratio) < 3 or np.ptp(ratio) <= 0 or np.ptp(pixel) == 0:
-        return 0.0, 0.0, 0.0
-    centred, mean = ratio - ratio.mean(), pixel.mean()
-    slope = float(centred @ (pixel - mean) / (centred @ centred))
-    rms = float(np.sqrt(np.mean((slope * centred - (pixel - mean)) ** 2)))
-    return slope, float(mean - slope * ratio.mean()), rms
+def _scale(
+    path: Path, distance: float, along: Float64, options: CloudOptions
+) -> tuple[float, tuple[str, ...]]:
+    given = options.depth_unit_mm
+    millimetres = given or unit_mm(path, distance, along)
+    if millimetres == 1000.0:
+        return 1.0, ()
+    source = "as given" if given else f"since half of the points are more than {distance:.4g} units away"
+    return millimetres / 1000, (f"a unit of the cloud is {millimetres:g} mm, {source}",)
 
 
-def _spacing(points_m: NDArray[np.float64]) -> float:
-    """Distance that separates neighbouring points of a surface: nearest neighbours' 95th percentile."""
-    points = _distinct(points_m)
-    if len(points) < 2:
-        return 0.0
-    sample = points[:: max(1, len(points) // 5000)]
-    distances, _ = Nearest(points).query(sample, k=2)
-    return float(np.percentile(distances, 95))
+def _unorganised(path: Path, cloud: CloudRecords, points: Float64, options: CloudOptions) -> _View:
+    finite = points[np.isfinite(points[:, 0])]
+    names = tuple(AXES) if options.axes is None else (options.axes,)
+    tried = names if options.axes is not None else tuple(name for name in names if name != "kinect")
+    for pose, where in _sensors(cloud, thinned(finite)):
+        cone = cone_of(thinned(finite) @ pose.rotation.T + pose.translation_m, tried)
+        if cone is not None:
+            return _in_place(path, points, pose, where, cone.name, options)
+    return _moved(path, points, finite, options)
 
 
-def _distinct(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The points without those that an earlier one equals in float32, in their order."""
-    # The search compares in float32, and looks at all of many equal points each time.
-    rows = points_m.astype(np.float32)
-    order = np.lexsort(rows.T)
-    first = np.ones(len(rows), bool)
-    first[order[1:]] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
-    return points_m[first]
+def _sensors(cloud: CloudRecords, few: Float64) -> list[tuple[Pose, str]]:
+    """Where the sensor may be: the poses that bring the points into its frame, the likelier first.
+
+    A PCD's VIEWPOINT is the sensor's pose in the frame of the points (PointCloudLibrary/pcl#6279). Some
+    programs write it beside points that are in the sensor's own frame already (PCLVisualizer,
+    PointCloudLibrary/pcl#180; CloudCompare#522): there the points lie on the pixels of a camera at the origin.
+    """
+    own = (Pose.identity(), "at the cloud's origin")
+    if cloud.viewpoint is None:
+        return [own]
+    back = cloud.viewpoint.rotation.T
+    stated = (Pose(back, -back @ cloud.viewpoint.translation_m), "at the file's VIEWPOINT")
+    return [own, stated] if _on_pixels(few, own[0]) and not _on_pixels(few, stated[0]) else [stated, own]
 
 
-def _read_points(path: Path, header: CloudHeader) -> NDArray[np.float64]:
-    """All points (n, 3) in the file's order, NaN where not finite or farther than FARTHEST_M."""
-    try:
-        import open3d as o3d
-    except ImportError as error:
-        raise FormatError(f"{path} needs open3d; pip install 'annotate-cloud[clouds]'") from error
+def _on_pixels(points: Float64, pose: Pose) -> bool:
+    turned = points @ pose.rotation.T + pose.translation_m
+    cone = cone_of(turned)
+    if cone is None:
+        return False
+    x, y, z = (turned @ camera_from(cone.name).T).T
+    ahead = z > 0
+    return find_line(x[ahead] / z[ahead]) is not None and find_line(y[ahead] / z[ahead]) is not None
 
-    try:
-        with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-            cloud = o3d.t.io.read_point_cloud(path, remove_nan_points=False, remove_infinite_points=False)
-        with np.errstate(invalid="ignore"):  # signalling NaNs
-            points = np.array(cloud.point.positions.numpy(), np.float64)
-    except (RuntimeError, KeyError, ValueError) as error:
-        raise FormatError(f"{path} cannot be read; restore it from a copy") from error
-    if points.shape != (header.points, 3):
-        raise FormatError(f"{path} holds {len(points)} of its {header.points} points; restore it from a copy")
-    return points
+
+def _in_place(path: Path, points: Float64, pose: Pose, where: str, axes: str, options: CloudOptions) -> _View:
+    """The view of a camera in whose frame the points are after ``pose``."""
+    sensor = points @ pose.rotation.T + pose.translation_m
+    scale, unit = _unit(path, sensor @ camera_from(axes).T, options)
+    if options.axes is None:
+        some = thinned(sensor[np.isfinite(sensor[:, 0])]) * scale
+        axes = upright(some, axes)
+    seen = (sensor @ camera_from(axes).T) * scale
+    camera, spacing = camera_of(seen)
+    shown = project_cloud(seen, camera, spacing)
+    lens = "its own pixels" if spacing == 0 else "Kinect v2 focal length"
+    how = (
+        f"cloud with {axes} axes left in place, seen by a camera {where}: {camera.width}x{camera.height}, {lens}, "
+        f"fx {camera.fx:.2f}, fy {camera.fy:.2f}, cx {camera.cx:.2f}, cy {camera.cy:.2f}"
+    )
+    return _View(camera, seen, shown, (how, *unit))
+
+
+def _moved(path: Path, points: Float64, finite: Float64, options: CloudOptions) -> _View:
+    """The view of a Kinect v2 in front of a cloud that no camera at its origin saw."""
+    size = float(np.linalg.norm(np.ptp(np.percentile(thinned(finite), (2, 98), axis=0), axis=0)))
+    scale, unit = _scale(path, size, np.zeros(0), options)
+    middle = np.rint(np.median(finite, axis=0)) if np.abs(finite).max() * scale > 1000 else np.zeros(3)
+    some = (thinned(finite) - middle) * scale
+    mapped = path.suffix.lower() in MAPS
+    axes = options.axes or ("z-up" if mapped else world_axes(some))
+    if axes is None:
+        raise FormatError(
+            f"{path}: no camera at the cloud's origin sees it all, and neither a floor nor somebody upright shows "
+            f"which way is up; give --axes: {', '.join(AXES)}"
+        )
+    turned = ((points - middle) * scale) @ camera_from(axes).T
+    shift = shift_into_view(turned[np.isfinite(turned[:, 0])], KINECT_V2)
+    seen = turned + shift
+    shown = project_cloud(seen, KINECT_V2, spacing_m(seen[np.isfinite(seen[:, 0])]))
+    how = "cloud with {} axes seen through Kinect v2 intrinsics, moved by ({:.2f}, {:.2f}, {:.2f}) m".format(
+        axes, *shift
+    )
+    return _View(KINECT_V2, seen, shown, (how, *unit))
+
+
+def _png(colors: NDArray[np.uint8], shown: NDArray[np.intp]) -> bytes:
+    """The colours (n, 3) of the pixels' points as a PNG; black where there is none."""
+    image = np.where((shown >= 0)[..., None], colors[shown], 0).astype(np.uint8)
+    return bytes(cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1].tobytes())

@@ -1,0 +1,155 @@
+"""Which way a cloud's axes point, and where the camera stood, by the points themselves.
+
+Files of clouds name neither. Points of one depth image lie in the cone that its camera sees, with the camera
+at the origin: one axis alone has all of them in front. Other clouds are turned upright by their floor, or by
+a person's height.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+
+_X, _Y, _Z = np.eye(3)
+AXES = {
+    "camera": (_Z, -_Y),
+    "y-up": (-_Z, _Y),
+    "ros": (_X, _Z),
+    "z-up": (_Y, _Z),
+    "kinect": (_Z, _Y),
+}
+"""(forward, up) by name: a camera's own (ROS optical frame: x right, y down); OpenGL's; ROS' base_link and
+camera_link (REP 103); maps'; the Kinect SDK's camera space. All are right-handed."""
+
+WIDEST = 1.8
+"""Tangent of half the widest field of a depth camera, with room: 60 degrees (Azure Kinect, WFOV)."""
+INSIDE = 0.995
+"""Share of the points that the camera at the origin must see; the rest may be flying pixels. Untuned."""
+NARROWEST = 0.08
+"""Least size of a cloud over its distance: a person 20 m away. Below it the origin is a map's, no camera's."""
+FLOOR_LEVEL = 0.25
+"""Heights of the origin over the lowest points, over their distance, below which the origin lies on the floor:
+no camera stands there, but ROS' base_link does. Untuned."""
+FLOOR_SHARE = 0.06
+"""Least share of the points on a plane under all others that counts as a floor. Untuned."""
+CLEARER = 2.5
+"""Least ratio of the better floor to the second. Untuned."""
+PERSON_M = (0.8, 2.3)
+"""Height of a whole person, in metres."""
+SAMPLE = 6000
+"""Points that decisions look at. Untuned."""
+
+
+class Cone(NamedTuple):
+    """A view from the origin. name: of the axes. distance: median along the axis, in the file's unit.
+    spread: mean tangent off the axis."""
+
+    name: str
+    distance: float
+    spread: float
+
+
+def camera_from(axes: str) -> Float64:
+    """Rotation (3, 3) from a cloud's frame to the camera's: rows right, down, forward."""
+    forward, up = AXES[axes]
+    return np.stack([np.cross(forward, up), -up, forward])
+
+
+def thinned(points: Float64, most: int = SAMPLE) -> Float64:
+    """At most that many of the points (n, 3), evenly over the file."""
+    return points[:: max(1, -(-len(points) // most))]
+
+
+def cone_of(points: Float64, names: tuple[str, ...] = ("camera", "y-up", "ros", "z-up")) -> Cone | None:
+    """The axes along which a camera at the origin sees all points (n, 3); None where there are none.
+
+    The narrowest cone counts where several hold the points.
+    """
+    size = float(np.linalg.norm(np.ptp(np.percentile(points, (2, 98), axis=0), axis=0)))
+    cones = []
+    for name in names:
+        turned = points @ camera_from(name).T
+        ahead = turned[:, 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            off = np.abs(turned[:, :2]).max(axis=1) / ahead
+        seen = (ahead > 0) & (off < WIDEST)
+        distance = float(np.median(ahead))
+        if seen.mean() < INSIDE or size < NARROWEST * distance or _on_the_floor(turned[seen], name):
+            continue
+        cones.append(Cone(name, distance, float(off[seen].mean())))
+    return min(cones, key=lambda cone: cone.spread, default=None)
+
+
+def _on_the_floor(turned: Float64, name: str) -> bool:
+    """Whether the origin of z-up axes lies as low as the lowest points, where no camera stands."""
+    if AXES[name][1] is not AXES["ros"][1]:
+        return False
+    lowest = np.percentile(turned[:, 1], 99.5)
+    return bool(lowest < FLOOR_LEVEL * np.percentile(turned[:, 2], 10))
+
+
+def upright(points_m: Float64, name: str) -> str:
+    """The axes ``name``, or "kinect" in place of "camera" where the floor or a person's feet show that y
+    points up."""
+    if name != "camera":
+        return name
+    under, over = floor_share(points_m, -_Y), floor_share(points_m, _Y)
+    if max(under, over) >= FLOOR_SHARE:
+        return "kinect" if over >= FLOOR_SHARE and over > CLEARER * under else name
+    return "kinect" if _stands_on_its_head(points_m) else name
+
+
+def world_axes(points_m: Float64) -> str | None:
+    """Axes of a cloud whose origin is no camera: by its floor, else by a person's height; None = unknown."""
+    floors = {
+        "z-up": floor_share(points_m, _Z),
+        "y-up": floor_share(points_m, _Y),
+        "camera": floor_share(points_m, -_Y),
+    }
+    (best, most), (_, second) = sorted(floors.items(), key=lambda item: -item[1])[:2]
+    if most < FLOOR_SHARE or most < CLEARER * second:
+        x, y, z = np.ptp(np.percentile(points_m, (1, 99), axis=0), axis=0)
+        tall = {"y-up": y, "z-up": z}
+        best = max(tall, key=lambda axes: tall[axes])
+        others = max(x, min(y, z))
+        if not (PERSON_M[0] <= tall[best] <= PERSON_M[1] and tall[best] > 1.3 * others):
+            return None
+    # A robot looks along x: all that it sees has a positive one.
+    return "ros" if best == "z-up" and (points_m[:, 0] > 0).mean() >= INSIDE else best
+
+
+def floor_share(points_m: Float64, up: Float64, seed: int = 0) -> float:
+    """Share of the points on the largest plane, at most 35 degrees off level, that has nearly all others above.
+
+    points_m: (n, 3). up: (3,). By random triples (RANSAC).
+    """
+    points = thinned(points_m, 3000)
+    rng, best = np.random.default_rng(seed), 0.0
+    if len(points) < 30:
+        return best
+    level = points - np.outer(points @ up, up)
+    for _ in range(200):
+        a, b, c = points[rng.choice(len(points), 3, replace=False)]
+        normal = np.cross(b - a, c - a)
+        length = float(np.linalg.norm(normal))
+        if not length > 0 or abs(normal @ up) < 0.82 * length:
+            continue
+        normal *= np.sign(normal @ up) / length
+        height = (points - a) @ normal
+        on = np.abs(height) < 0.04
+        if on.mean() > best and (height < -0.1).mean() < 0.03 and np.sort(level[on].std(axis=0))[1] > 0.3:
+            best = float(on.mean())
+    return best
+
+
+def _stands_on_its_head(points_m: Float64) -> bool:
+    """Whether what is as tall as a person has its narrow end, the head, at the larger y."""
+    x, y = points_m[:, 0], points_m[:, 1]
+    low, high = np.percentile(y, (1, 99))
+    if not PERSON_M[0] <= high - low <= PERSON_M[1] or np.ptp(np.percentile(x, (2, 98))) > high - low:
+        return False
+    ends = [x[y < low + 0.1 * (high - low)], x[y > high - 0.1 * (high - low)]]
+    above, below = (float(np.ptp(np.percentile(end, (5, 95)))) for end in ends)
+    return below < 0.6 * above

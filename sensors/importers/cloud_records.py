@@ -1,0 +1,81 @@
+"""Points of a cloud file as records: every field as the file has it, in the file's order and coordinates."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.files.bounded import MAX_IMAGE_SIDE
+from sensors.rig.rig_calibration import Pose
+
+MAX_POINTS = 50_000_000
+"""Points of a cloud, some 50 bytes each in memory; untuned."""
+
+_RED = ("red", "r", "diffuse_red")
+_GREEN = ("green", "g", "diffuse_green")
+_BLUE = ("blue", "b", "diffuse_blue")
+
+
+@dataclass(frozen=True)
+class CloudRecords:
+    """All points of a file.
+
+    records: structured array (n,) with x, y, z and whatever else the file has, padding left out.
+    grid: (height, width) of an organised cloud, row by row, or None.
+    viewpoint: the sensor's pose ``cloud_from_sensor`` that a PCD states, in the file's unit, or None.
+    faces: number of a mesh's faces, which are not read.
+    """
+
+    records: NDArray[Any]
+    grid: tuple[int, int] | None = None
+    viewpoint: Pose | None = None
+    faces: int = 0
+
+    def points(self) -> NDArray[np.float64]:
+        """Coordinates (n, 3) in the file's unit and frame."""
+        with np.errstate(invalid="ignore"):  # signalling NaNs
+            return np.stack([self.records[axis].astype(np.float64) for axis in "xyz"], axis=-1)
+
+    def colors(self) -> NDArray[np.uint8] | None:
+        """RGB (n, 3), or None where no field holds colours, or all of them are black.
+
+        PCL packs blue, green, red, alpha into the four bytes of ``rgb`` or ``rgba``, float or whole number
+        (PCL, ``PointXYZRGB``). Separate channels of floats are 0 to 1; those of 16 bits are 8 bits where no
+        value is larger (the LAS format's own advice is 16).
+        """
+        names = self.records.dtype.names or ()
+        packed = next((name for name in ("rgb", "rgba") if name in names), None)
+        if packed is not None:
+            rgb = _unpacked(self.records[packed])
+        else:
+            found = [next((n for n in channel if n in names), None) for channel in (_RED, _GREEN, _BLUE)]
+            if None in found:
+                return None
+            rgb = _eight_bits(np.stack([self.records[name] for name in found], axis=-1))
+        return rgb if rgb is not None and rgb.any() else None
+
+
+def grid_of(width: int, height: int, points: int) -> tuple[int, int] | None:
+    """(height, width) where they make an organised cloud of that many points, else None."""
+    organised = width * height == points and min(width, height) > 1 and max(width, height) <= MAX_IMAGE_SIDE
+    return (height, width) if organised else None
+
+
+def _unpacked(packed: NDArray[Any]) -> NDArray[np.uint8] | None:
+    if packed.dtype.itemsize != 4 or packed.ndim != 1:
+        return None
+    words = np.ascontiguousarray(packed).view(packed.dtype.str[0].replace("|", "<") + "u4")
+    return np.stack([words >> shift & 255 for shift in (16, 8, 0)], axis=-1).astype(np.uint8)
+
+
+def _eight_bits(rgb: NDArray[Any]) -> NDArray[np.uint8] | None:
+    if rgb.ndim != 2 or not len(rgb):
+        return None
+    if rgb.dtype.kind == "f":
+        with np.errstate(invalid="ignore"):
+            bright = np.nan_to_num(rgb, nan=0.0, posinf=0.0, neginf=0.0)
+            scaled = bright * 255 if bright.max() <= 1 else bright
+            return np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
+    largest = int(rgb.max())
+    return (rgb if largest <= 255 else rgb.astype(np.uint16) >> 8).astype(np.uint8)
