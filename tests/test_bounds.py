@@ -76,7 +76,10 @@ HONEST: dict[str, float] = {
     * 576
     * 2,  # half a minute of an Azure Kinect
     "sensors.importers.bags.ros1_file.MAX_HEADER_BYTES": 1000,  # a chunk of a thousand connections has 16 each
-    "sensors.importers.cloud_header.MAX_POINTS": 40_000_000,  # of a scanner on a tripod
+    "sensors.importers.cloud_records.MAX_POINTS": 40_000_000,  # of a scanner on a tripod
+    "sensors.importers.pcd_file.MAX_HEADER_BYTES": 10_000,  # comments
+    "sensors.importers.pcd_file.MAX_POINT_BYTES": 5000 * 4,  # a histogram
+    "sensors.importers.ply_file.MAX_LIST": 10_000,  # corners of a polygon
     "sensors.importers.ebml.MAX_ELEMENT_BYTES": 4096 * 3072 * 2,  # an Azure Kinect's largest image
     "sensors.importers.tum_lists.MAX_BYTES": 8 * HOUR_S * 30 * 60,  # lines of a night
     "sensors.recording.rig_file.MAX_BYTES": 100 * 300,  # devices

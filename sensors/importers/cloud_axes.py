@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.importers.pixel_lattice import find_line
+
 Float64 = NDArray[np.float64]
 
 _X, _Y, _Z = np.eye(3)
@@ -28,10 +30,10 @@ WIDEST = 1.8
 INSIDE = 0.995
 """Share of the points that the camera at the origin must see; the rest may be flying pixels. Untuned."""
 NARROWEST = 0.08
-"""Least size of a cloud over its distance: a person 20 m away. Below it the origin is a map's, no camera's."""
+"""Least size of a cloud over its distance: a person 20 m away. Below, the origin is a map's, no camera's."""
 FLOOR_LEVEL = 0.25
-"""Heights of the origin over the lowest points, over their distance, below which the origin lies on the floor:
-no camera stands there, but ROS' base_link does. Untuned."""
+"""Height of the origin over the lowest points, over their distance, below which the origin lies on the
+floor: no camera stands there, but ROS' base_link does. Untuned."""
 FLOOR_SHARE = 0.06
 """Least share of the points on a plane under all others that counts as a floor. Untuned."""
 CLEARER = 2.5
@@ -82,12 +84,18 @@ def cone_of(points: Float64, names: tuple[str, ...] = ("camera", "y-up", "ros", 
     return min(cones, key=lambda cone: cone.spread, default=None)
 
 
+def on_pixels(points: Float64) -> bool:
+    """Whether camera-frame points (n, 3) lie on the pixels of a camera at the origin."""
+    x, y, z = points[points[:, 2] > 0].T
+    return find_line(x / z) is not None and find_line(y / z) is not None
+
+
 def _on_the_floor(turned: Float64, name: str) -> bool:
-    """Whether the origin of z-up axes lies as low as the lowest points, where no camera stands."""
-    if AXES[name][1] is not AXES["ros"][1]:
+    """Whether the origin of axes that a world may have lies as low as the lowest points, where no camera
+    stands; a camera that sees on its own pixels does, wherever it is."""
+    if name == "camera" or np.percentile(turned[:, 1], 99.5) >= FLOOR_LEVEL * np.percentile(turned[:, 2], 10):
         return False
-    lowest = np.percentile(turned[:, 1], 99.5)
-    return bool(lowest < FLOOR_LEVEL * np.percentile(turned[:, 2], 10))
+    return not on_pixels(turned)
 
 
 def upright(points_m: Float64, name: str) -> str:
@@ -121,7 +129,7 @@ def world_axes(points_m: Float64) -> str | None:
 
 
 def floor_share(points_m: Float64, up: Float64, seed: int = 0) -> float:
-    """Share of the points on the largest plane, at most 35 degrees off level, that has nearly all others above.
+    """Share of the points on the largest plane that has nearly all others above, at most 35 degrees off.
 
     points_m: (n, 3). up: (3,). By random triples (RANSAC).
     """

@@ -76,6 +76,6 @@ def _eight_bits(rgb: NDArray[Any]) -> NDArray[np.uint8] | None:
         with np.errstate(invalid="ignore"):
             bright = np.nan_to_num(rgb, nan=0.0, posinf=0.0, neginf=0.0)
             scaled = bright * 255 if bright.max() <= 1 else bright
-            return np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
+            return np.asarray(np.clip(np.rint(scaled), 0, 255), np.uint8)
     largest = int(rgb.max())
-    return (rgb if largest <= 255 else rgb.astype(np.uint16) >> 8).astype(np.uint8)
+    return np.asarray(rgb if largest <= 255 else rgb.astype(np.uint16) >> 8, np.uint8)

@@ -8,7 +8,7 @@ from sensors.errors import FormatError
 METRES = 30.0
 """Distances (or sizes of clouds without a camera) up to this are metres: depth cameras see 0.2 to 10 m."""
 MILLIMETRES = 600.0
-"""Distances from this on are millimetres: in centimetres they would be 6 m, farther than people are recorded."""
+"""Distances from this on are millimetres: as centimetres they are 6 m, farther than people are recorded."""
 FARTHEST = 60_000.0
 """Distance above which no unit makes a person's scene: 60 m in millimetres."""
 NEAREST = 0.1
@@ -38,8 +38,8 @@ def unit_mm(path: object, distance: float, along_m: NDArray[np.float64]) -> floa
             f"({guesses}); give --depth-unit: 10 for centimetres, 25.4 for inches, 1 for millimetres"
         )
     raise FormatError(
-        f"{path}: half of the points are {'more' if distance > 1 else 'less'} than {distance:.4g} units away, "
-        "which is no scene with people in metres or millimetres; give --depth-unit, in millimetres"
+        f"{path}: half of the points are {'more' if distance > 1 else 'less'} than {distance:.4g} units "
+        "away, which is no scene with people in metres or millimetres; give --depth-unit, in millimetres"
     )
 
 

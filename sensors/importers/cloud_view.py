@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.files.bounded import MAX_IMAGE_SIDE
+from sensors.importers.cloud_axes import WIDEST
 from sensors.importers.pixel_lattice import Line, find_line
 from sensors.rig.camera import Intrinsics
 from sensors.rig.nearest import Nearest
@@ -23,19 +24,21 @@ LEAST_FIELD = (1.40, 1.16)
 """Width and height of an image over its focal length, at least: a Kinect v2's. A person alone keeps the room
 about them that networks are used to."""
 FILLED = 0.6
-"""Least share of pixels beside a point that have points too; a cloud thinned out at random has fewer. Untuned."""
+"""Least share of pixels beside a point that have points; a cloud thinned out at random has fewer. Untuned."""
 VISIBLE_M = 0.03
 """Largest distance along z between a point and the depth of its pixel at which the pixel shows it: the depth
 that a surface steep to the camera gains within a pixel or two. Untuned."""
 
 
 def camera_of(points_m: Float64) -> tuple[Intrinsics, float]:
-    """A camera at the origin that sees all camera-frame points (n, 3), and the points' spacing in metres.
+    """A camera at the origin that sees camera-frame points (n, 3), and the points' spacing in metres.
 
-    The camera that took them, spacing 0, where the points still lie on its pixels; else a Kinect v2, or one
-    of its focal length with a wider field.
+    Points that no camera would see (``WIDEST``) are left aside. The camera that took them, spacing 0, where
+    the points still lie on its pixels; else a Kinect v2, or one of its focal length with a wider field.
     """
-    ahead = points_m[points_m[:, 2] > 0]
+    with np.errstate(invalid="ignore"):
+        seen = (points_m[:, 2] > 0) & (np.abs(points_m[:, :2]).max(axis=1) < WIDEST * points_m[:, 2])
+    ahead = points_m[seen]
     x, y = ahead[:, 0] / ahead[:, 2], ahead[:, 1] / ahead[:, 2]
     across, down = find_line(x), find_line(y)
     if across is not None and down is not None:
@@ -78,9 +81,9 @@ def _filled(camera: Intrinsics, x: Float64, y: Float64) -> float:
 def project_cloud(points_m: Float64, camera: Intrinsics, spacing: float) -> NDArray[np.intp]:
     """The index (h, w) of the point that each pixel shows, -1 = none, of camera-frame points (n, 3).
 
-    The nearest point wins. A point covers the pixels within SPLAT * ``spacing`` metres of it, at least its own,
-    so that a surface sampled at that spacing shows no holes through which its far side would be seen. Points
-    that are not finite show nothing.
+    The nearest point wins. A point covers the pixels within SPLAT * ``spacing`` metres of it, at least its
+    own, so that a surface sampled at that spacing shows no holes through which its far side would be seen.
+    Points that are not finite show nothing.
     """
     with np.errstate(invalid="ignore"):
         order = np.flatnonzero(np.isfinite(points_m).all(axis=1) & (points_m[:, 2] > 0))

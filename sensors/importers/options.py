@@ -17,7 +17,8 @@ class ImportOptions:
     turn_deg: clockwise turn that makes the images upright: 0, 90, 180 or 270; mirror: whether they are
     mirrored left to right, which is undone before they are turned. subject: name of the person. rate_hz:
     frames a second of sources without time stamps. topics: of a bag: depth's, then colour's, when they
-    cannot be told from names. Raises CloudError for impossible values.
+    cannot be told from names. axes: of a cloud, a name of ``cloud_axes.AXES``, "" = found in its points.
+    Raises CloudError for impossible values.
     """
 
     intrinsics: Path | None = None
@@ -27,6 +28,7 @@ class ImportOptions:
     subject: str = ""
     rate_hz: float | None = None
     topics: tuple[str, ...] = ()
+    axes: str = ""
 
     def __post_init__(self) -> None:
         if self.depth_unit_mm is not None and not 0 < self.depth_unit_mm <= 1000:

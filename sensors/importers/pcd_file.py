@@ -105,15 +105,14 @@ def _stride(fields: Fields) -> int:
 
 def _dtype(fields: Fields) -> np.dtype[Any]:
     """The record of the fields; padding becomes a gap between them."""
-    kept: dict[str, list[Any]] = {"names": [], "formats": [], "offsets": []}
-    offset = 0
+    names, formats, offsets, end = [], [], [], 0
     for name, kind, count in fields:
         if name != PADDING:
-            values = [name, kind if count == 1 else (kind, (count,)), offset]
-            for key, value in zip(kept, values, strict=True):
-                kept[key].append(value)
-        offset += np.dtype(kind).itemsize * count
-    return np.dtype({**kept, "itemsize": offset})
+            names.append(name)
+            formats.append(np.dtype(kind if count == 1 else (kind, (count,))))
+            offsets.append(end)
+        end += np.dtype(kind).itemsize * count
+    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": end})
 
 
 def _records(file: BinaryIO, data: str, fields: Fields, points: int, there: int) -> NDArray[Any]:
@@ -139,10 +138,14 @@ def _text(file: BinaryIO, fields: Fields, points: int, there: int) -> NDArray[An
 def text_numbers(file: BinaryIO, count: int, what: str) -> NDArray[np.float64]:
     """The next ``count`` numbers of a text, NaN and infinity among them. Raises ValueError for fewer."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # numpy's, of text that is no number
-        values = np.fromfile(file, np.float64, count, sep=" ")
+        # Of text that is no number; newer versions of numpy raise ValueError.
+        warnings.simplefilter("error", DeprecationWarning)
+        try:
+            values = np.fromfile(file, np.float64, count, sep=" ")
+        except (ValueError, DeprecationWarning) as error:
+            raise ValueError(f"it claims {what}, and some of its text is no number") from error
     if len(values) != count:
-        raise ValueError(f"it claims {what}, and number {len(values) + 1} of its text is none")
+        raise ValueError(f"it claims {what}, which are {count} numbers, and holds {len(values)}")
     return values
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import FormatError
-from sensors.importers.cloud_axes import AXES, camera_from, cone_of, thinned, upright, world_axes
+from sensors.importers.cloud_axes import AXES, camera_from, cone_of, on_pixels, thinned, upright, world_axes
 from sensors.importers.cloud_grid import grid_camera
 from sensors.importers.cloud_records import CloudRecords
 from sensors.importers.cloud_unit import unit_mm
@@ -26,8 +26,8 @@ from sensors.importers.cloud_view import (
     spacing_m,
 )
 from sensors.importers.las import read_las
+from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.importers.pcd_file import read_pcd
-from sensors.importers.pixel_lattice import find_line
 from sensors.importers.ply_file import read_ply
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FARTHEST_MM, FrameSource, RigFrame, mm_from_metres, regular_times_ns
@@ -39,19 +39,6 @@ READERS = {".pcd": read_pcd, ".ply": read_ply, ".las": read_las, ".laz": read_la
 """By suffix."""
 MAPS = (".las", ".laz")
 """Formats of maps, whose z points up where nothing contradicts."""
-
-
-@dataclass(frozen=True)
-class CloudOptions:
-    """What a user knows of a cloud. axes: a name of ``cloud_axes.AXES``. depth_unit_mm: millimetres of a unit of
-    its coordinates. None: found in the points. Raises FormatError for other axes."""
-
-    axes: str | None = None
-    depth_unit_mm: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.axes is not None and self.axes not in AXES:
-            raise FormatError(f"axes {self.axes[:20]!r} are unknown; use {', '.join(AXES)}")
 
 
 @dataclass(frozen=True)
@@ -70,11 +57,13 @@ class _View:
 class CloudFile(FrameSource):
     """A point cloud file as a ``FrameSource`` of one frame.
 
-    cloud: its points as the file has them. notes: what is absent, how unit, axes and camera were found. Raises
-    FormatError.
+    cloud: its points as the file has them. notes: what is absent, how unit, axes and camera were found.
+    Raises FormatError.
     """
 
-    def __init__(self, path: Path, options: CloudOptions | None = None) -> None:
+    def __init__(self, path: Path, options: ImportOptions = AS_STATED) -> None:
+        if options.axes not in ("", *AXES):
+            raise FormatError(f"axes {options.axes[:20]!r} are unknown; use {', '.join(AXES)}")
         self.path, self.name = path, path.stem
         self.cloud = READERS[path.suffix.lower()](path)
         points = self.cloud.points()
@@ -82,7 +71,7 @@ class CloudFile(FrameSource):
             points[~np.isfinite(points).all(axis=1) | ~points.any(axis=1)] = np.nan
         if np.isfinite(points[:, 0]).sum() < 2:
             raise FormatError(f"{path} holds {np.isfinite(points[:, 0]).sum()} finite points; give a surface")
-        self._view = _seen(path, self.cloud, points, options or CloudOptions())
+        self._view = _seen(path, self.cloud, points, options)
         depth_m = np.where(self._view.shown >= 0, self._view.points_m[self._view.shown, 2], np.nan)
         self._depth_mm = mm_from_metres(depth_m)
         self._check_depth()
@@ -119,26 +108,26 @@ class CloudFile(FrameSource):
 
     @cached_property
     def pixels(self) -> NDArray[np.intp]:
-        """The flat index (n,) of the pixel that shows each point of ``cloud``, in its order; -1 where none does."""
+        """The flat index (n,) of the pixel that shows each point of ``cloud``; -1 where none does."""
         depth_m = np.where(self._depth_mm > 0, self._depth_mm / 1000, np.nan)
         if self._view.organised:
             return np.where(np.isfinite(depth_m.ravel()), np.arange(depth_m.size), -1)
         return pixels_of(self._view.points_m, self._view.camera, depth_m)
 
 
-def _seen(path: Path, cloud: CloudRecords, points: Float64, options: CloudOptions) -> _View:
-    if cloud.grid is not None and options.axes is None:
+def _seen(path: Path, cloud: CloudRecords, points: Float64, options: ImportOptions) -> _View:
+    if cloud.grid is not None and not options.axes:
         return _organised(path, cloud, points, options)
     return _unorganised(path, cloud, points, options)
 
 
-def _organised(path: Path, cloud: CloudRecords, points: Float64, options: CloudOptions) -> _View:
-    assert cloud.grid is not None
-    found = grid_camera(path, points.reshape(*cloud.grid, 3), cloud.viewpoint)
+def _organised(path: Path, cloud: CloudRecords, points: Float64, options: ImportOptions) -> _View:
+    shape = cloud.grid or (1, len(points))
+    found = grid_camera(path, points.reshape(*shape, 3), cloud.viewpoint)
     camera, pose = found.intrinsics, found.camera_from_cloud
     seen = points @ pose.rotation.T + pose.translation_m
     scale, unit = _unit(path, seen, options)
-    shown = np.where(np.isfinite(seen[:, 2]) & (seen[:, 2] > 0), np.arange(len(seen)), -1).reshape(cloud.grid)
+    shown = np.where(np.isfinite(seen[:, 2]) & (seen[:, 2] > 0), np.arange(len(seen)), -1).reshape(shape)
     how = (
         f"intrinsics fitted to the organised cloud ({found.how}): fx {camera.fx:.2f}, fy {camera.fy:.2f}, "
         f"cx {camera.cx:.2f}, cy {camera.cy:.2f}, residual {found.residual_px:.2g} px"
@@ -146,7 +135,7 @@ def _organised(path: Path, cloud: CloudRecords, points: Float64, options: CloudO
     return _View(camera, seen * scale, shown, (how, *unit), organised=True)
 
 
-def _unit(path: Path, seen: Float64, options: CloudOptions) -> tuple[float, tuple[str, ...]]:
+def _unit(path: Path, seen: Float64, options: ImportOptions) -> tuple[float, tuple[str, ...]]:
     """Metres of a unit of camera-frame points (n, 3), and a note where it is no metre."""
     ahead = seen[seen[:, 2] > 0, 2]
     distance = float(np.median(ahead)) if len(ahead) else 0.0
@@ -154,7 +143,7 @@ def _unit(path: Path, seen: Float64, options: CloudOptions) -> tuple[float, tupl
 
 
 def _scale(
-    path: Path, distance: float, along: Float64, options: CloudOptions
+    path: Path, distance: float, along: Float64, options: ImportOptions
 ) -> tuple[float, tuple[str, ...]]:
     given = options.depth_unit_mm
     millimetres = given or unit_mm(path, distance, along)
@@ -164,10 +153,10 @@ def _scale(
     return millimetres / 1000, (f"a unit of the cloud is {millimetres:g} mm, {source}",)
 
 
-def _unorganised(path: Path, cloud: CloudRecords, points: Float64, options: CloudOptions) -> _View:
+def _unorganised(path: Path, cloud: CloudRecords, points: Float64, options: ImportOptions) -> _View:
     finite = points[np.isfinite(points[:, 0])]
-    names = tuple(AXES) if options.axes is None else (options.axes,)
-    tried = names if options.axes is not None else tuple(name for name in names if name != "kinect")
+    # The Kinect SDK's y is found afterwards: its cone is that of "camera".
+    tried = (options.axes,) if options.axes else tuple(name for name in AXES if name != "kinect")
     for pose, where in _sensors(cloud, thinned(finite)):
         cone = cone_of(thinned(finite) @ pose.rotation.T + pose.translation_m, tried)
         if cone is not None:
@@ -180,31 +169,29 @@ def _sensors(cloud: CloudRecords, few: Float64) -> list[tuple[Pose, str]]:
 
     A PCD's VIEWPOINT is the sensor's pose in the frame of the points (PointCloudLibrary/pcl#6279). Some
     programs write it beside points that are in the sensor's own frame already (PCLVisualizer,
-    PointCloudLibrary/pcl#180; CloudCompare#522): there the points lie on the pixels of a camera at the origin.
+    PointCloudLibrary/pcl#180; CloudCompare#522): the points lie on the pixels of a camera at the origin.
     """
     own = (Pose.identity(), "at the cloud's origin")
     if cloud.viewpoint is None:
         return [own]
     back = cloud.viewpoint.rotation.T
     stated = (Pose(back, -back @ cloud.viewpoint.translation_m), "at the file's VIEWPOINT")
-    return [own, stated] if _on_pixels(few, own[0]) and not _on_pixels(few, stated[0]) else [stated, own]
+    return [own, stated] if _fits(few, own[0]) and not _fits(few, stated[0]) else [stated, own]
 
 
-def _on_pixels(points: Float64, pose: Pose) -> bool:
-    turned = points @ pose.rotation.T + pose.translation_m
-    cone = cone_of(turned)
-    if cone is None:
-        return False
-    x, y, z = (turned @ camera_from(cone.name).T).T
-    ahead = z > 0
-    return find_line(x[ahead] / z[ahead]) is not None and find_line(y[ahead] / z[ahead]) is not None
+def _fits(points: Float64, pose: Pose) -> bool:
+    sensor = points @ pose.rotation.T + pose.translation_m
+    cone = cone_of(sensor)
+    return cone is not None and on_pixels(sensor @ camera_from(cone.name).T)
 
 
-def _in_place(path: Path, points: Float64, pose: Pose, where: str, axes: str, options: CloudOptions) -> _View:
+def _in_place(
+    path: Path, points: Float64, pose: Pose, where: str, axes: str, options: ImportOptions
+) -> _View:
     """The view of a camera in whose frame the points are after ``pose``."""
     sensor = points @ pose.rotation.T + pose.translation_m
     scale, unit = _unit(path, sensor @ camera_from(axes).T, options)
-    if options.axes is None:
+    if not options.axes:
         some = thinned(sensor[np.isfinite(sensor[:, 0])]) * scale
         axes = upright(some, axes)
     seen = (sensor @ camera_from(axes).T) * scale
@@ -212,13 +199,14 @@ def _in_place(path: Path, points: Float64, pose: Pose, where: str, axes: str, op
     shown = project_cloud(seen, camera, spacing)
     lens = "its own pixels" if spacing == 0 else "Kinect v2 focal length"
     how = (
-        f"cloud with {axes} axes left in place, seen by a camera {where}: {camera.width}x{camera.height}, {lens}, "
-        f"fx {camera.fx:.2f}, fy {camera.fy:.2f}, cx {camera.cx:.2f}, cy {camera.cy:.2f}"
+        f"cloud with {axes} axes left in place, seen by a camera {where}: "
+        f"{camera.width}x{camera.height}, {lens}, fx {camera.fx:.2f}, fy {camera.fy:.2f}, "
+        f"cx {camera.cx:.2f}, cy {camera.cy:.2f}"
     )
     return _View(camera, seen, shown, (how, *unit))
 
 
-def _moved(path: Path, points: Float64, finite: Float64, options: CloudOptions) -> _View:
+def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions) -> _View:
     """The view of a Kinect v2 in front of a cloud that no camera at its origin saw."""
     size = float(np.linalg.norm(np.ptp(np.percentile(thinned(finite), (2, 98), axis=0), axis=0)))
     scale, unit = _scale(path, size, np.zeros(0), options)
@@ -228,8 +216,8 @@ def _moved(path: Path, points: Float64, finite: Float64, options: CloudOptions) 
     axes = options.axes or ("z-up" if mapped else world_axes(some))
     if axes is None:
         raise FormatError(
-            f"{path}: no camera at the cloud's origin sees it all, and neither a floor nor somebody upright shows "
-            f"which way is up; give --axes: {', '.join(AXES)}"
+            f"{path}: no camera at the cloud's origin sees it all, and neither a floor nor somebody upright "
+            f"shows which way is up; give --axes: {', '.join(AXES)}"
         )
     turned = ((points - middle) * scale) @ camera_from(axes).T
     shift = shift_into_view(turned[np.isfinite(turned[:, 0])], KINECT_V2)

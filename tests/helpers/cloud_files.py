@@ -1,0 +1,66 @@
+"""Clouds of a furnished room as files of other programs, and the frames these programs may use."""
+
+from functools import cache
+
+import numpy as np
+
+from sensors.rig.camera import unproject
+from tests.helpers.furnished_room import CAMERA, seen
+
+CLOUD_FROM_CAMERA = {
+    "camera": np.eye(3),
+    "y-up": np.diag([1.0, -1.0, -1.0]),
+    "z-up": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
+    "ros": np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]),
+    "kinect": np.diag([-1.0, -1.0, 1.0]),
+}
+"""Coordinates by hand: a camera's right, down, forward as each convention names them."""
+
+
+def pcd(points: np.ndarray, width: int, height: int, body: bytes | None = None, **header: str) -> bytes:
+    """A PCD of points (n, 3), or of another ``body``."""
+    fields = {"VERSION": "0.7", "FIELDS": "x y z", "SIZE": "4 4 4", "TYPE": "F F F", "COUNT": "1 1 1"}
+    fields |= {"WIDTH": str(width), "HEIGHT": str(height), "VIEWPOINT": "0 0 0 1 0 0 0"}
+    fields |= {"POINTS": str(width * height), "DATA": "binary", **header}
+    text = "".join(f"{key} {value}\n" for key, value in fields.items())
+    return text.encode() + (points.astype("<f4").tobytes() if body is None else body)
+
+
+def colored_pcd(points: np.ndarray, rgb: np.ndarray, **header: str) -> bytes:
+    """An unorganised PCD of points (n, 3) with colours (n, 3) as PCL packs them."""
+    records = np.zeros(len(points), [("xyz", "<f4", 3), ("rgb", "<u4")])
+    red, green, blue = rgb.astype(np.uint32).T
+    records["xyz"], records["rgb"] = points, red << 16 | green << 8 | blue
+    fields = {"FIELDS": "x y z rgb", "SIZE": "4 4 4 4", "TYPE": "F F F F", "COUNT": "1 1 1 1"}
+    return pcd(points, len(points), 1, records.tobytes(), **(fields | header))
+
+
+def ply(points: np.ndarray, rgb: np.ndarray | None = None, kind: str = "float", extra: str = "") -> bytes:
+    """A binary PLY of points (n, 3), colours (n, 3) beside them."""
+    width = {"float": "<f4", "double": "<f8"}[kind]
+    layout = [("xyz", width, 3)] + ([("rgb", "u1", 3)] if rgb is not None else [])
+    records = np.zeros(len(points), layout)
+    records["xyz"] = points
+    names = "".join(f"property {kind} {axis}\n" for axis in "xyz")
+    if rgb is not None:
+        records["rgb"] = rgb
+        names += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+    head = f"ply\nformat binary_little_endian 1.0\n{extra}element vertex {len(points)}\n{names}end_header\n"
+    return head.encode() + records.tobytes()
+
+
+@cache
+def room(people: bool = True, room: bool = True, eye: tuple[float, ...] = (0.3, -2.4, 1.4)) -> np.ndarray:
+    """Depth (h, w) in whole millimetres, 0 = none, of somebody in a furnished room."""
+    depth_m, who = seen([(1, 0.0)] if people else [], room=room, eye=eye)
+    del who
+    return np.rint(np.nan_to_num(depth_m) * 1000).astype(np.uint16)
+
+
+def camera_points(depth_mm: np.ndarray) -> np.ndarray:
+    """Organised cloud (h, w, 3) in metres in the camera's frame, NaN = none."""
+    return unproject(CAMERA, np.where(depth_mm > 0, depth_mm / 1000, np.nan)).astype(np.float64)
+
+
+def random_colors(count: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).integers(1, 256, (count, 3), dtype=np.uint8)
