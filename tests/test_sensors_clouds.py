@@ -137,7 +137,13 @@ def test_a_grid_finds_its_camera_in_any_frame(tmp_path, seed):
 def test_a_mirrored_grid_is_refused(tmp_path, turn):
     points = camera_points(room())[:, ::-1].reshape(-1, 3) @ turn.T
     content = pcd(points, *room().shape[::-1])
-    assert_refused(write(tmp_path / "x.pcd", content), "mirror image of its coordinates", FormatError)
+    path = write(tmp_path / "x.pcd", content)
+    assert_refused(path, "mirror image of its coordinates; give --mirror", FormatError)
+    source = CloudFile(path, ImportOptions(mirror=True))
+    # As in the grid: who opens it mirrors image and camera back.
+    assert np.abs(source.frame(0).depth_mm[:, ::-1].astype(int) - room()).max() <= 1
+    camera = source.calibration.depth
+    assert camera.width - 1 - camera.cx == pytest.approx(furnished_room.CAMERA.cx, abs=0.01)
 
 
 @pytest.mark.parametrize("kind", ["ply", "las"])

@@ -4,7 +4,8 @@ An organised cloud already is a depth image: its camera is fitted to its grid. A
 camera's frame stays there, and is seen by a camera at its origin; the rest is moved into a camera's view.
 """
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from sensors.errors import FormatError
 from sensors.importers.cloud_axes import AXES, camera_from, cone_of, on_pixels, thinned, upright, world_axes
-from sensors.importers.cloud_grid import grid_camera
+from sensors.importers.cloud_grid import GridCamera, grid_camera
 from sensors.importers.cloud_records import CloudRecords
 from sensors.importers.cloud_unit import unit_mm
 from sensors.importers.cloud_view import (
@@ -123,7 +124,7 @@ def _seen(path: Path, cloud: CloudRecords, points: Float64, options: ImportOptio
 
 def _organised(path: Path, cloud: CloudRecords, points: Float64, options: ImportOptions) -> _View:
     shape = cloud.grid or (1, len(points))
-    found = grid_camera(path, points.reshape(*shape, 3), cloud.viewpoint)
+    found = _grid(path, points.reshape(*shape, 3), cloud.viewpoint, options.mirror)
     camera, pose = found.intrinsics, found.camera_from_cloud
     seen = points @ pose.rotation.T + pose.translation_m
     scale, unit = _unit(path, seen, options)
@@ -133,6 +134,16 @@ def _organised(path: Path, cloud: CloudRecords, points: Float64, options: Import
         f"cx {camera.cx:.2f}, cy {camera.cy:.2f}, residual {found.residual_px:.2g} px"
     )
     return _View(camera, seen * scale, shown, (how, *unit), organised=True)
+
+
+def _grid(path: Path, points: Float64, viewpoint: Pose | None, mirror: bool) -> GridCamera:
+    """The camera of the grid; with ``mirror`` also of a grid that is the mirror image of its coordinates."""
+    if mirror:
+        with suppress(FormatError):
+            found = grid_camera(path, points[:, ::-1], viewpoint)
+            camera = found.intrinsics
+            return found._replace(intrinsics=replace(camera, cx=camera.width - 1 - camera.cx))
+    return grid_camera(path, points, viewpoint)
 
 
 def _unit(path: Path, seen: Float64, options: ImportOptions) -> tuple[float, tuple[str, ...]]:
