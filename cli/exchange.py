@@ -9,11 +9,12 @@ from typer import Argument, BadParameter, Option
 
 from cli.console import Json, Overwrite, finish, progress, say
 from sensors.files.atomic import check_free
-from sensors.importers.open_source import KINDS, open_source, opener_at
+from sensors.importers.open_source import KINDS, judged_notes, open_source, opener_at
+from sensors.importers.options import AS_STATED, ImportOptions
 
 if TYPE_CHECKING:
     from annotate.labelset.store import LabelSet
-    from sensors.rig.frame import RigFrame
+    from sensors.rig.frame import FrameSource, RigFrame
 
 SESSION_SUFFIX = ".mcap"
 FOXGLOVE = "foxglove"
@@ -30,14 +31,34 @@ def formats() -> list[str]:
 def import_(
     source: Annotated[Path, Argument(help=f"Recording: {KINDS}. Labels: whatever export writes.")],
     out: Annotated[Path, Argument(help="out.mcap for a recording, a folder for labels.")],
+    intrinsics: Annotated[
+        Path | None, Option(help="Depth camera's intrinsics (JSON), instead of the recording's own.")
+    ] = None,
+    depth_unit: Annotated[
+        float | None, Option(help="Millimetres of a depth step: 1, 0.1 (D405), 0.2 (TUM), 1000 for metres.")
+    ] = None,
+    turn: Annotated[int, Option(help="Turn all images clockwise by so many degrees: 0, 90, 180 or 270.")] = 0,
+    mirror: Annotated[
+        bool, Option("--mirror", help="Mirror all images left to right, before they are turned.")
+    ] = False,
+    subject: Annotated[str, Option(help="Name of the person who is recorded.")] = "",
+    rate: Annotated[
+        float | None, Option(help="Frames a second.", show_default="the recording's times, else 30")
+    ] = None,
+    topic: Annotated[
+        list[str] | None, Option(help="Topic of a bag; repeatable: depth's, then colour's.")
+    ] = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Import a recording (out.mcap) or another tool's labels (a folder)."""
+    """Import a recording (out.mcap) or another tool's labels (a folder); print what is assumed."""
+    options = ImportOptions(intrinsics, depth_unit, turn, mirror, subject, rate, tuple(topic or ()))
     if out.suffix.lower() == SESSION_SUFFIX:
-        _import_images(source, out, overwrite, json)
-    else:
-        _import_labels(source, out, overwrite, json)
+        _import_images(source, out, options, overwrite, json)
+        return
+    if options != AS_STATED:
+        raise BadParameter("--intrinsics to --topic are for recordings; name the output out.mcap")
+    _import_labels(source, out, overwrite, json)
 
 
 def export(
@@ -100,14 +121,20 @@ def _export_foxglove(
     finish(result, json, f"{len(labels)} frames as {FOXGLOVE} in {out}")
 
 
-def _import_images(source: Path, out: Path, overwrite: bool, json: bool) -> None:
+def _import_images(source: Path, out: Path, options: ImportOptions, overwrite: bool, json: bool) -> None:
+    from sensors.session.messages import SUBJECT
     from sensors.session.writer import SessionWriter
 
-    frames = open_source(source)
-    streams = Counter[str]()
+    frames = open_source(source, options)
+    notes, streams = judged_notes(frames), Counter[str]()
     with (
         SessionWriter(
-            out, frames.calibration, frames.name, overwrite=overwrite, keep_partial=False
+            out,
+            frames.calibration,
+            frames.name,
+            overwrite=overwrite,
+            metadata={SUBJECT: frames.subject} if frames.subject else None,
+            keep_partial=False,
         ) as writer,
         progress("import", len(frames)) as advance,
     ):
@@ -115,10 +142,27 @@ def _import_images(source: Path, out: Path, overwrite: bool, json: bool) -> None
             writer.write(frame)
             streams.update(_streams_of(frame))
             advance(1)
-    for note in frames.notes:
+    for note in (*notes, _camera_note(frames)):
         say(note)
-    result = {"frames": streams["depth"], "streams": dict(streams), "notes": list(frames.notes)}
+    result = {"frames": streams["depth"], "streams": dict(streams), "notes": list(notes)}
     finish(result, json, f"{streams['depth']} frames with {', '.join(sorted(streams))} in {out}")
+
+
+def _camera_note(frames: "FrameSource") -> str:
+    """Size, focal length and view of the depth camera, and where the other cameras are."""
+    import numpy as np
+
+    rig, depth = frames.calibration, frames.calibration.depth
+    degrees = 2 * np.degrees(np.arctan(depth.width / 2 / depth.fx))
+    lens = ", with a lens" if any(depth.distortion) else ""
+    texts = [
+        f"{depth.width}x{depth.height}, focal length {depth.fx:.1f} px ({degrees:.0f} degrees wide){lens}"
+    ]
+    for name, pose in (("colour", rig.color_from_depth), ("thermal", rig.thermal_from_depth)):
+        if pose is not None:
+            away_mm = 1000 * float(np.linalg.norm(pose.translation_m))
+            texts.append(f"{name} camera {f'{away_mm:.0f} mm away' if away_mm > 0 else 'at the same place'}")
+    return f"depth camera: {'; '.join(texts)}"
 
 
 def _import_labels(source: Path, out: Path, overwrite: bool, json: bool) -> None:

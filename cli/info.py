@@ -10,7 +10,10 @@ from typer import Argument
 from annotate.labelset import manifests
 from cli.console import Json, cell, facts, finish, table
 from sensors.errors import CloudError
-from sensors.importers.open_source import open_source
+from sensors.importers.open_source import judged_notes, open_source
+
+DOUBTFUL = "doubtful"
+"""How notes on doubts begin."""
 
 if TYPE_CHECKING:
     from annotate.correction.audit import Audit, PersonWork
@@ -121,8 +124,9 @@ def _source(path: Path) -> Shown:
         if len(known_c):
             short["pyrometer"] = cell(float(np.median(known_c)), "C, median")
         texts.append(_streams(source))
-    result["notes"] = list(source.notes)
-    return result, "\n\n".join([facts(short), *texts, *source.notes])
+    notes = judged_notes(source)
+    result["notes"] = list(notes)
+    return result, "\n\n".join([facts(short), *texts, "\n".join(notes)])
 
 
 def _streams(session: "Session") -> str:
@@ -179,25 +183,28 @@ def _parts(person: "PersonWork") -> str:
 
 
 def validate(path: Held, json: Json = False) -> None:
-    """Check every frame; exits with 1 if something is wrong."""
+    """Check every frame, print doubts about depth; exits with 1 if something is wrong."""
     from annotate.labelset import dataset, store
 
+    doubts: list[str] = []
     if (path / store.MANIFEST).is_file():
         problems = store.validate(store.LabelSet.open(path))
     elif (path / dataset.MANIFEST).is_file():
         problems = dataset.validate(dataset.Dataset.open(path))
     else:
-        problems = _source_problems(path)
-    finish(
-        {"ok": not problems, "problems": problems}, json, "\n".join(problems) or f"{path}: no problems found"
-    )
+        problems, doubts = _source_problems(path)
+    verdict = [] if problems else [f"{path}: no {'other ' if doubts else ''}problems found"]
+    result = {"ok": not problems, "problems": problems, **({"doubts": doubts} if doubts else {})}
+    finish(result, json, "\n".join([*doubts, *problems, *verdict]))
     if problems:
         raise typer.Exit(1)
 
 
-def _source_problems(path: Path) -> list[str]:
+def _source_problems(path: Path) -> tuple[list[str], list[str]]:
+    """What is wrong with a source, and what is doubtful."""
     source = open_source(path)
     from annotate.cloud.fuse import Fuser
+    from annotate.label_source import calibrated
     from sensors.session.reader import Session
 
     problems = []
@@ -215,9 +222,11 @@ def _source_problems(path: Path) -> list[str]:
                 problems.append(f"frame {frame.index:06d} has no depth reading")
                 continue
             try:
-                fuser.fuse_frame(frame)
+                fuser.fuse_frame(calibrated(frame, source.calibration)[0])
             except CloudError as error:
                 problems.append(f"frame {frame.index:06d}: {error}")
+        doubts = [note for note in judged_notes(source) if note.startswith(DOUBTFUL)]
     except CloudError as error:
         problems.append(str(error))
-    return problems
+        doubts = []
+    return problems, doubts

@@ -16,7 +16,7 @@ from cli.extras import check_extra, needing
 from cli.sessions import Scheduler, label_each, sessions_in
 from sensors.files.atomic import check_free, check_there, write_bytes
 from sensors.files.weights_file import check_onnx
-from sensors.importers.open_source import open_source, opener_at
+from sensors.importers.open_source import doubts_of, open_source, opener_at
 
 if TYPE_CHECKING:
     from annotate.label_source import Run
@@ -82,7 +82,7 @@ def label(
         label_each("label", one, sessions, out, scheduler, overwrite, json)
         return
     clear(out, store.MANIFEST, overwrite, session, *given)
-    notes = [*source.notes, *(palette.notes if palette else ())]
+    notes = [*source.notes, *doubts_of(source), *(palette.notes if palette else ())]
     for note in notes:
         say(note)
     from annotate.label_source import label_source
@@ -278,7 +278,7 @@ def _opened(source: Path, everybody: bool) -> "LabelledFrames | Source":
         check_alone(labels)
         return labels
     frames = open_source(source)
-    for note in frames.notes:
+    for note in (*frames.notes, *doubts_of(frames)):
         say(note)
     return frames
 

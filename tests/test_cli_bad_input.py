@@ -170,9 +170,10 @@ def test_colour_without_calibration_is_left_out_and_said(annotate_cloud, tmp_pat
     )
     (folder / "color").mkdir()
     for i in range(2):
-        cv2.imwrite(str(folder / "color" / f"{i}.jpg"), np.zeros((24, 32, 3), np.uint8))
+        cv2.imwrite(str(folder / "color" / f"{i}.jpg"), np.zeros((48, 64, 3), np.uint8))
     done = annotate_cloud("label", folder, "--out", tmp_path / "l")
     assert done.code == 0
+    assert "colour images are 64x48, depth is 32x24: not used; register them to depth" in done.err
     assert "no calibration of the colour camera" in done.err
     assert any("not calibrated" in note for note in LabelSet.open(tmp_path / "l").notes("000000")["notes"])
 

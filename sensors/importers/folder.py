@@ -17,6 +17,7 @@ Without calibration.json, colour and thermal images of the depth images' size ar
 pixel.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -153,32 +154,30 @@ def _cameras(path: Path, images: _Timed, declared: Path | None) -> _Cameras:
         found, origin = read_intrinsics(declared, shape), f"intrinsics from {declared.name}"
     else:
         found, origin = first_intrinsics(files, shape)
-    aligned = {"color": images.color, "thermal": images.thermal}
-    notes = [origin]
-    fields: dict[str, Intrinsics | Pose] = {}
-    for name, its_images in aligned.items():
-        note, fits = _aligned(name, its_images, found)
-        notes += note
-        if fits:
-            fields |= {name: found.depth, f"{name}_from_depth": Pose.identity()}
-    return _Cameras(RigCalibration(found.depth, **fields), found.unit_mm, tuple(notes))
+    calibration = RigCalibration(found.depth)
+    color, fits = _aligned("colour", images.color, found)
+    if fits:
+        calibration = replace(calibration, color=found.depth, color_from_depth=Pose.identity())
+    thermal, fits = _aligned("thermal", images.thermal, found)
+    if fits:
+        calibration = replace(calibration, thermal=found.depth, thermal_from_depth=Pose.identity())
+    return _Cameras(calibration, found.unit_mm, (origin, *color, *thermal))
 
 
 def _aligned(name: str, images: Files, found: FoundIntrinsics) -> tuple[list[str], bool]:
     """Whether images are of the depth images' size, and so aligned with them, with a note on it."""
+    if name == "colour" and found.aligned:
+        return [f"{name} assumed to be aligned with depth, as Open3D's recorder saves it"], True
     shape = _shape_of(list(images.values()))
-    word = "colour" if name == "color" else name
-    if name == "color" and found.aligned:
-        return [f"{word} assumed to be aligned with depth, as Open3D's recorder saves it"], True
     if shape is None:
         return [], False
     size, depth = (f"{width}x{height}" for height, width in (shape, found.depth.shape))
     if size == depth:
         return [
-            f"{word} assumed to be aligned with depth pixel for pixel: of its size, no {CALIBRATION}"
+            f"{name} assumed to be aligned with depth pixel for pixel: of its size, no {CALIBRATION}"
         ], True
     return [
-        f"{word} images are {size}, depth is {depth}: not used; register them to depth, or add {CALIBRATION}"
+        f"{name} images are {size}, depth is {depth}: not used; register them to depth, or add {CALIBRATION}"
     ], False
 
 

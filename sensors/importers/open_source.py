@@ -3,27 +3,15 @@
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import NamedTuple, TypeAlias
 
-from sensors.errors import FormatError
+from sensors.errors import CalibrationError, CloudError, FormatError
+from sensors.importers.foreign import refuse
+from sensors.importers.options import AS_STATED, ImportOptions
+from sensors.rig.frame import FrameSource
 from sensors.session.paths import recording_at
 
-if TYPE_CHECKING:
-    from sensors.importers.arrays import DepthArrays
-    from sensors.importers.azure_mkv import AzureRecording
-    from sensors.importers.bags.bag import Bag
-    from sensors.importers.bags.orbbec import OrbbecRecording
-    from sensors.importers.bags.realsense import RealSenseRecording
-    from sensors.importers.flir_images import FlirImages
-    from sensors.importers.folder import ImageFolder
-    from sensors.importers.pointcloud import CloudFile
-    from sensors.session.reader import Session
-
-BagSource: TypeAlias = "Bag | RealSenseRecording | OrbbecRecording"
-Source: TypeAlias = (
-    "Session | ImageFolder | CloudFile | AzureRecording | BagSource | DepthArrays | FlirImages"
-)
-"""A ``FrameSource`` with ``len``, and ``notes`` on what is absent or assumed."""
+Source: TypeAlias = FrameSource
 
 KINDS = (
     "a session, a ROS 1 or 2 bag, an MCAP file with ROS 2 or Foxglove images, a recording of a RealSense "
@@ -36,15 +24,72 @@ BAG_METADATA = "metadata.yaml"
 """In a ROS 2 bag's folder, which is meant where somebody names this file."""
 
 
-Opener: TypeAlias = "Callable[[], Source]"
+class Opener(NamedTuple):
+    """What opens a source. own: whether it obeys the options itself; topics: whether it has topics.
+
+    whole: whether its cameras are taken as they are, because the session was made here.
+    """
+
+    read: Callable[[], FrameSource]
+    own: bool = False
+    topics: bool = False
+    whole: bool = False
 
 
-def open_source(path: Path) -> "Source":
-    """The ``FrameSource`` at ``path``. Raises FormatError for anything else, and what the sources raise."""
-    return opener_at(path)()
+def open_source(path: Path, options: ImportOptions = AS_STATED) -> FrameSource:
+    """Open the ``FrameSource`` at ``path``, as its user declares it.
+
+    Raises FormatError for anything else, CalibrationError for cameras that none is, and what sources raise.
+    """
+    opener = opener_at(path, options)
+    if options.topics and not opener.topics:
+        raise CloudError(f"{path} has no topics; leave --topic out")
+    source = opener.read()
+    if options != AS_STATED:
+        from sensors.importers.declared import Declared
+
+        source = Declared(source, options, own=opener.own)
+    if not opener.whole:
+        from sensors.rig.camera_check import check_rig
+
+        check_rig(source.calibration, path.name)
+    return source
 
 
-def opener_at(path: Path) -> "Opener":
+def doubts_of(source: FrameSource) -> tuple[str, ...]:
+    """What the judges of depth and cameras find odd of a source that has not been judged when it was opened.
+
+    Raises CloudError where a frame that is looked at cannot be read.
+    """
+    return tuple(note for note in judged_notes(source) if note not in source.notes and not _is_range(note))
+
+
+def judged_notes(source: FrameSource) -> tuple[str, ...]:
+    """Notes of a source, with those of the judges of depth and cameras where it has not been judged yet.
+
+    Raises CloudError where a frame that is looked at cannot be read.
+    """
+    from sensors.rig.camera_check import check_rig
+    from sensors.rig.depth_check import judge_depth, spread
+
+    if any(map(_is_range, source.notes)):
+        return tuple(source.notes)
+    notes = list(source.notes)
+    try:
+        check_rig(source.calibration, "doubtful calibration")
+    except CalibrationError as error:
+        notes.append(str(error))
+    samples = [source.frame(at).depth_mm for at in spread(len(source))]
+    return (*notes, *judge_depth(samples, 1.0, source.name).notes)
+
+
+def _is_range(note: str) -> bool:
+    from sensors.rig.depth_check import JUDGED
+
+    return note.startswith(JUDGED)
+
+
+def opener_at(path: Path, options: ImportOptions = AS_STATED) -> Opener:
     """What opens the ``FrameSource`` at ``path``, whose kind is known before it is read.
 
     Files are recognised by their first bytes, clouds by their name. Raises FormatError for anything else.
@@ -53,7 +98,7 @@ def opener_at(path: Path) -> "Opener":
     if path.name == BAG_METADATA and path.is_file():
         path = path.parent
     if path.is_dir():
-        return _folder(path)
+        return _folder(path, options)
     head = _head(path)
     from sensors.session.mcap_records import MAGIC
 
@@ -62,27 +107,29 @@ def opener_at(path: Path) -> "Opener":
         from sensors.session.reader import Session
 
         if not (head.startswith(MAGIC) and is_bag(path)):
-            return partial(Session, path)
+            return Opener(partial(Session, path), whole=True)
         from sensors.importers.bags.bag import Bag
 
-        return partial(Bag, path)
+        return Opener(partial(Bag, path, options), own=True, topics=True)
     if head.startswith((b"SQLite format 3\0", b"#ROSBAG V")):
-        return _bag(path)
-    return _other(path, head)
+        return _bag(path, options)
+    return _other(path, head, options)
 
 
-def _folder(path: Path) -> "Opener":
+def _folder(path: Path, options: ImportOptions) -> Opener:
     from sensors.importers.bags.bag import Bag
     from sensors.importers.bags.bag_files import is_bag
     from sensors.importers.flir_images import FlirImages, is_flir_alone
     from sensors.importers.folder import ImageFolder
 
     if is_bag(path):
-        return partial(Bag, path)
-    return partial(FlirImages if is_flir_alone(path) else ImageFolder, path)
+        return Opener(partial(Bag, path, options), own=True, topics=True)
+    if is_flir_alone(path):
+        return Opener(partial(FlirImages, path))
+    return Opener(partial(ImageFolder, path, options), own=True)
 
 
-def _bag(path: Path) -> "Opener":
+def _bag(path: Path, options: ImportOptions) -> Opener:
     from sensors.importers.bags.bag import Bag
     from sensors.importers.bags.bag_files import open_rosbag
     from sensors.importers.bags.orbbec import OrbbecRecording, is_orbbec
@@ -90,11 +137,13 @@ def _bag(path: Path) -> "Opener":
 
     file = open_rosbag(path)
     if is_realsense(file):
-        return partial(RealSenseRecording, path)
-    return partial(OrbbecRecording if is_orbbec(file) else Bag, path)
+        return Opener(partial(RealSenseRecording, path))
+    if is_orbbec(file):
+        return Opener(partial(OrbbecRecording, path))
+    return Opener(partial(Bag, path, options), own=True, topics=True)
 
 
-def _other(path: Path, head: bytes) -> "Opener":
+def _other(path: Path, head: bytes, options: ImportOptions) -> Opener:
     """What opens the source of a file that is no recording of messages."""
     from sensors.importers.arrays import NPY_MAGIC, ZIP_MAGIC, DepthArrays
     from sensors.importers.azure_mkv import AzureRecording
@@ -102,21 +151,21 @@ def _other(path: Path, head: bytes) -> "Opener":
     from sensors.importers.pointcloud import CloudFile
 
     if head.startswith(b"\x1a\x45\xdf\xa3"):
-        return partial(AzureRecording, path)
-    if head.startswith((NPY_MAGIC, ZIP_MAGIC)):
-        return partial(DepthArrays, path)
+        return Opener(partial(AzureRecording, path))
+    if head.startswith((NPY_MAGIC, ZIP_MAGIC)) and path.suffix.lower() != ".zip":
+        return Opener(partial(DepthArrays, path, options), own=True)
     if head.startswith(JPEG_MAGIC) and is_flir_alone(path):
-        return partial(FlirImages, path)
+        return Opener(partial(FlirImages, path))
     if path.suffix.lower() in CLOUDS:
-        return partial(CloudFile, path)
-    raise FormatError(f"{path} is of no known kind; give {KINDS}")
+        return Opener(partial(CloudFile, path))
+    raise refuse(path, head)
 
 
 def _head(path: Path) -> bytes:
     if not path.exists():
-        raise FormatError(f"{path} does not exist; give {KINDS}")
+        raise FormatError(f"{path} does not exist; check its name")
     try:
         with path.open("rb") as file:
-            return file.read(16)
+            return file.read(32)
     except OSError as error:
         raise FormatError(f"{path} cannot be read ({error.strerror}); check its permissions") from error

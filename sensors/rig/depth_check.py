@@ -49,6 +49,8 @@ LEAST_PIXELS = 200
 """Readings below which nothing is judged. Untuned."""
 MOST_PIXELS = 100_000
 """Pixels of a sample that are looked at. Untuned."""
+JUDGED = "depth:"
+"""How the note of the judge begins."""
 SAMPLES = 5
 """Frames of a source that are looked at, spread over all of it. Untuned."""
 
@@ -148,7 +150,7 @@ def judge_depth(
         swapped,
         found,
         (
-            f"depth: {unit:g} mm a step ({'assumed' if unit_mm is None else 'declared'}), {found} at the "
+            f"{JUDGED} {unit:g} mm a step ({'assumed' if unit_mm is None else 'declared'}), {found} at the "
             f"1st, 50th and 99th percentile; no reading: {1 - len(values) / total:.1%} of the pixels",
             *(["bytes of the depth words are swapped: read the other way round"] if swapped else []),
             *_seen_codes(words, invalid),
@@ -283,5 +285,7 @@ def _doubts(found: Range, images: Sequence[Image], unit_mm: float) -> list[str]:
     elif len(steps := _steps(images)) >= LEAST_PIXELS:
         step_m = float(np.median(steps)) * unit_mm / 1000
         if step_m > max(ROUGH_M, found.median * ROUGH):
-            doubts.append(f"neighbouring pixels differ by {step_m:.2g} m: perhaps no depth image")
+            doubts.append(
+                f"doubtful depth: neighbouring pixels differ by {step_m:.2g} m: perhaps no depth image"
+            )
     return doubts
