@@ -19,7 +19,7 @@ JPEG_QUALITY = 95
 class Declared(FrameSource):
     """Frames of another source as its user declares them.
 
-    own: whether the source has read the unit, the intrinsics and the rate of ``options`` itself. Otherwise
+    own: whether the source has read the unit and the intrinsics of ``options`` itself. Otherwise
     its depth has steps of one millimetre. Raises CalibrationError and FormatError.
     """
 
@@ -34,9 +34,9 @@ class Declared(FrameSource):
             found.depth.check_size("depth image", calibration.depth.shape)
             calibration = replace(calibration, depth=found.depth)
             notes.append(f"intrinsics of depth from {options.intrinsics.name}, as declared")
-        if options.rate_hz is not None and not own:
+        if options.rate_hz is not None:
             self.times_ns = regular_times_ns(len(source), round(1e9 / options.rate_hz))
-            notes.append(f"times: {options.rate_hz:g} frames a second as declared")
+            notes += [] if own else [f"times: {options.rate_hz:g} frames a second as declared"]
         if options.depth_unit_mm is not None and not own:
             samples = [source.frame(at).depth_mm for at in spread(len(source))]
             notes += judge_depth(samples, options.depth_unit_mm, source.name).notes

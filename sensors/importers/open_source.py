@@ -25,7 +25,7 @@ BAG_METADATA = "metadata.yaml"
 
 
 class Opener(NamedTuple):
-    """What opens a source. own: whether it obeys the options itself; topics: whether it has topics.
+    """What opens a source. own: whether it obeys unit and intrinsics itself; topics: whether it has topics.
 
     whole: whether its cameras are taken as they are, because the session was made here.
     """
@@ -137,9 +137,9 @@ def _bag(path: Path, options: ImportOptions) -> Opener:
 
     file = open_rosbag(path)
     if is_realsense(file):
-        return Opener(partial(RealSenseRecording, path))
+        return Opener(partial(RealSenseRecording, path, options), own=True)
     if is_orbbec(file):
-        return Opener(partial(OrbbecRecording, path))
+        return Opener(partial(OrbbecRecording, path, options), own=True)
     return Opener(partial(Bag, path, options), own=True, topics=True)
 
 
