@@ -57,10 +57,11 @@ def write_old_bag(path, frames, depth_lens, color_lens, unit_m=0.001, rotation=(
                 f"/device_0/{name}/tf/0", "geometry_msgs/msg/Transform", 1,
                 translation=vector(*xyz), rotation=quaternion(*turn),
             )  # fmt: skip
-            for frame in frames:
+            for index, frame in enumerate(frames):
                 number, stamp_ms, pixels = frame[0], frame[1], frame[at]
                 stamp = time(int(stamp_ms // 1000), round(stamp_ms % 1000 * 1e6))
-                logged_ns = 1_000_000_000 + round(1e6 * (stamp_ms - frames[0][1]))
+                # The SDK leaves pauses out of the time since the recording began.
+                logged_ns = 1_000_000_000 + 33_250_000 * index
                 write(
                     f"/device_0/{name}/image/data", "sensor_msgs/msg/Image", logged_ns,
                     np.float32(unit_m if at == 2 else 0).tobytes(),

@@ -50,7 +50,7 @@ class Bag(FrameSource):
         found = BagCameras(path, topics).calibrate(streams[0], streams[1] if chosen.color else None, options)
         self.calibration, self.times_ns = found.calibration, self._depth.timeline.times_ns
         samples = [self._depth_at(index) for index in spread(len(self._depth))]
-        self._reading = judge_depth(samples, options.depth_unit_mm, chosen.depth, FINE_MM)
+        self._reading = judge_depth(samples, options.depth_unit_mm or found.unit_mm, chosen.depth, FINE_MM)
         self._pairs, apart = np.full(len(self._depth), -1, np.int64), tuple[str, ...]()
         if self._color is not None:
             self._pairs, apart = paired(self._depth.timeline, self._color.timeline)

@@ -31,10 +31,11 @@ class Stream(NamedTuple):
 
 
 class Found(NamedTuple):
-    """A calibration, and notes on how it was found."""
+    """A calibration, notes on how it was found, and millimetres of a depth step where a file states them."""
 
     calibration: RigCalibration
     notes: tuple[str, ...]
+    unit_mm: float | None = None
 
 
 class BagCameras:
@@ -47,22 +48,23 @@ class BagCameras:
 
     def calibrate(self, depth: Stream, color: Stream | None, options: ImportOptions) -> Found:
         """The calibration of two image topics. Raises CalibrationError where nothing describes depth."""
+        unit_mm = None
         if options.intrinsics is not None:
             width, height = picture_size(depth.first) or (0, 0)
             found = read_intrinsics(options.intrinsics, (height, width))
-            lens, origin = found.depth, options.intrinsics.name
+            lens, origin, unit_mm = found.depth, options.intrinsics.name, found.unit_mm
         else:
             lens, origin = self._lens(depth, ", or give --intrinsics FILE")
         if color is None:
-            return Found(RigCalibration(lens), (f"depth intrinsics from {origin}",))
+            return Found(RigCalibration(lens), (f"depth intrinsics from {origin}",), unit_mm)
         try:
             color_lens, color_origin = self._color_lens(depth, color, lens, origin)
             pose, how = self._pose(depth, color, origin == color_origin and lens.shape == color_lens.shape)
         except CalibrationError as error:
             note = f"colour images cannot be fused: {error}"
-            return Found(RigCalibration(lens), (f"depth intrinsics from {origin}", note))
+            return Found(RigCalibration(lens), (f"depth intrinsics from {origin}", note), unit_mm)
         notes = (f"intrinsics from {origin} and {color_origin}", how)
-        return Found(RigCalibration(lens, color_lens, pose), notes)
+        return Found(RigCalibration(lens, color_lens, pose), notes, unit_mm)
 
     def _lens(self, stream: Stream, otherwise: str = "") -> tuple[Intrinsics, str]:
         """The lens of an image topic and the topic that describes it.

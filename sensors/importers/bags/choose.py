@@ -109,7 +109,8 @@ def choose_color(first: dict[str, Picture], depth: str, wanted: Sequence[str] = 
     camera = camera_of(depth)
     asked = [n for n in first if n in wanted and n != depth and _shows_color(n, first[n])]
     below = [n for n in wanted if n not in first]
-    found = asked or [n for n, i in first.items() if _is_color(n, i) and _allowed(n, below) and n != depth]
+    colors = [n for n, image in first.items() if _is_color(n, image) and n != depth]
+    found = asked or [n for n in colors if _allowed(n, below)] or colors
     nearest = max((_shared(camera, camera_of(name)) for name in found), default=0)
     tests: tuple[Callable[[str], bool], ...] = (
         lambda name: _shared(camera, camera_of(name)) == nearest,

@@ -1,0 +1,212 @@
+"""Recordings that were cut off, paused, or never closed: what is there is read, what is lost is named."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from sensors.errors import CloudError
+from sensors.importers.bags.bag import Bag
+from sensors.importers.bags.realsense import RealSenseRecording, unwrapped
+from sensors.importers.bags.ros1_file import Ros1File
+from sensors.importers.open_source import open_source
+from sensors.rig.camera import Intrinsics
+from tests.helpers.bags import SECOND, color_image, depth_image, realsense, write_old_bag
+from tests.helpers.realsense_files import write_old_bag as write_realsense_bag
+from tests.helpers.samples import azure_depth, azure_jpeg, azure_mkv
+
+LENS = Intrinsics(64, 48, 50, 51, 31.5, 23.5)
+
+
+def in_order(frames: int) -> list[tuple[str, object, int]]:
+    """What a RealSense's node publishes, received in the order of time, calibration first."""
+    messages = realsense(frames)
+    messages = [m for m in messages if m[2] < 10] + [m for m in reversed(messages) if m[2] >= 10]
+    return [(topic, message, SECOND + at) for at, (topic, message, _) in enumerate(messages)]
+
+
+# ROS 1
+
+
+def records(data: bytes) -> list[tuple[int, int, bytes]]:
+    """(begin, end, operation) of the records of a ROS 1 bag, by the format's own text."""
+    found, at = [], len(b"#ROSBAG V2.0\n")
+    while at < len(data):
+        header = int.from_bytes(data[at : at + 4], "little")
+        operation = data[data.index(b"op=", at, at + 4 + header) + 3 :][:1]
+        size = int.from_bytes(data[at + 4 + header : at + 8 + header], "little")
+        end = at + 8 + header + size
+        found.append((at, end, operation))
+        at = end
+    return found
+
+
+def assert_frames(source: Bag, count: int) -> None:
+    assert len(source) == count
+    for i, frame in enumerate(source):
+        np.testing.assert_array_equal(frame.depth_mm, depth_image(i))
+        assert frame.stamp_ns == SECOND + i * 33_000_000
+        if frame.color_encoded is not None:
+            np.testing.assert_array_equal(frame.decode_color(), color_image(i))
+
+
+@pytest.mark.parametrize("compression", ["", "BZ2", "LZ4"])
+def test_a_bag_without_an_index_is_read_as_one_with(tmp_path, compression):
+    """As a recorder that was killed leaves it: chunks alone, and 0 where the index would begin."""
+    path = write_old_bag(tmp_path / "x.bag", in_order(4), compression)
+    whole = path.read_bytes()
+    assert_frames(open_source(path), 4)
+    chunks = [(begin, end) for begin, end, operation in records(whole) if operation == b"\5"]
+    head = whole[: chunks[0][0]]
+    at = head.index(b"index_pos=") + len(b"index_pos=")
+    active = tmp_path / "x.bag.active"
+    active.write_bytes(head[:at] + bytes(8) + head[at + 8 :] + b"".join(whole[a:b] for a, b in chunks))
+    source = open_source(active)
+    assert isinstance(source, Bag)
+    assert_frames(source, 4)
+    assert not any("cut off" in note for note in source.notes)
+
+
+def test_the_last_chunk_of_a_killed_recorder_has_the_length_zero(tmp_path):
+    path = write_old_bag(tmp_path / "x.bag", in_order(4))
+    whole = path.read_bytes()
+    begin, end, _ = next(record for record in records(whole) if record[2] == b"\5")
+    header = int.from_bytes(whole[begin : begin + 4], "little")
+    body = begin + 8 + header
+    path.write_bytes(whole[: body - 4] + bytes(4) + whole[body:end])
+    assert_frames(open_source(path), 4)
+
+
+def test_a_bag_cut_anywhere_is_read_up_to_the_cut_or_named(tmp_path):
+    """Every chunk that is there in full counts, and a note states where the rest is lost."""
+    messages = in_order(6)
+    path = tmp_path / "x.bag"
+    counts = []
+    whole = write_old_bag(path, messages).read_bytes()
+    # The writer's chunks are large: each message gets a chunk of its own by bags put behind one another.
+    for cut in np.linspace(0, len(whole) - 1, 60).astype(int):
+        path.write_bytes(whole[:cut])
+        try:
+            source = open_source(path)
+            assert_frames(source, len(source))
+            assert (
+                any("x.bag is cut off or damaged at byte" in note for note in source.notes)
+                or len(source) == 6
+            )
+            counts.append(len(source))
+        except CloudError as error:
+            assert "\n" not in str(error)
+            counts.append(0)
+    assert max(counts) == 6 and counts == sorted(counts)
+
+
+def test_messages_are_read_at_random(tmp_path):
+    path = write_old_bag(tmp_path / "x.bag", in_order(4), "LZ4")
+    source = open_source(path)
+    for index in (3, 1, 0, 2):
+        np.testing.assert_array_equal(source.frame(index).depth_mm, depth_image(index))
+    file = Ros1File(path)
+    assert {"/tf_static", "/camera/depth/camera_info"} <= file.topics
+    for entry in file.entries():
+        assert file.read(entry.topic, entry.place) == entry.data
+
+
+# RealSense
+
+
+def smooth(number: int) -> np.ndarray:
+    v, u = np.mgrid[:48, :64]
+    return (1000 + 10 * u + 5 * v + number).astype(np.uint16)
+
+
+def take(folder, stamps_ms: list[float], numbers: list[int]) -> RealSenseRecording:
+    grey, yuyv = np.zeros((48, 64), np.uint8), np.zeros((48, 64, 2), np.uint8)
+    frames = [
+        (n, ms, smooth(i), grey, yuyv) for i, (n, ms) in enumerate(zip(numbers, stamps_ms, strict=True))
+    ]
+    lens = LENS, "Brown Conrady"
+    source = open_source(write_realsense_bag(folder / "x.bag", frames, lens, lens))
+    for i, frame in enumerate(source):
+        np.testing.assert_array_equal(frame.depth_mm, smooth(i))
+        assert frame.color_encoded is not None
+    return source
+
+
+@pytest.mark.parametrize("start_ms", [1.7e12, 5000.0])
+@pytest.mark.parametrize("minutes", [1, 30, 40, 80, 300])
+def test_pauses_keep_order_and_length(tmp_path, start_ms, minutes):
+    pause = minutes * 60_000
+    stamps = [start_ms + 33 * i + pause * (i >= 3) for i in range(6)]
+    source = take(tmp_path, stamps, list(range(10, 16)))
+    np.testing.assert_allclose(source.times_ns, 1e6 * np.array(stamps), atol=1000)
+    assert any(f"1 pauses of {60 * minutes} s" in note for note in source.notes)
+    assert not any("were lost" in note for note in source.notes)
+
+
+def test_the_cameras_own_clock_wraps_around(tmp_path):
+    """Of 32 bits in microseconds, where the SDK gives the camera's time and not the host's."""
+    wrap = 2**32 / 1000
+    stamps = [(wrap - 90 + 33 * i) % wrap for i in range(6)]
+    source = take(tmp_path, stamps, list(range(6)))
+    np.testing.assert_allclose(np.diff(source.times_ns), 33e6, atol=2000)
+    host = np.array([5 * 10**18, 4 * 10**18], np.int64)
+    np.testing.assert_array_equal(unwrapped(host), host)
+
+
+def test_a_counter_that_starts_again_loses_nothing(tmp_path):
+    stamps = [1.7e12 + 33 * i for i in range(6)]
+    source = take(tmp_path, stamps, [100_000, 100_001, 100_003, 1, 2, 3])
+    assert "1 depth images were lost while it was recorded" in source.notes
+    assert any("counter of images starts again 1 times" in note for note in source.notes)
+
+
+def test_a_camera_that_was_reset_keeps_the_recorded_order(tmp_path):
+    """Its clock and its counter begin anew."""
+    stamps = [400_000.0 + 33 * i for i in range(3)] + [900.0 + 33 * i for i in range(3)]
+    source = take(tmp_path, stamps, [12_000, 12_001, 12_002, 1, 2, 3])
+    assert (np.diff(source.times_ns) > 0).all()
+    assert any("steps back 1 times" in note for note in source.notes)
+
+
+# Azure Kinect
+
+
+def test_an_azure_recording_cut_anywhere_gives_whole_images(tmp_path):
+    """An image that the end cuts off is left out: depth with its frame, infrared and colour alone."""
+    whole, path, counts = azure_mkv(4), tmp_path / "a.mkv", []
+    size = 2 * azure_depth(0).size
+    cuts = {
+        len(whole) - back
+        for back in (1, 2, 300, len(azure_jpeg(3)) + 30, size, size + 200, 2 * size, 2 * size + 60)
+    }
+    for cut in sorted(cuts | set(np.linspace(0, len(whole) - 1, 60).astype(int))):
+        path.write_bytes(whole[:cut])
+        try:
+            source = open_source(path)
+            for i, frame in enumerate(source):
+                np.testing.assert_array_equal(frame.depth_mm, azure_depth(i))
+                assert frame.color_encoded in (None, azure_jpeg(i))
+                if frame.infrared is not None:
+                    np.testing.assert_array_equal(frame.infrared, azure_depth(i))
+            assert "a.mkv is cut off: its end is lost" in source.notes
+            counts.append(len(source))
+        except CloudError as error:
+            assert "\n" not in str(error)
+            counts.append(0)
+    assert set(counts) == {0, 1, 2, 3, 4}
+    assert all(a <= b for a, b in pairwise(counts))
+
+
+def test_the_real_azure_recording_cut_in_an_image_says_so(shared_data, tmp_path):
+    whole = (shared_data / "azure_kinect" / "recording.mkv").read_bytes()
+    path = tmp_path / "a.mkv"
+    path.write_bytes(whole[:-400_000])
+    source = open_source(path)
+    frame = source.frame(0)
+    assert len(source) == 1 and frame.infrared is None and "no infrared images" in source.notes
+    np.testing.assert_array_equal(
+        frame.depth_mm, open_source(shared_data / "azure_kinect" / "recording.mkv").frame(0).depth_mm
+    )
+    path.write_bytes(whole[:-1_000_000])
+    with pytest.raises(CloudError, match=r"no readable depth image \(it is cut off\)"):
+        open_source(path)
