@@ -106,6 +106,7 @@ def train(
         split, measured = _crops(data, tests, frozenset(hold_out or []), test_images)
         crops = split.trained
         if group.first:
+            _say_unchecked([*data, *tests])
             clear(out, PLAN, overwrite, *inputs)
         with _watching(group, out, plan, crops, checkpoint_minutes) as watch:
             model, done = run(crops, measured, out, plan, group, watch, start, workers)
@@ -126,6 +127,19 @@ def _checked(frames: list[Path], init: Path | None) -> list[Path]:
     if init is not None:
         check_safetensors(init)
     return inputs
+
+
+def _say_unchecked(paths: list[Path]) -> None:
+    """Print how many frames of label sets nobody has accepted, where there are any."""
+    from annotate.labelset.frames import open_frames
+    from annotate.labelset.store import LabelSet
+
+    for path in paths:
+        labels = open_frames(path)
+        if isinstance(labels, LabelSet):
+            automatic = sum(labels.status(frame_id) == "auto" for frame_id in labels.frame_ids)
+            if automatic:
+                say(f"{path}: {automatic} of {len(labels)} frames have labels that nobody has checked")
 
 
 def _shipped() -> Path:
