@@ -75,7 +75,7 @@ HONEST: dict[str, float] = {
     * 640
     * 576
     * 2,  # half a minute of an Azure Kinect
-    "sensors.importers.bags.ros1_file.MAX_HEADER_BYTES": 1000,  # a chunk of a thousand connections has 16 each
+    "sensors.importers.bags.ros1_file.MAX_HEADER_BYTES": 1000,  # names of topics
     "sensors.importers.cloud_records.MAX_POINTS": 40_000_000,  # of a scanner on a tripod
     "sensors.importers.pcd_file.MAX_HEADER_BYTES": 10_000,  # comments
     "sensors.importers.pcd_file.MAX_POINT_BYTES": 5000 * 4,  # a histogram

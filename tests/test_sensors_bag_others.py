@@ -15,15 +15,15 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from sensors.errors import CalibrationError, CloudError, FormatError
-from sensors.importers.bags.bag import Bag
 from sensors.importers.bags.choose import Meaning, choose, meaning_of
 from sensors.importers.bags.ros_images import color_encoded_from
 from sensors.importers.bags.ros_messages import Picture
 from sensors.importers.bags.timeline import Stamps, paired, timeline_of
 from sensors.importers.open_source import open_source
-from sensors.importers.options import ImportOptions
+from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.camera import Intrinsics, project
 from sensors.rig.camera_messages import describes, intrinsics_from, window_of
+from sensors.rig.frame import FRAME_PERIOD_NS
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.messages import calibration_messages
 from tests.helpers.bags import SECOND, STORAGES, camera_info, header, image, ros, transform, write_bag
@@ -107,7 +107,7 @@ def opened(tmp_path):
 
     def opened(messages, options=None, storage=STORAGES[1]):
         made.append(write_bag(tmp_path / f"bag{len(made)}", storage, messages))
-        return Bag(made[-1], options) if options else open_source(made[-1])
+        return open_source(made[-1], options or AS_STATED)
 
     return opened
 
@@ -453,9 +453,11 @@ def test_stamps_that_are_all_alike_are_none(opened, stamp):
 @pytest.mark.parametrize("storage", STORAGES)
 def test_without_any_times_a_rate_counts(opened, storage):
     messages = [(t, m, 7) for t, m, _ in [*rig(), *depths(stamps=[-START / PERIOD] * 4)]]
+    source = opened(messages, None, storage)
+    np.testing.assert_array_equal(np.diff(source.times_ns), FRAME_PERIOD_NS)
+    assert noted(source, "no usable times", "--rate")
     source = opened(messages, ImportOptions(rate_hz=10), storage)
     np.testing.assert_array_equal(np.diff(source.times_ns), PERIOD)
-    assert noted(source, "no usable times", "--rate")
     assert_depth(source)
 
 

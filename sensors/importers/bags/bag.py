@@ -34,7 +34,7 @@ class Bag(FrameSource):
     def __init__(self, path: Path, options: ImportOptions = AS_STATED) -> None:
         self.path, self.name = path, path.stem
         files = open_files(path)
-        topics = index_topics(files, options.rate_hz)
+        topics = index_topics(files)
         pictures = {n: picture_from(t.read(0)) for n, t in topics.items() if t.kind in PICTURES and len(t)}
         chosen = choose(pictures, options.topics)
         if chosen is None:

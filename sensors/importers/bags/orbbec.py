@@ -20,7 +20,6 @@ from sensors.importers.bags.ros1_file import Ros1File
 from sensors.importers.bags.ros_messages import Picture
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.camera import Intrinsics, intrinsics_from_rational
-from sensors.rig.camera_check import check_camera
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.intrinsics_file import read_intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration
@@ -140,7 +139,6 @@ class OrbbecRecording(FrameSource):
             raise CalibrationError(
                 f"{self.path} has no intrinsics of the depth camera; give --intrinsics FILE"
             )
-        check_camera(lens, f"{self.path.name}, depth camera")
         if not color.images:
             return RigCalibration(lens), ["intrinsics from the recording", "no colour images"]
         with suppress(CalibrationError):

@@ -26,7 +26,6 @@ from sensors.importers.bags.ros1_file import Ros1File
 from sensors.importers.bags.ros_messages import Picture, decode, picture_from
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.camera import Intrinsics
-from sensors.rig.camera_check import check_camera
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.intrinsics_file import read_intrinsics
 from sensors.rig.realsense_lens import realsense_intrinsics
@@ -161,7 +160,6 @@ class RealSenseRecording(FrameSource):
             raise CalibrationError(
                 f"{self.path} has no intrinsics of the depth camera; give --intrinsics FILE"
             )
-        check_camera(lens, f"{self.path.name}, depth camera")
         if not color.images:
             return RigCalibration(lens), ["intrinsics from the recording", "no colour images"]
         color_lens, at_depth, at_color = color.lens(), depth.pose(), color.pose()

@@ -44,16 +44,12 @@ class Timeline:
 
 @dataclass(frozen=True)
 class Stamps:
-    """A topic's messages in the order of receive times. same: whether two messages hold the same bytes.
-
-    rate_hz: images a second where there are no times, None = 30.
-    """
+    """A topic's messages in the order of receive times. same: whether two messages hold the same bytes."""
 
     name: str
     stamps_ns: Times
     received_ns: Times
     same: Callable[[int, int], bool]
-    rate_hz: float | None = None
 
 
 def timeline_of(given: Stamps) -> Timeline:
@@ -139,7 +135,7 @@ def _steps_back(stamps_ns: Times, received_ns: Times) -> bool:
     delays_ns = received_ns - stamps_ns
     falls = np.flatnonzero(np.diff(stamps_ns) < 0) + 1
     shifts = [np.median(delays_ns[at:]) - np.median(delays_ns[:at]) for at in falls]
-    return max(shifts) > late_ns / 2
+    return float(max(shifts)) > late_ns / 2
 
 
 def _received(given: Stamps, order: Times, doubled_at: Times | None) -> Timeline:
@@ -153,9 +149,8 @@ def _received(given: Stamps, order: Times, doubled_at: Times | None) -> Timeline
         notes += _twice(given.name, twice)
     times_ns = given.received_ns[order]
     if len(times_ns) > 1 and np.ptp(times_ns) == 0:
-        period_ns = FRAME_PERIOD_NS if given.rate_hz is None else round(1e9 / given.rate_hz)
-        times_ns = times_ns[0] + regular_times_ns(len(times_ns), period_ns)
-        notes[0] = f"{given.name} has no usable times: taken as {1e9 / period_ns:.3g} a second (--rate)"
+        times_ns = times_ns[0] + regular_times_ns(len(times_ns))
+        notes[0] = f"{given.name} has no usable times: taken as 30 a second; else give --rate"
     zeros = np.zeros(len(order), np.int64)
     stamps = given.stamps_ns[order], given.received_ns[order]
     return Timeline(order, times_ns, *stamps, zeros, tuple(notes), stamped=False)

@@ -28,14 +28,13 @@ class Message(NamedTuple):
 class Topic:
     """One topic's messages, all of one kind and encoding, in the order in which they were received.
 
-    rate_hz: images a second where a topic has no times, None = 30. empty: how many images without pixels were
-    left out. ``len``, ``read`` and ``timeline`` count in the order of times.
+    empty: how many images without pixels were left out. ``len``, ``read`` and ``timeline`` count in the
+    order of times.
     """
 
     name: str
     kind: str
     encoding: str
-    rate_hz: float | None = None
     messages: list[Message] = field(default_factory=list)
     empty: int = 0
 
@@ -57,7 +56,7 @@ class Topic:
         stamps_ns, received_ns = (
             np.array([message[at] for message in self.messages], np.int64) for at in (0, 1)
         )
-        return timeline_of(Stamps(self.name, stamps_ns, received_ns, self._same, self.rate_hz))
+        return timeline_of(Stamps(self.name, stamps_ns, received_ns, self._same))
 
     def _same(self, a: int, b: int) -> bool:
         return self._bytes(a) == self._bytes(b)
@@ -67,12 +66,12 @@ class Topic:
         return message.file.read(self.name, message.place)
 
 
-def index_topics(files: list[BagFile], rate_hz: float | None = None) -> dict[str, Topic]:
-    """Every topic of a kind that is read. rate_hz: see ``Topic``. Raises FormatError."""
+def index_topics(files: list[BagFile]) -> dict[str, Topic]:
+    """Every topic of a kind that is read. Raises FormatError."""
     topics: dict[str, Topic] = {}
     for file in files:
         for entry in file.entries():
-            topic = topics.setdefault(entry.topic, Topic(entry.topic, entry.kind, entry.encoding, rate_hz))
+            topic = topics.setdefault(entry.topic, Topic(entry.topic, entry.kind, entry.encoding))
             if (topic.kind, topic.encoding) != (entry.kind, entry.encoding):
                 raise FormatError(f"{file.path}: topic {entry.topic[:60]!r} holds messages of two kinds")
             _add(topic, file, entry)
