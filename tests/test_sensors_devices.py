@@ -561,7 +561,25 @@ class FakeOrbbec:
     OBSensorType = SimpleNamespace(COLOR_SENSOR=2, DEPTH_SENSOR=3, IR_SENSOR=1, LEFT_IR_SENSOR=9)
     OBFrameType = SimpleNamespace(IR_FRAME=1, LEFT_IR_FRAME=9)
     OBFormat = SimpleNamespace(MJPG=5)
+    OBPropertyID = SimpleNamespace(
+        **{f"OB_PROP_{n}_{c}_BOOL": (n, c) for n in ("DEPTH", "COLOR", "IR") for c in ("MIRROR", "FLIP")}
+    )
+    OBPermissionType = SimpleNamespace(PERMISSION_WRITE=2)
     __spec__ = ModuleSpec("pyorbbecsdk", None)
+    stamped = True
+
+    class Device:
+        """A camera whose viewer has left the depth image mirrored; infrared knows no such setting."""
+
+        def __init__(self):
+            self.on = {("DEPTH", "MIRROR"): True, ("DEPTH", "FLIP"): True, ("COLOR", "MIRROR"): False}
+
+        def is_property_supported(self, setting, permission):
+            assert permission == 2
+            return setting in self.on
+
+        def set_bool_property(self, setting, value):
+            self.on[setting] = value
 
     class Config:
         def enable_stream(self, profile):
@@ -580,7 +598,10 @@ class FakeOrbbec:
 
     class Pipeline:
         def __init__(self, device):
-            self.left = 2
+            self.left, self.device = 2, FakeOrbbec.Device()
+
+        def get_device(self):
+            return self.device
 
         def get_stream_profile_list(self, sensor):
             return SimpleNamespace(
@@ -608,12 +629,14 @@ class FakeOrbbec:
             self.left -= 1
             if self.left < 0:
                 return None
+            turns = [self.device.on["DEPTH", change] for change in ("FLIP", "MIRROR")]
+            image = np.flip(np.arange(6, dtype="<u2").reshape(2, 3), np.flatnonzero(turns))
             depth = {
                 "get_height": 2,
                 "get_width": 3,
-                "get_data": np.arange(6, dtype="<u2").view(np.uint8),
+                "get_data": np.ascontiguousarray(image).view(np.uint8),
                 "get_depth_scale": 0.5,
-                "get_timestamp_us": 10**6 - 66_667 * self.left,
+                "get_timestamp_us": (10**6 - 66_667 * self.left) * FakeOrbbec.stamped,
             }
             frame = SimpleNamespace(**{name: (lambda v=value: v) for name, value in depth.items()})
             return SimpleNamespace(
@@ -632,6 +655,17 @@ def test_an_orbbec_by_pyorbbecsdks_names(monkeypatch):
         assert readings[1].stamp_ns - readings[0].stamp_ns == 66_667_000
         assert device.rates_hz == {"depth": 15.0, "color": 30.0} and readings[1].dropped == 0
         assert device.read(0.0) is None
+
+
+def test_an_orbbec_without_a_clock_is_stamped_by_arrival(monkeypatch):
+    """Every image says 0 until somebody sets the camera's clock (orbbec/OrbbecSDK issue 91)."""
+    monkeypatch.setitem(sys.modules, "pyorbbecsdk", FakeOrbbec)
+    monkeypatch.setattr(FakeOrbbec, "stamped", False)
+    with closing(open_device("orbbec:CP1")) as device:
+        device.start()
+        first, second = device.read(0.5), device.read(0.5)
+    assert 0 < second.stamp_ns - first.stamp_ns < 10**9
+    assert abs(second.arrival_ns - second.stamp_ns) < 10**9
 
 
 def played_by_orbbec(sdk, path, count):

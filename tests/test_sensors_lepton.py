@@ -7,7 +7,7 @@ import pytest
 
 from sensors.device.protocol import Flag, ThermalCounts, ThermalImage
 from sensors.drivers.lepton import RATE_HZ, SIZES, Lepton, Telemetry, telemetry_of
-from sensors.drivers.y16 import Radiometry, Y16Camera
+from sensors.drivers.y16 import Boson, Radiometry, Y16Camera
 from sensors.errors import DeviceError, DeviceFaultError
 from sensors.recording import open_device as open_device_module
 from sensors.recording.open_device import find_devices, open_device
@@ -149,12 +149,33 @@ def test_scale_and_offset_make_temperatures(radiometry):
 
 
 @pytest.mark.parametrize(
-    ("made", "read"), [(Radiometry(0.04, -300.0), Radiometry(0.01)), (Radiometry(0.01), Radiometry(0.1))]
+    ("made", "read", "remedy"),
+    [
+        (Radiometry(0.04, -300.0), Radiometry(0.01), "switch its temperature output on"),
+        (
+            Radiometry(0.01),
+            Radiometry(0.1),
+            r"they fit hundredths of a kelvin \(scale=0\.01&offset=-273\.15\)",
+        ),
+        (Radiometry(0.1), Radiometry(0.01), r"they fit tenths of a kelvin \(scale=0\.1&"),
+        (Radiometry(0.02), Radiometry(0.01), r"they fit fiftieths of a kelvin.* \(scale=0\.02&"),
+        (Radiometry(1 / 64), Radiometry(0.01), r"they fit 64ths of a kelvin.* \(scale=0\.015625&"),
+    ],
 )
-def test_words_that_would_be_no_temperatures_are_refused(made, read):
+def test_words_that_would_be_no_temperatures_are_refused_with_the_scale_that_fits(made, read, remedy):
     twin = VirtualY16(SCENE, radiometry=made, hurry=HURRY)
-    with pytest.raises(DeviceFaultError, match=r"which would be .* C; switch its temperature output on"):
+    with pytest.raises(DeviceFaultError, match=f"which would be .* C; {remedy}"):
         read_one(twin, read)
+    twin.unplug()
+
+
+def test_a_boson_in_low_gain_is_refused_with_its_scale():
+    """FLIR: kelvin times 100 in high gain, times 50 in low gain."""
+    twin = VirtualY16(SCENE, radiometry=Radiometry(0.02), rate_hz=60.0, shape=(256, 320))
+    with closing(Boson(twin.node, True, kind=FakeKernel(twin))) as device:
+        device.start()
+        with pytest.raises(DeviceFaultError, match="a Boson's in low gain"):
+            device.read(10)
     twin.unplug()
 
 

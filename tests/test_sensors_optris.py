@@ -223,6 +223,31 @@ def test_the_librarys_output_is_tenths_above_1000():
     assert flag_of(5) is Flag.INITIALIZING and flag_of(17) is Flag.ERROR
 
 
+def test_temperatures_with_more_decimal_places_are_refused_before_the_camera_opens(config):
+    """libirimager's own comment in generic.xml: 1 enables more than one decimal place, by the camera."""
+    text = "<imager><serial>0</serial>{}</imager>"
+    for harmless in (
+        "<enable_high_precision>0</enable_high_precision>",
+        "<!-- <enable_high_precision>1</enable_high_precision> -->",
+    ):
+        config.write_text(text.format(harmless))
+        OptrisDirect(config, VirtualDirect(SCENE).library).close()
+    config.write_text(text.format("<enable_high_precision> 1 </enable_high_precision>"))
+    with pytest.raises(DeviceError, match="enable_high_precision 1, .*; set 0"):
+        OptrisDirect(config, VirtualDirect(SCENE).library)
+
+
+def test_an_image_that_is_no_temperatures_is_a_fault_and_reading_goes_on(config, monkeypatch):
+    twin = VirtualDirect(SCENE)
+    whole = twin._values
+    monkeypatch.setattr(twin, "_values", lambda n: whole(n) if n else np.full((120, 160), 12_000, np.uint16))
+    with closing(OptrisDirect(config, twin.library)) as device:
+        device.start()
+        with pytest.raises(DeviceFaultError, match="words about 12000, which would be 1100 C"):
+            device.read(1)
+        assert np.abs(device.read(1).value.celsius - SCENE.thermal(0)).max() < 0.6
+
+
 def test_a_calibration_file_that_is_missing_is_named(tmp_path, config):
     check_config(config)
     config.write_text(f"<imager><serial> 42 </serial><calipath>{tmp_path}</calipath></imager>")

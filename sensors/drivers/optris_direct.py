@@ -14,13 +14,14 @@ from ctypes.util import find_library
 from functools import lru_cache
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.device.protocol import Flag, ThermalImage
 from sensors.device.streaming_camera import StreamingCamera
+from sensors.drivers.y16 import check_temperatures
 from sensors.errors import DeviceBusyError, DeviceError, DeviceNotFoundError
 from sensors.files.bounded import MAX_IMAGE_SIDE, read_bounded
 
@@ -72,6 +73,16 @@ class DirectLibrary(SimpleNamespace):
     in_use = False
 
 
+class _Received(NamedTuple):
+    """An image of the library. values: uint16 (h, w), not yet Celsius; times in nanoseconds."""
+
+    stamp_ns: int
+    values: NDArray[np.uint16]
+    flag: Flag
+    dropped: int
+    arrival_ns: int
+
+
 class OptrisDirect(StreamingCamera):
     """The camera that the vendor's ``config`` (generic.xml) names. Raises DeviceError.
 
@@ -93,7 +104,7 @@ class OptrisDirect(StreamingCamera):
         serial = "" if self._library.get_serial(ctypes.byref(number)) else str(number.value)
         super().__init__(f"optris-direct:{config}", serial, {ThermalImage.stream: RATE_HZ})
         self.shape = self._read_shape()
-        self._queue: queue.Queue[tuple[int, ThermalImage, int, int]] = queue.Queue(QUEUE)
+        self._queue: queue.Queue[_Received] = queue.Queue(QUEUE)
         self._thread = threading.Thread(target=self._run, name=self.address, daemon=True)
 
     def _begin(self) -> None:
@@ -101,7 +112,11 @@ class OptrisDirect(StreamingCamera):
 
     def _receive(self, timeout_s: float) -> None:
         with suppress(queue.Empty):
-            self._take(*self._queue.get(timeout=max(timeout_s, 1e-6)))
+            stamp_ns, values, flag, dropped, arrival_ns = self._queue.get(timeout=max(timeout_s, 1e-6))
+            celsius = celsius_of(values)
+            if flag is Flag.OPEN:
+                check_temperatures(celsius, values, self.address)
+            self._take(stamp_ns, ThermalImage(celsius, flag), dropped, arrival_ns)
 
     def set_emissivity(self, emissivity: float) -> None:
         """Set the emissivity, 0.1 to 1.1, behind the library's temperatures. Raises DeviceError."""
@@ -130,9 +145,11 @@ class OptrisDirect(StreamingCamera):
             jump = metadata.counterHW - before.counterHW
             dropped += jump - 1 if before.timestamp and 1 < jump < LARGEST_JUMP else 0
             before = metadata
-            value = ThermalImage(celsius_of(values), flag_of(metadata.flagState))
+            image = _Received(
+                100 * metadata.timestamp, values, flag_of(metadata.flagState), dropped, arrival_ns
+            )
             try:
-                self._queue.put_nowait((100 * metadata.timestamp, value, dropped, arrival_ns))
+                self._queue.put_nowait(image)
                 dropped = 0
             except queue.Full:
                 dropped += 1
@@ -148,7 +165,7 @@ class OptrisDirect(StreamingCamera):
 
 
 def celsius_of(values: NDArray[np.uint16]) -> NDArray[np.float32]:
-    """float32 (h, w) Celsius of the library's output: (v - 1000) / 10 (irdirectsdk.h)."""
+    """float32 (h, w) Celsius of the library's output: (v - 1000) / 10 (irdirectsdk.h), without high precision."""
     return ((values.astype(np.float32) - 1000) / 10).astype(np.float32)
 
 
@@ -161,11 +178,18 @@ def check_config(config: Path) -> None:
     """Raise DeviceNotFoundError for a missing file, which the library itself would not name.
 
     Where the file names the camera's serial number and the folder of calibrations, ``Cali-<serial>.xml``
-    has to be there.
+    has to be there. Raises DeviceError for a file that switches high precision on: the library then has more
+    decimal places (``IRImager::getTemprangeDecimal``), which its C interface does not report.
     """
     remedy = "make it with ir_generate_configuration"
     text = read_bounded(config, remedy=remedy, error=DeviceNotFoundError).decode("utf-8", "replace")
-    found = dict(re.findall(r"<(serial|calipath)>\s*([^<>]*?)\s*</\1>", text))
+    # Commented examples are no settings.
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    found = dict(re.findall(r"<(serial|calipath|enable_high_precision)>\s*([^<>]*?)\s*</\1>", text))
+    if found.get("enable_high_precision", "0") != "0":
+        raise DeviceError(
+            f"{config} has enable_high_precision 1, whose temperatures have an unknown unit; set 0"
+        )
     number, folder = found.get("serial", "0"), found.get("calipath", "")
     if not re.fullmatch(r"\d{1,12}", number) or int(number) == 0 or not folder:
         return

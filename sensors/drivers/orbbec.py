@@ -2,6 +2,7 @@
 
 import os
 import sys
+import time
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -63,6 +64,9 @@ class Orbbec(StreamingCamera):
     def __init__(self, serial: str = "", pipeline: SdkObject | None = None) -> None:
         self._sdk: Any = load_sdk()
         self._infrared: SdkObject | None = None
+        self._context: SdkObject | None = None
+        # Decided by the first image: a camera without a clock of its own stamps every image 0.
+        self._has_clock: bool | None = None
         if pipeline is not None:
             self._pipeline, chosen = pipeline, pipeline.get_device().get_device_info().get_serial_number()
             super().__init__(f"orbbec:{chosen}", chosen, DEPTH_CAMERA_RATES_HZ)
@@ -93,6 +97,8 @@ class Orbbec(StreamingCamera):
                 DepthImage.stream: float(depth.get_fps()),
                 ColorImage.stream: float(color.get_fps()),
             }
+            if self._context is not None:
+                unmirror(self._pipeline.get_device())
             config.enable_stream(color)
             config.enable_stream(depth)
             self._infrared = self._with_infrared(config)
@@ -125,10 +131,17 @@ class Orbbec(StreamingCamera):
             image, infrared = depth_of(depth), None
             if self._infrared is not None and (frame := frames.get_frame(self._infrared)) is not None:
                 infrared = infrared_of(frame.as_video_frame(), image.shape)
-            self._take(1000 * depth.get_timestamp_us(), DepthImage(image, infrared))
+            self._take(self._stamp_ns(depth), DepthImage(image, infrared))
         if (color := frames.get_color_frame()) is not None:
             encoded = np.asarray(color.get_data(), np.uint8).tobytes()
-            self._take(1000 * color.get_timestamp_us(), ColorImage(encoded))
+            self._take(self._stamp_ns(color), ColorImage(encoded))
+
+    def _stamp_ns(self, frame: SdkObject) -> int:
+        """The camera's time of a frame; its arrival where the camera has no clock."""
+        stamp_us = int(frame.get_timestamp_us())
+        if self._has_clock is None:
+            self._has_clock = stamp_us > 0
+        return 1000 * stamp_us if self._has_clock else time.monotonic_ns()
 
     def _end(self) -> None:
         self._pipeline.stop()
@@ -140,6 +153,19 @@ def orbbec_serials() -> list[str]:
         return []
     devices = load_sdk().Context(str(CONFIG)).query_devices()
     return [str(devices.get_device_serial_number_by_index(index)) for index in range(devices.get_count())]
+
+
+def unmirror(device: SdkObject) -> None:
+    """Switch off what a viewer may have left on: images mirrored or upside down, each stream for itself.
+
+    Colour as JPEG obeys neither (orbbec/OrbbecSDK_v2 issue 127), so that a mirrored depth image would not fit.
+    """
+    sdk = load_sdk()
+    for stream in ("DEPTH", "COLOR", "IR"):
+        for change in ("MIRROR", "FLIP"):
+            setting = getattr(sdk.OBPropertyID, f"OB_PROP_{stream}_{change}_BOOL")
+            if device.is_property_supported(setting, sdk.OBPermissionType.PERMISSION_WRITE):
+                device.set_bool_property(setting, False)
 
 
 def depth_of(frame: SdkObject) -> NDArray[np.uint16]:

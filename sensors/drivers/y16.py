@@ -12,6 +12,7 @@ from sensors.device.protocol import ThermalCounts, ThermalImage
 from sensors.device.v4l2_camera import CaptureKind, V4l2Camera
 from sensors.drivers.flag_watch import FlagWatch
 from sensors.errors import DeviceError, DeviceFaultError
+from sensors.rig.celsius_check import scales_of_cameras
 
 FOURCC = "Y16 "
 COLDEST_C, HOTTEST_C = -60.0, 650.0
@@ -24,7 +25,8 @@ BOSON_SIZES = ((640, 512), (320, 256))
 BOSON_HZ = 60.0
 """Images a second; 8.6 of models for export (FLIR's data sheet 102-2013-40)."""
 BOSON_KELVIN = 0.01
-"""Of one step of a radiometric Boson's words. From memory."""
+"""Of one step of a radiometric Boson's words in high gain (TLinear: kelvin x 100; in low gain x 50, whose words
+are refused here). Source: notes on FLIR's Boson SDK; flirpy issue 87 names the mode."""
 
 
 @dataclass(frozen=True)
@@ -37,13 +39,27 @@ class Radiometry:
     def celsius(self, words: NDArray[np.uint16], name: str) -> NDArray[np.float32]:
         """float32 (h, w). Raises DeviceFaultError with ``name`` for words that are not temperatures."""
         celsius = words * np.float32(self.scale) + np.float32(self.offset_c)
-        middle = float(np.median(celsius))
-        if not COLDEST_C <= middle <= HOTTEST_C:
-            raise DeviceFaultError(
-                f"{name} sent words about {np.median(words):.0f}, which would be {middle:.0f} C; "
-                "switch its temperature output on, or give its scale and offset"
-            )
+        check_temperatures(celsius, words, name)
         return celsius.astype(np.float32)
+
+
+def check_temperatures(celsius: NDArray[np.float32], words: NDArray[np.uint16], name: str) -> None:
+    """Raise DeviceFaultError, with the scale that fits, where the middle of an image is no temperature.
+
+    celsius: (h, w), made of ``words``, which the camera ``name`` sent.
+    """
+    middle = float(np.median(celsius))
+    if COLDEST_C <= middle <= HOTTEST_C:
+        return
+    fits = [f"{one.name} (scale={one.step:g}&offset={one.offset:g})" for one in scales_of_cameras(words)]
+    remedy = (
+        f"they fit {' or '.join(fits)}: read the camera as y16 with that scale"
+        if fits
+        else "switch its temperature output on, or give its scale and offset"
+    )
+    raise DeviceFaultError(
+        f"{name} sent words about {np.median(words):.0f}, which would be {middle:.0f} C; {remedy}"
+    )
 
 
 class WordCamera(V4l2Camera):

@@ -46,6 +46,15 @@ INTEGERS = (
     Scale("tenths of a kelvin", 0.1, -273.15),
     Scale("kelvin", 1.0, -273.15),
 )
+OF_CAMERAS = (
+    *INTEGERS[1:],
+    Scale("fiftieths of a kelvin, a Boson's in low gain", 0.02, -273.15),
+    Scale("64ths of a kelvin, an InfiRay's", 1 / 64, -273.15),
+)
+"""Scales of the words that thermal cameras send. Their words for a scene of people do not overlap, except of
+the last two from 15,561 to 17,157. Sources: Lepton datasheet 500-0659 rev 203, telemetry word C49 (0.1 or
+0.01 K); notes on FLIR's Boson SDK (TLinear: kelvin x 100 in high gain, x 50 in low gain); several viewers for
+InfiRay's P2 Pro and Topdon's TC001 (word / 64)."""
 CELSIUS = Scale("degrees Celsius", 1.0, 0.0)
 FLOATS = (CELSIUS, Scale("kelvin", 1.0, -273.15))
 
@@ -74,6 +83,11 @@ def judge_celsius(samples: Sequence[NDArray[Any]], where: str) -> tuple[Scale, t
     raise FormatError(
         f"{where}: temperatures with a median of {medians[0]:.0f} C; write {scales[0].name}, not raw counts"
     )
+
+
+def scales_of_cameras(words: NDArray[np.uint16]) -> list[Scale]:
+    """Scales by which the median of an image's words (h, w) is the temperature of a scene with people."""
+    return [scale for scale in OF_CAMERAS if COLDEST_C <= _median([words], scale) <= HOTTEST_C]
 
 
 def _median(samples: Sequence[NDArray[Any]], scale: Scale) -> float:

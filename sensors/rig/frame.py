@@ -63,7 +63,8 @@ class RigFrame:
     def decode_color(self) -> NDArray[np.uint8] | None:
         """Colour image (h, w, 3) RGB, or None where the frame has none.
 
-        An EXIF orientation is not obeyed: calibration and pose are those of the sensor's pixels. Raises FormatError when the bytes are no image.
+        An EXIF orientation is not obeyed: calibration and pose are those of the sensor's pixels. Raises
+        FormatError when the bytes are no image.
         """
         if self.color_encoded is None:
             return None
