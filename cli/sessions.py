@@ -15,6 +15,7 @@ from typer import Option
 
 from cli.console import clear, finish, progress, say, table
 from sensors.errors import CloudError, FormatError
+from sensors.files.natural_order import paths_in_order
 from sensors.versions import code_digest, versions
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def sessions_in(folder: Path, scheduler: str | None) -> dict[str, Path]:
     Raises BadParameter where a scheduler is given and there are none.
     """
     recording = not folder.is_dir() or (folder / "metadata.yaml").exists() or (folder / "depth").exists()
-    found = {} if recording else {path.stem: path for path in sorted(folder.glob(f"*{SUFFIX}"))}
+    found = {} if recording else {path.stem: path for path in paths_in_order(folder.glob(f"*{SUFFIX}"))}
     if any(map(_is_piece, found.values())):
         found = {}
     if scheduler and not found:
@@ -65,7 +66,7 @@ def label_sets_in(predicted: Path, truth: Path, scheduler: str | None) -> dict[s
     from annotate.labelset.frames import holds_frames
 
     alone = holds_frames(predicted) or not predicted.is_dir()
-    found = [] if alone else sorted(path for path in predicted.iterdir() if holds_frames(path))
+    found = [] if alone else paths_in_order(path for path in predicted.iterdir() if holds_frames(path))
     if scheduler and not found:
         raise typer.BadParameter(f"{predicted} is no folder of label sets; leave out --scheduler")
     pairs = {}

@@ -13,6 +13,7 @@ from annotate.labelset.journal import Journal
 from annotate.labelset.store import LabelSet
 from annotate.labelset.stroke import Stroke
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
+from sensors.files.natural_order import in_order
 
 _NAMES = {**{part.id: part.name for part in PARTS}, UNDEFINED: "undefined"}
 
@@ -93,7 +94,7 @@ def audit(labels: LabelSet, journal: Journal) -> Audit:
     """The audit of a label set. Raises FormatError when its journal or a frame is corrupt."""
     visits: defaultdict[str, list[_Visit]] = defaultdict(list)
     rejected, course = {}, []
-    for frame_id in sorted(set(labels.frame_ids) & set(journal.frame_ids)):
+    for frame_id in in_order(set(labels.frame_ids) & set(journal.frame_ids)):
         strokes, first = journal.strokes(frame_id), labels.read(frame_id, labels.has_original(frame_id))
         before = begun_from(first, strokes)
         step = step_of(strokes) or ""
@@ -107,8 +108,8 @@ def audit(labels: LabelSet, journal: Journal) -> Audit:
             rejected[frame_id] = reason
     people = [_person(who, of_person) for who, of_person in visits.items()]
     people.sort(key=lambda person: (-person.frames, person.who))
-    in_order = tuple(worked for _, worked in sorted(course, key=lambda entry: entry[0]))
-    return Audit(tuple(people), rejected, in_order)
+    by_time = tuple(worked for _, worked in sorted(course, key=lambda entry: entry[0]))
+    return Audit(tuple(people), rejected, by_time)
 
 
 def _visits(strokes: Sequence[Stroke], before: UInt8, after: UInt8) -> Iterator[tuple[str, _Visit]]:

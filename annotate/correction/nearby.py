@@ -9,6 +9,7 @@ from annotate.correction.propagate import FRAMES_COMPARED
 from annotate.frame_labels import FrameLabels
 from annotate.parts import on_body
 from sensors.errors import CloudError
+from sensors.files.natural_order import in_order
 
 REACH_FRAMES = 30
 """Number of frames to either side within which corrections carry over: one second of a camera at 30 Hz,
@@ -76,5 +77,5 @@ def _another(one: FrameLabels, other: FrameLabels) -> bool:
 
 def frames_text(frame_ids: Iterable[str]) -> str:
     """Return frames in words, such as "frames 3, 12, 13", in order of their numbers."""
-    numbers = [frame_id.lstrip("0") or "0" for frame_id in sorted(frame_ids)]
+    numbers = [frame_id.lstrip("0") or "0" for frame_id in in_order(frame_ids)]
     return f"frame {numbers[0]}" if len(numbers) == 1 else f"frames {', '.join(numbers)}"

@@ -15,6 +15,7 @@ from annotate.array_types import Float32, UInt8, UInt16
 from annotate.frame_labels import FrameLabels
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.bounded import read_bounded
+from sensors.files.natural_order import paths_in_order
 from sensors.rig.camera import Intrinsics
 from sensors.rig.intrinsics_file import read_intrinsics
 
@@ -103,8 +104,12 @@ def load_companion(folder: Path, intrinsics: Path | None = None) -> Companion:
 
 
 def frame_files(folder: Path, suffix: str) -> Iterator[tuple[str, Path]]:
-    """(frame id, file) of a folder's files with this suffix, sorted. Raises FormatError without any."""
-    files = sorted(file for file in folder.glob(f"*{suffix}") if file.is_file())
+    """(frame id, file) of a folder's files with this suffix, in natural order, without hidden ones.
+
+    Raises FormatError without any.
+    """
+    found = (file for file in folder.glob(f"*{suffix}") if not file.name.startswith("."))
+    files = paths_in_order(file for file in found if file.is_file())
     if not files:
         raise FormatError(f"{folder} holds no *{suffix}; give the folder of an export")
     return ((file.name.removesuffix(suffix), file) for file in files)

@@ -17,6 +17,7 @@ from annotate.exchange.companion import Companion, load_companion
 from annotate.frame_labels import FrameLabels
 from annotate.labelset import images
 from sensors.errors import CalibrationError, FormatError
+from sensors.files.natural_order import paths_in_order
 from sensors.rig.camera import Intrinsics
 
 DATA = "data"
@@ -76,7 +77,7 @@ def _pyarrow() -> Pyarrow:
 
 
 def _files(source: Path) -> list[Path]:
-    return sorted(source.glob("*.parquet")) or sorted((source / DATA).glob("*.parquet"))
+    return paths_in_order(source.glob("*.parquet")) or paths_in_order((source / DATA).glob("*.parquet"))
 
 
 def _schema(camera: Intrinsics) -> Pyarrow:

@@ -11,6 +11,7 @@ from typing import Self
 from annotate.labelset.stroke import Stroke, from_line, to_line
 from sensors.errors import CloudError, FormatError
 from sensors.files.atomic import replacing
+from sensors.files.natural_order import in_order
 
 JOURNAL = "journal.jsonl"
 MAX_BYTES = 4_000_000_000
@@ -75,8 +76,8 @@ class Journal:
 
     @property
     def frame_ids(self) -> list[str]:
-        """Ids of the frames that have entries, sorted."""
-        return sorted(self._by_frame)
+        """Ids of the frames that have entries, in natural order."""
+        return in_order(self._by_frame)
 
     @property
     def pending(self) -> Sequence[Stroke]:

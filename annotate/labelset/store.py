@@ -22,6 +22,7 @@ from annotate.parts import PARTS, on_body
 from sensors.errors import CalibrationError, CloudError, ExistsError, FormatError
 from sensors.files.atomic import is_taken, write_bytes
 from sensors.files.bounded import read_bounded
+from sensors.files.natural_order import in_order
 from sensors.rig.camera import Intrinsics
 from sensors.versions import versions
 
@@ -106,14 +107,14 @@ class LabelSet:
 
     @property
     def frame_ids(self) -> list[str]:
-        """Ids of the finished frames, sorted."""
+        """Ids of the finished frames, in natural order."""
         try:
             # One by one: a glob holds every file of the folder at once.
             with os.scandir(self.path / FRAMES) as files:
                 ids = [file.name[:-5] for file in files if file.name.endswith(".json")]
         except FileNotFoundError:
             return []
-        return sorted(i for i in ids if _FRAME_ID.fullmatch(i))
+        return in_order(i for i in ids if _FRAME_ID.fullmatch(i))
 
     def __len__(self) -> int:
         return len(self.frame_ids)

@@ -5,6 +5,7 @@ EXR is switched off for its security (OpenCV, ``OPENCV_IO_ENABLE_OPENEXR``).
 """
 
 import io
+import warnings
 from typing import Any
 
 import numpy as np
@@ -26,8 +27,8 @@ def image_shape(data: bytes, name: str) -> tuple[int, int]:
     from PIL import Image
 
     try:
-        with Image.open(io.BytesIO(data), formats=_FORMATS) as header:
-            width, height = header.size
+        with warnings.catch_warnings(action="ignore"), Image.open(io.BytesIO(data), formats=_FORMATS) as file:
+            width, height = file.size
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         if name.lower().endswith(".png"):
             return png_shape(data, name)

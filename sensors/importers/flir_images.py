@@ -7,6 +7,7 @@ import numpy as np
 
 from sensors.files.bounded import read_bounded
 from sensors.files.flir_jpeg import is_flir, read_flir
+from sensors.files.natural_order import paths_in_order
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
 from sensors.rig.rig_calibration import Pose, RigCalibration
@@ -54,8 +55,9 @@ class FlirImages(FrameSource):
 
 
 def jpegs_in(folder: Path) -> list[Path]:
-    """The JPEGs of a folder, by name."""
-    return sorted(file for file in folder.iterdir() if file.suffix.lower() in JPEGS and file.is_file())
+    """The JPEGs of a folder, in the natural order of their names, without hidden ones."""
+    found = (file for file in folder.iterdir() if file.suffix.lower() in JPEGS and file.is_file())
+    return paths_in_order(file for file in found if not file.name.startswith("."))
 
 
 def is_flir_alone(path: Path) -> bool:

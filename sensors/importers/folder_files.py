@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from natsort import natsorted
 
 from sensors.errors import FormatError
 from sensors.files.grey_image import SUFFIXES
+from sensors.files.natural_order import paths_in_order
 from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
 
 DEPTH, COLOR, THERMAL = ("depth",), ("color", "colour", "rgb"), ("thermal",)
@@ -56,14 +56,14 @@ def find_images(path: Path) -> FolderImages:
 
 def subfolder(path: Path, names: tuple[str, ...]) -> Path | None:
     """The folder in ``path`` of the first of the names that there is, in any letter case."""
-    there = {entry.name.lower(): entry for entry in natsorted(path.iterdir(), str) if entry.is_dir()}
+    there = {entry.name.lower(): entry for entry in paths_in_order(path.iterdir()) if entry.is_dir()}
     return next((there[name] for name in names if name in there), None)
 
 
 def files_of(folder: Path, suffixes: tuple[str, ...] = PICTURES) -> list[Path]:
     """Files of a folder with one of the suffixes, in natural order, without hidden ones."""
     found = (file for file in folder.iterdir() if file.suffix.lower() in suffixes and file.is_file())
-    return natsorted((file for file in found if not file.name.startswith(".")), str)
+    return paths_in_order(file for file in found if not file.name.startswith("."))
 
 
 def key_of(name: str) -> str:

@@ -62,10 +62,11 @@ class Turn:
         def pose(old: Pose | None) -> Pose | None:
             return None if old is None else Pose(axes @ old.rotation @ axes.T, axes @ old.translation_m)
 
-        return RigCalibration(
-            self.camera(rig.depth),
-            None if rig.color is None else self.camera(rig.color),
-            pose(rig.color_from_depth),
-            None if rig.thermal is None else self.camera(rig.thermal),
-            pose(rig.thermal_from_depth),
+        return replace(
+            rig,
+            depth=self.camera(rig.depth),
+            color=None if rig.color is None else self.camera(rig.color),
+            color_from_depth=pose(rig.color_from_depth),
+            thermal=None if rig.thermal is None else self.camera(rig.thermal),
+            thermal_from_depth=pose(rig.thermal_from_depth),
         )
