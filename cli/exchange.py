@@ -75,8 +75,8 @@ def export(
     session: Annotated[
         Path | None,
         Option(
-            help="Recording of these labels, for foxglove's colours and temperatures. "
-            "Default: the one beside them."
+            help="Recording of these labels, for foxglove's colours and temperatures (default: the one "
+            "beside them). For pcd and ply the cloud that was labelled: its own points get the labels."
         ),
     ] = None,
     overwrite: Overwrite = False,
@@ -91,13 +91,33 @@ def export(
         _export_foxglove(label_set, session, out, overwrite, json)
         return
     if session is not None:
-        raise BadParameter(f"only --format {FOXGLOVE} uses it", param_hint="--session")
+        _export_points(label_set, session, out, format_, overwrite, json)
+        return
     with progress("export", len(label_set)) as advance:
         lost = export_labels(label_set, out, format_, advance, overwrite=overwrite)
     if lost:
         say(f"{format_} cannot carry {' and '.join(lost)}: left out")
     result = {"frames": len(label_set), "format": format_, "path": str(out), "left_out": list(lost)}
     finish(result, json, f"{len(label_set)} frames as {format_} in {out}")
+
+
+def _export_points(
+    labels: "LabelSet", session: Path, out: Path, format_: str, overwrite: bool, json: bool
+) -> None:
+    """Write labels back onto the points of the cloud that was labelled."""
+    from annotate.exchange.labelled_points import KINDS as POINTS
+    from annotate.exchange.labelled_points import export_points
+    from sensors.importers.pointcloud import CloudFile
+
+    source = open_source(session) if format_ in POINTS else None
+    if not isinstance(source, CloudFile):
+        raise BadParameter(
+            f"only --format {FOXGLOVE} uses it, and {' and '.join(POINTS)} of a cloud file",
+            param_hint="--session",
+        )
+    done = export_points(labels, source, format_, out, overwrite=overwrite)
+    result = {"frames": len(labels), "format": format_, "path": str(out), **done._asdict()}
+    finish(result, json, f"labels of {done.labelled} of {done.points} points of {session} in {out}")
 
 
 def _export_foxglove(

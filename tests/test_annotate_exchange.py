@@ -15,9 +15,7 @@ from hypothesis import strategies as st
 from annotate.exchange import coco as coco_format
 from annotate.exchange import companion as companion_format
 from annotate.exchange import cvat as cvat_format
-from annotate.exchange import labelled_cloud as cloud_format
 from annotate.exchange import parquet as parquet_format
-from annotate.exchange import record_file
 from annotate.exchange.coco import ANNOTATIONS
 from annotate.exchange.coco_runs import rle_from_string, rle_to_string
 from annotate.exchange.companion import COMPANION, Companion
@@ -29,6 +27,7 @@ from annotate.labelset.journal import JOURNAL
 from annotate.labelset.store import LabelSet
 from annotate.parts import PARTS
 from sensors.errors import CloudError, FormatError
+from sensors.importers import pcd_file
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics, unproject
 from tests.helpers.same_frame import assert_same_frame
@@ -424,7 +423,6 @@ SIZES = [
     ("coco", ANNOTATIONS, "MAX_TEXT_BYTES"),
     ("coco", COMPANION, "MAX_TEXT_BYTES"),
     ("cvat", XML, "MAX_TEXT_BYTES"),
-    ("ply", "000001.ply", "MAX_CLOUD_BYTES"),
 ]
 
 
@@ -434,7 +432,7 @@ def test_a_file_as_large_as_the_bound_is_read_and_a_larger_one_refused(
 ):
     out = export(name)
     size = max(path.stat().st_size for path in out.iterdir())
-    for module in (companion_format, coco_format, cvat_format, cloud_format):
+    for module in (companion_format, coco_format, cvat_format):
         monkeypatch.setattr(module, bound, size, raising=False)
     assert len(import_labels(out, tmp_path / "back", nothing)[0]) == 2
     (out / file).write_bytes((out / file).read_bytes() + b" " * size)
@@ -445,7 +443,7 @@ def test_a_file_as_large_as_the_bound_is_read_and_a_larger_one_refused(
 @pytest.mark.parametrize(
     ("name", "module", "bound", "says"),
     [
-        ("pcd", record_file, "MAX_HEADER_BYTES", "its header does not end"),
+        ("pcd", pcd_file, "MAX_HEADER_BYTES", "its header does not end"),
         ("parquet", parquet_format, "MAX_GROUP_BYTES", "row group"),
     ],
 )
@@ -454,7 +452,7 @@ def test_a_part_as_large_as_the_bound_is_read_and_a_larger_one_refused(
 ):
     out = export(name)
     if name == "pcd":
-        size = (out / "000000.pcd").read_bytes().index(b"DATA ") + len(b"DATA ")
+        size = (out / "000000.pcd").read_bytes().index(b"DATA binary\n") + len(b"DATA binary\n")
     else:
         pq = pytest.importorskip("pyarrow.parquet")
         size = pq.read_metadata(next((out / "data").iterdir())).row_group(0).total_byte_size

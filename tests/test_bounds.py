@@ -50,10 +50,7 @@ HOUR_S = 3600
 HONEST: dict[str, float] = {
     "annotate.exchange.companion.MAX_TEXT_BYTES": 50_000 * 10_000,  # frames of CVAT
     "annotate.exchange.unpacked.MAX_FILES": 2 * 1_000_000,  # frames
-    "annotate.exchange.labelled_cloud.MAX_CLOUD_BYTES": 50_000_000
-    * 33,  # points: double xyz, float color, part
     "annotate.exchange.parquet.MAX_GROUP_BYTES": 1000 * 1024 * 1024 * 2,  # images of 16 bits
-    "annotate.exchange.record_file.MAX_HEADER_BYTES": 100 * 60,  # columns of a PLY, with comments
     "annotate.gui.keys.MAX_TOML_BYTES": 300 * 100,  # lines
     "annotate.gui.memory.MAX_BYTES": 300 * 100,
     "annotate.labelset.dataset.MAX_MANIFEST_BYTES": 1_000_000 * 120,  # shards
@@ -79,6 +76,7 @@ HONEST: dict[str, float] = {
     "sensors.importers.cloud_records.MAX_POINTS": 40_000_000,  # of a scanner on a tripod
     "sensors.importers.pcd_file.MAX_HEADER_BYTES": 10_000,  # comments
     "sensors.importers.pcd_file.MAX_POINT_BYTES": 5000 * 4,  # a histogram
+    "sensors.importers.ply_file.MAX_BYTES": 40_000_000 * 60,  # points, and as many faces
     "sensors.importers.ply_file.MAX_LIST": 10_000,  # corners of a polygon
     "sensors.importers.ebml.MAX_ELEMENT_BYTES": 4096 * 3072 * 2,  # an Azure Kinect's largest image
     "sensors.importers.tum_lists.MAX_BYTES": 8 * HOUR_S * 30 * 60,  # lines of a night

@@ -13,7 +13,6 @@ from sensors.files.png import decode_grey
 from sensors.importers import arrays, tum_lists
 from sensors.importers.azure_mkv import AzureRecording
 from sensors.importers.open_source import open_source
-from sensors.importers.pointcloud import KINECT_V2
 from sensors.importers.tum_lists import read_associations, read_list
 from sensors.rig.camera import Intrinsics, project, unproject
 from sensors.rig.frame import RigFrame
@@ -178,7 +177,7 @@ def test_las_clouds_stand_upright(tmp_path, suffix, offset):
     assert np.ptp(rows) > np.ptp(columns)
     assert np.ptp(depth[depth > 0]) <= 2
     if offset == 0:
-        top, bottom = project(KINECT_V2, np.array([[0, -0.58, 2.0], [0, 0.6, 2.0]]))[:, 1]
+        top, bottom = project(source.calibration.depth, np.array([[0, -0.58, 2.0], [0, 0.6, 2.0]]))[:, 1]
         np.testing.assert_allclose([rows.min(), rows.max()], [top, bottom], atol=3)
 
 

@@ -17,16 +17,16 @@ from numpy.typing import NDArray
 
 from annotate.array_types import UInt8
 from annotate.exchange.companion import Companion, frame_files
-from annotate.exchange.record_file import Records, Shape, read_pcd, read_ply, write_pcd, write_ply
+from annotate.exchange.record_file import Records, Shape, write_pcd, write_ply
 from annotate.frame_labels import FrameLabels
 from annotate.parts import palette_rgb
 from sensors.errors import FormatError
-from sensors.files.bounded import read_bounded
+from sensors.importers.cloud_records import CloudRecords
+from sensors.importers.pcd_file import read_pcd
+from sensors.importers.ply_file import read_ply
 from sensors.rig.camera import Intrinsics, unproject
 from sensors.rig.frame import mm_from_metres
-
-MAX_CLOUD_BYTES = 1 << 31
-"""Largest cloud that is read, in bytes."""
+from sensors.rig.rig_calibration import Pose
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ class CloudFile:
     suffix: str
     label_type: str
     colors: Callable[[UInt8], dict[str, NDArray[Any]]]
-    write: Callable[[Records, Shape], bytes]
-    read: Callable[[bytes, str], tuple[Records, Shape]]
+    write: Callable[[Records, Shape, Pose | None], bytes]
+    read: Callable[[Path], CloudRecords]
 
 
 def _packed(rgb: UInt8) -> dict[str, NDArray[Any]]:
@@ -59,7 +59,7 @@ def write_clouds(kind: CloudFile, frames: Iterator[FrameLabels], camera: Intrins
     """Write one file per frame into an empty folder."""
     for frame in frames:
         records = _records(frame, camera, kind)
-        (out / f"{frame.frame_id}{kind.suffix}").write_bytes(kind.write(records, frame.parts.shape))
+        (out / f"{frame.frame_id}{kind.suffix}").write_bytes(kind.write(records, frame.parts.shape, None))
 
 
 def read_clouds(kind: CloudFile, source: Path, companion: Companion) -> Iterator[FrameLabels]:
@@ -85,7 +85,8 @@ def _records(frame: FrameLabels, camera: Intrinsics, kind: CloudFile) -> Records
 
 
 def _frame(frame_id: str, file: Path, kind: CloudFile, companion: Companion) -> FrameLabels:
-    records, shape = kind.read(read_bounded(file, MAX_CLOUD_BYTES), str(file))
+    cloud = kind.read(file)
+    records, shape = cloud.records, cloud.grid or (1, len(cloud.records))
     names = set(records.dtype.names or ())
     if not {"z", "label"} <= names or shape != companion.intrinsics.shape:
         raise FormatError(

@@ -22,7 +22,7 @@ class CloudRecords:
     """All points of a file.
 
     records: structured array (n,) with x, y, z and whatever else the file has, padding left out.
-    grid: (height, width) of an organised cloud, row by row, or None.
+    grid: (height, width) of points in rows, or None.
     viewpoint: the sensor's pose ``cloud_from_sensor`` that a PCD states, in the file's unit, or None.
     faces: number of a mesh's faces, which are not read.
     """
@@ -31,6 +31,11 @@ class CloudRecords:
     grid: tuple[int, int] | None = None
     viewpoint: Pose | None = None
     faces: int = 0
+
+    @property
+    def organised(self) -> bool:
+        """Whether the points are those of an image's pixels."""
+        return self.grid is not None and min(self.grid) > 1
 
     def points(self) -> NDArray[np.float64]:
         """Coordinates (n, 3) in the file's unit and frame."""
@@ -57,9 +62,9 @@ class CloudRecords:
 
 
 def grid_of(width: int, height: int, points: int) -> tuple[int, int] | None:
-    """(height, width) where they make an organised cloud of that many points, else None."""
-    organised = width * height == points and min(width, height) > 1 and max(width, height) <= MAX_IMAGE_SIDE
-    return (height, width) if organised else None
+    """(height, width) where they are an image's of that many points, else None."""
+    stated = width * height == points and min(width, height) > 0 and max(width, height) <= MAX_IMAGE_SIDE
+    return (height, width) if stated else None
 
 
 def _unpacked(packed: NDArray[Any]) -> NDArray[np.uint8] | None:

@@ -17,9 +17,13 @@ NEAREST_M = 0.5
 """Nearest depth of a Kinect v2."""
 MARGIN = 0.05
 """Share of the image kept free at each side of a cloud moved into view; untuned."""
-SPLAT = 0.65
+SPLAT = 0.6
 """Half-width of a projected point in point spacings: a half closes an ideal lattice; on Kinect fusion scans
-0.6 is the least that hides their far side."""
+0.53 is the least that hides their far side; of points strewn at random 3 % of the pixels stay open."""
+OPEN_M = 0.1
+"""Metres by which a pixel is farther than most neighbours where it looks through a surface. Untuned."""
+MOST = 6
+"""Neighbours of eight that make most of them. Untuned."""
 LEAST_FIELD = (1.40, 1.16)
 """Width and height of an image over its focal length, at least: a Kinect v2's. A person alone keeps the room
 about them that networks are used to."""
@@ -108,7 +112,22 @@ def project_cloud(points_m: Float64, camera: Intrinsics, spacing: float) -> NDAr
             nearer[nearer] = z[here[nearer]] < depth[nearer]
             depth[nearer] = z[here[nearer]]
             shown[nearer] = order[here[nearer]]
-    return shown
+    return _closed(shown, depth) if spacing > 0 else shown
+
+
+def _closed(shown: NDArray[np.intp], depth: Float64) -> NDArray[np.intp]:
+    """``shown`` where pixels that look through a surface show a neighbour's point; depth (h, w) in metres."""
+    padded = np.pad(shown, 1, constant_values=-1)
+    far = np.pad(depth, 1, constant_values=np.inf)
+    height, width = shown.shape
+    places = [(dv, du) for dv in (0, 1, 2) for du in (0, 1, 2) if (dv, du) != (1, 1)]
+    nearer = [far[dv : dv + height, du : du + width] < depth - OPEN_M for dv, du in places]
+    through = np.sum(nearer, axis=0) >= MOST
+    closed = shown.copy()
+    for (dv, du), there in zip(places, nearer, strict=True):
+        fill = through & there
+        closed[fill] = padded[dv : dv + height, du : du + width][fill]
+    return closed
 
 
 def shift_into_view(points_m: Float64, camera: Intrinsics) -> Float64:
@@ -154,13 +173,16 @@ def pixels_of(points_m: Float64, camera: Intrinsics, depth_m: Float64) -> NDArra
 
 
 def spacing_m(points_m: Float64) -> float:
-    """Distance that separates neighbouring points of a surface: nearest neighbours' 95th percentile."""
+    """Distance that separates neighbouring points of a surface: to the fourth nearest, 95th percentile.
+
+    A lattice's points have four at its step; points strewn at random leave gaps that the nearest one hides.
+    """
     points = _distinct(points_m)
-    if len(points) < 2:
+    if len(points) < 6:
         return 0.0
     sample = points[:: max(1, len(points) // 5000)]
-    distances, _ = Nearest(points).query(sample, k=2)
-    return float(np.percentile(distances, 95))
+    distances, _ = Nearest(points).query(sample, k=5)
+    return float(np.percentile(distances[:, 4], 95))
 
 
 def _distinct(points_m: Float64) -> Float64:

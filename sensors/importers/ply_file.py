@@ -22,6 +22,8 @@ _TYPES = {
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _END = re.compile(rb"^end_header[ \t]*\r?\n", re.MULTILINE)
+MAX_BYTES = 1 << 32
+"""Bytes that are read of a file with lists, or with other elements in front of its vertices; untuned."""
 MAX_LIST = 1 << 20
 """Values of one list; untuned."""
 
@@ -147,13 +149,19 @@ def _bytes(prop: _Property) -> int:
 
 
 def _binary(file: BinaryIO, order: str, before: list[_Element], vertex: _Element) -> NDArray[Any]:
-    data = np.fromfile(file, np.uint8)
+    single = [prop for prop in vertex.properties if not prop.counted]
+    layout = np.dtype([(prop.name, f"{order}{prop.kind}") for prop in single])
+    if not any(element.rows for element in before) and not vertex.lists:
+        records = np.fromfile(file, layout, vertex.rows)
+        if len(records) != vertex.rows:
+            raise ValueError(f"it claims {vertex.rows} points and holds {len(records)}")
+        return records.astype(layout.newbyteorder("<"), copy=False)
+    data = np.fromfile(file, np.uint8, MAX_BYTES)
     at = 0
     for element in before:
         _, at = _rows(data, at, element, order)
     records, _ = _rows(data, at, vertex, order)
-    single = [prop for prop in vertex.properties if not prop.counted]
-    found = np.zeros(vertex.rows, [(prop.name, f"<{prop.kind}") for prop in single])
+    found = np.zeros(vertex.rows, layout.newbyteorder("<"))
     for prop in single:
         found[prop.name] = records[prop.name]
     return found

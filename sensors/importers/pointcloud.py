@@ -117,7 +117,7 @@ class CloudFile(FrameSource):
 
 
 def _seen(path: Path, cloud: CloudRecords, points: Float64, options: ImportOptions) -> _View:
-    if cloud.grid is not None and not options.axes:
+    if cloud.organised and not options.axes:
         return _organised(path, cloud, points, options)
     return _unorganised(path, cloud, points, options)
 
