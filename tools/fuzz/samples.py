@@ -42,6 +42,7 @@ from synth.markers.markerset import load_marker_set
 from synth.markers.motion_file import MarkerReport, Motion, load_motion, save_motion
 from synth.markers.person_body import bones_of_leg
 from tests.helpers.bags import STORAGES, realsense, write_bag
+from tests.helpers.bags import write_old_bag as write_ros1_bag
 from tests.helpers.marker_samples import bvh_text, positions, write_c3d, write_trc
 from tests.helpers.orbbec_files import jpeg_of, write_orbbec_bag
 from tests.helpers.realsense_files import write_old_bag
@@ -111,6 +112,10 @@ def _bag(storage: str, folder: Path) -> Path:
     plugin = next(plugin for plugin in STORAGES if plugin.name == storage)
     bag = write_bag(folder / "bag", plugin, realsense(2))
     return next(file for file in bag.iterdir() if file.suffix in (".db3", ".mcap"))
+
+
+def _ros1(compression: str, folder: Path) -> Path:
+    return write_ros1_bag(folder / "x.bag", realsense(2), compression)
 
 
 def _realsense(folder: Path) -> Path:
@@ -291,6 +296,8 @@ READERS = {
     "session-bare": Reader(_bare_session, _read_session),
     "bag-sqlite": Reader(partial(_bag, "SQLITE3"), _read_frames),
     "bag-mcap": Reader(partial(_bag, "MCAP"), _read_frames),
+    "bag-ros1": Reader(partial(_ros1, ""), _read_frames),
+    "bag-ros1-lz4": Reader(partial(_ros1, "LZ4"), _read_frames),
     "realsense": Reader(_realsense, _read_frames),
     "orbbec": Reader(_orbbec, _read_frames),
     "mkv": Reader(_mkv, _read_frames),

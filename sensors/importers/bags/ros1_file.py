@@ -119,6 +119,8 @@ class Ros1File:
         while offset < end and (record := _record_at(inside, offset, end)) is not None:
             yield chunk, inside, record
             offset = record.start + record.size
+        if offset < end:
+            self.lost = f"{self.path.name} is damaged at byte {chunk}: messages of that chunk are lost"
 
     def _unpack(self, offset: int) -> bytes:
         """The records of the chunk at ``offset``."""

@@ -92,10 +92,15 @@ def picture_from(message: Decoded) -> Picture:
     """An Image, RawImage or CompressedImage."""
     frame, pixels = stamp_and_frame(message)[1], bytes(message.data)
     if hasattr(message, "format"):
-        return Picture(frame, str(message.format), pixels, compressed=True)
+        return Picture(frame, _printable(message.format), pixels, compressed=True)
     size = int(message.height), int(message.width), int(message.step)
     big_endian = bool(getattr(message, "is_bigendian", False))
-    return Picture(frame, str(message.encoding), pixels, False, *size, big_endian)
+    return Picture(frame, _printable(message.encoding), pixels, False, *size, big_endian)
+
+
+def _printable(text: object) -> str:
+    """A text of a message, which may be damaged, as messages and notes quote it."""
+    return "".join(letter for letter in str(text) if letter.isprintable())
 
 
 def _nanoseconds(seconds: int, nanoseconds: int) -> int:

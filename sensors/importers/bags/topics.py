@@ -71,6 +71,8 @@ def index_topics(files: list[BagFile]) -> dict[str, Topic]:
     topics: dict[str, Topic] = {}
     for file in files:
         for entry in file.entries():
+            if not entry.topic.isprintable():
+                raise FormatError(f"{file.path}: the name of a topic is damaged; restore it from a copy")
             topic = topics.setdefault(entry.topic, Topic(entry.topic, entry.kind, entry.encoding))
             if (topic.kind, topic.encoding) != (entry.kind, entry.encoding):
                 raise FormatError(f"{file.path}: topic {entry.topic[:60]!r} holds messages of two kinds")
