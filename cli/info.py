@@ -106,11 +106,7 @@ def _source(path: Path) -> Shown:
     result: dict[str, Any] = {"kind": type(source).__name__, "name": source.name, "frames": len(source)}
     short, texts = dict(result), []
     if isinstance(source, Session):
-        result |= {
-            "truncated": source.truncated,
-            "being_recorded": source.is_being_recorded,
-            "sha256": source.sha256,
-        }
+        result |= {"truncated": source.truncated, "being_recorded": source.is_being_recorded}
         result["streams"] = {
             topic: {"messages": s.count, "per_second": round(s.rate_hz, 2)}
             for topic, s in source.streams.items()
@@ -119,7 +115,7 @@ def _source(path: Path) -> Shown:
         short["duration"] = cell((depth.count - 1) / depth.rate_hz if depth.rate_hz else 0.0, "s")
         now = "being recorded" if source.is_being_recorded else "cut off"
         short["recording"] = now if source.truncated else "complete"
-        short |= {"events": Counter(text for _, text in source.events), "sha256": source.sha256}
+        short |= {"events": Counter(text for _, text in source.events)}
         known_c = source.reference_c[np.isfinite(source.reference_c)]
         if len(known_c):
             short["pyrometer"] = cell(float(np.median(known_c)), "C, median")
@@ -205,9 +201,10 @@ def _source_problems(path: Path) -> tuple[list[str], list[str]]:
     source = open_source(path)
     from annotate.cloud.fuse import Fuser
     from annotate.label_source import calibrated
+    from sensors.session.check import problems_of
     from sensors.session.reader import Session
 
-    problems = []
+    problems: list[str] = []
     if isinstance(source, Session) and source.is_being_recorded:
         problems.append(f"{source.path} is being recorded; check it when the recording has ended")
     elif isinstance(source, Session) and source.truncated:
@@ -215,18 +212,20 @@ def _source_problems(path: Path) -> tuple[list[str], list[str]]:
             f"{path} is truncated: its end is lost; make its {len(source)} frames a whole session with: "
             f"annotate-cloud repair {source.path}"
         )
+    elif isinstance(source, Session):
+        problems += [f"{source.path}: {problem}" for problem in problems_of(source.path)]
     fuser = Fuser(source.calibration)
-    try:
-        for frame in source:
-            if not (frame.depth_mm > 0).any():
-                problems.append(f"frame {frame.index:06d} has no depth reading")
-                continue
-            try:
+    for index in range(len(source)):
+        try:
+            frame = source.frame(index)
+            if (frame.depth_mm > 0).any():
                 fuser.fuse_frame(calibrated(frame, source.calibration)[0])
-            except CloudError as error:
-                problems.append(f"frame {frame.index:06d}: {error}")
+            else:
+                problems.append(f"frame {index:06d} has no depth reading")
+        except CloudError as error:
+            problems.append(f"frame {index:06d}: {error}")
+    try:
         doubts = [note for note in judged_notes(source) if note.startswith(DOUBTFUL)]
-    except CloudError as error:
-        problems.append(str(error))
-        doubts = []
+    except CloudError:
+        doubts = []  # a frame that cannot be read is a problem already
     return problems, doubts

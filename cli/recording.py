@@ -21,6 +21,7 @@ from sensors.recording.how_tested import KINDS
 
 if TYPE_CHECKING:
     from sensors.recording.recorder import Recorded, Recorder
+    from sensors.session.repair import Repaired
 
 
 def record(
@@ -74,30 +75,44 @@ def record(
 def repair(
     session: Annotated[Path, Argument(help="Recording that was cut off, or a damaged session.")],
     out: Annotated[
-        Path | None, Option(help="Session to write. Default: in place; NAME.mcap for NAME.mcap.partial.")
+        Path | None,
+        Option(help="Session to write. Default: NAME.repaired.mcap; NAME.mcap for NAME.mcap.partial."),
     ] = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Repair a recording that was cut off or damaged; every frame that can be read is kept."""
+    """Write a whole session with every frame of a damaged one that can be read; the damaged one stays."""
+    from sensors.session.paths import recording_at
     from sensors.session.repair import repair as repair_session
 
     done = repair_session(session, out, overwrite=overwrite)
     result = {
         "session": str(done.path),
         "frames": done.frames,
+        "lost_frames": done.lost_frames,
         "lost_seconds": round(done.lost_s, 3),
+        "lost_bytes": done.lost_bytes,
         "damaged": done.damaged,
         "changed": done.changed,
     }
+    finish(result, json, _repaired_text(done, recording_at(session)))
+
+
+def _repaired_text(done: "Repaired", source: Path) -> str:
+    """What was kept, what was left out, and what became of the source."""
     text = f"{done.path} is whole, with {done.frames} frames"
     if not done.changed:
-        text += "; nothing to repair"
-    if done.lost_s:
-        text += f"; {cell(done.lost_s, 's')} could not be saved"
+        return text + "; nothing to repair"
     if done.damaged:
-        text += f"; {done.damaged} damaged records left out"
-    finish(result, json, text)
+        frames = "" if done.lost_frames is None else f", {done.lost_frames} frames"
+        text += (
+            f"; left out: {done.lost_bytes} bytes at {done.damaged} places{frames}, {cell(done.lost_s, 's')}"
+        )
+    elif done.lost_frames:
+        text += f"; {done.lost_frames} frames are missing"
+    else:
+        text += "; nothing was lost"
+    return text + f"; {source} stays as it is"
 
 
 @contextmanager

@@ -83,7 +83,11 @@ HONEST: dict[str, float] = {
     "sensors.recording.rig_file.MAX_BYTES": 100 * 300,  # devices
     "sensors.rig.pairing.MAX_LATENCY_MS": 500,  # a camera behind a network's encoder
     "sensors.rig.rig_calibration.MAX_CALIBRATION_BYTES": 100_000,  # an Azure Kinect's own has 12 kB
+    "sensors.session.index.MAX_MESSAGES": 24 * HOUR_S * 30 * 6,  # a day of six streams
+    "sensors.session.mcap_records.MAX_CHUNK_RECORDS": 4_000_000 // 31,  # empty messages of 31 bytes
     "sensors.session.mcap_records.MAX_RECORD_BYTES": 8192 * 8192 * 2,
+    "sensors.session.stored_index.MAX_COLUMN_BYTES": 10 * HOUR_S * 30 * 4 * 40,  # ten hours of four streams
+    "sensors.session.stored_index.MAX_HEADER_BYTES": 20_000 * 100,  # events
     "synth.body.body.MAX_BYTES": 30 * 800_000,  # a body of thirty times the shipped ones' vertices
     "synth.clothes.makehuman_garments.MAX_FILE_BYTES": 500_000 * 100,  # vertices
     "synth.markers.bvh.MAX_CENTRES": HOUR_S // 4 * 120 * 100,  # of 100 joints

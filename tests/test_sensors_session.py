@@ -282,7 +282,8 @@ def test_cut_anywhere_it_is_a_prefix_that_repair_keeps_or_an_error(tmp_path, who
     for original, copy in zip(frames(8), left, strict=False):
         assert_same(original, copy)
     done = repair(path)
-    assert (done.path, done.frames, done.damaged, done.changed) == (path, len(left), 0, True)
+    assert (done.path, done.frames, done.changed) == (path, len(left), True)
+    assert done.damaged <= 1 and (done.lost_bytes > 0) == (done.damaged > 0)
     assert 0 <= done.lost_s <= 2 * PERIOD_NS * 1e-9
     mended = Session(path)
     assert not mended.truncated and not [note for note in mended.notes if "truncated" in note]
@@ -291,7 +292,8 @@ def test_cut_anywhere_it_is_a_prefix_that_repair_keeps_or_an_error(tmp_path, who
         assert_same(a, b)
     with path.open("rb") as file:
         assert make_reader(file).get_summary() is not None
-    assert [p.name for p in tmp_path.iterdir()] == ["cut.mcap"]
+    assert cut.read_bytes() == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["cut.mcap", "cut.mcap.partial"]
     path.unlink()
 
 
@@ -309,16 +311,17 @@ def test_repair_drops_only_what_is_damaged_and_knows_how_long_that_was(tmp_path,
     broken, mended = tmp_path / "broken.mcap", tmp_path / "mended.mcap"
     broken.write_bytes(data)
     with pytest.raises(FormatError, match=f"damaged at byte .*: annotate-cloud repair {broken}"):
-        Session(broken)
+        list(Session(broken))
     done = repair(broken, mended)
-    assert (done.frames, done.damaged) == (7, 1)
+    assert (done.frames, done.damaged, done.lost_frames) == (7, 1, 1)
     assert done.lost_s == pytest.approx(PERIOD_NS * 1e-9)
     assert broken.read_bytes() == data
     originals = {f.stamp_ns: f.depth_mm for f in frames(8)}
     for frame in Session(mended):
         np.testing.assert_array_equal(frame.depth_mm, originals[frame.stamp_ns])
-    assert repair(broken).path == broken
-    assert len(Session(broken)) == 7
+    assert repair(broken).path == tmp_path / "broken.repaired.mcap"
+    assert len(Session(tmp_path / "broken.repaired.mcap")) == 7
+    assert broken.read_bytes() == data
 
 
 def test_a_recording_that_was_cut_off_is_found_by_its_name(annotate_cloud, tmp_path, whole):
@@ -334,28 +337,31 @@ def test_a_recording_that_was_cut_off_is_found_by_its_name(annotate_cloud, tmp_p
     assert done == {
         "session": str(path),
         "frames": count,
+        "lost_frames": None,
         "lost_seconds": done["lost_seconds"],
-        "damaged": 0,
+        "lost_bytes": done["lost_bytes"],
+        "damaged": 1,
         "changed": True,
     }
+    assert 0 < done["lost_bytes"] < partial.stat().st_size / 4
     assert annotate_cloud("validate", path).code == 0
     assert annotate_cloud("repair", path).out == f"{path} is whole, with {count} frames; nothing to repair\n"
-    cut_off(partial, whole, whole.stat().st_size // 2)
     assert_refused(annotate_cloud("repair", partial), path, "--overwrite")
     assert_refused(annotate_cloud("repair", tmp_path / "typo.mcap"), "typo.mcap", "does not exist")
     assert partial.exists() and annotate_cloud("repair", partial, "--overwrite").code == 0
 
 
-def test_a_chunk_that_hides_is_missed(tmp_path, whole):
-    """Its opcode made unknown, a chunk is skipped without any CRC; the file's own count tells."""
+def test_a_chunk_that_hides_is_missed(annotate_cloud, tmp_path, whole):
+    """Its opcode made unknown, a chunk is no chunk; the frame that lay there is named."""
     data = bytearray(whole.read_bytes())
     with whole.open("rb") as file:
         chunks = [offset for offset in record_offsets(file) if data[offset] == Opcode.CHUNK]
     data[chunks[4]] = 0x7F
     hidden = tmp_path / "hidden.mcap"
     hidden.write_bytes(data)
-    with pytest.raises(FormatError, match="of its"):
-        Session(hidden)
+    with pytest.raises(FormatError, match="damaged at byte"):
+        Session(hidden).frame(3)
+    assert "frame 000003: " in annotate_cloud("validate", hidden).out
 
 
 def test_frames_come_in_the_order_of_their_stamps(tmp_path):

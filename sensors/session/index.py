@@ -1,82 +1,152 @@
 """Index of a session file: calibration, events, and the place of every image."""
 
 from array import array
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
-from mcap.records import Channel, McapRecord, Message, Metadata, Schema, Statistics
+from mcap.opcode import Opcode
+from mcap.records import Channel, McapRecord, Metadata, Schema, Statistics
 from numpy.typing import NDArray
 
 from sensors.errors import FormatError
-from sensors.rig.rig_calibration import MAX_CALIBRATION_BYTES
-from sensors.session.mcap_records import is_complete, record_offsets, records_at
+from sensors.rig.rig_calibration import MAX_CALIBRATION_BYTES, RigCalibration
+from sensors.session.mcap_records import (
+    MAGIC,
+    MESSAGE,
+    Span,
+    contents_at,
+    damage,
+    is_complete,
+    parsed,
+    record_offsets,
+    spans,
+)
 from sensors.session.messages import (
-    CALIBRATIONS,
     DEPTH,
     EVENTS,
     IMAGES,
     METADATA,
+    OF_CALIBRATION,
     SCHEMAS,
-    SHIFT,
-    TF,
     calibration_from,
     event_from,
 )
+from sensors.session.stored_index import StoredIndex, read_index
+from sensors.session.summary import read_summary
 
+MAX_MESSAGES = 1 << 24
+"""Messages of a session that is read as a whole: each takes 32 bytes of memory."""
 PLACE = np.dtype([("stamp_ns", "i8"), ("arrival_ns", "i8"), ("offset", "i8"), ("slot", "i8")])
 """Where a message lies: record ``slot`` of the chunk at byte ``offset``; its time by device and host."""
 Places = NDArray[np.void]
 """PLACE (n,): the messages of one topic, sorted by device stamp."""
 
 
+@dataclass(frozen=True)
 class Contents:
-    """All of a session but its images, read once, front to back, chunk by chunk, every CRC checked.
+    """All of a session but its images.
 
     places: by image topic, empty where there are none. truncated: whether the file was cut off, no error.
-    Raises FormatError when it is no session, damaged, or without depth images; CalibrationError when the
-    calibration is missing or impossible.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path, self._count = path, 0
-        self._expected: int | None = None
+    places: dict[str, Places]
+    calibration: RigCalibration
+    metadata: dict[str, str] = field(default_factory=dict)
+    events: tuple[tuple[int, str], ...] = ()
+    truncated: bool = False
+
+
+def read_contents(path: Path) -> Contents:
+    """Read a session's contents: by the index that it carries, else from the whole file.
+
+    Chunks are not read where the index is whole: what is damaged in them is found with its frame. Raises
+    FormatError when it is no session, damaged, or without depth images; CalibrationError when the calibration
+    is missing or impossible.
+    """
+    try:
+        with path.open("rb") as file:
+            found = _indexed(file) or scan(file)
+    except OSError as error:
+        raise FormatError(f"{path} cannot be read ({error.strerror}); give a recorded session") from error
+    return found
+
+
+def _indexed(file: BinaryIO) -> Contents | None:
+    """The contents by the file's own index; None where it has none that belongs to it."""
+    if file.read(len(MAGIC)) != MAGIC or (summary := read_summary(file)) is None:
+        return None
+    index = read_index(file, summary)
+    return None if index is None else _contents_from(file.name, index)
+
+
+def _contents_from(name: str, index: StoredIndex) -> Contents:
+    topic, stamp_ns, arrival_ns, chunk, slot = index.columns()
+    begins = np.array([begin for begin, _ in index.ends], np.int64)
+    all_places = np.empty(len(topic), PLACE)
+    columns = (stamp_ns, arrival_ns, begins[chunk] if len(chunk) else chunk, slot)
+    for key, column in zip(PLACE.names or (), columns, strict=True):
+        all_places[key] = column
+    numbers = {name: number for number, name in enumerate(index.topics)}
+    places = {name: _sorted(all_places[topic == numbers.get(name, -1)]) for name in IMAGES}
+    _check_depth(name, places)
+    metadata = {plain(key): plain(value) for key, value in index.metadata.items()}
+    events = tuple((stamp, plain(text)) for stamp, text in index.events)
+    return Contents(places, calibration_from(index.calibrations), metadata, events)
+
+
+def scan(file: BinaryIO) -> Contents:
+    """Read the contents front to back, chunk by chunk, every CRC checked. Raises as ``read_contents``."""
+    found = _Scan(file.name)
+    for offset in record_offsets(file):
+        data = contents_at(file, offset)
+        with damage(file.name, offset):
+            for slot, span in enumerate(spans(data)):
+                found.add(offset, slot, data, span)
+    truncated = not is_complete(file)
+    if not truncated and found.expected not in (None, found.count):
+        raise FormatError(
+            f"{file.name} holds {found.count} of its {found.expected} messages; restore it from a copy, "
+            f"or save the rest of it: annotate-cloud repair {file.name}"
+        )
+    places = {topic: _sorted(np.frombuffer(numbers, PLACE)) for topic, numbers in found.places.items()}
+    _check_depth(file.name, places)
+    return Contents(
+        places, calibration_from(found.calibrations), found.metadata, tuple(found.events), truncated
+    )
+
+
+class _Scan:
+    """What the records of a file hold, one after another. expected, count: messages stated and found."""
+
+    def __init__(self, name: str) -> None:
+        self._name, self.count = name, 0
+        self.expected: int | None = None
         self.events: list[tuple[int, str]] = []
         self.metadata: dict[str, str] = {}
-        self._found = {topic: array("q") for topic in IMAGES}  # the four numbers of PLACE one after another
-        self._calibrations: dict[str, bytes] = {}
+        self.places = {topic: array("q") for topic in IMAGES}  # the four numbers of PLACE one after another
+        self.calibrations: dict[str, bytes] = {}
         self._schemas: dict[int, str] = {}
         self._topics: dict[int, str] = {}
-        try:
-            with path.open("rb") as file:
-                for offset in record_offsets(file):
-                    for slot, record in enumerate(records_at(file, offset)):
-                        self._add(offset, slot, record)
-                self.truncated = not is_complete(file)
-        except OSError as error:
-            raise FormatError(f"{path} cannot be read ({error.strerror}); give a recorded session") from error
-        if not self.truncated and self._expected not in (None, self._count):
-            raise FormatError(
-                f"{path} holds {self._count} of its {self._expected} messages; restore it from a copy, "
-                f"or save the rest of it: annotate-cloud repair {path}"
-            )
-        if not self._found[DEPTH]:
-            raise FormatError(f"{path} has no depth images ({DEPTH}); give a session of a depth camera")
-        self.calibration = calibration_from(self._calibrations)
-        self.places = {topic: _sorted(numbers) for topic, numbers in self._found.items()}
 
-    def _add(self, offset: int, slot: int, record: McapRecord) -> None:
+    def add(self, offset: int, slot: int, data: bytes, span: Span) -> None:
+        """Add the record of ``data`` at a span, number ``slot`` of the chunk at ``offset``."""
+        if span.opcode == Opcode.MESSAGE:
+            self._add_message(offset, slot, data, span)
+        elif span.opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.METADATA):
+            self._add_record(parsed(data, span))
+
+    def _add_record(self, record: McapRecord) -> None:
         match record:
-            case Message():
-                self._count += 1
-                self._add_message(offset, slot, record)
             case Schema():
                 self._schemas.setdefault(record.id, record.name)
             case Channel():
                 self._add_channel(record)
             case Statistics():
-                self._expected = record.message_count
+                self.expected = record.message_count
             case Metadata() if record.name == METADATA:
-                self.metadata = {_plain(key): _plain(value) for key, value in record.metadata.items()}
+                self.metadata |= {plain(key): plain(value) for key, value in record.metadata.items()}
 
     def _add_channel(self, channel: Channel) -> None:
         expected = SCHEMAS.get(channel.topic)
@@ -85,29 +155,39 @@ class Contents:
         name = self._schemas.get(channel.schema_id, "none")
         if channel.message_encoding != "protobuf" or name != expected.DESCRIPTOR.full_name:
             raise FormatError(
-                f"{self._path}: topic {channel.topic} is {_plain(channel.message_encoding)} {_plain(name)}; "
+                f"{self._name}: topic {channel.topic} is {plain(channel.message_encoding)} {plain(name)}; "
                 f"only protobuf {expected.DESCRIPTOR.full_name} is read"
             )
         self._topics[channel.id] = channel.topic
 
-    def _add_message(self, offset: int, slot: int, message: Message) -> None:
-        topic = self._topics.get(message.channel_id)
-        if topic in self._found:
-            if message.publish_time >= 1 << 63 or message.log_time >= 1 << 63:
-                raise FormatError(f"{self._path}: an impossible time in {topic}; record it again")
-            self._found[topic].extend((message.publish_time, message.log_time, offset, slot))
-        elif topic is not None and topic in (*CALIBRATIONS, TF, SHIFT):
+    def _add_message(self, offset: int, slot: int, data: bytes, span: Span) -> None:
+        channel, _, arrival_ns, stamp_ns = MESSAGE.unpack_from(data[span.start : span.end][: MESSAGE.size])
+        self.count += 1
+        if self.count > MAX_MESSAGES:
+            raise FormatError(f"{self._name} holds more than {MAX_MESSAGES} messages; split it")
+        topic = self._topics.get(channel)
+        if topic in self.places:
+            if stamp_ns >= 1 << 63 or arrival_ns >= 1 << 63:
+                raise FormatError(f"{self._name}: an impossible time in {topic}; record it again")
+            self.places[topic].extend((stamp_ns, arrival_ns, offset, slot))
+        elif topic in OF_CALIBRATION:
             # One too large is kept as far as calibration_from needs to refuse it.
-            self._calibrations.setdefault(topic, message.data[: MAX_CALIBRATION_BYTES + 1])
+            start = span.start + MESSAGE.size
+            content = data[start : min(span.end, start + MAX_CALIBRATION_BYTES + 1)]
+            self.calibrations.setdefault(topic, content)
         elif topic == EVENTS:
-            self.events.append((message.publish_time, _plain(event_from(message.data))))
+            self.events.append((stamp_ns, plain(event_from(data[span.start + MESSAGE.size : span.end]))))
 
 
-def _sorted(numbers: "array[int]") -> Places:
-    places = np.frombuffer(numbers, PLACE)
+def _check_depth(name: str, places: dict[str, Places]) -> None:
+    if not len(places[DEPTH]):
+        raise FormatError(f"{name} has no depth images ({DEPTH}); give a session of a depth camera")
+
+
+def _sorted(places: Places) -> Places:
     return places[np.argsort(places["stamp_ns"], kind="stable")]
 
 
-def _plain(text: str) -> str:
+def plain(text: str) -> str:
     """The printable characters of a file's text, which is shown to people."""
     return "".join(c for c in text if c.isprintable())

@@ -8,14 +8,16 @@ import io
 import os
 import struct
 import zlib
+from array import array
 from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import lz4.frame
 import zstandard
-from mcap.exceptions import EndOfFile, McapError
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Chunk, McapRecord, Message
 from mcap.stream_reader import StreamReader
@@ -25,13 +27,23 @@ from sensors.errors import FormatError
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 1 << 28
 """Bytes of a record, and of what a chunk unpacks to: room for the largest image that a camera may have."""
+MAX_CHUNK_RECORDS = 1 << 20
+"""Records of a chunk: a chunk of 4 MB, which ROS and Foxglove write, has room for 135,000 empty messages."""
 CACHED_CHUNKS = 8
-"""Unpacked chunks kept: one holds a depth image and what came with it. Chosen by eye."""
+"""Unpacked chunks kept: one holds a depth image and what came with it. Untuned."""
 
-_HEAD = struct.Struct("<BQ")  # opcode, length (MCAP specification, "Records")
-_TIMES = struct.Struct("<QQ")  # message_start_time, message_end_time (the same, "Chunk")
+HEAD = struct.Struct("<BQ")  # opcode, length (MCAP specification, "Records")
+MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log_time, publish_time (the same, "Message")
 _WANTED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA, Opcode.STATISTICS}
 _BROKEN = (McapError, struct.error, ValueError, OverflowError, RuntimeError, zstandard.ZstdError)
+
+
+class Span(NamedTuple):
+    """A record among others. start, end: of its content, behind opcode and length."""
+
+    opcode: int
+    start: int
+    end: int
 
 
 def record_offsets(file: BinaryIO) -> Iterator[int]:
@@ -44,63 +56,59 @@ def record_offsets(file: BinaryIO) -> Iterator[int]:
     if file.read(len(MAGIC)) != MAGIC:
         raise FormatError(f"{file.name} is {'empty' if size == 0 else 'no MCAP file'}; give a session")
     offset = len(MAGIC)
-    while offset + _HEAD.size <= size:
+    while offset + HEAD.size <= size:
         file.seek(offset)
-        opcode, length = _HEAD.unpack(file.read(_HEAD.size))
-        if opcode == 0 or length > size - offset - _HEAD.size:
+        opcode, length = HEAD.unpack(file.read(HEAD.size))
+        if opcode == 0 or length > size - offset - HEAD.size:
             return
         yield offset
         if opcode == Opcode.FOOTER:
             return
-        offset += _HEAD.size + length
-
-
-def end_of_records(file: BinaryIO) -> int:
-    """Offset behind the last record that is there in full."""
-    last = max(record_offsets(file), default=None)
-    if last is None:
-        return len(MAGIC)
-    file.seek(last)
-    _, length = _HEAD.unpack(file.read(_HEAD.size))
-    return last + _HEAD.size + int(length)
+        offset += HEAD.size + length
 
 
 def is_complete(file: BinaryIO) -> bool:
-    """Whether the file ends as a finished MCAP file does, with the magic."""
-    file.seek(end_of_records(file))
+    """Whether the file's records end as those of a finished MCAP file do, with the magic."""
+    end = len(MAGIC)
+    for offset in record_offsets(file):
+        file.seek(offset)
+        _, length = HEAD.unpack(file.read(HEAD.size))
+        end = offset + HEAD.size + int(length)
+    file.seek(end)
     return file.read(len(MAGIC) + 1) == MAGIC
 
 
-def chunk_end_ns(file: BinaryIO, offset: int) -> int | None:
-    """Latest log time of a chunk, even a damaged one or one cut off, as it states it; None for no chunk."""
-    file.seek(offset)
-    head = file.read(_HEAD.size + _TIMES.size)
-    if len(head) < _HEAD.size + _TIMES.size or head[0] != Opcode.CHUNK:
-        return None
-    return int(_TIMES.unpack_from(head, _HEAD.size)[1])
+def contents_at(file: BinaryIO, offset: int) -> bytes:
+    """Bytes of the record at an offset with its head, or of the records of a chunk; its CRC is checked.
 
-
-def records_at(file: BinaryIO, offset: int) -> list[McapRecord]:
-    """The ``mcap.records`` at an offset: one, a chunk's contents, or none of a kind that no session needs.
-
-    Raises FormatError when they are corrupt, naming file and offset.
+    Empty for a record of a kind that no session needs. Raises FormatError when it is corrupt, naming file
+    and offset.
     """
     file.seek(offset)
-    head = file.read(_HEAD.size)
-    opcode, length = _HEAD.unpack(head)
-    if opcode not in _WANTED:
-        return []
-    try:
+    head = file.read(HEAD.size)
+    with damage(file.name, offset):
+        opcode, length = HEAD.unpack(head)
+        if opcode not in _WANTED:
+            return b""
         if length > MAX_RECORD_BYTES:
             raise ValueError(f"a record of {length} bytes")
-        records = _records(head + file.read(length))
-        return _records(_unpacked(records[0])) if isinstance(records[0], Chunk) else records
-    except _BROKEN as error:
-        reason = str(error) or type(error).__name__
-        raise FormatError(
-            f"{file.name} is damaged at byte {offset} ({reason}); restore it from a copy, "
-            f"or save the rest of it: annotate-cloud repair {file.name}"
-        ) from error
+        data = file.read(length)
+        if len(data) != length:
+            raise ValueError("the file ends within it")
+        return unpacked(parsed(head + data)) if opcode == Opcode.CHUNK else head + data
+
+
+def records_at(file: BinaryIO, offset: int) -> Iterator[McapRecord]:
+    """Yield the ``mcap.records`` at an offset: one, a chunk's, or none of a kind that no session needs.
+
+    One at a time: as objects they take many times their bytes. Raises FormatError when they are corrupt,
+    naming file and offset.
+    """
+    data = contents_at(file, offset)
+    with damage(file.name, offset):
+        for span in spans(data):
+            if span.opcode in _WANTED:
+                yield parsed(data, span)
 
 
 class MessageReader:
@@ -110,34 +118,58 @@ class MessageReader:
         self._path = path
         self._chunk = lru_cache(CACHED_CHUNKS)(self._read_chunk)
 
-    def read(self, offset: int, slot: int) -> bytes:
-        """The bytes of message ``slot`` of the chunk at ``offset``. Raises FormatError where none is."""
-        records = self._chunk(offset)
-        record = records[slot] if slot < len(records) else None
-        if not isinstance(record, Message):
-            raise FormatError(f"{self._path} was changed while it was read; open it again")
-        return record.data
+    def read(self, offset: int, slot: int, stamp_ns: int | None = None) -> bytes:
+        """The bytes of message ``slot`` of the chunk at ``offset``.
 
-    def _read_chunk(self, offset: int) -> list[McapRecord]:
+        Raises FormatError where none is, or where its publish time is not ``stamp_ns``.
+        """
+        data, starts = self._chunk(offset)
+        start = starts[slot] if 0 <= slot < len(starts) else len(data)
+        opcode, length = HEAD.unpack_from(data, start) if start < len(data) else (0, 0)
+        content = data[start + HEAD.size : start + HEAD.size + length]
+        with damage(str(self._path), offset):
+            if opcode != Opcode.MESSAGE:
+                raise ValueError("its index names messages that are not there")
+            published = MESSAGE.unpack_from(content)[-1]
+            if stamp_ns not in (None, published):
+                raise ValueError("its index states another time than a message")
+        return content[MESSAGE.size :]
+
+    def _read_chunk(self, offset: int) -> tuple[bytes, "array[int]"]:
         with self._path.open("rb") as file:
-            return records_at(file, offset)
+            data = contents_at(file, offset)
+        with damage(str(self._path), offset):
+            return data, array("q", (span.start - HEAD.size for span in spans(data)))
 
 
-def _records(data: bytes) -> list[McapRecord]:
-    """The records that lie one after another in ``data``. Raises EndOfFile where it ends within one."""
-    stream, records, end = io.BytesIO(data), list[McapRecord](), 0
-    try:
-        for record in StreamReader(stream, skip_magic=True, emit_chunks=True).records:
-            records.append(record)
-            end = stream.tell()
-    except EndOfFile:
-        if end < len(data):
-            raise
-    return records
+def spans(data: bytes) -> Iterator[Span]:
+    """The records that lie one after another in ``data``. Raises ValueError where it ends within one."""
+    at = number = 0
+    while at < len(data):
+        opcode, length = HEAD.unpack_from(data, at)
+        at += HEAD.size
+        number += 1
+        if length > len(data) - at:
+            raise ValueError("it ends within a record")
+        if number > MAX_CHUNK_RECORDS:
+            raise ValueError(f"more than {MAX_CHUNK_RECORDS} records in a chunk")
+        yield Span(opcode, at, at + length)
+        at += length
 
 
-def _unpacked(chunk: Chunk) -> bytes:
+def parsed(data: bytes, span: Span | None = None) -> McapRecord:
+    """The record of ``data``, or that of a span of it. Raises one of ``mcap``'s errors."""
+    if span is not None and span.opcode == Opcode.MESSAGE:
+        channel, sequence, log_time, publish_time = MESSAGE.unpack_from(data[span.start : span.end])
+        content = data[span.start + MESSAGE.size : span.end]
+        return Message(channel, log_time, content, publish_time, sequence)
+    record = data if span is None else data[span.start - HEAD.size : span.end]
+    return next(iter(StreamReader(io.BytesIO(record), skip_magic=True, emit_chunks=True).records))
+
+
+def unpacked(chunk: McapRecord) -> bytes:
     """A chunk's records as bytes. ``mcap``'s own unpacking has no bound on what they take."""
+    assert isinstance(chunk, Chunk)
     size, data = chunk.uncompressed_size, chunk.data
     if size > MAX_RECORD_BYTES:
         raise ValueError(f"a chunk of {size} bytes")
@@ -154,3 +186,16 @@ def _unpacked(chunk: Chunk) -> bytes:
     if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
         raise ValueError("a chunk with a wrong checksum")
     return data
+
+
+@contextmanager
+def damage(name: str, offset: int) -> Iterator[None]:
+    """Whatever a corrupt record raises as FormatError."""
+    try:
+        yield
+    except (*_BROKEN, StopIteration) as error:
+        reason = str(error) or type(error).__name__
+        raise FormatError(
+            f"{name} is damaged at byte {offset} ({reason}); restore it from a copy, "
+            f"or save the rest of it: annotate-cloud repair {name}"
+        ) from error

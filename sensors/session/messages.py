@@ -38,6 +38,8 @@ CALIBRATIONS = {f"/{camera}/calibration": camera for camera in CAMERAS}
 TF, EVENTS = "/tf", "/events"
 SHIFT, SHIFT_KEY = "/depth/shift", "depth_shift_mm"
 """Topic and key of the depth shift, absent for 0. A message, as tools that copy messages lose metadata."""
+OF_CALIBRATION = (*CALIBRATIONS, TF, SHIFT)
+"""Topics of which a session's first messages are its calibration."""
 
 SCHEMAS: dict[str, type[ProtoMessage]] = {
     DEPTH: RawImage,

@@ -18,3 +18,8 @@ def final_of(path: Path) -> Path:
 def recording_at(path: Path) -> Path:
     """The path, or its unfinished recording where that alone is there: people name what they recorded to."""
     return partial_of(path) if not path.exists() and partial_of(path).is_file() else path
+
+
+def repaired_of(path: Path) -> Path:
+    """Name of the repaired copy of the session ``path``."""
+    return path.with_name(f"{path.name.removesuffix('.mcap')}.repaired.mcap")

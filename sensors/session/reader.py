@@ -22,7 +22,7 @@ from sensors.rig.pairing import (
     thermal_window_ns,
 )
 from sensors.rig.thermal_reference import LEAST_READINGS, READINGS, ThermalReference
-from sensors.session.index import Contents, Places
+from sensors.session.index import Places, read_contents
 from sensors.session.lock import RecordingError, is_being_recorded
 from sensors.session.mcap_records import MessageReader
 from sensors.session.messages import (
@@ -54,7 +54,8 @@ class Session(FrameSource):
 
     Depth is master: a frame has the colour and thermal images nearest to it in device time, if within the
     windows above; no message is used twice. Frames are in the order of their depth stamps and numbered by
-    it. Opening reads the whole file once (CRCs included) but keeps only where each message lies.
+    it. Opening reads the index that the file carries, or the whole file where it has
+    none (``index``): what is damaged is found with its frame.
     ``path`` may name a recording that was cut off and is there as ``.partial`` alone.
     Raises FormatError for what is no session or is damaged, CalibrationError when calibration is missing.
     """
@@ -64,14 +65,15 @@ class Session(FrameSource):
     def __init__(self, path: Path) -> None:
         path = recording_at(path)
         try:
-            contents = Contents(path)
+            contents = read_contents(path)
         except CloudError as error:
             if is_being_recorded(path):
                 raise RecordingError(f"{path} is being recorded; read it after its first frame") from error
             raise
         self.path = path
-        self.name = contents.metadata.pop("name", "") or path.name.split(".")[0]
-        self.metadata, self.events = contents.metadata, tuple(contents.events)
+        self.metadata = {**contents.metadata}
+        self.name = self.metadata.pop("name", "") or path.name.split(".")[0]
+        self.events = contents.events
         self.calibration, self.truncated = contents.calibration, contents.truncated
         self.subject = one_line(self.metadata.get(SUBJECT, ""))
         self._places = contents.places
@@ -178,7 +180,7 @@ class Session(FrameSource):
         if index < 0:
             return b""
         place = self._places[topic][index]
-        return self._reader.read(int(place["offset"]), int(place["slot"]))
+        return self._reader.read(int(place["offset"]), int(place["slot"]), int(place["stamp_ns"]))
 
 
 def host_times(places: dict[str, Places], metadata: dict[str, str]) -> dict[str, NDArray[np.int64]]:

@@ -3,98 +3,149 @@
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from typing import BinaryIO
 
-from mcap.records import Channel, McapRecord, Message, Metadata, Schema
-from mcap.writer import Writer
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
-from sensors.errors import FormatError
+from sensors.errors import CloudError, FormatError
 from sensors.files.atomic import check_free, replacing
+from sensors.session.check import problems_in
+from sensors.session.index import read_contents, scan
+from sensors.session.indexed_writer import IndexedWriter
 from sensors.session.lock import check_ended
-from sensors.session.mcap_records import chunk_end_ns, end_of_records, record_offsets, records_at
+from sensors.session.mcap_records import parsed, spans
 from sensors.session.messages import DEPTH, METADATA
-from sensors.session.paths import final_of, recording_at
-from sensors.session.reader import Session
-from sensors.session.writer import CHUNK_BYTES
+from sensors.session.paths import final_of, recording_at, repaired_of
+from sensors.session.salvage import Piece, pieces
+from sensors.session.stored_index import NAME, StoredIndex, read_index
+from sensors.session.summary import read_summary
 
 LONGEST_LOSS_NS = 60 * 10**9
 """A lost chunk that states to end later than this after what was saved is believed to be damaged there too.
-Chosen by eye: a chunk of a recording lasts a thirtieth of a second."""
+Untuned: a chunk of a recording lasts a thirtieth of a second."""
 
 
 @dataclass(frozen=True)
 class Repaired:
-    """Result of ``repair``. frames: of the whole session. damaged: records that could not be read.
+    """Result of ``repair``. frames: of the whole session. changed: whether there was anything to repair.
 
-    lost_s: how long the lost chunks lasted, as far as they still state it.
+    damaged: places of the file that could not be read; lost_bytes: how long they are; lost_s: how long what
+    was recorded there lasted, as far as that is known; lost_frames: how many are missing, None = unknown.
     """
 
     path: Path
     frames: int
+    lost_frames: int | None = 0
     lost_s: float = 0.0
+    lost_bytes: int = 0
     damaged: int = 0
     changed: bool = True
 
 
 def repair(path: Path, out: Path | None = None, *, overwrite: bool = False) -> Repaired:
-    """Rewrite a session as a whole one with all that can be read; a whole one stays as it is.
+    """Write a whole session with all that can be read of a damaged one, which stays as it is.
 
-    The result takes the file's place; that of ``NAME.mcap.partial`` is called ``NAME.mcap``, and the partial
-    file goes. With ``out`` the file stays as it is. Nothing changes before the result is whole.
-    Raises FormatError when nothing can be saved, ExistsError when another file has the result's name and
-    ``overwrite`` is False.
+    The result is called ``NAME.repaired.mcap``, that of ``NAME.mcap.partial`` ``NAME.mcap``; of a whole
+    session none is made. Raises FormatError when nothing can be saved, ExistsError when another file has the
+    result's name and ``overwrite`` is False, RecordingError while the recording runs.
     """
     source = recording_at(path)
     if not source.is_file():
         raise FormatError(f"{path} does not exist; give a recorded session")
-    with suppress(FormatError):
-        if source == final_of(source) and not (whole := Session(source)).truncated:
-            return Repaired(source, len(whole), changed=False)
-    target = out or final_of(source)
-    if target != source:
-        check_free(target, overwrite)
-    with source.open("rb") as file, replacing(target) as temporary:
+    target = out or (repaired_of(source) if source == final_of(source) else final_of(source))
+    with source.open("rb") as file:
         check_ended(file)
-        lost_ns, damaged = _copy(file, temporary)
-        frames = len(Session(temporary))
-    if out is None and target != source:
-        source.unlink()
-    return Repaired(target, frames, lost_ns * 1e-9, damaged)
+        if source == final_of(source) and not problems_in(file):
+            with suppress(CloudError):
+                return Repaired(source, len(read_contents(source).places[DEPTH]), changed=False)
+        if target.exists() and target.samefile(source):
+            raise FormatError(f"{target} is the damaged session itself; give another name")
+        check_free(target, overwrite)
+        with replacing(target) as temporary:
+            return _rewrite(file, temporary, target)
 
 
-def _copy(file: BinaryIO, out: Path) -> tuple[int, int]:
-    """Copy what can be read. Nanoseconds that are lost, and the number of damaged records."""
-    lost_ns = damaged = 0
-    with out.open("wb") as sink:
-        writer = Writer(sink, chunk_size=CHUNK_BYTES)
-        writer.start(profile="", library=METADATA)
-        copier = Copier(writer)
-        for offset in record_offsets(file):
-            try:
-                records = records_at(file, offset)
-            except FormatError:
-                damaged += 1
-                lost_ns += copier.missing_ns(chunk_end_ns(file, offset))
-                continue
-            for record in records:
-                copier.add(record)
-        lost_ns += copier.missing_ns(chunk_end_ns(file, end_of_records(file)))
-        writer.finish()
-    if not copier.has_depth:
+def _rewrite(file: BinaryIO, temporary: Path, target: Path) -> Repaired:
+    """Copy what can be read. Raises FormatError where that is no session."""
+    summary = read_summary(file)
+    index = read_index(file, summary) if summary else None
+    losses = Losses()
+    with temporary.open("wb") as sink:
+        copier = Copier(IndexedWriter(sink))
+        for record in (*summary.schemas, *summary.channels) if summary else ():
+            copier.add(record)
+        for piece in pieces(file, summary):
+            losses.add(piece)
+            for span in spans(piece.data):
+                if span.opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
+                    copier.add(parsed(piece.data, span))
+                elif span.opcode in (Opcode.METADATA, Opcode.ATTACHMENT):
+                    copier.add_beside(parsed(piece.data, span), index)
+        copier.finish(index)
+    if not copier.frames:
+        scan(file)  # raises why it is no session
         raise FormatError(f"{file.name} holds no depth image that can be read; record it again")
-    return lost_ns, damaged
+    frames = len(read_contents(temporary).places[DEPTH])
+    stated = summary.counts[DEPTH] if summary and summary.statistics else None
+    if stated is None and not losses.bytes:
+        stated = frames
+    lost_frames = None if stated is None else max(0, stated - frames)
+    return Repaired(target, frames, lost_frames, losses.ns * 1e-9, losses.bytes, losses.places)
+
+
+class Losses:
+    """What of a file is lost: places, bytes, and nanoseconds."""
+
+    def __init__(self) -> None:
+        self.places = self.bytes = self._known_ns = 0
+        self._last_ns: int | None = None
+        self._gap = False
+        self._steps_ns: list[int] = []
+        self._gaps_ns: list[int] = []
+
+    def add(self, piece: Piece) -> None:
+        """Take account of the next piece."""
+        if piece.lost:
+            self.places, self.bytes = self.places + 1, self.bytes + piece.end - piece.start
+            if not self._stated(piece.end_ns):
+                self._gap = True
+            return
+        if piece.end_ns is None:
+            return
+        if self._last_ns is not None and piece.end_ns > self._last_ns:
+            (self._gaps_ns if self._gap else self._steps_ns).append(piece.end_ns - self._last_ns)
+        self._gap = False
+        self._last_ns = max(self._last_ns or 0, piece.end_ns)
+
+    @property
+    def ns(self) -> int:
+        """How long what is lost lasted: a gap of unknown length less the usual step between chunks."""
+        step_ns = round(median(self._steps_ns)) if self._steps_ns else 0
+        return self._known_ns + sum(max(0, gap_ns - step_ns) for gap_ns in self._gaps_ns)
+
+    def _stated(self, end_ns: int | None) -> bool:
+        """Whether a lost chunk states credibly when it ends."""
+        last_ns = self._last_ns
+        if end_ns is None or last_ns is None or not last_ns < end_ns <= last_ns + LONGEST_LOSS_NS:
+            return False
+        self._known_ns, self._last_ns = self._known_ns + end_ns - last_ns, end_ns
+        return True
 
 
 class Copier:
-    """Copies records to a writer: schemas, channels, metadata and messages."""
+    """Copies records to a writer: schemas, channels, metadata, attachments and messages. frames: so far."""
 
-    def __init__(self, writer: Writer) -> None:
+    def __init__(self, writer: IndexedWriter) -> None:
         self._writer = writer
         self._schemas: dict[int, int] = {0: 0}
         self._channels: dict[int, int] = {}
         self._topics: dict[int, str] = {}
-        self._last_ns: int | None = None
-        self.has_depth = False
+        self._copied: set[str] = set()
+        self._first_ns: int | None = None
+        self._named = False
+        self.frames = 0
 
     def add(self, record: McapRecord) -> None:
         """Copy one record; of a schema or channel the first that has its number."""
@@ -106,26 +157,36 @@ class Copier:
                 schema, encoding = self._schemas[record.schema_id], record.message_encoding
                 new = self._writer.register_channel(record.topic, encoding, schema, record.metadata)
                 self._channels[record.id], self._topics[record.id] = new, record.topic
-            case Metadata():
-                self._writer.add_metadata(record.name, record.metadata)
             case Message() if record.channel_id in self._channels:
                 self._add_message(record)
 
-    def missing_ns(self, end_ns: int | None) -> int:
-        """How long after the last message copied a chunk that ends at ``end_ns`` lasted."""
-        if (
-            end_ns is None
-            or self._last_ns is None
-            or not self._last_ns < end_ns <= self._last_ns + LONGEST_LOSS_NS
-        ):
-            return 0
-        lost_ns, self._last_ns = end_ns - self._last_ns, end_ns
-        return lost_ns
+    def add_beside(self, record: McapRecord, index: StoredIndex | None) -> None:
+        """Copy metadata or an attachment, but for those that ``index`` holds, or that is the index."""
+        match record:
+            case Metadata() if index is None or record.name != METADATA:
+                self._writer.add_metadata(record.name, record.metadata)
+            case Attachment() if record.name != NAME:
+                self._writer.add_attachment(record)
+
+    def finish(self, index: StoredIndex | None) -> None:
+        """Add what of an index is lost, and end the file."""
+        if index is not None:
+            channels = {topic: self._channels[number] for number, topic in self._topics.items()}
+            for topic, data in index.calibrations.items():
+                if topic in channels and topic not in self._copied:
+                    at_ns = self._first_ns or 0
+                    self._writer.add_message(channels[topic], at_ns, data, at_ns)
+            self._writer.add_metadata(METADATA, index.metadata)
+        self._writer.finish()
 
     def _add_message(self, message: Message) -> None:
-        channel = self._channels[message.channel_id]
+        channel, topic = self._channels[message.channel_id], self._topics[message.channel_id]
         self._writer.add_message(
             channel, message.log_time, message.data, message.publish_time, message.sequence
         )
-        self._last_ns = max(self._last_ns or 0, message.log_time)
-        self.has_depth |= self._topics[message.channel_id] == DEPTH
+        self._copied.add(topic)
+        self._first_ns = message.log_time if self._first_ns is None else self._first_ns
+        if topic == DEPTH:
+            self.frames += 1
+            # As while it was recorded: a chunk for each frame, so that damage costs one.
+            self._writer.flush()

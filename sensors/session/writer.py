@@ -7,19 +7,20 @@ that a killed process loses at most the frame it was writing.
 """
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, Self
 
 import numpy as np
 from google.protobuf.message import Message as ProtoMessage
-from mcap.writer import Writer
-from mcap_protobuf.schema import register_schema
+from mcap_protobuf.schema import build_file_descriptor_set
 from numpy.typing import NDArray
 
 from sensors.errors import FormatError
 from sensors.files.atomic import check_free
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
+from sensors.session.indexed_writer import IndexedWriter
 from sensors.session.lock import open_locked
 from sensors.session.messages import (
     COLOR,
@@ -36,9 +37,6 @@ from sensors.session.messages import (
     thermal_message,
 )
 from sensors.session.paths import partial_of
-
-CHUNK_BYTES = 1 << 20
-"""Bytes of messages after which a chunk ends, if no depth image ends it before. Chosen by eye."""
 
 
 class SessionWriter:
@@ -65,7 +63,7 @@ class SessionWriter:
         self._metadata = {**(metadata or {}), "name": name}
         self._overwrite, self._keep_partial = overwrite, keep_partial
         self._file: BinaryIO
-        self._writer: Writer
+        self._writer: IndexedWriter
         self._channels: dict[str, int] = {}
         self._calibrated = False
 
@@ -74,13 +72,23 @@ class SessionWriter:
             check_free(path, self._overwrite)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self._file = open_locked(self.partial, self._overwrite)
-        self._writer = Writer(self._file, chunk_size=CHUNK_BYTES)
-        self._writer.start(profile="", library=METADATA)
-        for topic, schema in SCHEMAS.items():
-            schema_id = register_schema(self._writer, schema)
-            self._channels[topic] = self._writer.register_channel(topic, "protobuf", schema_id)
-        self._writer.add_metadata(METADATA, self._metadata)
+        try:
+            self._begin()
+        except BaseException:
+            with suppress(OSError):
+                self._file.close()
+            self.partial.unlink(missing_ok=True)
+            raise
         return self
+
+    def _begin(self) -> None:
+        """Write what stands before the first message."""
+        self._writer = IndexedWriter(self._file)
+        for topic, schema in SCHEMAS.items():
+            described = build_file_descriptor_set(schema).SerializeToString()
+            number = self._writer.register_schema(schema.DESCRIPTOR.full_name, "protobuf", described)
+            self._channels[topic] = self._writer.register_channel(topic, "protobuf", number, {})
+        self._writer.add_metadata(METADATA, self._metadata)
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:

@@ -1,0 +1,169 @@
+"""The sound records of a damaged MCAP file, and what lies between them.
+
+Records follow each other by their lengths. Where a record is corrupt, the next one is found by the summary's
+index, if that is whole, else as the next chunk whose header and CRC are right. Layout: MCAP specification.
+"""
+
+import os
+import re
+import struct
+import zlib
+from bisect import bisect_right
+from collections.abc import Iterator
+from mmap import ACCESS_READ, mmap
+from typing import BinaryIO, NamedTuple
+
+import zstandard
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+
+from sensors.session.mcap_records import HEAD, MAGIC, MAX_RECORD_BYTES, MESSAGE, parsed, spans, unpacked
+from sensors.session.summary import Summary
+
+_TIMES = struct.Struct("<QQ")  # message_start_time, message_end_time of a chunk
+_CHUNK_HEAD = re.compile(rb"\x06.{4}\0{4}.{28}(?:\x04\0{3}zstd|\x03\0{3}lz4|\0{4})", re.DOTALL)
+"""Opcode, length below 4 GiB, times, size and CRC, compression."""
+_ANY_HEAD = re.compile(rb"\x05.{4}\0{4}|" + _CHUNK_HEAD.pattern, re.DOTALL)
+"""The same, or a message."""
+_SIZES: dict[int, int] = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
+_PARSED = (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
+_LAST = max(Opcode)
+_BROKEN = (
+    McapError,
+    struct.error,
+    ValueError,
+    OverflowError,
+    RuntimeError,
+    StopIteration,
+    zstandard.ZstdError,
+)
+
+
+class Piece(NamedTuple):
+    """Bytes ``start`` to ``end`` of a file: a record, or what is lost between two.
+
+    data: the records to keep, one after another; none of a record that is written anew. end_ns: latest log
+    time of a chunk, as far as it is stated.
+    """
+
+    start: int
+    end: int
+    data: bytes = b""
+    lost: bool = False
+    end_ns: int | None = None
+
+
+def pieces(file: BinaryIO, summary: Summary | None) -> Iterator[Piece]:
+    """Yield the pieces of a file from its first record to the end of its data, in order.
+
+    summary: that of the file, if it is whole.
+    """
+    size = os.fstat(file.fileno()).st_size
+    if size <= len(MAGIC):
+        return
+    with mmap(file.fileno(), 0, access=ACCESS_READ) as memory:
+        end = size if summary is None else summary.start
+        yield from _Walk(memory, end, summary).pieces()
+
+
+class _Walk:
+    """One walk through a file's bytes up to ``end``."""
+
+    def __init__(self, memory: mmap, end: int, summary: Summary | None) -> None:
+        self._memory, self._end = memory, end
+        self._known: list[int] = []
+        self._ends_ns: dict[int, int] = {}
+        self._chunked = False
+        if summary is not None:
+            chunks = summary.chunks["offset"].tolist()
+            others = [each.offset for each in summary.metadata] + [e.offset for e in summary.attachments]
+            self._known = sorted(at for at in (*chunks, *others) if at < end)
+            self._ends_ns = dict(zip(chunks, summary.chunks["last_ns"].tolist(), strict=True))
+            self._chunked = bool(chunks)
+
+    def pieces(self) -> Iterator[Piece]:
+        """Yield all pieces."""
+        at = len(MAGIC)
+        while not self._is_end(at):
+            opcode, piece = self._memory[at], self._sound(at) or self._lost(at)
+            yield piece
+            if opcode in (Opcode.DATA_END, Opcode.FOOTER) and not piece.lost:
+                return
+            at = piece.end
+
+    def _sound(self, at: int) -> Piece | None:
+        """The record at a byte; None where none can be there, or it is corrupt."""
+        end = self._stated_end(at)
+        if end is None or self._next_known(at) < end:
+            return None
+        try:
+            return self._checked(at, end)
+        except _BROKEN:
+            return None
+
+    def _checked(self, at: int, end: int) -> Piece | None:
+        """The record between two bytes. Raises one of ``_BROKEN`` where it is corrupt."""
+        record = self._memory[at:end]
+        opcode, content = record[0], record[HEAD.size :]
+        if opcode == Opcode.CHUNK:
+            data = unpacked(parsed(record))
+            for _ in spans(data):
+                pass
+            self._chunked = True
+            return Piece(at, end, data, end_ns=_TIMES.unpack_from(content)[1])
+        if opcode == Opcode.ATTACHMENT:
+            crc = content[-4:]
+            sound = crc in (b"\0\0\0\0", zlib.crc32(content[:-4]).to_bytes(4, "little"))
+            return Piece(at, end, record) if sound else None
+        if opcode == Opcode.MESSAGE_INDEX:
+            sound = int.from_bytes(content[2:6], "little") == len(content) - 6
+            return Piece(at, end) if sound else None
+        if not self._plausible(end) or _SIZES.get(opcode, len(content)) != len(content):
+            return None
+        if opcode == Opcode.MESSAGE:
+            # It has no CRC of its own: where messages lie in chunks, one beside them is none.
+            return None if self._chunked or len(content) < MESSAGE.size else Piece(at, end, record)
+        if opcode in _PARSED:
+            parsed(record)
+        return Piece(at, end, record)
+
+    def _plausible(self, at: int) -> bool:
+        """Whether a record may begin at a byte, or all ends there."""
+        return self._stated_end(at) is not None or self._is_end(at)
+
+    def _is_end(self, at: int) -> bool:
+        """Whether nothing, or the magic alone, comes from a byte on."""
+        return self._end - at in (0, len(MAGIC)) and self._memory[at : self._end] in (b"", MAGIC)
+
+    def _stated_end(self, at: int) -> int | None:
+        """Where the record at a byte ends, as it states it; None where that is impossible."""
+        if at + HEAD.size > self._end:
+            return None
+        opcode, length = HEAD.unpack_from(self._memory, at)
+        possible = 0 < opcode <= _LAST and length <= min(MAX_RECORD_BYTES, self._end - at - HEAD.size)
+        return at + HEAD.size + int(length) if possible else None
+
+    def _next_known(self, at: int) -> int:
+        """The first record behind a byte by the summary, or the end of the data."""
+        number = bisect_right(self._known, at)
+        return self._known[number] if number < len(self._known) else self._end
+
+    def _lost(self, at: int) -> Piece:
+        """What is lost from a byte up to the next sound record."""
+        end_ns = self._ends_ns.get(at, self._stated_end_ns(at))
+        if self._chunked and self._known:
+            return Piece(at, self._next_known(at), lost=True, end_ns=end_ns)
+        own_end = self._stated_end(at)
+        if own_end is not None and self._sound(own_end) is not None:
+            return Piece(at, own_end, lost=True, end_ns=end_ns)
+        heads = _CHUNK_HEAD if self._chunked else _ANY_HEAD
+        found = heads.search(self._memory, at + 1)
+        while found is not None and self._sound(found.start()) is None:
+            found = heads.search(self._memory, found.start() + 1)
+        return Piece(at, self._end if found is None else found.start(), lost=True, end_ns=end_ns)
+
+    def _stated_end_ns(self, at: int) -> int | None:
+        """Latest log time that a chunk at a byte states, even a damaged one or one cut off."""
+        if at + HEAD.size + _TIMES.size > self._end or self._memory[at] != Opcode.CHUNK:
+            return None
+        return int(_TIMES.unpack_from(self._memory, at + HEAD.size)[1])

@@ -1,0 +1,161 @@
+"""The index that a session carries: all of it but its images, so that opening reads no chunk.
+
+MCAP's own index has the messages' log times, not their publish times (the devices' stamps), by which images
+are paired. So the writer adds an attachment: a JSON header (its length, 4 bytes, in front), then the messages
+in the file's order as columns packed by zstd. Its CRC is the attachment's. A program that rewrites the file
+and copies the attachment makes it contradict the summary: then it is not used.
+"""
+
+import base64
+import json
+import struct
+import zlib
+from array import array
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import BinaryIO
+
+import numpy as np
+import zstandard
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+from sensors.session.mcap_records import HEAD
+from sensors.session.summary import Summary
+
+NAME, MEDIA_TYPE, VERSION = "annotate-cloud index", "application/octet-stream", 1
+MAX_HEADER_BYTES = 1 << 22
+MAX_COLUMN_BYTES = 1 << 28
+"""Bytes of the header, with 40,000 events, and of the unpacked columns, 6 million messages. A session with
+more carries no index: opening reads all of it."""
+_LENGTH = struct.Struct("<I")
+_COLUMNS, _NUMBER_BYTES = 5, 8
+
+
+_BROKEN = (ValueError, KeyError, TypeError, AttributeError, RecursionError, struct.error)
+
+
+class ContradictionError(ValueError):
+    """The index is damaged, or of another file."""
+
+
+@dataclass
+class StoredIndex:
+    """All of a session but its images.
+
+    rows: of every message, in the file's order, the number of its topic, device stamp, log time, number of
+    its chunk, number among the records of the chunk. ends: first byte of every chunk, and the byte behind it
+    and its message indexes. calibrations: the first message of each topic. events: (stamp, text).
+    """
+
+    topics: list[str] = field(default_factory=list)
+    rows: "list[array[int]]" = field(default_factory=lambda: [array("q") for _ in range(_COLUMNS)])
+    ends: list[tuple[int, int]] = field(default_factory=list)
+    metadata: dict[str, str] = field(default_factory=dict)
+    calibrations: dict[str, bytes] = field(default_factory=dict)
+    events: list[tuple[int, str]] = field(default_factory=list)
+
+    def columns(self) -> NDArray[np.int64]:
+        """Return int64 (5, n): topic, stamp, arrival, chunk, slot."""
+        return np.array([np.frombuffer(row, np.int64) for row in self.rows]).reshape(_COLUMNS, -1)
+
+    def encode(self) -> bytes | None:
+        """The attachment's data; None for a session that is too long for it."""
+        columns, ends = self.columns(), np.array(self.ends, np.int64).reshape(-1, 2).T
+        header = {
+            "version": VERSION,
+            "messages": columns.shape[1],
+            "chunks": ends.shape[1],
+            "topics": self.topics,
+            "metadata": self.metadata,
+            "calibrations": {t: base64.b64encode(m).decode() for t, m in self.calibrations.items()},
+            "events": self.events,
+        }
+        text = json.dumps(header).encode()
+        if columns.nbytes + ends.nbytes > MAX_COLUMN_BYTES or len(text) > MAX_HEADER_BYTES:
+            return None
+        # Differences of neighbours pack well.
+        steps = [np.diff(each, axis=1, prepend=0).astype("<i8").tobytes() for each in (columns, ends)]
+        return _LENGTH.pack(len(text)) + text + zstandard.compress(b"".join(steps))
+
+    @classmethod
+    def decode(cls, data: bytes) -> "StoredIndex":
+        """Inverse of ``encode``. Raises ContradictionError."""
+        try:
+            (length,) = _LENGTH.unpack_from(data)
+            if length > MAX_HEADER_BYTES:
+                raise ContradictionError("too much text")
+            header = json.loads(data[_LENGTH.size : _LENGTH.size + length])
+            if header["version"] != VERSION:
+                raise ContradictionError("an unknown version")
+            rows, ends = _unpacked(data[_LENGTH.size + length :], header["messages"], header["chunks"])
+            return cls(
+                [str(topic) for topic in header["topics"]],
+                [array("q", row.tobytes()) for row in rows],
+                [(begin, end) for begin, end in ends.T.tolist()],
+                {str(key): str(value) for key, value in header["metadata"].items()},
+                {str(t): base64.b64decode(m) for t, m in header["calibrations"].items()},
+                [(int(stamp_ns), str(text)) for stamp_ns, text in header["events"]],
+            )
+        except (*_BROKEN, zstandard.ZstdError) as error:
+            raise ContradictionError(str(error)) from error
+
+
+def _unpacked(packed: bytes, messages: int, chunks: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Columns int64 (5, messages) and bounds int64 (2, chunks). Raises ContradictionError."""
+    split = _COLUMNS * messages
+    size = _NUMBER_BYTES * (split + 2 * chunks)
+    # A frame gets the memory that it claims.
+    if messages < 0 or chunks < 0 or size > MAX_COLUMN_BYTES:
+        raise ContradictionError("an impossible size")
+    if zstandard.frame_content_size(packed) != size:
+        raise ContradictionError("more or less messages than stated")
+    steps = np.frombuffer(zstandard.decompress(packed, max(1, size)), "<i8")
+    parts = steps[:split].reshape(_COLUMNS, -1), steps[split:].reshape(2, -1)
+    rows, ends = (np.cumsum(part, axis=1, dtype=np.int64) for part in parts)
+    return rows, ends
+
+
+def read_index(file: BinaryIO, summary: Summary) -> StoredIndex | None:
+    """The index of a file; None where it has none, or one that contradicts its summary."""
+    found = [each for each in summary.attachments if each.name == NAME]
+    if not found or not HEAD.size <= found[0].length <= 2 * MAX_COLUMN_BYTES:
+        return None
+    file.seek(found[0].offset)
+    record = file.read(found[0].length)
+    if len(record) != found[0].length or HEAD.unpack_from(record) != (
+        Opcode.ATTACHMENT,
+        len(record) - HEAD.size,
+    ):
+        return None
+    content, crc = record[HEAD.size : -4], record[-4:]
+    if zlib.crc32(content).to_bytes(4, "little") != crc:
+        return None
+    try:
+        index = StoredIndex.decode(content[len(content) - found[0].data_size :])
+        _check(index, summary)
+    except ContradictionError:
+        return None
+    return index
+
+
+def _check(index: StoredIndex, summary: Summary) -> None:
+    """Raise ContradictionError where the index does not belong to the file of the summary."""
+    topic, _, arrival_ns, chunk, _ = columns = index.columns()
+    ends = np.array(index.ends, np.int64).reshape(-1, 2)
+    stated = summary.chunks
+    if not np.array_equal(ends, np.stack([stated["offset"], stated["end"]], axis=1)):
+        raise ContradictionError("other chunks")
+    if (columns < 0).any() or (topic >= len(index.topics)).any() or (chunk >= len(ends)).any():
+        raise ContradictionError("a message in no chunk")
+    counts = np.bincount(topic, minlength=len(index.topics)).tolist()
+    if summary.counts != Counter(dict(zip(index.topics, counts, strict=True))):
+        raise ContradictionError("another number of messages")
+    starts = np.flatnonzero(np.diff(chunk, prepend=-1))
+    if len(starts) != len(ends) or (np.diff(chunk) < 0).any():
+        raise ContradictionError("a chunk without messages")
+    if len(starts) and not (
+        np.array_equal(np.minimum.reduceat(arrival_ns, starts), stated["first_ns"])
+        and np.array_equal(np.maximum.reduceat(arrival_ns, starts), stated["last_ns"])
+    ):
+        raise ContradictionError("other times")

@@ -1,0 +1,97 @@
+"""The summary at the end of a finished MCAP file: where its chunks lie, and what their messages are.
+
+Layout: MCAP specification, "Footer", "Chunk Index", "Summary Section".
+"""
+
+import os
+import struct
+import zlib
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any, BinaryIO
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import AttachmentIndex, Channel, MetadataIndex, Schema, Statistics
+from numpy.typing import NDArray
+
+from sensors.session.mcap_records import HEAD, MAGIC, MAX_RECORD_BYTES, parsed, spans
+
+CHUNK = np.dtype([("offset", "i8"), ("end", "i8"), ("first_ns", "i8"), ("last_ns", "i8")])
+"""Byte of a chunk, the byte behind it and its message indexes, earliest and latest log time."""
+
+_FOOTER = struct.Struct("<QQI")  # summary_start, summary_offset_start, summary_crc
+_CHUNK = struct.Struct("<QQQQI")  # message_start_time, message_end_time, offset, length, bytes of a map
+_INDEXES = struct.Struct("<Q")  # message_index_length
+FOOTER_BYTES = HEAD.size + _FOOTER.size + len(MAGIC)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a summary states. chunks: CHUNK (n,), by offset. start: its first byte."""
+
+    start: int
+    chunks: NDArray[np.void]
+    schemas: tuple[Schema, ...]
+    channels: tuple[Channel, ...]
+    statistics: Statistics | None
+    attachments: tuple[AttachmentIndex, ...]
+    metadata: tuple[MetadataIndex, ...]
+
+    @property
+    def counts(self) -> Counter[str]:
+        """Number of messages by topic, as the statistics state it."""
+        names = {channel.id: channel.topic for channel in self.channels}
+        counts: Counter[str] = Counter()
+        for number, messages in (self.statistics.channel_message_counts if self.statistics else {}).items():
+            counts[names.get(number, "")] += messages
+        return counts
+
+
+def read_summary(file: BinaryIO) -> Summary | None:
+    """The summary of a file; None where there is none, or it is damaged."""
+    size = os.fstat(file.fileno()).st_size
+    footer_at = size - FOOTER_BYTES
+    if footer_at < len(MAGIC):
+        return None
+    file.seek(footer_at)
+    footer = file.read(FOOTER_BYTES - len(MAGIC))
+    start, _, crc = _FOOTER.unpack_from(footer, HEAD.size)
+    whole = HEAD.unpack_from(footer) == (Opcode.FOOTER, _FOOTER.size)
+    if not whole or not len(MAGIC) <= start <= footer_at or footer_at - start > MAX_RECORD_BYTES:
+        return None
+    file.seek(start)
+    data = file.read(footer_at - start)
+    if crc not in (0, zlib.crc32(footer[: HEAD.size + 16], zlib.crc32(data))):
+        return None
+    try:
+        return _summary(start, data)
+    except (McapError, struct.error, ValueError, OverflowError, StopIteration):
+        return None
+
+
+def _summary(start: int, data: bytes) -> Summary:
+    records: dict[int, list[Any]] = {}
+    chunks = []
+    for span in spans(data):
+        if span.opcode == Opcode.CHUNK_INDEX:
+            first, last, offset, length, map_bytes = _CHUNK.unpack_from(data, span.start)
+            (indexes,) = _INDEXES.unpack_from(data, span.start + _CHUNK.size + map_bytes)
+            chunks.append((offset, offset + length + indexes, first, last))
+        elif span.opcode != Opcode.SUMMARY_OFFSET:
+            records.setdefault(span.opcode, []).append(parsed(data, span))
+
+    def of(opcode: Opcode) -> tuple[Any, ...]:
+        return tuple(records.get(opcode, ()))
+
+    statistics = of(Opcode.STATISTICS)
+    return Summary(
+        start,
+        np.sort(np.array(chunks, CHUNK), order="offset"),
+        of(Opcode.SCHEMA),
+        of(Opcode.CHANNEL),
+        statistics[0] if statistics else None,
+        of(Opcode.ATTACHMENT_INDEX),
+        of(Opcode.METADATA_INDEX),
+    )
