@@ -5,6 +5,7 @@ project named in ``docs/formats.md``, or in a driver's source.
 """
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import cv2
@@ -289,6 +290,7 @@ def test_the_camera_info_of_colour_is_not_that_of_another_camera(opened, tmp_pat
         ({"distortion_model": "equidistant", "d": [0.1, 0.01, 0, 0]}, "equidistant"),
         ({"distortion_model": "equidistant", "d": np.zeros(4)}, "equidistant"),
         ({"distortion_model": "rational_polynomial", "d": [0.1] * 14}, "14 numbers"),
+        ({"distortion_model": "rational_polynomial", "d": [0.1] * 20}, "20 numbers"),
         ({"d": [np.nan] * 5}, "no numbers"),
         ({"d": [1200, -310, 0, 0, 90]}, "no inverse"),
     ],
@@ -326,6 +328,37 @@ def test_zeros_behind_a_lens_are_nothing(model, numbers, same):
         intrinsics_from(camera(distortion_model=m, d=d), False, "x") for m, d in ((model, numbers), same)
     )
     assert found == expected
+
+
+OAK = [
+    0.33380,
+    -0.03908,
+    -7.1e-05,
+    -1.8e-05,
+    -0.001498,
+    0.66514,
+    -0.00981,
+    -0.00932,
+    0,
+    0,
+    0,
+    0,
+    1.97e-4,
+    -5.32e-4,
+]
+
+
+def test_a_tilted_sensor_is_projected_as_opencv_does():
+    """The lens of an OAK's colour camera (introlab/rtabmap pull request 1560)."""
+    info = camera_info(replace(LENS, width=1280, height=720, fx=800, fy=800, cx=640, cy=360), "c")
+    info.d, info.distortion_model = np.array(OAK), "rational_polynomial"
+    found = intrinsics_from(info, False, "x")
+    points = np.random.default_rng(0).uniform((-0.7, -0.4, 1), (0.7, 0.4, 1), (500, 3))
+    truth = cv2.projectPoints(points, np.zeros(3), np.zeros(3), found.matrix, np.array(OAK))[0].reshape(-1, 2)
+    np.testing.assert_allclose(project(found, points), truth, atol=0.1)
+    info.d = np.array([*OAK[:8], 0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
+    with pytest.raises(CalibrationError, match="lens of 14 numbers"):
+        intrinsics_from(info, False, "x")
 
 
 @pytest.mark.parametrize(

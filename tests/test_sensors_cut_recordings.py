@@ -11,6 +11,7 @@ from sensors.importers.bags.realsense import RealSenseRecording, unwrapped
 from sensors.importers.bags.ros1_file import Ros1File
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics
+from tests.helpers import realsense_files
 from tests.helpers.bags import SECOND, color_image, depth_image, realsense, write_old_bag
 from tests.helpers.realsense_files import write_old_bag as write_realsense_bag
 from tests.helpers.samples import azure_depth, azure_jpeg, azure_mkv
@@ -166,6 +167,16 @@ def test_a_camera_that_was_reset_keeps_the_recorded_order(tmp_path):
     source = take(tmp_path, stamps, [12_000, 12_001, 12_002, 1, 2, 3])
     assert (np.diff(source.times_ns) > 0).all()
     assert any("steps back 1 times" in note for note in source.notes)
+
+
+def test_the_recorders_times_are_no_order(tmp_path, monkeypatch):
+    """A pause before the first image, or the end of a recording, spoils them."""
+    monkeypatch.setattr(
+        realsense_files, "LOGGED_NS", [4 * 10**18, 10**9, 2 * 10**9, 5 * 10**9, 6 * 10**9, 3 * 10**18]
+    )
+    stamps = [1.7e12 + 33 * i for i in range(6)]
+    source = take(tmp_path, stamps, list(range(6)))
+    np.testing.assert_allclose(source.times_ns, 1e6 * np.array(stamps), atol=1000)
 
 
 # Azure Kinect

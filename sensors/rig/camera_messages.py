@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sensors.errors import CalibrationError
 from sensors.rig.camera import Intrinsics, intrinsics_from_rational
+from sensors.rig.opencv_lens import intrinsics_from_opencv
 from sensors.rig.rig_calibration import Pose, rotation_of
 
 Decoded = Any
@@ -18,8 +19,8 @@ _BROWN = ("plumb_bob", "rational_polynomial", "radtan", "brown_conrady", "")
 OpenCV alike, however many numbers there are; Kalibr's name of the first four is radtan."""
 _FISHEYES = ("equidistant", "fisheye", "kannala", "omni", "double_sphere", "ftheta", "f_theta", "ucm")
 """Words of lens models that are no pinhole even where all their numbers are zero."""
-_PLAIN, _RATIONAL = 5, 8
-"""Numbers of the polynomial lens, and of the rational one."""
+_PLAIN, _RATIONAL, _MOST = 5, 8, 14
+"""Numbers of the polynomial lens, of the rational one, and of one with thin prism and tilted sensor."""
 
 
 class Window(NamedTuple):
@@ -92,7 +93,7 @@ def _model(message: Decoded) -> str:
 def _with_lens(
     matrix: NDArray[np.float64], size: tuple[int, int], d: NDArray[np.float64], model: str, name: str
 ) -> Intrinsics:
-    """A pinhole with OpenCV's coefficients k1 k2 p1 p2 k3 k4 k5 k6; what is zero behind them is nothing."""
+    """A pinhole with OpenCV's coefficients k1 k2 p1 p2 k3 k4 k5 k6 and more; zeros at the end are nothing."""
     pinhole = [float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2))]
     if not np.isfinite(d).all():
         raise CalibrationError(
@@ -103,11 +104,13 @@ def _with_lens(
     used = int(np.flatnonzero(d)[-1]) + 1 if d.any() else 0
     if not fisheye and not used:
         return Intrinsics(*size, *pinhole)
-    if fisheye or model not in _BROWN or used > _RATIONAL:
+    if fisheye or model not in _BROWN or d.size > _MOST:
         raise CalibrationError(
             f"{name} has lens model {model[:40]!r} with {d.size} numbers; give plumb_bob or "
             "rational_polynomial, or record the rectified image"
         )
+    if used > _RATIONAL:
+        return intrinsics_from_opencv(Intrinsics(*size, *pinhole), np.pad(d, (0, _MOST - d.size)), name)
     lens = np.pad(d[:used], (0, _RATIONAL - used))
     if used <= _PLAIN:
         return Intrinsics(*size, *pinhole, *lens[:_PLAIN].tolist())

@@ -8,6 +8,8 @@ import pytest
 rosbag1 = pytest.importorskip("rosbags.rosbag1")
 typesys = pytest.importorskip("rosbags.typesys")
 STORE = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
+LOGGED_NS = [1_000_000_000 + 33_250_000 * index for index in range(100)]
+"""Time since the recording began, from which the SDK leaves pauses out."""
 STREAM_INFO = "realsense_msgs/msg/StreamInfo"
 STORE.register(typesys.get_types_from_msg("uint32 fps\nstring encoding\nbool is_recommended", STREAM_INFO))
 
@@ -60,8 +62,7 @@ def write_old_bag(path, frames, depth_lens, color_lens, unit_m=0.001, rotation=(
             for index, frame in enumerate(frames):
                 number, stamp_ms, pixels = frame[0], frame[1], frame[at]
                 stamp = time(int(stamp_ms // 1000), round(stamp_ms % 1000 * 1e6))
-                # The SDK leaves pauses out of the time since the recording began.
-                logged_ns = 1_000_000_000 + 33_250_000 * index
+                logged_ns = LOGGED_NS[index]
                 write(
                     f"/device_0/{name}/image/data", "sensor_msgs/msg/Image", logged_ns,
                     np.float32(unit_m if at == 2 else 0).tobytes(),

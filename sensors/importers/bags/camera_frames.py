@@ -37,7 +37,11 @@ class Recorded(NamedTuple):
 
 @dataclass
 class Stream:
-    """The images of one stream in the order of the recorder's times, all of one topic."""
+    """The images of one stream in the order in which they were written, all of one topic.
+
+    The recorder's times are no order: a pause before the first image spoils them (librealsense pull request
+    9887), and so does the end of a recording (issue 8032).
+    """
 
     topic: str = ""
     images: list[Recorded] = field(default_factory=list)

@@ -108,7 +108,6 @@ class OrbbecRecording(FrameSource):
 
     def _images(self, name: str) -> Images:
         stream = self._streams[name]
-        stream.images.sort(key=lambda image: image.received_ns)
         return stream.opened(name, stream.stamps_ns, self._file, self._picture)
 
     def _picture(self, data: bytes) -> Picture:

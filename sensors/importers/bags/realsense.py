@@ -108,7 +108,6 @@ class RealSenseRecording(FrameSource):
 
     def _images(self, name: str) -> Images:
         stream = self._streams[name]
-        stream.images.sort(key=lambda image: image.received_ns)
         return stream.opened(
             name, unwrapped(stream.stamps_ns), self._file, partial(self._picture, stream.kind)
         )
