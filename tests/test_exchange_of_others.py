@@ -151,7 +151,7 @@ def test_boxes_and_key_points_are_counted(annotate_cloud, coco, tmp_path):
     more = [{"id": n, "image_id": 1, "category_id": 7, "bbox": [1, 1, 5, 5], "keypoints": []} for n in (2, 3)]
     done = annotate_cloud("import", coco(more=more), tmp_path / "labels")
     assert done.code == 0, done.err
-    assert "2 times: annotations without a mask" in done.err
+    assert "annotations without a mask (boxes, key points) are not read (2)" in done.err
     xml = f"""<annotations><image id="0" name="000000.png" width="{W}" height="{H}">
         <mask label="head" rle="0, 300" left="20" top="5" width="30" height="10" z_order="0"></mask>
         <box label="torso" xtl="1" ytl="20" xbr="30" ybr="40" z_order="5"></box>
@@ -162,8 +162,8 @@ def test_boxes_and_key_points_are_counted(annotate_cloud, coco, tmp_path):
     labels, format_, remarks = taken(source, tmp_path / "cvat")
     assert format_ == "cvat"
     assert {
-        "1 times: shapes of the kind box are not read",
-        "1 times: shapes of the kind ellipse are not read",
+        "shapes of the kind box are not read (1)",
+        "shapes of the kind ellipse are not read (1)",
     } == {*remarks}
     np.testing.assert_array_equal(labels.parts("000000"), HEAD)
 
@@ -198,7 +198,7 @@ def test_a_depth_image_without_its_label_is_counted(tmp_path):
     (tmp_path / "pairs" / "label" / "1.png").unlink()
     labels, _, remarks = taken(tmp_path / "pairs", tmp_path / "labels")
     assert len(labels) == 1
-    assert "1 times: images in depth/ without a label image" in remarks[0]
+    assert remarks == ("images in depth/ without a label image in label/ are left out (1)",)
 
 
 @pytest.mark.parametrize("name", ["../../etc/passwd.png", "/etc/passwd.png", "a/../../b.png"])

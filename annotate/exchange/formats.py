@@ -156,4 +156,4 @@ def _check_named(source: Path, labels: LabelSet, named: bool) -> None:
 
 
 def _texts(companion: Companion) -> tuple[str, ...]:
-    return tuple(f"{count} times: {text}" for text, count in companion.remarks.items())
+    return tuple(f"{text} ({count})" for text, count in companion.remarks.items())
