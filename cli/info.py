@@ -9,6 +9,7 @@ from typer import Argument
 
 from annotate.labelset import manifests
 from cli.console import Json, cell, facts, finish, table
+from cli.info_folder import folder_info, folder_problems, recordings_in
 from sensors.errors import CloudError
 from sensors.importers.open_source import judged_notes, open_source
 
@@ -21,7 +22,9 @@ if TYPE_CHECKING:
     from sensors.rig.rig_calibration import RigCalibration
     from sensors.session.reader import Session
 
-Held = Annotated[Path, Argument(help="Session, label set, dataset, motion, or what import reads.")]
+Held = Annotated[
+    Path, Argument(help="Session or folder of sessions, label set, dataset, motion, or what import reads.")
+]
 Shown = tuple[dict[str, Any], str]
 """What a path holds: as JSON, and as lines for people."""
 
@@ -41,6 +44,8 @@ def info(
         shards = Dataset.open(path)
         result = {"kind": "dataset", "shards": len(shards.shards), **shards.info}
         text = facts(result)
+    elif files := recordings_in(path):
+        result, text = folder_info(files)
     else:
         result, text = _motion(path) or _source(path)
     finish(result, json, text)
@@ -187,6 +192,8 @@ def validate(path: Held, json: Json = False) -> None:
         problems = store.validate(store.LabelSet.open(path))
     elif (path / dataset.MANIFEST).is_file():
         problems = dataset.validate(dataset.Dataset.open(path))
+    elif files := recordings_in(path):
+        problems, doubts = folder_problems(files, _source_problems)
     else:
         problems, doubts = _source_problems(path)
     verdict = [] if problems else [f"{path}: no {'other ' if doubts else ''}problems found"]

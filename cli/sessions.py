@@ -14,8 +14,9 @@ import typer
 from typer import Option
 
 from cli.console import clear, finish, progress, say, table
-from sensors.errors import CloudError, FormatError
+from sensors.errors import CloudError
 from sensors.files.natural_order import paths_in_order
+from sensors.session.recognise import SUFFIX, mcap_files
 from sensors.versions import code_digest, versions
 
 if TYPE_CHECKING:
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from synth.images.workers import Workers
 
 T = TypeVar("T")
-SUFFIX = ".mcap"
 DECISIVE = ("annotate-cloud", "numpy", "numba", "opencv-contrib-python-headless", "onnxruntime")
 """Packages whose versions decide the bytes of labels."""
 
@@ -39,22 +39,14 @@ def sessions_in(folder: Path, scheduler: str | None) -> dict[str, Path]:
     Raises BadParameter where a scheduler is given and there are none.
     """
     recording = not folder.is_dir() or (folder / "metadata.yaml").exists() or (folder / "depth").exists()
-    found = {} if recording else {path.stem: path for path in paths_in_order(folder.glob(f"*{SUFFIX}"))}
-    if any(map(_is_piece, found.values())):
-        found = {}
+    found: dict[str, Path] = {}
+    if not recording:
+        sessions, foreign, unknown = mcap_files(folder)
+        if not foreign:
+            found = {path.stem: path for path in paths_in_order([*sessions, *unknown])}
     if scheduler and not found:
         raise typer.BadParameter(f"{folder} is no folder of sessions (*{SUFFIX}); leave out --scheduler")
     return found
-
-
-def _is_piece(file: Path) -> bool:
-    """Whether a file is of another tool's recording, which a killed recorder leaves without its metadata."""
-    from sensors.importers.bags.bag_files import is_bag
-
-    try:
-        return is_bag(file)
-    except FormatError:
-        return False
 
 
 def label_sets_in(predicted: Path, truth: Path, scheduler: str | None) -> dict[str, tuple[Path, Path]]:
@@ -96,7 +88,8 @@ def each(
         for name, outcome in _outcomes(work, jobs, workers):
             try:
                 done[name] = outcome()
-            except CloudError as error:
+            except (CloudError, OSError) as error:
+                # Its disk, network folder or permissions: the other sessions may be well.
                 failed[name] = str(error)
             advance(1)
     return {name: done[name] for name in jobs if name in done}, failed

@@ -177,10 +177,14 @@ def calibration_from(messages: dict[str, bytes]) -> RigCalibration:
     }
     if "depth" not in cameras:
         raise CalibrationError("the session has no /depth/calibration; record it with its calibration")
-    poses = {}
+    poses: dict[str, Pose] = {}
     for parent, child, depth_from_child in links_from(_decode(FrameTransforms, messages.get(TF, b""))):
-        if parent == "depth" and child in ("color", "thermal"):
+        # A camera that has lost one of the two is uncalibrated.
+        if parent == "depth" and child in ("color", "thermal") and child in cameras:
             poses[f"{child}_from_depth"] = depth_from_child.inverse()
+    for child in ("color", "thermal"):
+        if f"{child}_from_depth" not in poses:
+            cameras.pop(child, None)
     shift_mm = _shift_from(messages[SHIFT]) if SHIFT in messages else 0.0
     return RigCalibration(**cameras, **poses, depth_shift_mm=shift_mm)  # type: ignore[arg-type]
 

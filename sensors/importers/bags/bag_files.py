@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 from weakref import finalize
 
-from mcap.records import Channel, Message, Metadata, Schema
+from mcap.records import Channel, Message, Schema
 from natsort import natsorted
 
 from sensors.errors import CloudError, FormatError
@@ -15,8 +15,7 @@ from sensors.importers.bags.entries import Entry, Place, bare
 from sensors.importers.bags.ros1_file import Ros1File
 from sensors.importers.bags.ros_messages import ENCODINGS, READ
 from sensors.session.mcap_records import MAGIC, MessageReader, is_complete, record_offsets, records_at
-from sensors.session.messages import DEPTH
-from sensors.session.messages import METADATA as SESSION_METADATA
+from sensors.session.recognise import check_no_sessions, is_session
 
 METADATA = "metadata.yaml"
 """In a ROS 2 bag's folder; a recorder that was killed has not written it."""
@@ -27,23 +26,15 @@ _ROS1 = b"#ROSBAG "
 def is_bag(path: Path) -> bool:
     """Whether a folder holds a ROS 2 bag, or an MCAP file is somebody else's rather than a session.
 
-    A file without topics is left to ``Session``, whose error names the cause. Raises FormatError.
+    A file without topics is left to ``Session``, whose error names the cause. Raises FormatError; a folder
+    of sessions is none.
     """
-    if path.is_dir():
-        return bool(storage_files(path) or (path / METADATA).is_file()) and not (path / "depth").is_dir()
-    seen = False
-    with path.open("rb") as file:
-        for offset in record_offsets(file):
-            for record in records_at(file, offset):
-                if isinstance(record, Metadata) and record.name == SESSION_METADATA:
-                    return False
-                if isinstance(record, Channel):
-                    if record.topic == DEPTH and record.message_encoding == "protobuf":
-                        return False
-                    seen = True
-                elif isinstance(record, Message):
-                    return seen
-    return seen
+    if not path.is_dir():
+        return is_session(path) is False
+    if (path / "depth").is_dir():
+        return False
+    check_no_sessions(path)
+    return bool(storage_files(path) or (path / METADATA).is_file())
 
 
 class McapFile:
