@@ -53,6 +53,8 @@ CHANGING = {*EDITS, "reject", "overrule", "stop_learning", "unlearn"} - {"carry"
 """Commands that a set open read-only refuses."""
 ROW_PX = 25
 """Height of a row of the tool column in logical pixels: all of them fit on a screen of 1280 x 720."""
+COLUMN_PX = 242
+"""Width of the tool column in logical pixels: the longest title and its key."""
 View = CloudView | DepthPane
 
 
@@ -150,7 +152,7 @@ class PaneBar(QWidget):
             entry.setEnabled(name in there)
             missing = MISSING.get(name, desk.scene.no_other)
             entry.setText(COLOURINGS[name] + ("" if name in there else f" ({missing})"))
-        self.buttons["outlines"].setChecked(look.outlines)
+        self.buttons["outlines"].setChecked(look.outlines and shown != "part")
         self.buttons["tint"].setText(f"Opacity {look.tint:.0%}")
         for item in self.buttons.values():
             item.setEnabled(shown != "part")
@@ -184,7 +186,7 @@ class ToolColumn(QScrollArea):
         inner = named(QWidget(), "panel")
         self.setWidgetResizable(True)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.setFixedWidth(scaled(178))
+        self.setFixedWidth(scaled(COLUMN_PX))
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         column = laid(QVBoxLayout(inner), gap=1, margins=(6, 4, 6, 2))
         self.buttons: dict[str, ToolButton] = {}

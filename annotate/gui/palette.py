@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import QRect, QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QFont, QMouseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QGridLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QLabel, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
 
 from annotate.gui.colors import Visibility
 from annotate.gui.desk import Desk
@@ -34,12 +34,23 @@ class PartTile(QWidget):
     @property
     def lock_rect(self) -> QRect:
         """The lock, to click."""
-        return QRect(self.width() - 2 * ICON_PX - 10, 4, ICON_PX + 2, ICON_PX + 4)
+        return QRect(self.width() - 2 * ICON_PX - 10, self._icon_top, ICON_PX + 2, ICON_PX + 4)
 
     @property
     def eye_rect(self) -> QRect:
         """The eye, to click."""
-        return QRect(self.width() - ICON_PX - 6, 4, ICON_PX + 2, ICON_PX + 4)
+        return QRect(self.width() - ICON_PX - 6, self._icon_top, ICON_PX + 2, ICON_PX + 4)
+
+    @property
+    def _is_low(self) -> bool:
+        """Whether the three lines need smaller letters."""
+        return self.height() < scaled(HEIGHTS_PX[1] - 8)
+
+    @property
+    def _icon_top(self) -> int:
+        if self.part == UNDEFINED:
+            return (self.height() - ICON_PX - 4) // 2
+        return -1 if self._is_low else 4
 
     def mousePressEvent(self, event: QMouseEvent) -> None:  # noqa: N802
         """Qt's hook."""
@@ -65,23 +76,25 @@ class PartTile(QWidget):
         draw_icon(painter, QRectF(self.eye_rect), self.visibility, theme.quiet, 1.5)
 
     def _write(self, painter: QPainter) -> None:
-        """The key above, the name in the middle, and the count beneath."""
-        count, chosen, quiet = self.count, self.chosen, self.theme.quiet
-        above, low, left = Qt.AlignmentFlag.AlignTop, Qt.AlignmentFlag.AlignBottom, Qt.AlignmentFlag.AlignLeft
-        inside, middle = self.rect().adjusted(14, 6, -7, -5), Qt.AlignmentFlag.AlignVCenter
-        low_tile = self.height() < scaled(HEIGHTS_PX[1] - 8)
-        centre = inside.adjusted(0, 12, 0, -6 if count > 0 and self.part != UNDEFINED and not low_tile else 0)
-        if low_tile:
-            # Too low for three lines.
-            inside, centre = inside.adjusted(0, -3, 0, 3), inside.adjusted(0, 10, 0, 0)
-        side = Qt.AlignmentFlag.AlignRight if self.part == UNDEFINED else left
+        """Write the key above, the name in the middle, and the count beneath."""
+        number = f"{self.count:,}" if self.count and self.part != BACKGROUND else ""
         name = {BACKGROUND: "Erase", UNDEFINED: "Undefined"}.get(self.part, "")
         name = name or PARTS[self.part].title.replace("Left ", "").replace("Right ", "").capitalize()
-        number = f"{count:,}" if count and self.part != BACKGROUND and not low_tile else ""
+        quiet, low = self.theme.quiet, self._is_low
+        sizes_px = (10, 12, 9) if low else (12, 12, 10)
+        inside = self.rect().adjusted(14, 3 if low else 6, -7, -3 if low else -5)
+        above, left = Qt.AlignmentFlag.AlignTop, Qt.AlignmentFlag.AlignLeft
+        beneath, middle = Qt.AlignmentFlag.AlignBottom, Qt.AlignmentFlag.AlignVCenter
+        side = left
+        if self.part == UNDEFINED:
+            # A low and wide tile: its name beside the key, its count at the right.
+            above, middle, beneath, side = middle, middle, middle, Qt.AlignmentFlag.AlignRight
+            inside = inside.adjusted(0, 0, -2 * ICON_PX - 8, 0)
+        centre = inside.adjusted(scaled(56) if self.part == UNDEFINED else 0, 2 if low else 0, 0, 0)
         for place, align, text, size_px, bold, color in (
-            (inside, left | above, self.key, 12, True, quiet),
-            (centre, left | middle, name, 12, chosen, self.theme.text),
-            (inside, side | low, number, 10, False, quiet),
+            (inside, left | above, self.key, sizes_px[0], True, quiet),
+            (centre, left | middle, name, sizes_px[1], self.chosen, self.theme.text),
+            (inside, side | beneath, number, sizes_px[2], False, quiet),
         ):
             font = QFont(self.font())
             font.setPixelSize(scaled(size_px))
@@ -91,8 +104,8 @@ class PartTile(QWidget):
             painter.drawText(place, align, text)
 
 
-class Palette(QWidget):
-    """The tiles. chosen, locked, faded: a part's tile, lock or eye was clicked."""
+class Palette(QScrollArea):
+    """The tiles, scrolled where there is no room for them. chosen, locked, faded: a part's tile, lock or eye was clicked."""
 
     chosen = Signal(int)
     locked = Signal(int)
@@ -106,7 +119,12 @@ class Palette(QWidget):
         for column, text in enumerate(("THEIR RIGHT", "PARTS", "THEIR LEFT")):
             heading.addWidget(named(QLabel(text), "caption"), 0, column, aligns[column])
         grid.setSpacing(5)
-        laid(QVBoxLayout(self), heading, grid, gap=4, margins=(12, 8, 12, 10)).setStretchFactor(grid, 1)
+        inner = named(QWidget(), "panel")
+        laid(QVBoxLayout(inner), heading, grid, gap=4, margins=(12, 8, 12, 10)).setStretchFactor(grid, 1)
+        self.setWidgetResizable(True)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setWidget(inner)
         self.tiles: dict[int, PartTile] = {}
         for row, parts in enumerate(BODY_GRID):
             for column, part in enumerate(parts):

@@ -14,6 +14,9 @@ from annotate.gui.widgets import laid, named
 
 HANDLE_PX = 7
 """Width of the handles between the panes in logical pixels. Chosen by eye."""
+SIDE_PX, PANE_PX = 356, 150
+"""Least width of the side, for the buttons over its view; height of that view that the parts leave, where there
+is so much, in logical pixels (untuned)."""
 PALETTE_PX, PALETTE_SHARE = 390, 0.52
 """Height of the parts where there is room for it, in logical pixels, and else their share. Chosen by eye."""
 
@@ -37,8 +40,8 @@ class Panes(QSplitter):
             splitter.setStretchFactor(1, 0)
             splitter.setHandleWidth(HANDLE_PX)
             splitter.setChildrenCollapsible(False)
-        self._side.setMinimumWidth(scaled(262))
-        self.setSizes([1030, scaled(318)])
+        self._side.setMinimumWidth(scaled(SIDE_PX))
+        self.setSizes([1030, scaled(SIDE_PX)])
         self._moved = False
         self._side.splitterMoved.connect(self._keep)
 
@@ -47,6 +50,7 @@ class Panes(QSplitter):
         super().resizeEvent(event)
         if not self._moved:
             parts = min(scaled(PALETTE_PX), round(PALETTE_SHARE * self.height()))
+            parts = max(0, min(parts, self.height() - PANE_PX))
             self._side.setSizes([self.height() - parts, parts])
 
     def _keep(self) -> None:

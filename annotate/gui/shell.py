@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from PySide6.QtCore import QPointF, Qt, QTimer, Signal
-from PySide6.QtGui import QAction, QGuiApplication, QResizeEvent
+from PySide6.QtCore import QPointF, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QAction, QGuiApplication, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QHBoxLayout, QMainWindow, QVBoxLayout, QWidget
 
 from annotate.array_types import Int64
@@ -30,6 +30,8 @@ from annotate.gui.widgets import laid, line, named
 
 STRIP_MS = 150
 """Time after a stroke until the frame's picture follows, in milliseconds. Chosen by eye."""
+FRAMED_MS = 200
+"""Time after which the window manager has framed a window that is shown, in milliseconds (untuned)."""
 EDGE = 0.1
 """Share of a view at each edge that is not well within it. Chosen by eye."""
 
@@ -102,6 +104,23 @@ class Shell(QMainWindow):
         self.panes.restore(known.splits, known.swapped)
         if known.maximized:
             self.setWindowState(Qt.WindowState.WindowMaximized)
+
+    def showEvent(self, event: QShowEvent) -> None:  # noqa: N802
+        """Qt's hook: the title bar, which only a window on the screen has, needs its place too."""
+        super().showEvent(event)
+        QTimer.singleShot(FRAMED_MS, self._fit_screen)
+
+    def _fit_screen(self) -> None:
+        """Shrink and move the window so that its frame lies on the screen."""
+        there, framed = self.screen().availableGeometry(), self.frameGeometry()
+        over = (framed.size() - there.size()).expandedTo(QSize(0, 0))
+        if self.isMaximized() or self.isFullScreen() or there.contains(framed):
+            return
+        self.resize(self.size() - over)
+        corner = framed.size() - over
+        left = min(max(framed.left(), there.left()), there.left() + there.width() - corner.width())
+        top = min(max(framed.top(), there.top()), there.top() + there.height() - corner.height())
+        self.move(left, top)
 
     def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
         """Qt's hook."""

@@ -134,7 +134,9 @@ class Walk:
         """
         frame_id = scene.labels.frame_id
         editor = None if self.correction.read_only else self.correction.begin(scene.labels)
-        at = self.frame_ids.index(frame_id) if frame_id in self.frame_ids else 0
+        if frame_id not in self.frame_ids:
+            self.arrange(self.order, self.filter, frame_id)
+        at = self.frame_ids.index(frame_id)
         ahead = [self.next_unfinished(frame_id), *self.frame_ids[max(0, at - 1) : at + 3], frame_id]
         self._want(i for i in ahead if i)
         return Opened(scene, editor, before)

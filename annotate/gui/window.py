@@ -34,7 +34,7 @@ a flicker. Chosen by eye."""
 PEEK_MS = 50
 """Milliseconds from the release of the key for peeking to the return of the parts, because X servers repeat a
 held key as a release and a press (untuned)."""
-NO_RECORDING = "No recording beside these labels: no colour and heat; reopen with --session RECORDING"
+NO_RECORDING = "No recording found: reopen with --session RECORDING for colour and heat"
 """First sentence of a window that shows depth alone."""
 POLYGON_KEYS = (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Backspace)
 """Keys of a polygon being drawn, whatever else they are: close it, remove its last corner."""
@@ -113,8 +113,8 @@ class CorrectionWindow(Shell):
         opened = self.walk.begin(*read)
         self.desk.put(opened.scene, opened.editor, opened.before)
         self.leave_due.start()
-        if self.frame_id not in self.walk.frame_ids:
-            self.arrange(self.walk.order, self.walk.filter)
+        if self.strip.frames.frame_ids is not self.walk.frame_ids:
+            self.strip.frames.order(self.walk.frame_ids)
         self.show_frame()
         self.hover_again()
         return then()

@@ -1,0 +1,33 @@
+"""Small label sets of a drawn figure that moves to its left, for windows that open quickly."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from annotate.correction.correction import Correction
+from annotate.frame_labels import FrameLabels
+from annotate.labelset.store import LabelSet
+from bench.window import figure
+from sensors.rig.camera import Intrinsics
+
+SHAPE = (212, 256)
+CAMERA = Intrinsics(SHAPE[1], SHAPE[0], 183.0, 183.0, 128.0, 106.0)
+
+
+def figure_set(path: Path, confidences: Sequence[float], step_m: float = 0.01) -> LabelSet:
+    """Write a set of as many frames as there are mean confidences. step_m: the figure's way between frames."""
+    labels = LabelSet.create(path, CAMERA, {})
+    for i, mean in enumerate(confidences):
+        depth, parts = figure(*SHAPE, step_m * i)
+        sure = np.full(SHAPE, mean, np.float32)
+        labels.write(FrameLabels(f"{i:06d}", depth, parts, sure, notes={"confidence": mean}))
+    return labels
+
+
+def judge(path: Path, who: str, **verdicts: str) -> None:
+    """Give verdicts to frames by their numbers: ``f3="accept"``, or else the reason of a rejection."""
+    with Correction.open(path, who) as correction:
+        for number, verdict in verdicts.items():
+            editor = correction.edit(f"{int(number[1:]):06d}")
+            editor.judge("accept") if verdict == "accept" else editor.judge("reject", verdict)
