@@ -11,8 +11,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sensors.errors import CloudError, FormatError
+from synth.body.body import shipped_bodies
+from synth.body.skeleton import JOINT_ID, N_JOINTS
 from synth.markers import bvh, marker_files
 from synth.markers.bvh import read_bvh
+from synth.markers.kinematics import State, Subject, markers_at
 from synth.markers.labels import key_of
 from synth.markers.marker_files import Markers, read_markers
 from synth.markers.markerset import (
@@ -21,6 +24,8 @@ from synth.markers.markerset import (
     load_marker_set,
     shipped_marker_sets,
 )
+from synth.markers.person_fit import zero_bones
+from synth.markers.solve import solve
 from synth.markers.vertical import GIVEN, Upward
 from tests.helpers.c3d_bytes import PROCESSORS, C3d
 from tests.helpers.marker_samples import NAMES, bvh_text, positions, write_c3d, write_trc
@@ -133,6 +138,12 @@ TRC_DEFECTS = {
     ),
     "text behind": (lambda t: t + "end of recording\n", "1 lines are no frames"),
     "cut": (lambda t: t + t.rstrip("\n").rpartition("\n")[2][:40], "cut off and was left out"),
+    "commas for tabs": (lambda t: t.replace("\t", ","), ""),
+    "semicolons for tabs": (lambda t: t.replace("\t", ";"), ""),
+    "semicolons and decimal commas": (lambda t: t.replace("\t", ";").replace(".", ","), ""),
+    "commas and blanks": (lambda t: t.replace("\t", ", "), ""),
+    "Frame without a sign": (lambda t: t.replace("Frame#", "Frame"), ""),
+    "no sixth line": (lambda t: t.replace("\n\n", "\n"), ""),
 }
 
 
@@ -148,6 +159,22 @@ def test_trc_with_defects_is_read_and_what_was_assumed_is_named(tmp_path, defect
     np.testing.assert_allclose(found.positions, points, atol=1e-6)
     assert (note in "; ".join(found.assumed)) if note else not found.assumed
     assert found.frames_per_second == pytest.approx(100)
+
+
+@pytest.mark.parametrize("stated", [10, 8])
+@pytest.mark.parametrize("unnamed", [(3,), (0, 4), (9,), (5, 6)])
+def test_a_column_without_a_name_shifts_no_other(tmp_path, unnamed, stated):
+    write_trc(tmp_path / "a.trc", positions())
+    text = (tmp_path / "a.trc").read_text().replace("\t10\tm\t", f"\t{stated}\tm\t")
+    for column in unnamed:
+        text = text.replace(NAMES[column], "")
+    (tmp_path / "a.trc").write_text(text)
+    found = read_markers(tmp_path / "a.trc")
+    kept = [column for column in range(len(NAMES)) if column not in unnamed]
+    for column in kept:
+        at = found.labels.index(NAMES[column])
+        np.testing.assert_allclose(found.positions[:, at], positions()[:, column], atol=1e-6)
+    assert any("no label" in line or "states" in line or "behind" in line for line in found.assumed)
 
 
 def test_places_of_zero_are_not_seen_and_files_without_positions_refused(tmp_path):
@@ -203,6 +230,71 @@ def test_shipped_sets_are_symmetric_and_complete():
                 np.testing.assert_allclose(places[twin], place * [-1, 1, 1])
 
 
+def test_other_names_of_a_set_are_no_other_markers():
+    for markerset in shipped_marker_sets():
+        own = {key_of(name) for name in markerset.names}
+        others = [key_of(name) for spellings in markerset.also.values() for name in spellings]
+        assert len(set(others)) == len(others) and not own & set(others), markerset.name
+
+
+WRITTEN = {
+    "opencap_43": """C7_study r_shoulder_study L_shoulder_study r.ASIS_study L.ASIS_study r.PSIS_study
+        L.PSIS_study r_knee_study L_knee_study r_mknee_study r_ankle_study L_mankle_study r_calc_study
+        L_toe_study r_5meta_study
+        r_lelbow_study L_melbow_study r_lwrist_study L_mwrist_study r_thigh1_study L_thigh3_study r_sh1_study
+        L_sh3_study RHJC_study LHJC_study RHip RKnee LHip LKnee RShoulder LShoulder Neck Head Nose""",
+    "key_points": """Hip RHip RKnee RAnkle RBigToe RSmallToe RHeel LHip LKnee LAnkle LBigToe Neck Head Nose
+        RShoulder RElbow RWrist LShoulder LElbow LWrist""",
+    "key_points ": """nose left_eye right_ear left_shoulder right_shoulder left_elbow right_wrist
+        left_hip right_hip left_knee right_ankle""",
+    "landmarks": """L_IAS R_IAS L_IPS R_IPS L_FTC L_FLE L_FME L_FAX L_TTC L_FAL L_TAM L_FCC L_FM1 L_FM5 R_FLE
+        R_FAL""",
+    "landmarks ": "LASIS RASIS LPSIS RPSIS LLEK RLEK LMEK LLM RLM LHEE LTOE LMT5 SACR XYPH LLEE LMEE",
+    "motive_qualisys": """Q_HeadL Q_HeadR Q_HeadFront Q_Chest Q_SpineThoracic2 Q_LShoulderTop Q_LElbowOut
+        Q_LWristIn Q_WaistLFront Q_WaistRFront Q_WaistBack Q_LKneeOut Q_RKneeOut Q_LAnkleOut Q_RForefoot5""",
+    "motive_qualisys ": """Skeleton~001_HeadTop Skeleton~001_BackTop Skeleton~001_Chest Skeleton~001_WaistLFront
+        Skeleton~001_WaistRBack Skeleton~001_LElbowOut Skeleton~001_LKneeOut Skeleton~001_RKneeOut
+        Skeleton~001_LAnkleOut Skeleton~001_LToeOut""",
+    "plug_in_gait": """251112_KUO_LASI 251112_KUO_RASI 251112_KUO_LPSI 251112_KUO_RPSI 251112_KUO_LTHI
+        251112_KUO_LKNE 251112_KUO_RKNE 251112_KUO_LANK 251112_KUO_RBAK 251112_KUO_C7""",
+}
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_labels_as_programs_write_them_choose_their_set(name):
+    labels = tuple(label.replace("~", " ") for label in WRITTEN[name].split())
+    markerset = choose_marker_set(labels)
+    assert markerset.name == name.strip()
+    known = [
+        label for label, place in zip(labels, markerset.columns(labels), strict=True) if place is not None
+    ]
+    assert len(known) == len(set(markerset.columns(known))) >= len(labels) - 6
+
+
+@pytest.mark.parametrize("markerset", shipped_marker_sets(), ids=lambda s: s.name)
+def test_every_shipped_set_bends_the_knee_that_is_bent(markerset):
+    angles, pelvis = np.zeros((12, N_JOINTS, 3)), np.tile([0.0, 0.0, 0.93], (12, 1))
+    angles[:, JOINT_ID["left_knee"], 0] = -np.radians(np.linspace(0, 60, 12))
+    angles[:, JOINT_ID["right_elbow"], 0] = np.radians(np.linspace(10, 80, 12))
+    subject = Subject(zero_bones(shipped_bodies()[7].joints_m), markerset.joint, 1.05 * markerset.at_m)
+    at = np.array([markers_at(State.of(a, p), subject) for a, p in zip(angles, pelvis, strict=True)])
+    motion = solve(Markers(markerset.names, at, 30, "m", UP), markerset=markerset)
+    for joint in ("left_knee", "right_knee", "right_elbow", "left_elbow"):
+        bent = np.degrees(motion.angles_rad[:, JOINT_ID[joint], 0])
+        true = np.degrees(angles[:, JOINT_ID[joint], 0])
+        assert np.abs((bent - bent.mean()) - (true - true.mean())).max() < 6, joint
+
+
+def test_two_people_in_a_file_are_named():
+    both = tuple(f"{who}:{name.partition(':')[2]}" for who in ("Anna", "Ben") for name in NAMES)
+    markers = Markers(both, np.concatenate([positions(), 9 + positions()], axis=1), 100, "m", UP)
+    known = known_markers(markers, next(s for s in shipped_marker_sets() if s.name == "plug_in_gait"))
+    assert (
+        np.nanmax(known.positions_m) < 3
+        and "10 labels name a marker that another label names" in known.assumed[0]
+    )
+
+
 def test_any_marker_set_from_a_file(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text('[markers]\nKneeOutL = { joint = "left_knee", at_m = [0.05, 0, 0], weight = 2 }\n')
@@ -218,6 +310,8 @@ def test_any_marker_set_from_a_file(tmp_path):
         "markers." + "a." * 99 + "a = 1",
         '[markers]\na = { joint = "left_knee", at_m = [0, 0, 0], weight = 1' + "0" * 400 + " }",
         '[markers]\na = { joint = "left_knee", at_m = [0, nan, 0] }',
+        '[markers]\na = { joint = "left_knee", at_m = [0, 0, 0], also = "b" }',
+        '[markers]\na = { joint = "left_knee", at_m = [0, 0, 0], also = ["A."] }',
     ):
         path.write_text(bad)
         with pytest.raises(FormatError, match="mine"):

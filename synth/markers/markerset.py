@@ -60,11 +60,13 @@ def load_marker_set(path: Path) -> MarkerSet:
     markers = content.get("markers")
     if not isinstance(markers, dict) or not markers:
         raise FormatError(f"marker set {path} has no table [markers] with entries; add it")
-    if len({key_of(name) for name in markers}) < len(markers):
+    rows = [_place(path, name, entry) for name, entry in markers.items()]
+    also = {key_of(name): _also(path, name, entry) for name, entry in markers.items() if "also" in entry}
+    keys = [key_of(name) for name in (*markers, *(other for others in also.values() for other in others))]
+    if len(set(keys)) < len(keys):
         raise FormatError(
             f"marker set {path} names a marker twice; labels must differ in more than case and punctuation"
         )
-    rows = [_place(path, name, entry) for name, entry in markers.items()]
     joint, at, spread, weight = zip(*rows, strict=True)
     return MarkerSet(
         str(content.get("name", path.stem)),
@@ -73,7 +75,7 @@ def load_marker_set(path: Path) -> MarkerSet:
         np.array(at, float),
         np.array(spread, float) / 1000,
         np.array(weight, float),
-        {key_of(name): _also(path, name, entry) for name, entry in markers.items() if "also" in entry},
+        also,
     )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from annotate.array_types import Bool, Float64, Int64
 from synth.body.body import shipped_bodies
+from synth.body.euler import euler_rad
 from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Joint, Posture, alignment, forward
 from synth.markers.kinematics import State, Subject, markers_at, solve_positive
 from synth.markers.markerset import MarkerSet
@@ -148,7 +149,7 @@ def start_states(subject: Subject, observed_m: Float64) -> list[State]:
         local = state.local.copy()
         local[0] = turn.as_matrix()
         signed = state.signed_rad.copy()
-        signed[0] = turn.as_euler("XYZ")
+        signed[0] = euler_rad(turn)
         states.append(State(pelvis, signed, local))
     return states
 

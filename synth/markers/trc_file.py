@@ -41,7 +41,7 @@ def parse_trc(lines: Iterable[str], most: int) -> TrcPoints:
     """
     lines = (line for line in lines if line.strip() and not line.lstrip().startswith(("#", "//")))
     assumed: list[str] = []
-    head = _Head.of(lines, assumed)
+    head = _Head.of(lines)
     odd: Counter[str] = Counter()
     times, rows, labels = _frames(lines, head, odd, most)
     if not rows:
@@ -51,6 +51,9 @@ def parse_trc(lines: Iterable[str], most: int) -> TrcPoints:
         assumed.append(f"frames: the file states {claimed:g} and holds {len(rows)}")
     if len(labels) != head.number("NumMarkers"):
         assumed.append(f"markers: the file states {head.number('NumMarkers'):g} and holds {len(labels)}")
+    if unnamed := labels.count(""):
+        assumed.append(f"{unnamed} markers have no label and are named by their number, from 1")
+    labels = tuple(label or str(number) for number, label in enumerate(labels, 1))
     rate = _rate(head, times, assumed)
     return TrcPoints(labels, np.stack(rows), rate, head.values.get("Units", "").lower(), tuple(assumed))
 
@@ -64,14 +67,14 @@ class _Head:
     separator: str | None
 
     @staticmethod
-    def of(lines: Iterator[str], assumed: list[str]) -> "_Head":
+    def of(lines: Iterator[str]) -> "_Head":
         names: list[str] = []
         values: dict[str, str] = {}
         for line in islice(lines, MAX_HEAD_LINES):
             separator = _separator(line)
             cells = _cells(line, separator)
             if re.fullmatch(r"frame\s?#.*|frame", cells[0].casefold()):
-                return _Head(values, _labels(cells[2:], assumed), separator)
+                return _Head(values, _labels(cells[2:]), separator)
             if names and not values:
                 values = dict(zip(names, cells, strict=False))
             names = cells if "DataRate" in cells or "NumFrames" in cells else []
@@ -93,14 +96,11 @@ def _cells(line: str, separator: str | None) -> list[str]:
     return [cell.strip() for cell in line.rstrip("\r\n").split(found)] or [""]
 
 
-def _labels(cells: list[str], assumed: list[str]) -> tuple[str, ...]:
-    """Return the name over each third column, its number from 1 where it has none."""
+def _labels(cells: list[str]) -> tuple[str, ...]:
+    """Return the name over each third column, "" where it has none; of names in a row all of them."""
     named = [i for i, cell in enumerate(cells) if cell]
     each_third = not any(i % 3 for i in named)
-    labels = cells[: max(named, default=-1) + 1 : 3] if each_third else [cells[i] for i in named]
-    if unnamed := labels.count(""):
-        assumed.append(f"{unnamed} markers have no label and are named by their number, from 1")
-    return tuple(label or str(number) for number, label in enumerate(labels, 1))
+    return tuple(cells[: max(named, default=-1) + 1 : 3] if each_third else [cells[i] for i in named])
 
 
 def _frames(
@@ -122,7 +122,7 @@ def _frames(
         if not rows:
             stated = head.number("NumMarkers")
             unnamed = min(int(stated), -(-len(numbers) // 3)) if 0 < stated < most else 0
-            labels += tuple(str(number) for number in range(len(labels) + 1, unnamed + 1))
+            labels += ("",) * (unnamed - len(labels))
         if (len(rows) + 1) * len(labels) > most:
             claim = f"{len(rows) + 1} frames of {len(labels)} markers"
             raise FormatError(f"{claim} or more, over {most} positions; cut the recording")

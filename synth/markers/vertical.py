@@ -128,7 +128,7 @@ def find_vertical(
     shares = {axis: person.upright(axis) for axis in AXES}
     best = max(AXES, key=lambda axis: shares[axis])
     if stated.axis and shares[stated.axis] >= MOST:
-        return stated.axis, ()
+        return stated.axis, _doubt(person, stated)
     sure = (standing and shares[best] >= MOST) or (shares[best] >= SOME and person.moves_upright(best))
     if stated.axis:
         if sure or (shares[best] >= MOST and person.stands(best, stated.axis)):
@@ -142,6 +142,16 @@ def find_vertical(
     if sure or (shares[best] >= MOST and person.stands(best, "")):
         return best, (f"no vertical axis is stated; the person stands along {best}, which is used",)
     return _unstated(person, shares, best, stated.usual)
+
+
+def _doubt(person: _Person, stated: Upward) -> tuple[str, ...]:
+    """Return a line where a person stands by the stated axis in the air, and lies by another on its floor."""
+    if person.on_floor(stated.axis) or person.moves_upright(stated.axis) or person.stands_flat(stated.axis):
+        return ()
+    across = [axis for axis in ("y", "z", "-y", "-z") if axis[-1] != stated.axis[-1]]
+    other = next((axis for axis in across if person.on_floor(axis)), "")
+    stands = f"by {stated.by} ({stated.axis} up) the person stands"
+    return (f"{stands}; if the person lies, give --up {_option(other)}",) if other else ()
 
 
 def zero_pose_axis(positions: Float64, joint: Int64) -> str:

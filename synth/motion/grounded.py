@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from annotate.array_types import Bool, Float64
+from synth.body.euler import euler_rad
 from synth.body.flesh import flesh_of
 from synth.body.skeleton import JOINT_ID, rotations
 from synth.markers.motion_file import Motion
@@ -91,7 +92,7 @@ def bridged(motion: Motion, sound: Bool) -> Motion:
     angles = np.apply_along_axis(lambda values: np.interp(frames, at, values[at]), 0, motion.angles_rad)
     if len(at) > 1:
         turns = Rotation.from_matrix(np.array([rotations(motion.angles_rad[f])[0] for f in at]))
-        angles[:, 0] = Slerp(at, turns)(inside).as_euler("XYZ") * (1, -1, 1)
+        angles[:, 0] = euler_rad(Slerp(at, turns)(inside)) * (1, -1, 1)
     angles[sound] = motion.angles_rad[sound]
     pelvis = np.apply_along_axis(lambda values: np.interp(frames, at, values[at]), 0, motion.pelvis_m)
     return replace(motion, angles_rad=angles, pelvis_m=pelvis)

@@ -7,6 +7,7 @@ import numpy as np
 
 from annotate.array_types import Float64, Int64
 from synth.body.body import Body, pose
+from synth.body.euler import euler_rad
 from synth.body.flesh import Flesh, flesh_of
 from synth.body.skeleton import JOINT_ID, JOINTS, LIMITS_RAD, Posture, clamp, forward, rotations
 from synth.markers.person_fit import leg_length_m, zero_bones
@@ -163,7 +164,7 @@ def _angles_of(rotation: Float64) -> Float64:
     """The pelvis' angles (3,) of its rotation (3, 3)."""
     from scipy.spatial.transform import Rotation
 
-    return np.asarray(Rotation.from_matrix(rotation).as_euler("XYZ") * (1, -1, 1))
+    return np.asarray(euler_rad(Rotation.from_matrix(rotation)) * (1, -1, 1))
 
 
 def _turned(pelvis_rad: Float64, turn_rad: float) -> Float64:

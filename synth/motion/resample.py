@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from annotate.array_types import Float64
+from synth.body.euler import euler_rad
 from synth.body.skeleton import rotations
 from synth.markers.motion_file import Motion
 
@@ -32,7 +33,7 @@ def resampled(motion: Motion, frames_per_second: float) -> Motion:
     angles = np.where(flips.any(axis=2, keepdims=True), motion.angles_rad[nearest], angles)
     if len(motion) > 1:
         turns = Rotation.from_matrix(np.array([rotations(a)[0] for a in motion.angles_rad]))
-        angles[:, 0] = Slerp(np.arange(len(motion)), turns)(at).as_euler("XYZ") * (1, -1, 1)
+        angles[:, 0] = euler_rad(Slerp(np.arange(len(motion)), turns)(at)) * (1, -1, 1)
     # Markers have no part in a resampled motion.
     report = replace(
         motion.report,
