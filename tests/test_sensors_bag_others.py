@@ -450,6 +450,24 @@ def test_a_clock_that_steps_back_leaves_the_recorded_order(opened, back):
     assert noted(source, "/camera/depth/image_raw", "steps back 1 times", "recorded order is kept")
 
 
+@pytest.mark.parametrize("back", [36_000.0, 50.0])
+def test_a_computer_whose_clock_is_set_back_leaves_the_recorded_order(opened, back):
+    """Stamps and receive times step alike; the order in the file stays."""
+    stamps = [i - back * (i > 3) for i in range(8)]
+    messages = [
+        (topic, message, START + int(stamp * PERIOD))
+        for made in (depths(stamps=stamps), colours(stamps=stamps))
+        for (topic, message, _), stamp in zip(made, stamps, strict=True)
+    ]
+    source = opened([*rig(), *messages])
+    assert_depth(source, 8)
+    assert [colour_of(frame) for frame in source] == list(range(8))
+    np.testing.assert_array_equal(np.diff(source.times_ns), PERIOD)
+    shuffled = np.random.default_rng(1).permutation(len(depths(stamps=range(40))))
+    source = opened([*rig(), *(depths(stamps=range(40))[i] for i in shuffled)])
+    assert_depth(source, 40)
+
+
 def test_messages_that_arrive_late_are_put_in_their_order(opened):
     messages = depths(stamps=[0, 1, 3, 2, 4, 5, 6, 7])
     source = opened([*rig(), *messages])
@@ -464,14 +482,17 @@ def test_colour_on_another_clock_is_paired_by_receive_times(opened, off):
     source = opened([*rig(), *depths(), *colours(stamps=[i + off for i in range(4)])])
     assert [colour_of(frame) for frame in source] == [0, 1, 2, 3]
     assert noted(
-        source, "paired by receive times", "behind" if off > 0 else "ahead of", f"{abs(off) / 10:.3f} s"
+        source,
+        "paired by receive times",
+        "later than" if off > 0 else "earlier than",
+        f"{abs(off) / 10:.3f} s",
     )
 
 
 def test_colour_that_nothing_pairs_is_counted(opened):
     late = [(topic, m, at + 30 * SECOND) for topic, m, at in colours(stamps=[i + 300 for i in range(4)])]
     source = opened([*rig(), *depths(), *late])
-    assert noted(source, "0 of 4 depth images have a colour image within 17 ms", "s behind depth")
+    assert noted(source, "0 of 4 depth images have a colour image within 17 ms", "s later than depth")
     some = opened([*rig(), *depths(), *colours()[:3]])
     assert noted(some, "3 of 4 depth images have a colour image within 17 ms")
 

@@ -178,7 +178,9 @@ def _is_depth(name: str, image: Picture) -> bool:
 def _shows_color(name: str, image: Picture) -> bool:
     """Whether the encoding can be colour."""
     if not image.compressed:
-        return image.encoding in COLORS
+        # Depth of 8 bits is a picture of depth.
+        grey = image.encoding in ("mono8", "8UC1")
+        return image.encoding in COLORS and not (grey and meaning_of(name) is Meaning.DEPTH)
     picture = image.data.startswith((b"\xff\xd8\xff", b"\x89PNG")) and not is_grey_png(image)
     return picture and (meaning_of(name) is not Meaning.DEPTH or image.encoding.startswith(("rgb", "bgr")))
 

@@ -92,7 +92,9 @@ def paired(depth: Timeline, color: Timeline) -> tuple[Times, tuple[str, ...]]:
         if np.count_nonzero(received >= 0) > np.count_nonzero(pairs >= 0):
             both = depth.stamped and color.stamped
             apart = _apart(depth.stamps_ns[received >= 0], color.stamps_ns[received[received >= 0]])
-            notes.append(f"colour paired by receive times{f': its stamps are {apart} depth' if both else ''}")
+            notes.append(
+                f"colour paired by receive times{f': its stamps are {apart} those of depth' if both else ''}"
+            )
             pairs = received
     found = int(np.count_nonzero(pairs >= 0))
     if found < count:
@@ -201,4 +203,4 @@ def _by_received(depth: Timeline, color: Timeline) -> Times:
 def _apart(depth_ns: Times, color_ns: Times) -> str:
     """How far colour is from depth, in words."""
     apart_s = float(np.median((color_ns - depth_ns).astype(np.float64))) / _S
-    return f"{abs(apart_s):.3f} s {'behind' if apart_s > 0 else 'ahead of'}"
+    return f"{abs(apart_s):.3f} s {'later than' if apart_s > 0 else 'earlier than'}"

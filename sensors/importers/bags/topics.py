@@ -11,8 +11,11 @@ from sensors.errors import FormatError
 from sensors.importers.bags.bag_files import BagFile
 from sensors.importers.bags.entries import Entry, Place
 from sensors.importers.bags.ros_messages import PICTURES, decode, is_empty, stamp_and_frame
-from sensors.importers.bags.timeline import Stamps, Timeline, timeline_of
+from sensors.importers.bags.timeline import LATE_NS, Stamps, Timeline, timeline_of
 from sensors.rig.camera_messages import Decoded
+
+STEADY = 1000
+"""Messages in which a computer's clock is set back at most once more. Untuned."""
 
 
 class Message(NamedTuple):
@@ -78,8 +81,19 @@ def index_topics(files: list[BagFile]) -> dict[str, Topic]:
                 raise FormatError(f"{file.path}: topic {entry.topic[:60]!r} holds messages of two kinds")
             _add(topic, file, entry)
     for topic in topics.values():
-        topic.messages.sort(key=lambda message: message.received_ns)
+        if not _clock_was_set_back(topic.messages):
+            topic.messages.sort(key=lambda message: message.received_ns)
     return topics
+
+
+def _clock_was_set_back(messages: list[Message]) -> bool:
+    """Whether the recorder's own clock stepped back: the order in the file is then that of the recording.
+
+    Otherwise a file whose messages are not in the order of receive times was written so.
+    """
+    received_ns = np.array([message.received_ns for message in messages], np.int64)
+    falls_ns = -np.diff(received_ns)[np.diff(received_ns) < 0]
+    return 0 < len(falls_ns) <= 1 + len(messages) // STEADY and bool((falls_ns > LATE_NS).all())
 
 
 def _add(topic: Topic, file: BagFile, entry: Entry) -> None:
