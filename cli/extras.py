@@ -12,7 +12,7 @@ COSTS = {
     "bodies": "no new bodies (synth bodies); the shipped ones work",
     "report": "no intervals and no report (evaluate, compare, report); diff works",
     "rig": "no calibration (calibrate) and no palettes learnt from labels or photographs (suit learn)",
-    "clouds": "no PCD and PLY clouds",
+    "clouds": "no clouds for Open3D (ThermalCloud.to_open3d)",
     "exchange": "no ROS 2 bags, LAS, LAZ or Parquet",
     "foxglove": "no stream for Foxglove (live --serve); export --format foxglove works",
     "train": "no training (train, train-labels, learn); predict works",
@@ -21,7 +21,6 @@ COSTS = {
     "kinect": "no Azure Kinect as a device; its recordings can be imported",
     "realsense": "no RealSense cameras as devices; their recordings can be imported",
     "orbbec": "no Orbbec cameras as devices",
-    "flir": "no radiometric JPEG images of FLIR cameras",
     "docs": "no documentation pages (make docs)",
 }
 """Every extra, and what does not work without it."""

@@ -8,6 +8,7 @@ import tomllib
 from importlib.metadata import distributions, packages_distributions
 from pathlib import Path
 
+import numpy as np
 import pytest
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
@@ -15,6 +16,8 @@ from packaging.utils import canonicalize_name
 
 from annotate import _pcl
 from synth.rig.paths import suit_path, truth_path
+from tests.helpers.cloud_files import camera_points, ply, room
+from tests.helpers.flir_files import flir_jpeg
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -72,7 +75,12 @@ def run_with_base_only(commands: list[list[object]]) -> list[tuple[int, str]]:
 def test_labelling_needs_no_extra(rig_session, tmp_path):
     suit, truth = suit_path(rig_session), truth_path(rig_session)
     session, labels, coco, back = rig_session, tmp_path / "labels", tmp_path / "coco", tmp_path / "back"
+    points = camera_points(room()).reshape(-1, 3)
+    (tmp_path / "cloud.ply").write_bytes(ply(points[np.isfinite(points).all(axis=1)]))
+    (tmp_path / "flir.jpg").write_bytes(flir_jpeg(np.full((6, 8), 31.5)))
     commands = [
+        ["import", tmp_path / "cloud.ply", tmp_path / "cloud.mcap"],
+        ["import", tmp_path / "flir.jpg", tmp_path / "flir.mcap"],
         ["label", session, "--suit", suit, "--out", labels],
         ["info", labels],
         ["validate", labels],
@@ -89,10 +97,6 @@ def test_labelling_needs_no_extra(rig_session, tmp_path):
 
 
 def test_what_an_extra_is_missing_for_is_said_in_one_line(rig_session, tmp_path):
-    (tmp_path / "cloud.ply").write_text(
-        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
-        "end_header\n0 0 1\n"
-    )
     out = tmp_path / "out"
     wanted = {
         "synth": [["simulate", out], ["simulate", out, "--scene", "plate"], ["solve", "a.trc", "--out", out],
@@ -102,7 +106,6 @@ def test_what_an_extra_is_missing_for_is_said_in_one_line(rig_session, tmp_path)
         "rig": [["calibrate", rig_session, "--out", out], ["suit", "learn", "a", "--out", out]],
         "gui": [["fix", "a"]],
         "train": [["train", "a", "--out", out]],
-        "clouds": [["import", tmp_path / "cloud.ply", tmp_path / "out.mcap"]],
         "synth,report": [["demo", "--out", out]],
     }  # fmt: skip
     pairs = [(extra, command) for extra, commands in wanted.items() for command in commands]

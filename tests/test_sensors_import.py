@@ -1,9 +1,7 @@
 """Folders and point clouds become frames, say what they lack, and are refused in one line when broken."""
 
 import json
-import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +16,7 @@ from sensors.session.messages import thermal_from_uint16
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
 from tests.helpers.depth_files import CAMERA, NUMBERS, assert_refused, depth_image, png, write
+from tests.helpers.flir_files import flir_jpeg
 
 law = settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -45,22 +44,11 @@ def test_a_folder_of_depth_is_a_source(folder):
     assert {"no colour images", "no thermal images"} <= set(source.notes)
 
 
-def test_a_flir_jpeg_gives_temperatures(folder, monkeypatch):
-    """By the calls of flyr that its documentation names; no camera's file has been read."""
-    write(folder / "thermal" / "001.jpg", b"a FLIR camera's")
-    source = open_source(folder)
-    monkeypatch.setitem(sys.modules, "flyr", None)
-    with pytest.raises(FormatError, match=r"001\.jpg needs flyr"):
-        list(source)
-
-    def unpack(file):
-        if file.read() != b"a FLIR camera's":
-            raise ValueError("no FFF chunk")
-        return SimpleNamespace(celsius=np.full((6, 8), 31.5), optical=None)
-
-    monkeypatch.setitem(sys.modules, "flyr", SimpleNamespace(unpack=unpack))
-    thermal = list(source)[1].thermal_c
-    assert thermal.dtype == np.float32 and (thermal == 31.5).all()
+def test_a_flir_jpeg_gives_temperatures(folder):
+    write(folder / "thermal" / "001.jpg", flir_jpeg(np.full((6, 8), 31.5)))
+    thermal = open_source(folder).frame(1).thermal_c
+    assert thermal.dtype == np.float32
+    np.testing.assert_allclose(thermal, 31.5, atol=0.05)
     with pytest.raises(FormatError, match="holds no temperatures"):
         read_flir(b"holiday", "001.jpg")
 

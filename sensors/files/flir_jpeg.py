@@ -1,53 +1,152 @@
-"""FLIR's radiometric JPEG images: temperatures and photograph, by flyr (extra ``flir``, EUPL 1.2)."""
+"""Radiometric JPEGs of FLIR's cameras, and of others that hold FLIR's data (DJI's Zenmuse XT 2)."""
 
 import io
-import re
-from pathlib import Path
+import struct
+from datetime import UTC, datetime
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import FormatError
-from sensors.files.bounded import MAX_IMAGE_SIDE, read_bounded
+from sensors.files.bounded import MAX_IMAGE_SIDE
+from sensors.files.flir_records import CAMERA, IMAGE_AT, PHOTO, RAW, Record, flir_records, flir_segments
+from sensors.files.planck import Radiometry
+from sensors.files.png import PNG_MAGIC, decode_grey, png_shape
 
-_SEGMENT = re.compile(rb"\xff\xe1..FLIR\0", re.DOTALL)
-"""What a JPEG's segment with FLIR's data begins with (ExifTool, FLIR tags)."""
+GAMUT = 0.25
+"""Share of pixels outside RGB above which a PNG is not in Y Cb Cr. Untuned."""
+EARLIEST, LATEST = datetime(2000, 1, 1, tzinfo=UTC).timestamp(), datetime(2100, 1, 1, tzinfo=UTC).timestamp()
+"""Seconds since 1970 between which a camera's clock was set."""
 
 
 class FlirImage(NamedTuple):
-    """Contents of one file. celsius: float32 (h, w). photo: uint8 (h', w', 3) RGB of the camera beside, or
-    None."""
+    """Contents of one file. celsius: float32 (h, w). photo: JPEG or PNG file of the camera beside, or None.
+
+    wide_deg: horizontal field of view, 0 = not stated. taken_ns: since 1970, 0 = not stated.
+    """
 
     celsius: NDArray[np.float32]
-    photo: NDArray[np.uint8] | None
-
-
-def is_flir(path: Path) -> bool:
-    """Whether a JPEG holds FLIR's data."""
-    return _SEGMENT.search(read_bounded(path)) is not None
+    photo: bytes | None
+    wide_deg: float = 0.0
+    taken_ns: int = 0
 
 
 def read_flir(data: bytes, name: str) -> FlirImage:
-    """Degrees Celsius with the emissivity and distance that the file states, and its photograph.
+    """Degrees Celsius with the emissivity, distance and reflections that the file states, and its photograph.
 
-    Raises FormatError for another JPEG, and where flyr is not installed.
+    Raises FormatError for another JPEG, and for one without a camera's constants.
     """
     try:
-        import flyr
-    except ImportError as error:
-        raise FormatError(f"{name} needs flyr to be read; pip install 'annotate-cloud[flir]'") from error
-    try:
-        found = flyr.unpack(io.BytesIO(data))
-        celsius, photo = np.asarray(found.celsius, np.float32), found.optical
-    # What flyr raises for a broken file is not documented.
-    except Exception as error:
+        records = flir_records(list(flir_segments(io.BytesIO(data))))
+        if RAW not in records or CAMERA not in records:
+            raise ValueError("it has no raw image or no camera record")
+        camera = records[CAMERA]
+        celsius = _radiometry(camera).celsius(_words(records[RAW], name))
+        photo = _photo(records[PHOTO], name) if PHOTO in records else None
+        wide, taken = _field(camera), _taken(camera)
+    except (ValueError, struct.error, FormatError) as error:
         raise FormatError(
-            f"{name} holds no temperatures ({error}); give a FLIR camera's radiometric JPEG"
+            f"{name} holds no temperatures ({str(error)[:100]}); give a FLIR camera's radiometric JPEG"
         ) from error
-    if celsius.ndim != 2 or not 0 < max(celsius.shape) <= MAX_IMAGE_SIDE:
+    if not np.isfinite(celsius).any():
         raise FormatError(
-            f"{name} states {celsius.shape} temperatures; give a file as the FLIR camera wrote it"
+            f"{name} holds no temperatures (none is finite); give a file as the camera wrote it"
         )
-    rgb = photo is not None and np.ndim(photo) == 3 and np.shape(photo)[2] == 3
-    return FlirImage(celsius, np.asarray(photo, np.uint8) if rgb else None)
+    return FlirImage(celsius, photo, wide, taken)
+
+
+def _size(record: Record) -> tuple[int, int]:
+    """(height, width) that an image's record states."""
+    width, height = (int(number) for number in record.numbers("HH", 2))
+    if not 0 < min(width, height) <= max(width, height) <= MAX_IMAGE_SIDE:
+        raise ValueError(f"an image of {width}x{height}")
+    return height, width
+
+
+def _words(record: Record, name: str) -> NDArray[np.uint16]:
+    """Raw image (h, w): plain words in the record's order, or a 16-bit PNG in either."""
+    height, width = _size(record)
+    content = record.data[IMAGE_AT:]
+    if not content.startswith(PNG_MAGIC):
+        if len(content) < 2 * width * height:
+            raise ValueError(f"{len(content)} bytes of a {width}x{height} image")
+        words = np.frombuffer(content, f"{record.order}u2", width * height).reshape(height, width)
+        return words.astype(np.uint16)
+    image = decode_grey(content, np.uint16, name)
+    if image.shape != (height, width):
+        raise ValueError(f"a PNG of {image.shape}, stated {(height, width)}")
+    # Most cameras swap the bytes (ExifTool, FLIR RawData): scenes are smooth in the right order.
+    swapped = image.byteswap()
+    return swapped if _rough(swapped) <= _rough(image) else np.asarray(image, np.uint16)
+
+
+def _rough(image: NDArray[np.uint16]) -> float:
+    return float(np.abs(np.diff(image.astype(np.int32), axis=1)).mean()) if image.shape[1] > 1 else 0.0
+
+
+def _radiometry(camera: Record) -> Radiometry:
+    emissivity, distance, reflected, air, window_k, window = camera.numbers("6f", 0x20)
+    (humidity,) = camera.numbers("f", 0x3C)
+    r1, b, f = camera.numbers("3f", 0x58)
+    alpha1, alpha2, beta1, beta2, x = camera.numbers("5f", 0x70)
+    o, r2 = camera.numbers("if", 0x308)
+    if not (r1 > 0 and r2 > 0 and b > 0 and np.isfinite([r1, r2, b, f]).all()):
+        raise ValueError("its camera states no constants of Planck's law")
+    stated = np.nan_to_num(
+        [emissivity, distance, reflected, air, window_k, window, humidity], posinf=0.0, neginf=0.0
+    )
+    emissivity, distance, reflected, air, window_k, window, humidity = stated.tolist()
+    # Some files state percents.
+    humidity = humidity / 100 if humidity > 2 else humidity
+    lets = np.nan_to_num([alpha1, alpha2, beta1, beta2, x], posinf=0.0, neginf=0.0).tolist()
+    return Radiometry(
+        emissivity, distance, reflected, air, window_k, window, humidity, r1, b, f, o, r2,
+        (lets[0], lets[1]), (lets[2], lets[3]), lets[4],
+    )  # fmt: skip
+
+
+def _field(camera: Record) -> float:
+    try:
+        (wide,) = camera.numbers("f", 0x1B4)
+    except struct.error:
+        return 0.0
+    return wide if 1 < wide < 170 else 0.0
+
+
+def _taken(camera: Record) -> int:
+    try:
+        seconds, thousandths = camera.numbers("II", 0x384)
+    except struct.error:
+        return 0
+    if not EARLIEST < seconds < LATEST:
+        return 0
+    return int(seconds) * 10**9 + (int(thousandths) & 0xFFFF) % 1000 * 10**6
+
+
+def _photo(record: Record, name: str) -> bytes | None:
+    """The photograph as a file of RGB; None for other kinds of data."""
+    content = record.data[IMAGE_AT:]
+    if content.startswith(b"\xff\xd8\xff"):
+        return content
+    if not content.startswith(PNG_MAGIC):
+        return None
+    png_shape(content, name)
+    import cv2
+
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        return None
+    rgb = _rgb(np.asarray(image[..., ::-1], np.float32))
+    return content if rgb is None else bytes(cv2.imencode(".png", np.ascontiguousarray(rgb[..., ::-1]))[1])
+
+
+def _rgb(channels: NDArray[np.float32]) -> NDArray[np.uint8] | None:
+    """RGB of a PNG whose channels are Y, Cb, Cr (ExifTool, FLIR EmbeddedImage; JFIF's BT.601); None for RGB.
+
+    Photographs in RGB taken for Y Cb Cr leave the range of colours.
+    """
+    y, cb, cr = channels[..., 0], channels[..., 1] - 128, channels[..., 2] - 128
+    rgb = np.stack([y + 1.402 * cr, y - 0.344136 * cb - 0.714136 * cr, y + 1.772 * cb], axis=-1)
+    outside = ((rgb < -16) | (rgb > 271)).any(axis=-1).mean()
+    return None if outside > GAMUT else np.asarray(np.clip(np.rint(rgb), 0, 255), np.uint8)

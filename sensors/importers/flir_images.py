@@ -1,12 +1,15 @@
-"""FLIR's radiometric JPEG images alone, one or a folder of them, as a source of frames without depth."""
+"""Radiometric JPEGs with FLIR's data alone, one or a folder of them, as a source of frames without depth."""
 
+from collections import Counter
 from pathlib import Path
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 
+from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
-from sensors.files.flir_jpeg import is_flir, read_flir
+from sensors.files.flir_jpeg import FlirImage, read_flir
+from sensors.files.flir_records import has_flir
 from sensors.files.natural_order import paths_in_order
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
@@ -14,57 +17,109 @@ from sensors.rig.rig_calibration import Pose, RigCalibration
 
 JPEGS = (".jpg", ".jpeg")
 ASSUMED_WIDE_DEG = 45.0
-"""Horizontal field of view where nobody knows: between the 24 and 57 degrees of FLIR's common lenses."""
+"""Horizontal field of view where no file states it: between the 24 and 57 degrees of FLIR's common lenses."""
 PERIOD_NS = 1_000_000_000
-"""Between two images."""
+"""Between two images without times."""
+NAMED = 3
+"""Files that a note names."""
+
+
+class _Facts(NamedTuple):
+    """What is kept of each image. shape: (h, w). photo: whether it holds a photograph."""
+
+    shape: tuple[int, ...]
+    photo: bool
+    wide_deg: float
+    taken_ns: int
 
 
 class FlirImages(FrameSource):
     """Radiometric JPEGs as a ``FrameSource``: temperatures, depth images without a reading, photographs.
 
-    In the order of their names. notes: what is absent or assumed. Raises FormatError.
+    In natural order of their names. Photographs beside them, and images of another size than most, are left
+    out. notes: these, and what is absent or assumed. Raises FormatError.
     """
 
     def __init__(self, path: Path) -> None:
         self.path, self.name = path, path.resolve().stem
-        self._files = jpegs_in(path) if path.is_dir() else [path]
-        self.times_ns = regular_times_ns(len(self._files), PERIOD_NS)
-        first = read_flir(read_bounded(self._files[0]), str(self._files[0]))
-        height, width = first.celsius.shape
-        focal_px = width / 2 / np.tan(np.radians(ASSUMED_WIDE_DEG / 2))
+        found = jpegs_in(path) if path.is_dir() else [path]
+        thermal = [file for file in found if has_flir(file)]
+        if not thermal:
+            raise FormatError(
+                f"{path} holds no FLIR camera's radiometric JPEG; give one as the camera wrote it"
+            )
+        facts = {file: _facts(read_flir(read_bounded(file), str(file))) for file in thermal}
+        (shape, _), *others = Counter(fact.shape for fact in facts.values()).most_common()
+        self._files = [file for file in thermal if facts[file].shape == shape]
+        kept = [facts[file] for file in self._files]
+        wide_deg, lens_note = _field(kept)
+        height, width = shape
+        focal_px = width / 2 / np.tan(np.radians(wide_deg / 2))
         lens = Intrinsics(width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2)
         self.calibration = RigCalibration(lens, thermal=lens, thermal_from_depth=Pose.identity())
+        self.times_ns, time_note = _times_ns(kept)
+        photographs = [file for file in found if file not in facts]
+        other = [file for file in thermal if file not in self._files]
         self.notes = (
             "no depth images: temperatures alone cannot be labelled",
-            f"a lens {ASSUMED_WIDE_DEG:g} degrees wide is assumed",
-            "no time stamps: one image a second assumed",
-            "no photographs"
-            if first.photo is None
-            else "photographs are not calibrated: they cannot be fused",
+            lens_note,
+            time_note,
+            "photographs are not calibrated: they cannot be fused"
+            if any(fact.photo for fact in kept)
+            else "no photographs",
+            *_left_out(photographs, "photographs without temperatures"),
+            *(_left_out(other, f"images of another size than {width}x{height}") if others else ()),
         )
 
     def _frame(self, index: int) -> RigFrame:
         file = self._files[index]
         image = read_flir(read_bounded(file), str(file))
-        encoded = None
-        if image.photo is not None:
-            bgr = np.ascontiguousarray(image.photo[..., ::-1])
-            encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
         nothing = np.zeros(image.celsius.shape, np.uint16)
-        return RigFrame(index, int(self.times_ns[index]), nothing, encoded, image.celsius)
+        return RigFrame(index, int(self.times_ns[index]), nothing, image.photo, image.celsius)
+
+
+def _facts(image: FlirImage) -> _Facts:
+    return _Facts(image.celsius.shape, image.photo is not None, image.wide_deg, image.taken_ns)
 
 
 def jpegs_in(folder: Path) -> list[Path]:
-    """The JPEGs of a folder, in the natural order of their names, without hidden ones."""
-    found = (file for file in folder.iterdir() if file.suffix.lower() in JPEGS and file.is_file())
-    return paths_in_order(file for file in found if not file.name.startswith("."))
+    """The JPEGs of a folder, in natural order of their names; hidden files are none."""
+    return paths_in_order(
+        file
+        for file in folder.iterdir()
+        if file.suffix.lower() in JPEGS and file.is_file() and not file.name.startswith(".")
+    )
 
 
 def is_flir_alone(path: Path) -> bool:
-    """Whether a JPEG, or the first of a folder that has nothing else, holds FLIR's data."""
+    """Whether a JPEG, or any of a folder that has no depth images, holds FLIR's data."""
     if not path.is_dir():
-        return is_flir(path)
-    files = jpegs_in(path)
-    if not files or (path / "depth").exists() or any(path.glob("*.png")):
+        return has_flir(path)
+    if (path / "depth").exists() or any(path.glob("*.png")):
         return False
-    return is_flir(files[0])
+    return any(has_flir(file) for file in jpegs_in(path))
+
+
+def _field(facts: list[_Facts]) -> tuple[float, str]:
+    """Horizontal field of view in degrees, and what is known of it."""
+    stated = [fact.wide_deg for fact in facts if fact.wide_deg]
+    if not stated:
+        return ASSUMED_WIDE_DEG, f"a lens {ASSUMED_WIDE_DEG:g} degrees wide is assumed"
+    wide = float(np.median(stated))
+    differ = "" if np.ptp(stated) < 0.5 else f" (others are {min(stated):.3g} to {max(stated):.3g})"
+    return wide, f"a lens {wide:.3g} degrees wide, as the files state{differ}"
+
+
+def _times_ns(facts: list[_Facts]) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], str]:
+    """Stamps of the images where all state a time that grows with their names, else one a second."""
+    taken = np.array([fact.taken_ns for fact in facts], np.int64)
+    if taken.min() > 0 and (np.diff(taken) > 0).all():
+        return taken, "times are those of the camera's clock"
+    return regular_times_ns(len(facts), PERIOD_NS), "no time stamps that grow: one image a second assumed"
+
+
+def _left_out(files: list[Path], what: str) -> tuple[str, ...]:
+    if not files:
+        return ()
+    names = ", ".join(file.name for file in files[:NAMED]) + (", ..." if len(files) > NAMED else "")
+    return (f"{len(files)} {what} left out: {names}",)

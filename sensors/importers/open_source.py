@@ -148,7 +148,6 @@ def _other(path: Path, head: bytes, options: ImportOptions) -> Opener:
     from sensors.importers.arrays import NPY_MAGIC, ZIP_MAGIC, DepthArrays
     from sensors.importers.azure_mkv import AzureRecording
     from sensors.importers.flir_images import FlirImages, is_flir_alone
-    from sensors.importers.pointcloud import CloudFile
 
     if head.startswith(b"\x1a\x45\xdf\xa3"):
         return Opener(partial(AzureRecording, path))
@@ -157,7 +156,9 @@ def _other(path: Path, head: bytes, options: ImportOptions) -> Opener:
     if head.startswith(JPEG_MAGIC) and is_flir_alone(path):
         return Opener(partial(FlirImages, path))
     if path.suffix.lower() in CLOUDS:
-        return Opener(partial(CloudFile, path))
+        from sensors.importers.pointcloud import CloudFile
+
+        return Opener(partial(CloudFile, path, options), own=True)
     raise refuse(path, head)
 
 

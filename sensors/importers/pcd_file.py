@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from sensors.errors import FormatError
 from sensors.importers.cloud_records import MAX_POINTS, CloudRecords, grid_of
-from sensors.importers.lzf import expand_lzf
 from sensors.rig.rig_calibration import Pose, rotation_of
 
 MAX_HEADER_BYTES = 100_000
@@ -171,6 +170,9 @@ def _compressed(file: BinaryIO, fields: Fields, points: int, there: int) -> NDAr
     stored = next((some for some in (kept, fields) if points * _stride(some) == size), None)
     if stored is None:
         raise ValueError(f"{size} bytes are not {points} points")
+    # Imported here: it loads a compiler, which nothing else of a cloud needs.
+    from sensors.importers.lzf import expand_lzf
+
     data, records, at = expand_lzf(file.read(packed), size), np.zeros(points, _packed_dtype(kept)), 0
     for name, kind, count in stored:
         length = points * count * np.dtype(kind).itemsize

@@ -43,6 +43,8 @@ from synth.markers.motion_file import MarkerReport, Motion, load_motion, save_mo
 from synth.markers.person_body import bones_of_leg
 from tests.helpers.bags import STORAGES, realsense, write_bag
 from tests.helpers.bags import write_old_bag as write_ros1_bag
+from tests.helpers.cloud_files import pcd
+from tests.helpers.flir_files import Written, flir_jpeg
 from tests.helpers.marker_samples import bvh_text, positions, write_c3d, write_trc
 from tests.helpers.orbbec_files import jpeg_of, write_orbbec_bag
 from tests.helpers.realsense_files import write_old_bag
@@ -158,6 +160,23 @@ def _numbers() -> dict[str, float]:
 def _cloud(suffix: str, folder: Path) -> Path:
     FORMATS[suffix].write(iter([labelled(0)]), CAMERA, folder)
     return folder / f"000000.{suffix}"
+
+
+def _packed_cloud(folder: Path) -> Path:
+    """A compressed PCD of PCL's layout: LZF of one literal run after another."""
+    data = np.random.default_rng(0).uniform(1, 2, (3, 60)).astype("<f4").tobytes()
+    runs = b"".join(
+        bytes([len(run) - 1]) + run for run in (data[at : at + 32] for at in range(0, len(data), 32))
+    )
+    body = np.array([len(runs), len(data)], "<u4").tobytes() + runs
+    return _written(folder / "x.pcd", pcd(np.zeros((60, 3)), 60, 1, body, DATA="binary_compressed"))
+
+
+def _flir(folder: Path) -> Path:
+    photo = np.full((6, 8, 3), 90, np.uint8)
+    return _written(
+        folder / "x.jpg", flir_jpeg(np.full((6, 8), 30.0), photo, Written(raw="png", photo="png"))
+    )
 
 
 def _las(suffix: str, folder: Path) -> Path:
@@ -305,6 +324,8 @@ READERS = {
     "npz": Reader(_npz, _read_frames),
     "pcd": Reader(partial(_cloud, "pcd"), _read_frames),
     "ply": Reader(partial(_cloud, "ply"), _read_frames),
+    "pcd-compressed": Reader(_packed_cloud, _read_frames),
+    "flir": Reader(_flir, _read_frames),
     "las": Reader(partial(_las, "las"), _read_frames),
     "laz": Reader(partial(_las, "laz"), _read_frames),
     "images": Reader(_images, _read_frames),

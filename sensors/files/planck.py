@@ -1,0 +1,72 @@
+"""Temperatures of a thermal camera's words: Planck's law by five constants, as FLIR's cameras use it.
+
+Formulas: Minkina and Dudzik, "Infrared Thermography" (2009), and Thermimage (gtatters, ``raw2temp``), with the
+constants that ExifTool's FLIR tables name.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+ZERO_C_K = 273.15
+ROOM_K = 293.15
+"""Taken for a temperature that a file states as 0 K or less."""
+
+
+class Radiometry(NamedTuple):
+    """What a file states of its camera and scene. Temperatures in kelvin, distance in metres, emissivity,
+    humidity and transmission as shares, b in kelvin; alphas, betas and x: of the air."""
+
+    emissivity: float
+    distance_m: float
+    reflected_k: float
+    air_k: float
+    window_k: float
+    window_transmission: float
+    humidity: float
+    r1: float
+    b: float
+    f: float
+    o: float
+    r2: float
+    alphas: tuple[float, float]
+    betas: tuple[float, float]
+    x: float
+
+    def celsius(self, words: NDArray[np.uint16]) -> NDArray[np.float32]:
+        """Temperatures of the scene; NaN for words that no temperature gives."""
+        emissivity, window = _share(self.emissivity), _share(self.window_transmission)
+        air = self._transmission()
+        # What the scene does not emit itself: reflections, window, and air on both sides of the window.
+        reflected = (1 - emissivity) / emissivity * self._words_of(self.reflected_k)
+        before = (1 - air) / emissivity / air * self._words_of(self.air_k)
+        lens = (1 - window) / emissivity / air / window * self._words_of(self.window_k)
+        behind = (1 - air) / emissivity / air**2 / window * self._words_of(self.air_k)
+        scene = words / emissivity / air**2 / window - before - behind - lens - reflected
+        with np.errstate(divide="ignore", invalid="ignore"):
+            kelvin = self.b / np.log(self.r1 / (self.r2 * (scene + self.o)) + self.f)
+        kelvin[~(kelvin > 0) | (scene + self.o <= 0)] = np.nan
+        return np.asarray(kelvin - ZERO_C_K, np.float32)
+
+    def _words_of(self, kelvin: float) -> float:
+        kelvin = kelvin if kelvin > 0 else ROOM_K
+        return float(self.r1 / (self.r2 * (np.exp(self.b / kelvin) - self.f)) - self.o)
+
+    def _transmission(self) -> float:
+        """Share that half of the air lets through."""
+        air_c = (self.air_k if self.air_k > 0 else ROOM_K) - ZERO_C_K
+        water = self.humidity * np.exp(
+            1.5587 + air_c * (0.06939 + air_c * (-0.00027816 + air_c * 0.00000068455))
+        )
+        way = np.sqrt(max(self.distance_m, 0.0) / 2)
+        first, second = (
+            np.exp(-way * (alpha + beta * np.sqrt(max(water, 0.0))))
+            for alpha, beta in zip(self.alphas, self.betas, strict=True)
+        )
+        return _share(float(self.x * first + (1 - self.x) * second))
+
+
+def _share(number: float) -> float:
+    """A share in (0, 1]; 1, which changes nothing, for what a file leaves at 0 or spoils."""
+    return number if 0 < number <= 1 else 1.0
