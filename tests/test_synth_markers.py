@@ -253,8 +253,8 @@ WRITTEN = {
     "motive_qualisys": """Q_HeadL Q_HeadR Q_HeadFront Q_Chest Q_SpineThoracic2 Q_LShoulderTop Q_LElbowOut
         Q_LWristIn Q_WaistLFront Q_WaistRFront Q_WaistBack Q_LKneeOut Q_RKneeOut Q_LAnkleOut Q_RForefoot5""",
     "motive_qualisys ": """Skeleton~001_HeadTop Skeleton~001_BackTop Skeleton~001_Chest
-        Skeleton~001_WaistLFront Skeleton~001_WaistRBack Skeleton~001_LElbowOut Skeleton~001_LKneeOut Skeleton~001_RKneeOut
-        Skeleton~001_LAnkleOut Skeleton~001_LToeOut""",
+        Skeleton~001_WaistLFront Skeleton~001_WaistRBack Skeleton~001_LElbowOut Skeleton~001_LKneeOut
+        Skeleton~001_RKneeOut Skeleton~001_LAnkleOut Skeleton~001_LToeOut""",
     "plug_in_gait": """251112_KUO_LASI 251112_KUO_RASI 251112_KUO_LPSI 251112_KUO_RPSI 251112_KUO_LTHI
         251112_KUO_LKNE 251112_KUO_RKNE 251112_KUO_LANK 251112_KUO_RBAK 251112_KUO_C7""",
 }
