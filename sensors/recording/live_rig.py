@@ -1,44 +1,41 @@
 """A running rig: its newest moment to look at, and every reading on the disk while it is recorded."""
 
-import gc
-import shutil
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from sensors.device.protocol import Device
-from sensors.errors import CloudError, one_line
+from sensors.errors import CalibrationError, CloudError, one_line
+from sensors.recording.arrivals import Arrived, Event
 from sensors.recording.health import FAULT_NS, Health, Watch
-from sensors.recording.intake import Arrived, Event, Intake
+from sensors.recording.image_judge import ImageJudge
+from sensors.recording.intake import Intake
 from sensors.recording.moments import Moment, Moments
 from sensors.recording.newest import Newest
-from sensors.recording.recorder import DISK_FULL, LOOK_S, RESERVE_BYTES, clock_metadata, write_item
+from sensors.recording.quiet_collector import QuietCollector
+from sensors.recording.recorder import LOOK_S, RESERVE_BYTES, Recorder, clock_metadata
 from sensors.rig.rig_calibration import RigCalibration
-from sensors.session.messages import SUBJECT
-from sensors.session.writer import SessionWriter
 
 EVENTS_KEPT = 100
 """Number of events that are kept. Chosen by eye."""
+SETUP_S = 10.0
+"""Seconds after the start in which a camera in a wrong mode ends the rig (untuned)."""
 
-
-@dataclass(frozen=True)
-class Take:
-    """A recording under way. started_s: on ``time.monotonic``."""
-
-    writer: SessionWriter
-    started_s: float
+T = TypeVar("T")
 
 
 class LiveRig:
     """Devices that have started, run by a thread of their own from ``start`` to ``close``.
 
-    name, calibration: the rig's. reopen: opens and starts a device that was lost. moments: the newest moment,
-    which ends with the rig. events: the last that happened, with running numbers. error: what ended the rig.
-    Raises DeviceError where two devices have one stream, or none gives depth.
+    That thread alone writes: no signal interrupts it. name, calibration: the rig's. reopen: opens and starts a
+    device that was lost. moments: the newest moment, which ends with the rig. events: the last that happened,
+    with running numbers. error: what ended the rig. Raises DeviceError where two devices have one stream, or
+    none gives depth.
     """
 
     def __init__(
@@ -54,154 +51,184 @@ class LiveRig:
         self.moments = Newest[Moment]()
         self.events = deque[tuple[int, Event]](maxlen=EVENTS_KEPT)
         self.error: Exception | None = None
-        self._metadata = clock_metadata(devices, latency_ms)
         self._intake = Intake(devices, reopen)
-        self._watch = Watch(rates_hz, {address: round(ms * 1e6) for address, ms in latency_ms.items()})
+        self._watch = Watch(devices, {address: round(ms * 1e6) for address, ms in latency_ms.items()})
         self._pairing = Moments(rates_hz)
-        self._writing = threading.Lock()
-        self._take: Take | None = None
-        self._folder, self._free_bytes = Path.cwd(), 0
-        self._trouble = ""
+        self._recorder = Recorder(name, calibration, clock_metadata(devices, latency_ms))
+        self._judge, self._left_out = ImageJudge(calibration), dict[str, Event]()
+        self._collector = QuietCollector()
+        self._counting, self._asking = threading.Lock(), threading.Lock()
+        self._asked: deque[Callable[[], None]] = deque()
+        self._serving = False
+        self._started_s = 0.0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="rig", daemon=True)
 
     def start(self) -> None:
         """Begin to read."""
+        self._started_s, self._serving = time.monotonic(), True
+        self._collector.begin()
         self._thread.start()
 
     def close(self) -> None:
         """End the recording and the thread, and give the devices back; idempotent."""
         self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join()
-        elif self._thread.ident is None:
+        self._intake.wake()
+        if self._thread.ident is None:
             self._intake.__exit__()
-        self.end_recording()
+            self._recorder.end()
+        else:
+            self._thread.join()
+        self._collector.end()
 
     # Recording
 
-    def record(self, path: Path, subject: str = "", overwrite: bool = False) -> None:
-        """Write every reading from now on into a session. subject: the name of the person, "" if unknown.
+    def record(
+        self, path: Path, subject: str = "", overwrite: bool = False, infrared: bool = False
+    ) -> None:
+        """Write every reading from now on into a session, from the first one if the rig has not started.
 
-        Raises ExistsError, and CloudError while another recording goes on or after the rig has ended.
+        subject: the name of the person, "" if unknown. infrared: whether to keep infrared images, which
+        ``calibrate`` needs. Raises ExistsError, and CloudError while another recording goes on or after the rig has
+        ended.
         """
-        if self.moments.ended:
-            raise CloudError(f"{self.name} has stopped, there is nothing to record: {self.error or 'closed'}")
-        if self._take is not None:
-            raise CloudError(f"{self._take.writer.path} is being recorded; end that recording first")
-        metadata = self._metadata | ({SUBJECT: subject} if subject else {})
-        writer = SessionWriter(path, self.calibration, self.name, overwrite=overwrite, metadata=metadata)
-        writer.__enter__()
-        # Over what has been loaded since, too (see ``Intake``): kernels, networks, the window.
-        gc.freeze()
-        self._folder, self._trouble = path.parent, ""
-        with self._writing:
-            self._take = Take(writer, time.monotonic())
+
+        def begin() -> None:
+            if self.moments.ended:
+                why = self.error or "closed"
+                raise CloudError(f"{self.name} has stopped, there is nothing to record: {why}")
+            self._recorder.begin(path, subject, overwrite, infrared)
+
+        self._in_thread(begin)
+        # Over what has been loaded since the start, too: kernels, networks, the window.
+        self._collector.freeze()
 
     def end_recording(self) -> Path | None:
         """End the recording, if there is one; its session, whole and on the disk. Raises OSError."""
-        with self._writing:
-            take, self._take = self._take, None
-        if take is None:
-            return None
-        try:
-            take.writer.__exit__(None)
-        except OSError as error:
-            self._trouble = _cut_off(take, error)
-            raise
-        return take.writer.path
+        return self._in_thread(self._end_recording)
 
     def mark(self, text: str) -> None:
         """Note an event, in the recording too if there is one."""
-        self._keep(Event(self._intake.now_ns(), one_line(text)))
+        self._in_thread(lambda: self._keep(Event(self._intake.now_ns(), one_line(text))))
+
+    @property
+    def recorded_events(self) -> Mapping[str, int]:
+        """How often each text was noted in the recording, or in the last one."""
+        last = self._recorder.last
+        return dict(last.events) if last else {}
+
+    def _end_recording(self) -> Path | None:
+        self._take_in()
+        return self._recorder.end()
 
     # Looking
 
     def health(self) -> Health:
         """The rig as it is now."""
-        now_ns, take, watch = self._intake.now_ns(), self._take, self._watch
-        with self._writing:
-            streams, skew, bytes_per_s = watch.streams(now_ns), watch.skew_ppm(), watch.bytes_per_s()
-        left_s = max(0, self._free_bytes - RESERVE_BYTES) / bytes_per_s if bytes_per_s else float("inf")
+        now_ns, watch, away = self._intake.now_ns(), self._watch, self._intake.away
+        take, free_bytes = self._recorder.take, self._recorder.free_bytes
+        with self._counting:
+            streams, skew, bytes_per_s = watch.streams(now_ns, away), watch.skew_ppm(), watch.bytes_per_s()
+        left_s = max(0, free_bytes - RESERVE_BYTES) / bytes_per_s if bytes_per_s else float("inf")
         return Health(
             streams,
-            tuple(sorted(self._intake.away)),
+            tuple(sorted(away)),
             watch.flag_closed_s(now_ns),
             skew,
-            watch.running_s(now_ns),
             take.writer.path if take else None,
             time.monotonic() - take.started_s if take else 0.0,
-            left_s / 60 if self._free_bytes else float("inf"),
-            self._trouble,
+            left_s / 60 if free_bytes else float("inf"),
+            self._recorder.trouble,
             tuple(
                 fault.text
-                for fault in list(self._intake.faults.values())
+                for fault in [*self._intake.faults.values(), *self._left_out.values()]
                 if now_ns - fault.stamp_ns < FAULT_NS
             ),
         )
 
     # The thread
 
+    def _in_thread(self, action: Callable[[], T]) -> T:
+        """The result of an action of the rig's thread, or of the caller's where that does not run."""
+        future = Future[T]()
+
+        def act() -> None:
+            try:
+                future.set_result(action())
+            except BaseException as error:  # the caller gets it
+                future.set_exception(error)
+
+        with self._asking:
+            if asked := self._serving:
+                self._asked.append(act)
+        if asked:
+            self._intake.wake()
+        else:
+            act()
+        return future.result()
+
     def _run(self) -> None:
-        looked_s = 0.0
         try:
             with self._intake:
-                while not self._stop.is_set():
-                    self._turn()
-                    if time.monotonic() - looked_s >= LOOK_S:
-                        looked_s = time.monotonic()
-                        self._look_at_disk()
-                    self._intake.wait(0.02)
-            self._turn()
-        except Exception as error:  # the reader raises it: here it would die with the thread
+                self._serve()
+            self._take_in()
+        except Exception as error:  # whoever looks raises it: here it would die with the thread
             self.error = error
-            with suppress(OSError):
-                self.end_recording()
+            if isinstance(error, CalibrationError):
+                # A camera in a wrong mode: what came in the first seconds is nothing to keep.
+                self._recorder.discard()
         finally:
+            with suppress(OSError):
+                self._recorder.end()
             self.moments.end()
+            with self._asking:
+                self._serving = False
+            self._do_asked()
 
-    def _turn(self) -> None:
-        """All that has come: kept, counted and paired."""
+    def _serve(self) -> None:
+        looked_s = 0.0
+        while not self._stop.is_set():
+            self._do_asked()
+            self._take_in()
+            moment = self._pairing.newest(self._intake.now_ns())
+            if moment is not None:
+                self.moments.put(moment)
+            if time.monotonic() - looked_s >= LOOK_S:
+                looked_s = time.monotonic()
+                self._recorder.look_at_disk(self._intake.now_ns())
+            self._intake.wait(0.02)
+
+    def _do_asked(self) -> None:
+        while self._asked:
+            self._asked.popleft()()
+
+    def _take_in(self) -> None:
+        """All that has come: judged, counted, paired and written."""
         for item in self._intake.drain():
             self._keep(item)
-        moment = self._pairing.newest(self._intake.now_ns())
-        if moment is not None:
-            moment.frame.sized_as(self.calibration)
-            self.moments.put(moment)
 
     def _keep(self, item: Arrived | Event) -> None:
-        with self._writing:
-            if isinstance(item, Event):
+        if isinstance(item, Event):
+            with self._counting:
                 number = self.events[-1][0] + 1 if self.events else 1
                 self.events.append((number, item))
-            else:
-                self._pairing.add(item, self._watch.add(item))
-            if self._take is None:
-                return
-            try:
-                write_item(self._take.writer, item)
-            except OSError as error:
-                self._abandon(error)
+            self._recorder.write(item)
+            return
+        fault = self._fault(item) if item.usable else ""
+        with self._counting:
+            host_ns = self._watch.add(item, left_out=bool(fault))
+        if fault:
+            event = Event(item.stamp_ns, fault, item.arrival_ns)
+            self._left_out[item.reading.stream] = event
+            self._keep(event)
+        else:
+            self._pairing.add(item, host_ns)
+            self._recorder.write(item)
 
-    def _look_at_disk(self) -> None:
-        with suppress(OSError):
-            self._free_bytes = shutil.disk_usage(self._folder).free
-        if self._take is not None and self._free_bytes < RESERVE_BYTES:
-            self._keep(Event(self._intake.now_ns(), DISK_FULL))
-            with suppress(OSError):
-                self.end_recording()
-            self._trouble = self._trouble or DISK_FULL
-
-    def _abandon(self, error: OSError) -> None:
-        """End a recording that the disk refuses; what was written stays, as a session that was cut off."""
-        take, self._take = self._take, None
-        if take is not None:
-            with suppress(OSError):
-                take.writer.__exit__(OSError)
-            self._trouble = _cut_off(take, error)
-
-
-def _cut_off(take: Take, error: OSError) -> str:
-    """What to say of a recording that the disk refuses."""
-    why = error.strerror or error
-    return f"the recording ended: {why}; {take.writer.partial} holds what came before: repair it"
+    def _fault(self, item: Arrived) -> str:
+        try:
+            return self._judge.fault(item.reading.value)
+        except CalibrationError as error:
+            if time.monotonic() - self._started_s < SETUP_S:
+                raise
+            return str(error)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.device.protocol import ColorImage, DepthImage, Spot, ThermalImage
-from sensors.recording.intake import Arrived
+from sensors.recording.arrivals import Arrived
 from sensors.rig.frame import RigFrame
 from sensors.rig.pairing import COLOR_WINDOW_NS, SPOT_WINDOW_NS, THERMAL_WINDOW_NS
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sensors.errors import CloudError
 from sensors.recording.health import Health, StreamHealth
-from sensors.recording.intake import Event
+from sensors.recording.arrivals import Event
 from sensors.recording.moments import Moment
 from sensors.recording.newest import Newest
 from sensors.rig.frame import FrameSource
@@ -59,10 +59,7 @@ class Playback:
     def health(self) -> Health:
         """The pace of the frames."""
         count, running_s = self.moments.count, time.monotonic() - self._started_s
-        return Health(
-            {"depth": StreamHealth(0.0, count / max(running_s, 1e-9), silent_s=0.0, count=count)},
-            running_s=running_s,
-        )
+        return Health({"depth": StreamHealth(0.0, count / max(running_s, 1e-9), silent_s=0.0, count=count)})
 
     def _run(self) -> None:
         due_s, last_ns = time.monotonic(), None

@@ -1,4 +1,4 @@
-"""Recording: what devices give is written into a session by one thread, that of the caller.
+"""Recorder of a rig: everything that comes is written into sessions, one take after another.
 
 Every message keeps its device's stamp; ``sensors.rig.clock`` fits the clocks when the session is read.
 """
@@ -6,19 +6,23 @@ Every message keeps its device's stamp; ``sensors.rig.clock`` fits the clocks wh
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
 
 from sensors.device.protocol import ColorImage, DepthImage, Device, Spot, ThermalCounts, ThermalImage
-from sensors.interrupt import interruptible
-from sensors.recording.intake import Arrived, Event, Intake, StreamState
+from sensors.errors import CloudError, FormatError
+from sensors.recording.arrivals import Arrived, Event
 from sensors.rig.pairing import CLOCK, LATENCY
+from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.messages import (
     COLOR,
     COUNTS,
     DEPTH,
     INFRARED,
     PYROMETER,
+    SUBJECT,
     THERMAL,
     color_message,
     image_message,
@@ -28,7 +32,7 @@ from sensors.session.messages import (
 from sensors.session.writer import SessionWriter
 
 LOOK_S = 1.0
-"""Seconds between two checks of the disk's free space, and two updates of the preview. Chosen by eye."""
+"""Seconds between two checks of the disk's free space. Chosen by eye."""
 RESERVE_BYTES = 300_000_000
 """Space that has to stay free: 20 s of raw depth, and what the system itself needs. Chosen by eye."""
 TOPICS = {
@@ -39,19 +43,6 @@ TOPICS = {
 }
 """Topics of a device's streams."""
 DISK_FULL = "disk nearly full: recording ended"
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """End of a recording. why: "asked" (by time or Ctrl-C), "disk" (full) or "lost" (the depth camera).
-
-    events: how often each text was noted.
-    """
-
-    seconds: float
-    streams: dict[str, StreamState]
-    events: Counter[str]
-    why: str
 
 
 def clock_metadata(devices: Sequence[Device], latency_ms: Mapping[str, float]) -> dict[str, str]:
@@ -71,8 +62,8 @@ def clock_metadata(devices: Sequence[Device], latency_ms: Mapping[str, float]) -
 def write_item(writer: SessionWriter, item: Arrived | Event, infrared: bool = False) -> None:
     """Write a reading or an event; what a closed flag makes worthless is left out.
 
-    infrared: whether to keep the depth camera's amplitude images, which calibration needs. Raises OSError,
-    and CalibrationError for an image of another size than its camera's calibration.
+    infrared: whether to keep the depth camera's amplitude images, which calibration needs. Images were judged
+    before (``ImageJudge``). Raises OSError, and FormatError for an impossible time.
     """
     if isinstance(item, Event):
         writer.event(item.stamp_ns, item.text, item.arrival_ns)
@@ -90,59 +81,96 @@ def write_item(writer: SessionWriter, item: Arrived | Event, infrared: bool = Fa
         case Spot(target_c, head_c, box_c):
             writer.add(PYROMETER, spot_message(target_c, head_c, box_c, stamp), stamp, arrival)
         case ThermalImage(celsius):
-            # Else every frame would be refused when the session is read.
-            if (camera := writer.calibration.thermal) is not None:
-                camera.check_size("thermal image", celsius.shape)
             writer.add(THERMAL, thermal_message(celsius, stamp), stamp, arrival)
         case ThermalCounts(counts):
             writer.add(COUNTS, image_message(counts, "thermal", stamp), stamp, arrival)
 
 
-class Recorder:
-    """Records devices that have started into an open session; ``run`` closes them.
+@dataclass(frozen=True)
+class Take:
+    """A recording under way. started_s: on ``time.monotonic``. infrared: as of ``write_item``.
 
-    infrared: as of ``write_item``. Raises DeviceError as ``Intake`` does.
+    events: how often each text was noted.
     """
 
-    def __init__(self, devices: Sequence[Device], writer: SessionWriter, infrared: bool = False) -> None:
-        self._intake, self._writer, self._infrared = Intake(devices), writer, infrared
-        self.streams = self._intake.streams
-        self.events = Counter[str]()
+    writer: SessionWriter
+    started_s: float
+    infrared: bool
+    events: Counter[str] = field(default_factory=Counter)
 
-    def run(self, enough: Callable[[], bool], show: Callable[["Recorder"], None]) -> Recorded:
-        """Record until ``enough`` or the disk is nearly full or the depth camera is lost.
 
-        ``show`` is called once a second. Raises OSError when the disk fails.
-        """
-        started = time.monotonic()
-        try:
-            with interruptible(), self._intake:
-                why = self._write(enough, show)
-        except KeyboardInterrupt:
-            why = "asked"
-        self._drain()
-        return Recorded(time.monotonic() - started, self.streams, self.events, why)
+class Recorder:
+    """Writes a rig's readings and events into sessions. For one thread.
 
-    def _write(self, enough: Callable[[], bool], show: Callable[["Recorder"], None]) -> str:
-        looked = time.monotonic()
-        while not enough():
-            self._drain()
-            if self._intake.depth_lost:
-                return "lost"
-            self._intake.wait(0.02)
-            if time.monotonic() - looked >= LOOK_S:
-                looked = time.monotonic()
-                show(self)
-                if shutil.disk_usage(self._writer.path.parent).free < RESERVE_BYTES:
-                    self._keep(Event(self._intake.now_ns(), DISK_FULL))
-                    return "disk"
-        return "asked"
+    take: the recording under way. last: the one before, or that. trouble: why the last recording ended by
+    itself, "" where it did not. free_bytes: of the disk, 0 where unknown.
+    """
 
-    def _drain(self) -> None:
-        for item in self._intake.drain():
-            self._keep(item)
+    def __init__(self, name: str, calibration: RigCalibration, metadata: dict[str, str]) -> None:
+        self._name, self._calibration, self._metadata = name, calibration, metadata
+        self._folder = Path.cwd()
+        self.take: Take | None = None
+        self.last: Take | None = None
+        self.trouble, self.free_bytes = "", 0
 
-    def _keep(self, item: Arrived | Event) -> None:
+    def begin(self, path: Path, subject: str, overwrite: bool, infrared: bool) -> None:
+        """Begin a session. Raises ExistsError, and CloudError while another recording goes on."""
+        if self.take is not None:
+            raise CloudError(f"{self.take.writer.path} is being recorded; end that recording first")
+        metadata = self._metadata | ({SUBJECT: subject} if subject else {})
+        writer = SessionWriter(path, self._calibration, self._name, overwrite=overwrite, metadata=metadata)
+        writer.__enter__()
+        self._folder, self.trouble = path.parent, ""
+        self.take = self.last = Take(writer, time.monotonic(), infrared)
+
+    def write(self, item: Arrived | Event) -> None:
+        """Write a reading or an event, if a session is being recorded."""
+        if (take := self.take) is None:
+            return
         if isinstance(item, Event):
-            self.events[item.text] += 1
-        write_item(self._writer, item, self._infrared)
+            take.events[item.text] += 1
+        try:
+            write_item(take.writer, item, take.infrared)
+        except FormatError as error:
+            self.write(Event(item.stamp_ns, f"left out: {error}", item.arrival_ns))
+        except OSError as error:
+            self.take = None
+            with suppress(OSError):
+                take.writer.__exit__(OSError)
+            self.trouble = _cut_off(take, error)
+
+    def end(self) -> Path | None:
+        """End the session, if there is one; its path, whole and on the disk. Raises OSError."""
+        take, self.take = self.take, None
+        if take is None:
+            return None
+        try:
+            take.writer.__exit__(None)
+        except OSError as error:
+            self.trouble = _cut_off(take, error)
+            raise
+        return take.writer.path
+
+    def discard(self) -> None:
+        """End the session, if there is one, and remove it."""
+        take, self.take = self.take, None
+        if take is not None:
+            with suppress(OSError):
+                take.writer.__exit__(OSError)
+            take.writer.partial.unlink(missing_ok=True)
+
+    def look_at_disk(self, now_ns: int) -> None:
+        """End the session where the disk is nearly full."""
+        with suppress(OSError):
+            self.free_bytes = shutil.disk_usage(self._folder).free
+        if self.take is not None and self.free_bytes < RESERVE_BYTES:
+            self.write(Event(now_ns, DISK_FULL))
+            with suppress(OSError):
+                self.end()
+            self.trouble = self.trouble or DISK_FULL
+
+
+def _cut_off(take: Take, error: OSError) -> str:
+    """Text on a recording that the disk refuses."""
+    why = error.strerror or error
+    return f"the recording ended: {why}; {take.writer.partial} holds what came before: repair it"

@@ -2,8 +2,12 @@
 
 A message arrives after a delay that is never negative: transport, plus whatever the host was busy with. The
 line below all delays, as near to them as can be, is the clock; stalls and jitter only lie above it.
+
+A device that was unplugged, or whose clock was set, begins an *epoch* with another offset. Each epoch is fitted
+by itself.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +15,11 @@ from numpy.typing import NDArray
 
 LIMIT_SKEW = 200e-6
 """No crystal of a camera or host is off by more; a steeper envelope is jitter over a short time."""
+BACK, SET_ANEW = "{} is back", "{}: its clock was set"
+"""Events at which a clock begins an epoch; the clock's name is in them."""
+EPOCH_MARGIN_NS = 100_000_000
+"""Nanoseconds before an epoch's first reading in which its readings may be stamped too: another stream of
+the device is stamped earlier and arrives later. At least as long before that, there is no reading."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +48,12 @@ def fit_clock(stamps_ns: NDArray[np.int64], arrivals_ns: NDArray[np.int64]) -> C
     base = int(delay.min())
     skew, offset = _envelope(since, (delay - base).astype(np.float64))
     return Clock(base + round(offset), skew, origin)
+
+
+def begins_of(name: str, events: Iterable[tuple[int, str]]) -> NDArray[np.int64]:
+    """int64 (k,): stamps from which on a clock's epochs 1 .. k are. events: (stamp in ns, text)."""
+    texts = {BACK.format(name), SET_ANEW.format(name)}
+    return np.array(sorted(at_ns - EPOCH_MARGIN_NS for at_ns, text in events if text in texts), np.int64)
 
 
 def _envelope(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:

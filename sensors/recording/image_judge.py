@@ -1,0 +1,90 @@
+"""Judge of single images while devices are read: a garbled one is left out, a wrong mode ends the rig."""
+
+import io
+from collections import Counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.device.protocol import ColorImage, DepthImage, Spot, ThermalCounts, ThermalImage, Value
+from sensors.errors import CalibrationError
+from sensors.rig.camera import Intrinsics
+from sensors.rig.rig_calibration import RigCalibration
+
+SETUP_IMAGES = 10
+"""First images of a stream that must all be bad for its camera to count as set up wrongly (untuned)."""
+JPEG, JPEG_END = b"\xff\xd8", b"\xff\xd9"
+"""First and last marker of a JPEG (ITU-T T.81, table B.1)."""
+PADDING_BYTES = 4096
+"""Bytes after a JPEG's last marker that some cameras pad their images with (untuned)."""
+NAMES = {"depth": "depth", "color": "colour", "thermal": "thermal", "pyrometer": "pyrometer"}
+"""Names of streams in messages."""
+
+
+class ImageJudge:
+    """Judge of a rig's images.
+
+    A stream of which no image was ever good and the first ``SETUP_IMAGES`` were bad has a camera in another
+    mode than the calibration's: that is no fault of one image.
+    """
+
+    def __init__(self, calibration: RigCalibration) -> None:
+        self._calibration = calibration
+        self._good, self._bad = set[str](), Counter[str]()
+
+    def fault(self, value: Value) -> str:
+        """Fault of an image in words, "" for a good one. Raises CalibrationError for a wrong mode."""
+        if not (why := _fault(value, self._calibration)):
+            self._good.add(value.stream)
+            return ""
+        self._bad[value.stream] += 1
+        name, number = NAMES[value.stream], self._bad[value.stream]
+        if value.stream not in self._good and number == SETUP_IMAGES:
+            raise CalibrationError(
+                f"{name}: each of the first {number} images is {why}; set the camera to the calibrated mode, "
+                "or give the calibration of this mode"
+            )
+        return f"{name}: an image that is {why}, left out"
+
+
+def _fault(value: Value, calibration: RigCalibration) -> str:
+    match value:
+        case DepthImage(depth_mm, infrared):
+            fault = _misshapen(depth_mm, np.dtype(np.uint16), calibration.depth)
+            if not fault and infrared is not None:
+                fault = _misshapen(infrared, np.dtype(np.uint16), calibration.depth)
+            return fault
+        case ColorImage(encoded):
+            return _garbled(encoded, calibration.color)
+        case ThermalImage(celsius):
+            return _misshapen(celsius, np.dtype(np.float32), calibration.thermal)
+        case ThermalCounts(counts):
+            return _misshapen(counts, np.dtype(np.uint16), None)
+        case Spot():
+            return ""
+
+
+def _misshapen(image: NDArray[np.generic], dtype: np.dtype[np.generic], camera: Intrinsics | None) -> str:
+    if image.ndim != 2 or image.dtype != dtype or not image.size:
+        return "none"
+    return _of_size(image.shape[1], image.shape[0], camera)
+
+
+def _garbled(encoded: bytes, camera: Intrinsics | None) -> str:
+    """Fault of a camera's own JPEG or PNG bytes by its header and its end: nothing is decoded."""
+    from PIL import Image
+
+    try:
+        with Image.open(io.BytesIO(encoded), formats=("JPEG", "PNG")) as header:
+            width, height = header.size
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+        return "none"
+    if encoded.startswith(JPEG) and encoded.rfind(JPEG_END, max(0, len(encoded) - PADDING_BYTES)) < 0:
+        return "cut off"
+    return _of_size(width, height, camera)
+
+
+def _of_size(width: int, height: int, camera: Intrinsics | None) -> str:
+    if camera is None or (height, width) == camera.shape:
+        return ""
+    return f"{width}x{height} instead of {camera.width}x{camera.height}"
