@@ -35,7 +35,7 @@ from sensors.rig.rig_calibration import (
     save_calibration,
 )
 from sensors.session.index import PLACE
-from sensors.session.reader import host_times
+from sensors.session.host_times import host_times
 from synth.clothes import makehuman_garments
 from synth.clothes.makehuman_garments import read_garment
 from synth.markers import joint_file as joint_files
@@ -153,7 +153,7 @@ def test_a_camera_s_latency():
     places["stamp_ns"] = places["arrival_ns"] = np.arange(5) * 10**9
     for late_ms, taken_ms in ((MAX_LATENCY_MS, MAX_LATENCY_MS), (MAX_LATENCY_MS + 1, 0)):
         stated = {"clock /depth/image": "kinect2", "latency /depth/image": f"{late_ms:g}"}
-        host_ns = host_times({"/depth/image": places}, stated)["/depth/image"]
+        host_ns = host_times({"/depth/image": places}, stated).ns["/depth/image"]
         np.testing.assert_allclose(places["stamp_ns"] - host_ns, taken_ms * 1e6, atol=1)
     assert RecordingRig("rig", ("a:b",), None, {"a:b": MAX_LATENCY_MS}).latency_ms
     with pytest.raises(DeviceError, match="0 to 1000"):

@@ -8,7 +8,7 @@ by itself.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,10 @@ BACK, SET_ANEW = "{} is back", "{}: its clock was set"
 EPOCH_MARGIN_NS = 100_000_000
 """Nanoseconds before an epoch's first reading in which its readings may be stamped too: another stream of
 the device is stamped earlier and arrives later. At least as long before that, there is no reading."""
+MOST_LATE_NS = 60_000_000_000
+"""Nanoseconds by which an epoch's fit is moved back at most: what a damaged file states is not believed."""
+AGREE_NS, EXPOSURE_NS = 5_000_000, 20_000_000
+"""Nanoseconds of delay within which readings agree, and within which stamps may be of one exposure (untuned)."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,55 @@ def fit_clock(stamps_ns: NDArray[np.int64], arrivals_ns: NDArray[np.int64]) -> C
     base = int(delay.min())
     skew, offset = _envelope(since, (delay - base).astype(np.float64))
     return Clock(base + round(offset), skew, origin)
+
+
+@dataclass(frozen=True)
+class EpochClock:
+    """Clock of one device in all its epochs. begins_ns: (k,) stamps at which epochs 1 .. k begin.
+
+    clocks: of the epochs that have readings, by number. unsure: numbers of epochs whose readings do not agree on
+    the offset: too few, and the first one after a device was opened is often late.
+    """
+
+    begins_ns: NDArray[np.int64]
+    clocks: dict[int, Clock]
+    unsure: frozenset[int]
+
+    def host_ns(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Device stamps (n,), each of an epoch that was fitted, on the host's clock."""
+        epoch, host = self._epoch(stamps_ns), stamps_ns.copy()
+        for number, clock in self.clocks.items():
+            host[epoch == number] = clock.host_ns(stamps_ns[epoch == number])
+        return host
+
+    def sure(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Flags (n,) of device stamps whose time on the host's clock is sure."""
+        return ~np.isin(self._epoch(stamps_ns), list(self.unsure))
+
+    def _epoch(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.intp]:
+        return np.searchsorted(self.begins_ns, stamps_ns, "right")
+
+
+def fit_epochs(
+    stamps_ns: NDArray[np.int64], arrivals_ns: NDArray[np.int64], begins_ns: NDArray[np.int64]
+) -> EpochClock:
+    """Fit each epoch of a clock to the host's arrivals, both (n,), n >= 1.
+
+    Readings keep their order: a fit that is later than the first reading of the epoch after it is too late.
+    """
+    epoch = np.searchsorted(begins_ns, stamps_ns, "right")
+    clocks, unsure, next_ns = dict[int, Clock](), set[int](), 1 << 62
+    for number in np.unique(epoch)[::-1].tolist():
+        stamps, arrivals = stamps_ns[epoch == number], arrivals_ns[epoch == number]
+        clock = fit_clock(stamps, arrivals)
+        host = clock.host_ns(stamps)
+        late_ns = int(np.clip(int(host.max()) - next_ns + 1, 0, MOST_LATE_NS))
+        clocks[number] = replace(clock, offset_ns=clock.offset_ns - late_ns)
+        next_ns = int(host.min()) - late_ns
+        on_line = stamps[arrivals - host <= AGREE_NS]
+        if len(begins_ns) and np.ptp(on_line) < EXPOSURE_NS:
+            unsure.add(number)
+    return EpochClock(begins_ns, clocks, frozenset(unsure))
 
 
 def begins_of(name: str, events: Iterable[tuple[int, str]]) -> NDArray[np.int64]:

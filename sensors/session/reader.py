@@ -9,20 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import CloudError, one_line
-from sensors.rig.clock import fit_clock
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.pairing import (
-    CLOCK,
     COLOR_WINDOW_NS,
-    LATENCY,
-    MAX_LATENCY_MS,
     SPOT_WINDOW_NS,
     interpolate,
     pair_stamps,
     thermal_window_ns,
 )
 from sensors.rig.thermal_reference import LEAST_READINGS, READINGS, ThermalReference
-from sensors.session.index import Places, read_contents
+from sensors.session.host_times import host_times
+from sensors.session.index import read_contents
 from sensors.session.lock import RecordingError, is_being_recorded
 from sensors.session.mcap_records import MessageReader
 from sensors.session.messages import (
@@ -78,15 +75,15 @@ class Session(FrameSource):
         self.subject = one_line(self.metadata.get(SUBJECT, ""))
         self._places = contents.places
         self.times_ns = self._places[DEPTH]["stamp_ns"]
-        host = host_times(self._places, self.metadata)
+        host = host_times(self._places, self.metadata, self.events)
         depth_ns, infrared_ns = (self._places[topic]["stamp_ns"] for topic in (DEPTH, INFRARED))
         self._pairs = {
             DEPTH: np.arange(len(self)),
-            COLOR: pair_stamps(host[DEPTH], host[COLOR], COLOR_WINDOW_NS),
-            THERMAL: pair_stamps(host[DEPTH], host[THERMAL], thermal_window_ns(host[THERMAL])),
+            COLOR: host.pairs(DEPTH, COLOR, COLOR_WINDOW_NS),
+            THERMAL: host.pairs(DEPTH, THERMAL, thermal_window_ns(host.ns[THERMAL])),
             INFRARED: pair_stamps(depth_ns, infrared_ns, 0),  # one exposure gives both
         }
-        self._host = host
+        self._host = host.ns
         self.is_being_recorded = self.truncated and is_being_recorded(path)
         self._reader = MessageReader(path)
 
@@ -181,35 +178,6 @@ class Session(FrameSource):
             return b""
         place = self._places[topic][index]
         return self._reader.read(int(place["offset"]), int(place["slot"]), int(place["stamp_ns"]))
-
-
-def host_times(places: dict[str, Places], metadata: dict[str, str]) -> dict[str, NDArray[np.int64]]:
-    """int64 (n,) by topic: when each message was made, on one clock for all.
-
-    A recording's metadata name the clock that stamped a topic (``clock /depth/image``); each of those is
-    fitted to the host's. Topics of no stated clock are stamped by one and the same.
-    """
-    host = {topic: found["stamp_ns"] for topic, found in places.items()}
-    clocks: dict[str, list[str]] = {}
-    for topic, found in places.items():
-        name = metadata.get(f"{CLOCK}{topic}")
-        if name is not None and len(found):
-            clocks.setdefault(name, []).append(topic)
-    for topics in clocks.values():
-        both = np.concatenate([places[topic] for topic in topics])
-        clock = fit_clock(both["stamp_ns"], both["arrival_ns"])
-        for topic in topics:
-            late_ns = round(_latency_ms(metadata.get(f"{LATENCY}{topic}", "0")) * 1e6)
-            host[topic] = clock.host_ns(places[topic]["stamp_ns"]) - late_ns
-    return host
-
-
-def _latency_ms(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        return 0.0
-    return value if 0 <= value <= MAX_LATENCY_MS else 0.0
 
 
 def _rate(stamps_ns: NDArray[np.int64]) -> StreamRate:
