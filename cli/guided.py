@@ -9,7 +9,7 @@ import numpy as np
 
 from annotate.live.rig_complaints import rig_complaints
 from cli.console import say
-from cli.rig_devices import check_infrared, ended_by_sigterm, open_rig
+from cli.rig_devices import check_infrared, open_rig
 from sensors.calibrate.bundle import Adjusted
 from sensors.calibrate.guide import Guidance, Room, guide, is_new, next_wish
 from sensors.calibrate.guide_picture import guide_picture
@@ -17,7 +17,7 @@ from sensors.calibrate.hole_plate import HolePlate
 from sensors.calibrate.plate_view import PlateView, view_plate, with_all_cameras
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.atomic import check_free, write_bytes
-from sensors.interrupt import interruptible
+from sensors.interrupt import Ending, ended_by_signals, interrupted_by_signals, interruptible
 from sensors.recording.live_rig import LiveRig
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
@@ -50,13 +50,14 @@ def guided_calibration(
         now = guided(iter(session), plate, session.calibration, picture, None)
     else:
         check_free(board, overwrite)
-        running = open_rig(rig, device)
         with (
-            ended_by_sigterm(),
-            closing(running),
+            interrupted_by_signals(),
+            closing(open_rig(rig, device)) as running,
+            ended_by_signals() as ending,
             SessionWriter(board, running.calibration, running.name, overwrite=overwrite) as writer,
         ):
-            now = guided(rig_frames(running), plate, running.calibration, picture, writer.write)
+            frames = rig_frames(running, ending)
+            now = guided(frames, plate, running.calibration, picture, writer.write)
     if now.found is None:
         raise CalibrationError(
             f"{len(now.seen)} views of the plate were taken, which are too few; hold it as {picture} shows, "
@@ -116,15 +117,19 @@ def _looked(
         return None
 
 
-def rig_frames(running: LiveRig) -> Iterator[RigFrame]:
+def rig_frames(running: LiveRig, ending: Ending) -> Iterator[RigFrame]:
     """The newest frame of a rig again and again; it runs until the last is taken. Raises what ended it.
 
+    Frames end with a signal, which interrupts nothing: they are being recorded.
     Says what is wrong with a rig that gives none. Raises CalibrationError where none has infrared.
     """
     running.start()
     seen, blind, told = 0, 0, set[str]()
     try:
         while not running.moments.ended:
+            if ending.asked:
+                say("stopped by a signal")
+                break
             if (newest := running.moments.after(seen, 0.5)) is None:
                 wrong = [one for one in rig_complaints(running.health()) if one.kind not in told]
                 told |= {one.kind for one in wrong}

@@ -34,16 +34,15 @@ def live(
     json: Json = False,
 ) -> None:
     """Label a running rig live, or play a session; show parts, joints, and what is wrong with the rig."""
-    if sum((session is not None, rig is not None, bool(device))) != 1:
-        raise DeviceError("nothing to show; give either a session, --rig, or one or more --device")
+    from cli.rig_devices import asked_rig, check_one_source
+
+    check_one_source(session=session, rig=rig, device=device)
     if session is not None:
         if record is not None:
             raise DeviceError(f"{session} is played back, which cannot be recorded; leave out --record")
         check_there(recording_at(session))
         opener_at(session)
     else:
-        from cli.rig_devices import asked_rig
-
         asked_rig(rig, device)
     if record is not None:
         check_free(record, overwrite)

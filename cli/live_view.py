@@ -5,7 +5,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from annotate.reader.network import shipped_reader
 from annotate.suit.palette import Suit
 from cli.console import finish, say
 from cli.extras import needing
-from cli.rig_devices import ended_by_sigterm, open_rig
+from cli.rig_devices import open_rig
 from eval.network.bearing import Bearing, joint_row
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import NetworkSurvey
@@ -29,7 +29,7 @@ from eval.network.sides import sided
 from eval.scores.joints import JOINT, JOINT_NAMES
 from eval.scores.skeleton_fit import BONES
 from sensors.importers.open_source import open_source
-from sensors.interrupt import interruptible
+from sensors.interrupt import Ending, ended_by_signals, interrupted_by_signals
 from sensors.recording.playback import Playback
 from sensors.rig.camera import Intrinsics
 
@@ -54,16 +54,19 @@ def watch(
     json: bool,
 ) -> None:
     """What ``live`` does, with its arguments."""
-    with ended_by_sigterm(), serving(port if serve else None) as stream:
+    show = None if json else print_joints
+    with interrupted_by_signals(), serving(port if serve else None) as stream:
         opened: Rig = Playback(open_source(session)) if session else open_rig(rig, device)
-        with closing(opened) as running:
+        with closing(opened) as running, ended_by_signals() as ending:
             if not no_window:
-                look_at(running, palette, record, overwrite, seconds, json, subject, stream)
+                look_at(running, palette, record, overwrite, seconds, json, ending, subject, stream)
                 return
             with run_pipeline(running, labelling_by(palette), stream) as pipeline:
                 if record is not None:
                     running.record(record, subject, overwrite)
-                show_lines(pipeline, _end_s(seconds), None if json else print_joints)
+                shown = show_lines(pipeline, _end_s(seconds), show, ending)
+            # The frame that was being labelled at the end.
+            show_newest(pipeline, shown, show)
     _finish(running, pipeline, json)
 
 
@@ -97,6 +100,7 @@ def look_at(
     overwrite: bool,
     seconds: float | None,
     json: bool,
+    ending: Ending,
     subject: str = "",
     stream: Stream = unstreamed,
 ) -> None:
@@ -108,7 +112,7 @@ def look_at(
     with run_pipeline(running, labelling_by(suit), stream) as pipeline:
         if out is not None:
             running.record(next(names), subject, overwrite)
-        run_live(pipeline, names, subject, seconds or math.inf)
+        run_live(pipeline, names, subject, seconds or math.inf, ending)
     _finish(running, pipeline, json)
 
 
@@ -184,25 +188,35 @@ def _as_stance(bearing: Bearing, camera: Intrinsics) -> Stance:
     )
 
 
-def show_lines(pipeline: LivePipeline, end_s: float, show: Callable[[LiveFrame], None] | None) -> None:
-    """Hand on every newest frame until the time is over, the rig ends, or Ctrl-C; complaints go to stderr."""
+Show = Callable[[LiveFrame], None] | None
+"""What shows a labelled frame, if anything does."""
+
+
+def show_lines(pipeline: LivePipeline, end_s: float, show: Show, ending: Ending) -> int:
+    """Hand on every newest frame until the time is over, the rig ends or a signal comes.
+
+    Returns the number of the last one. Warnings go to stderr.
+    """
     seen, said = 0, set[str]()
-    with suppress(KeyboardInterrupt), interruptible():
-        while time.monotonic() < end_s:
-            newest = pipeline.frames.after(seen, 0.2)
-            # Not those of a frame: none comes of a camera that is silent.
-            standing = pipeline.complaints
-            for complaint in standing:
-                if complaint.kind not in said:
-                    say(complaint.text)
-            said = {complaint.kind for complaint in standing}
-            if newest is None:
-                if pipeline.frames.ended:
-                    return
-                continue
-            seen, frame = newest
-            if show is not None:
-                show(frame)
+    while not ending.asked and time.monotonic() < end_s and not pipeline.frames.ended:
+        seen = show_newest(pipeline, seen, show, 0.2)
+        # Not those of a frame: none comes of a camera that is silent.
+        standing = pipeline.complaints
+        for complaint in standing:
+            if complaint.kind not in said:
+                say(complaint.text)
+        said = {complaint.kind for complaint in standing}
+    return seen
+
+
+def show_newest(pipeline: LivePipeline, seen: int, show: Show, timeout_s: float = 0.0) -> int:
+    """Show the newest frame after number ``seen``, if one comes in time; its number, or ``seen``."""
+    if (newest := pipeline.frames.after(seen, timeout_s)) is None:
+        return seen
+    number, frame = newest
+    if show is not None:
+        show(frame)
+    return number
 
 
 def print_joints(frame: LiveFrame) -> None:
@@ -222,14 +236,17 @@ def print_joints(frame: LiveFrame) -> None:
 
 def _finish(running: Rig, pipeline: LivePipeline, json: bool) -> None:
     health, p95 = running.health(), pipeline.latency_ms(0.95)
+    frames, labelled = running.moments.count, pipeline.frames.count
     result = {
-        "frames": running.moments.count,
-        "labelled": pipeline.frames.count,
+        "frames": frames,
+        "labelled": labelled,
+        "skipped": frames - labelled,
         "dropped": health.dropped,
         "latency_ms_p95": None if math.isnan(p95) else round(p95, 1),
         "complaints": pipeline.said,
     }
-    text = f"{result['frames']} frames, {result['labelled']} labelled, {result['dropped']} dropped"
+    text = f"{frames} frames: {labelled} labelled, {frames - labelled} skipped as labelling was busy; "
+    text += f"{health.dropped} dropped by devices"
     text += "" if math.isnan(p95) else f"; 95 % were labelled within {p95:.0f} ms"
     if json:
         finish(result, True, text)

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,13 +15,17 @@ from typer import Argument, Option
 
 from cli.console import LINE_SECONDS, Json, Overwrite, cell, finish, say, table
 from cli.extras import check_window
-from sensors.errors import DeviceError
 from sensors.files.atomic import check_free
+from sensors.interrupt import Ending, ended_by_signals, interrupted_by_signals
 from sensors.recording.how_tested import KINDS
 
 if TYPE_CHECKING:
-    from sensors.recording.recorder import Recorded, Recorder
+    from sensors.recording.health import Health
+    from sensors.recording.live_rig import LiveRig
     from sensors.session.repair import Repaired
+
+LOOK_S = 1.0
+"""Seconds between two looks at the state of a recording."""
 
 
 def record(
@@ -42,34 +46,58 @@ def record(
     """Record depth, colour and temperature from devices, real or virtual, into a session."""
     if preview and infrared:
         raise typer.BadParameter("--preview records people, not the hole plate; leave --infrared out")
-    if (rig is None) == (not device):
-        raise DeviceError("no device to record from; give either --rig or one or more --device")
+    from cli.rig_devices import asked_rig, open_rig
+
+    asked_rig(rig, device)
     check_free(out, overwrite)
+    palette = None
     if preview:
         from annotate.suit.palette import load_suit
-        from cli.rig_devices import asked_rig, ended_by_sigterm, open_rig
 
-        asked_rig(rig, device)
         palette = load_suit(suit) if suit else None
         check_window()
-        from cli.live_view import look_at
+    with interrupted_by_signals(), closing(open_rig(rig, device)) as running, ended_by_signals() as ending:
+        if preview:
+            from cli.live_view import look_at
 
-        with ended_by_sigterm(), closing(open_rig(rig, device)) as running:
-            look_at(running, palette, out, overwrite, seconds, json)
-        return
-    from cli.rig_devices import ended_by_sigterm, opened_rig
-    from sensors.recording.recorder import Recorder, clock_metadata
-    from sensors.session.writer import SessionWriter
+            look_at(running, palette, out, overwrite, seconds, json, ending)
+            return
+        running.record(out, overwrite=overwrite, infrared=infrared)
+        why = _run(running, time.monotonic() + (seconds or math.inf), ending)
+    _report(out, running, why, json)
 
-    with ended_by_sigterm(), ExitStack() as stack:
-        wanted, devices, calibration, _ = opened_rig(rig, device, stack)
-        metadata = clock_metadata(devices, wanted.latency_ms)
-        writer = SessionWriter(out, calibration, wanted.name, overwrite=overwrite, metadata=metadata)
-        recorder = Recorder(devices, writer, infrared)
-        with writer, _preview() as show:
-            end_s = time.monotonic() + (seconds or math.inf)
-            done = recorder.run(lambda: time.monotonic() >= end_s, show)
-    _report(out, done, json)
+
+def _run(running: "LiveRig", end_s: float, ending: Ending) -> str:
+    """Record until the time is over, a signal comes, or the recording ends by itself; why it ended."""
+    from annotate.live.complaint import Standing
+    from annotate.live.rig_complaints import rig_complaints
+
+    standing, said = Standing(), set[str]()
+    with _preview() as show:
+        running.start()
+        looked_s = time.monotonic()
+        while not ending.asked and time.monotonic() < end_s and not running.moments.ended:
+            time.sleep(0.02)
+            if time.monotonic() - looked_s < LOOK_S:
+                continue
+            looked_s, health = time.monotonic(), running.health()
+            if health.recording is None:
+                break
+            warnings = standing.update(rig_complaints(health), looked_s)
+            for warning in warnings:
+                if warning.kind not in said:
+                    say(warning.text)
+            said = {warning.kind for warning in warnings}
+            show(health)
+    running.close()
+    if running.error is not None:
+        raise running.error
+    health, take = running.health(), running.last_take
+    if take is not None and not take.has_depth:
+        return "nothing"
+    if health.trouble:
+        return "disk"
+    return "lost" if health.streams["depth"].away else "asked"
 
 
 def repair(
@@ -116,8 +144,8 @@ def _repaired_text(done: "Repaired", source: Path) -> str:
 
 
 @contextmanager
-def _preview() -> "Iterator[Callable[[Recorder], None]]":
-    """Show the state of the recording once a second; Ctrl-C ends it."""
+def _preview() -> "Iterator[Callable[[Health], None]]":
+    """Show the state of the recording once a second."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield _lines()
@@ -125,49 +153,54 @@ def _preview() -> "Iterator[Callable[[Recorder], None]]":
     from rich.live import Live
 
     with Live(console=console, transient=True, auto_refresh=False) as live:
-        yield lambda recorder: live.update(_table(recorder), refresh=True)
+        yield lambda health: live.update(_table(health), refresh=True)
 
 
-def _table(recorder: "Recorder") -> Table:
+def _table(health: "Health") -> Table:
     table = Table("stream", "images", "a second", "dropped", "now", title="recording; Ctrl-C ends it")
-    for name, stream in recorder.streams.items():
+    for name, stream in health.streams.items():
         table.add_row(name, str(stream.count), f"{stream.rate_hz:.1f}", str(stream.dropped), stream.shows)
     return table
 
 
-def _lines() -> "Callable[[Recorder], None]":
+def _lines() -> "Callable[[Health], None]":
     printed = time.monotonic()
 
-    def show(recorder: "Recorder") -> None:
+    def show(health: "Health") -> None:
         nonlocal printed
         if time.monotonic() - printed >= LINE_SECONDS:
             printed = time.monotonic()
             parts = (
                 f"{name} {stream.rate_hz:.1f}/s, {stream.dropped} dropped, {stream.shows}"
-                for name, stream in recorder.streams.items()
+                for name, stream in health.streams.items()
             )
             say("; ".join(parts))
 
     return show
 
 
-def _report(out: Path, done: "Recorded", json: bool) -> None:
-    frames = done.streams["depth"].count
-    dropped = sum(stream.dropped for stream in done.streams.values())
-    for text, times in done.events.items():
+def _report(out: Path, running: "LiveRig", why: str, json: bool) -> None:
+    health, take = running.health(), running.last_take
+    events, seconds = (dict(take.events), take.seconds) if take else ({}, 0.0)
+    frames = health.streams["depth"].count
+    for text, times in events.items():
         say(f"{text}" + (f" ({times} times)" if times > 1 else ""))
     result = {
         "frames": frames,
-        "dropped": dropped,
-        "seconds": round(done.seconds, 2),
+        "dropped": health.dropped,
+        "seconds": round(seconds, 2),
         "streams": {
-            name: {"count": stream.count, "dropped": stream.dropped} for name, stream in done.streams.items()
+            name: {"count": stream.count, "dropped": stream.dropped, "left_out": stream.left_out}
+            for name, stream in health.streams.items()
         },
-        "events": dict(done.events),
-        "ended": done.why,
+        "events": events,
+        "ended": why,
     }
-    finish(result, json, f"{frames} frames in {out}, {done.seconds:.1f} s, {dropped} messages dropped")
-    if done.why != "asked":
+    text = f"{frames} frames in {out}, {seconds:.1f} s, {health.dropped} messages dropped"
+    finish(result, json, text)
+    if health.trouble:
+        say(health.trouble)
+    if why != "asked":
         raise typer.Exit(3)
 
 

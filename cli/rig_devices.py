@@ -1,8 +1,7 @@
 """The devices of a rig file, or at addresses, opened and started; what virtual ones see."""
 
-import signal
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -54,16 +53,6 @@ class Shown:
         return tuple(self._rig)
 
 
-@contextmanager
-def ended_by_sigterm() -> Iterator[None]:
-    """Within it a polite kill (SIGTERM) does what Ctrl-C does: a recording is finished. Main thread only."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
 def open_rig(rig: Path | None, device: list[str] | None) -> LiveRig:
     """The rig that a file or addresses name, its devices started. Raises DeviceError, CalibrationError."""
     with ExitStack() as stack:
@@ -73,13 +62,23 @@ def open_rig(rig: Path | None, device: list[str] | None) -> LiveRig:
     return running
 
 
+def check_one_source(**given: object) -> None:
+    """Raise DeviceError unless exactly one source is given. given: by the name of its argument."""
+    names = ["--" + name if name != "session" else "a session" for name in given]
+    chosen = [name for name, value in zip(names, given.values(), strict=True) if value]
+    choice = f"{', '.join(names[:-1])} or one or more {names[-1]}"
+    if not chosen:
+        raise DeviceError(f"no source is given; give either {choice}")
+    if len(chosen) > 1:
+        raise DeviceError(f"{' and '.join(chosen)} are given; give only one of {choice}")
+
+
 def asked_rig(rig: Path | None, device: list[str] | None) -> RecordingRig:
     """The rig that a file or addresses name, nothing opened yet.
 
     Raises DeviceError for devices of no known kind, CalibrationError where the file cannot be read.
     """
-    if (rig is None) == (not device):
-        raise DeviceError("no device to record from; give either --rig or one or more --device")
+    check_one_source(rig=rig, device=device)
     wanted = load_rig(rig) if rig is not None else RecordingRig("rig", tuple(device or ()))
     for address in wanted.devices:
         check_kind(Address(address))

@@ -1,7 +1,7 @@
 """Signals that end a program: as a flag where something is being written, as Ctrl-C elsewhere."""
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -28,8 +28,7 @@ class Ending:
 def ended_by_signals() -> Iterator[Ending]:
     """Let the first of ``ENDING`` set a flag, so that nothing raises into what is being written.
 
-    The second raises KeyboardInterrupt in the main thread. A hangup that is ignored (nohup) stays ignored.
-    For the main thread only.
+    The second raises KeyboardInterrupt in the main thread. For the main thread only.
     """
     ending = Ending()
 
@@ -38,23 +37,30 @@ def ended_by_signals() -> Iterator[Ending]:
             raise KeyboardInterrupt
         ending.asked = True
 
-    handled = [one for one in ENDING if one != signal.SIGHUP or signal.getsignal(one) != signal.SIG_IGN]
-    before = {number: signal.signal(number, asked) for number in handled}
-    try:
+    with _handled(asked):
         yield ending
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager
-def ended_by_sigterm() -> Iterator[None]:
-    """Let a polite kill (SIGTERM) raise KeyboardInterrupt, as Ctrl-C does. For the main thread only."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+def interrupted_by_signals() -> Iterator[None]:
+    """Let each of ``ENDING`` raise KeyboardInterrupt, where nothing is being written yet.
+
+    Ctrl-C too: a shell lets what it starts in the background ignore it. For the main thread only.
+    """
+    with _handled(signal.default_int_handler):
+        yield
+
+
+@contextmanager
+def _handled(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
+    """Handle ``ENDING``, but for a hangup that is ignored (nohup)."""
+    handled = [one for one in ENDING if one != signal.SIGHUP or signal.getsignal(one) != signal.SIG_IGN]
+    before = {number: signal.signal(number, handler) for number in handled}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, former in before.items():
+            signal.signal(number, former)
 
 
 @contextmanager

@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -31,13 +32,12 @@ from annotate.labelset.store import MANIFEST, LabelSet, validate
 from annotate.suit.palette import DEFAULT_SUIT
 from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import sweep, temporary_of
+from sensors.recording.live_rig import LiveRig
 from sensors.recording.open_device import open_device
-from sensors.recording.recorder import Recorder
 from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.reader import Session
-from sensors.session.writer import SessionWriter
 from synth.images.generate import Order, generate
 from synth.images.presets import PRESETS
 from synth.images.workers import Workers, processes
@@ -356,11 +356,11 @@ def test_a_clock_that_is_set_while_recording_moves_no_event(tmp_path, monkeypatc
     ]
     for device in devices:
         device.start()
-    end = time.monotonic() + 1.0
-    with SessionWriter(tmp_path / "s.mcap", RigCalibration(KINECT2_DEPTH), "rig") as writer:
-        recorder = Recorder(devices, writer)
+    with closing(LiveRig("rig", devices, RigCalibration(KINECT2_DEPTH), {}, open_device)) as rig:
+        rig.record(tmp_path / "s.mcap")
         jumped.time_ns = lambda: time.time_ns() - 86_400 * 10**9
-        recorder.run(lambda: time.monotonic() >= end, lambda _: None)
+        rig.start()
+        time.sleep(1.0)
     session = Session(tmp_path / "s.mcap")
     stamps = [frame.stamp_ns for frame in session]
     assert [stamp for stamp, text in session.events if "optris" in text]

@@ -29,9 +29,10 @@ from annotate.suit.palette import load_suit
 from cli.live_view import show_lines
 from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, Flag, ThermalImage
 from sensors.errors import CloudError
+from sensors.interrupt import Ending
+from sensors.recording.arrivals import Arrived
 from sensors.recording.health import Health, Watch
 from sensors.recording.host_clock import BIN_NS, HostClock
-from sensors.recording.intake import Arrived
 from sensors.recording.moments import WAIT_NS, Moment, Moments
 from sensors.recording.newest import Newest
 from sensors.rig.camera import Intrinsics
@@ -42,6 +43,10 @@ from synth.rig.paths import suit_path
 
 RATES_HZ = {"depth": 30.0, "color": 30.0, "thermal": 128.0}
 DEVICE = {"depth": "kinect", "color": "kinect", "thermal": "optris"}
+DEVICES = [
+    SimpleNamespace(address=name, rates_hz={s: hz for s, hz in RATES_HZ.items() if DEVICE[s] == name})
+    for name in ("kinect", "optris")
+]
 EPOCH_NS = 1_700_000_000_000_000_000
 DEPTH = np.full((2, 2), 1000, np.uint16)
 
@@ -92,12 +97,13 @@ def every_other_color():
 
 def watched(items, **changes) -> Health:
     """The health of a rig after these readings."""
-    watch = Watch(RATES_HZ, {})
+    watch = Watch(DEVICES, {})
     for item in items:
         watch.add(item)
     now_ns = EPOCH_NS + round(changes.pop("at_s") * 1e9)
     closed_s, skew_ppm = watch.flag_closed_s(now_ns), watch.skew_ppm()
-    health = Health(watch.streams(now_ns), (), closed_s, skew_ppm, watch.running_s(now_ns))
+    away = changes.pop("away", ())
+    health = Health(watch.streams(now_ns, frozenset(away)), away, closed_s, skew_ppm)
     return replace(health, **changes)
 
 
@@ -116,7 +122,7 @@ def test_the_newest_value_replaces_the_one_that_nobody_took():
 
 
 def test_every_depth_image_meets_the_images_taken_nearest_to_it():
-    pairing, watch, moments = Moments(RATES_HZ), Watch(RATES_HZ, {}), []
+    pairing, watch, moments = Moments(RATES_HZ), Watch(DEVICES, {}), []
     for item in running(2.0):
         pairing.add(item, watch.add(item))
         moments.append(pairing.newest(item.arrival_ns))
@@ -139,13 +145,13 @@ def test_a_depth_image_waits_for_its_partners_only_so_long():
 
 
 def test_nothing_is_said_of_a_good_rig_for_a_minute():
-    items, watch, said = running(60.0), Watch(RATES_HZ, {}), set()
+    items, watch, said = running(60.0), Watch(DEVICES, {}), set()
     for number, item in enumerate(items):
         watch.add(item)
         if number % 50 == 0:
             at_ns = item.arrival_ns
             health = Health(watch.streams(at_ns), (), watch.flag_closed_s(at_ns), watch.skew_ppm())
-            said |= kinds(replace(health, running_s=watch.running_s(at_ns)))
+            said |= kinds(health)
     assert not said
 
 
@@ -268,7 +274,7 @@ def test_a_complaint_stands_while_it_is_made_and_a_second_after():
 
 
 def test_a_stream_that_stays_silent_is_silent_for_as_long_as_it_is():
-    watch = Watch(RATES_HZ, {})
+    watch = Watch(DEVICES, {})
     for item in running(2.0):
         watch.add(item)
     for at_s in (4, 8, 60):
@@ -298,8 +304,7 @@ def test_it_is_said_why_frames_have_no_labels(monkeypatch, step):
 
 def test_complaints_are_said_of_a_rig_that_gives_no_images(capsys):
     silent = SimpleNamespace(frames=Newest(), complaints=(Complaint("silent", "depth: nothing for 3 s"),))
-    silent.frames.end()
-    show_lines(silent, math.inf, None)
+    show_lines(silent, time.monotonic() + 0.1, None, Ending())
     assert "depth: nothing for 3 s" in capsys.readouterr().err
 
 

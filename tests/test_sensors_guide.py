@@ -15,6 +15,7 @@ from sensors.calibrate.guide import ENOUGH_VIEWS, TILTS, Room, Wish, guide, is_n
 from sensors.calibrate.hole_plate import HolePlate
 from sensors.calibrate.plate_view import CAMERAS, PlateView
 from sensors.errors import CalibrationError
+from sensors.interrupt import Ending
 from sensors.recording.health import Health
 from sensors.recording.moments import Moment
 from sensors.recording.newest import Newest
@@ -159,7 +160,7 @@ def test_a_rig_that_shows_no_plate_says_why(capsys):
         name="ward", moments=Blind(), error=None, start=str, close=str, health=lambda: silent
     )
     with pytest.raises(CalibrationError, match="'ward' gives no infrared"):
-        list(cli.guided.rig_frames(rig))
+        list(cli.guided.rig_frames(rig, Ending()))
     assert capsys.readouterr().err.count("kinect2:1 is gone") == 1
 
 

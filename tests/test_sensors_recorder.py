@@ -7,8 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
-from dataclasses import replace
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import ClassVar
 
@@ -17,18 +16,19 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+import sensors.recording.intake
 import sensors.recording.recorder
 from cli.rig_devices import opened_rig
-from sensors.device.protocol import DepthImage, Device, DeviceReading, Flag, ThermalImage
+from sensors.device.protocol import DepthImage, Device, DeviceReading
 from sensors.drivers.kinect2 import Kinect2
 from sensors.errors import CalibrationError, DeviceError
-from sensors.recording.intake import BACKLOG, Arrived
+from sensors.recording.intake import BACKLOG
+from sensors.recording.live_rig import LiveRig
 from sensors.recording.open_device import open_device
-from sensors.recording.recorder import Recorder, clock_metadata, write_item
+from sensors.recording.recorder import DISK_FULL, clock_metadata
 from sensors.recording.rig_file import RecordingRig, load_rig
-from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_DEPTH
-from sensors.rig.rig_calibration import Pose, RigCalibration, save_calibration
+from sensors.rig.rig_calibration import RigCalibration, save_calibration
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
 from sensors.virtual.frame_loop import FrameLoop
@@ -47,19 +47,26 @@ def started(*addresses: str) -> list[Device]:
     return devices
 
 
-def recorded(path: Path, seconds: float, *addresses: str) -> sensors.recording.recorder.Recorded:
-    devices = started(*addresses)
-    end = time.monotonic() + seconds
-    with SessionWriter(path, RIG, "rig", metadata=clock_metadata(devices, {})) as writer:
-        return Recorder(devices, writer).run(lambda: time.monotonic() >= end, lambda recorder: None)
+def recorded(path: Path, seconds: float, *addresses: str) -> LiveRig:
+    """A rig that has recorded for so long, or until the recording ended by itself."""
+    with closing(rig_of(*addresses)) as rig:
+        rig.record(path)
+        rig.start()
+        end = time.monotonic() + seconds
+        while time.monotonic() < end and rig.health().recording:
+            time.sleep(0.01)
+    return rig
+
+
+def rig_of(*addresses: str) -> LiveRig:
+    return LiveRig("rig", started(*addresses), RIG, {}, lambda address: started(address)[0])
 
 
 def test_three_devices_make_a_session(tmp_path):
     path = tmp_path / "session.mcap"
-    done = recorded(path, 2.0, KINECT, FIR, SPOT)
+    streams = recorded(path, 2.0, KINECT, FIR, SPOT).health().streams
     session = Session(path)
-    assert done.why == "asked"
-    assert len(session) == done.streams["depth"].count > 20
+    assert len(session) == streams["depth"].count > 20
     assert not session.truncated
     frames = list(session)
     assert np.mean([frame.color_encoded is not None for frame in frames]) > 0.9
@@ -75,40 +82,34 @@ def test_three_devices_make_a_session(tmp_path):
 def test_a_thermal_camera_of_nine_images_a_second_makes_a_session(tmp_path, address):
     """Every image belongs to the depth image that is nearest, as far as there is one."""
     path = tmp_path / "session.mcap"
-    done = recorded(path, 1.2, KINECT, address)
+    streams = recorded(path, 1.2, KINECT, address).health().streams
     session = Session(path)
     warm = [frame.thermal_c for frame in session if frame.thermal_c is not None]
-    assert 0 < len(warm) <= done.streams["thermal"].count
+    assert 0 < len(warm) <= streams["thermal"].count
     assert all(20 < np.median(celsius) < 34 for celsius in warm)
 
 
-def test_an_unplugged_depth_camera_ends_it_and_keeps_what_came(tmp_path):
+def test_what_was_unplugged_is_opened_again_and_recorded(tmp_path, monkeypatch):
+    """Both cameras vanish after a while, again and again; each time their clocks begin anew."""
+    monkeypatch.setattr(sensors.recording.intake, "REOPEN_S", 0.2)
     path = tmp_path / "session.mcap"
-    done = recorded(path, 30.0, f"{KINECT}?unplug_after=0.8", FIR)
-    assert done.why == "lost"
-    assert len(Session(path)) > 5
-    assert any("kinect2" in text for text in done.events)
-
-
-def test_another_lost_device_is_noted_and_recording_goes_on(tmp_path):
-    path = tmp_path / "session.mcap"
-    done = recorded(path, 2.0, KINECT, "virtual:optris?mode=128hz&unplug_after=0.5")
-    session = Session(path)
-    assert done.why == "asked"
-    assert any("optris" in text for _, text in session.events)
-    assert session.streams["/thermal/counts"].count < 90 < 2 * len(session)
+    rig = recorded(path, 5.0, f"{KINECT}?unplug_after=0.8", f"{FIR}?unplug_after=1.1")
+    session, back = Session(path), [text for text in rig.last_take.events if text.endswith("is back")]
+    assert any("kinect2" in text for text in back) and any("optris" in text for text in back)
+    assert len(session) == rig.health().streams["depth"].count > 10
+    assert np.mean([frame.color_encoded is not None for frame in session]) > 0.9
 
 
 def test_drops_are_counted_and_noted(tmp_path):
-    done = recorded(tmp_path / "session.mcap", 1.5, f"{KINECT}?drop=0.3")
-    assert done.streams["depth"].dropped > 0
-    assert any("dropped" in text for text in done.events)
+    rig = recorded(tmp_path / "session.mcap", 1.5, f"{KINECT}?drop=0.3")
+    assert rig.health().streams["depth"].dropped > 0
+    assert any("dropped" in text for text in rig.last_take.events)
 
 
 def test_a_nearly_full_disk_ends_the_recording_in_time(tmp_path, monkeypatch):
     monkeypatch.setattr(sensors.recording.recorder, "RESERVE_BYTES", 1 << 62)
     path = tmp_path / "session.mcap"
-    assert recorded(path, 30.0, KINECT).why == "disk"
+    assert recorded(path, 30.0, KINECT).health().trouble == DISK_FULL
     assert not Session(path).truncated
 
 
@@ -120,10 +121,11 @@ def test_the_virtual_clock_s_skew_does_not_part_pairs(tmp_path):
 
 
 SCRIPT = """
-import os, sys
+import os, sys, time
 from pathlib import Path
+import sensors.recording.recorder
+from sensors.recording.live_rig import LiveRig
 from sensors.recording.open_device import open_device
-from sensors.recording.recorder import Recorder
 from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.writer import SessionWriter
@@ -134,12 +136,16 @@ class Telling(SessionWriter):
         super().write_depth(*image)
         print(image[-1], flush=True)
 
+sensors.recording.recorder.SessionWriter = Telling
+
 def record(path):
     devices = [open_device(address, swinging_ball()) for address in sys.argv[1:]]
     for device in devices:
         device.start()
-    with Telling(Path(path), RigCalibration(KINECT2_DEPTH), "rig") as writer:
-        Recorder(devices, writer).run(lambda: False, lambda recorder: None)
+    rig = LiveRig("rig", devices, RigCalibration(KINECT2_DEPTH), {}, lambda address: None)
+    rig.record(Path(path))
+    rig.start()
+    time.sleep(600)
 
 for path in sys.stdin:
     child = os.fork()
@@ -180,22 +186,6 @@ def test_kill_9_loses_at_most_a_tenth_of_a_second(tmp_path, recording, images):
     assert "truncated" in " ".join(session.notes)
 
 
-@pytest.mark.parametrize("in_numba", [False, True])
-def test_ctrl_c_ends_a_recording_that_is_whole(tmp_path, in_numba):
-    def enough() -> bool:
-        if time.monotonic() < end:
-            return False
-        if in_numba:
-            raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
-        raise KeyboardInterrupt
-
-    path, devices, end = tmp_path / "session.mcap", started(KINECT), time.monotonic() + 0.5
-    with SessionWriter(path, RIG, "rig", metadata=clock_metadata(devices, {})) as writer:
-        assert Recorder(devices, writer).run(enough, lambda recorder: None).why == "asked"
-    session = Session(path)
-    assert len(session) and not session.truncated
-
-
 class _Ahead:
     """A depth camera that has always one more image than was taken: faster than any disk."""
 
@@ -217,26 +207,27 @@ class _Ahead:
         self.closed = True
 
 
-def test_a_recording_that_is_slower_than_its_devices_still_ends(tmp_path):
-    camera, written, unasked = _Ahead(), 0, 0
+def test_a_recording_that_is_slower_than_its_devices_still_ends(tmp_path, monkeypatch):
+    camera, written = _Ahead(), 0
 
     class Slow(SessionWriter):
         def write_depth(self, *image) -> None:
-            nonlocal written, unasked
-            written, unasked = written + 1, unasked + 1
-            assert unasked <= BACKLOG, "nobody has asked whether it is enough"
+            nonlocal written
+            written += 1
             with camera.changed:
                 # The image after this one is in the queue once the camera is asked for the one after that.
                 camera.changed.wait_for(lambda: camera.closed or camera.asked > written + 1)
 
-    def enough() -> bool:
-        nonlocal unasked
-        unasked = 0
-        return written > 0
-
-    with Slow(tmp_path / "a.mcap", RIG, "rig", keep_partial=False) as writer:
-        done = Recorder([camera], writer).run(enough, lambda recorder: None)
-    assert done.why == "asked"
+    monkeypatch.setattr(sensors.recording.recorder, "SessionWriter", Slow)
+    rig = LiveRig("rig", [camera], RIG, {}, lambda address: camera)
+    rig.record(tmp_path / "a.mcap")
+    rig.start()
+    while not written:
+        time.sleep(0.01)
+    before = written
+    rig.end_recording()
+    assert written - before <= 2 * BACKLOG
+    rig.close()
 
 
 # What cannot be recorded
@@ -253,18 +244,6 @@ class Unseen:
     """What virtual cameras see where there are none."""
 
     calibration = RIG
-
-
-def test_a_thermal_camera_in_another_mode_is_refused_at_its_first_image(tmp_path):
-    """The session could not be read again."""
-    rig = replace(RIG, thermal=Intrinsics(80, 60, 80.0, 80.0, 39.5, 29.5), thermal_from_depth=Pose.identity())
-    celsius = ThermalImage(np.full((120, 160), 30, np.float32), Flag.OPEN)
-    item = Arrived("optris", DeviceReading(1, 1, celsius), 1, 1, 0, usable=True)
-    with (
-        pytest.raises(CalibrationError, match="160x120"),
-        SessionWriter(tmp_path / "a.mcap", rig, "x") as out,
-    ):
-        write_item(out, item)
 
 
 def test_two_devices_of_one_stream_are_refused(tmp_path):

@@ -3,7 +3,7 @@
 import math
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -75,8 +75,10 @@ def recording_of(path: Path, given: Path | None) -> Path | None:
     return find_session(labels)
 
 
-def run_live(pipeline: LivePipeline, takes: Iterator[Path], subject: str, seconds: float) -> None:
-    """Show a pipeline that runs until the window is closed, or for so many seconds.
+def run_live(
+    pipeline: LivePipeline, takes: Iterator[Path], subject: str, seconds: float, ending: Callable[[], bool]
+) -> None:
+    """Show a pipeline that runs until the window is closed, for so many seconds, or until it is to end.
 
     Raises CloudError where settings or screen are not what they must be.
     """
@@ -85,7 +87,9 @@ def run_live(pipeline: LivePipeline, takes: Iterator[Path], subject: str, second
     app = QApplication.instance() or QApplication(sys.argv[:1])
     window = LiveWindow(pipeline, takes, theme_of(settings.theme), subject)
     window.show()
-    _close_on_signals(window)
+    timer = QTimer(window, interval=LISTEN_MS)
+    timer.timeout.connect(lambda: window.close() if ending() else None)
+    timer.start()
     if math.isfinite(seconds):
         QTimer.singleShot(round(1000 * seconds), window.close)
     app.exec()

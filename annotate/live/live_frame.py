@@ -11,8 +11,8 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.label_source import Labeller
 from annotate.live.complaint import Complaint
-from sensors.recording.health import Health
 from sensors.recording.arrivals import Event
+from sensors.recording.health import Health
 from sensors.recording.moments import Moment
 from sensors.recording.newest import Newest
 from sensors.rig.camera import Intrinsics

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator
 
-from annotate.live.complaint import Complaint
+from annotate.live.complaint import Complaint, Kind
 from sensors.recording.health import Health, StreamHealth
+from sensors.recording.image_judge import NAMES
 from sensors.rig.clock import LIMIT_SKEW
 
 DROPPED_SHARE = 0.01
@@ -18,7 +19,6 @@ FLAG_S = 2.0
 """Seconds for which a flag may be closed: a PI200's is for half a second, a Lepton's for one and a half."""
 LEAST_DISK_MINUTES = 10.0
 """Minutes of recording that should fit on the disk. Chosen by eye."""
-NAMES = {"depth": "depth", "color": "colour", "thermal": "thermal", "pyrometer": "pyrometer"}
 TOO_SLOW = ("this computer is too slow: close other programs",
             "the disk is too slow: record to a faster one, or close other programs")  # fmt: skip
 """What to do about images that nobody took in time: while nothing is recorded, and while something is."""
@@ -31,44 +31,65 @@ def rig_complaints(health: Health) -> Iterator[Complaint]:
         yield Complaint("trouble", health.trouble)
     if health.faults:
         yield Complaint("fault", "; ".join(health.faults))
-    for address in health.away:
-        yield Complaint("away", f"{address} is gone: plug it in again; it is opened as soon as it is back")
-    if not health.away:
-        for stream, state in health.streams.items():
-            yield from _of_stream(stream, state, health)
+    if health.away:
+        gone = ", ".join(f"{address} is gone" for address in health.away)
+        yield Complaint("away", f"{gone}: plug it in again; it is opened as soon as it is back")
+    yield from _of_streams(health)
     if health.flag_closed_s > FLAG_S:
         yield Complaint(
             "flag",
             f"the thermal camera's flag has been closed for {health.flag_closed_s:.0f} s: "
             "there are no temperatures; unplug the camera and plug it in again",
         )
-    for address, ppm in health.skew_ppm.items():
-        if abs(ppm) > LIMIT_SKEW * 1e6:
-            way = "gains" if ppm > 0 else "loses"
-            yield Complaint(
-                "clock",
-                f"the clock of {address} {way} {abs(ppm) * 0.06:.0f} ms a minute: "
-                "its images will not match the others; record in short pieces, or replace the device",
-            )
+    clocks = [
+        f"the clock of {address} {'gains' if ppm > 0 else 'loses'} {abs(ppm) * 0.06:.0f} ms a minute: "
+        "its images will not match the others; record in short pieces, or replace the device"
+        for address, ppm in health.skew_ppm.items()
+        if abs(ppm) > LIMIT_SKEW * 1e6
+    ]
+    if clocks:
+        yield Complaint("clock", "; ".join(clocks))
     if health.disk_minutes < LEAST_DISK_MINUTES:
         yield Complaint(
             "disk", f"the disk has room for {health.disk_minutes:.1f} minutes of recording: free some space"
         )
 
 
-def _of_stream(stream: str, state: StreamHealth, health: Health) -> Iterator[Complaint]:
-    name, nominal_hz = NAMES.get(stream, stream), state.nominal_hz
+def _of_streams(health: Health) -> Iterator[Complaint]:
+    """Complaints about streams of devices that are there, one for each remedy, with all streams it is for."""
+    found = dict[tuple[Kind, str], list[str]]()
+    for stream, state in health.streams.items():
+        if not state.away and (one := _of_stream(stream, state, health)) is not None:
+            kind, what, remedy = one
+            found.setdefault((kind, remedy), []).append(f"{NAMES.get(stream, stream)}: {what}")
+    texts = dict[Kind, list[str]]()
+    for (kind, remedy), what_is in found.items():
+        texts.setdefault(kind, []).append(f"{', '.join(what_is)}; {remedy}")
+    for kind, each in texts.items():
+        yield Complaint(kind, "; ".join(each))
+
+
+def _of_stream(stream: str, state: StreamHealth, health: Health) -> tuple[Kind, str, str] | None:
+    """Kind, fault and remedy of a stream; None of a good one."""
+    nominal_hz = state.nominal_hz
     if state.silent_s > max(SILENT_S, SILENT_PERIODS / nominal_hz if nominal_hz else 0.0):
-        if health.flag_closed_s == 0 or stream != "thermal":
-            since = "no image" if state.count == 0 else f"no image for {state.silent_s:.0f} s"
-            yield Complaint("silent", f"{name}: {since}; check the cable, then plug the device in again")
-        return
+        if health.flag_closed_s and stream == "thermal":
+            return None
+        since = "no image" if state.count == 0 else f"no image for {state.silent_s:.0f} s"
+        return "silent", since, "check the cable, then plug the device in again"
     if state.lost > DROPPED_SHARE * (state.recent + state.lost) and state.lost > 1:
         remedy = "close other programs, and give the camera a USB port of its own"
         if state.overrun > state.lost / 2:
             remedy = TOO_SLOW[health.recording is not None]
-        share = f"{state.lost} of {state.recent + state.lost} images"
-        yield Complaint("drops", f"{name}: {share} lost in the last five seconds; {remedy}")
-    elif 0 < state.rate_hz < SLOW_SHARE * nominal_hz and health.running_s > SETTLING_S:
-        remedy = REMEDIES.get(stream, REMEDIES[""])
-        yield Complaint("drops", f"{name}: {state.rate_hz:.0f} of {nominal_hz:.0f} images a second; {remedy}")
+        return (
+            "drops",
+            f"{state.lost} of {state.recent + state.lost} images lost in the last five seconds",
+            remedy,
+        )
+    if 0 < state.rate_hz < SLOW_SHARE * nominal_hz and state.running_s > SETTLING_S:
+        return (
+            "drops",
+            f"{state.rate_hz:.0f} of {nominal_hz:.0f} images a second",
+            REMEDIES.get(stream, REMEDIES[""]),
+        )
+    return None

@@ -78,7 +78,7 @@ class Health:
 
 
 class _Came(NamedTuple):
-    """A reading that came: when, how many were lost before it, how many of these to a full queue, its size."""
+    """A reading that came: when, how many were lost before it, of these to a full queue, its size."""
 
     at_ns: int
     lost: int

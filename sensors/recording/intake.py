@@ -83,7 +83,7 @@ class Intake:
     def drain(self) -> list[Arrived | Event]:
         """All that has come until now.
 
-        No more than that: while devices are faster than the reader of this list, their queues are never empty.
+        No more than that: while devices are faster than the caller, their queues are never empty.
         """
         drained: list[Arrived | Event] = []
         for address, queue in self._queues.items():

@@ -18,7 +18,7 @@ from sensors.recording.intake import Intake
 from sensors.recording.moments import Moment, Moments
 from sensors.recording.newest import Newest
 from sensors.recording.quiet_collector import QuietCollector
-from sensors.recording.recorder import LOOK_S, RESERVE_BYTES, Recorder, clock_metadata
+from sensors.recording.recorder import LOOK_S, RESERVE_BYTES, Recorder, Take, clock_metadata
 from sensors.rig.rig_calibration import RigCalibration
 
 EVENTS_KEPT = 100
@@ -32,10 +32,10 @@ T = TypeVar("T")
 class LiveRig:
     """Devices that have started, run by a thread of their own from ``start`` to ``close``.
 
-    That thread alone writes: no signal interrupts it. name, calibration: the rig's. reopen: opens and starts a
-    device that was lost. moments: the newest moment, which ends with the rig. events: the last that happened,
-    with running numbers. error: what ended the rig. Raises DeviceError where two devices have one stream, or
-    none gives depth.
+    That thread alone writes, because no signal interrupts it. name, calibration: the rig's. reopen: opens and
+    starts a device that was lost. moments: the newest moment, which ends with the rig. events: the last that
+    happened, with running numbers. error: what ended the rig. Raises DeviceError where two devices have one
+    stream, or none gives depth.
     """
 
     def __init__(
@@ -83,14 +83,12 @@ class LiveRig:
 
     # Recording
 
-    def record(
-        self, path: Path, subject: str = "", overwrite: bool = False, infrared: bool = False
-    ) -> None:
+    def record(self, path: Path, subject: str = "", overwrite: bool = False, infrared: bool = False) -> None:
         """Write every reading from now on into a session, from the first one if the rig has not started.
 
         subject: the name of the person, "" if unknown. infrared: whether to keep infrared images, which
-        ``calibrate`` needs. Raises ExistsError, and CloudError while another recording goes on or after the rig has
-        ended.
+        ``calibrate`` needs. Raises ExistsError, and CloudError while another recording goes on or after the rig
+        has ended.
         """
 
         def begin() -> None:
@@ -112,10 +110,9 @@ class LiveRig:
         self._in_thread(lambda: self._keep(Event(self._intake.now_ns(), one_line(text))))
 
     @property
-    def recorded_events(self) -> Mapping[str, int]:
-        """How often each text was noted in the recording, or in the last one."""
-        last = self._recorder.last
-        return dict(last.events) if last else {}
+    def last_take(self) -> Take | None:
+        """The recording under way, or the last one."""
+        return self._recorder.last
 
     def _end_recording(self) -> Path | None:
         self._take_in()
@@ -136,7 +133,7 @@ class LiveRig:
             watch.flag_closed_s(now_ns),
             skew,
             take.writer.path if take else None,
-            time.monotonic() - take.started_s if take else 0.0,
+            take.seconds if take else 0.0,
             left_s / 60 if free_bytes else float("inf"),
             self._recorder.trouble,
             tuple(
@@ -175,8 +172,7 @@ class LiveRig:
         except Exception as error:  # whoever looks raises it: here it would die with the thread
             self.error = error
             if isinstance(error, CalibrationError):
-                # A camera in a wrong mode: what came in the first seconds is nothing to keep.
-                self._recorder.discard()
+                self._discard()
         finally:
             with suppress(OSError):
                 self._recorder.end()
@@ -185,8 +181,15 @@ class LiveRig:
                 self._serving = False
             self._do_asked()
 
+    def _discard(self) -> None:
+        """Remove the recording: a camera was in a wrong mode from the start, a second or two ago."""
+        take = self._recorder.take
+        self._recorder.abandon()
+        if take is not None:
+            take.writer.partial.unlink(missing_ok=True)
+
     def _serve(self) -> None:
-        looked_s = 0.0
+        looked_s = time.monotonic()
         while not self._stop.is_set():
             self._do_asked()
             self._take_in()

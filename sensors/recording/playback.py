@@ -6,8 +6,8 @@ from collections import deque
 from pathlib import Path
 
 from sensors.errors import CloudError
-from sensors.recording.health import Health, StreamHealth
 from sensors.recording.arrivals import Event
+from sensors.recording.health import Health, StreamHealth
 from sensors.recording.moments import Moment
 from sensors.recording.newest import Newest
 from sensors.rig.frame import FrameSource

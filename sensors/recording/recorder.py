@@ -3,6 +3,7 @@
 Every message keeps its device's stamp; ``sensors.rig.clock`` fits the clocks when the session is read.
 """
 
+import math
 import shutil
 import time
 from collections import Counter
@@ -42,6 +43,8 @@ TOPICS = {
     "pyrometer": (PYROMETER,),
 }
 """Topics of a device's streams."""
+WORTHLESS_S = 10.0
+"""Seconds of recording without a depth image that nobody misses (untuned)."""
 DISK_FULL = "disk nearly full: recording ended"
 
 
@@ -86,17 +89,24 @@ def write_item(writer: SessionWriter, item: Arrived | Event, infrared: bool = Fa
             writer.add(COUNTS, image_message(counts, "thermal", stamp), stamp, arrival)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Take:
-    """A recording under way. started_s: on ``time.monotonic``. infrared: as of ``write_item``.
+    """A recording. infrared: as of ``write_item``. started_s, ended_s: on ``time.monotonic``, inf = not yet.
 
-    events: how often each text was noted.
+    events: how often each text was noted. has_depth: whether a depth image was written.
     """
 
     writer: SessionWriter
-    started_s: float
     infrared: bool
+    started_s: float = field(default_factory=time.monotonic)
+    ended_s: float = math.inf
     events: Counter[str] = field(default_factory=Counter)
+    has_depth: bool = False
+
+    @property
+    def seconds(self) -> float:
+        """Seconds since it was started, or that it lasted."""
+        return min(time.monotonic(), self.ended_s) - self.started_s
 
 
 class Recorder:
@@ -121,7 +131,7 @@ class Recorder:
         writer = SessionWriter(path, self._calibration, self._name, overwrite=overwrite, metadata=metadata)
         writer.__enter__()
         self._folder, self.trouble = path.parent, ""
-        self.take = self.last = Take(writer, time.monotonic(), infrared)
+        self.take = self.last = Take(writer, infrared)
 
     def write(self, item: Arrived | Event) -> None:
         """Write a reading or an event, if a session is being recorded."""
@@ -131,18 +141,21 @@ class Recorder:
             take.events[item.text] += 1
         try:
             write_item(take.writer, item, take.infrared)
+            take.has_depth |= isinstance(item, Arrived) and item.reading.stream == "depth"
         except FormatError as error:
             self.write(Event(item.stamp_ns, f"left out: {error}", item.arrival_ns))
         except OSError as error:
-            self.take = None
-            with suppress(OSError):
-                take.writer.__exit__(OSError)
+            self.abandon()
             self.trouble = _cut_off(take, error)
 
     def end(self) -> Path | None:
-        """End the session, if there is one; its path, whole and on the disk. Raises OSError."""
-        take, self.take = self.take, None
-        if take is None:
+        """End the session, if there is one; its path, whole and on the disk. Raises OSError.
+
+        A session without depth images could not be read: a short one is removed, a long one stays cut off.
+        """
+        if self.take is not None and not self.take.has_depth:
+            self._end_without_depth(self.take)
+        if (take := self._ended()) is None:
             return None
         try:
             take.writer.__exit__(None)
@@ -151,13 +164,25 @@ class Recorder:
             raise
         return take.writer.path
 
-    def discard(self) -> None:
-        """End the session, if there is one, and remove it."""
-        take, self.take = self.take, None
-        if take is not None:
+    def abandon(self) -> None:
+        """End the session, if there is one, as a recording that was cut off."""
+        if (take := self._ended()) is not None:
             with suppress(OSError):
                 take.writer.__exit__(OSError)
+
+    def _end_without_depth(self, take: Take) -> None:
+        self.abandon()
+        self.trouble = "nothing was recorded: no depth image came before the end; record for longer"
+        if take.seconds < WORTHLESS_S:
             take.writer.partial.unlink(missing_ok=True)
+        else:
+            self.trouble = f"no depth image came; {take.writer.partial} holds the rest: check the depth camera"
+
+    def _ended(self) -> Take | None:
+        take, self.take = self.take, None
+        if take is not None:
+            take.ended_s = time.monotonic()
+        return take
 
     def look_at_disk(self, now_ns: int) -> None:
         """End the session where the disk is nearly full."""
@@ -167,7 +192,7 @@ class Recorder:
             self.write(Event(now_ns, DISK_FULL))
             with suppress(OSError):
                 self.end()
-            self.trouble = self.trouble or DISK_FULL
+            self.trouble = DISK_FULL + (f"; {self.trouble}" if self.trouble else "")
 
 
 def _cut_off(take: Take, error: OSError) -> str:

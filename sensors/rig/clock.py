@@ -3,8 +3,8 @@
 A message arrives after a delay that is never negative: transport, plus whatever the host was busy with. The
 line below all delays, as near to them as can be, is the clock; stalls and jitter only lie above it.
 
-A device that was unplugged, or whose clock was set, begins an *epoch* with another offset. Each epoch is fitted
-by itself.
+A device that was unplugged, or whose clock was set, begins an *epoch* with another offset. Each epoch is
+fitted by itself.
 """
 
 from collections.abc import Iterable
@@ -23,7 +23,7 @@ the device is stamped earlier and arrives later. At least as long before that, t
 MOST_LATE_NS = 60_000_000_000
 """Nanoseconds by which an epoch's fit is moved back at most: what a damaged file states is not believed."""
 AGREE_NS, EXPOSURE_NS = 5_000_000, 20_000_000
-"""Nanoseconds of delay within which readings agree, and within which stamps may be of one exposure (untuned)."""
+"""Nanoseconds of delay within which readings agree; within which stamps may be of one exposure (untuned)."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,8 @@ def fit_clock(stamps_ns: NDArray[np.int64], arrivals_ns: NDArray[np.int64]) -> C
 class EpochClock:
     """Clock of one device in all its epochs. begins_ns: (k,) stamps at which epochs 1 .. k begin.
 
-    clocks: of the epochs that have readings, by number. unsure: numbers of epochs whose readings do not agree on
-    the offset: too few, and the first one after a device was opened is often late.
+    clocks: of the epochs that have readings, by number. unsure: numbers of epochs whose readings do not agree
+    on the offset: they are too few, and the first one after a device was opened is often late.
     """
 
     begins_ns: NDArray[np.int64]

@@ -15,8 +15,8 @@ from sensors.session.index import Places
 class HostTimes:
     """Times int64 (n,) of the messages of every topic, nanoseconds on one clock for all. sure: flags (n,).
 
-    An unsure time is that of a device that was open for a few images only: its offset from the host's clock is
-    not known. clocks: names of the topics' clocks, "" where none is stated.
+    A time is unsure where its device was open for a few images only: its offset from the host's clock is not
+    known. clocks: names of the topics' clocks, "" where none is stated.
     """
 
     ns: dict[str, NDArray[np.int64]]
@@ -39,9 +39,9 @@ def host_times(
 ) -> HostTimes:
     """Return when each message was made.
 
-    A recording's metadata name the clock that stamped a topic (``clock /depth/image``); each clock is fitted to
-    the host's, in each of its epochs, which the events (stamp in ns, text) begin. Topics of no stated clock are
-    stamped by one and the same.
+    A recording's metadata name the clock that stamped a topic (``clock /depth/image``); each clock is fitted
+    to the host's, in each of its epochs, which the events (stamp in ns, text) begin. Topics of no stated clock
+    are stamped by one and the same.
     """
     clocks = {topic: metadata.get(f"{CLOCK}{topic}", "") for topic in places}
     fitted, events = dict[str, EpochClock](), tuple(events)

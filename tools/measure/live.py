@@ -43,7 +43,7 @@ def main() -> None:
             cpu_s, began_s = time.process_time(), time.monotonic()
             pipeline.latencies_ms.clear()
             if options.window:
-                run_live(pipeline, iter(()), "", options.seconds)
+                run_live(pipeline, iter(()), "", options.seconds, lambda: False)
             else:
                 time.sleep(options.seconds)
             wall_s, cpu_s = time.monotonic() - began_s, time.process_time() - cpu_s

@@ -1,10 +1,10 @@
 """Pairing after devices were unplugged: ``python -m tools.measure.replugging [CASES [SECONDS]]``.
 
 Each case draws a rig (colour from the depth camera or from a camera of its own, a thermal camera of 9 to 128
-images a second), and when each device is unplugged and comes back: the first image up to 300 ms late, jitter,
-stalls, drops, skew, and clocks that are set while they run. Readings pass through ``Arrivals``, as when they are
-recorded, and are paired by ``host_times``, as when they are read. Prints, for frames of short and of long epochs,
-the share whose colour and whose temperatures are the right ones.
+images a second), and when each device is unplugged and comes back: the first image up to 300 ms late,
+jitter, stalls, drops, skew, and clocks that are set while they run. Readings pass through ``Arrivals``, as when
+they are recorded, and are paired by ``host_times``, as when they are read. Prints, for frames of short and of
+long epochs, the share whose colour and whose temperatures are the right ones.
 """
 
 import sys
@@ -18,9 +18,9 @@ from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, Flag,
 from sensors.recording.arrivals import Arrivals, Event
 from sensors.rig.clock import begins_of
 from sensors.rig.pairing import CLOCK, COLOR_WINDOW_NS, pair_stamps, thermal_window_ns
+from sensors.session.host_times import host_times
 from sensors.session.index import PLACE
 from sensors.session.messages import COLOR, DEPTH, IMAGES, THERMAL
-from sensors.session.host_times import host_times
 
 Int = NDArray[np.int64]
 UNIX_NS = 1_700_000_000_000_000_000
@@ -94,7 +94,7 @@ def add_device(case: Case, address: str, streams: dict[str, float], span_s: floa
         made_s = np.array([at_s for at_s, _ in made])
         for (at_s, topic), arrive_s in zip(made, arrivals_s(made_s, rng, opened), strict=True):
             stamp_ns = round((at_s * (1 + skew) + zero_s) * 1e9)
-            arrival_ns, value = round((at_s + arrive_s - at_s) * 1e9), VALUES[topic]
+            arrival_ns, value = round(arrive_s * 1e9), VALUES[topic]
             for item in arrivals.add(address, DeviceReading(stamp_ns, arrival_ns, value), 0):
                 if isinstance(item, Event):
                     case.events.append((item.stamp_ns, item.text))
@@ -164,7 +164,9 @@ def main(cases: int, span_s: float) -> None:
         print(f"wrong {share[1]:.4f}, missing {share[2]:.4f}")
     for topic in worst:
         parts = total[topic, "short"] + total[topic, "long"]
-        print(f"{topic}: right {parts[0] / parts.sum():.4f} of all frames, {worst[topic]:.4f} in the worst case")
+        print(
+            f"{topic}: right {parts[0] / parts.sum():.4f} of all frames, {worst[topic]:.4f} in the worst case"
+        )
 
 
 if __name__ == "__main__":
