@@ -87,8 +87,8 @@ class LiveRig:
         """Write every reading from now on into a session, from the first one if the rig has not started.
 
         subject: the name of the person, "" if unknown. infrared: whether to keep infrared images, which
-        ``calibrate`` needs. Raises ExistsError, and CloudError while another recording goes on or after the rig
-        has ended.
+        ``calibrate`` needs. Raises ExistsError, and CloudError while another recording goes on or after the
+        rig has ended.
         """
 
         def begin() -> None:

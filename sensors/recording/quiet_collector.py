@@ -8,11 +8,11 @@ from typing import ClassVar
 class QuietCollector:
     """Keeps the collector from all objects that were there at ``begin``, until the last user has ended.
 
-    A full run of it stops every thread for 60 ms (measured, 170,000 objects), twice that on a busy machine, and
-    a thermal camera keeps its images for an eighth of a second.
+    A full run of it stops every thread for 60 ms (measured, 170,000 objects), twice that on a busy machine,
+    and a thermal camera keeps its images for an eighth of a second.
     """
 
-    _users: "ClassVar[set[QuietCollector]]" = set()
+    _users: ClassVar[set["QuietCollector"]] = set()
     _lock = threading.Lock()
 
     def begin(self) -> None:

@@ -176,7 +176,8 @@ class Recorder:
         if take.seconds < WORTHLESS_S:
             take.writer.partial.unlink(missing_ok=True)
         else:
-            self.trouble = f"no depth image came; {take.writer.partial} holds the rest: check the depth camera"
+            held = f"{take.writer.partial} holds the other cameras' images"
+            self.trouble = f"no depth image came; {held}: check the depth camera"
 
     def _ended(self) -> Take | None:
         take, self.take = self.take, None

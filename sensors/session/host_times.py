@@ -40,8 +40,8 @@ def host_times(
     """Return when each message was made.
 
     A recording's metadata name the clock that stamped a topic (``clock /depth/image``); each clock is fitted
-    to the host's, in each of its epochs, which the events (stamp in ns, text) begin. Topics of no stated clock
-    are stamped by one and the same.
+    to the host's, in each of its epochs, which the events (stamp in ns, text) begin. Topics of no stated
+    clock are stamped by one and the same.
     """
     clocks = {topic: metadata.get(f"{CLOCK}{topic}", "") for topic in places}
     fitted, events = dict[str, EpochClock](), tuple(events)

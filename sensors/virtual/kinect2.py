@@ -5,6 +5,7 @@ As libfreenect2 does, it delivers mirror images of its scene, and the intrinsics
 
 from collections import deque
 from ctypes import c_float, memmove, pointer
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from sensors.drivers.kinect2 import COLOR, DEPTH, INFRARED, MIRRORED, PROTOTYPES, Frame, Shim
 from sensors.files.jpeg import mirrored_jpeg
 from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
-from sensors.virtual.frame_loop import FrameLoop
+from sensors.virtual.frame_loop import LONGEST, FrameLoop
 from sensors.virtual.schedule import Faults, Schedule, UnpluggedError
 
 Pointer = Any
@@ -35,6 +36,8 @@ class VirtualKinect2:
     ) -> None:
         scene.color(0)
         self._scene, self._serials = scene, serials
+        # The scene repeats: a camera's images cost its host nothing to mirror.
+        self._mirrored = lru_cache(LONGEST)(mirrored_jpeg)
         self.schedule = Schedule(RATE_HZ, faults, QUEUE)
         self._open = False
         self._ready = deque[tuple[int, int]]()
@@ -101,7 +104,7 @@ class VirtualKinect2:
     def _image(self, kind: int, number: int) -> bytes:
         seconds = number / RATE_HZ
         if kind == COLOR:
-            return mirrored_jpeg(self._scene.color(seconds))
+            return self._mirrored(self._scene.color(seconds))
         infrared = self._scene.infrared(seconds) if kind == INFRARED else None
         image = self._scene.depth(seconds) if infrared is None else infrared
         return image[:, ::-1].astype(np.float32).tobytes()

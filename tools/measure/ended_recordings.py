@@ -1,10 +1,10 @@
 """Recordings ended by signals: ``python -m tools.measure.ended_recordings [COUNT [FOLDER]]``.
 
 Each recording runs in a process of its own and is ended by SIGINT or SIGTERM at a random moment. In turn: the
-command ``record``, the command ``live --record`` (labelling replaced, since it is not what is measured), and a
-``LiveRig`` of a depth camera that is never late. The first two have a virtual Kinect v2. Meanwhile another process
-keeps a core busy. Then every session is opened: a recording is *refused* if ``Session`` refuses it, *cut off* if it
-is not whole, and *empty* if the signal came before the first depth image, which leaves no file.
+command ``record``, the command ``live --record`` (labelling replaced, since it is not measured), and a
+``LiveRig`` of a depth camera that is never late. The first two have a virtual Kinect v2. Meanwhile another
+process keeps a core busy. Then every session is opened: a recording is *refused* if ``Session`` refuses it,
+*cut off* if it is not whole, and *empty* if the signal came before the first depth image: no file is left.
 """
 
 import multiprocessing
@@ -15,6 +15,7 @@ import tempfile
 import time
 from collections import Counter
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -41,7 +42,7 @@ class Camera:
     """A depth camera of 512 x 424 at 30 images a second that hardly compress."""
 
     address, serial, calibration = "fast:1", "1", RigCalibration(KINECT2_DEPTH)
-    rates_hz = {"depth": 30.0}
+    rates_hz: ClassVar = {"depth": 30.0}
 
     def __init__(self) -> None:
         rng = np.random.default_rng(0)

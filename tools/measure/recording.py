@@ -12,16 +12,16 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 
 from cli.rig_devices import Shown
 from sensors.device.protocol import Device
+from sensors.recording.live_rig import LiveRig
 from sensors.recording.open_device import open_device
-from sensors.recording.recorder import Recorder, clock_metadata
 from sensors.session.reader import Session
-from sensors.session.writer import SessionWriter
 
 DEVICES = ("virtual:kinect2", "virtual:optris-direct", "virtual:pyrometer?family=ct")
 
@@ -41,14 +41,21 @@ def started() -> tuple[Shown, list[Device]]:
     return shown, devices
 
 
+def rig_of(shown: Shown, devices: list[Device]) -> LiveRig:
+    return LiveRig("x", devices, shown.calibration, {}, lambda address: open_device(address, shown))
+
+
 def measure(path: Path, seconds: float) -> None:
-    shown, devices = started()
     memory: list[float] = []
-    with SessionWriter(path, shown.calibration, "x", metadata=clock_metadata(devices, {})) as writer:
-        recorder, before, end = Recorder(devices, writer), time.process_time(), time.monotonic() + seconds
-        recorder.run(lambda: time.monotonic() >= end, lambda _: memory.append(resident_mb()))
+    with closing(rig_of(*started())) as rig:
+        rig.record(path)
+        before, end = time.process_time(), time.monotonic() + seconds
+        rig.start()
+        while time.monotonic() < end:
+            time.sleep(1.0)
+            memory.append(resident_mb())
     share = (time.process_time() - before) / seconds
-    for name, stream in recorder.streams.items():
+    for name, stream in rig.health().streams.items():
         print(f"{name}: {stream.count} in {seconds:g} s, {stream.dropped} dropped")
     print(f"CPU, virtual devices included: {share:.0%} of a core; peak {peak_mb():.0f} MB")
     print(f"memory after 5 s {memory[min(5, len(memory) - 1)]:.0f} MB, at the end {memory[-1]:.0f} MB")
@@ -82,11 +89,11 @@ def kill(path: Path, seed: int) -> float:
 
 
 def record_test_picture(path: Path) -> None:
-    """Record a minute of what the virtual devices show by themselves; for ``kill``."""
-    shown, devices = started()
-    end = time.monotonic() + 60
-    with SessionWriter(path, shown.calibration, "x", metadata=clock_metadata(devices, {})) as writer:
-        Recorder(devices, writer).run(lambda: time.monotonic() >= end, lambda _: None)
+    """Record for a minute: what ``kill`` starts."""
+    with closing(rig_of(*started())) as rig:
+        rig.record(path)
+        rig.start()
+        time.sleep(60)
 
 
 def main(seconds: float, kills: int) -> None:

@@ -2,9 +2,9 @@
 
 Each case draws a rig (colour from the depth camera or from a camera of its own, a thermal camera of 9 to 128
 images a second), and when each device is unplugged and comes back: the first image up to 300 ms late,
-jitter, stalls, drops, skew, and clocks that are set while they run. Readings pass through ``Arrivals``, as when
-they are recorded, and are paired by ``host_times``, as when they are read. Prints, for frames of short and of
-long epochs, the share whose colour and whose temperatures are the right ones.
+jitter, stalls, drops, skew, and clocks that are set while they run. Readings pass through ``Arrivals``, as
+when they are recorded, and are paired by ``host_times``, as when they are read. Prints, for frames of short
+and of long epochs, the share whose colour and whose temperatures are the right ones.
 """
 
 import sys
