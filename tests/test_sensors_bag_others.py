@@ -484,7 +484,7 @@ def test_colour_on_another_clock_is_paired_by_receive_times(opened, off):
     assert noted(
         source,
         "paired by receive times",
-        "later than" if off > 0 else "earlier than",
+        "later" if off > 0 else "earlier",
         f"{abs(off) / 10:.3f} s",
     )
 

@@ -1,5 +1,6 @@
 """Recordings that were cut off, paused, or never closed: what is there is read, what is lost is named."""
 
+import re
 from itertools import pairwise
 
 import numpy as np
@@ -99,6 +100,24 @@ def test_a_bag_cut_anywhere_is_read_up_to_the_cut_or_named(tmp_path):
             assert "\n" not in str(error)
             counts.append(0)
     assert max(counts) == 6 and counts == sorted(counts)
+
+
+def test_a_damaged_chunk_costs_its_own_messages_alone(tmp_path):
+    """A bit of each chunk flips in turn; the others are read, and a note names the place."""
+    path = write_old_bag(tmp_path / "x.bag", in_order(4), "BZ2", chunk_bytes=1)
+    whole = path.read_bytes()
+    chunks = [(begin, end) for begin, end, operation in records(whole) if operation == b"\5"]
+    images = chunks[-3 * 4 :]  # of depth, colour and infrared
+    for begin, end in images:
+        spoilt = bytearray(whole)
+        spoilt[end - (end - begin) // 4] ^= 16
+        path.write_bytes(spoilt)
+        source = open_source(path)
+        assert any(re.match(rf"x\.bag is damaged at byte {begin}\b", note) for note in source.notes)
+        assert len(source) >= 3
+        for frame in source:
+            index = (frame.stamp_ns - SECOND) // 33_000_000
+            np.testing.assert_array_equal(frame.depth_mm, depth_image(index))
 
 
 def test_messages_are_read_at_random(tmp_path):

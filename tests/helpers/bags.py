@@ -107,8 +107,13 @@ def realsense(frames: int = 3) -> list[tuple[str, object, int]]:
     return messages
 
 
-def write_old_bag(path: Path, messages: list[tuple[str, object, int]], compression: str = "") -> Path:
-    """(topic, message, time logged) into a ROS 1 bag, by rosbags' own writer. compression: "", BZ2 or LZ4."""
+def write_old_bag(
+    path: Path, messages: list[tuple[str, object, int]], compression: str = "", chunk_bytes: int = 1 << 20
+) -> Path:
+    """(topic, message, time logged) into a ROS 1 bag, by rosbags' own writer.
+
+    compression: "", BZ2 or LZ4. chunk_bytes: above which a chunk ends.
+    """
     rosbag1 = pytest.importorskip("rosbags.rosbag1")
     store = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
     transforms = "geometry_msgs/TransformStamped[] transforms"
@@ -124,6 +129,7 @@ def write_old_bag(path: Path, messages: list[tuple[str, object, int]], compressi
         return kind(**{name: fields.get(name.lower(), 0) for name in names})
 
     writer = rosbag1.Writer(path)
+    writer.chunk_threshold = chunk_bytes
     if compression:
         writer.set_compression(rosbag1.Writer.CompressionFormat[compression])
     with writer:

@@ -37,11 +37,11 @@ class Bag(FrameSource):
         topics = index_topics(files)
         pictures = {n: picture_from(t.read(0)) for n, t in topics.items() if t.kind in PICTURES and len(t)}
         chosen = choose(pictures, options.topics)
+        lost = [file.lost for file in files if file.lost]
         if chosen is None:
-            lost = "".join(f"; {file.lost}" for file in files if file.lost)
-            seen = _listed(pictures, sorted(pictures)) or "no images"
+            seen = "; ".join([_listed(pictures, sorted(pictures)) or "no images", *lost])
             raise FormatError(
-                f"{path} has no depth images: it has {seen}{lost}; "
+                f"{path} has no depth images: it has {seen}; "
                 "record depth (16UC1, 32FC1, compressedDepth or PNG of 16 bits), or choose one by --topic"
             )
         self._depth = topics[chosen.depth]
@@ -55,17 +55,15 @@ class Bag(FrameSource):
         if self._color is not None:
             self._pairs, apart = paired(self._depth.timeline, self._color.timeline)
         ignored = sorted(set(pictures) - {chosen.depth, chosen.color})
-        empty = [f"{t.name}: {t.empty} empty images are left out" for t in self._read_topics() if t.empty]
         self.notes = (
             *chosen.notes,
             *found.notes,
             *self._reading.notes,
-            *(note for topic in self._read_topics() for note in topic.timeline.notes),
+            *(note for topic in self._read_topics() for note in topic.notes),
             *apart,
-            *empty,
             "no thermal images",
             *([f"not read: {_listed(pictures, ignored)}"] if ignored else []),
-            *(file.lost for file in files if file.lost),
+            *lost,
         )
 
     def _read_topics(self) -> list[Topic]:

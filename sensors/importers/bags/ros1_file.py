@@ -28,7 +28,7 @@ MAX_HEADER_BYTES = 1 << 20
 CACHED_CHUNKS = 4
 """Unpacked chunks kept: messages that belong together lie in neighbouring ones. Untuned."""
 _LENGTH, _TIME, _CONNECTION = struct.Struct("<I"), struct.Struct("<II"), struct.Struct("<I")
-_MESSAGE, _BAG, _CHUNK, _DESCRIPTION = b"\2", b"\3", b"\5", b"\7"
+_MESSAGE, _CHUNK, _DESCRIPTION = b"\2", b"\5", b"\7"
 _WHOLE = -1
 """Place of a record that lies in no chunk."""
 
@@ -43,6 +43,12 @@ class _Record(NamedTuple):
     @property
     def op(self) -> bytes:
         return self.fields.get(b"op", b"")
+
+    @property
+    def connection(self) -> int:
+        """Number of the topic that it belongs to, -1 for none."""
+        number = self.fields.get(b"conn", b"")
+        return int(_CONNECTION.unpack(number)[0]) if len(number) == _CONNECTION.size else -1
 
 
 class Ros1File:
@@ -67,22 +73,19 @@ class Ros1File:
     def topics(self) -> set[str]:
         """Every topic, whatever its type; those of the index alone where there is one."""
         with self.path.open("rb") as file:
-            indexed = self._indexed_topics(file)
-            return indexed or {kind[0] for kind in self._connections(file)}
+            known = self._indexed(file) or dict(self._described(file))
+        return {topic for topic, _ in known.values()}
 
     def entries(self, kinds: frozenset[str] = READ) -> Iterator[Entry]:
         """Every message of a type that is read, in the file's order."""
-        known: dict[int, tuple[str, str]] = {}
         with self.path.open("rb") as file:
+            # Where the chunk is damaged in which a topic is described, the index describes it again.
+            known = self._indexed(file)
             for chunk, source, record in self._records(file):
-                number = record.fields.get(b"conn", b"")
-                if len(number) != _CONNECTION.size:
-                    continue
-                connection = _CONNECTION.unpack(number)[0]
                 if record.op == _DESCRIPTION:
-                    known.setdefault(connection, _described(record, source))
-                elif record.op == _MESSAGE and connection in known and known[connection][1] in kinds:
-                    topic, kind = known[connection]
+                    known.setdefault(*_described(record, source))
+                elif record.connection in known and known[record.connection][1] in kinds:
+                    topic, kind = known[record.connection]
                     place = (chunk, record.start, record.size)
                     yield Entry(topic, kind, "ros1", _logged_ns(record), place, _data(source, record))
 
@@ -104,17 +107,18 @@ class Ros1File:
                 self.lost = f"{self.path.name} is cut off or damaged at byte {offset}: what follows is lost"
                 return
             if record.op == _CHUNK and record.size:
-                try:
-                    inside = io.BytesIO(self._unpacked(offset))
-                except FormatError as error:
-                    self.lost = f"{error}: what follows is lost"
-                    return
-                yield from self._inside(offset, inside)
+                yield from self._inside(offset)
             elif record.op in (_DESCRIPTION, _MESSAGE):
                 yield _WHOLE, file, record
             offset = record.start + record.size
 
-    def _inside(self, chunk: int, inside: io.BytesIO) -> Iterator[tuple[int, BinaryIO, _Record]]:
+    def _inside(self, chunk: int) -> Iterator[tuple[int, BinaryIO, _Record]]:
+        """The records of a chunk, as far as it is whole."""
+        try:
+            inside = io.BytesIO(self._unpacked(chunk))
+        except FormatError as error:
+            self.lost = f"{error}: messages of that chunk are lost"
+            return
         offset, end = 0, inside.getbuffer().nbytes
         while offset < end and (record := _record_at(inside, offset, end)) is not None:
             yield chunk, inside, record
@@ -136,19 +140,19 @@ class Ros1File:
         except (OSError, RuntimeError, ValueError, EOFError) as error:
             raise FormatError(f"{self.path.name} is damaged at byte {offset} ({error})") from error
 
-    def _connections(self, file: BinaryIO) -> Iterator[tuple[str, str]]:
+    def _described(self, file: BinaryIO) -> Iterator[tuple[int, tuple[str, str]]]:
         return (_described(r, source) for _, source, r in self._records(file) if r.op == _DESCRIPTION)
 
-    def _indexed_topics(self, file: BinaryIO) -> set[str]:
-        """Topics of the index; none where it is absent."""
+    def _indexed(self, file: BinaryIO) -> dict[int, tuple[str, str]]:
+        """Topics and types by connection, as the index has them; none where it is absent."""
         end = os.fstat(file.fileno()).st_size
         first = _record_at(file, len(MAGIC), end)
         at = int.from_bytes(first.fields.get(b"index_pos", b""), "little") if first else 0
-        topics: set[str] = set()
+        known: dict[int, tuple[str, str]] = {}
         while len(MAGIC) < at < end and (record := _record_at(file, at, end)) and record.op == _DESCRIPTION:
-            topics.add(_described(record, file)[0])
+            known.setdefault(*_described(record, file))
             at = record.start + record.size
-        return topics
+        return known
 
 
 def _record_at(file: BinaryIO, offset: int, end: int) -> _Record | None:
@@ -186,12 +190,13 @@ def _data(file: BinaryIO, record: _Record) -> bytes:
     return file.read(record.size)
 
 
-def _described(record: _Record, source: BinaryIO) -> tuple[str, str]:
-    """Topic and bare type of a connection."""
+def _described(record: _Record, source: BinaryIO) -> tuple[int, tuple[str, str]]:
+    """A connection's number, its topic and bare type."""
     about = _fields(_data(source, record))
     # rosbag's own record has the topic; the publisher's may name another one that was remapped.
     topic = record.fields.get(b"topic") or about.get(b"topic", b"")
-    return topic.decode("utf-8", "replace"), bare(about.get(b"type", b"").decode("ascii", "replace"))
+    kind = bare(about.get(b"type", b"").decode("ascii", "replace"))
+    return record.connection, (topic.decode("utf-8", "replace"), kind)
 
 
 def _logged_ns(record: _Record) -> int:

@@ -22,7 +22,7 @@ EQUAL_SHARE = 0.1
 """Share of messages with the stamp of the one before above which the stamps are too coarse. Untuned."""
 PAIRED_SHARE = 0.5
 """Share of the images of the slower stream below which stamps pair too few. Untuned."""
-_MS, _S = 1e6, 1e9
+_S = 1e9
 
 
 @dataclass(frozen=True)
@@ -84,30 +84,31 @@ def paired(depth: Timeline, color: Timeline) -> tuple[Times, tuple[str, ...]]:
 
     Stamps decide. Receive times do where stamps pair less than half of the images, and they pair more.
     """
-    count = len(depth.times_ns)
-    slower = min(count, len(color.times_ns))
+    slower = min(len(depth.times_ns), len(color.times_ns))
     pairs, notes = paired_by_stamps(depth, color, COLOR_WINDOW_NS), list[str]()
     if np.count_nonzero(pairs >= 0) < PAIRED_SHARE * slower:
         received = _by_received(depth, color)
-        if np.count_nonzero(received >= 0) > np.count_nonzero(pairs >= 0):
-            both = depth.stamped and color.stamped
-            apart = _apart(depth.stamps_ns[received >= 0], color.stamps_ns[received[received >= 0]])
-            notes.append(
-                f"colour paired by receive times{f': its stamps are {apart} those of depth' if both else ''}"
-            )
-            pairs = received
+        has = received >= 0
+        if np.count_nonzero(has) > np.count_nonzero(pairs >= 0):
+            pairs, why = received, ""
+            if depth.stamped and color.stamped:
+                apart = _apart(depth.stamps_ns[has], color.stamps_ns[received[has]])
+                why = f": its stamps are {apart} than those of depth"
+            notes.append(f"colour paired by receive times{why}")
     found = int(np.count_nonzero(pairs >= 0))
-    if found < count:
-        why = ""
-        if not found and slower:
-            nearest = pair_stamps(depth.times_ns, color.times_ns, 1 << 62)
-            has = nearest >= 0
-            apart = _apart(depth.times_ns[has], color.times_ns[nearest[has]])
-            why = f"; colour is {apart} depth: record both on one clock"
-        notes.append(
-            f"{found} of {count} depth images have a colour image within {COLOR_WINDOW_NS / _MS:.0f} ms{why}"
-        )
+    if found < len(pairs):
+        window = f"{COLOR_WINDOW_NS / 1e6:.0f} ms"
+        why = f"; {_nearest(depth, color)}" if slower and not found else ""
+        notes.append(f"{found} of {len(pairs)} depth images have a colour image within {window}{why}")
     return pairs, tuple(notes)
+
+
+def _nearest(depth: Timeline, color: Timeline) -> str:
+    """How far the nearest colour images are, and what to do."""
+    nearest = pair_stamps(depth.times_ns, color.times_ns, 1 << 62)
+    has = nearest >= 0
+    apart = _apart(depth.times_ns[has], color.times_ns[nearest[has]])
+    return f"colour is {apart} than depth: record both on one clock"
 
 
 def paired_by_stamps(depth: Timeline, other: Timeline, window_ns: int) -> Times:
@@ -203,4 +204,4 @@ def _by_received(depth: Timeline, color: Timeline) -> Times:
 def _apart(depth_ns: Times, color_ns: Times) -> str:
     """How far colour is from depth, in words."""
     apart_s = float(np.median((color_ns - depth_ns).astype(np.float64))) / _S
-    return f"{abs(apart_s):.3f} s {'later than' if apart_s > 0 else 'earlier than'}"
+    return f"{abs(apart_s):.3f} s {'later' if apart_s > 0 else 'earlier'}"

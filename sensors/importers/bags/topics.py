@@ -61,6 +61,12 @@ class Topic:
         )
         return timeline_of(Stamps(self.name, stamps_ns, received_ns, self._same))
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed about order and times, and how many images are empty."""
+        empty = f"{self.name}: {self.empty} empty images are left out"
+        return (*self.timeline.notes, *([empty] if self.empty else []))
+
     def _same(self, a: int, b: int) -> bool:
         return self._bytes(a) == self._bytes(b)
 
