@@ -48,16 +48,19 @@ def import_(
     topic: Annotated[
         list[str] | None, Option(help="Topic of a bag; repeatable: depth's, then colour's.")
     ] = None,
+    axes: Annotated[
+        str, Option(help="Axes of a cloud: camera, y-up, ros, z-up or kinect.", show_default="by its points")
+    ] = "",
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Import a recording (out.mcap) or another tool's labels (a folder); print what is assumed."""
-    options = ImportOptions(intrinsics, depth_unit, turn, mirror, subject, rate, tuple(topic or ()))
+    options = ImportOptions(intrinsics, depth_unit, turn, mirror, subject, rate, tuple(topic or ()), axes)
     if out.suffix.lower() == SESSION_SUFFIX:
         _import_images(source, out, options, overwrite, json)
         return
     if options != AS_STATED:
-        raise BadParameter("--intrinsics to --topic are for recordings; name the output out.mcap")
+        raise BadParameter("--intrinsics to --axes are for recordings; name the output out.mcap")
     _import_labels(source, out, overwrite, json)
 
 
@@ -107,15 +110,14 @@ def _export_points(
     """Write labels back onto the points of the cloud that was labelled."""
     from annotate.exchange.labelled_points import KINDS as POINTS
     from annotate.exchange.labelled_points import export_points
-    from sensors.importers.pointcloud import CloudFile
+    from sensors.importers.open_source import CLOUDS
 
-    source = open_source(session) if format_ in POINTS else None
-    if not isinstance(source, CloudFile):
+    if format_ not in POINTS or session.suffix.lower() not in CLOUDS:
         raise BadParameter(
             f"only --format {FOXGLOVE} uses it, and {' and '.join(POINTS)} of a cloud file",
             param_hint="--session",
         )
-    done = export_points(labels, source, format_, out, overwrite=overwrite)
+    done = export_points(labels, session, format_, out, overwrite=overwrite)
     result = {"frames": len(labels), "format": format_, "path": str(out), **done._asdict()}
     finish(result, json, f"labels of {done.labelled} of {done.points} points of {session} in {out}")
 

@@ -9,8 +9,10 @@ from annotate.labelset.store import LabelSet
 from annotate.parts import UNDEFINED
 from sensors.errors import FormatError
 from sensors.importers.open_source import open_source
+from sensors.importers.options import ImportOptions
 from sensors.importers.pcd_file import read_pcd
 from sensors.importers.ply_file import read_ply
+from sensors.importers.pointcloud import CloudFile
 from tests.helpers.cloud_files import (
     CLOUD_FROM_CAMERA,
     camera_points,
@@ -55,7 +57,7 @@ def test_known_labels_go_round(tmp_path, axes, out):
     points = (shuffled() @ CLOUD_FROM_CAMERA[axes].T * 1000).astype(np.float32)
     source = open_source(write(tmp_path / "c.pcd", colored_pcd(points, random_colors(len(points)))))
     parts = known_parts(len(points))
-    done = export_points(labelled(source, parts, tmp_path / "labels"), source, out, tmp_path / "out")
+    done = export_points(labelled(source, parts, tmp_path / "labels"), source.path, out, tmp_path / "out")
     finite = np.isfinite(points).all(axis=1)
     assert done == (len(points), np.count_nonzero(finite))
     back = READERS[out](tmp_path / "out" / f"000000.{out}")
@@ -80,7 +82,7 @@ def test_a_grid_keeps_its_grid_its_viewpoint_and_all_fields(tmp_path):
     content = pcd(points, *depth.shape[::-1], records.tobytes(), **header, VIEWPOINT="0.1 0 0 1 0 0 0")
     source = open_source(write(tmp_path / "c.pcd", content))
     parts = known_parts(len(points))
-    export_points(labelled(source, parts, tmp_path / "labels"), source, "pcd", tmp_path / "out")
+    export_points(labelled(source, parts, tmp_path / "labels"), source.path, "pcd", tmp_path / "out")
     back = read_pcd(tmp_path / "out" / "000000.pcd")
     assert back.grid == depth.shape and back.viewpoint.translation_m[0] == pytest.approx(0.1)
     np.testing.assert_array_equal(back.records["h"], records["h"])
@@ -94,7 +96,7 @@ def test_hidden_points_are_undefined_and_visible_ones_are_not(tmp_path):
     ball = 0.3 * directions / np.linalg.norm(directions, axis=1, keepdims=True) + [0.1, 0.2, 2.0]
     source = open_source(write(tmp_path / "ball.ply", ply(ball)))
     export_points(
-        labelled(source, np.full(len(ball), 2), tmp_path / "labels"), source, "ply", tmp_path / "out"
+        labelled(source, np.full(len(ball), 2), tmp_path / "labels"), source.path, "ply", tmp_path / "out"
     )
     label = read_ply(tmp_path / "out" / "000000.ply").records["label"]
     facing = (ball * (ball - [0.1, 0.2, 2.0])).sum(axis=1) / 0.3 / np.linalg.norm(ball, axis=1)
@@ -107,7 +109,9 @@ def test_coordinates_of_a_map_keep_their_digits(tmp_path):
     points = camera_points(room()).reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)] @ CLOUD_FROM_CAMERA["z-up"].T
     source = open_source(write(tmp_path / "m.las", las(points, 500_000.0, False)))
-    export_points(labelled(source, known_parts(len(points)), tmp_path / "l"), source, "pcd", tmp_path / "out")
+    export_points(
+        labelled(source, known_parts(len(points)), tmp_path / "l"), source.path, "pcd", tmp_path / "out"
+    )
     back = read_pcd(tmp_path / "out" / "000000.pcd").points()
     np.testing.assert_allclose(back, points + 500_000.0, atol=0.0006)
 
@@ -116,10 +120,49 @@ def test_labels_of_another_cloud_are_refused_and_leave_nothing(tmp_path):
     points = shuffled()
     source = open_source(write(tmp_path / "c.ply", ply(points)))
     labels = labelled(source, known_parts(len(points)), tmp_path / "labels")
-    other = open_source(write(tmp_path / "d.ply", ply(points[::2])))
-    with pytest.raises(FormatError, match="shows another depth image than frame 000000"):
+    other = write(tmp_path / "d.ply", ply(points[::2]))
+    with pytest.raises(FormatError, match="shows another depth image than its labels"):
         export_points(labels, other, "ply", tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+DECLARED = [
+    ImportOptions(turn_deg=90),
+    ImportOptions(turn_deg=180, depth_unit_mm=10),
+    ImportOptions(axes="kinect"),
+]
+
+
+@pytest.mark.parametrize("options", DECLARED)
+def test_labels_of_a_turned_import_go_back_too(tmp_path, options):
+    """The label set shows what was declared at the import."""
+    points = shuffled()
+    plain = open_source(write(tmp_path / "c.ply", ply(points)))
+    source = open_source(plain.path, options)
+    depth = source.frame(0).depth_mm
+    parts = np.random.default_rng(2).integers(0, 12, depth.shape, dtype=np.uint8)
+    labels = LabelSet.create(tmp_path / "labels", source.calibration.depth, {})
+    labels.write(FrameLabels("000000", depth, parts))
+    export_points(LabelSet.open(tmp_path / "labels"), plain.path, "ply", tmp_path / "out")
+    found = read_ply(tmp_path / "out" / "000000.ply").records["label"]
+    quarters = options.turn_deg // 90
+    own = np.rot90(parts, quarters)
+    pixels = CloudFile(plain.path, options).pixels
+    np.testing.assert_array_equal(found, np.where(pixels >= 0, own.ravel()[pixels], UNDEFINED))
+    assert (pixels >= 0).mean() > 0.9
+
+
+def test_a_mirrored_grid_gets_its_labels(tmp_path):
+    depth = room()
+    path = write(tmp_path / "c.pcd", pcd(camera_points(depth)[:, ::-1], *depth.shape[::-1]))
+    source = open_source(path, ImportOptions(mirror=True))
+    assert np.abs(source.frame(0).depth_mm.astype(int) - depth).max() <= 1
+    parts = np.random.default_rng(2).integers(0, 12, depth.shape, dtype=np.uint8)
+    labels = LabelSet.create(tmp_path / "labels", source.calibration.depth, {})
+    labels.write(FrameLabels("000000", source.frame(0).depth_mm, parts))
+    export_points(LabelSet.open(tmp_path / "labels"), path, "pcd", tmp_path / "out")
+    found = read_pcd(tmp_path / "out" / "000000.pcd").records["label"].reshape(depth.shape)[:, ::-1]
+    np.testing.assert_array_equal(found, np.where(depth > 0, parts, UNDEFINED))
 
 
 def test_the_command_writes_labels_back(tmp_path, annotate_cloud):

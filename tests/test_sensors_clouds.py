@@ -1,5 +1,6 @@
 """Point clouds of other programs become depth and colour images, or are refused in one line."""
 
+import json
 import warnings
 from itertools import product
 
@@ -182,6 +183,27 @@ def test_what_stays_open_is_asked_for(tmp_path):
         CloudFile(far, ImportOptions(depth_unit_mm=1000))
     with pytest.raises(FormatError, match="axes 'up' are unknown; use camera"):
         CloudFile(blob, ImportOptions(axes="up"))
+
+
+def test_a_declared_camera_is_used(tmp_path):
+    depth_mm, camera = room(), furnished_room.CAMERA
+    numbers = {
+        "fx": camera.fx,
+        "fy": camera.fy,
+        "cx": camera.cx,
+        "cy": camera.cy,
+        "width": 320,
+        "height": 264,
+    }
+    path = write(tmp_path / "i.json", json.dumps(numbers).encode())
+    points = camera_points(depth_mm)
+    for name, content in (
+        ("x.ply", ply(finite(points))),
+        ("x.pcd", pcd(points.reshape(-1, 3), 320, 264)),
+    ):
+        source = open_source(write(tmp_path / name, content), ImportOptions(intrinsics=path))
+        assert source.calibration.depth == camera
+        np.testing.assert_array_equal(source.frame(0).depth_mm, depth_mm)
 
 
 @given(

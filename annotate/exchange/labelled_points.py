@@ -4,20 +4,25 @@ A cloud is labelled as a depth image. Each of its points gets the part of the pi
 ``label``; UNDEFINED where none does, since it is hidden or out of view. All other fields stay as they are.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import UInt8, UInt16
 from annotate.exchange.companion import COMPANION, Companion
 from annotate.exchange.labelled_cloud import PCD, PLY, CloudFile
-from annotate.frame_labels import FrameLabels
 from annotate.labelset.appearing import appearing
 from annotate.labelset.store import LabelSet
 from annotate.parts import UNDEFINED
 from sensors.errors import FormatError
 from sensors.importers import pointcloud
+from sensors.importers.cloud_axes import AXES
+from sensors.importers.cloud_unit import STEPS_MM
+from sensors.importers.options import AS_STATED, ImportOptions
+from sensors.rig.turn import Turn
 
 KINDS = {"pcd": PCD, "ply": PLY}
 """File formats by name."""
@@ -31,32 +36,68 @@ class PointLabels(NamedTuple):
 
 
 def export_points(
-    labels: LabelSet, cloud: pointcloud.CloudFile, name: str, out: Path, *, overwrite: bool = False
+    labels: LabelSet, path: Path, name: str, out: Path, *, overwrite: bool = False
 ) -> PointLabels:
-    """Write the points of ``cloud`` with their labels into the folder ``out``, a file per frame.
+    """Write the points of the cloud at ``path`` with their labels into the folder ``out``, a file per frame.
 
     ``out`` appears when it is whole. Raises FormatError for labels of another cloud, ExistsError.
     """
     kind, companion, frames = KINDS[name], Companion(labels.intrinsics), list(labels)
-    for frame in frames:
-        if not np.array_equal(frame.depth_mm, cloud.frame(0).depth_mm):
-            raise FormatError(
-                f"{cloud.path} shows another depth image than frame {frame.frame_id[:40]} of {labels.path}; "
-                "give the cloud that was labelled, as it was imported"
-            )
     if not frames:
         raise FormatError(f"{labels.path} holds no frames; label the cloud first")
+    cloud, turn = _as_labelled(path, frames[0].depth_mm)
+    for frame in frames:
+        if not np.array_equal(frame.depth_mm, frames[0].depth_mm):
+            raise FormatError(f"{labels.path} shows several depth images; {path} is one cloud")
     shape = cloud.cloud.grid or (1, len(cloud.cloud.records))
     with appearing(out, COMPANION, labels.path, overwrite=overwrite) as folder:
         for frame in frames:
             companion.add(frame)
-            content = kind.write(_records(cloud, frame, kind), shape, cloud.cloud.viewpoint)
+            parts = _turned_back(frame.parts, turn)
+            content = kind.write(_records(cloud, parts, kind), shape, cloud.cloud.viewpoint)
             (folder / f"{frame.frame_id}{kind.suffix}").write_bytes(content)
         companion.save(folder)
     return PointLabels(len(cloud.pixels), int(np.count_nonzero(cloud.pixels >= 0)))
 
 
-def _records(cloud: pointcloud.CloudFile, frame: FrameLabels, kind: CloudFile) -> NDArray[Any]:
+def _as_labelled(path: Path, depth_mm: UInt16) -> tuple[pointcloud.CloudFile, Turn]:
+    """The cloud opened as it was when it was labelled, and how its images were turned then.
+
+    A label set does not hold what its user declared at the import, but its depth image shows it. Raises
+    FormatError where no declaration gives this image.
+    """
+    why: FormatError | None = None
+    for options in _declarations():
+        try:
+            cloud = pointcloud.CloudFile(path, options)
+        except FormatError as error:
+            why = why or error
+            continue
+        image = cloud.frame(0).depth_mm
+        for quarters in range(4):
+            turn = Turn(quarters, options.mirror)
+            if np.array_equal(turn.image(image), depth_mm):
+                return cloud, turn
+    raise why or FormatError(
+        f"{path} shows another depth image than its labels; give the cloud that was labelled"
+    )
+
+
+def _declarations() -> Iterator[ImportOptions]:
+    """What users declare of clouds: nothing, or one thing."""
+    yield AS_STATED
+    yield ImportOptions(mirror=True)
+    yield from (ImportOptions(axes=axes) for axes in AXES)
+    yield from (ImportOptions(depth_unit_mm=unit) for unit in (*STEPS_MM.values(), 1000.0))
+
+
+def _turned_back(parts: UInt8, turn: Turn) -> UInt8:
+    """The image (h, w) as it was before it was turned."""
+    back = np.rot90(parts, turn.quarters)
+    return np.ascontiguousarray(back[:, ::-1] if turn.mirror else back)
+
+
+def _records(cloud: pointcloud.CloudFile, parts: UInt8, kind: CloudFile) -> NDArray[Any]:
     """The cloud's records with the field ``label``."""
     old, pixels = cloud.cloud.records, cloud.pixels
     names = [name for name in old.dtype.names or () if name != "label"]
@@ -64,5 +105,5 @@ def _records(cloud: pointcloud.CloudFile, frame: FrameLabels, kind: CloudFile) -
     records = np.zeros(len(old), [*layout, ("label", kind.label_type)])
     for name in names:
         records[name] = old[name]
-    records["label"] = np.where(pixels >= 0, frame.parts.ravel()[pixels], UNDEFINED)
+    records["label"] = np.where(pixels >= 0, parts.ravel()[pixels], UNDEFINED)
     return records

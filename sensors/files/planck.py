@@ -1,7 +1,7 @@
 """Temperatures of a thermal camera's words: Planck's law by five constants, as FLIR's cameras use it.
 
-Formulas: Minkina and Dudzik, "Infrared Thermography" (2009), and Thermimage (gtatters, ``raw2temp``), with the
-constants that ExifTool's FLIR tables name.
+Formulas: Minkina and Dudzik, "Infrared Thermography" (2009), and Thermimage (gtatters, ``raw2temp``). Their
+constants are those that ExifTool's FLIR tables name.
 """
 
 from typing import NamedTuple

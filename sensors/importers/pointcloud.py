@@ -32,12 +32,16 @@ from sensors.importers.pcd_file import read_pcd
 from sensors.importers.ply_file import read_ply
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FARTHEST_MM, FrameSource, RigFrame, mm_from_metres, regular_times_ns
+from sensors.rig.intrinsics_file import read_intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
 Float64 = NDArray[np.float64]
 
 READERS = {".pcd": read_pcd, ".ply": read_ply, ".las": read_las, ".laz": read_las}
 """By suffix."""
+SAME_FOCAL = 0.003
+"""Relative difference of focal lengths up to which a declared camera is the one that took the points: a pixel
+at a wide image's edge."""
 MAPS = (".las", ".laz")
 """Formats of maps, whose z points up where nothing contradicts."""
 
@@ -126,6 +130,9 @@ def _organised(path: Path, cloud: CloudRecords, points: Float64, options: Import
     shape = cloud.grid or (1, len(points))
     found = _grid(path, points.reshape(*shape, 3), cloud.viewpoint, options.mirror)
     camera, pose = found.intrinsics, found.camera_from_cloud
+    if options.intrinsics is not None:
+        camera = read_intrinsics(options.intrinsics, camera.shape).depth
+        camera.check_size("organised cloud", shape)
     seen = points @ pose.rotation.T + pose.translation_m
     scale, unit = _unit(path, seen, options)
     shown = np.where(np.isfinite(seen[:, 2]) & (seen[:, 2] > 0), np.arange(len(seen)), -1).reshape(shape)
@@ -206,15 +213,26 @@ def _in_place(
         some = thinned(sensor[np.isfinite(sensor[:, 0])]) * scale
         axes = upright(some, axes)
     seen = (sensor @ camera_from(axes).T) * scale
-    camera, spacing = camera_of(seen)
+    camera, spacing = _camera(seen, options)
     shown = project_cloud(seen, camera, spacing)
     lens = "its own pixels" if spacing == 0 else "Kinect v2 focal length"
+    lens = "as declared" if options.intrinsics else lens
     how = (
         f"cloud with {axes} axes left in place, seen by a camera {where}: "
         f"{camera.width}x{camera.height}, {lens}, fx {camera.fx:.2f}, fy {camera.fy:.2f}, "
         f"cx {camera.cx:.2f}, cy {camera.cy:.2f}"
     )
     return _View(camera, seen, shown, (how, *unit))
+
+
+def _camera(seen: Float64, options: ImportOptions) -> tuple[Intrinsics, float]:
+    """The camera that the user declares, without its lens, else ``camera_of``; and the points' spacing."""
+    camera, spacing = camera_of(seen)
+    if options.intrinsics is None:
+        return camera, spacing
+    declared = read_intrinsics(options.intrinsics).depth.undistorted()
+    same = spacing == 0 and abs(declared.fx - camera.fx) < SAME_FOCAL * camera.fx
+    return declared, 0.0 if same else spacing_m(seen[np.isfinite(seen[:, 0])])
 
 
 def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions) -> _View:
