@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from cli.console import Json, Overwrite, check_room, clear, finish, progress, table
+from cli.console import Json, Overwrite, check_room, clear, finish, progress, say, table
 from cli.extras import needing
 from cli.simulation import difficulties
 from sensors.errors import CloudError
@@ -126,7 +126,10 @@ def _preset(name: str | None, motion: Path | None, garments: Path | None) -> "Pr
         chosen = preset_named(str(name))
     else:
         with progress("read motions", len(motion_files(motion))) as advance:
-            chosen = preset_of(read_repertoire(motion, advance))
+            repertoire = read_repertoire(motion, advance)
+        for line in repertoire.assumed:
+            say(line)
+        chosen = preset_of(repertoire)
     return chosen if garments is None else dressed_from(chosen, garments)
 
 
@@ -272,12 +275,15 @@ def film(
 
     check_motion(motion)
     with needing("synth"):
+        from synth.markers.archives import is_motion
         from synth.motion.library import read_take
         from synth.rig.film import FilmRig
         from synth.rig.paths import suit_path, truth_path
         from synth.rig.simulate import simulate
 
     name, moved = read_take(motion, take)
+    for line in () if is_motion(motion) else moved.report.assumed:
+        say(line)
     rig = FilmRig(name, moved, difficulty, seed)
     with progress("film", len(rig)) as advance:
         simulate(rig, out, advance, overwrite=overwrite)

@@ -10,6 +10,7 @@ from synth.markers.joint_file import read_joint_file
 from synth.markers.markerset import known_markers
 from synth.markers.smpl import SMPL_JOINTS, SMPL_PARENTS, joints_of_rotations
 from synth.markers.solve import solve, solve_takes
+from synth.motion.repertoire import read_repertoire
 from tests.helpers.walker import JOINTS, bvh_of, places_cm
 
 PLACE = {
@@ -151,6 +152,14 @@ def test_a_cut_bvh_is_read_to_its_last_whole_frame(tmp_path):
     whole, _ = read_bvh(file_of(tmp_path / "b.bvh"))
     np.testing.assert_array_equal(markers.positions, whole.positions[: len(markers.positions)])
     assert 20 < len(markers.positions) < 24 and "cut off" in markers.assumed[0]
+
+
+def test_a_folder_of_motions_names_what_was_assumed_once(tmp_path):
+    for name in ("a", "b"):
+        file_of(tmp_path / f"{name}.bvh", positions="replace" if name == "a" else "root")
+    lines = read_repertoire(tmp_path).assumed
+    assert any("replace" in line and "(1 of 2 files)" in line for line in lines)
+    assert any("no unit" in line and "(2 of 2 files)" in line for line in lines)
 
 
 def test_rows_of_other_than_the_channels_are_refused(tmp_path):

@@ -50,7 +50,7 @@ def _markers(text: BvhText) -> tuple[Markers, MarkerSet]:
     columns, places, leg = marker_set_of_joints([bone.name for bone in bones], parents, centres)
     still = _centres(bones, np.zeros((1, rows.shape[1])), [True] * len(bones))
     axis = zero_pose_axis(still[:, columns], places.joint)
-    scale = f"no unit is stated; the leg is taken to be {LEG_M} m long ({leg:.4g} units)"
+    scale = f"no unit is stated; the leg is taken to be {LEG_M} m long"
     found = Markers(places.names, centres[:, columns] * LEG_M / leg, 1 / text.seconds, "m")
     up = Upward(axis, "the zero pose" if axis else "", "y")
     return replace(found, up=up, assumed=(*text.assumed, *line, scale)), places

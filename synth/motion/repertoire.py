@@ -1,5 +1,6 @@
 """Repertoire: poses of recorded motions, thinned to different ones, from which datasets are generated."""
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 
 from annotate.array_types import Int64
 from sensors.errors import CloudError
+from synth.markers.archives import is_motion
 from synth.motion.files import motion_files
 from synth.motion.grounded import Grounded, ground
 from synth.motion.library import digest, read_motions
@@ -21,11 +23,13 @@ MOST_POSES = 20_000
 
 @dataclass(frozen=True, eq=False)
 class Repertoire:
-    """Motions to draw poses from. sha256: of the files they were read from, which ``name`` was given for."""
+    """Motions to draw poses from. sha256: of the files they were read from, which ``name`` was given for.
+    assumed: lines on how files that were solved on the way were read, each with its number of files."""
 
     name: str
     sha256: str
     motions: dict[str, Grounded]
+    assumed: tuple[str, ...] = ()
 
     def draw(self, rng: np.random.Generator) -> tuple[str, Grounded, int]:
         """A motion's name, the motion, and one of its frames; every motion is as likely."""
@@ -45,15 +49,20 @@ def read_repertoire(path: Path, advance: Callable[[int], None] = lambda _: None)
     """
     files = motion_files(path)
     motions: dict[str, Grounded] = {}
+    assumed: Counter[str] = Counter()
     for file in files:
-        for name, motion in read_motions(file).items():
+        read = read_motions(file)
+        if not is_motion(file):
+            assumed.update({line for motion in read.values() for line in motion.report.assumed})
+        for name, motion in read.items():
             grounded = ground(motion)
             if grounded.sound.any():
                 motions[name if name not in motions else f"{file.stem}/{name}"] = _thinned(grounded)
         advance(1)
     if not motions:
         raise CloudError(f"{path}: no frame of its motions can be a person's; record again")
-    return Repertoire(path.name, digest(files), _bounded(motions))
+    lines = tuple(f"{line} ({count} of {len(files)} files)" for line, count in assumed.items())
+    return Repertoire(path.name, digest(files), _bounded(motions), lines)
 
 
 def _thinned(grounded: Grounded) -> Grounded:
