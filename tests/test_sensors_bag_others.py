@@ -190,6 +190,18 @@ def test_units_that_only_one_camera_or_driver_has_are_found(opened, encoding, st
     assert_depth(opened([*rig(), *images], ImportOptions(depth_unit_mm=1 / step)), 3)
 
 
+def test_floats_that_are_no_reading_become_none(opened):
+    metres = (scene() / 1000).astype(">f4")
+    bad = [np.nan, np.inf, -np.inf, -1.0, 1e30, 70.0, 0.0]
+    metres[40, 10 : 10 + len(bad)] = bad
+    message = image(metres, "32FC1", START, "d")
+    message.is_bigendian = 1
+    truth = scene()
+    truth[40, 10 : 10 + len(bad)] = 0
+    frame = opened([*rig(), ("/camera/depth/image_raw", message, START)]).frame(0)
+    np.testing.assert_array_equal(frame.depth_mm, truth)
+
+
 # Names
 
 
