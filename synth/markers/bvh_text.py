@@ -12,6 +12,8 @@ import numpy as np
 from annotate.array_types import Float64
 from sensors.errors import FormatError
 
+FARTHEST = 1e9
+"""Number beyond which none is a place or an angle."""
 _CHANNEL = re.compile("[xyz](position|rotation)")
 
 
@@ -86,6 +88,8 @@ def _bone(tokens: list[str], at: int, name: str, column: int, parent: int) -> tu
     if tokens[at].upper() != "OFFSET":
         raise FormatError(f"joint {name[:40]!r} has no OFFSET; export it again")
     x, y, z = (float(v.replace(",", ".")) for v in tokens[at + 1 : at + 4])
+    if not max(abs(x), abs(y), abs(z)) < FARTHEST:
+        raise FormatError(f"joint {name[:40]!r} has the OFFSET {x:g} {y:g} {z:g}; export it again")
     at += 4
     channels: tuple[str, ...] = ()
     if tokens[at].upper() == "CHANNELS":
@@ -108,7 +112,7 @@ def _motion(text: str, columns: int, assumed: list[str]) -> tuple[Float64, float
     body = text[head.end() :]
     numbers = np.fromstring(body, sep=" ")
     whole = stated if numbers.size == stated * columns else _whole_rows(body, numbers.size, columns)
-    if not whole or not np.isfinite(numbers).all():
+    if not whole or not (np.abs(numbers) < FARTHEST).all():
         held = f"claims {stated} frames of {columns} finite numbers and holds {numbers.size}"
         raise FormatError(f"{held}; copy it again")
     if rest := numbers.size - whole * columns:

@@ -17,6 +17,8 @@ MAX_FILE_BYTES = 1_000_000_000
 MAX_POSITIONS = 50_000_000
 """Frames times markers, 24 bytes each: an hour of 100 markers at 120 frames/s. Short rows of a TRC claim more
 than its size shows."""
+FARTHEST = 1e9
+"""Coordinate that no marker has: a kilometre in micrometres."""
 UNITS_M = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
     **dict.fromkeys(("cm", "centimeters", "centimetres"), 0.01),
@@ -76,7 +78,7 @@ def read_markers(path: Path) -> Markers:
 def _without_zeros(markers: Markers) -> Markers:
     """Markers where a place of exactly (0, 0, 0) counts as not seen, as some programs write it."""
     zero = (markers.positions == 0).all(axis=2)
-    markers.positions[zero | ~np.isfinite(markers.positions).all(axis=2)] = np.nan
+    markers.positions[zero | ~(np.abs(markers.positions) < FARTHEST).all(axis=2)] = np.nan
     if np.isnan(markers.positions).all():
         raise FormatError("no position in any frame; record again")
     if not zero.any():

@@ -37,6 +37,7 @@ from sensors.session.repair import Copier, repair
 from sensors.session.writer import SessionWriter
 from synth.body.skeleton import N_JOINTS
 from synth.markers.bvh import read_bvh
+from synth.markers.joint_file import read_joint_file
 from synth.markers.marker_files import read_markers
 from synth.markers.markerset import load_marker_set
 from synth.markers.motion_file import MarkerReport, Motion, load_motion, save_motion
@@ -304,6 +305,12 @@ def _motion(folder: Path) -> Path:
     return folder / "m.npz"
 
 
+def _joints(folder: Path) -> Path:
+    """Rotations as AMASS holds them."""
+    np.savez(folder / "j.npz", poses=np.full((2, 66), 0.1), trans=np.zeros((2, 3)), mocap_framerate=60.0)
+    return folder / "j.npz"
+
+
 def _marker_set(folder: Path) -> Path:
     place = '{ joint = "left_knee", at_m = [0.05, 0, 0], spread_mm = 30, weight = 1 }'
     (folder / "m.toml").write_text(f'name = "mine"\n[markers]\nLKNE = {place}\nRKNE = {place}\n')
@@ -334,6 +341,7 @@ READERS = {
     "c3d": Reader(partial(_markers, "c3d"), read_markers),
     "trc": Reader(partial(_markers, "trc"), read_markers),
     "bvh": Reader(_bvh, read_bvh),
+    "joints": Reader(_joints, read_joint_file),
     "motion": Reader(_motion, load_motion),
     "marker-set": Reader(_marker_set, load_marker_set),
     "suit": Reader(_suit, load_suit),
