@@ -32,6 +32,8 @@ SQUAT_M, STAY_M = 0.12, 0.06
 """Way of the pelvis along the trunk, at least, and of the ankles, at most, of who squats. Untuned."""
 FLAT_DEG = 20.0
 """Greatest angle of a flat sole; feet at rest in bed hang by 30 and more. Untuned."""
+ANKLE_TO_TOE = (-25.0, 25.0)
+"""Rise from ankle to ball of a flat foot and how far skeletons stray from it, degrees. Untuned."""
 FLOOR_M = (-0.08, 0.2)
 """Level of the lowest marker over a floor at 0: least and most. Untuned."""
 _UPPER = ("head", "neck", "spine_upper", "left_clavicle", "right_clavicle")
@@ -73,7 +75,7 @@ class _Person:
     pelvis: Float64
     ankles: tuple[Float64, Float64]
     points: Float64
-    soles: tuple[tuple[Float64, float], ...]
+    soles: tuple[tuple[Float64, float, float], ...]
 
     def upright(self, axis: str) -> float:
         """Return the share of frames in which the trunk, or the person as a whole, stands along an axis."""
@@ -97,7 +99,7 @@ class _Person:
         if not self.soles:
             return None
         up = direction(axis)
-        flat = [np.abs(np.degrees(np.arcsin(sole @ up)) - rest) < FLAT_DEG for sole, rest in self.soles]
+        flat = [np.abs(np.degrees(np.arcsin(way @ up)) - rest) < most for way, rest, most in self.soles]
         return bool(np.concatenate(flat).mean() > MOST)
 
     def on_floor(self, axis: str) -> bool:
@@ -110,9 +112,10 @@ class _Person:
         """Return whether the person stands along an axis rather than lies on the ground across it."""
         if self.moves_upright(axis):
             return True
-        flat = self.stands_flat(axis)
-        floor = self.on_floor(axis) if flat is None else flat
-        return bool(floor and not (instead and self.on_floor(instead)))
+        flat, lies = self.stands_flat(axis), bool(instead) and self.on_floor(instead)
+        if flat is None:
+            return self.on_floor(axis) and not lies
+        return flat and (self.on_floor(axis) or not lies)
 
 
 def find_vertical(
@@ -167,7 +170,8 @@ def _unstated(
 ) -> tuple[str, tuple[str, ...]]:
     """Return the likeliest axis of a person who neither moves nor stands on a floor, and a line on it."""
     grounds = [axis for axis in (usual, "y", "z") if person.on_floor(axis) and shares[axis] < MOST]
-    lying = next(iter(grounds), usual if best[-1] == "x" else "")
+    stands = person.on_floor(best) and shares[best] >= MOST
+    lying = "" if stands else next(iter(grounds), usual if best[-1] == "x" else "")
     used = lying or (best if shares[best] >= MOST else usual)
     how = "lies" if shares[used] < MOST else "stands"
     other = best if used != best else next(axis for axis in (usual, "z", "y") if axis != used)
@@ -200,9 +204,9 @@ def _person(positions_m: Float64, joint: Int64, at_m: Float64) -> _Person:
     )
 
 
-def _sole(positions_m: Float64, on_foot: Bool, at_m: Float64) -> tuple[Float64, float] | None:
-    """Return directions (n, 3) from a foot's hindmost to its foremost marker, and their rise on a flat foot
-    in degrees; None where there is only one."""
+def _sole(positions_m: Float64, on_foot: Bool, at_m: Float64) -> tuple[Float64, float, float] | None:
+    """Return directions (n, 3) from a foot's hindmost to its foremost marker, their rise on a flat foot and
+    how far a flat foot strays from it, degrees; None where there is only one marker."""
     columns = np.flatnonzero(on_foot & np.isfinite(positions_m).any(axis=(0, 2)))
     if not len(columns):
         return None
@@ -215,7 +219,8 @@ def _sole(positions_m: Float64, on_foot: Bool, at_m: Float64) -> tuple[Float64, 
     usable = length > 0.02
     if not usable.any():
         return None
-    return ways[usable] / length[usable, None], float(np.degrees(np.arcsin(rest[2] / np.linalg.norm(rest))))
+    flat = (float(np.degrees(np.arcsin(rest[2] / np.linalg.norm(rest)))), FLAT_DEG)
+    return ways[usable] / length[usable, None], *(flat if at_m[back].any() else ANKLE_TO_TOE)
 
 
 def _way(values: Float64) -> float:

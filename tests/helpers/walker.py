@@ -1,4 +1,4 @@
-"""Somebody who walks or lies, as joint places in the world and as BVH in the dialects of other programs."""
+"""Somebody who walks, lies, or stands and moves the arms: joints in the world, and BVH of many dialects."""
 
 from collections.abc import Callable
 
@@ -19,7 +19,7 @@ OFFSET = {
     "Hips": (0, 0, 0), "Spine": (0, 10, 0), "Chest": (0, 18, 0), "Neck": (0, 22, 0), "Head": (0, 9, 1),
     "Top": (0, 17, 0),
     "LeftShoulder": (4, 17, 0), "LeftArm": (14, 0, 0), "LeftForeArm": (0, -28, 0), "LeftHand": (0, -25, 0),
-    "LeftUpLeg": (9, -2, 0), "LeftLeg": (0, -41, 0), "LeftFoot": (0, -41, 0), "LeftToeBase": (0, -6, 14),
+    "LeftUpLeg": (9, -2, 0), "LeftLeg": (0, -41, 0), "LeftFoot": (0, -41, 0), "LeftToeBase": (0, -8, 10),
 }  # fmt: skip
 OFFSET |= {
     name.replace("Left", "Right"): (-x, y, z) for name, (x, y, z) in OFFSET.items() if name.startswith("Left")
@@ -30,36 +30,38 @@ STEP_CM = 7.0
 """Way a frame: 1.6 m in all."""
 
 
-def _local(walks: bool) -> dict[str, Rotation]:
+def _local(doing: str) -> dict[str, Rotation]:
     """Rotations (F) of joints about their parents."""
     swing = np.sin(np.arange(FRAMES) / 3)
     turns = {name: np.zeros((FRAMES, 3)) for name in JOINTS}
     for side, sign in (("Left", 1), ("Right", -1)):
         turns[f"{side}Arm"][:, 0] = 25 * sign * swing
         turns[f"{side}ForeArm"][:, 0] = -30
-        if walks:
+        if doing == "walks":
             turns[f"{side}UpLeg"][:, 0] = -25 * sign * swing
             turns[f"{side}Leg"][:, 0] = 20 + 15 * sign * swing
-        else:
+        if doing == "lies":
             turns[f"{side}Foot"][:, 0] = 35
             turns[f"{side}UpLeg"][:, 0] = -10 - 10 * sign * swing
     return {name: Rotation.from_euler("XYZ", angles, degrees=True) for name, angles in turns.items()}
 
 
-def _pose(walks: bool) -> tuple[np.ndarray, Rotation, dict[str, Rotation]]:
+def _pose(doing: str) -> tuple[np.ndarray, Rotation, dict[str, Rotation]]:
     """Places (F, 3) and rotations of the hips in centimetres with y up, and rotations about parents."""
     time = np.arange(FRAMES)
     hips = np.stack([0 * time, 93 + np.cos(time), STEP_CM * time - 80], axis=1)
     upright = Rotation.identity(FRAMES)
-    if not walks:
+    if doing == "stands":
+        hips = np.tile([0.0, 92.0, 3.0], (FRAMES, 1))
+    if doing == "lies":
         hips = np.tile([20.0, 11.0, -30.0], (FRAMES, 1))
         upright = Rotation.from_euler("XYZ", np.tile([-90.0, 0, 0], (FRAMES, 1)), degrees=True)
-    return hips, upright, _local(walks)
+    return hips, upright, _local(doing)
 
 
-def places_cm(walks: bool = True) -> np.ndarray:
+def places_cm(doing: str = "walks") -> np.ndarray:
     """Places (F, J, 3) of the joints, y up."""
-    hips, upright, local = _pose(walks)
+    hips, upright, local = _pose(doing)
     at, turned = {"Hips": hips}, {"Hips": upright * local["Hips"]}
     for name in JOINTS[1:]:
         parent = PARENT[name]
@@ -69,7 +71,7 @@ def places_cm(walks: bool = True) -> np.ndarray:
 
 
 def bvh_of(
-    walks: bool = True,
+    doing: str = "walks",
     names: Callable[[str], str] = str,
     positions: str = "root",
     zero_pose: Rotation | None = None,
@@ -83,7 +85,7 @@ def bvh_of(
     """
     zero = zero_pose or Rotation.identity()
     world = world or Rotation.identity()
-    hips, upright, local = _pose(walks)
+    hips, upright, local = _pose(doing)
     columns: list[np.ndarray] = []
 
     def node(name: str) -> str:
