@@ -64,7 +64,12 @@ class PointView:
 
     @staticmethod
     def of_color(depth: Intrinsics, color: Intrinsics, color_from_depth: Pose) -> "PointView":
-        """View of a colour camera, with libfreenect2's window, scaled by colour pixels per depth pixel."""
+        """View of a colour camera, with libfreenect2's window, scaled by colour pixels per depth pixel.
+
+        In an image that is aligned with depth pixel for pixel, no point hides another.
+        """
+        if color == depth and not color_from_depth.translation_m.any():
+            return PointView(color, *_turned(depth, color_from_depth), (0, 0), np.inf, 0.0)
         scale = (color.fx / depth.fx) / (KINECT2_COLOR.f / KINECT2_DEPTH.fx)
         half_window = round(COLOR_HALF_HEIGHT * scale), round(COLOR_HALF_WIDTH * scale)
         return PointView(color, *_turned(depth, color_from_depth), half_window, COLOR_TOLERANCE, 0.0)

@@ -199,6 +199,21 @@ def _images(folder: Path) -> Path:
     return folder
 
 
+def _tiffs(folder: Path) -> Path:
+    (folder / "depth").mkdir()
+    for i in range(2):
+        (folder / "depth" / f"{i}.tiff").write_bytes(bytes(cv2.imencode(".tiff", depth_image(i))[1]))
+    (folder / "intrinsics.json").write_text(json.dumps(_numbers()))
+    return folder
+
+
+def _pgms(folder: Path) -> Path:
+    (folder / "depth").mkdir()
+    (folder / "depth" / "0.pgm").write_bytes(bytes(cv2.imencode(".pgm", depth_image(0))[1]))
+    (folder / "intrinsics.json").write_text(json.dumps(_numbers()))
+    return folder
+
+
 def _labels(folder: Path) -> Path:
     labels = LabelSet.create(folder / "labels", CAMERA, {"source": "x"})
     for i in range(2):
@@ -336,6 +351,8 @@ READERS = {
     "las": Reader(partial(_las, "las"), _read_frames),
     "laz": Reader(partial(_las, "laz"), _read_frames),
     "images": Reader(_images, _read_frames),
+    "tiffs": Reader(_tiffs, _read_frames),
+    "pgms": Reader(_pgms, _read_frames),
     "labels": Reader(_labels, _read_labels),
     "dataset": Reader(_dataset, _read_dataset),
     "c3d": Reader(partial(_markers, "c3d"), read_markers),
