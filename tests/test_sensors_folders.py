@@ -99,6 +99,17 @@ def test_thermal_words_of_any_scale_are_celsius(tmp_path, step):
     assert_refused(tmp_path, "not raw counts")
 
 
+def test_thermal_tiffs_are_celsius_and_unread_colours_are_named(tmp_path):
+    write(tmp_path / "depth" / "0.png", png(plain()))
+    celsius = np.random.default_rng(0).uniform(20, 35, (24, 32)).astype(np.float32)
+    write(tmp_path / "thermal" / "0.tiff", bytes(cv2.imencode(".tiff", celsius)[1]))
+    write(tmp_path / "color" / "0.bmp", bytes(cv2.imencode(".bmp", coloured(0))[1]))
+    camera_file(tmp_path)
+    source = open_source(tmp_path)
+    np.testing.assert_allclose(source.frame(0).thermal_c, celsius, atol=1e-4)
+    assert "color holds 1 .bmp files, which are not read: convert them to JPEG or PNG" in source.notes
+
+
 # Names and layouts
 
 

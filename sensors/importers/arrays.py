@@ -33,6 +33,9 @@ _READ = ("depth", *_MATRICES, *_NUMBERS)
 CENTRED = 0.25
 """Share of a side by which a camera's centre is off the middle at most, so that it tells axes. Untuned."""
 
+FEW = 32
+"""Pixels of a side below which an axis counts images, where no intrinsics state the size. Untuned."""
+
 
 class DepthArrays(FrameSource):
     """A NumPy file as a ``FrameSource``. Raises FormatError, or CalibrationError without intrinsics.
@@ -105,7 +108,8 @@ def _camera(
     numbers = None if declared else _numbers(path, arrays)
     if numbers is None:
         files = [declared] if declared else [path.with_suffix(".json"), path.with_name("intrinsics.json")]
-        found, origin = first_intrinsics(files, depth.shape[1:])
+        last = depth.shape[2] < FEW and min(depth.shape[:2]) >= FEW
+        found, origin = first_intrinsics(files, depth.shape[:2] if last else depth.shape[1:])
         others = depth.shape[:2] == found.depth.shape != depth.shape[1:]
     else:
         others = not _centred(numbers, depth.shape[1:]) and _centred(numbers, depth.shape[:2])

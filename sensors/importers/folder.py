@@ -5,8 +5,8 @@ Layout, everything but depth optional::
     depth/NAME.png      16-bit depth (or TIFF, PGM); other layouts: ``folder_files``
     color/NAME.jpg      JPEG or PNG of the same name; or in rgb/
     thermal/NAME.png    16-bit temperatures in the scale of a session (``messages.THERMAL_OFFSET_C``), or in
-                        hundredths or tenths of a kelvin (``celsius_check``); or NAME.jpg, a FLIR camera's
-                        radiometric JPEG
+                        hundredths or tenths of a kelvin (``celsius_check``); or a TIFF, floats in degrees
+                        Celsius; or NAME.jpg, a FLIR camera's radiometric JPEG
     associations.txt    which colour belongs to which depth image, and when they were taken, where names
                         differ; or depth.txt and rgb.txt (see ``tum_lists``)
     calibration.json    the rig's calibration as ``rig_calibration.save_calibration`` writes it; or
@@ -28,8 +28,7 @@ from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.files.flir_jpeg import read_flir
 from sensors.files.grey_image import decode_depth, image_shape
-from sensors.files.png import decode_grey
-from sensors.importers.folder_files import THERMAL, Files, FolderImages, find_images, matching
+from sensors.importers.folder_files import THERMAL, Files, FolderImages, find_images, matching, unread_colors
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.importers.tum_lists import TUM_UNIT_MM, Listed, is_tum, read_lists
 from sensors.rig.camera import Intrinsics
@@ -39,6 +38,7 @@ from sensors.rig.frame import FRAME_PERIOD_NS, FrameSource, RigFrame, regular_ti
 from sensors.rig.intrinsics_file import FoundIntrinsics, first_intrinsics, read_intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration, load_calibration
 
+JPEGS = (".jpg", ".jpeg")
 CALIBRATION = "calibration.json"
 INTRINSICS = ("intrinsics.json", "intrinsic.json", "camera_intrinsic.json", "camera_intrinsics.json")
 
@@ -71,6 +71,7 @@ class ImageFolder(FrameSource):
             *self._reading.notes,
             timed.note,
             *_presence("colour", timed.color, len(self._names), self.calibration.color),
+            *unread_colors(path),
             *_presence("thermal", timed.thermal, len(self._names), self.calibration.thermal),
             *judged,
         )
@@ -186,7 +187,7 @@ def _shape_of(files: list[Path]) -> tuple[int, int] | None:
     for at in spread(len(files)):
         try:
             data, name = read_bounded(files[at]), str(files[at])
-            flir = files[at].parent.name.lower() in THERMAL and files[at].suffix.lower() != ".png"
+            flir = files[at].parent.name.lower() in THERMAL and files[at].suffix.lower() in JPEGS
             height, width = read_flir(data, name).celsius.shape if flir else image_shape(data, name)
         except FormatError:
             continue
@@ -203,8 +204,8 @@ def _presence(name: str, files: Files, frames: int, camera: Intrinsics | None) -
 
 
 def _scale(path: Path, files: list[Path]) -> tuple[Scale, tuple[str, ...]]:
-    """Scale of thermal PNGs, and notes on it; photographs of FLIR cameras state theirs."""
-    words = [file for file in files if file.suffix.lower() == ".png"]
+    """Scale of thermal PNGs or TIFFs, and notes on it; photographs of FLIR cameras state theirs."""
+    words = [file for file in files if file.suffix.lower() not in JPEGS]
     return judge_celsius(_readable(words), f"{path}: thermal images") if words else (SESSION, ())
 
 
@@ -222,10 +223,11 @@ def _readable(files: list[Path]) -> list[NDArray[Any]]:
 
 
 def _celsius(file: Path, scale: Scale) -> NDArray[np.float32]:
-    if file.suffix.lower() == ".png":
-        return scale.celsius(decode_grey(read_bounded(file), np.uint16, str(file)))
-    return read_flir(read_bounded(file), str(file)).celsius
+    if file.suffix.lower() in JPEGS:
+        return read_flir(read_bounded(file), str(file)).celsius
+    return scale.celsius(_depth_image(file))
 
 
 def _depth_image(file: Path) -> NDArray[Any]:
+    """Pixels (h, w) of a depth or thermal image as they are stored."""
     return decode_depth(read_bounded(file), str(file))

@@ -46,8 +46,8 @@ def find_images(path: Path) -> FolderImages:
         raise FormatError(_no_depth(folder or path))
     stamps = _stamps_ns(depth) if not folder else {}
     color, thermal = (
-        _named(files_of(own)) if (own := subfolder(path, names)) else _named(flat[names[0]])
-        for names in (COLOR, THERMAL)
+        _named(files_of(own, suffixes)) if (own := subfolder(path, names)) else _named(flat[names[0]])
+        for names, suffixes in ((COLOR, PICTURES), (THERMAL, (*PICTURES, *SUFFIXES)))
     )
     if stamps and not set(color) & set(depth):
         color = _nearest(stamps, color)
@@ -129,14 +129,27 @@ def _nearest(stamps_ns: dict[str, int], color: Files) -> Files:
     return {name: color[others[at]] for name, at in zip(names, pairs.tolist(), strict=True) if at >= 0}
 
 
-def _no_depth(folder: Path) -> str:
-    """What a folder without depth images holds, and the remedy."""
+def unread_colors(path: Path) -> tuple[str, ...]:
+    """A note on a folder of colour images none of which is read."""
+    folder = subfolder(path, COLOR)
+    if folder is None or files_of(folder) or not (seen := _kinds(folder)):
+        return ()
+    return (f"{folder.name} holds {seen} files, which are not read: convert them to JPEG or PNG",)
+
+
+def _kinds(folder: Path) -> str:
+    """How many files of which suffixes a folder holds; "" for none."""
     kinds = Counter(
         file.suffix.lower() or "nameless"
         for file in folder.iterdir()
         if file.is_file() and not file.name.startswith(".")
     )
-    seen = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(4))
+    return ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(4))
+
+
+def _no_depth(folder: Path) -> str:
+    """What a folder without depth images holds, and the remedy."""
+    seen = _kinds(folder)
     place = folder if folder.name.lower() in DEPTH else folder / "depth"
     held = f" (it holds {seen} files)" if seen else ""
     return f"{folder} holds no depth images{held}; put 16-bit PNGs into {place}"

@@ -23,8 +23,8 @@ TUM_UNIT_MM = 0.2
 """Depth PNGs of the TUM datasets have 5000 steps a metre; so have ETH3D's, ICL-NUIM's and Bonn's."""
 MAX_BYTES = 64_000_000
 """Bytes of a list: a million images; chosen by eye."""
-MAX_INDEX = 10_000_000
-"""Whole numbers below this are images' numbers, from here on seconds since 1970. Untuned."""
+LAST_NUMBER = 10_000_000
+"""Whole numbers below this may be images' numbers, from here on they are seconds since 1970. Untuned."""
 
 Image = tuple[int, str]
 """An image of a list: its stamp in ns, and its name without folders."""
@@ -80,7 +80,7 @@ def read_associations(file: Path) -> list[tuple[Image, Image]]:
 def _counted(stamps_ns: list[int]) -> bool:
     """Whether "seconds" are the images' numbers: small whole ones, most of them in steps of one."""
     seconds = sorted({stamp / 1e9 for stamp in stamps_ns})
-    if not all(second.is_integer() and second < MAX_INDEX for second in seconds):
+    if not all(second.is_integer() and second < LAST_NUMBER for second in seconds):
         return False
     return len(seconds) > 1 and float(np.median(np.diff(seconds))) == 1
 
