@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from annotate.cloud.coarse import CoarseFuser
 from annotate.cloud.fuse import Fuser, undistortion_index
 from annotate.cloud.visibility import PointView
 from bench.fuse import CALIBRATION, fuse_naive, random_scene
@@ -240,3 +241,13 @@ def test_the_factorys_color_parameters_have_the_published_disparity():
     """56 pixels between 1 m and infinity, a third of that at 3 m (shift_m f / z)."""
     near, far = (KINECT2_COLOR.shift_m * KINECT2_COLOR.f / z for z in (1000.0, 3000.0))
     assert near == pytest.approx(56.2, abs=0.1) and far == pytest.approx(near / 3)
+
+
+@pytest.mark.parametrize("fuser", [Fuser, CoarseFuser])
+def test_a_saturated_reading_is_none(fuser):
+    """65535 of a session that another program, or an older version, has written is no wall 65.5 m away."""
+    depth = wall(2000)
+    saturated = depth.copy()
+    depth[10:20, 10:30], saturated[10:20, 10:30] = 0, 65535
+    clouds = [fuser(RigCalibration(DEPTH)).fuse(image) for image in (depth, saturated)]
+    np.testing.assert_array_equal(*(cloud.depth_mm for cloud in clouds))

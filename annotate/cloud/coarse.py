@@ -15,7 +15,7 @@ from annotate.cloud.fuse import Fuser, shifted, undistortion_index
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from sensors.rig.camera import Intrinsics
-from sensors.rig.frame import RigFrame
+from sensors.rig.frame import FARTHEST_MM, RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 
 FOCAL_PX = 170.0
@@ -138,7 +138,7 @@ def _undistorted(depth_mm: UInt16, source: Int32) -> UInt16:
     whole = np.zeros(source.shape, np.uint16)
     for v in range(source.shape[0]):
         for u in range(source.shape[1]):
-            if source[v, u] >= 0:
+            if source[v, u] >= 0 and depth_mm[source[v, u]] <= FARTHEST_MM:
                 whole[v, u] = depth_mm[source[v, u]]
     return whole
 

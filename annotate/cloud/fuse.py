@@ -151,7 +151,7 @@ def _undistort(depth_mm: UInt16, source: Int32, rays_xy: Float32) -> tuple[UInt1
     points = np.full((*source.shape, 3), np.float32(np.nan))
     for v in range(source.shape[0]):
         for u in range(source.shape[1]):
-            if source[v, u] >= 0 and depth_mm[source[v, u]] > 0:
+            if source[v, u] >= 0 and 0 < depth_mm[source[v, u]] <= FARTHEST_MM:
                 undistorted[v, u] = depth_mm[source[v, u]]
                 z = np.float32(undistorted[v, u]) / np.float32(1000)
                 points[v, u, 0], points[v, u, 1] = rays_xy[v, u, 0] * z, rays_xy[v, u, 1] * z
