@@ -237,3 +237,10 @@ def test_counts_are_refused():
     cold = np.full((48, 64), 8200, np.uint16)
     assert any("doubtful" in note for note in judge_celsius([cold], "x")[1])
     assert judge_celsius([np.zeros((4, 4), np.uint16)], "x") == (SESSION, ())
+
+
+def test_what_is_far_is_doubtful_where_the_unit_is_assumed():
+    deep = [room_mm(seed, 1000, 13500).astype(np.uint16) for seed in range(2)]
+    for unit, doubted in ((None, True), (1.0, False)):
+        notes = judge_depth(deep, unit, "x").notes
+        assert any(note.startswith("doubtful depth: ") for note in notes) == doubted

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import FormatError
-from sensors.rig.depth_check import LEAST_PIXELS
+from sensors.rig.depth_units import LEAST_PIXELS
 
 COLDEST_C, HOTTEST_C = -30.0, 70.0
 """Degrees Celsius of the median of a scene with people, outdoors or beside machines. Untuned."""

@@ -3,20 +3,26 @@
 The judge looks at physics, not at names: how near and how far a scene is, whether neighbouring pixels agree,
 which codes stand apart. A declared unit is obeyed, and doubts about it are notes. An assumed unit that gives
 an impossible scene is refused, with the units that give a possible one.
-
-Sources of the units: 1 mm is common; TUM RGB-D "File Formats" (1/5000 m); librealsense (D405: 0.1 mm, L515:
-0.25 mm); libfreenect and NYU's raw Kinect v1 words (13 bits of millimetres above 3 bits of player index), and
-SUN RGB-D, which rotates its words by the same 3 bits; libfreenect2 (floats in millimetres).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import FormatError
+from sensors.rig.depth_units import (
+    LEAST_PIXELS,
+    MEDIAN_M,
+    Range,
+    impossible,
+    metres,
+    range_of,
+    remedy,
+    unit_of,
+)
 from sensors.rig.frame import mm_from_units
 
 Image = NDArray[Any]
@@ -28,58 +34,22 @@ CODES = tuple(2**bits - 1 for bits in (11, 12, 13, 14, 15))
 LEAST_SHARE, GAP = 0.001, 0.1
 """Share of pixels that such a code has at least, and the free range below it, as its share. Untuned."""
 
-NEAREST_M = 4.5
-"""Metres: where nothing is nearer, an assumed unit is wrong. A room's floor or person is nearer; a Kinect v2
-measures to 4.5 m. Untuned."""
-NEAR_M, MEDIAN_M = 2.5, 7.5
-"""Metres: where nothing is nearer than the one, and half is farther than the other, an assumed unit is wrong:
-0.25 mm of an L515 look so. Half beyond the second alone is a doubt. Untuned."""
-CONVENTION = 2.0
-"""Times by which these are farther for floats, which are metres by convention (REP 118). Untuned."""
-CLOSE_M, CLOSE_MEDIAN_M = 0.15, 0.4
-"""Metres: where something is nearer, or half is, another unit is not taken unasked. Untuned."""
-FARTHEST_M = 0.3
-"""Metres: where nothing is farther, an assumed unit is wrong, because no camera sees a person so near."""
+FAR_M = 13.0
+"""Metres: where more than a hundredth is farther, an assumed unit of 1 mm is doubtful (65535 steps of TUM are
+13.1 m)."""
+FLAT = 1.15
+"""Times by which the farthest is farther than the nearest in what may be a wall alone. Untuned."""
 SMOOTHER = 8
 """Times by which neighbours agree better after a swap of bytes, where bytes are swapped. A swap multiplies
 steps of a few units by 256. Untuned."""
 ROUGH_M, ROUGH = 0.5, 0.125
 """Metres, and share of the scene's median: neighbours in what is no image differ by more. Untuned."""
-LEAST_PIXELS = 200
-"""Readings below which nothing is judged. Untuned."""
 MOST_PIXELS = 100_000
 """Pixels of a sample that are looked at. Untuned."""
 JUDGED = "depth:"
 """How the note of the judge begins."""
 SAMPLES = 5
 """Frames of a source that are looked at, spread over all of it. Untuned."""
-
-UNITS_MM = {
-    0.1: "D405",
-    0.125: "Kinect v1 words above a player index, SUN RGB-D",
-    0.2: "TUM, 1/5000 m",
-    0.25: "L515",
-    1.0: "millimetres",
-    10.0: "centimetres",
-    1000.0: "metres",
-}
-"""Millimetres of a step that programs write, and who does."""
-
-
-def metres(length_m: float) -> str:
-    """A length to three digits."""
-    return f"{length_m:.0f} m" if length_m >= 100 else f"{length_m:.3g} m"
-
-
-class Range(NamedTuple):
-    """Depth of a scene in metres: the 1st, 50th and 99th percentile of its readings."""
-
-    near: float
-    median: float
-    far: float
-
-    def __str__(self) -> str:
-        return ", ".join(map(metres, self))
 
 
 @dataclass(frozen=True)
@@ -132,17 +102,17 @@ def judge_depth(
     words = [image.byteswap() if swapped else image for image in images]
     invalid = _codes(words)
     values = np.concatenate([np.zeros(0), *(_valid(image, invalid) for image in words)])
-    unit, notes = _unit(values, kind.kind == "f", unit_mm, where, likely_mm)
+    unit, notes = unit_of(values, kind.kind == "f", unit_mm, where, likely_mm)
     total = sum(image.size for image in images)
     if len(values) < LEAST_PIXELS:
         few = f"only {len(values)} depth readings in the {len(images)} images looked at"
         return DepthReading(
             unit, invalid, swapped, None, (*notes, few) if total > 4 * LEAST_PIXELS else tuple(notes)
         )
-    found = _range(values, unit)
+    found = range_of(values, unit)
     if found.far <= 0 or found.near > SATURATED / 1000:
         raise FormatError(
-            f"{where}: no depth within 65 m with {unit:g} mm a step (range {found}); {_remedy(values, unit)}"
+            f"{where}: no depth within 65 m with {unit:g} mm a step (range {found}); {remedy(values, unit)}"
         )
     return DepthReading(
         unit,
@@ -155,7 +125,7 @@ def judge_depth(
             *(["bytes of the depth words are swapped: read the other way round"] if swapped else []),
             *_seen_codes(words, invalid),
             *notes,
-            *_doubts(found, words, unit),
+            *_doubts(found, words, unit, assumed=unit_mm is None and unit == 1),
         ),
     )
 
@@ -211,81 +181,27 @@ def _seen_codes(images: Sequence[Image], invalid: tuple[int, ...]) -> list[str]:
     ]
 
 
-def _range(values: NDArray[np.float64], unit_mm: float) -> Range:
-    return Range(*(np.percentile(values, (1, 50, 99)) * unit_mm / 1000).tolist())
-
-
-def _impossible(found: Range, times: float = 1.0) -> str:
-    """Why a range is no scene's that a camera of people sees; "" where it may be. times: farther bounds."""
-    if found.near > NEAREST_M * times:
-        return f"nothing is nearer than {metres(found.near)}"
-    if found.near > NEAR_M * times and found.median > MEDIAN_M * times:
-        return f"nothing is nearer than {metres(found.near)} and half is farther than {metres(found.median)}"
-    return f"nothing is farther than {metres(found.far)}" if found.far < FARTHEST_M else ""
-
-
-def _is_usual(found: Range) -> bool:
-    """Whether a range is what cameras see of people in rooms."""
-    return not _impossible(found) and found.near > CLOSE_M and CLOSE_MEDIAN_M < found.median < MEDIAN_M
-
-
-def _unit(
-    values: NDArray[np.float64], floats: bool, declared: float | None, where: str, likely: float | None
-) -> tuple[float, list[str]]:
-    """Millimetres of a step, and notes. Raises FormatError where an assumed one is impossible."""
-    usual = 1000.0 if floats else 1.0
-    if declared is not None or len(values) < LEAST_PIXELS:
-        return declared or usual, []
-    found = _range(values, usual)
-    why = _impossible(found, CONVENTION if floats else 1.0)
-    if not why:
-        return usual, []
-    for other in ([1.0] if floats else []) + ([likely] if likely else []):
-        if _is_usual(_range(values, other)):
-            return other, [f"{other:g} mm a step taken, because {why} with {usual:g}; else give --depth-unit"]
-    raise FormatError(
-        f"{where}: {why} with {usual:g} mm a step, which no file declares (1st, 50th and 99th percentile: "
-        f"{found}); {_remedy(values, usual)}"
-    )
-
-
-def _remedy(values: NDArray[np.float64], usual: float) -> str:
-    """How to declare the unit, and which give a possible scene; one that divides all values is the first."""
-    whole = values[values == np.rint(values)].astype(np.int64)
-    common = int(np.gcd.reduce(whole[:: max(1, len(whole) // 1000)])) if len(whole) == len(values) else 1
-    fits = [
-        (f"{unit:g} ({who}) gives {found}", unit * common == 1)
-        for unit, who in UNITS_MM.items()
-        if unit != usual and _is_usual(found := _range(values, unit))
-    ]
-    fits.sort(key=lambda fit: not fit[1])
-    if not fits:
-        return "these may be disparity, temperatures or infrared; else give --depth-unit"
-    units = "; ".join(text for text, _ in fits[:4])
-    return (
-        f"give --depth-unit, or depth_unit_mm in intrinsics.json: {units}; "
-        "disparity, temperatures and infrared are no depth"
-    )
-
-
-def _doubts(found: Range, images: Sequence[Image], unit_mm: float) -> list[str]:
+def _doubts(found: Range, images: Sequence[Image], unit_mm: float, *, assumed: bool) -> list[str]:
     """What is odd of a scene that is read nevertheless."""
-    doubts = []
-    why = _impossible(found)
+    why = impossible(found)
     if not why and found.median > MEDIAN_M:
         why = f"half of the scene is farther than {metres(found.median)}"
-    if why:
+    if not why and assumed and found.far > FAR_M:
+        why = f"a part of the scene is farther than {metres(found.far)}"
+    doubts = (
+        [f"doubtful depth: {why} with {unit_mm:g} mm a step; give --depth-unit if that is wrong"]
+        if why
+        else []
+    )
+    if found.far < FLAT * found.near:
+        return [
+            *doubts,
+            f"all depth is from {metres(found.near)} to {metres(found.far)}: a wall, or no depth image",
+        ]
+    steps = _steps(images)
+    step_m = float(np.median(steps)) * unit_mm / 1000 if len(steps) >= LEAST_PIXELS else 0.0
+    if step_m > max(ROUGH_M, found.median * ROUGH):
         doubts.append(
-            f"doubtful depth: {why} with {unit_mm:g} mm a step; where that is wrong, give --depth-unit"
+            f"doubtful depth: neighbouring pixels differ by {metres(step_m)}: perhaps no depth image"
         )
-    if found.far < 1.15 * found.near:
-        doubts.append(
-            f"all depth lies between {metres(found.near)} and {metres(found.far)}: a wall, or no depth image"
-        )
-    elif len(steps := _steps(images)) >= LEAST_PIXELS:
-        step_m = float(np.median(steps)) * unit_mm / 1000
-        if step_m > max(ROUGH_M, found.median * ROUGH):
-            doubts.append(
-                f"doubtful depth: neighbouring pixels differ by {step_m:.2g} m: perhaps no depth image"
-            )
     return doubts

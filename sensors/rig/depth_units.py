@@ -1,0 +1,111 @@
+"""Units of depth: which of them make a scene that a camera of people can see.
+
+Sources of the units: 1 mm is common; TUM RGB-D "File Formats" (1/5000 m); librealsense (D405: 0.1 mm, L515:
+0.25 mm); libfreenect and NYU's raw Kinect v1 words (13 bits of millimetres above 3 bits of player index), and
+SUN RGB-D, which rotates its words by the same 3 bits; libfreenect2 (floats in millimetres).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import FormatError
+
+NEAREST_M = 4.5
+"""Metres: where nothing is nearer, an assumed unit is wrong. A room's floor or person is nearer; a Kinect v2
+measures to 4.5 m. Untuned."""
+NEAR_M, MEDIAN_M = 2.5, 7.5
+"""Metres: where nothing is nearer than the one, and half is farther than the other, an assumed unit is wrong:
+0.25 mm of an L515 look so. Half beyond the second alone is a doubt. Untuned."""
+CONVENTION = 2.0
+"""Times by which these are farther for floats, which are metres by convention (REP 118). Untuned."""
+CLOSE_M, CLOSE_MEDIAN_M = 0.15, 0.4
+"""Metres: where something is nearer, or half is, another unit is not taken unasked. Untuned."""
+FARTHEST_M = 0.3
+"""Metres: where nothing is farther, an assumed unit is wrong, because no camera sees a person so near."""
+LEAST_PIXELS = 200
+"""Readings below which nothing is judged. Untuned."""
+UNITS_MM = {
+    0.1: "D405",
+    0.125: "Kinect v1 words above a player index, SUN RGB-D",
+    0.2: "TUM, 1/5000 m",
+    0.25: "L515",
+    1.0: "millimetres",
+    10.0: "centimetres",
+    1000.0: "metres",
+}
+"""Millimetres of a step that programs write, and who does."""
+
+
+def metres(length_m: float) -> str:
+    """A length to three digits."""
+    return f"{length_m:.0f} m" if length_m >= 100 else f"{length_m:.3g} m"
+
+
+class Range(NamedTuple):
+    """Depth of a scene in metres: the 1st, 50th and 99th percentile of its readings."""
+
+    near: float
+    median: float
+    far: float
+
+    def __str__(self) -> str:
+        return ", ".join(map(metres, self))
+
+
+def range_of(values: NDArray[np.float64], unit_mm: float) -> Range:
+    return Range(*(np.percentile(values, (1, 50, 99)) * unit_mm / 1000).tolist())
+
+
+def impossible(found: Range, times: float = 1.0) -> str:
+    """Why a range is no scene's that a camera of people sees; "" where it may be. times: farther bounds."""
+    if found.near > NEAREST_M * times:
+        return f"nothing is nearer than {metres(found.near)}"
+    if found.near > NEAR_M * times and found.median > MEDIAN_M * times:
+        return f"nothing is nearer than {metres(found.near)} and half is farther than {metres(found.median)}"
+    return f"nothing is farther than {metres(found.far)}" if found.far < FARTHEST_M else ""
+
+
+def _is_usual(found: Range) -> bool:
+    """Whether a range is what cameras see of people in rooms."""
+    return not impossible(found) and found.near > CLOSE_M and CLOSE_MEDIAN_M < found.median < MEDIAN_M
+
+
+def unit_of(
+    values: NDArray[np.float64], floats: bool, declared: float | None, where: str, likely: float | None
+) -> tuple[float, list[str]]:
+    """Millimetres of a step, and notes. Raises FormatError where an assumed one is impossible."""
+    usual = 1000.0 if floats else 1.0
+    if declared is not None or len(values) < LEAST_PIXELS:
+        return declared or usual, []
+    found = range_of(values, usual)
+    why = impossible(found, CONVENTION if floats else 1.0)
+    if not why:
+        return usual, []
+    for other in ([1.0] if floats else []) + ([likely] if likely else []):
+        if _is_usual(range_of(values, other)):
+            return other, [f"{other:g} mm a step taken, because {why} with {usual:g}; else give --depth-unit"]
+    raise FormatError(
+        f"{where}: {why} with {usual:g} mm a step, which no file declares (1st, 50th and 99th percentile: "
+        f"{found}); {remedy(values, usual)}"
+    )
+
+
+def remedy(values: NDArray[np.float64], usual: float) -> str:
+    """How to declare the unit, and which give a possible scene; one that divides all values is the first."""
+    whole = values[values == np.rint(values)].astype(np.int64)
+    common = int(np.gcd.reduce(whole[:: max(1, len(whole) // 1000)])) if len(whole) == len(values) else 1
+    fits = [
+        (f"{unit:g} ({who}) gives {found}", unit * common == 1)
+        for unit, who in UNITS_MM.items()
+        if unit != usual and _is_usual(found := range_of(values, unit))
+    ]
+    fits.sort(key=lambda fit: not fit[1])
+    if not fits:
+        return "these may be disparity, temperatures or infrared; else give --depth-unit"
+    units = "; ".join(text for text, _ in fits[:4])
+    return (
+        f"give --depth-unit, or depth_unit_mm in intrinsics.json: {units}; "
+        "disparity, temperatures and infrared are no depth"
+    )
