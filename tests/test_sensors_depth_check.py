@@ -239,8 +239,9 @@ def test_counts_are_refused():
     assert judge_celsius([np.zeros((4, 4), np.uint16)], "x") == (SESSION, ())
 
 
-def test_what_is_far_is_doubtful_where_the_unit_is_assumed():
-    deep = [room_mm(seed, 1000, 13500).astype(np.uint16) for seed in range(2)]
+@pytest.mark.parametrize(("near", "far"), [(1000, 13500), (100, 350)])
+def test_what_is_far_or_close_is_doubtful_where_the_unit_is_assumed(near, far):
+    scene = [room_mm(seed, near, far).astype(np.uint16) for seed in range(2)]
     for unit, doubted in ((None, True), (1.0, False)):
-        notes = judge_depth(deep, unit, "x").notes
+        notes = judge_depth(scene, unit, "x").notes
         assert any(note.startswith("doubtful depth: ") for note in notes) == doubted

@@ -35,9 +35,10 @@ LEAST_SHARE, GAP = 0.001, 0.1
 """Share of pixels that such a code has at least, and the free range below it, as its share. Untuned."""
 
 FAR_M = 13.0
-"""Metres: where more than a hundredth is farther, an assumed unit of 1 mm is doubtful (65535 steps of TUM are
-13.1 m)."""
-FLAT = 1.15
+"""Metres: where more than a hundredth is farther, an assumed unit is doubtful: 16 bits of TUM's end at 13.1 m."""
+SHORT_M = 0.8
+"""Metres: where nothing is farther, an assumed unit is doubtful: centimetres, or inverse depth. Untuned."""
+FLAT = 1.2
 """Times by which the farthest is farther than the nearest in what may be a wall alone. Untuned."""
 SMOOTHER = 8
 """Times by which neighbours agree better after a swap of bytes, where bytes are swapped. A swap multiplies
@@ -125,7 +126,7 @@ def judge_depth(
             *(["bytes of the depth words are swapped: read the other way round"] if swapped else []),
             *_seen_codes(words, invalid),
             *notes,
-            *_doubts(found, words, unit, assumed=unit_mm is None and unit == 1),
+            *_doubts(found, words, unit, assumed=unit_mm is None),
         ),
     )
 
@@ -186,8 +187,9 @@ def _doubts(found: Range, images: Sequence[Image], unit_mm: float, *, assumed: b
     why = impossible(found)
     if not why and found.median > MEDIAN_M:
         why = f"half of the scene is farther than {metres(found.median)}"
-    if not why and assumed and found.far > FAR_M:
-        why = f"a part of the scene is farther than {metres(found.far)}"
+    if not why and assumed and (found.far > FAR_M or found.far < SHORT_M):
+        side = "a part of the scene is farther" if found.far > FAR_M else "nothing is farther"
+        why = f"{side} than {metres(found.far)}"
     doubts = (
         [f"doubtful depth: {why} with {unit_mm:g} mm a step; give --depth-unit if that is wrong"]
         if why
