@@ -35,7 +35,7 @@ LEAST_SHARE, GAP = 0.001, 0.1
 """Share of pixels that such a code has at least, and the free range below it, as its share. Untuned."""
 
 FAR_M = 13.0
-"""Metres: where more than a hundredth is farther, an assumed unit is doubtful: 16 bits of TUM's end at 13.1 m."""
+"""Metres: where more than a hundredth is farther, an assumed unit is doubtful (TUM's end at 13.1 m)."""
 SHORT_M = 0.8
 """Metres: where nothing is farther, an assumed unit is doubtful: centimetres, or inverse depth. Untuned."""
 FLAT = 1.2
