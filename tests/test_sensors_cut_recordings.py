@@ -8,7 +8,7 @@ import pytest
 
 from sensors.errors import CloudError
 from sensors.importers.bags.bag import Bag
-from sensors.importers.bags.realsense import RealSenseRecording, unwrapped
+from sensors.importers.bags.realsense import WRAPS_NS, RealSenseRecording, unwrapped
 from sensors.importers.bags.ros1_file import Ros1File
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics
@@ -171,7 +171,9 @@ def test_the_cameras_own_clock_wraps_around(tmp_path):
     source = take(tmp_path, stamps, list(range(6)))
     np.testing.assert_allclose(np.diff(source.times_ns), 33e6, atol=2000)
     host = np.array([5 * 10**18, 4 * 10**18], np.int64)
-    np.testing.assert_array_equal(unwrapped(host), host)
+    np.testing.assert_array_equal(unwrapped(host, int(host[0])), host)
+    early = np.array([WRAPS_NS - 5, 3, 9], np.int64)  # depth begins after the clock did
+    np.testing.assert_array_equal(unwrapped(early, 2), [-5, 3, 9])
 
 
 def test_a_counter_that_starts_again_loses_nothing(tmp_path):

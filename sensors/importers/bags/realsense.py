@@ -107,9 +107,9 @@ class RealSenseRecording(FrameSource):
         return self._frames.frame(index)
 
     def _images(self, name: str) -> Images:
-        stream = self._streams[name]
+        stream, first_ns = self._streams[name], self._streams[DEPTH].images[0].stamp_ns
         return stream.opened(
-            name, unwrapped(stream.stamps_ns), self._file, partial(self._picture, stream.kind)
+            name, unwrapped(stream.stamps_ns, first_ns), self._file, partial(self._picture, stream.kind)
         )
 
     def _picture(self, kind: str, data: bytes) -> Picture:
@@ -170,15 +170,17 @@ class RealSenseRecording(FrameSource):
         return RigCalibration(lens, color_lens, color_from_depth), ["calibration from the recording"]
 
 
-def unwrapped(stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+def unwrapped(stamps_ns: NDArray[np.int64], first_ns: int) -> NDArray[np.int64]:
     """Times (n,) of one stream where the camera's own clock starts again after 71.6 minutes.
 
-    A clock of the host (the SDK's usual domain) is far beyond the 32 bits, so that nothing is unwrapped.
+    first_ns: of depth: the first image of another stream may lie on the other side of the clock's begin. A
+    clock of the host (the SDK's usual domain) is far beyond the 32 bits, so that nothing is unwrapped.
     """
-    if len(stamps_ns) < 2 or stamps_ns.max() >= WRAPS_NS:
+    if not len(stamps_ns) or max(stamps_ns.max(), first_ns) >= WRAPS_NS:
         return stamps_ns
     wraps = np.cumsum(np.diff(stamps_ns) < -WRAPS_NS // 2) * WRAPS_NS
-    return np.asarray(stamps_ns + np.concatenate([[0], wraps]), np.int64)
+    shift_ns = round((first_ns - int(stamps_ns[0])) / WRAPS_NS) * WRAPS_NS
+    return np.asarray(stamps_ns + np.concatenate([[0], wraps]) + shift_ns, np.int64)
 
 
 def is_realsense(file: RosbagFile | Ros1File) -> bool:
