@@ -233,7 +233,7 @@ def test_temperatures_with_more_decimal_places_are_refused_before_the_camera_ope
         config.write_text(text.format(harmless))
         OptrisDirect(config, VirtualDirect(SCENE).library).close()
     config.write_text(text.format("<enable_high_precision> 1 </enable_high_precision>"))
-    with pytest.raises(DeviceError, match="enable_high_precision 1, .*; set 0"):
+    with pytest.raises(DeviceError, match="enable_high_precision 1, which has another unit; set it to 0"):
         OptrisDirect(config, VirtualDirect(SCENE).library)
 
 

@@ -165,7 +165,7 @@ class OptrisDirect(StreamingCamera):
 
 
 def celsius_of(values: NDArray[np.uint16]) -> NDArray[np.float32]:
-    """float32 (h, w) Celsius of the library's output: (v - 1000) / 10 (irdirectsdk.h), without high precision."""
+    """float32 (h, w) Celsius of the library's output: (v - 1000) / 10 (irdirectsdk.h); not of high precision."""
     return ((values.astype(np.float32) - 1000) / 10).astype(np.float32)
 
 
@@ -187,9 +187,7 @@ def check_config(config: Path) -> None:
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
     found = dict(re.findall(r"<(serial|calipath|enable_high_precision)>\s*([^<>]*?)\s*</\1>", text))
     if found.get("enable_high_precision", "0") != "0":
-        raise DeviceError(
-            f"{config} has enable_high_precision 1, whose temperatures have an unknown unit; set 0"
-        )
+        raise DeviceError(f"{config} has enable_high_precision 1, which has another unit; set it to 0")
     number, folder = found.get("serial", "0"), found.get("calipath", "")
     if not re.fullmatch(r"\d{1,12}", number) or int(number) == 0 or not folder:
         return

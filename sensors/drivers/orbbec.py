@@ -158,7 +158,7 @@ def orbbec_serials() -> list[str]:
 def unmirror(device: SdkObject) -> None:
     """Switch off what a viewer may have left on: images mirrored or upside down, each stream for itself.
 
-    Colour as JPEG obeys neither (orbbec/OrbbecSDK_v2 issue 127), so that a mirrored depth image would not fit.
+    Colour as JPEG obeys neither (orbbec/OrbbecSDK_v2 issue 127), so that a mirrored depth image does not fit.
     """
     sdk = load_sdk()
     for stream in ("DEPTH", "COLOR", "IR"):
