@@ -1,7 +1,7 @@
 """Guided calibration: views of the hole plate taken one after another, until they are enough."""
 
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import cv2
@@ -52,18 +52,33 @@ def guided_calibration(
         check_free(board, overwrite)
         with (
             interrupted_by_signals(),
-            closing(open_rig(rig, device)) as running,
+            closing(open_rig(rig, device, plate)) as running,
             ended_by_signals() as ending,
-            SessionWriter(board, running.calibration, running.name, overwrite=overwrite) as writer,
+            ExitStack() as stack,
         ):
+            views = Views(SessionWriter(board, running.calibration, running.name, overwrite=overwrite), stack)
             frames = rig_frames(running, ending)
-            now = guided(frames, plate, running.calibration, picture, writer.write)
+            now = guided(frames, plate, running.calibration, picture, views.keep)
     if now.found is None:
         raise CalibrationError(
             f"{len(now.seen)} views of the plate were taken, which are too few; hold it as {picture} shows, "
             "still and in front of something warm, until all cameras see every hole"
         )
     return now.found
+
+
+class Views:
+    """The session of the views that were taken, begun with the first one: no view leaves no file."""
+
+    def __init__(self, writer: SessionWriter, stack: ExitStack) -> None:
+        self._writer, self._stack, self._begun = writer, stack, False
+
+    def keep(self, frame: RigFrame) -> None:
+        """Write a view."""
+        if not self._begun:
+            self._stack.enter_context(self._writer)
+            self._begun = True
+        self._writer.write(frame)
 
 
 def guided(

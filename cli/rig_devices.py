@@ -19,44 +19,67 @@ from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 
 if TYPE_CHECKING:
+    from sensors.calibrate.hole_plate import HolePlate
     from sensors.session.reader import Session
+    from synth.rig.plate_views import PlateViews
     from synth.rig.virtual_rig import VirtualRig
 
 VIRTUAL_SEED = 7
 VIRTUAL_FRAMES = 30
 """One second of the virtual rig at 30 frames a second, which the virtual cameras repeat."""
+VIRTUAL_VIEWS, HELD_S = 24, 4.0
+"""Views of the plate, of which a calibration takes 12 to 14; seconds that each is held still (untuned)."""
 
 
 class Shown:
-    """The frames of the virtual cameras, rendered when the first of them is read."""
+    """The frames of the virtual cameras, rendered when the first of them is read.
 
-    def __init__(self) -> None:
+    plate: the hole plate that is held in front of them, view after view; None = a person is there.
+    """
+
+    def __init__(self, plate: "HolePlate | None" = None) -> None:
         check_extra("synth", "scipy")
+        self._plate = plate
 
     @cached_property
-    def _rig(self) -> "VirtualRig":
+    def _rig(self) -> "VirtualRig | PlateViews":
         with needing("synth"):
+            from synth.rig.plate_views import PlateViews
             from synth.rig.virtual_rig import VirtualRig
+        if self._plate is not None:
+            from sensors.recording.rig_templates import REFERENCE, TEMPLATES
+
+            template = replace(TEMPLATES[REFERENCE], plate=self._plate)
+            return PlateViews(template, VIRTUAL_VIEWS, VIRTUAL_SEED, bad_share=0.0)
         return VirtualRig(VIRTUAL_FRAMES, 1, "normal", VIRTUAL_SEED, frames_per_second=VIRTUAL_FRAMES)
 
     @property
     def calibration(self) -> RigCalibration:
-        """Of the virtual rig."""
-        return self._rig.calibration
+        """Of the virtual rig; in front of a plate only roughly known."""
+        if self._plate is None:
+            return self._rig.calibration
+        from synth.rig.plate_views import roughly
+
+        return roughly(self._rig.calibration)
 
     def __iter__(self) -> Iterator[RigFrame]:
         return iter(self._frames)
 
     @cached_property
     def _frames(self) -> tuple[RigFrame, ...]:
-        say(f"rendering {VIRTUAL_FRAMES} frames for the virtual cameras")
-        return tuple(self._rig)
+        say(f"rendering {len(self._rig)} frames for the virtual cameras")
+        if self._plate is None:
+            return tuple(self._rig)
+        return tuple(replace(frame, stamp_ns=round(1e9 * HELD_S * frame.index)) for frame in self._rig)
 
 
-def open_rig(rig: Path | None, device: list[str] | None) -> LiveRig:
-    """The rig that a file or addresses name, its devices started. Raises DeviceError, CalibrationError."""
+def open_rig(rig: Path | None, device: list[str] | None, plate: "HolePlate | None" = None) -> LiveRig:
+    """The rig that a file or addresses name, its devices started. Raises DeviceError, CalibrationError.
+
+    plate: what virtual cameras see in place of a person.
+    """
     with ExitStack() as stack:
-        wanted, devices, calibration, open_one = opened_rig(rig, device, stack)
+        wanted, devices, calibration, open_one = opened_rig(rig, device, stack, plate)
         running = LiveRig(wanted.name, devices, calibration, wanted.latency_ms, open_one)
         stack.pop_all()
     return running
@@ -86,14 +109,14 @@ def asked_rig(rig: Path | None, device: list[str] | None) -> RecordingRig:
 
 
 def opened_rig(
-    rig: Path | None, device: list[str] | None, stack: ExitStack
+    rig: Path | None, device: list[str] | None, stack: ExitStack, plate: "HolePlate | None" = None
 ) -> tuple[RecordingRig, list[Device], RigCalibration, Callable[[str], Device]]:
     """A rig, its devices opened and started within a stack, its calibration, what opens a device again.
 
     The rig names its devices, and their latency, by the addresses that they have themselves.
     """
     wanted = asked_rig(rig, device)
-    shown = Shown() if any(address.startswith("virtual:") for address in wanted.devices) else None
+    shown = Shown(plate) if any(address.startswith("virtual:") for address in wanted.devices) else None
 
     asked = dict[str, str]()
 

@@ -23,7 +23,7 @@ from sensors.device.address import Address
 from sensors.device.node import check_node, node_error
 from sensors.device.protocol import ColorImage, DepthImage, Device, Spot, ThermalCounts, ThermalImage
 from sensors.device.streaming_camera import StreamingCamera
-from sensors.drivers import kinect2, pyrometer, serial_line
+from sensors.drivers import azure_kinect, kinect2, pyrometer, serial_line
 from sensors.drivers.azure_kinect import AzureKinect, azure_devices
 from sensors.drivers.k4a import Capture, Playback, StampedDepth, load_k4a
 from sensors.drivers.kinect2 import Kinect2
@@ -430,6 +430,31 @@ def test_two_devices_with_one_serial_number_are_marked():
     assert notes[1] == "" and notes[0] == notes[2] and "same serial number" in notes[0]
 
 
+def test_an_azure_kinect_that_does_not_open_is_listed_with_the_reason(monkeypatch):
+    """Its number is known only once it is open; another program may have it."""
+
+    class Opened:
+        serial, closed = "000042", 0
+
+        def __init__(self, index):
+            if index == 1:
+                raise DeviceError("it cannot be opened")
+
+        def close(self):
+            Opened.closed += 1
+
+    monkeypatch.setattr(
+        azure_kinect, "load_k4a", lambda: SimpleNamespace(k4a_device_get_installed_count=lambda: 2)
+    )
+    monkeypatch.setattr(azure_kinect, "Camera", Opened)
+    listed = [(found.address, found.note) for found in find_devices() if found.kind == "azure"]
+    assert listed == [("azure:000042", ""), ("azure:", azure_kinect.CLOSED)] and Opened.closed == 1
+    assert AzureKinect().serial == "000042"
+    monkeypatch.setattr(azure_kinect, "azure_devices", lambda: [(1, "")])
+    with pytest.raises(DeviceBusyError, match="no Azure Kinect can be opened; close the program"):
+        AzureKinect()
+
+
 # --- the command -----------------------------------------------------------------------------------
 
 
@@ -442,7 +467,7 @@ def test_devices_lists_what_there_is(annotate_cloud):
     assert "virtual:kinect2" in annotate_cloud("devices").out
 
 
-def test_finding_opens_nothing(monkeypatch):
+def test_finding_sends_nothing_to_thermal_cameras_and_ports(monkeypatch):
     monkeypatch.setattr(open_device_module, "video_nodes", lambda usb_id: [(Path("/dev/video7"), "77")])
     port = SimpleNamespace(device="/dev/ttyUSB9", serial_number=None)
     monkeypatch.setattr(open_device_module, "comports", lambda: [port])

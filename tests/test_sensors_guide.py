@@ -10,10 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import cli.guided
+import cli.rig_devices
 import sensors.calibrate.guide
 from sensors.calibrate.guide import ENOUGH_VIEWS, TILTS, Room, Wish, guide, is_new, next_wish
 from sensors.calibrate.hole_plate import HolePlate
-from sensors.calibrate.plate_view import CAMERAS, PlateView
+from sensors.calibrate.plate_view import CAMERAS, PlateView, view_plate
 from sensors.errors import CalibrationError
 from sensors.interrupt import Ending
 from sensors.recording.health import Health
@@ -23,6 +24,7 @@ from sensors.recording.rig_templates import REFERENCE, TEMPLATES
 from sensors.rig.camera import project
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration
+from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
 
 WISHES = [Wish(*fields) for fields in product((-1, 0, 1), (-1, 0, 1), TILTS, (False, True))]
@@ -189,3 +191,35 @@ def test_calibrate_live_stops_when_it_is_enough(annotate_cloud, held, late, monk
         "calibrate", tmp_path / "board.mcap", "--out", tmp_path / "r.json", "--rig", "r.toml"
     )
     assert few.code == 2 and "needs --live" in few.err.replace("\n", " ")
+
+
+def test_virtual_cameras_see_the_plate_and_a_rig_without_views_leaves_no_file(
+    annotate_cloud, held, monkeypatch, tmp_path
+):
+    """The command opens the drivers with their twins; the second run ends before a view is taken."""
+    monkeypatch.setattr(cli.rig_devices, "VIRTUAL_VIEWS", 2)
+    plate = HolePlate()
+    shown = tuple(cli.rig_devices.Shown(plate))
+    assert all(view_plate(f, plate, RIG.depth).centers_px.keys() == set(CAMERAS) for f in shown)
+    assert [f.stamp_ns for f in shown] == [0, 1e9 * cli.rig_devices.HELD_S]
+    monkeypatch.setattr(cli.rig_devices.Shown, "_frames", shown)
+    looked = iter(np.repeat(np.arange(len(held)), 2).tolist())
+    monkeypatch.setattr(cli.guided, "view_plate", lambda f, *_: held[next(looked)])
+    enough = SimpleNamespace(seen=[SimpleNamespace(text="near")], found=None, wanted=None)
+    monkeypatch.setattr(cli.guided, "guide", lambda *_: enough)
+    monkeypatch.setattr(cli.guided, "guide_picture", lambda *_: np.zeros((4, 4, 3), np.uint8))
+    devices = ("--device", "virtual:kinect2", "--device", "virtual:optris-direct")
+    live = ("calibrate", tmp_path / "b.mcap", "--live", *devices, "--out", tmp_path / "rig.json")
+    done = annotate_cloud(*live)
+    assert done.code == 1 and "1 views of the plate were taken" in done.err, done.err
+    taken = Session(tmp_path / "b.mcap").frame(0)
+    assert any(np.array_equal(taken.infrared, frame.infrared) for frame in shown)
+
+    def blind(*_):
+        raise CalibrationError("gives no infrared")
+
+    monkeypatch.setattr(cli.guided, "guided", blind)
+    (tmp_path / "b.mcap").unlink()
+    done = annotate_cloud(*live)
+    assert done.code == 1 and "gives no infrared" in done.err
+    assert not list(tmp_path.glob("b.mcap*"))

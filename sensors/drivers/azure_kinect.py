@@ -1,6 +1,6 @@
 """Azure Kinect through Microsoft's SDK (extra ``kinect``)."""
 
-from contextlib import suppress
+from contextlib import closing, suppress
 from typing import Protocol
 
 from sensors.device.protocol import ColorImage, DepthImage
@@ -12,6 +12,8 @@ from sensors.rig.rig_calibration import RigCalibration
 
 DEPTH_SIZE, COLOR_SIZE = (640, 576), (1920, 1080)
 """Narrow field of view, unbinned; 1080p as the device's own JPEG."""
+CLOSED = "close the program that uses it, or add its udev rule"
+"""Remedies for a device that is plugged in but does not open."""
 
 
 class Streaming(Protocol):
@@ -67,25 +69,29 @@ class AzureKinect(StreamingCamera):
 def _opened(serial: str) -> Camera:
     load_k4a()
     there = azure_devices()
-    chosen = choose("Azure Kinect", [number for _, number in there], serial)
+    numbers = [number for _, number in there if number]
+    if there and not numbers:
+        raise DeviceBusyError(f"no Azure Kinect can be opened; {CLOSED}")
+    chosen = choose("Azure Kinect", numbers, serial)
     try:
         return Camera(next(index for index, number in there if number == chosen))
     except DeviceError as error:
-        raise DeviceBusyError(
-            f"azure:{chosen} cannot be opened; close the program that uses it, or add its udev rule"
-        ) from error
+        raise DeviceBusyError(f"azure:{chosen} cannot be opened; {CLOSED}") from error
 
 
 def azure_devices() -> list[tuple[int, str]]:
     """Index and serial number of the devices that are plugged in; none where there is no SDK.
 
-    Each is opened for a moment, as its number cannot be read otherwise; one in use is left out.
+    Each device is opened for a moment, as its number cannot be read otherwise. The number is empty where the
+    device does not open: another program uses it, or its udev rule is missing.
     """
     found = []
     with suppress(DeviceNotFoundError):
         for index in range(load_k4a().k4a_device_get_installed_count()):
+            serial = ""
             with suppress(DeviceError):
                 camera = Camera(index)
-                found.append((index, camera.serial))
-                camera.close()
+                with closing(camera):
+                    serial = camera.serial
+            found.append((index, serial))
     return found

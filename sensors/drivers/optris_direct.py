@@ -165,7 +165,7 @@ class OptrisDirect(StreamingCamera):
 
 
 def celsius_of(values: NDArray[np.uint16]) -> NDArray[np.float32]:
-    """float32 (h, w) Celsius of the library's output: (v - 1000) / 10 (irdirectsdk.h); not of high precision."""
+    """float32 (h, w) Celsius of the library's output: (v - 1000) / 10 (irdirectsdk.h)."""
     return ((values.astype(np.float32) - 1000) / 10).astype(np.float32)
 
 

@@ -11,7 +11,7 @@ from sensors.device.address import Address
 from sensors.device.mounting import Mounted, Mounting, mounting_of
 from sensors.device.node import node_error, video_nodes
 from sensors.device.protocol import Device, Found
-from sensors.drivers.azure_kinect import AzureKinect, azure_devices
+from sensors.drivers.azure_kinect import CLOSED, AzureKinect, azure_devices
 from sensors.drivers.kinect2 import Kinect2, kinect2_serials, load_shim
 from sensors.drivers.lepton import RATE_HZ, Lepton
 from sensors.drivers.lepton import USB_ID as LEPTON_ID
@@ -61,11 +61,15 @@ def check_kind(address: Address) -> None:
 
 
 def find_devices() -> list[Found]:
-    """Devices that are plugged in, then the virtual ones. Nothing is sent to any of them."""
+    """Devices that are plugged in, then the virtual ones.
+
+    The libraries of Kinects, RealSense and Orbbec cameras open each camera for a moment to read its number.
+    Nothing is sent to thermal cameras and serial ports.
+    """
     return [
         *_numbered("kinect2", _kinect2_serials()),
         *_numbered("realsense", realsense_serials()),
-        *_numbered("azure", [serial for _, serial in azure_devices()]),
+        *_numbered("azure", [serial for _, serial in azure_devices()], CLOSED),
         *_numbered("orbbec", orbbec_serials()),
         *(
             Found(f"{kind}:{node}", kind, serial, note=_access(node))
@@ -178,12 +182,13 @@ def _serial_ports() -> list[Found]:
     return found
 
 
-def _numbered(kind: str, serials: list[str]) -> list[Found]:
-    """Devices by serial number, with a note on two of one number."""
+def _numbered(kind: str, serials: list[str], closed: str = "") -> list[Found]:
+    """Devices by serial number, with a note on two of one number. closed: note on those without a number."""
     twice = "another one has the same serial number; unplug one of them"
+    notes = [closed if not serial else twice if serials.count(serial) > 1 else "" for serial in serials]
     return [
-        Found(f"{kind}:{serial}", kind, serial, note=twice if serials.count(serial) > 1 else "")
-        for serial in serials
+        Found(f"{kind}:{serial}", kind, serial, note=note)
+        for serial, note in zip(serials, notes, strict=True)
     ]
 
 

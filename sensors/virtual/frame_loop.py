@@ -1,4 +1,4 @@
-"""Loop of recorded or rendered frames: what a twin's camera sees."""
+"""Loop of recorded or rendered frames that the camera of a twin sees."""
 
 from collections.abc import Iterable
 from itertools import islice
@@ -17,19 +17,23 @@ T = TypeVar("T")
 
 AMBIENT_C = 22.0
 LONGEST = 30
-"""Frames kept of a source: a second of them, 60 MB at most, made before the twin starts."""
+"""Frames kept of a source, 60 MB at most, made before the twin starts."""
+ROUNDING_S = 1e-6
+"""Seconds by which stamps and the schedule's seconds differ by rounding."""
 
 
 class FrameLoop:
-    """The first frames of a source, shown round and round at 30 a second. Raises DeviceError for none.
+    """The first frames of a source, shown round and round. Raises DeviceError for none.
 
-    A frame without colour or temperatures shows those of the frame before.
+    Each frame is shown from its stamp on, or for a thirtieth of a second where stamps do not rise. A frame
+    without colour or temperatures shows those of the frame before.
     """
 
     def __init__(self, frames: Iterable[RigFrame]) -> None:
         shown = tuple(islice(frames, LONGEST))
         if not shown:
             raise DeviceError("the twin's source has no frames; give a session or the virtual rig")
+        self._starts_s, self._period_s = _times_s([frame.stamp_ns for frame in shown])
         self._depth = [frame.depth_mm for frame in shown]
         self._infrared = _filled([frame.infrared for frame in shown])
         self._color = _filled([frame.color_encoded for frame in shown])
@@ -37,19 +41,34 @@ class FrameLoop:
 
     def depth(self, seconds: float) -> NDArray[np.uint16]:
         """Millimetres (h, w), ``seconds`` after the start."""
-        return _at(self._depth, seconds, "depth")
+        return self._at(self._depth, seconds, "depth")
 
     def infrared(self, seconds: float) -> NDArray[np.uint16] | None:
         """Amplitude (h, w) that belongs to the depth; None where the source has none."""
-        return _at(self._infrared, seconds, "infrared") if self._infrared else None
+        return self._at(self._infrared, seconds, "infrared") if self._infrared else None
 
     def color(self, seconds: float) -> bytes:
         """The encoded image. Raises DeviceError where the source has none."""
-        return _at(self._color, seconds, "colour")
+        return self._at(self._color, seconds, "colour")
 
     def thermal(self, seconds: float) -> NDArray[np.float32]:
         """Celsius (120, 160) without gaps. Raises DeviceError where the source has none."""
-        return _at(self._thermal, seconds, "thermal")
+        return self._at(self._thermal, seconds, "thermal")
+
+    def _at(self, images: list[T], seconds: float, name: str) -> T:
+        if not images:
+            raise DeviceError(f"the twin's source has no {name} images; give one that has")
+        in_loop_s = (seconds + ROUNDING_S) % self._period_s
+        return images[int(np.searchsorted(self._starts_s, in_loop_s, "right")) - 1]
+
+
+def _times_s(stamps_ns: list[int]) -> tuple[NDArray[np.float64], float]:
+    """Seconds (n,) from the first frame on at which each is shown, and after which all start again."""
+    starts_s: NDArray[np.float64] = (np.array(stamps_ns, np.int64) - stamps_ns[0]) * np.float64(1e-9)
+    steps_s = np.diff(starts_s)
+    if not len(steps_s) or steps_s.min() <= 0:
+        starts_s, steps_s = np.arange(len(stamps_ns)) / FRAMES_PER_SECOND, np.array([1 / FRAMES_PER_SECOND])
+    return starts_s, float(starts_s[-1] + np.median(steps_s))
 
 
 def _filled(images: list[T | None]) -> list[T]:
@@ -65,9 +84,3 @@ def _thermal(celsius: NDArray[np.float32]) -> NDArray[np.float32]:
     if celsius.shape != (HEIGHT, WIDTH):
         celsius = cv2.resize(celsius, (WIDTH, HEIGHT)).astype(np.float32)
     return np.nan_to_num(celsius, nan=AMBIENT_C)
-
-
-def _at(images: list[T], seconds: float, name: str) -> T:
-    if not images:
-        raise DeviceError(f"the twin's source has no {name} images; give one that has")
-    return images[int(seconds * FRAMES_PER_SECOND + 1e-6) % len(images)]

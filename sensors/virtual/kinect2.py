@@ -40,6 +40,8 @@ class VirtualKinect2:
         self._mirrored = lru_cache(LONGEST)(mirrored_jpeg)
         self.schedule = Schedule(RATE_HZ, faults, QUEUE)
         self._open = False
+        # Each image of the loop is mirrored once.
+        self._mirrored = lru_cache(LONGEST)(mirrored_jpeg)
         self._ready = deque[tuple[int, int]]()
         self.shim = Shim(**{name: make(getattr(self, f"_{name}")) for name, make in PROTOTYPES.items()})
 

@@ -129,7 +129,7 @@ def record_plate(
     """
     truth = out.with_suffix(".calibration.json")
     check_free(truth, overwrite)
-    rough = _roughly(views.calibration)
+    rough = roughly(views.calibration)
     with (
         replacing(truth) as temporary,
         SessionWriter(out, rough, views.name, overwrite=overwrite, keep_partial=False) as writer,
@@ -141,7 +141,7 @@ def record_plate(
     return truth
 
 
-def _roughly(true: RigCalibration) -> RigCalibration:
+def roughly(true: RigCalibration) -> RigCalibration:
     """A calibration by data sheet: focal lengths to the pixel, principal point in the middle, no lens."""
     cameras = {
         name: Intrinsics(c.width, c.height, round(c.fx), round(c.fy), c.width / 2, c.height / 2)
