@@ -67,7 +67,7 @@ for line in sys.stdin:
         os._exit(code)
 """
 """For each verb and path given: the real command in a process of its own, whose number and exit code are
-printed. Its camera has always an image that is to be written, so that any moment is in the middle of a write."""
+printed. Its camera always has an image that is to be written, so any moment is in the middle of a write."""
 
 
 @pytest.fixture(scope="module")
