@@ -308,6 +308,57 @@ def test_complaints_are_said_of_a_rig_that_gives_no_images(capsys):
     assert "depth: nothing for 3 s" in capsys.readouterr().err
 
 
+def test_every_frame_that_was_labelled_has_its_line(annotate_cloud, rig_session, monkeypatch):
+    """The one that was being labelled when the time was over, too."""
+
+    def slow(cloud):
+        time.sleep(0.5)
+        return cloud
+
+    def label(cloud, before):
+        nobody = np.zeros(cloud.depth_mm.shape, bool)
+        return unlabelled(nobody), PersonMask(nobody, "depth", nobody.astype(np.uint8))
+
+    monkeypatch.setattr("cli.live_view.labelling_by", lambda suit: Labelling(slow, label, lambda *_: None))
+    done = annotate_cloud("live", rig_session, "--no-window", "--seconds", 0.3)
+    lines = [json.loads(line) for line in done.out.splitlines()]
+    frames, labelled, skipped = map(int, re.findall(r"(\d+) (?:frames|labelled|skipped)", done.err))
+    assert done.code == 0 and len(lines) == labelled > 0
+    assert frames == labelled + skipped > labelled
+
+
+def test_all_streams_that_lose_images_are_named_and_all_devices_that_are_gone():
+    """Of each kind one warning stands, so it must hold them all."""
+    standing, health = Standing(), watched(running(8, drop=0.2), at_s=8, away=())
+    for at_s in (0.0, HOLD_S):
+        stand = standing.update(rig_complaints(health), at_s)
+    (drops,) = stand
+    assert all(f"{name}: " in drops.text for name in ("depth", "colour", "thermal"))
+    (away,) = rig_complaints(watched(running(8), at_s=8, away=("kinect", "optris")))
+    assert "kinect is gone" in away.text and "optris is gone" in away.text
+
+
+def test_what_was_missed_while_a_device_was_away_is_no_fault_of_its_rate():
+    items = [
+        item
+        for item in running(12)
+        if item.address == "optris" or not 4 < item.arrival_ns / 1e9 % 100 - EPOCH_NS / 1e9 % 100 < 7
+    ]
+    back = next(
+        i for i, item in enumerate(items) if item.address == "kinect" and item.arrival_ns > EPOCH_NS + 7e9
+    )
+    items[back] = replace(items[back], restarted=True)
+    assert not kinds(watched(items[: back + 60], at_s=8))
+
+
+@pytest.mark.parametrize("verb", [["live"], ["record", "a.mcap"]])
+def test_one_source_is_to_be_given(annotate_cloud, verb):
+    done = annotate_cloud(*verb, "--rig", "ward.toml", "--device", "virtual:kinect2")
+    assert done.code == 1 and "--rig and --device are given; give only one" in done.err
+    done = annotate_cloud(*verb)
+    assert done.code == 1 and "no source is given" in done.err
+
+
 class ByHand:
     """A rig whose moments are put by hand; the depth in millimetres is the moment's number."""
 
