@@ -1,6 +1,7 @@
 """The verbs ``info`` and ``validate``: what a path holds, and whether it is sound."""
 
 from collections import Counter
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,12 +14,15 @@ from cli.info_folder import folder_info, folder_problems, recordings_in
 from sensors.errors import CloudError
 from sensors.importers.open_source import judged_notes, open_source
 
+EARLIEST_NS = 946_684_800 * 10**9
+"""Nanoseconds from 1970 to 2000: times before are those of a device that counts from its start."""
 DOUBTFUL = "doubtful"
 """How notes on doubts begin."""
 
 if TYPE_CHECKING:
     from annotate.correction.audit import Audit, PersonWork
     from annotate.labelset.store import LabelSet
+    from sensors.rig.frame import FrameSource
     from sensors.rig.rig_calibration import RigCalibration
     from sensors.session.reader import Session
 
@@ -109,6 +113,10 @@ def _source(path: Path) -> Shown:
     from sensors.session.reader import Session
 
     result: dict[str, Any] = {"kind": type(source).__name__, "name": source.name, "frames": len(source)}
+    if source.subject:
+        result["subject"] = source.subject
+    if (started := _started(source)) is not None:
+        result["started"] = started
     short, texts = dict(result), []
     if isinstance(source, Session):
         result |= {"truncated": source.truncated, "being_recorded": source.is_being_recorded}
@@ -128,6 +136,13 @@ def _source(path: Path) -> Shown:
     notes = judged_notes(source)
     result["notes"] = list(notes)
     return result, "\n\n".join([facts(short), *texts, "\n".join(notes)])
+
+
+def _started(source: "FrameSource") -> str | None:
+    """Date and time of the first frame, in this computer's time zone; None where frames have no date."""
+    if not len(source) or (first_ns := int(source.times_ns[0])) < EARLIEST_NS:
+        return None
+    return datetime.fromtimestamp(first_ns / 1e9).astimezone().isoformat(" ", "seconds")
 
 
 def _streams(session: "Session") -> str:

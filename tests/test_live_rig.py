@@ -4,11 +4,13 @@ import _thread
 import errno
 import gc
 import itertools
+import json
 import shutil
 import signal
 import threading
 import time
 from collections.abc import Callable
+from datetime import datetime
 from types import SimpleNamespace
 
 import numpy as np
@@ -179,6 +181,17 @@ def test_labels_bear_the_name_that_was_recorded(rig_of, tmp_path):
 
     made = run(Session(tmp_path / "a.mcap"), {}, tmp_path / "labels", labeller, lambda n: None)
     assert len(made.labels) and {frame.subject for frame in made.labels} == {"anna"}
+
+
+def test_info_shows_whom_and_when_a_recording_is_of(rig_of, tmp_path, annotate_cloud):
+    rig, before = rig_of(Camera()), datetime.now().astimezone().replace(microsecond=0)
+    rig.record(tmp_path / "a.mcap", subject="anna")
+    wait_for(lambda: rig.moments.count > 3)
+    rig.close()
+    told = json.loads(annotate_cloud("info", tmp_path / "a.mcap", "--json").out)
+    assert told["subject"] == "anna"
+    assert before <= datetime.fromisoformat(told["started"]) <= datetime.now().astimezone()
+    assert "anna" in annotate_cloud("info", tmp_path / "a.mcap").out
 
 
 def test_nothing_is_recorded_twice_at_once_or_over_something(rig_of, tmp_path):
