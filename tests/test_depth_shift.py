@@ -81,6 +81,7 @@ def test_it_survives_every_file_and_recorded_depth_stays_as_the_camera_gave_it(t
         session = Session(tmp_path / f"{name}.mcap")
         assert session.calibration == one
         np.testing.assert_array_equal(session.frame(0).depth_mm, raw)
+        assert ("depth readings are moved by -24 mm, as calibrated" in session.notes) == (one is rig)
 
 
 def test_iais_own_units(shared_data, tmp_path):

@@ -138,12 +138,14 @@ class Session(FrameSource):
 
     @cached_property
     def notes(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Missing parts of the session, one sentence each."""
+        """Missing parts of the session, and corrections of its images, one sentence each."""
         notes = [
             f"no {name} images"
             for name, topic in (("colour", COLOR), ("thermal", THERMAL))
             if not len(self._places[topic])
         ]
+        if shift_mm := round(self.calibration.depth_shift_mm):
+            notes.append(f"depth readings are moved by {shift_mm:+d} mm, as calibrated")
         if len(self._places[COUNTS]) and not len(self._places[THERMAL]):
             notes.append("thermal counts without the camera's calibration are not temperatures")
         if len(self._places[PYROMETER]) >= LEAST_READINGS and len(self._places[THERMAL]):
