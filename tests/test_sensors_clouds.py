@@ -169,6 +169,47 @@ def test_a_las_of_a_cameras_cloud_is_no_map(tmp_path):
     assert np.median(found[found > 0]) == np.median(depth_mm[depth_mm > 0])
 
 
+ROUGH = {
+    "noise of 2 mm": lambda points, rng: points + rng.normal(0, 0.002, points.shape),
+    "half of the points": lambda points, rng: points[rng.random(len(points)) < 0.5],
+    "a tenth of them": lambda points, rng: points[rng.random(len(points)) < 0.1],
+}
+
+
+SHAPES = [("camera", False), ("kinect", False), ("ros", False), ("camera", True), ("kinect", True)]
+
+
+@pytest.mark.parametrize(("axes", "upper"), SHAPES)
+@pytest.mark.parametrize("name", ROUGH)
+def test_rough_clouds_of_a_person_are_upright_and_whole(tmp_path, name, axes, upper):
+    """Without floor, by the head; the depth image is that of the camera, within noise and spacing."""
+    depth_mm = room(room=False)
+    points = finite(camera_points(depth_mm))
+    if upper:
+        points = points[points[:, 1] < np.percentile(points[:, 1], 40)]
+    points = ROUGH[name](points, np.random.default_rng(0))
+    source = open_source(write(tmp_path / "x.ply", ply(points @ CLOUD_FROM_CAMERA[axes].T)))
+    assert f"{axes} axes left in place" in source.notes[0]
+    assert (source.pixels >= 0).mean() > 0.95
+    camera, found = source.calibration.depth, source.frame(0).depth_mm
+    v, u = np.nonzero(found)
+    back = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(len(u))], axis=-1)
+    pixels = np.rint(project(furnished_room.CAMERA, back)).astype(int)
+    inside = (pixels >= 0).all(axis=1) & (pixels < [320, 264]).all(axis=1)
+    truth = depth_mm[pixels[inside, 1], pixels[inside, 0]]
+    on = truth > 0
+    assert on.mean() > 0.6  # its outline is wider by the points' spacing
+    assert np.median(np.abs(found[v[inside], u[inside]][on].astype(int) - truth[on])) < 20
+
+
+def test_what_shows_no_up_is_said(tmp_path):
+    """A wall alone: y may point up as well."""
+    u, v = np.meshgrid(np.arange(60), np.arange(50))
+    wall = np.stack([(u - 30) * 0.013, (v - 25) * 0.017, 2.0 + 0.002 * u], axis=-1).reshape(-1, 3)
+    source = open_source(write(tmp_path / "x.ply", ply(wall)))
+    assert any("if the image is upside down: --axes kinect" in note for note in source.notes)
+
+
 def test_what_stays_open_is_asked_for(tmp_path):
     rng = np.random.default_rng(0)
     blob = write(tmp_path / "blob.ply", ply(rng.normal(0, 0.5, (4000, 3))))

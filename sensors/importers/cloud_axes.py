@@ -40,6 +40,10 @@ CLEARER = 2.5
 """Least ratio of the better floor to the second. Untuned."""
 PERSON_M = (0.8, 2.3)
 """Height of a whole person, in metres."""
+UPPER_BODY_M = 0.35
+"""Least height of a head with shoulders, in metres."""
+HEAD = 0.6
+"""Width of the end with the head over that of the other, at most. Untuned."""
 SAMPLE = 6000
 """Points that decisions look at. Untuned."""
 
@@ -64,10 +68,12 @@ def thinned(points: Float64, most: int = SAMPLE) -> Float64:
     return points[:: max(1, -(-len(points) // most))]
 
 
-def cone_of(points: Float64, names: tuple[str, ...] = ("camera", "y-up", "ros", "z-up")) -> Cone | None:
+def cone_of(
+    points: Float64, names: tuple[str, ...] = ("camera", "y-up", "ros", "z-up"), anywhere: bool = False
+) -> Cone | None:
     """The axes along which a camera at the origin sees all points (n, 3); None where there are none.
 
-    The narrowest cone counts where several hold the points.
+    The narrowest cone counts where several hold the points. anywhere: also from a floor, where no camera is.
     """
     size = float(np.linalg.norm(np.ptp(np.percentile(points, (2, 98), axis=0), axis=0)))
     cones = []
@@ -78,7 +84,11 @@ def cone_of(points: Float64, names: tuple[str, ...] = ("camera", "y-up", "ros", 
             off = np.abs(turned[:, :2]).max(axis=1) / ahead
         seen = (ahead > 0) & (off < WIDEST)
         distance = float(np.median(ahead))
-        if seen.mean() < INSIDE or size < NARROWEST * distance or _on_the_floor(turned[seen], name):
+        if (
+            seen.mean() < INSIDE
+            or size < NARROWEST * distance
+            or not (anywhere or not _on_the_floor(turned[seen], name))
+        ):
             continue
         cones.append(Cone(name, distance, float(off[seen].mean())))
     return min(cones, key=lambda cone: cone.spread, default=None)
@@ -98,19 +108,37 @@ def _on_the_floor(turned: Float64, name: str) -> bool:
     return not on_pixels(turned)
 
 
-def upright(points_m: Float64, name: str) -> str:
-    """The axes ``name``, or "kinect" in place of "camera" where the floor or a person's feet show that y
-    points up."""
+def upright(points_m: Float64, name: str) -> tuple[str, bool]:
+    """The axes ``name``, or "kinect" in place of "camera" where the floor or a person's head show that y
+    points up; and whether anything shows which."""
     if name != "camera":
-        return name
+        return name, True
     under, over = floor_share(points_m, -_Y), floor_share(points_m, _Y)
     if max(under, over) >= FLOOR_SHARE:
-        return "kinect" if over >= FLOOR_SHARE and over > CLEARER * under else name
-    return "kinect" if _stands_on_its_head(points_m) else name
+        if over >= FLOOR_SHARE and over > CLEARER * under:
+            return "kinect", True
+        return name, under > over
+    ends = _ends_m(points_m)
+    if ends is None:
+        return name, False
+    above, below = ends
+    return ("kinect", True) if below < HEAD * above else (name, above < HEAD * below)
 
 
-def world_axes(points_m: Float64) -> str | None:
-    """Axes of a cloud whose origin is no camera: by its floor, else by a person's height; None = unknown."""
+def world_axes(points_m: Float64, mapped: bool) -> str | None:
+    """Axes of a cloud whose origin is no camera: z up for formats of maps (``mapped``), else by its floor, by
+    a person's height, or by the cone in which the origin sees it; None = unknown."""
+    if mapped:
+        return "z-up"
+    return _by_floor_or_person(points_m) or _by_cone(points_m)
+
+
+def _by_cone(points_m: Float64) -> str | None:
+    cone = cone_of(points_m, ("ros", "y-up", "z-up"), anywhere=True)
+    return cone.name if cone is not None else None
+
+
+def _by_floor_or_person(points_m: Float64) -> str | None:
     floors = {
         "z-up": floor_share(points_m, _Z),
         "y-up": floor_share(points_m, _Y),
@@ -152,12 +180,15 @@ def floor_share(points_m: Float64, up: Float64, seed: int = 0) -> float:
     return best
 
 
-def _stands_on_its_head(points_m: Float64) -> bool:
-    """Whether what is as tall as a person has its narrow end, the head, at the larger y."""
+def _ends_m(points_m: Float64) -> tuple[float, float] | None:
+    """Widths along x of the ends at small and at large y of what is as tall as a person, or as an upper body;
+    None where it is not."""
     x, y = points_m[:, 0], points_m[:, 1]
     low, high = np.percentile(y, (1, 99))
-    if not PERSON_M[0] <= high - low <= PERSON_M[1] or np.ptp(np.percentile(x, (2, 98))) > high - low:
-        return False
+    if not UPPER_BODY_M <= high - low <= PERSON_M[1] or np.ptp(np.percentile(x, (2, 98))) > 1.2 * (
+        high - low
+    ):
+        return None
     ends = [x[y < low + 0.1 * (high - low)], x[y > high - 0.1 * (high - low)]]
     above, below = (float(np.ptp(np.percentile(end, (5, 95)))) for end in ends)
-    return below < 0.6 * above
+    return above, below

@@ -22,13 +22,15 @@ SPLAT = 0.6
 0.53 is the least that hides their far side; of points strewn at random 3 % of the pixels stay open."""
 OPEN_M = 0.1
 """Metres by which a pixel is farther than most neighbours where it looks through a surface. Untuned."""
-MOST = 6
+MOST = 5
 """Neighbours of eight that make most of them. Untuned."""
 LEAST_FIELD = (1.40, 1.16)
 """Width and height of an image over its focal length, at least: a Kinect v2's. A person alone keeps the room
 about them that networks are used to."""
 FILLED = 0.6
 """Least share of pixels beside a point that have points; a cloud thinned out at random has fewer. Untuned."""
+BESIDE_M = 0.05
+"""Largest distance of a point from the one whose pixel it shares: less than an arm is thick. Untuned."""
 VISIBLE_M = 0.03
 """Largest distance along z between a point and the depth of its pixel at which the pixel shows it: the depth
 that a surface steep to the camera gains within a pixel or two. Untuned."""
@@ -170,6 +172,22 @@ def pixels_of(points_m: Float64, camera: Intrinsics, depth_m: Float64) -> NDArra
         # The own pixel, where it shows the point, stands.
         least[better] = -1.0 if du == 0 and dv == 0 else away[better]
     return found
+
+
+def beside(points_m: Float64, pixels: NDArray[np.intp], within_m: float) -> NDArray[np.intp]:
+    """``pixels`` (n,) with those of the nearest point that is shown where a point itself is not (-1).
+
+    within_m: how far that point may be; surfaces seen at a glancing angle lose points between pixels.
+    """
+    lost = np.flatnonzero((pixels < 0) & np.isfinite(points_m).all(axis=1))
+    shown = np.flatnonzero(pixels >= 0)
+    if not len(lost) or not len(shown):
+        return pixels
+    _, nearest = Nearest(points_m[shown]).query(points_m[lost], within=min(within_m, BESIDE_M))
+    found = nearest < len(shown)
+    filled = pixels.copy()
+    filled[lost[found]] = pixels[shown[nearest[found]]]
+    return filled
 
 
 def spacing_m(points_m: Float64) -> float:

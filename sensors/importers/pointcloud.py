@@ -20,6 +20,7 @@ from sensors.importers.cloud_records import CloudRecords
 from sensors.importers.cloud_unit import unit_mm
 from sensors.importers.cloud_view import (
     KINECT_V2,
+    beside,
     camera_of,
     pixels_of,
     project_cloud,
@@ -50,13 +51,14 @@ MAPS = (".las", ".laz")
 class _View:
     """How a cloud is seen. points_m: camera frame (n, 3), in the file's order, NaN = none.
     shown: index (h, w) of each pixel's point, -1 = none. how: what was found or assumed.
-    organised: whether point n is pixel n."""
+    organised: whether point n is pixel n. spacing_m: of the points' surface, 0 = a pixel each."""
 
     camera: Intrinsics
     points_m: Float64
     shown: NDArray[np.intp]
     how: tuple[str, ...]
     organised: bool = False
+    spacing_m: float = 0.0
 
 
 class CloudFile(FrameSource):
@@ -117,7 +119,8 @@ class CloudFile(FrameSource):
         depth_m = np.where(self._depth_mm > 0, self._depth_mm / 1000, np.nan)
         if self._view.organised:
             return np.where(np.isfinite(depth_m.ravel()), np.arange(depth_m.size), -1)
-        return pixels_of(self._view.points_m, self._view.camera, depth_m)
+        pixels = pixels_of(self._view.points_m, self._view.camera, depth_m)
+        return beside(self._view.points_m, pixels, self._view.spacing_m) if self._view.spacing_m else pixels
 
 
 def _seen(path: Path, cloud: CloudRecords, points: Float64, options: ImportOptions) -> _View:
@@ -209,20 +212,25 @@ def _in_place(
     """The view of a camera in whose frame the points are after ``pose``."""
     sensor = points @ pose.rotation.T + pose.translation_m
     scale, unit = _unit(path, sensor @ camera_from(axes).T, options)
+    sure = True
     if not options.axes:
         some = thinned(sensor[np.isfinite(sensor[:, 0])]) * scale
-        axes = upright(some, axes)
+        axes, sure = upright(some, axes)
     seen = (sensor @ camera_from(axes).T) * scale
     camera, spacing = _camera(seen, options)
     shown = project_cloud(seen, camera, spacing)
     lens = "its own pixels" if spacing == 0 else "Kinect v2 focal length"
     lens = "as declared" if options.intrinsics else lens
-    how = (
+    how = [
         f"cloud with {axes} axes left in place, seen by a camera {where}: "
         f"{camera.width}x{camera.height}, {lens}, fx {camera.fx:.2f}, fy {camera.fy:.2f}, "
         f"cx {camera.cx:.2f}, cy {camera.cy:.2f}"
-    )
-    return _View(camera, seen, shown, (how, *unit))
+    ]
+    if not sure:
+        how.append(
+            "neither floor nor head shows that y points down; if the image is upside down: --axes kinect"
+        )
+    return _View(camera, seen, shown, (*how, *unit), spacing_m=spacing)
 
 
 def _camera(seen: Float64, options: ImportOptions) -> tuple[Intrinsics, float]:
@@ -242,7 +250,7 @@ def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions)
     middle = np.rint(np.median(finite, axis=0)) if np.abs(finite).max() * scale > 1000 else np.zeros(3)
     some = (thinned(finite) - middle) * scale
     mapped = path.suffix.lower() in MAPS
-    axes = options.axes or ("z-up" if mapped else world_axes(some))
+    axes = options.axes or world_axes(some, mapped)
     if axes is None:
         raise FormatError(
             f"{path}: no camera at the cloud's origin sees it all, and neither a floor nor somebody upright "
@@ -251,11 +259,12 @@ def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions)
     turned = ((points - middle) * scale) @ camera_from(axes).T
     shift = shift_into_view(turned[np.isfinite(turned[:, 0])], KINECT_V2)
     seen = turned + shift
-    shown = project_cloud(seen, KINECT_V2, spacing_m(seen[np.isfinite(seen[:, 0])]))
+    spacing = spacing_m(seen[np.isfinite(seen[:, 0])])
+    shown = project_cloud(seen, KINECT_V2, spacing)
     how = "cloud with {} axes seen through Kinect v2 intrinsics, moved by ({:.2f}, {:.2f}, {:.2f}) m".format(
         axes, *shift
     )
-    return _View(KINECT_V2, seen, shown, (how, *unit))
+    return _View(KINECT_V2, seen, shown, (how, *unit), spacing_m=spacing)
 
 
 def _png(colors: NDArray[np.uint8], shown: NDArray[np.intp]) -> bytes:
