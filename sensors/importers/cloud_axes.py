@@ -117,7 +117,7 @@ def upright(points_m: Float64, name: str) -> tuple[str, bool]:
     if max(under, over) >= FLOOR_SHARE:
         if over >= FLOOR_SHARE and over > CLEARER * under:
             return "kinect", True
-        return name, under > over
+        return name, under > CLEARER * over
     ends = _ends_m(points_m)
     if ends is None:
         return name, False
