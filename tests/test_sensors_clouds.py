@@ -15,7 +15,7 @@ from sensors.importers import cloud_records, cloud_view, pcd_file, pointcloud
 from sensors.importers.cloud_grid import fit_intrinsics
 from sensors.importers.cloud_view import KINECT_V2, project_cloud, shift_into_view
 from sensors.importers.open_source import open_source
-from sensors.importers.options import ImportOptions
+from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.importers.pcd_file import read_pcd
 from sensors.importers.pixel_lattice import find_line
 from sensors.importers.ply_file import read_ply
@@ -200,6 +200,19 @@ def test_rough_clouds_of_a_person_are_upright_and_whole(tmp_path, name, axes, up
     on = truth > 0
     assert on.mean() > 0.6  # its outline is wider by the points' spacing
     assert np.median(np.abs(found[v[inside], u[inside]][on].astype(int) - truth[on])) < 20
+
+
+@pytest.mark.parametrize("axes", ["camera", "z-up"])
+def test_stray_points_change_nothing(tmp_path, axes):
+    """Flying pixels and broken numbers far outside move no camera."""
+    points = finite(camera_points(room())) @ CLOUD_FROM_CAMERA[axes].T
+    points = points if axes == "camera" else points - [0, 3, 0]  # the origin is within the room
+    strays = np.array([[1e30, 0, 0], [0, -4e8, 1], [np.inf, 0, 0], [70.0, 80.0, 90.0]])
+    options = AS_STATED if axes == "camera" else ImportOptions(axes=axes)
+    plain = CloudFile(write(tmp_path / "a.ply", ply(points)), options)
+    source = CloudFile(write(tmp_path / "b.ply", ply(np.concatenate([strays, points]))), options)
+    np.testing.assert_array_equal(source.frame(0).depth_mm, plain.frame(0).depth_mm)
+    np.testing.assert_array_equal(source.pixels, np.concatenate([[-1] * 4, plain.pixels]))
 
 
 def test_what_shows_no_up_is_said(tmp_path):

@@ -131,7 +131,8 @@ def _photo(record: Record, name: str) -> bytes | None:
         return content
     if not content.startswith(PNG_MAGIC):
         return None
-    png_shape(content, name)
+    if png_shape(content, name) != _size(record):
+        return None
     import cv2
 
     image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 ZERO_C_K = 273.15
+HOTTEST_K = 4000.0
+"""Above what any thermal camera measures."""
 ROOM_K = 293.15
 """Taken for a temperature that a file states as 0 K or less."""
 
@@ -36,6 +38,10 @@ class Radiometry(NamedTuple):
 
     def celsius(self, words: NDArray[np.uint16]) -> NDArray[np.float32]:
         """Temperatures of the scene; NaN for words that no temperature gives."""
+        with np.errstate(all="ignore"):  # of numbers that no camera states
+            return self._celsius(words.astype(np.float64))
+
+    def _celsius(self, words: NDArray[np.float64]) -> NDArray[np.float32]:
         emissivity, window = _share(self.emissivity), _share(self.window_transmission)
         air = self._transmission()
         # What the scene does not emit itself: reflections, window, and air on both sides of the window.
@@ -44,9 +50,8 @@ class Radiometry(NamedTuple):
         lens = (1 - window) / emissivity / air / window * self._words_of(self.window_k)
         behind = (1 - air) / emissivity / air**2 / window * self._words_of(self.air_k)
         scene = words / emissivity / air**2 / window - before - behind - lens - reflected
-        with np.errstate(divide="ignore", invalid="ignore"):
-            kelvin = self.b / np.log(self.r1 / (self.r2 * (scene + self.o)) + self.f)
-        kelvin[~(kelvin > 0) | (scene + self.o <= 0)] = np.nan
+        kelvin = self.b / np.log(self.r1 / (self.r2 * (scene + self.o)) + self.f)
+        kelvin[~((kelvin > 0) & (kelvin < HOTTEST_K)) | (scene + self.o <= 0)] = np.nan
         return np.asarray(kelvin - ZERO_C_K, np.float32)
 
     def _words_of(self, kelvin: float) -> float:

@@ -7,6 +7,7 @@ from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.importers.cloud_axes import WIDEST
 from sensors.importers.pixel_lattice import Line, find_line
 from sensors.rig.camera import Intrinsics
+from sensors.rig.frame import FARTHEST_MM
 from sensors.rig.nearest import Nearest
 
 Float64 = NDArray[np.float64]
@@ -39,12 +40,15 @@ that a surface steep to the camera gains within a pixel or two. Untuned."""
 def camera_of(points_m: Float64) -> tuple[Intrinsics, float]:
     """A camera at the origin that sees camera-frame points (n, 3), and the points' spacing in metres.
 
-    Points that no camera would see (``WIDEST``) are left aside. The camera that took them, spacing 0, where
+    Points that no depth image holds are left aside. The camera that took them, spacing 0, where
     the points still lie on its pixels; else a Kinect v2, or one of its focal length with a wider field.
     """
     with np.errstate(invalid="ignore"):
-        seen = (points_m[:, 2] > 0) & (np.abs(points_m[:, :2]).max(axis=1) < WIDEST * points_m[:, 2])
+        z = points_m[:, 2]
+        seen = (z > 0) & (z * 1000 <= FARTHEST_MM) & (np.abs(points_m[:, :2]).max(axis=1) < WIDEST * z)
     ahead = points_m[seen]
+    if not len(ahead):
+        return KINECT_V2, 0.0
     x, y = ahead[:, 0] / ahead[:, 2], ahead[:, 1] / ahead[:, 2]
     across, down = find_line(x), find_line(y)
     if across is not None and down is not None:

@@ -40,6 +40,10 @@ Float64 = NDArray[np.float64]
 
 READERS = {".pcd": read_pcd, ".ply": read_ply, ".las": read_las, ".laz": read_las}
 """By suffix."""
+STRAY = 1e6
+"""Units from the middle of a cloud: a kilometre in millimetres."""
+APART = 1.0
+"""Sizes of a cloud without its outermost thousandths that a point may lie outside it. Untuned."""
 SAME_FOCAL = 0.003
 """Relative difference of focal lengths up to which a declared camera is the one that took the points: a pixel
 at a wide image's edge."""
@@ -76,6 +80,7 @@ class CloudFile(FrameSource):
         points = self.cloud.points()
         with np.errstate(invalid="ignore"):
             points[~np.isfinite(points).all(axis=1) | ~points.any(axis=1)] = np.nan
+        _drop_strays(points)
         if np.isfinite(points[:, 0]).sum() < 2:
             raise FormatError(f"{path} holds {np.isfinite(points[:, 0]).sum()} finite points; give a surface")
         self._view = _seen(path, self.cloud, points, options)
@@ -121,6 +126,14 @@ class CloudFile(FrameSource):
             return np.where(np.isfinite(depth_m.ravel()), np.arange(depth_m.size), -1)
         pixels = pixels_of(self._view.points_m, self._view.camera, depth_m)
         return beside(self._view.points_m, pixels, self._view.spacing_m) if self._view.spacing_m else pixels
+
+
+def _drop_strays(points: Float64) -> None:
+    """Make points NaN that lie STRAY units from the middle of the cloud: no scene has them in any unit."""
+    there = np.isfinite(points[:, 0])
+    if there.any():
+        with np.errstate(invalid="ignore", over="ignore"):
+            points[(np.abs(points - np.median(points[there], axis=0)) > STRAY).any(axis=1)] = np.nan
 
 
 def _seen(path: Path, cloud: CloudRecords, points: Float64, options: ImportOptions) -> _View:
@@ -257,6 +270,7 @@ def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions)
             f"shows which way is up; give --axes: {', '.join(AXES)}"
         )
     turned = ((points - middle) * scale) @ camera_from(axes).T
+    turned[_apart(turned)] = np.nan
     shift = shift_into_view(turned[np.isfinite(turned[:, 0])], KINECT_V2)
     seen = turned + shift
     spacing = spacing_m(seen[np.isfinite(seen[:, 0])])
@@ -265,6 +279,14 @@ def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions)
         axes, *shift
     )
     return _View(KINECT_V2, seen, shown, (how, *unit), spacing_m=spacing)
+
+
+def _apart(points_m: Float64) -> NDArray[np.bool_]:
+    """Which of the points (n, 3) lie so far outside that the camera would have to go far back for them."""
+    low, high = np.percentile(points_m[np.isfinite(points_m[:, 0])], (0.1, 99.9), axis=0)
+    room = APART * float((high - low).max())
+    with np.errstate(invalid="ignore"):
+        return np.asarray(((points_m < low - room) | (points_m > high + room)).any(axis=1))
 
 
 def _png(colors: NDArray[np.uint8], shown: NDArray[np.intp]) -> bytes:
