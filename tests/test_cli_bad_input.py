@@ -95,7 +95,7 @@ def test_a_session_without_calibration_is_refused(annotate_cloud, tmp_path):
         ("label", ("--out", tmp_path / "l")),
         ("predict", ("--out", tmp_path / "p")),
     ):
-        assert_refused(annotate_cloud(verb, path, *to), "calibration")
+        assert_refused(annotate_cloud(verb, path, *to), "camera_info", "--intrinsics")
     assert set(tree(tmp_path)) == {"x.mcap"}
 
 

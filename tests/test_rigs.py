@@ -74,7 +74,10 @@ def test_a_twins_cameras_agree_on_the_person(name):
         Fuser(rig.calibration).fuse_frame(frame),
     )
     person, measured = (labels.parts > 0) & (labels.parts < UNDEFINED), np.isfinite(cloud.temperature_c)
-    warm = cloud.temperature_c > 25
+    # The thermal camera's drift moves all temperatures alike.
+    medians = [np.median(cloud.temperature_c[mask & measured]) for mask in (person, labels.parts == 0)]
+    warm = cloud.temperature_c > np.mean(medians)
+    assert medians[0] - medians[1] > 5
     assert (person & measured).sum() > 0.7 * person.sum() > 4000
     assert warm[person & measured].mean() > 0.9 > 0.1 > warm[(labels.parts == 0) & measured].mean()
 
