@@ -126,7 +126,7 @@ class PaneBar(QWidget):
         for colouring, title in COLOURINGS.items():
             self.entries[colouring] = menu.addAction(title, partial(self.coloured.emit, colouring))
         self.colouring.setMenu(menu)
-        row = laid(QHBoxLayout(self), self.colouring, gap=4, margins=(6, 2, 6, 2))
+        row = laid(QHBoxLayout(self), self.colouring, gap=2, margins=(3, 2, 3, 2))
         for name in ("outlines", "tint"):
             command = settings.command(name)
             item = self.buttons[name] = button(command.title)

@@ -49,7 +49,7 @@ CHECKABLE = {*TOOLS, *SWITCHES, "carry", "onion", "solo", "peek", "from_other", 
 
 def bind(window: CorrectionWindow, lesson: Lesson | None = None) -> None:
     """Give a window its commands: menus, keys, and the actions behind its buttons. lesson: how to learn."""
-    HeldKeys(window)
+    HeldKeys(window).repeated.connect(window.key_repeats)
     actions = _actions(window)
     judged, learner = Judged(window), Learner(window, lesson)
     actions |= {"learn": learner.learn, "stop_learning": learner.stop_now, "unlearn": learner.unlearn}

@@ -1,6 +1,6 @@
 """Keys that are held down: their repetitions are told from presses by hand."""
 
-from PySide6.QtCore import QEvent, QObject
+from PySide6.QtCore import QEvent, QObject, Signal
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QWidget
 
@@ -10,8 +10,10 @@ class HeldKeys(QObject):
 
     X11 repeats a held key as a release and a press of the same millisecond. Qt knows them for a repetition by
     reading both at once; a busy machine delivers them one by one, and the second would be a press. No hand is
-    so fast. Events without a time pass.
+    so fast. Events without a time pass. repeated: the number of a key of which such a press was kept back.
     """
+
+    repeated = Signal(int)
 
     def __init__(self, window: QWidget) -> None:
         super().__init__(window)
@@ -28,5 +30,7 @@ class HeldKeys(QObject):
             self._released = at
         elif event.timestamp() and at == self._released and not event.isAutoRepeat():
             event.accept()
+            if event.type() == QEvent.Type.KeyPress:
+                self.repeated.emit(event.key())
             return True
         return False

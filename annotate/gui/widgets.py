@@ -96,7 +96,8 @@ class Elided(QLabel):
     def setText(self, text: str) -> None:  # noqa: N802
         """Qt's setter."""
         super().setText(text)
-        self.setToolTip(escape(text))
+        # As rich text always, or Qt would guess by what is in it.
+        self.setToolTip(f"<span>{escape(text, quote=False)}</span>" if text else "")
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
         """Qt's hook."""

@@ -385,13 +385,18 @@ class CorrectionWindow(Shell):
             self.show_next()
 
     def _peek_key(self, event: QKeyEvent, pressed: bool) -> None:
-        if event.key() != self.actions_by_name["peek"].data() or event.isAutoRepeat():
+        if event.key() != self.actions_by_name["peek"].data():
             return
-        if not pressed:
-            self._peek_due.start()
-        elif not self.key_page.isVisible():
+        if pressed and not self.key_page.isVisible():
             self._peek_due.stop()
             self.peek(True)
+        elif not event.isAutoRepeat():
+            self._peek_due.start()
+
+    def key_repeats(self, key: int) -> None:
+        """Take a key that is still held, although its release came (``HeldKeys``)."""
+        if key == self.actions_by_name["peek"].data():
+            self._peek_due.stop()
 
     def closeEvent(self, event: QCloseEvent) -> None:  # noqa: N802
         """Qt's hook: everything is saved, or the window stays.

@@ -16,7 +16,7 @@ CAMERA = Intrinsics(SHAPE[1], SHAPE[0], 183.0, 183.0, 128.0, 106.0)
 
 
 def figure_set(path: Path, confidences: Sequence[float], step_m: float = 0.01) -> LabelSet:
-    """Write a set of as many frames as there are mean confidences. step_m: the figure's way between frames."""
+    """Write a set of a frame for each mean confidence. step_m: the figure's way between two of them."""
     labels = LabelSet.create(path, CAMERA, {})
     for i, mean in enumerate(confidences):
         depth, parts = figure(*SHAPE, step_m * i)

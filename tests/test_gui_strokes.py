@@ -1,0 +1,299 @@
+"""Strokes as hands draw them: a begun shape is safe, and the window names what the next click does."""
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPoint, Qt, QTimer
+from PySide6.QtTest import QTest
+
+from annotate.gui.keys import Settings
+from annotate.gui.theme import DARK
+from annotate.gui.veil import outline
+from annotate.labelset.store import LabelSet
+from annotate.parts import PART_ID
+from tests.helpers.figure_sets import figure_set
+from tests.helpers.gui_driver import CTRL, SHIFT, Driver
+
+HEAD, TORSO = PART_ID["head"], PART_ID["torso"]
+CORNERS = [QPoint(*by) for by in ((-20, -20), (20, -20), (20, 20), (-20, 20))]
+
+
+@pytest.fixture(scope="module")
+def one_window(qapp, tmp_path_factory):
+    driver = Driver(figure_set(tmp_path_factory.mktemp("strokes") / "labels", [0.9] * 3).path)
+    yield driver
+    driver.close()
+
+
+@pytest.fixture
+def hand(one_window):
+    one_window.start_again()
+    return one_window
+
+
+def corners(hand: Driver, count: int) -> None:
+    """Begin a polygon about the torso with so many corners."""
+    hand.key("polygon")
+    middle = hand.place(hand.middle_of(TORSO))
+    for by in CORNERS[:count]:
+        hand.click(middle + by)
+
+
+def drawing(hand: Driver):
+    return hand.window.cloud_view.pointing.drawing
+
+
+# A begun polygon
+
+
+def test_no_verdict_is_given_over_a_begun_polygon(hand):
+    corners(hand, 3)
+    frame_id = hand.window.frame_id
+    for name in ("accept", "reject", "next", "copy_previous", "order"):
+        hand.key(name)
+        assert "polygon" in hand.said and "Esc" in hand.said, name
+    hand.window.strip.opened.emit(hand.window.walk.all_ids[1])
+    hand.settle()
+    assert hand.window.frame_id == frame_id and len(drawing(hand).points_px) == 3
+    assert hand.correction.state(frame_id) != "accepted"
+    hand.key("cancel")
+    assert drawing(hand) is None
+    hand.key("accept")
+    assert hand.correction.state(frame_id) == "accepted"
+
+
+def test_nor_over_a_stroke_whose_button_is_down(hand):
+    hand.key("lasso")
+    release = hand.press_and_draw(hand.circle(hand.place(hand.middle_of(TORSO)), 20))
+    hand.key("accept")
+    assert "lasso" in hand.said and hand.correction.state(hand.window.frame_id) != "accepted"
+    release()
+    hand.settle()
+    assert hand.strokes()
+
+
+@pytest.mark.parametrize("press", ["Ctrl+Z", "Backspace"])
+def test_undo_takes_a_polygons_last_corner_and_no_stroke(hand, press):
+    hand.click(hand.place(hand.middle_of(TORSO)))
+    before, entries = hand.parts.copy(), len(hand.strokes())
+    corners(hand, 3)
+    for left in (2, 1):
+        hand.press(press)
+        assert len(drawing(hand).points_px) == left
+    hand.press(press)
+    assert drawing(hand) is None and len(hand.strokes()) == entries
+    np.testing.assert_array_equal(hand.parts, before)
+    hand.press("Ctrl+Z")
+    assert len(hand.strokes()) == entries + 1
+
+
+def test_return_closes_a_polygon_of_three_corners(hand):
+    corners(hand, 2)
+    hand.press("Return")
+    assert "three corners" in hand.said and drawing(hand)
+    hand.click(hand.place(hand.middle_of(TORSO)) + CORNERS[2])
+    hand.press("Return")
+    assert drawing(hand) is None and hand.strokes()[-1].how.kind == "polygon"
+
+
+def test_return_closes_a_polygon_even_where_it_accepts(qapp, tmp_path):
+    """As in the documentation's example, accept = "Return"."""
+    keys = tuple(
+        command if command.name != "accept" else type(command)("accept", "Return", "Frames", "Accept")
+        for command in Settings().commands
+    )
+    driver = Driver(figure_set(tmp_path / "labels", [0.9] * 2).path, settings=Settings("dark", keys))
+    corners(driver, 3)
+    driver.press("Return")
+    frame_id = driver.window.walk.all_ids[0]
+    assert driver.correction.state(frame_id) == "touched" and driver.window.frame_id == frame_id
+    driver.press("Return")
+    assert driver.correction.state(frame_id) == "accepted"
+    driver.close()
+
+
+def test_a_rubber_band_follows_the_pointer_from_the_last_corner(hand):
+    """White on the line between the corner and the pointer, where nothing else is drawn."""
+    corners(hand, 1)
+    pointing, corner = hand.window.cloud_view.pointing, hand.place(hand.middle_of(TORSO)) + CORNERS[0]
+    for by in (QPoint(60, 0), QPoint(0, 60)):
+        hand.hover(corner + by)
+        image = pointing.grab().toImage()
+        assert image.pixelColor(corner + by / 2).value() > 200
+
+
+# What the next click does
+
+
+def said(hand: Driver) -> str:
+    return hand.window.status.next.text()
+
+
+def test_the_line_follows_shift_and_ctrl(hand):
+    hand.key("lasso")
+    hand.hover(hand.place(hand.middle_of(TORSO)))
+    plain = said(hand)
+    assert plain == "Draw a loop: the inside becomes head (visible surface only)"
+    for key, words in (
+        (Qt.Key.Key_Control, "through the body"),
+        (Qt.Key.Key_Shift, "only the part I start on"),
+    ):
+        QTest.keyPress(hand.window, key)
+        hand.settle()
+        assert words in said(hand)
+        QTest.keyRelease(hand.window, key)
+        hand.settle()
+        assert said(hand) == plain
+    handle, place = hand.window.windowHandle(), hand.on_window(hand.place(hand.middle_of(TORSO)))
+    for modifier, words in ((CTRL, "through"), (SHIFT, "start on"), (CTRL | SHIFT, "start on, through")):
+        # A key that went down while another window had the focus: the pointer's own events tell of it.
+        QTest.mousePress(handle, Qt.MouseButton.MiddleButton, modifier, place)
+        QTest.mouseRelease(handle, Qt.MouseButton.MiddleButton, modifier, place)
+        hand.settle()
+        if words in said(hand):
+            continue
+        hand.drag([hand.place(hand.middle_of(TORSO))] * 2, modifier)
+        assert words in said(hand)
+
+
+def test_in_the_depth_image_nothing_is_said_of_a_surface(hand):
+    hand.key("lasso")
+    pane, pixel = hand.window.depth_pane, hand.middle_of(TORSO)
+    hand.hover(hand.place(pixel, pane), view=pane)
+    assert said(hand) == "Draw a loop: the inside becomes head"
+    hand.hover(hand.place(pixel))
+    assert "visible surface only" in said(hand)
+
+
+def test_outline_and_corner_are_of_the_labels_as_they_stand(hand):
+    """After three clicks and two undos without a move of the mouse."""
+    pixel = hand.middle_of(TORSO)
+    hand.click(hand.place(pixel))
+    hand.click(hand.place(pixel))
+    hand.key("undo")
+    hand.key("undo")
+    view = hand.window.cloud_view
+    size = view.pointing.width(), view.pointing.height()
+    color = hand.window.hand.color
+    rgb = color.red(), color.green(), color.blue()
+    wanted = outline(*view.places(hand.window.desk.would_take(pixel)), size, rgb)
+    assert view.pointing._veil.image == wanted.image and view.pointing._veil.corner == wanted.corner
+    assert view.pointing._words.startswith("torso")
+    arm = hand.middle_of(PART_ID["left_upper_arm"])
+    hand.hover(hand.place(arm))
+    hand.key("swap")
+    assert view.pointing._words.startswith("right upper arm")
+    hand.key("lasso")
+    assert view.pointing._veil is None
+
+
+def test_a_click_with_ctrl_and_the_right_button_chooses_the_part(hand):
+    for view in hand.window.views:
+        hand.key("head")
+        place = hand.on_window(hand.place(hand.middle_of(TORSO), view), view)
+        hand.hover(hand.place(hand.middle_of(TORSO), view), view)
+        before = hand.window.cloud_view.orbit
+        QTest.mouseClick(hand.window.windowHandle(), Qt.MouseButton.RightButton, CTRL, place)
+        hand.settle()
+        assert hand.window.desk.part == TORSO
+        hand.hover(hand.place(hand.middle_of(TORSO), view) + QPoint(20, 0), view)
+        assert hand.window.cloud_view.orbit == before, "nothing is gripped"
+
+
+# Seeing
+
+
+def test_peeking_lasts_as_long_as_the_key_is_held(hand):
+    """Through the screen's own repetitions of it."""
+    hand.look("depth", view=hand.window.depth_pane)
+    seen = []
+    for at_ms in (200, 500, 800, 1100, 1400):
+        QTimer.singleShot(at_ms, lambda: seen.append(hand.window.peeking))
+    hand.hold(0x68, 1.5)
+    QTest.qWait(120)
+    assert seen == [True] * 5 and not hand.window.peeking
+
+
+def test_peeking_lasts_while_a_server_repeats_the_key_as_releases_and_presses(hand):
+    pane, key = hand.window.depth_pane, hand.window.settings.key("peek")
+    hand.look("depth", view=pane)
+    QTest.keyPress(hand.window, key)
+    for _ in range(4):
+        QTest.keyRelease(hand.window, key)
+        QTest.qWait(10)
+        assert hand.window.peeking
+        QTest.keyPress(hand.window, key)
+        QTest.qWait(60)
+        assert hand.window.peeking
+    QTest.keyRelease(hand.window, key)
+    QTest.qWait(120)
+    assert not hand.window.peeking
+
+
+def test_long_sentences_end_in_an_ellipsis_and_the_tool_tip_has_them_whole(hand):
+    window = hand.window
+    window.desk.locks.update(range(1, 12))
+    hand.click(hand.place(hand.middle_of(TORSO)))
+    line = window.status.last
+    assert line.fontMetrics().horizontalAdvance(line.text()) > line.width(), "too long for this window"
+    assert line.shown.endswith("…") and line.toolTip() == f"<span>{line.text()}</span>"
+    assert line.text().startswith(line.shown[:-1]) and len(line.shown) > 10
+    for button in (window.panel.order, window.panel.filter):
+        assert button.sizeHint().width() <= button.width() + 4, button.text()
+
+
+def test_what_has_no_effect_here_says_so_and_changes_nothing(hand):
+    """Outlines and opacity, over a view that shows the parts themselves."""
+    pane = hand.window.cloud_view
+    hand.look("part")
+    hand.hover(hand.place(hand.middle_of(TORSO)))
+    look, buttons = pane.look, hand.window.panes.bars[pane].buttons
+    for name, button in buttons.items():
+        assert not button.isEnabled() and not button.isChecked()
+        QTest.mouseClick(button, Qt.MouseButton.LeftButton)
+        hand.key(name)
+        assert pane.look == look and "F2" in hand.said
+    hand.look("depth")
+    hand.key("tint")
+    assert pane.look.tint != look.tint
+
+
+def test_a_scale_is_shown_of_the_colours_there_are(hand):
+    hand.look("disagreement")
+    assert hand.window.cloud_view.pointing.scale is None
+    hand.key("from_other")
+    assert hand.said == "Nothing to compare: give another label set with --compare"
+
+
+def test_another_set_that_does_not_fit_is_named_with_the_reason(qapp, tmp_path):
+    labels = figure_set(tmp_path / "labels", [0.9] * 2)
+    other = figure_set(tmp_path / "other", [0.9] * 2, step_m=0.05)
+    driver = Driver(labels.path, other=LabelSet.open(other.path))
+    driver.key("next")
+    driver.key("from_other")
+    assert "shows another depth image" in driver.said and "--compare" not in driver.said
+    driver.close()
+
+
+def test_missing_depth_is_dark_in_the_light_theme_too(hand):
+    pane = hand.window.depth_pane
+    labels = hand.window.desk.scene.labels
+    hole = np.flatnonzero(labels.depth_mm.ravel() == 0)
+    if not len(hole):
+        hole = np.array([0])
+        labels.depth_mm.flat[0] = 0
+    hand.key("theme")
+    hand.look("depth", view=pane)
+    light = tuple(pane._rgb.reshape(-1, 3)[hole[0]])
+    hand.key("theme")
+    assert light == DARK.ground_rgb
+
+
+def test_a_small_scaled_screen_shows_both_views_and_all_counts(hand):
+    """1280 x 720 at 150 %: 853 x 480 logical pixels, less a title bar."""
+    window = hand.window
+    window.resize(853, 455)
+    hand.settle()
+    assert (window.width(), window.height()) == (853, 455)
+    assert all(min(view.width(), view.height()) > 90 for view in window.views)
+    window.resize(1000, 760)
+    hand.settle()
