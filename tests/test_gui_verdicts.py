@@ -1,4 +1,4 @@
-"""Verdicts in the window: a rejection is not overruled by the way, and each can be taken back and given again."""
+"""Verdicts in the window: no rejection is overruled by the way; each can be taken back and given again."""
 
 import numpy as np
 import pytest

@@ -217,6 +217,7 @@ class Driver:
         return np.asarray(self.window.cloud_view.plotter.screenshot(return_img=True))
 
     def close(self) -> None:
+        self.settle()
         self.window.close()
         self.window.deleteLater()
         self.settle()
