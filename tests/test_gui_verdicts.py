@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, QTimer
+from PySide6.QtCore import QPoint, Qt, QTimer
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QDialog, QLineEdit, QWidget
 
 from annotate.correction.correction import Correction
+from annotate.correction.replay import rejection
 from annotate.gui.frame_strip import state_color
 from annotate.parts import PART_ID
 from tests.helpers.figure_sets import figure_set, judge
@@ -190,3 +191,100 @@ def test_a_number_that_no_frame_has_names_those_there_are(alone):
     alone.window.act(lambda: alone.window.go_to("4"))
     assert alone.said == "There is no frame 4: they are numbered 0 to 3"
     assert "place 1 of 4" in alone.window.header.facts.text()
+
+
+# The dialogue of reasons
+
+
+def in_dialog(act) -> list[QDialog]:
+    """Do something to the next dialogue, and close it if it is still there; the list gets it."""
+    seen: list[QDialog] = []
+
+    def come() -> None:
+        dialog = QApplication.activeModalWidget()
+        if dialog is None:
+            QTimer.singleShot(50, come)
+            return
+        seen.append(dialog)
+        act(dialog)
+        dialog.close()
+
+    QTimer.singleShot(100, come)
+    return seen
+
+
+def focused(dialog: QDialog) -> QWidget:
+    return dialog.focusWidget() or dialog
+
+
+def test_own_words_are_reached_by_tab(alone):
+    def typed(dialog: QDialog) -> None:
+        for _ in range(8):
+            if isinstance(focused(dialog), QLineEdit):
+                break
+            QTest.keyClick(focused(dialog), Qt.Key.Key_Tab)
+        QTest.keyClicks(focused(dialog), "hand behind the back")
+        QTest.keyClick(focused(dialog), Qt.Key.Key_Return)
+
+    in_dialog(typed)
+    alone.key("reject")
+    assert rejection(alone.correction.journal.strokes("000000")) == "hand behind the back"
+    assert states(alone) == ["rejected", "auto", "auto", "auto"]
+    assert alone.said != "Not rejected"
+
+
+@pytest.mark.parametrize("tabs", [0, 1, 3])
+def test_words_typed_on_a_button_go_into_the_field_and_nowhere_else(alone, tabs):
+    """With spaces, which would press the button, and then accept frames in the window behind."""
+    texts: list[str] = []
+
+    def typed(dialog: QDialog) -> None:
+        for _ in range(tabs):
+            QTest.keyClick(focused(dialog), Qt.Key.Key_Tab)
+        for letter in "hand behind 2 feet":
+            if dialog.isVisible():
+                QTest.keyClicks(focused(dialog), letter)
+            else:
+                QTest.keyClicks(alone.window, letter)
+        texts.extend(line.text() for line in dialog.findChildren(QLineEdit))
+        QTest.keyClick(focused(dialog), Qt.Key.Key_Return)
+
+    in_dialog(typed)
+    alone.key("reject")
+    assert texts == ["hand behind 2 feet"]
+    assert states(alone) == ["rejected", "auto", "auto", "auto"]
+    assert rejection(alone.correction.journal.strokes("000000")) == "hand behind 2 feet"
+
+
+def test_a_reason_of_the_list_is_in_the_outcome(alone):
+    for _ in range(3):
+        alone.key("accept")
+    in_dialog(lambda dialog: QTest.keyClick(dialog, Qt.Key.Key_2))
+    alone.key("reject")
+    assert alone.said == "Rejected (depth missing or noisy). No unfinished frames left"
+
+
+# Opening again
+
+
+def test_each_set_and_person_has_an_order_and_the_window_opens_at_its_first_frame(qapp, tmp_path):
+    memory = tmp_path / "window.json"
+    one, other = (figure_set(tmp_path / name, [0.9, 0.8, 0.5, 0.7]).path for name in ("one", "other"))
+    driver = Driver(one, memory=memory)
+    order(driver, "worst")
+    assert number(driver) == 2
+    driver.key("accept")
+    driver.close()
+    again = Driver(one, memory=memory)
+    assert again.window.walk.order == "worst" and number(again) == 3
+    again.close()
+    for path, who in ((other, "mia"), (one, "ben")):
+        fresh = Driver(path, memory=memory, who=who)
+        assert fresh.window.walk.order == "time" and number(fresh) == 0
+        fresh.close()
+    reviewer = Driver(one, memory=memory, who="ben")
+    order(reviewer, "review")
+    reviewer.close()
+    reviewer = Driver(one, memory=memory, who="ben")
+    assert reviewer.window.walk.order == "review" and number(reviewer) == 2
+    reviewer.close()
