@@ -20,6 +20,7 @@ from PySide6.QtWidgets import QApplication
 from shiboken6 import Shiboken
 
 from annotate.correction.correction import Correction
+from annotate.gui.app import recording_of
 from annotate.gui.background import Background
 from annotate.gui.dialogs import REASONS
 from annotate.gui.probe import check_opengl, check_screen
@@ -267,3 +268,33 @@ def test_a_frame_without_a_person_can_be_opened(qapp, rig_labels, tmp_path):
     driver.drag(driver.circle(driver.place(100 * 512 + 200), 30))
     assert "Shift" in driver.said
     driver.close()
+
+
+# The recording
+
+
+def test_without_a_recording_the_first_sentence_says_how_to_give_it(qapp, folder, rig_session):
+    driver = Driver(folder)
+    assert driver.said == "No recording found: reopen with --session RECORDING for colour and heat"
+    driver.close()
+    driver = Driver(folder, rig_session)
+    assert "No recording" not in driver.said
+    driver.close()
+
+
+def test_a_recording_that_was_given_is_remembered_for_its_label_set(
+    folder, rig_session, rig_labels, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    here = shutil.copy(rig_session, tmp_path / "elsewhere.mcap")
+    assert recording_of(folder, None) is None
+    assert recording_of(folder, here) == here
+    assert recording_of(folder, None) == here
+    other = LabelSet.create(tmp_path / "other", rig_labels.intrinsics, {})
+    assert recording_of(other.path, None) is None
+    here.write_bytes(b"no session any more")
+    assert recording_of(folder, None) is None
+    here.unlink()
+    assert recording_of(folder, None) is None
+    with pytest.raises(CloudError):
+        recording_of(folder, here)

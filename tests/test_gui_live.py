@@ -7,13 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PySide6.QtCore import Qt, QTimer
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QLabel
 
 from annotate.gui.live_commands import takes
 from annotate.gui.live_pictures import TITLES, joints_px, pictures
+from annotate.gui.live_tile import Tile
 from annotate.gui.live_window import LiveWindow
-from annotate.gui.theme import DARK
+from annotate.gui.theme import DARK, LIGHT
 from annotate.live.complaint import Complaint
 from annotate.live.pipeline import LivePipeline
 from annotate.suit.palette import load_suit
@@ -82,13 +84,89 @@ def test_the_record_key_begins_and_ends_a_recording(window, monkeypatch):
     assert told == [(Path("a.mcap"), "anna"), "end"]
 
 
-def test_takes_are_numbered_and_overwrite_nothing(tmp_path):
+def test_the_end_of_a_playback_is_said(window):
+    window.look()
+    assert window.state.text() == "The recording is played to its end"
+    assert "a second" not in window.facts.text() and "frames shown" in window.facts.text()
+
+
+def pressed(window, key: Qt.Key, act) -> None:
+    """Press a key that opens a dialogue, and do something to that."""
+
+    def come() -> None:
+        if dialog := QApplication.activeModalWidget():
+            act(dialog)
+            dialog.close()
+
+    window.activateWindow()
+    assert QTest.qWaitForWindowActive(window)
+    QTimer.singleShot(500, come)
+    QTest.keyClick(window, key)
+    QApplication.processEvents()
+
+
+def test_a_key_shows_all_keys(window):
+    shown = []
+
+    def read(dialog) -> None:
+        shown.extend(label.text() for label in dialog.findChildren(QLabel))
+        QTest.keyClick(dialog, Qt.Key.Key_Escape)
+
+    pressed(window, Qt.Key.Key_F1, read)
+    assert {"Space", "M", "Ctrl+Q", "F1"} <= set(shown)
+
+
+def test_a_marked_event_is_confirmed(window, monkeypatch):
+    marked, rig = [], window.pipeline.rig
+    monkeypatch.setattr(rig, "mark", marked.append)
+
+    def write(dialog) -> None:
+        QTest.keyClicks(dialog.focusWidget(), "turned over")
+        QTest.keyClick(dialog.focusWidget(), Qt.Key.Key_Return)
+
+    health = rig.health()
+    monkeypatch.setattr(rig, "health", lambda: replace(health, recording=Path("a.mcap"), recorded_s=1.0))
+    pressed(window, Qt.Key.Key_M, write)
+    window.look()
+    assert marked == ["turned over"] and "Marked: turned over" in window.facts.text()
+    assert "nothing is recorded" not in window.facts.text()
+
+
+def test_the_record_button_names_what_it_does(window, monkeypatch):
+    rig = window.pipeline.rig
+    health = rig.health()
+    window.look()
+    assert window.buttons["record"].text() == "Record   Space"
+    monkeypatch.setattr(rig, "health", lambda: replace(health, recording=Path("a.mcap"), recorded_s=1.0))
+    window.look()
+    assert window.buttons["record"].text() == "End recording   Space"
+
+
+@pytest.mark.parametrize("theme", [LIGHT, DARK])
+def test_titles_are_visible_in_both_themes(display, theme):
+    QApplication.instance() or QApplication([])
+    tile = Tile("Depth", theme)
+    tile.resize(200, 150)
+    image = tile.grab().toImage()
+    values = [image.pixelColor(x, y).value() for x in range(4, 40) for y in range(2, 18)]
+    assert min(values) < 130 and max(values) > 200
+
+
+def test_takes_are_numbered_and_overwrite_nothing(tmp_path, monkeypatch):
     first = tmp_path / "a.mcap"
     names = takes(first)
     assert next(names) == first
     (tmp_path / "a-2.mcap").touch()
     assert next(names) == tmp_path / "a-3.mcap"
-    assert next(takes(None, lambda: datetime(2026, 5, 4, 3, 2, 1))).name == "take-20260504-030201.mcap"
+    monkeypatch.chdir(tmp_path)
+    times = [datetime(2026, 5, 4, 9, minute, 1) for minute in (6, 7, 7, 8)]
+    names = takes(None, lambda: times.pop(0))
+    for wanted in ("090601", "090701", "090701-2", "090801"):
+        path = next(names)
+        assert path.name == f"take-20260504-{wanted}.mcap"
+        path.touch()
+        if wanted == "090701":
+            times.insert(0, times[0])
 
 
 def test_without_a_screen_one_line_says_so(annotate_cloud, rig_session, monkeypatch):
