@@ -18,6 +18,7 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.images import Probabilities
+from annotate.labelset.recorded import recording_entry
 from annotate.labelset.store import LabelSet, as_read
 from annotate.parts import BACKGROUND
 from annotate.person.extract import PersonMask, Survey
@@ -162,6 +163,7 @@ def run(
     info = {"source": source.name, "calibration": calibration_to_json(source.calibration), "steps": steps}
     if source.sha256:
         info["sha256"] = source.sha256
+    info |= recording_entry(source.path)
     labels = LabelSet.resume(out, fusion.camera, info)
     with Claim.take(out, login()):
         return finished(labels, _run(source, fusion, labels, labeller, progress, survey))

@@ -1,18 +1,21 @@
 """The recording that a label set was made from: where it lies, and its frames fused beside the labels."""
 
+from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.store import LabelSet
+from annotate.labelset.store import RECORDING, LabelSet
 from sensors.errors import CloudError, FormatError
 from sensors.importers.open_source import open_source
 from sensors.rig.frame import RigFrame
-from sensors.rig.rig_calibration import RigCalibration
+from sensors.rig.rig_calibration import RigCalibration, calibration_to_json
+from sensors.session.reader import Session
+from sensors.session.recognise import mcap_files
 
 
 class Fused(NamedTuple):
@@ -67,10 +70,50 @@ class Recorded:
         return Fused(self._bare.fuse(labels.depth_mm), None, why)
 
 
+def recording_entry(path: Path | None) -> dict[str, Any]:
+    """Return the manifest's entry on the recording that labels are made from: its name, and a file's size."""
+    if path is None:
+        return {}
+    size = {"bytes": path.stat().st_size} if path.is_file() else {}
+    return {RECORDING: {"name": path.resolve().name, **size}}
+
+
 def find_session(labels: LabelSet) -> Path | None:
-    """The recording beside the label set: by the name of the manifest's source, or by the set's own name."""
-    path = labels.path.resolve()
-    name = labels.info.get("source")
-    names = [name] if isinstance(name, str) and name and Path(name).name == name else []
-    beside = [path.parent / f"{each}.mcap" for each in (*names, path.stem, path.name)]
+    """Return the recording beside the label set, or None.
+
+    It has the manifest's name and size; else, renamed, the manifest's SHA-256; else the name of the
+    manifest's source or of the set.
+    """
+    folder, entry = labels.path.resolve().parent, labels.info.get(RECORDING)
+    name, size = (entry.get("name"), entry.get("bytes")) if isinstance(entry, dict) else (None, None)
+    if isinstance(name, str) and _is_plain(name) and (named := folder / name).exists():
+        fits = not named.samefile(labels.path) and (size is None or named.stat().st_size == size)
+        if fits and named.is_file() == (size is not None):
+            return named
+    if (same := _by_checksum(labels, folder, size)) is not None:
+        return same
+    source = labels.info.get("source")
+    names = [source] if isinstance(source, str) and _is_plain(source) else []
+    beside = [folder / f"{each}.mcap" for each in (*names, labels.path.resolve().stem, labels.path.name)]
     return next((file for file in beside if file.is_file()), None)
+
+
+def _is_plain(name: str) -> bool:
+    """Whether a name from a manifest names something in the folder itself."""
+    return bool(name) and name != ".." and Path(name).name == name
+
+
+def _by_checksum(labels: LabelSet, folder: Path, size: int | None) -> Path | None:
+    """The session of a folder with the manifest's SHA-256. Of a whole file only a likely one is hashed."""
+    wanted = labels.info.get("sha256")
+    if not isinstance(wanted, str):
+        return None
+    for file in mcap_files(folder).sessions:
+        if size is not None and file.stat().st_size != size:
+            continue
+        with suppress(CloudError, OSError):
+            session = Session(file)
+            alike = calibration_to_json(session.calibration) == labels.info.get("calibration")
+            if alike and session.name == labels.source and session.sha256 == wanted:
+                return file
+    return None

@@ -33,6 +33,8 @@ FRAMES, ORIGINAL = "frames", "original"
 LEARNT = "learnt"
 """Folder of the confidences of each step of learning, and the note of the step whose labels a frame has."""
 PROBABILITY = "probability.png"
+RECORDING = "recording"
+"""Manifest entry of the recording's name and size. It may be renamed while a run goes on."""
 MAX_JSON_BYTES = 16_000_000
 """Largest manifest or frame file that is read, in bytes."""
 _STEP = re.compile(r"[0-9]{4,9}")
@@ -98,7 +100,7 @@ class LabelSet:
         if not (path / MANIFEST).is_file():
             return cls.create(path, intrinsics, info)
         begun = cls.open(path)
-        if begun.info != json.loads(json.dumps(info)) or begun.intrinsics != intrinsics:
+        if _settings(begun.info) != _settings(json.loads(json.dumps(info))) or begun.intrinsics != intrinsics:
             raise ExistsError(
                 f"{path} was made from another source or with other settings; choose another folder "
                 "or pass --overwrite"
@@ -299,6 +301,11 @@ def _journal_problems(labels: LabelSet) -> list[str]:
     except CloudError as error:
         return [str(error)]
     return [f"frame {i}: labels lack strokes of {journal.path}; open the set once with fix" for i in behind]
+
+
+def _settings(info: dict[str, Any]) -> dict[str, Any]:
+    """What of a manifest's record decides the labels."""
+    return {key: value for key, value in info.items() if key != RECORDING}
 
 
 def _learnt_in(notes: object) -> str:
