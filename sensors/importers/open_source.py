@@ -57,17 +57,14 @@ def open_source(path: Path, options: ImportOptions = AS_STATED) -> FrameSource:
 
 
 def doubts_of(source: FrameSource) -> tuple[str, ...]:
-    """What the judges of depth and cameras find odd of a source that has not been judged when it was opened.
-
-    Raises CloudError where a frame that is looked at cannot be read.
-    """
+    """What the judges of depth and cameras find odd of a source that was not judged when it was opened."""
     return tuple(note for note in judged_notes(source) if note not in source.notes and not _is_range(note))
 
 
 def judged_notes(source: FrameSource) -> tuple[str, ...]:
     """Notes of a source, with those of the judges of depth and cameras where it has not been judged yet.
 
-    Raises CloudError where a frame that is looked at cannot be read.
+    A frame that is looked at and cannot be read is named. Raises FormatError where the images are no depth.
     """
     from sensors.rig.camera_check import check_rig
     from sensors.rig.depth_check import judge_depth, spread
@@ -79,7 +76,13 @@ def judged_notes(source: FrameSource) -> tuple[str, ...]:
         check_rig(source.calibration, "doubtful calibration")
     except CalibrationError as error:
         notes.append(str(error))
-    samples = [source.frame(at).depth_mm for at in spread(len(source))]
+    samples = []
+    for at in spread(len(source)):
+        try:
+            samples.append(source.frame(at).depth_mm)
+        except CloudError as error:
+            # One damaged frame costs that frame: the others are judged, and labelled.
+            notes.append(f"doubtful: frame {at:06d} cannot be read: {error}")
     return (*notes, *judge_depth(samples, 1.0, source.name).notes)
 
 

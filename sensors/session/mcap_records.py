@@ -9,7 +9,7 @@ import os
 import struct
 import zlib
 from array import array
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -98,8 +98,10 @@ def contents_at(file: BinaryIO, offset: int) -> bytes:
         return unpacked(parsed(head + data)) if opcode == Opcode.CHUNK else head + data
 
 
-def records_at(file: BinaryIO, offset: int) -> Iterator[McapRecord]:
-    """Yield the ``mcap.records`` at an offset: one, a chunk's, or none of a kind that no session needs.
+def records_at(
+    file: BinaryIO, offset: int, kinds: Collection[int] = frozenset(_WANTED)
+) -> Iterator[McapRecord]:
+    """Yield the ``mcap.records`` at an offset: one, a chunk's, or none of a kind that is not wanted.
 
     One at a time: as objects they take many times their bytes. Raises FormatError when they are corrupt,
     naming file and offset.
@@ -107,7 +109,7 @@ def records_at(file: BinaryIO, offset: int) -> Iterator[McapRecord]:
     data = contents_at(file, offset)
     with damage(file.name, offset):
         for span in spans(data):
-            if span.opcode in _WANTED:
+            if span.opcode in kinds:
                 yield parsed(data, span)
 
 

@@ -1,6 +1,7 @@
 """A recorded session as a source of frames, read from disk one frame at a time."""
 
 import hashlib
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.errors import CloudError, one_line
+from sensors.errors import CloudError, FormatError, one_line
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.pairing import (
     COLOR_WINDOW_NS,
@@ -105,7 +106,7 @@ class Session(FrameSource):
         Interpolated between its two nearest readings, if these are less than ``SPOT_WINDOW_NS`` apart.
         """
         times = self._host[PYROMETER]
-        values = [target_from(self._message(PYROMETER, i)) for i in range(len(times))]
+        values = [self._target_c(i) for i in range(len(times))]
         return interpolate(times, np.array(values), self._host[DEPTH], SPOT_WINDOW_NS)
 
     @cached_property
@@ -123,10 +124,19 @@ class Session(FrameSource):
         reference = ThermalReference(camera.fx)
         for at in np.unique(np.linspace(0, len(known) - 1, READINGS).round().astype(int)):
             index = int(known[at])
-            image = thermal_from(self._message(THERMAL, int(self._pairs[THERMAL][index])))
-            reference.add(float(times_s[index]), float(self.reference_c[index]), image)
+            # A damaged image costs its own frame, not all that are corrected by it.
+            with suppress(FormatError):
+                image = thermal_from(self._message(THERMAL, int(self._pairs[THERMAL][index])))
+                reference.add(float(times_s[index]), float(self.reference_c[index]), image)
         spot = reference.spot()
         return None if spot is None else reference.offsets_k(spot, times_s)
+
+    def _target_c(self, index: int) -> float:
+        """A reading of the pyrometer; NaN where it is damaged."""
+        try:
+            return target_from(self._message(PYROMETER, index))
+        except FormatError:
+            return np.nan
 
     def _referenced(self, index: int, thermal_c: NDArray[np.float32]) -> NDArray[np.float32]:
         return thermal_c if self.offsets_k is None else thermal_c + np.float32(self.offsets_k[index])

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema
 
 from sensors.errors import FormatError
@@ -14,6 +15,7 @@ from sensors.session.summary import Summary, read_summary
 SUFFIX = ".mcap"
 OWN = {DEPTH, f"/{CAMERAS[0]}/calibration"}
 """Topics that make a session."""
+KINDS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
 
 
 class McapFiles(NamedTuple):
@@ -74,7 +76,7 @@ def _searched(file: BinaryIO) -> tuple[set[str], bool]:
     schemas: dict[int, str] = {}
     topics: set[str] = set()
     for offset in record_offsets(file):
-        for record in records_at(file, offset):
+        for record in records_at(file, offset, KINDS):
             if isinstance(record, Schema):
                 schemas[record.id] = record.name
             elif isinstance(record, Channel):

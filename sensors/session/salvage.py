@@ -25,8 +25,8 @@ _CHUNK_HEAD = re.compile(rb"\x06.{4}\0{4}.{28}(?:\x04\0{3}zstd|\x03\0{3}lz4|\0{4
 """Opcode, length below 4 GiB, times, size and CRC, compression."""
 _ANY_HEAD = re.compile(rb"\x05.{4}\0{4}|" + _CHUNK_HEAD.pattern, re.DOTALL)
 """The same, or a message."""
-_SIZES: dict[int, int] = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
 _PARSED = (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
+_DATA_END_BYTES = 4
 _LAST = max(Opcode)
 _BROKEN = (
     McapError,
@@ -87,7 +87,7 @@ class _Walk:
         while not self._is_end(at):
             opcode, piece = self._memory[at], self._sound(at) or self._lost(at)
             yield piece
-            if opcode in (Opcode.DATA_END, Opcode.FOOTER) and not piece.lost:
+            if opcode == Opcode.DATA_END and not piece.lost:
                 return
             at = piece.end
 
@@ -105,6 +105,8 @@ class _Walk:
         """The record between two bytes. Raises one of ``_BROKEN`` where it is corrupt."""
         record = self._memory[at:end]
         opcode, content = record[0], record[HEAD.size :]
+        if at in self._ends_ns and opcode != Opcode.CHUNK:
+            return None
         if opcode == Opcode.CHUNK:
             data = unpacked(parsed(record))
             for _ in spans(data):
@@ -118,14 +120,15 @@ class _Walk:
         if opcode == Opcode.MESSAGE_INDEX:
             sound = int.from_bytes(content[2:6], "little") == len(content) - 6
             return Piece(at, end) if sound else None
-        if not self._plausible(end) or _SIZES.get(opcode, len(content)) != len(content):
+        if not self._plausible(end):
             return None
         if opcode == Opcode.MESSAGE:
             # It has no CRC of its own: where messages lie in chunks, one beside them is none.
             return None if self._chunked or len(content) < MESSAGE.size else Piece(at, end, record)
         if opcode in _PARSED:
             parsed(record)
-        return Piece(at, end, record)
+            return Piece(at, end, record)
+        return Piece(at, end) if opcode == Opcode.DATA_END and len(content) == _DATA_END_BYTES else None
 
     def _plausible(self, at: int) -> bool:
         """Whether a record may begin at a byte, or all ends there."""
