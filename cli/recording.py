@@ -113,7 +113,8 @@ def repair(
     from sensors.session.paths import recording_at
     from sensors.session.repair import repair as repair_session
 
-    done = repair_session(session, out, overwrite=overwrite)
+    source = recording_at(session)
+    done = repair_session(source, out, overwrite=overwrite)
     result = {
         "session": str(done.path),
         "frames": done.frames,
@@ -123,24 +124,25 @@ def repair(
         "damaged": done.damaged,
         "changed": done.changed,
     }
-    finish(result, json, _repaired_text(done, recording_at(session)))
+    finish(result, json, _repaired_text(done, source))
 
 
 def _repaired_text(done: "Repaired", source: Path) -> str:
     """What was kept, what was left out, and what became of the source."""
-    text = f"{done.path} is whole, with {done.frames} frames"
+    text = f"{done.path} is whole, with {_count(done.frames, 'frame')}"
     if not done.changed:
         return text + "; nothing to repair"
+    lost = "" if done.lost_frames is None else f", {_count(done.lost_frames, 'frame')}"
     if done.damaged:
-        frames = "" if done.lost_frames is None else f", {done.lost_frames} frames"
-        text += (
-            f"; left out: {done.lost_bytes} bytes at {done.damaged} places{frames}, {cell(done.lost_s, 's')}"
-        )
-    elif done.lost_frames:
-        text += f"; {done.lost_frames} frames are missing"
+        where = _count(done.damaged, "place")
+        text += f"; left out: {_count(done.lost_bytes, 'byte')} at {where}{lost}, {cell(done.lost_s, 's')}"
     else:
-        text += "; nothing was lost"
+        text += f"; missing{lost[1:]}" if done.lost_frames else "; nothing was lost"
     return text + f"; {source} stays as it is"
+
+
+def _count(number: int, name: str) -> str:
+    return f"{number} {name}" + ("" if number == 1 else "s")
 
 
 @contextmanager

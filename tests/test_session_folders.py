@@ -76,6 +76,7 @@ def rewritten(
     shuffle=False,
     chunked=True,
     compression=CompressionType.ZSTD,
+    chunk_size=1 << 20,
 ) -> Path:
     """A session as the plain mcap library rewrites it. metadata: first, last or "" for none."""
     with source.open("rb") as file:
@@ -85,7 +86,7 @@ def rewritten(
     if shuffle:
         messages = [messages[i] for i in np.random.default_rng(0).permutation(len(messages))]
     with out.open("wb") as file:
-        writer = Writer(file, compression=compression, use_chunking=chunked)
+        writer = Writer(file, chunk_size, compression, use_chunking=chunked)
         writer.start()
         channels: dict[str, int] = {}
         for record_ in records if metadata == "first" else ():

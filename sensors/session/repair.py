@@ -1,5 +1,6 @@
 """Repair of a session that was cut off while it was recorded, or is damaged."""
 
+from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ from sensors.session.index import read_contents, scan
 from sensors.session.indexed_writer import IndexedWriter
 from sensors.session.lock import check_ended
 from sensors.session.mcap_records import parsed, spans
-from sensors.session.messages import DEPTH, METADATA
+from sensors.session.messages import DEPTH, EVENTS, METADATA, event_from, event_message
 from sensors.session.paths import final_of, recording_at, repaired_of
 from sensors.session.salvage import Piece, pieces
 from sensors.session.stored_index import NAME, StoredIndex, read_index
@@ -143,6 +144,7 @@ class Copier:
         self._channels: dict[int, int] = {}
         self._topics: dict[int, str] = {}
         self._copied: set[str] = set()
+        self._events = Counter[tuple[int, str]]()
         self._first_ns: int | None = None
         self._named = False
         self.frames = 0
@@ -176,6 +178,11 @@ class Copier:
                 if topic in channels and topic not in self._copied:
                     at_ns = self._first_ns or 0
                     self._writer.add_message(channels[topic], at_ns, data, at_ns)
+            lost = Counter(index.events)
+            lost.subtract(self._events)
+            for stamp_ns, text in lost.elements():
+                data = event_message(stamp_ns, text).SerializeToString()
+                self._writer.add_message(channels[EVENTS], stamp_ns, data, stamp_ns)
             self._writer.add_metadata(METADATA, index.metadata)
         self._writer.finish()
 
@@ -185,6 +192,8 @@ class Copier:
             channel, message.log_time, message.data, message.publish_time, message.sequence
         )
         self._copied.add(topic)
+        if topic == EVENTS:
+            self._events[message.publish_time, event_from(message.data)] += 1
         self._first_ns = message.log_time if self._first_ns is None else self._first_ns
         if topic == DEPTH:
             self.frames += 1
