@@ -13,11 +13,14 @@ from cli import sessions as batch
 from sensors.errors import CloudError
 from sensors.importers.bags.bag import Bag
 from sensors.importers.open_source import open_source
+from sensors.rig.pairing import CLOCK
 from sensors.rig.rig_calibration import RigCalibration
+from sensors.session.messages import COLOR, DEPTH, color_message
 from sensors.session.reader import Session
+from sensors.session.writer import SessionWriter
 from tests.conftest import assert_refused
 from tests.helpers.bags import STORAGES, realsense, write_bag
-from tests.test_sensors_session import DEPTH_CAMERA, assert_same, frames, record
+from tests.test_sensors_session import DEPTH_CAMERA, JPEG, RIG, assert_same, frames, record
 
 
 @pytest.fixture(scope="module")
@@ -136,6 +139,22 @@ def test_without_its_colour_it_is_one(tmp_path, whole, metadata):
         np.testing.assert_array_equal(copy.thermal_c, original.thermal_c)
     alone = open_source(rewritten(whole, tmp_path / "y.mcap", metadata=metadata, drop="/tf"))
     assert alone.calibration == RigCalibration(DEPTH_CAMERA)
+
+
+def test_what_a_rewriting_program_dropped_is_said(tmp_path, whole):
+    path, depth = tmp_path / "rec.mcap", np.ones((24, 32), np.uint16)
+    metadata = {f"{CLOCK}{topic}": topic for topic in (DEPTH, COLOR)}
+    with SessionWriter(path, RIG, "rig", metadata=metadata) as writer:
+        for i in range(3):
+            writer.write_depth(depth, 10**9 + i * 10**8, 10**9 + i * 10**8 + 5_000_000)
+            writer.add(COLOR, color_message(JPEG, i * 10**8), i * 10**8, 10**9 + i * 10**8 + 5_000_000)
+    assert [frame.color_encoded is not None for frame in Session(path)] == [True] * 3
+    assert not any("clock" in note for note in Session(path).notes)
+    lost = Session(rewritten(path, tmp_path / "lost.mcap"))
+    assert any("clock" in note for note in lost.notes)
+    uncalibrated = Session(rewritten(path, tmp_path / "bare.mcap", metadata="first", drop="/tf"))
+    assert "no calibration of the colour camera: its images cannot be fused" in uncalibrated.notes
+    assert not any("clock" in note for note in uncalibrated.notes)
 
 
 def test_another_programs_file_is_no_session(tmp_path):

@@ -20,7 +20,7 @@ from sensors.rig.pairing import (
 )
 from sensors.rig.thermal_reference import LEAST_READINGS, READINGS, ThermalReference
 from sensors.session.host_times import host_times
-from sensors.session.index import read_contents
+from sensors.session.index import Places, read_contents
 from sensors.session.lock import RecordingError, is_being_recorded
 from sensors.session.mcap_records import MessageReader
 from sensors.session.messages import (
@@ -38,6 +38,9 @@ from sensors.session.messages import (
 )
 from sensors.session.paths import recording_at
 
+DELAY_NS = 1_000_000
+"""Between a device's stamp and its arrival, from which on the two are of different clocks. Untuned."""
+
 
 @dataclass(frozen=True)
 class StreamRate:
@@ -52,9 +55,9 @@ class Session(FrameSource):
 
     Depth is master: a frame has the colour and thermal images nearest to it in device time, if within the
     windows above; no message is used twice. Frames are in the order of their depth stamps and numbered by
-    it. Opening reads the index that the file carries, or the whole file where it has
-    none (``index``): what is damaged is found with its frame.
-    ``path`` may name a recording that was cut off and is there as ``.partial`` alone.
+    it. Opening reads the index that the file carries, or the whole file where it has none (``index``): what
+    is damaged is found with its frame. ``path`` may name a recording that was cut off and is there as
+    ``.partial`` alone.
     Raises FormatError for what is no session or is damaged, CalibrationError when calibration is missing.
     """
 
@@ -75,6 +78,7 @@ class Session(FrameSource):
         self.calibration, self.truncated = contents.calibration, contents.truncated
         self.subject = one_line(self.metadata.get(SUBJECT, ""))
         self._places = contents.places
+        self._clocks_lost = not contents.metadata and any(map(_is_delayed, self._places.values()))
         self.times_ns = self._places[DEPTH]["stamp_ns"]
         host = host_times(self._places, self.metadata, self.events)
         depth_ns, infrared_ns = (self._places[topic]["stamp_ns"] for topic in (DEPTH, INFRARED))
@@ -160,6 +164,15 @@ class Session(FrameSource):
             notes.append("thermal counts without the camera's calibration are not temperatures")
         if len(self._places[PYROMETER]) >= LEAST_READINGS and len(self._places[THERMAL]):
             notes.append(self._pyrometer_note())
+        if self.calibration.color is None and len(self._places[COLOR]):
+            notes.append("no calibration of the colour camera: its images cannot be fused")
+        if self.calibration.thermal is None and len(self._places[THERMAL]):
+            notes.append("no calibration of the thermal camera: its images cannot be fused")
+        if self._clocks_lost:
+            notes.append(
+                "the metadata that name the cameras' clocks are missing: all stamps are taken as of one "
+                "clock, so that colour and temperature may belong to other frames"
+            )
         if self.truncated and self.is_being_recorded:
             notes.append(f"{self.path} is being recorded: {len(self)} frames up to now")
         elif self.truncated:
@@ -190,6 +203,11 @@ class Session(FrameSource):
             return b""
         place = self._places[topic][index]
         return self._reader.read(int(place["offset"]), int(place["slot"]), int(place["stamp_ns"]))
+
+
+def _is_delayed(places: Places) -> bool:
+    """Whether a device's stamps are not the host's times, as in what is simulated or imported."""
+    return bool(len(places)) and bool(np.abs(places["arrival_ns"] - places["stamp_ns"]).max() > DELAY_NS)
 
 
 def _rate(stamps_ns: NDArray[np.int64]) -> StreamRate:
