@@ -87,7 +87,7 @@ HONEST: dict[str, float] = {
     "sensors.session.index.MAX_MESSAGES": 24 * HOUR_S * 30 * 6,  # a day of six streams
     "sensors.session.mcap_records.MAX_CHUNK_RECORDS": 4_000_000 // 31,  # empty messages of 31 bytes
     "sensors.session.mcap_records.MAX_RECORD_BYTES": 8192 * 8192 * 2,
-    "sensors.session.stored_index.MAX_COLUMN_BYTES": 10 * HOUR_S * 30 * 4 * 40,  # ten hours of four streams
+    "sensors.session.stored_index.MAX_COLUMN_BYTES": 6 * HOUR_S * 30 * 4 * 40,  # six hours of four streams
     "sensors.session.stored_index.MAX_HEADER_BYTES": 20_000 * 100,  # events
     "synth.body.body.MAX_BYTES": 30 * 800_000,  # a body of thirty times the shipped ones' vertices
     "synth.clothes.makehuman_garments.MAX_FILE_BYTES": 500_000 * 100,  # vertices

@@ -147,7 +147,7 @@ def test_a_spoilt_index_is_refused(whole, data, cut, flip):
             index = StoredIndex.decode(bad)
         except ContradictionError:
             continue
-        assert index.columns().shape[0] == 5
+        assert index.columns.shape[0] == 5
 
 
 def test_a_damaged_chunk_costs_its_frame_alone(annotate_cloud, tmp_path, whole):

@@ -82,7 +82,7 @@ def _indexed(file: BinaryIO) -> Contents | None:
 
 
 def _contents_from(name: str, index: StoredIndex) -> Contents:
-    topic, stamp_ns, arrival_ns, chunk, slot = index.columns()
+    topic, stamp_ns, arrival_ns, chunk, slot = index.columns
     begins = np.array([begin for begin, _ in index.ends], np.int64)
     all_places = np.empty(len(topic), PLACE)
     columns = (stamp_ns, arrival_ns, begins[chunk] if len(chunk) else chunk, slot)

@@ -1,12 +1,14 @@
 """Writer of MCAP files that carry an index of their messages by device stamp (``stored_index``)."""
 
+from array import array
 from typing import BinaryIO
 
+import numpy as np
 from mcap.records import Attachment
 from mcap.writer import Writer
 
 from sensors.session.messages import EVENTS, METADATA, OF_CALIBRATION, event_from
-from sensors.session.stored_index import MEDIA_TYPE, NAME, StoredIndex
+from sensors.session.stored_index import COLUMNS, MEDIA_TYPE, NAME, StoredIndex
 
 CHUNK_BYTES = 1 << 20
 """Bytes of messages after which a chunk ends, if no depth image ends it before. Untuned."""
@@ -21,6 +23,7 @@ class IndexedWriter:
         self._writer = Writer(file, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
         self._writer.start(profile="", library=METADATA)
         self._index = StoredIndex()
+        self._rows = [array("q") for _ in range(COLUMNS)]
         self._topics: dict[int, int] = {}  # number in the index, by channel
         self._slot = 0  # records in the chunk that is being filled
         self._begin = file.tell()
@@ -64,7 +67,7 @@ class IndexedWriter:
         self._writer.add_message(channel, log_time, data, publish_time, sequence)
         index, topic = self._index, self._index.topics[self._topics[channel]]
         row = (self._topics[channel], publish_time, log_time, len(index.ends), self._slot)
-        for column, number in zip(index.rows, row, strict=True):
+        for column, number in zip(self._rows, row, strict=True):
             column.append(number)
         if topic in OF_CALIBRATION:
             index.calibrations.setdefault(topic, data)
@@ -81,6 +84,7 @@ class IndexedWriter:
     def finish(self) -> None:
         """Write the index and the summary."""
         self.flush()
+        self._index.columns = np.array([np.frombuffer(row, np.int64) for row in self._rows])
         if (data := self._index.encode()) is not None:
             self._writer.add_attachment(0, 0, NAME, MEDIA_TYPE, data)
         self._writer.finish()

@@ -10,7 +10,6 @@ import base64
 import json
 import struct
 import zlib
-from array import array
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import BinaryIO
@@ -25,11 +24,13 @@ from sensors.session.summary import Summary
 
 NAME, MEDIA_TYPE, VERSION = "annotate-cloud index", "application/octet-stream", 1
 MAX_HEADER_BYTES = 1 << 22
-MAX_COLUMN_BYTES = 1 << 28
-"""Bytes of the header, with 40,000 events, and of the unpacked columns, 6 million messages. A session with
+MAX_COLUMN_BYTES = 1 << 27
+"""Bytes of the header, with 40,000 events, and of the unpacked columns, 3 million messages. A session with
 more carries no index: opening reads all of it."""
 _LENGTH = struct.Struct("<I")
-_COLUMNS, _NUMBER_BYTES = 5, 8
+COLUMNS = 5
+"""Numbers of a message in the index."""
+_NUMBER_BYTES = 8
 
 
 _BROKEN = (ValueError, KeyError, TypeError, AttributeError, RecursionError, struct.error)
@@ -43,25 +44,22 @@ class ContradictionError(ValueError):
 class StoredIndex:
     """All of a session but its images.
 
-    rows: of every message, in the file's order, the number of its topic, device stamp, log time, number of
-    its chunk, number among the records of the chunk. ends: first byte of every chunk, and the byte behind it
-    and its message indexes. calibrations: the first message of each topic. events: (stamp, text).
+    columns: int64 (5, n), of every message, in the file's order, the number of its topic, device stamp, log
+    time, number of its chunk, number among the records of the chunk. ends: first byte of every chunk, and the
+    byte behind it and its message indexes. calibrations: the first message of each topic. events: (stamp,
+    text).
     """
 
     topics: list[str] = field(default_factory=list)
-    rows: "list[array[int]]" = field(default_factory=lambda: [array("q") for _ in range(_COLUMNS)])
+    columns: NDArray[np.int64] = field(default_factory=lambda: np.empty((COLUMNS, 0), np.int64))
     ends: list[tuple[int, int]] = field(default_factory=list)
     metadata: dict[str, str] = field(default_factory=dict)
     calibrations: dict[str, bytes] = field(default_factory=dict)
     events: list[tuple[int, str]] = field(default_factory=list)
 
-    def columns(self) -> NDArray[np.int64]:
-        """Return int64 (5, n): topic, stamp, arrival, chunk, slot."""
-        return np.array([np.frombuffer(row, np.int64) for row in self.rows]).reshape(_COLUMNS, -1)
-
     def encode(self) -> bytes | None:
         """The attachment's data; None for a session that is too long for it."""
-        columns, ends = self.columns(), np.array(self.ends, np.int64).reshape(-1, 2).T
+        columns, ends = self.columns, np.array(self.ends, np.int64).reshape(-1, 2).T
         header = {
             "version": VERSION,
             "messages": columns.shape[1],
@@ -88,10 +86,10 @@ class StoredIndex:
             header = json.loads(data[_LENGTH.size : _LENGTH.size + length])
             if header["version"] != VERSION:
                 raise ContradictionError("an unknown version")
-            rows, ends = _unpacked(data[_LENGTH.size + length :], header["messages"], header["chunks"])
+            columns, ends = _unpacked(data[_LENGTH.size + length :], header["messages"], header["chunks"])
             return cls(
                 [str(topic) for topic in header["topics"]],
-                [array("q", row.tobytes()) for row in rows],
+                columns,
                 [(begin, end) for begin, end in ends.T.tolist()],
                 {str(key): str(value) for key, value in header["metadata"].items()},
                 {str(t): base64.b64decode(m) for t, m in header["calibrations"].items()},
@@ -103,7 +101,7 @@ class StoredIndex:
 
 def _unpacked(packed: bytes, messages: int, chunks: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Columns int64 (5, messages) and bounds int64 (2, chunks). Raises ContradictionError."""
-    split = _COLUMNS * messages
+    split = COLUMNS * messages
     size = _NUMBER_BYTES * (split + 2 * chunks)
     # A frame gets the memory that it claims.
     if messages < 0 or chunks < 0 or size > MAX_COLUMN_BYTES:
@@ -111,9 +109,9 @@ def _unpacked(packed: bytes, messages: int, chunks: int) -> tuple[NDArray[np.int
     if zstandard.frame_content_size(packed) != size:
         raise ContradictionError("more or less messages than stated")
     steps = np.frombuffer(zstandard.decompress(packed, max(1, size)), "<i8")
-    parts = steps[:split].reshape(_COLUMNS, -1), steps[split:].reshape(2, -1)
-    rows, ends = (np.cumsum(part, axis=1, dtype=np.int64) for part in parts)
-    return rows, ends
+    parts = steps[:split].reshape(COLUMNS, -1), steps[split:].reshape(2, -1)
+    columns, ends = (np.cumsum(part, axis=1, dtype=np.int64) for part in parts)
+    return columns, ends
 
 
 def read_index(file: BinaryIO, summary: Summary) -> StoredIndex | None:
@@ -141,7 +139,7 @@ def read_index(file: BinaryIO, summary: Summary) -> StoredIndex | None:
 
 def _check(index: StoredIndex, summary: Summary) -> None:
     """Raise ContradictionError where the index does not belong to the file of the summary."""
-    topic, _, arrival_ns, chunk, _ = columns = index.columns()
+    topic, _, arrival_ns, chunk, _ = columns = index.columns
     ends = np.array(index.ends, np.int64).reshape(-1, 2)
     stated = summary.chunks
     if not np.array_equal(ends, np.stack([stated["offset"], stated["end"]], axis=1)):
