@@ -199,10 +199,12 @@ def test_virtual_cameras_see_the_plate_and_a_rig_without_views_leaves_no_file(
     """The command opens the drivers with their twins; the second run ends before a view is taken."""
     monkeypatch.setattr(cli.rig_devices, "VIRTUAL_VIEWS", 2)
     plate = HolePlate()
-    shown = tuple(cli.rig_devices.Shown(plate))
+    first = cli.rig_devices.Shown(plate)
+    shown = tuple(first)
     assert all(view_plate(f, plate, RIG.depth).centers_px.keys() == set(CAMERAS) for f in shown)
     assert [f.stamp_ns for f in shown] == [0, 1e9 * cli.rig_devices.HELD_S]
-    monkeypatch.setattr(cli.rig_devices.Shown, "_frames", shown)
+    for name in ("_rig", "_frames"):
+        monkeypatch.setattr(cli.rig_devices.Shown, name, getattr(first, name))
     looked = iter(np.repeat(np.arange(len(held)), 2).tolist())
     monkeypatch.setattr(cli.guided, "view_plate", lambda f, *_: held[next(looked)])
     enough = SimpleNamespace(seen=[SimpleNamespace(text="near")], found=None, wanted=None)

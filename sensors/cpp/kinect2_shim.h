@@ -1,4 +1,4 @@
-// The C interface through which sensors/kinect2.py drives libfreenect2 by ctypes.
+// The C interface through which sensors/drivers/kinect2.py drives libfreenect2 by ctypes.
 #pragma once
 #include <stdint.h>
 
@@ -9,7 +9,8 @@ extern "C" {
 typedef struct k2_device k2_device;
 
 // Frame types are libfreenect2's: 1 colour (the device's own JPEG bytes), 2 infrared (float 0 .. 65535),
-// 4 depth (float millimetres). An infrared frame comes before the depth frame of its number.
+// 4 depth (float millimetres). An infrared frame comes before the depth frame of its number. All images are mirrored
+// left to right, as libfreenect2 delivers them (its issue 172); sensors/drivers/kinect2.py mirrors them back.
 typedef struct {
   uint32_t type;
   uint32_t timestamp;  // ticks of 0.125 ms, wraps around
