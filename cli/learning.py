@@ -67,7 +67,8 @@ def learn(
         f"{done.before:.1%} before, {done.after:.1%} after"
     )
     if done.labels is None:
-        say("the labels stay: what was learnt is no better on the frames held out; correct more frames")
+        gain = f"{done.before:.1%} before, {done.after:.1%} after"
+        say(f"no improvement on held-out frames ({gain}), so labels stay; correct more frames")
     else:
         taken = _taken_over(labels, done.labels)
         text += f"; {taken.pop('text')}" if taken else ""

@@ -37,7 +37,7 @@ class SuitLearner:
     def __init__(self, labels: LabelSet, session: Path | None, start: Path | None) -> None:
         session, how = session or find_session(labels), suit_step(labels)
         if session is None:
-            raise CloudError(f"{labels.path} was read from a suit; give its recording with --session")
+            raise CloudError(f"{labels.path} was made with a suit; give its recording: --session RECORDING")
         self._labels, self._source = labels, open_source(session)
         self._suit = suit_from_toml(how["suit"], f"the suit in {labels.path}")
         self._window_c = tuple(how["window_c"]) if how.get("window_c") else None

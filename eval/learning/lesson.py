@@ -48,9 +48,13 @@ def lessons(path: Path) -> list[Taught]:
         taught = [one for one in found if _shows_parts(one)]
     if len(taught) < LEAST_FRAMES:
         raise CloudError(
-            f"{path} has {len(taught)} accepted frames with parts; accept at least {LEAST_FRAMES} with fix"
+            f"{_frames(len(taught))} of {path.name} accepted; accept at least {LEAST_FRAMES} with fix to learn"
         )
     return taught
+
+
+def _frames(count: int) -> str:
+    return "1 frame" if count == 1 else f"{count} frames"
 
 
 def _shows_parts(taught: Taught) -> bool:
