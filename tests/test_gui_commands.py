@@ -220,7 +220,8 @@ def test_a_stroke_leaves_its_outline_in_every_colouring(hand):
     QTest.keyPress(hand.window, peek)
     assert hand.window.look(pane).outlines is False
     QTest.keyRelease(hand.window, peek)
-    QTest.qWait(100)
+    while hand.window.peeking:
+        QTest.qWait(5)
     assert hand.window.look(pane).outlines
 
 

@@ -7,6 +7,7 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
+from annotate.gui.hand_keys import PEEK_MS
 from annotate.gui.keys import Settings
 from annotate.gui.theme import DARK
 from annotate.gui.veil import outline
@@ -218,27 +219,32 @@ def test_peeking_lasts_while_a_server_repeats_the_key_within_a_millisecond(hand)
     for at_ms in (700, 740):
         send(QEvent.Type.KeyRelease, at_ms)
         send(QEvent.Type.KeyPress, at_ms)
-        QTest.qWait(80)
+        QTest.qWait(2 * PEEK_MS)
         assert hand.window.peeking
     send(QEvent.Type.KeyRelease, 800)
-    QTest.qWait(100)
-    assert not hand.window.peeking
+    until_no_peek(hand)
 
 
 def test_peeking_lasts_while_a_server_repeats_the_key_as_releases_and_presses(hand):
     pane, key = hand.window.depth_pane, hand.window.settings.key("peek")
     hand.look("depth", view=pane)
+    due = hand.window.held.peek_due
+    due.setInterval(60_000)
     QTest.keyPress(hand.window, key)
     for _ in range(4):
         QTest.keyRelease(hand.window, key)
         QTest.qWait(10)
         assert hand.window.peeking
         QTest.keyPress(hand.window, key)
-        QTest.qWait(60)
-        assert hand.window.peeking
+        assert hand.window.peeking and not due.isActive()
+    due.setInterval(PEEK_MS)
     QTest.keyRelease(hand.window, key)
-    QTest.qWait(120)
-    assert not hand.window.peeking
+    until_no_peek(hand)
+
+
+def until_no_peek(hand: Driver) -> None:
+    while hand.window.peeking:
+        QTest.qWait(5)
 
 
 def test_long_sentences_end_in_an_ellipsis_and_the_tool_tip_has_them_whole(hand):

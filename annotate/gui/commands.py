@@ -49,7 +49,7 @@ CHECKABLE = {*TOOLS, *SWITCHES, "carry", "onion", "solo", "peek", "from_other", 
 
 def bind(window: CorrectionWindow, lesson: Lesson | None = None) -> None:
     """Give a window its commands: menus, keys, and the actions behind its buttons. lesson: how to learn."""
-    HeldKeys(window).repeated.connect(window.key_repeats)
+    HeldKeys(window).repeated.connect(window.held.repeated)
     actions = _actions(window)
     judged, learner = Judged(window), Learner(window, lesson)
     actions |= {"learn": learner.learn, "stop_learning": learner.stop_now, "unlearn": learner.unlearn}
@@ -102,10 +102,10 @@ def _check(window: CorrectionWindow) -> None:
 
 def _run(window: CorrectionWindow, actions: dict[str, Action], name: str, *_: object) -> None:
     command = window.settings.command(name)
-    if name == "undo" and (done := window.remove_corner()):
+    if name == "undo" and (done := window.held.remove_corner()):
         window.status.show_done(done, window.theme)
         return
-    refusal = window.background.busy or (window.shape_in_hand if command.menu in ("Edit", "Frames") else "")
+    refusal = window.background.busy or (window.held.shape if command.menu in ("Edit", "Frames") else "")
     if refusal and command.menu not in ("View", "Help") and name != "close":
         window.status.show_done(Done(refusal, "warn"), window.theme)
         return

@@ -137,7 +137,7 @@ class Learner(QObject):
     def _take(self, busy: str, change: Change, words: Callable[[Relabelled | None], str]) -> None:
         """Change labels beside the window, and show the open frame anew; later where the window is busy."""
         window = self._window
-        if window.background.busy or window.shape_in_hand:
+        if window.background.busy or window.held.shape:
             QTimer.singleShot(AGAIN_MS, self, partial(self._take, busy, change, words))
             return
         window.refresh_picture()

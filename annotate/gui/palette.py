@@ -105,7 +105,10 @@ class PartTile(QWidget):
 
 
 class Palette(QScrollArea):
-    """The tiles, scrolled where there is no room for them. chosen, locked, faded: a part's tile, lock or eye was clicked."""
+    """The tiles, scrolled where there is no room for them.
+
+    chosen, locked, faded: a part's tile, lock or eye was clicked.
+    """
 
     chosen = Signal(int)
     locked = Signal(int)

@@ -15,8 +15,8 @@ from annotate.gui.widgets import laid, named
 HANDLE_PX = 7
 """Width of the handles between the panes in logical pixels. Chosen by eye."""
 SIDE_PX, PANE_PX = 344, 150
-"""Least width of the side, for the buttons over its view; height of that view that the parts leave, where there
-is so much, in logical pixels (untuned)."""
+"""Least width of the side, for the buttons over its view; height of that view that the parts leave, where the
+window is so high; in logical pixels (untuned)."""
 PALETTE_PX, PALETTE_SHARE = 390, 0.52
 """Height of the parts where there is room for it, in logical pixels, and else their share. Chosen by eye."""
 

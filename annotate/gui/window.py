@@ -5,8 +5,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QEvent, QPointF, Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QColor, QKeyEvent
+from PySide6.QtCore import QPointF, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QColor
 
 from annotate.array_types import UInt8
 from annotate.correction.correction import Correction
@@ -15,6 +15,7 @@ from annotate.gui.background import Background
 from annotate.gui.bars import CHANGING, View
 from annotate.gui.desk import Desk
 from annotate.gui.drawing import Drawing, Tool
+from annotate.gui.hand_keys import HandKeys
 from annotate.gui.keys import Settings
 from annotate.gui.memory import order_key, recall
 from annotate.gui.opening import first, restored
@@ -27,17 +28,11 @@ from annotate.labelset.journal import NotSavedError
 from annotate.labelset.stroke import Activity
 from sensors.errors import CloudError
 
-CTRL, SHIFT = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
 AT_ONCE_MS = 20
 """Milliseconds after which it is said what the window is busy with: a frame that was read ahead opens without
 a flicker. Chosen by eye."""
-PEEK_MS = 50
-"""Milliseconds from the release of the key for peeking to the return of the parts, because X servers repeat a
-held key as a release and a press (untuned)."""
 NO_RECORDING = "No recording found: reopen with --session RECORDING for colour and heat"
 """First sentence of a window that shows depth alone."""
-POLYGON_KEYS = (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Backspace)
-"""Keys of a polygon being drawn, whatever else they are: close it, remove its last corner."""
 Read = tuple[FrameScene, UInt8 | None]
 """A frame as it was read, and the parts (h, w) of the frame before."""
 
@@ -61,8 +56,7 @@ class CorrectionWindow(Shell):
         super().__init__(desk, walk, settings, known)
         self.correction, self.background = correction, Background()
         self._retry_declined, self._closing = False, False
-        self._peek_due = QTimer(self, singleShot=True, interval=PEEK_MS)
-        self._peek_due.timeout.connect(partial(self.peek, False))
+        self.held = HandKeys(self)
         # What is ready at once shows no sentence in between; frames are saved when the next one is shown.
         self.busy_due = QTimer(self, singleShot=True, interval=AT_ONCE_MS)
         self.busy_due.timeout.connect(self._show_busy)
@@ -87,7 +81,7 @@ class CorrectionWindow(Shell):
         """Open another frame, at once where it was read ahead; then do something on it."""
         if frame_id == self.frame_id or self.background.busy:
             return
-        if shape := self.shape_in_hand:
+        if shape := self.held.shape:
             self.strip.choose(self.frame_id)
             self.status.show_done(Done(shape, "warn"), self.theme)
             return
@@ -197,33 +191,6 @@ class CorrectionWindow(Shell):
         self.hand.tool = tool
         self.cancel_stroke()
         self.hover_again()
-
-    @property
-    def shape_in_hand(self) -> str:
-        """How to end the shape being drawn, in words; "" where none is."""
-        drawing = next((view.pointing.drawing for view in self.views if view.pointing.drawing), None)
-        if drawing is None:
-            return ""
-        ways = (
-            "Return closes it, Backspace removes a corner"
-            if drawing.tool == "polygon"
-            else "release the button"
-        )
-        return f"A {drawing.tool} is being drawn: {ways}, Esc drops it"
-
-    def remove_corner(self) -> Done | None:
-        """Remove the last corner of a polygon being drawn; None where none is."""
-        for view in self.views:
-            drawing = view.pointing.drawing
-            if drawing and drawing.tool == "polygon":
-                return Done("Corner removed" if view.pointing.remove_corner() else "Polygon dropped")
-        return None
-
-    def _close_polygon(self) -> Done | None:
-        for view in self.views:
-            if view.pointing.drawing and not view.pointing.close_polygon():
-                return Done("A polygon needs three corners", "warn")
-        return None
 
     def cancel_stroke(self) -> bool:
         """Drop the shapes being drawn and a command that waits for a click; whether there were any."""
@@ -350,54 +317,6 @@ class CorrectionWindow(Shell):
         self.pane = view
         self.requested.emit(name)
 
-    def keyPressEvent(self, event: QKeyEvent) -> None:  # noqa: N802
-        """Qt's hook: the key that is held to peek, those of a polygon, and those that turn strokes round."""
-        if event.key() in POLYGON_KEYS and self.shape_in_hand:
-            erases = event.key() == Qt.Key.Key_Backspace
-            self.act(self.remove_corner if erases else self._close_polygon)
-            return
-        self._hold(event)
-        self._peek_key(event, True)
-
-    def keyReleaseEvent(self, event: QKeyEvent) -> None:  # noqa: N802
-        """Qt's hook."""
-        self._hold(event)
-        self._peek_key(event, False)
-
-    def event(self, event: QEvent) -> bool:
-        """Qt's hook: a polygon's keys are no commands; no key is held in a window that is left."""
-        if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
-            if event.key() in POLYGON_KEYS and self.shape_in_hand:
-                event.accept()
-                return True
-        elif event.type() == QEvent.Type.WindowDeactivate and self.hand.hold(Qt.KeyboardModifier.NoModifier):
-            self.show_next()
-        return super().event(event)
-
-    def _hold(self, event: QKeyEvent) -> None:
-        """Note the modifier keys that are held after an event."""
-        keys = {Qt.Key.Key_Control: CTRL, Qt.Key.Key_Shift: SHIFT}
-        own, held = keys.get(Qt.Key(event.key())), event.modifiers()
-        if own is not None:
-            # Systems differ in whether a modifier's own press and release count it.
-            held = held | own if event.type() == QEvent.Type.KeyPress else held & ~own
-        if self.hand.hold(held):
-            self.show_next()
-
-    def _peek_key(self, event: QKeyEvent, pressed: bool) -> None:
-        if event.key() != self.actions_by_name["peek"].data():
-            return
-        if pressed and not self.key_page.isVisible():
-            self._peek_due.stop()
-            self.peek(True)
-        elif not event.isAutoRepeat():
-            self._peek_due.start()
-
-    def key_repeats(self, key: int) -> None:
-        """Take a key that is still held, although its release came (``HeldKeys``)."""
-        if key == self.actions_by_name["peek"].data():
-            self._peek_due.stop()
-
     def closeEvent(self, event: QCloseEvent) -> None:  # noqa: N802
         """Qt's hook: everything is saved, or the window stays.
 
@@ -418,7 +337,7 @@ class CorrectionWindow(Shell):
                 event.ignore()
                 return
             self.correction.abandon()
-        for due in (self.words_due, self.busy_due, self.leave_due, self.picture_due, self._peek_due):
+        for due in (self.words_due, self.busy_due, self.leave_due, self.picture_due, self.held.peek_due):
             due.stop()
         self.remember()
         self.closed.emit()

@@ -48,7 +48,7 @@ def lessons(path: Path) -> list[Taught]:
         taught = [one for one in found if _shows_parts(one)]
     if len(taught) < LEAST_FRAMES:
         raise CloudError(
-            f"{_frames(len(taught))} of {path.name} accepted; accept at least {LEAST_FRAMES} with fix to learn"
+            f"{_frames(len(taught))} of {path.name} accepted; accept at least {LEAST_FRAMES} with fix"
         )
     return taught
 
