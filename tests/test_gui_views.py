@@ -12,9 +12,11 @@ from annotate.correction.select import ScreenPoints, polygon
 from annotate.frame_labels import FrameLabels
 from annotate.gui.colors import SAME_RGB, Look, Painting, colourings
 from annotate.gui.drawing import Drawing
+from annotate.gui.keys import Settings
 from annotate.gui.orbit import Orbit, front_view, project
 from annotate.gui.outcome import described, strokes_text
 from annotate.gui.scene import ROOM_POINTS, SceneReader
+from annotate.gui.theme import DARK, LIGHT
 from annotate.labelset.recorded import find_session
 from annotate.labelset.store import LabelSet
 from annotate.labelset.stroke import Stroke
@@ -22,6 +24,7 @@ from annotate.parts import PARTS
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
+from tests.helpers.gui_driver import Driver
 
 SIZE = (640, 480)
 GROUND = (20, 22, 27)
@@ -256,3 +259,15 @@ def test_a_frame_of_another_depth_image_comes_without_colours(rig_labels, rig_se
     with Correction.open(labels.path, "mia") as correction:
         scene = SceneReader(correction, rig_session).read(frame.frame_id)
     assert colourings(scene) == ("part", "depth") and "another depth image" in scene.remark
+
+
+def test_a_cameras_picture_has_a_dark_ground_in_every_theme(qapp, rig_labels, rig_session):
+    driver = Driver(rig_labels.path, rig_session, read_only=True, settings=Settings("light"))
+    window = driver.window
+    for colouring, ground in (("part", LIGHT), ("colour", DARK), ("temperature", LIGHT)):
+        for view in window.views:
+            driver.look(colouring, view=view)
+        background = np.array(window.cloud_view.plotter.renderer.GetBackground()) * 255
+        np.testing.assert_allclose(background, ground.ground_rgb, atol=1)
+        assert window.depth_pane.ground.getRgb()[:3] == ground.ground_rgb
+    driver.close()

@@ -1,4 +1,4 @@
-"""Keys that are held or pressed while a hand draws: they change the stroke or the view, and are no commands."""
+"""Keys held or pressed while a hand draws: they change the stroke or the view, and are no commands."""
 
 from PySide6.QtCore import QEvent, QObject, Qt, QTimer
 from PySide6.QtGui import QKeyEvent

@@ -79,7 +79,7 @@ COMMANDS: tuple[Command, ...] = (
         "T",
         "Tools",
         "Polygon",
-        "Click corners; Return or a double click closes it, Backspace removes one",
+        "Click corners, Return closes it",
     ),
     Command("rectangle", "R", "Tools", "Rectangle", "Drag a rectangle"),
     Command("brush", "B", "Tools", "Brush", "Drag over it"),
@@ -88,7 +88,7 @@ COMMANDS: tuple[Command, ...] = (
     Command("large", "Ctrl+3", "Tools", "Large brush"),
     Command("smaller", "[", "Tools", "Smaller brush", repeats=True),
     Command("larger", "]", "Tools", "Larger brush", repeats=True),
-    Command("through", "Tab", "Tools", "Through the body", "Through the body, not only its visible surface"),
+    Command("through", "Tab", "Tools", "Through the body", "Through the body, not only its surface"),
     Command("only", "4", "Tools", "Only the part I start on", "Replace only the part where a stroke starts"),
     Command("room", "6", "Tools", "Include background", "Change the background too, not only the body"),
     Command("cancel", "Esc", "Tools", "Cancel", "Cancel the stroke or the preview"),
@@ -97,7 +97,7 @@ COMMANDS: tuple[Command, ...] = (
         "Ctrl+Z",
         "Edit",
         "Undo",
-        "Undo strokes and verdicts of this frame, without limit",
+        "Undo strokes and verdicts of this frame",
         repeats=True,
     ),
     Command("redo", "Ctrl+Shift+Z", "Edit", "Redo", "Redo what was undone", "Ctrl+Y", repeats=True),
@@ -110,12 +110,8 @@ COMMANDS: tuple[Command, ...] = (
         "Give the patch under the pointer to its neighbour",
     ),
     Command("merge", "Ctrl+E", "Edit", "Merge part", "Turn the part under the pointer into the chosen one"),
-    Command(
-        "remove_islands", "Ctrl+D", "Edit", "Islands", "Mark islands of all parts: press again to remove them"
-    ),
-    Command(
-        "fill_holes", "Ctrl+F", "Edit", "Holes", "Mark holes of the chosen part: press again to fill them"
-    ),
+    Command("remove_islands", "Ctrl+D", "Edit", "Islands", "Mark islands of all parts; again: remove"),
+    Command("fill_holes", "Ctrl+F", "Edit", "Holes", "Mark holes of the chosen part; again: fill"),
     Command(
         "copy_previous",
         "Ctrl+V",
@@ -136,24 +132,16 @@ COMMANDS: tuple[Command, ...] = (
         "Space",
         "Frames",
         "Accept",
-        "Accept, or agree with a colleague's verdict; open the next unfinished frame",
+        "Accept or agree; open the next frame",
     ),
-    Command(
-        "reject", "Ctrl+R", "Frames", "Reject…", "Reject, with a reason; agree with a colleague's rejection"
-    ),
+    Command("reject", "Ctrl+R", "Frames", "Reject…", "Reject with a reason, or agree to that"),
     Command("overrule", "Ctrl+Shift+A", "Frames", "Accept although rejected", "Overrule a rejection"),
     Command("doubt", "N", "Frames", "Next doubtful place", "Show the next doubtful place", repeats=True),
     Command("next", "Ctrl+Space", "Frames", "Next frame", "Next frame, without a verdict", "Right", True),
     Command("back", "Shift+Space", "Frames", "Previous frame", "Previous frame", "Left", True),
-    Command(
-        "learn", "Ctrl+Shift+T", "Frames", "Learn", "Learn from the accepted frames, and label the rest again"
-    ),
-    Command(
-        "stop_learning", "Ctrl+Shift+X", "Frames", "Stop learning", "Stop learning; labels stay as they are"
-    ),
-    Command(
-        "unlearn", "Ctrl+Shift+R", "Frames", "Unlearn", "Restore the labels from before the last learning"
-    ),
+    Command("learn", "Ctrl+Shift+T", "Frames", "Learn", "Learn from accepted frames, label the rest"),
+    Command("stop_learning", "Ctrl+Shift+X", "Frames", "Stop learning", "Stop learning; labels stay"),
+    Command("unlearn", "Ctrl+Shift+R", "Frames", "Unlearn", "Restore the labels from before learning"),
     Command("go_to", "Ctrl+T", "Frames", "Go to frame…", "Go to a frame by its number"),
     Command("order", "F5", "Frames", "Next order", "By time, worst first, most useful first, or for review"),
     Command("filter", "F6", "Frames", "Next filter", "All frames, or those in one state"),

@@ -23,7 +23,7 @@ from annotate.gui.panes import Panes
 from annotate.gui.pointing import Hand
 from annotate.gui.progress_panel import ProgressPanel
 from annotate.gui.sight import PREVIEW_RGB
-from annotate.gui.theme import DARK, style_app, theme_of
+from annotate.gui.theme import DARK, Rgb, style_app, theme_of
 from annotate.gui.veil import outline
 from annotate.gui.walk import Walk
 from annotate.gui.widgets import laid, line, named
@@ -82,8 +82,19 @@ class Shell(QMainWindow):
         """Give what draws itself the theme's colours."""
         self.key_page.theme = self.theme
         self.strip.set_theme(self.theme)
+        self._show_grounds()
+
+    def ground(self, view: View) -> Rgb:
+        """Return the colour behind a view: a camera's picture has a dark one in every theme.
+
+        Gaps of the depth would be white specks all over the picture on a light one.
+        """
+        is_picture = self.look(view).colouring == "colour" and "colour" in colourings(self.desk.scene)
+        return (DARK if is_picture else self.theme).ground_rgb
+
+    def _show_grounds(self) -> None:
         for view in self.views:
-            view.set_ground(self.theme.ground_rgb)
+            view.set_ground(self.ground(view))
 
     def _lay_out(self) -> QWidget:
         """Everything in its place; the widget that holds it."""
@@ -155,7 +166,7 @@ class Shell(QMainWindow):
 
     def colors(self, view: View) -> Colors:
         """The colours of a view at this moment."""
-        return self.desk.painting(self.look(view), self.theme.ground_rgb)
+        return self.desk.painting(self.look(view), self.ground(view))
 
     def recolor(self, pixels: Int64 | None = None) -> None:
         """Show new colours of some pixels and those beside them, or of all, and what is hidden or shown."""
@@ -173,6 +184,7 @@ class Shell(QMainWindow):
     def set_look(self, view: View, look: Look) -> None:
         """Change what a view shows."""
         view.look = look
+        view.set_ground(self.ground(view))
         view.recolor(None, self.colors(view))
         self.refresh()
 
@@ -217,6 +229,7 @@ class Shell(QMainWindow):
         """Show all views without parts, or with them again."""
         if peeking != self.peeking:
             self.peeking = peeking
+            self._show_grounds()
             self.recolor()
             self.refresh()
 
