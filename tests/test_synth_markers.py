@@ -255,6 +255,9 @@ WRITTEN = {
     "motive_qualisys ": """Skeleton~001_HeadTop Skeleton~001_BackTop Skeleton~001_Chest
         Skeleton~001_WaistLFront Skeleton~001_WaistRBack Skeleton~001_LElbowOut Skeleton~001_LKneeOut
         Skeleton~001_RKneeOut Skeleton~001_LAnkleOut Skeleton~001_LToeOut""",
+    "motive_numbered": """Skeleton_Hip1 Skeleton_Hip2 Skeleton_Hip3 Skeleton_Hip4 Skeleton_Chest1
+        Skeleton_Chest2 Skeleton_Head1 Skeleton_LUArm1 Skeleton_RUArm1 Skeleton_LHand1 Skeleton_LThigh1 Skeleton_RThigh1
+        Skeleton_LShin1 Skeleton_RShin_2 Skeleton_LFoot1 Skeleton_LFoot_3""",
     "plug_in_gait": """251112_KUO_LASI 251112_KUO_RASI 251112_KUO_LPSI 251112_KUO_RPSI 251112_KUO_LTHI
         251112_KUO_LKNE 251112_KUO_RKNE 251112_KUO_LANK 251112_KUO_RBAK 251112_KUO_C7""",
 }
@@ -283,6 +286,42 @@ def test_every_shipped_set_bends_the_knee_that_is_bent(markerset):
         bent = np.degrees(motion.angles_rad[:, JOINT_ID[joint], 0])
         true = np.degrees(angles[:, JOINT_ID[joint], 0])
         assert np.abs((bent - bent.mean()) - (true - true.mean())).max() < 6, joint
+
+
+BONES = {
+    "Head": ["HeadTop", "HeadFront", "HeadSide"],
+    "Chest": ["SpineTop", "Chest", "BackL", "BackR"],
+    "Hip": ["WaistLFront", "WaistRFront", "WaistLBack", "WaistRBack"],
+    "LShoulder": ["LShoulderBack", "LShoulderTop"],
+    "LUArm": ["LArm", "LElbowOut"],
+    "LHand": ["LWristIn", "LWristOut", "LHandOut"],
+    "LThigh": ["LThigh", "LKneeOut"],
+    "LShin": ["LShin", "LAnkleOut"],
+    "LFoot": ["LHeelBack", "LForefoot5", "LForefoot1", "LToeTip"],
+}
+BONES |= {f"R{bone[1:]}": [f"R{n[1:]}" for n in own] for bone, own in BONES.items() if bone[0] == "L"}
+
+
+def test_markers_that_name_their_bones_alone_move_the_limbs_all_the_same():
+    places = next(s for s in shipped_marker_sets() if s.name == "motive_qualisys")
+    angles, pelvis = np.zeros((30, N_JOINTS, 3)), np.tile([0.0, 0.0, 0.93], (30, 1))
+    wave = np.arange(30) / 5
+    for side, sign in (("left", 1), ("right", -1)):
+        angles[:, JOINT_ID[f"{side}_hip"], 0] = 0.3 * sign * np.sin(wave)
+        angles[:, JOINT_ID[f"{side}_knee"], 0] = -0.5 - 0.4 * sign * np.sin(wave + 1)
+        angles[:, JOINT_ID[f"{side}_elbow"], 0] = 0.6 + 0.4 * sign * np.sin(wave)
+        angles[:, JOINT_ID[f"{side}_shoulder"], 1] = 0.3
+    angles[:, 0, 2] = 2 + 0.3 * np.sin(wave)
+    subject = Subject(zero_bones(shipped_bodies()[7].joints_m), places.joint, 1.03 * places.at_m)
+    at = np.array([markers_at(State.of(a, p), subject) for a, p in zip(angles, pelvis, strict=True)])
+    labels = tuple(f"Skeleton_{bone}{i}" for bone, own in BONES.items() for i in range(1, len(own) + 1))
+    columns = [places.names.index(name) for own in BONES.values() for name in own]
+    motion = solve(Markers(labels, at[:, columns], 30, "m", UP))
+    assert "constant" in motion.report.assumed[0] and motion.report.rms_mm < 4
+    for joint, most in (("left_knee", 2), ("right_hip", 2), ("right_elbow", 3), ("pelvis", 2)):
+        off = np.degrees(motion.angles_rad[:, JOINT_ID[joint]] - angles[:, JOINT_ID[joint]])
+        axis = 2 if joint == "pelvis" else 0
+        assert np.abs(off[:, axis] - off[:, axis].mean()).max() < most and abs(off[:, axis].mean()) < 9, joint
 
 
 def test_two_people_in_a_file_are_named():

@@ -30,7 +30,7 @@ class MarkerSet:
 
     names: of the M markers. joint: int64 (M,) the joint each moves with. at_m: (M, 3) metres from it,
     x to the person's left, y back, z up. spread_m: (M,) standard deviation of that place. weight: (M,).
-    also: other names of markers, by the key of the name (see ``key_of``).
+    also: other names of markers, by the key of the name (see ``key_of``). note: what to know of a solution.
     """
 
     name: str
@@ -40,6 +40,7 @@ class MarkerSet:
     spread_m: Float64
     weight: Float64
     also: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    note: str = ""
 
     @cached_property
     def places(self) -> dict[str, int]:
@@ -76,6 +77,7 @@ def load_marker_set(path: Path) -> MarkerSet:
         np.array(spread, float) / 1000,
         np.array(weight, float),
         also,
+        str(content.get("note", "")),
     )
 
 
@@ -158,7 +160,8 @@ def known_markers(markers: Markers, markerset: MarkerSet, standing: bool = False
     up, vertical = find_vertical(picked, markerset.joint, markerset.at_m, markers.up, standing)
     world = picked @ shortest_arc(direction(up), np.array([0.0, 0.0, 1.0])).T
     world[np.abs(world).max(axis=2) > FAR_M] = np.nan
-    return KnownMarkers(world, unknown, up, unit, (*twice, *unit_line, *vertical))
+    notes = (markerset.note,) if markerset.note else ()
+    return KnownMarkers(world, unknown, up, unit, (*notes, *twice, *unit_line, *vertical))
 
 
 def _picked(markers: Markers, markerset: MarkerSet) -> tuple[Float64, tuple[str, ...], tuple[str, ...]]:

@@ -33,6 +33,8 @@ FOOT_M = 0.005
 sides of it. Measured: free, a heel marker that moves drew all of its foot's 40 mm to one side."""
 ABOUT_ANKLE_M = 0.1
 """A shank's marker so near to the ankle is one of them. Chosen by eye."""
+FLAT_M = 0.05
+"""Extent, as a root of summed squares, by which a trunk's markers span a plane. Untuned."""
 SHAPE_STEPS = 12
 """Gauss-Newton steps at most. Chosen by eye."""
 LENIENT_M = 10.0
@@ -131,9 +133,9 @@ def start_states(subject: Subject, observed_m: Float64) -> list[State]:
     """Guesses at one frame's posture from nothing: the trunk laid over its markers, limbs in common poses."""
     seen = np.isfinite(observed_m).all(axis=1)
     trunk = seen & np.isin(subject.marker_joint, _TRUNK)
-    used = trunk if trunk.sum() >= 4 else seen
-    zero = State.of(np.zeros((N_JOINTS, 3)), np.zeros(3))
-    template = markers_at(zero, subject)[used]
+    places = markers_at(State.of(np.zeros((N_JOINTS, 3)), np.zeros(3)), subject)
+    used = trunk if trunk.sum() >= 4 and _spans_a_plane(places[trunk]) else seen
+    template = places[used]
     found = observed_m[used]
     from scipy.spatial.transform import Rotation
 
@@ -152,6 +154,11 @@ def start_states(subject: Subject, observed_m: Float64) -> list[State]:
         signed[0] = euler_rad(turn)
         states.append(State(pelvis, signed, local))
     return states
+
+
+def _spans_a_plane(points_m: Float64) -> bool:
+    """Whether points (n, 3) lie neither in one place nor on a line: others leave a turn about it open."""
+    return bool(np.linalg.svd(points_m - points_m.mean(axis=0), compute_uv=False)[1] > FLAT_M)
 
 
 _TRUNK = [JOINT_ID[name] for name in ("pelvis", "spine_lower", "spine_middle", "spine_upper")]
