@@ -67,6 +67,7 @@ HONEST: dict[str, float] = {
     "sensors.files.bounded.MAX_IMAGE_BYTES": 8192 * 8192 * 2,  # 16 bits a pixel, not compressed
     "sensors.files.bounded.MAX_IMAGE_SIDE": 7680,  # 8K
     "sensors.files.flir_records.MAX_RECORDS": 30,  # of an image: raw data, photograph, camera, palette, GPS
+    "sensors.files.flir_records.MAX_RECORDS": 100,  # of a camera with notes and measurements
     "sensors.files.weights_file.MAX_HEADER_BYTES": 10_000 * 120,  # tensors
     "sensors.importers.arrays.MAX_UNPACKED_BYTES": 30
     * 30

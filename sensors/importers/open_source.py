@@ -3,15 +3,17 @@
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from sensors.errors import CalibrationError, CloudError, FormatError
 from sensors.importers.foreign import refuse
 from sensors.importers.options import AS_STATED, ImportOptions
-from sensors.rig.frame import FrameSource
 from sensors.session.paths import recording_at
 
-Source: TypeAlias = FrameSource
+if TYPE_CHECKING:
+    from sensors.rig.frame import FrameSource
+
+Source: TypeAlias = "FrameSource"
 
 KINDS = (
     "a session, a ROS 1 or 2 bag, an MCAP file with ROS 2 or Foxglove images, a recording of a RealSense "
@@ -30,13 +32,13 @@ class Opener(NamedTuple):
     whole: whether its cameras are taken as they are, because the session was made here.
     """
 
-    read: Callable[[], FrameSource]
+    read: "Callable[[], FrameSource]"
     own: bool = False
     topics: bool = False
     whole: bool = False
 
 
-def open_source(path: Path, options: ImportOptions = AS_STATED) -> FrameSource:
+def open_source(path: Path, options: ImportOptions = AS_STATED) -> "FrameSource":
     """Open the ``FrameSource`` at ``path``, as its user declares it.
 
     Raises FormatError for anything else, CalibrationError for cameras that none is, and what sources raise.
@@ -56,12 +58,12 @@ def open_source(path: Path, options: ImportOptions = AS_STATED) -> FrameSource:
     return source
 
 
-def doubts_of(source: FrameSource) -> tuple[str, ...]:
+def doubts_of(source: "FrameSource") -> tuple[str, ...]:
     """What the judges of depth and cameras find odd of a source that was not judged when it was opened."""
     return tuple(note for note in judged_notes(source) if note not in source.notes and not _is_range(note))
 
 
-def judged_notes(source: FrameSource) -> tuple[str, ...]:
+def judged_notes(source: "FrameSource") -> tuple[str, ...]:
     """Notes of a source, with those of the judges of depth and cameras where it has not been judged yet.
 
     A frame that is looked at and cannot be read is named. Raises FormatError where the images are no depth.
