@@ -34,8 +34,8 @@ from sensors.rig.rig_calibration import (
     load_calibration,
     save_calibration,
 )
-from sensors.session.index import PLACE
 from sensors.session.host_times import host_times
+from sensors.session.index import PLACE
 from synth.clothes import makehuman_garments
 from synth.clothes.makehuman_garments import read_garment
 from synth.markers import joint_file as joint_files
@@ -67,7 +67,6 @@ HONEST: dict[str, float] = {
     "sensors.files.bounded.MAX_IMAGE_BYTES": 8192 * 8192 * 2,  # 16 bits a pixel, not compressed
     "sensors.files.bounded.MAX_IMAGE_SIDE": 7680,  # 8K
     "sensors.files.flir_records.MAX_RECORDS": 30,  # of an image: raw data, photograph, camera, palette, GPS
-    "sensors.files.flir_records.MAX_RECORDS": 100,  # of a camera with notes and measurements
     "sensors.files.weights_file.MAX_HEADER_BYTES": 10_000 * 120,  # tensors
     "sensors.importers.arrays.MAX_UNPACKED_BYTES": 30
     * 30
