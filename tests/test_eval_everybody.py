@@ -29,8 +29,8 @@ ROOM = RigCalibration(CAMERA)
 class Film(FrameSource):
     """A source of depth images in metres (h, w), NaN = no reading."""
 
-    def __init__(self, images: list) -> None:
-        self.images, self.calibration, self.name = images, ROOM, "film"
+    def __init__(self, images: list, calibration: RigCalibration = ROOM) -> None:
+        self.images, self.calibration, self.name = images, calibration, "film"
         self.times_ns = regular_times_ns(len(images))
 
     def _frame(self, index: int) -> RigFrame:

@@ -30,6 +30,7 @@ REGIONS = (
     "head of a chunk",
     "index of a chunk",
     "stored index",
+    "begin of the summary",
     "summary",
     "footer",
     "killed",
@@ -84,6 +85,7 @@ def regions(path: Path) -> dict[str, tuple[int, int]]:
         "head of a chunk": (chunks[5], chunks[5] + 60),
         "index of a chunk": (offsets[offsets.index(chunks[5]) + 1], chunks[6]),
         "stored index": (summary.attachments[0].offset, summary.start),
+        "begin of the summary": (summary.start, summary.start + 9),
         "summary": (summary.start, size - 37),
         "footer": (size - 37, size),
     }

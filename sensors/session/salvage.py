@@ -120,6 +120,8 @@ class _Walk:
         if opcode == Opcode.MESSAGE_INDEX:
             sound = int.from_bytes(content[2:6], "little") == len(content) - 6
             return Piece(at, end) if sound else None
+        if opcode == Opcode.DATA_END:
+            return Piece(at, end) if len(content) == _DATA_END_BYTES else None
         if not self._plausible(end):
             return None
         if opcode == Opcode.MESSAGE:
@@ -128,7 +130,7 @@ class _Walk:
         if opcode in _PARSED:
             parsed(record)
             return Piece(at, end, record)
-        return Piece(at, end) if opcode == Opcode.DATA_END and len(content) == _DATA_END_BYTES else None
+        return None
 
     def _plausible(self, at: int) -> bool:
         """Whether a record may begin at a byte, or all ends there."""
