@@ -234,7 +234,7 @@ def test_a_recording_that_is_slower_than_its_devices_still_ends(tmp_path, monkey
 
 
 def test_a_recording_without_depth_is_refused_before_it_begins(annotate_cloud, tmp_path, monkeypatch):
-    monkeypatch.setattr("cli.rig_devices.Shown", lambda: Unseen())
+    monkeypatch.setattr("cli.rig_devices.Shown", lambda plate: Unseen())
     done = annotate_cloud("record", tmp_path / "a.mcap", "--device", SPOT, "--seconds", 0.5)
     assert_refused(done, "name a depth camera")
     assert not list(tmp_path.iterdir())
