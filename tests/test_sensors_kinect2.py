@@ -18,8 +18,10 @@ from annotate.label_source import label_source
 from annotate.labelset.store import LabelSet
 from annotate.parts import UNDEFINED, swap_left_right
 from annotate.suit.palette import DEFAULT_SUIT
+from eval.network.bearing import Bearing
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import predict_source
+from eval.scores.joints import IN_SKELETON, TWIN
 from sensors.drivers import kinect2_build
 from sensors.drivers.kinect2 import COLOR, DEPTH, INFRARED, Kinect2, load_shim, uint16_from_float
 from sensors.drivers.kinect2_build import built_shim
@@ -244,7 +246,7 @@ def test_calibrations_of_real_units_project_with_the_sign_of_iais_sources(shared
 
 
 def test_left_stays_left_from_the_library_to_the_labels(rig_session, tmp_path):
-    """People of the virtual rig through a libfreenect2 that mirrors them: parts and points by the truth."""
+    """People of the virtual rig through a libfreenect2 that mirrors them: parts, joints, points are right."""
     session, truth = Session(rig_session), LabelSet.open(rig_session.with_suffix(".truth"))
     with SessionWriter(tmp_path / "k.mcap", session.calibration, "kinect") as writer:
         for frame in session:
@@ -262,7 +264,11 @@ def test_left_stays_left_from_the_library_to_the_labels(rig_session, tmp_path):
             sided = (true != swap_left_right(true)) & (frame.parts != UNDEFINED)
             right, swapped = (frame.parts[sided] == t[sided] for t in (true, swap_left_right(true)))
             assert right.mean() > least and swapped.mean() < 0.1
-    frame = session.frame(0)
+    for frame in network:
+        joints = Bearing.from_note(frame.notes["bearing"]).joints_mm(network.intrinsics)
+        true = np.array(truth.read(frame.frame_id).notes["joints_mm"])[IN_SKELETON]
+        off, if_swapped = (np.linalg.norm(joints - t, axis=1).mean() for t in (true, true[TWIN]))
+        assert off < 0.6 * if_swapped
     points, own = (Fuser(one.calibration).fuse(one.frame(0).depth_mm).points_m for one in (recorded, session))
     np.testing.assert_array_equal(points, own)
 
