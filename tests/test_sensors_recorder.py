@@ -66,7 +66,7 @@ def test_three_devices_make_a_session(tmp_path):
     path = tmp_path / "session.mcap"
     streams = recorded(path, 2.0, KINECT, FIR, SPOT).health().streams
     session = Session(path)
-    assert len(session) == streams["depth"].count > 20
+    assert len(session) == streams["depth"].count > 10
     assert not session.truncated
     frames = list(session)
     assert np.mean([frame.color_encoded is not None for frame in frames]) > 0.9
