@@ -1,7 +1,7 @@
 """The verb ``live``: the rig in front of you, labelled as it runs."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
@@ -9,8 +9,11 @@ from cli.console import Json, Overwrite
 from cli.extras import check_window
 from sensors.errors import DeviceError
 from sensors.files.atomic import check_free, check_there
-from sensors.importers.open_source import opener_at
+from sensors.importers.open_source import open_source, opener_at
 from sensors.session.paths import recording_at
+
+if TYPE_CHECKING:
+    from annotate.live.live_frame import Rig
 
 
 def live(
@@ -34,7 +37,8 @@ def live(
     json: Json = False,
 ) -> None:
     """Label a running rig live, or play a session; show parts, joints, and what is wrong with the rig."""
-    from cli.rig_devices import asked_rig, check_one_source
+    from cli.rig_devices import asked_rig, check_one_source, open_rig
+    from sensors.recording.playback import Playback
 
     check_one_source(session=session, rig=rig, device=device)
     if session is not None:
@@ -51,6 +55,12 @@ def live(
     palette = load_suit(suit) if suit else None
     if not no_window:
         check_window()
-    from cli.live_view import watch
+    from cli.live_view import LiveOptions, watch
 
-    watch(session, rig, device, palette, record, subject, no_window, serve, port, seconds, overwrite, json)
+    def open_one() -> "Rig":
+        if session is None:
+            return open_rig(rig, device)
+        return Playback(open_source(session))
+
+    options = LiveOptions(palette, record, subject, seconds, overwrite, json)
+    watch(open_one, options, not no_window, port if serve else None)

@@ -1,11 +1,11 @@
 """What ``live`` does: a rig or a session that plays, labelled as it runs, and shown."""
 
-import json as json_text
 import math
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,22 +15,20 @@ import typer
 from annotate.cloud.coarse import CoarseCloud
 from annotate.frame_labels import FrameLabels
 from annotate.label_source import SuitSurvey, suit_labeller
-from annotate.live.live_frame import Labelling, LiveFrame, Rig, Stance
+from annotate.live.live_frame import Labelling, Rig, Stance
 from annotate.live.pipeline import LivePipeline
 from annotate.reader.network import shipped_reader
 from annotate.suit.palette import Suit
 from cli.console import finish, say
 from cli.extras import needing
-from cli.rig_devices import open_rig
-from eval.network.bearing import Bearing, joint_row
+from cli.live_lines import print_joints, show_lines, show_newest
+from eval.network.bearing import Bearing
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import NetworkSurvey
 from eval.network.sides import sided
 from eval.scores.joints import JOINT, JOINT_NAMES
 from eval.scores.skeleton_fit import BONES
-from sensors.importers.open_source import open_source
 from sensors.interrupt import Ending, ended_by_signals, interrupted_by_signals
-from sensors.recording.playback import Playback
 from sensors.rig.camera import Intrinsics
 
 SWITCH_S = 0.001
@@ -39,35 +37,43 @@ image passes through three threads, and its camera keeps an eighth of a second o
 BONE_ENDS = tuple((JOINT[a], JOINT[b]) for a, b, _ in BONES)
 
 
-def watch(
-    session: Path | None,
-    rig: Path | None,
-    device: list[str] | None,
-    palette: Suit | None,
-    record: Path | None,
-    subject: str,
-    no_window: bool,
-    serve: bool,
-    port: int,
-    seconds: float | None,
-    overwrite: bool,
-    json: bool,
-) -> None:
-    """What ``live`` does, with its arguments."""
-    show = None if json else print_joints
-    with interrupted_by_signals(), serving(port if serve else None) as stream:
-        opened: Rig = Playback(open_source(session)) if session else open_rig(rig, device)
-        with closing(opened) as running, ended_by_signals() as ending:
-            if not no_window:
-                look_at(running, palette, record, overwrite, seconds, json, ending, subject, stream)
-                return
-            with run_pipeline(running, labelling_by(palette), stream) as pipeline:
-                if record is not None:
-                    running.record(record, subject, overwrite)
-                shown = show_lines(pipeline, _end_s(seconds), show, ending)
-            # The frame that was being labelled at the end.
-            show_newest(pipeline, shown, show)
-    _finish(running, pipeline, json)
+@dataclass(frozen=True)
+class LiveOptions:
+    """Options of a live rig. suit: None = parts by the network. record: session to record from the start.
+
+    subject: name of the person, "" if unknown. seconds: duration, None = until the user ends it.
+    json: print one object at the end.
+    """
+
+    suit: Suit | None = None
+    record: Path | None = None
+    subject: str = ""
+    seconds: float | None = None
+    overwrite: bool = False
+    json: bool = False
+
+
+def watch(open_source: Callable[[], Rig], options: LiveOptions, window: bool, port: int | None) -> None:
+    """Label a rig and show it in the window or as lines. port: of the server for Foxglove, if any."""
+    with (
+        interrupted_by_signals(),
+        serving(port) as stream,
+        closing(open_source()) as running,
+        ended_by_signals() as ending,
+    ):
+        (look_at if window else _print)(running, options, ending, stream)
+
+
+def _print(running: Rig, options: LiveOptions, ending: Ending, stream: "Stream") -> None:
+    """Print a line for every labelled frame."""
+    show = None if options.json else print_joints
+    if options.record is not None:
+        running.record(options.record, options.subject, options.overwrite)
+    with run_pipeline(running, labelling_by(options.suit), stream) as pipeline:
+        shown = show_lines(pipeline, time.monotonic() + (options.seconds or math.inf), show, ending)
+    # The frame that was being labelled at the end.
+    show_newest(pipeline, shown, show)
+    _finish(running, pipeline, options.json)
 
 
 Stream = Callable[[LivePipeline], AbstractContextManager[None]]
@@ -93,32 +99,17 @@ def serving(port: int | None) -> Iterator[Stream]:
         yield partial(streamed, server=server)
 
 
-def look_at(
-    running: Rig,
-    suit: Suit | None,
-    out: Path | None,
-    overwrite: bool,
-    seconds: float | None,
-    json: bool,
-    ending: Ending,
-    subject: str = "",
-    stream: Stream = unstreamed,
-) -> None:
-    """Show a rig in the window, recorded from the start where ``out`` names a session, until it is closed."""
+def look_at(running: Rig, options: LiveOptions, ending: Ending, stream: Stream = unstreamed) -> None:
+    """Show a rig in the window until it is closed."""
     with needing("gui"):
         from annotate.gui.app import run_live
         from annotate.gui.live_commands import takes
-    names = takes(out)
-    with run_pipeline(running, labelling_by(suit), stream) as pipeline:
-        if out is not None:
-            running.record(next(names), subject, overwrite)
-        run_live(pipeline, names, subject, seconds or math.inf, ending)
-    _finish(running, pipeline, json)
-
-
-def _end_s(seconds: float | None) -> float:
-    """The end on ``time.monotonic``."""
-    return time.monotonic() + (seconds or math.inf)
+    names = takes(options.record)
+    if options.record is not None:
+        running.record(next(names), options.subject, options.overwrite)
+    with run_pipeline(running, labelling_by(options.suit), stream) as pipeline:
+        run_live(pipeline, names, options.subject, options.seconds or math.inf, ending)
+    _finish(running, pipeline, options.json)
 
 
 @contextmanager
@@ -186,52 +177,6 @@ def _as_stance(bearing: Bearing, camera: Intrinsics) -> Stance:
         bearing.name,
         float(bearing.posture.max()),
     )
-
-
-Show = Callable[[LiveFrame], None] | None
-"""What shows a labelled frame, if anything does."""
-
-
-def show_lines(pipeline: LivePipeline, end_s: float, show: Show, ending: Ending) -> int:
-    """Hand on every newest frame until the time is over, the rig ends or a signal comes.
-
-    Returns the number of the last one. Warnings go to stderr.
-    """
-    seen, said = 0, set[str]()
-    while not ending.asked and time.monotonic() < end_s and not pipeline.frames.ended:
-        seen = show_newest(pipeline, seen, show, 0.2)
-        # Not those of a frame: none comes of a camera that is silent.
-        standing = pipeline.complaints
-        for complaint in standing:
-            if complaint.kind not in said:
-                say(complaint.text)
-        said = {complaint.kind for complaint in standing}
-    return seen
-
-
-def show_newest(pipeline: LivePipeline, seen: int, show: Show, timeout_s: float = 0.0) -> int:
-    """Show the newest frame after number ``seen``, if one comes in time; its number, or ``seen``."""
-    if (newest := pipeline.frames.after(seen, timeout_s)) is None:
-        return seen
-    number, frame = newest
-    if show is not None:
-        show(frame)
-    return number
-
-
-def print_joints(frame: LiveFrame) -> None:
-    """One JSON line: the frame, its time, and of a person that was found joints, facing and posture."""
-    row: dict[str, Any] = {"frame": frame.labels.frame_id, "time_ns": frame.moment.host_ns}
-    if (stance := frame.stance) is not None:
-        row |= {
-            "facing_deg": round(stance.facing_deg, 1),
-            "facing_sure": round(stance.facing_sure, 3),
-            "posture": stance.posture,
-            "posture_sure": round(stance.posture_sure, 3),
-            "joints_mm": joint_row(stance.joints_m * 1000),
-        }
-    row["complaints"] = {complaint.kind: complaint.text for complaint in frame.complaints}
-    print(json_text.dumps(row), flush=True)
 
 
 def _finish(running: Rig, pipeline: LivePipeline, json: bool) -> None:

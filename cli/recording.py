@@ -58,9 +58,10 @@ def record(
         check_window()
     with interrupted_by_signals(), closing(open_rig(rig, device)) as running, ended_by_signals() as ending:
         if preview:
-            from cli.live_view import look_at
+            from cli.live_view import LiveOptions, look_at
 
-            look_at(running, palette, out, overwrite, seconds, json, ending)
+            options = LiveOptions(palette, out, "", seconds, overwrite, json)
+            look_at(running, options, ending)
             return
         running.record(out, overwrite=overwrite, infrared=infrared)
         why = _run(running, time.monotonic() + (seconds or math.inf), ending)

@@ -26,7 +26,7 @@ from annotate.person.extract import PersonMask
 from annotate.reader.network import shipped_reader
 from annotate.reader.segmentation import unlabelled
 from annotate.suit.palette import load_suit
-from cli.live_view import show_lines
+from cli.live_lines import show_lines
 from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, Flag, ThermalImage
 from sensors.errors import CloudError
 from sensors.interrupt import Ending

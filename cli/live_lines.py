@@ -1,0 +1,57 @@
+"""Labelled frames of a running rig as JSON lines, and warnings on stderr: ``live`` without a window."""
+
+import json as json_text
+import time
+from collections.abc import Callable
+from typing import Any
+
+from annotate.live.live_frame import LiveFrame
+from annotate.live.pipeline import LivePipeline
+from cli.console import say
+from eval.network.bearing import joint_row
+from sensors.interrupt import Ending
+
+Show = Callable[[LiveFrame], None] | None
+"""What shows a labelled frame, if anything does."""
+
+
+def show_lines(pipeline: LivePipeline, end_s: float, show: Show, ending: Ending) -> int:
+    """Hand on every newest frame until the time is over, the rig ends or a signal comes.
+
+    Returns the number of the last one. Warnings go to stderr.
+    """
+    seen, said = 0, set[str]()
+    while not ending.asked and time.monotonic() < end_s and not pipeline.frames.ended:
+        seen = show_newest(pipeline, seen, show, 0.2)
+        # Not those of a frame: none comes of a camera that is silent.
+        standing = pipeline.complaints
+        for complaint in standing:
+            if complaint.kind not in said:
+                say(complaint.text)
+        said = {complaint.kind for complaint in standing}
+    return seen
+
+
+def show_newest(pipeline: LivePipeline, seen: int, show: Show, timeout_s: float = 0.0) -> int:
+    """Show the newest frame after number ``seen``, if one comes in time; its number, or ``seen``."""
+    if (newest := pipeline.frames.after(seen, timeout_s)) is None:
+        return seen
+    number, frame = newest
+    if show is not None:
+        show(frame)
+    return number
+
+
+def print_joints(frame: LiveFrame) -> None:
+    """One JSON line: the frame, its time, and of a person that was found joints, facing and posture."""
+    row: dict[str, Any] = {"frame": frame.labels.frame_id, "time_ns": frame.moment.host_ns}
+    if (stance := frame.stance) is not None:
+        row |= {
+            "facing_deg": round(stance.facing_deg, 1),
+            "facing_sure": round(stance.facing_sure, 3),
+            "posture": stance.posture,
+            "posture_sure": round(stance.posture_sure, 3),
+            "joints_mm": joint_row(stance.joints_m * 1000),
+        }
+    row["complaints"] = {complaint.kind: complaint.text for complaint in frame.complaints}
+    print(json_text.dumps(row), flush=True)
