@@ -256,8 +256,8 @@ WRITTEN = {
         Skeleton~001_WaistLFront Skeleton~001_WaistRBack Skeleton~001_LElbowOut Skeleton~001_LKneeOut
         Skeleton~001_RKneeOut Skeleton~001_LAnkleOut Skeleton~001_LToeOut""",
     "motive_numbered": """Skeleton_Hip1 Skeleton_Hip2 Skeleton_Hip3 Skeleton_Hip4 Skeleton_Chest1
-        Skeleton_Chest2 Skeleton_Head1 Skeleton_LUArm1 Skeleton_RUArm1 Skeleton_LHand1 Skeleton_LThigh1 Skeleton_RThigh1
-        Skeleton_LShin1 Skeleton_RShin_2 Skeleton_LFoot1 Skeleton_LFoot_3""",
+        Skeleton_Chest2 Skeleton_Head1 Skeleton_LUArm1 Skeleton_RUArm1 Skeleton_LHand1 Skeleton_LThigh1
+        Skeleton_RThigh1 Skeleton_LShin1 Skeleton_RShin_2 Skeleton_LFoot1 Skeleton_LFoot_3""",
     "plug_in_gait": """251112_KUO_LASI 251112_KUO_RASI 251112_KUO_LPSI 251112_KUO_RPSI 251112_KUO_LTHI
         251112_KUO_LKNE 251112_KUO_RKNE 251112_KUO_LANK 251112_KUO_RBAK 251112_KUO_C7""",
 }

@@ -206,6 +206,39 @@ def test_key_points_without_parents_are_joints(tmp_path):
     assert np.ptp(motion.pelvis_m, axis=0).max() == pytest.approx(1.61, abs=0.05)
 
 
+def test_the_hand_of_a_short_wrist_bone_is_the_wrist_and_smpls_is_not(tmp_path):
+    at = places_cm()
+    names = [name.replace("Left", "l").replace("Right", "r").lower() for name in JOINTS]
+    names = [
+        {"larm": "lhumerus", "lforearm": "lradius", "lupleg": "lfemur", "lleg": "ltibia"}.get(n, n)
+        for n in names
+    ]
+    hand, elbow = JOINTS.index("LeftHand"), JOINTS.index("LeftForeArm")
+    for short, wrist in ((0.08, "lhand"), (0.4, "lwrist")):
+        bend = at[:, hand] + short * (at[:, elbow] - at[:, hand])
+        takes = {"walk": np.concatenate([at, bend[:, None]], axis=1)}
+        takes, places = read_joint_file(
+            saved(tmp_path / "a.npz", joint_names=np.array([*names, "lwrist"]), **takes)
+        )
+        found = takes["walk"].positions[:, places.names.index("left_wrist")]
+        np.testing.assert_array_equal(found, bend if wrist == "lwrist" else at[:, hand])
+
+
+def test_a_reference_above_the_hips_and_props_beside_them_change_nothing(tmp_path):
+    text = bvh_of(positions="replace").replace("ROOT Hips", "JOINT Hips")
+    hierarchy, _, motion = text.partition("MOTION")
+    channels = "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation\n"
+    sword = "JOINT Sword\n{\nOFFSET 150 100 600\n" + channels + "End Site\n{\nOFFSET 0 0 30\n}\n}\n"
+    root = "ROOT Reference\n{\nOFFSET 0 0 0\n" + channels
+    head, rows = motion.split("0.033333\n")
+    rows = "".join(
+        f"0 0 0 0 0 0 {row} 151 101 {600 + 6 * i} 0 0 0\n" for i, row in enumerate(rows.splitlines())
+    )
+    body = root + hierarchy.removeprefix("HIERARCHY\n") + sword + "}\n"
+    (tmp_path / "a.bvh").write_text(f"HIERARCHY\n{body}MOTION{head}0.033333\n{rows}")
+    assert_walks(*read_bvh(tmp_path / "a.bvh"))
+
+
 def amass(turn_x, **more):
     """An AMASS file's arrays: somebody who lifts the left thigh by 50 degrees, by SMPL's own zero pose."""
     poses, trans = np.zeros((8, 156)), np.tile([0.3, -0.2, 0.9], (8, 1))
