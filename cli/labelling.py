@@ -287,7 +287,7 @@ def fix(
     labels: Annotated[Path, Argument(help="Label set to correct.")],
     session: Annotated[
         Path | None,
-        Option(help="Recording of these labels, for colour and temperature. Default: the one beside them."),
+        Option(help="Recording, for colour and temperature. Default: the last one given, or the one beside."),
     ] = None,
     compare: Annotated[Path | None, Option(help="Another label set, to show the differences.")] = None,
     who: Annotated[str, Option(help="Name of the person who corrects. Default: the system user.")] = "",

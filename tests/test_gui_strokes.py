@@ -315,3 +315,34 @@ def test_a_small_scaled_screen_shows_both_views_and_all_counts(hand):
     assert all(min(view.width(), view.height()) > 90 for view in window.views)
     window.resize(1000, 760)
     hand.settle()
+
+
+def test_counts_are_written_on_low_tiles_too(hand):
+    window = hand.window
+    window.resize(1000, 600)
+    hand.settle()
+    tile = window.palette_.tiles[PART_ID["left_upper_leg"]]
+    assert tile.height() < 50
+    pictures = []
+    for tile.count in (0, 1234):
+        pictures.append(tile.grab().toImage())
+    assert pictures[0] != pictures[1]
+    window.resize(1000, 760)
+    hand.settle()
+
+
+def test_a_window_as_large_as_the_screen_makes_room_for_its_frame(qapp, tmp_path, monkeypatch):
+    """A title bar of 24 pixels, which only a window manager draws."""
+    driver = Driver(figure_set(tmp_path / "labels", [0.9]).path, size=None)
+    window, there = driver.window, driver.window.screen().availableGeometry()
+    framed = [-1, -24, 1, 1]
+    monkeypatch.setattr(window, "frameGeometry", lambda: window.geometry().adjusted(*framed))
+    window.hide()
+    window.resize(there.size())
+    window.show()
+    for _ in range(100):
+        if window.height() == there.height() - 25:
+            break
+        QTest.qWait(50)
+    assert (window.width(), window.height()) == (there.width() - 2, there.height() - 25)
+    driver.close()
