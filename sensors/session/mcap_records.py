@@ -45,6 +45,11 @@ class Span(NamedTuple):
     start: int
     end: int
 
+    @property
+    def size(self) -> int:
+        """Bytes of the content."""
+        return self.end - self.start
+
 
 def record_offsets(file: BinaryIO) -> Iterator[int]:
     """Offsets of the records that are there in full; those of a truncated file simply end early.

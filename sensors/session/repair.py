@@ -135,6 +135,11 @@ class Losses:
         return True
 
 
+def _is_possible(message: Message) -> bool:
+    """Whether a message's times are those of a session."""
+    return max(message.log_time, message.publish_time) < 1 << 63
+
+
 class Copier:
     """Copies records to a writer: schemas, channels, metadata, attachments and messages. frames: so far."""
 
@@ -159,7 +164,7 @@ class Copier:
                 schema, encoding = self._schemas[record.schema_id], record.message_encoding
                 new = self._writer.register_channel(record.topic, encoding, schema, record.metadata)
                 self._channels[record.id], self._topics[record.id] = new, record.topic
-            case Message() if record.channel_id in self._channels:
+            case Message() if record.channel_id in self._channels and _is_possible(record):
                 self._add_message(record)
 
     def add_beside(self, record: McapRecord, index: StoredIndex | None) -> None:

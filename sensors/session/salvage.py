@@ -109,13 +109,16 @@ class _Walk:
             return None
         if opcode == Opcode.CHUNK:
             data = unpacked(parsed(record))
-            for _ in spans(data):
-                pass
+            for span in spans(data):
+                # What has no CRC may hold anything.
+                if span.opcode in _PARSED or (span.opcode == Opcode.MESSAGE and span.size < MESSAGE.size):
+                    parsed(data, span)
             self._chunked = True
             return Piece(at, end, data, end_ns=_TIMES.unpack_from(content)[1])
         if opcode == Opcode.ATTACHMENT:
             crc = content[-4:]
             sound = crc in (b"\0\0\0\0", zlib.crc32(content[:-4]).to_bytes(4, "little"))
+            parsed(record)
             return Piece(at, end, record) if sound else None
         if opcode == Opcode.MESSAGE_INDEX:
             sound = int.from_bytes(content[2:6], "little") == len(content) - 6

@@ -119,6 +119,8 @@ def read_index(file: BinaryIO, summary: Summary) -> StoredIndex | None:
     found = [each for each in summary.attachments if each.name == NAME]
     if not found or not HEAD.size <= found[0].length <= 2 * MAX_COLUMN_BYTES:
         return None
+    if found[0].offset + found[0].length > summary.start:
+        return None
     file.seek(found[0].offset)
     record = file.read(found[0].length)
     if len(record) != found[0].length or HEAD.unpack_from(record) != (
