@@ -82,6 +82,7 @@ HONEST: dict[str, float] = {
     "sensors.importers.ebml.MAX_ELEMENT_BYTES": 4096 * 3072 * 2,  # an Azure Kinect's largest image
     "sensors.importers.tum_lists.MAX_BYTES": 8 * HOUR_S * 30 * 60,  # lines of a night
     "sensors.recording.rig_file.MAX_BYTES": 100 * 300,  # devices
+    "sensors.rig.clock.MAX_EPOCHS": 8 * HOUR_S // 10,  # a loose plug in a night
     "sensors.rig.pairing.MAX_LATENCY_MS": 500,  # a camera behind a network's encoder
     "sensors.rig.rig_calibration.MAX_CALIBRATION_BYTES": 100_000,  # an Azure Kinect's own has 12 kB
     "sensors.session.index.MAX_MESSAGES": 24 * HOUR_S * 30 * 6,  # a day of six streams

@@ -154,6 +154,19 @@ def test_one_epoch_is_fitted_as_ever_and_images_keep_their_order_over_the_next()
     assert (np.diff(host) > 0).all() and not split.sure(stamps)[1]
 
 
+@given(
+    st.lists(st.tuples(*[st.integers(0, (1 << 63) - 1)] * 2), min_size=1, max_size=20),
+    st.lists(st.integers(0, (1 << 64) - 1), max_size=6),
+)
+@settings(deadline=None)
+def test_whatever_a_damaged_file_states_its_times_are_in_order(rows, begins):
+    stamps, arrivals = np.array(sorted(rows), np.int64).T
+    events = [(at_ns, BACK.format("a")) for at_ns in begins]
+    found = {DEPTH: places(stamps.tolist(), arrivals.tolist())}
+    host = host_times(found, {f"clock {DEPTH}": "a"}, events)
+    assert (np.diff(host.ns[DEPTH].astype(float)) >= 0).all() and len(host.sure[DEPTH]) == len(rows)
+
+
 def test_readings_without_flag_or_of_other_streams_share_the_device_s_epoch():
     arrivals = Arrivals(START_NS)
     warm = ThermalImage(np.full((2, 2), 30, np.float32), Flag.OPEN)

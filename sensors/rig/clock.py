@@ -9,6 +9,7 @@ fitted by itself.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ BACK, SET_ANEW = "{} is back", "{}: its clock was set"
 EPOCH_MARGIN_NS = 100_000_000
 """Nanoseconds before an epoch's first reading in which its readings may be stamped too: another stream of
 the device is stamped earlier and arrives later. At least as long before that, there is no reading."""
+MAX_EPOCHS = 10_000
+"""Beginnings of one clock that are heeded: of a device that is opened every second for three hours."""
 MOST_LATE_NS = 60_000_000_000
 """Nanoseconds by which an epoch's fit is moved back at most: what a damaged file states is not believed."""
 AGREE_NS, EXPOSURE_NS = 5_000_000, 20_000_000
@@ -67,18 +70,18 @@ class EpochClock:
     unsure: frozenset[int]
 
     def host_ns(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Device stamps (n,), each of an epoch that was fitted, on the host's clock."""
-        epoch, host = self._epoch(stamps_ns), stamps_ns.copy()
-        for number, clock in self.clocks.items():
-            host[epoch == number] = clock.host_ns(stamps_ns[epoch == number])
+        """Device stamps (n,), sorted and of epochs that were fitted, on the host's clock."""
+        host = stamps_ns.copy()
+        for number, span in _spans(stamps_ns, self.begins_ns):
+            host[span] = self.clocks[number].host_ns(stamps_ns[span])
         return host
 
     def sure(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Flags (n,) of device stamps whose time on the host's clock is sure."""
-        return ~np.isin(self._epoch(stamps_ns), list(self.unsure))
-
-    def _epoch(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.intp]:
-        return np.searchsorted(self.begins_ns, stamps_ns, "right")
+        """Flags (n,) of sorted device stamps whose time on the host's clock is sure."""
+        flags = np.ones(len(stamps_ns), np.bool_)
+        for number, span in _spans(stamps_ns, self.begins_ns):
+            flags[span] = number not in self.unsure
+        return flags
 
 
 def fit_epochs(
@@ -88,13 +91,15 @@ def fit_epochs(
 
     Readings keep their order: a fit that is later than the first reading of the epoch after it is too late.
     """
-    epoch = np.searchsorted(begins_ns, stamps_ns, "right")
+    order = np.argsort(stamps_ns, kind="stable")
+    stamps_ns, arrivals_ns = stamps_ns[order], arrivals_ns[order]
     clocks, unsure, next_ns = dict[int, Clock](), set[int](), 1 << 62
-    for number in np.unique(epoch)[::-1].tolist():
-        stamps, arrivals = stamps_ns[epoch == number], arrivals_ns[epoch == number]
+    for number, span in reversed(_spans(stamps_ns, begins_ns)):
+        stamps, arrivals = stamps_ns[span], arrivals_ns[span]
         clock = fit_clock(stamps, arrivals)
         host = clock.host_ns(stamps)
-        late_ns = int(np.clip(int(host.max()) - next_ns + 1, 0, MOST_LATE_NS))
+        most_ns = min(MOST_LATE_NS, max(0, int(host.min())))
+        late_ns = min(max(0, int(host.max()) - next_ns + 1), most_ns)
         clocks[number] = replace(clock, offset_ns=clock.offset_ns - late_ns)
         next_ns = int(host.min()) - late_ns
         on_line = stamps[arrivals - host <= AGREE_NS]
@@ -103,10 +108,19 @@ def fit_epochs(
     return EpochClock(begins_ns, clocks, frozenset(unsure))
 
 
+def _spans(stamps_ns: NDArray[np.int64], begins_ns: NDArray[np.int64]) -> list[tuple[int, slice]]:
+    """Epochs that have any of the sorted stamps, by number, and where in the stamps they are."""
+    ends = [0, *np.searchsorted(stamps_ns, begins_ns, "left").tolist(), len(stamps_ns)]
+    return [(number, slice(low, high)) for number, (low, high) in enumerate(pairwise(ends)) if low < high]
+
+
 def begins_of(name: str, events: Iterable[tuple[int, str]]) -> NDArray[np.int64]:
     """int64 (k,): stamps from which on a clock's epochs 1 .. k are. events: (stamp in ns, text)."""
     texts = {BACK.format(name), SET_ANEW.format(name)}
-    return np.array(sorted(at_ns - EPOCH_MARGIN_NS for at_ns, text in events if text in texts), np.int64)
+    begins = sorted(
+        at_ns - EPOCH_MARGIN_NS for at_ns, text in events if text in texts and 0 <= at_ns < 1 << 63
+    )
+    return np.array(begins[:MAX_EPOCHS], np.int64)
 
 
 def _envelope(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:

@@ -13,6 +13,7 @@ import signal
 import sys
 import tempfile
 import time
+import traceback
 from collections import Counter
 from pathlib import Path
 from typing import ClassVar
@@ -67,6 +68,9 @@ class Shown:
 
     calibration = RigCalibration(KINECT2_DEPTH)
 
+    def __init__(self, plate: object = None) -> None:
+        pass
+
     def __iter__(self):  # type: ignore[no-untyped-def]
         return iter(swinging_ball())
 
@@ -107,6 +111,8 @@ def in_child(way: str, path: Path) -> int:
         code = 0
     except SystemExit as end:
         code = int(end.code or 0)
+    except BaseException:
+        traceback.print_exc()
     finally:
         sys.stdout.flush()
         os._exit(code)
@@ -115,8 +121,11 @@ def in_child(way: str, path: Path) -> int:
 def ended(way: str, path: Path, rng: np.random.Generator) -> tuple[str, str]:
     """The outcome of one recording, and what was said of it."""
     child, number = in_child(way, path), rng.choice([signal.SIGINT, signal.SIGTERM])
-    partial, waited = path.with_name(path.name + ".partial"), time.monotonic() + 120
-    while not partial.exists() and time.monotonic() < waited:
+    partial, status = path.with_name(path.name + ".partial"), 0
+    while not partial.exists():
+        gone, status = os.waitpid(child, os.WNOHANG)
+        if gone:
+            return "never begun", path.with_suffix(".said2").read_text()[-1000:]
         time.sleep(0.002)
     time.sleep(rng.uniform(0, LATEST_S))
     os.kill(child, number)
