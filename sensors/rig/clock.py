@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 LIMIT_SKEW = 200e-6
 """No crystal of a camera or host is off by more; a steeper envelope is jitter over a short time."""
+FARTHEST_NS = 1 << 62
+"""Nanoseconds by which a clock is off at most: 146 years."""
 BACK, SET_ANEW = "{} is back", "{}: its clock was set"
 """Events at which a clock begins an epoch; the clock's name is in them."""
 EPOCH_MARGIN_NS = 100_000_000
@@ -54,7 +56,8 @@ def fit_clock(stamps_ns: NDArray[np.int64], arrivals_ns: NDArray[np.int64]) -> C
     delay = arrivals_ns - stamps_ns
     base = int(delay.min())
     skew, offset = _envelope(since, (delay - base).astype(np.float64))
-    return Clock(base + round(offset), skew, origin)
+    # A damaged file may state times that no sum of two can hold.
+    return Clock(max(-FARTHEST_NS, min(FARTHEST_NS, base + round(offset))), skew, origin)
 
 
 @dataclass(frozen=True)
