@@ -106,7 +106,7 @@ def fit_epochs(
         clocks[number] = replace(clock, offset_ns=clock.offset_ns - late_ns)
         next_ns = int(host.min()) - late_ns
         on_line = stamps[arrivals - host <= AGREE_NS]
-        if len(begins_ns) and np.ptp(on_line) < EXPOSURE_NS:
+        if len(begins_ns) and (len(on_line) < 2 or np.ptp(on_line) < EXPOSURE_NS):
             unsure.add(number)
     return EpochClock(begins_ns, clocks, frozenset(unsure))
 
