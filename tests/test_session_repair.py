@@ -1,5 +1,6 @@
 """Repair keeps every frame that is sound, bit for bit, states what is gone, and leaves the source alone."""
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -150,6 +151,17 @@ def test_the_length_of_a_chunk_costs_its_frame(tmp_path, whole):
     assert 0 < done.lost_bytes < 2 * path.stat().st_size / COUNT
 
 
+def test_no_length_hides_what_follows(tmp_path, whole):
+    """Each bit of the lengths of a chunk, its index and the metadata, in a recording that was killed."""
+    high, at = regions(whole)["stored index"][0], chunks_of(whole)[4]
+    data = whole.read_bytes()[:high]
+    (length,) = struct.unpack_from("<Q", data, at + 1)
+    for begin in (at + 1, at + 9 + length + 1, regions(whole)["metadata"][0] + 1):
+        for bit in range(40):
+            done = repair(flipped(tmp_path / "x.mcap", data, 8 * begin + bit), overwrite=True)
+            assert done.frames == kept(done.path) >= COUNT - 1
+
+
 def test_it_says_what_is_gone_and_replaces_nothing(annotate_cloud, tmp_path, whole):
     at = chunks_of(whole)[4]
     path = flipped(tmp_path / "take.mcap", whole.read_bytes(), 8 * (at + 200))
@@ -189,8 +201,12 @@ def test_sessions_of_other_writers_are_repaired(tmp_path, whole, how):
 
 def test_nothing_to_save_is_an_error(tmp_path, whole):
     path, out = tmp_path / "x.mcap", tmp_path / "out.mcap"
-    for data in (b"", b"junk" * 100, whole.read_bytes()[:300], bytes(10_000)):
+    high, first = regions(whole)["stored index"][0], chunks_of(whole)[0]
+    nameless = bytearray(whole.read_bytes()[:high])
+    nameless[first + 100] ^= 1
+    for data in (b"", b"junk" * 100, whole.read_bytes()[:300], bytes(10_000), bytes(nameless)):
         path.write_bytes(data)
-        with pytest.raises(CloudError):
+        with pytest.raises(CloudError) as error:
             repair(path, out)
+        assert "annotate-cloud repair" not in str(error.value)
         assert path.read_bytes() == data and [f.name for f in tmp_path.iterdir()] == ["x.mcap"]

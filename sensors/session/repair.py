@@ -86,8 +86,12 @@ def _rewrite(file: BinaryIO, temporary: Path, target: Path) -> Repaired:
                     copier.add_beside(parsed(piece.data, span), index)
         copier.finish(index)
     if not copier.frames:
-        scan(file)  # raises why it is no session
-        raise FormatError(f"{file.name} holds no depth image that can be read; record it again")
+        if not copier.nameless:
+            scan(file)  # raises why it is no session
+        raise FormatError(
+            f"{file.name}: no depth image can be saved, because the records that name the topics cannot be "
+            "read; restore it from a copy"
+        )
     frames = len(read_contents(temporary).places[DEPTH])
     stated = summary.counts[DEPTH] if summary and summary.statistics else None
     if stated is None and not losses.bytes:
@@ -141,7 +145,10 @@ def _is_possible(message: Message) -> bool:
 
 
 class Copier:
-    """Copies records to a writer: schemas, channels, metadata, attachments and messages. frames: so far."""
+    """Copies records to a writer: schemas, channels, metadata, attachments and messages.
+
+    frames: depth images so far; nameless: messages without a channel that names their topic.
+    """
 
     def __init__(self, writer: IndexedWriter) -> None:
         self._writer = writer
@@ -151,8 +158,7 @@ class Copier:
         self._copied: set[str] = set()
         self._events = Counter[tuple[int, str]]()
         self._first_ns: int | None = None
-        self._named = False
-        self.frames = 0
+        self.frames = self.nameless = 0
 
     def add(self, record: McapRecord) -> None:
         """Copy one record; of a schema or channel the first that has its number."""
@@ -166,6 +172,8 @@ class Copier:
                 self._channels[record.id], self._topics[record.id] = new, record.topic
             case Message() if record.channel_id in self._channels and _is_possible(record):
                 self._add_message(record)
+            case Message():
+                self.nameless += 1
 
     def add_beside(self, record: McapRecord, index: StoredIndex | None) -> None:
         """Copy metadata or an attachment, but for those that ``index`` holds, or that is the index."""

@@ -14,8 +14,10 @@ from mmap import ACCESS_READ, mmap
 from typing import BinaryIO, NamedTuple
 
 import zstandard
+from mcap.data_stream import RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
+from mcap.records import Chunk
 
 from sensors.session.mcap_records import HEAD, MAGIC, MAX_RECORD_BYTES, MESSAGE, parsed, spans, unpacked
 from sensors.session.summary import Summary
@@ -25,6 +27,8 @@ _CHUNK_HEAD = re.compile(rb"\x06.{4}\0{4}.{28}(?:\x04\0{3}zstd|\x03\0{3}lz4|\0{4
 """Opcode, length below 4 GiB, times, size and CRC, compression."""
 _ANY_HEAD = re.compile(rb"\x05.{4}\0{4}|" + _CHUNK_HEAD.pattern, re.DOTALL)
 """The same, or a message."""
+_CHUNK_BYTES = 8 + 8 + 8 + 4 + 4 + 8
+"""Bytes of a chunk's content beside its compression's name and its records."""
 _PARSED = (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
 _DATA_END_BYTES = 4
 _LAST = max(Opcode)
@@ -108,7 +112,11 @@ class _Walk:
         if at in self._ends_ns and opcode != Opcode.CHUNK:
             return None
         if opcode == Opcode.CHUNK:
-            data = unpacked(parsed(record))
+            chunk = parsed(record)
+            assert isinstance(chunk, Chunk)
+            data = unpacked(chunk)
+            # Its length has no CRC of its own, and a wrong one would hide what follows.
+            end = at + HEAD.size + _CHUNK_BYTES + len(chunk.compression) + len(chunk.data)
             for span in spans(data):
                 # What has no CRC may hold anything.
                 if span.opcode in _PARSED or (span.opcode == Opcode.MESSAGE and span.size < MESSAGE.size):
@@ -131,8 +139,9 @@ class _Walk:
             # It has no CRC of its own: where messages lie in chunks, one beside them is none.
             return None if self._chunked or len(content) < MESSAGE.size else Piece(at, end, record)
         if opcode in _PARSED:
-            parsed(record)
-            return Piece(at, end, record)
+            written = RecordBuilder()
+            parsed(record).write(written)
+            return Piece(at, end, record) if written.count == len(record) else None
         return None
 
     def _plausible(self, at: int) -> bool:
