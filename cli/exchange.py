@@ -171,7 +171,7 @@ def _import_images(source: Path, out: Path, options: ImportOptions, overwrite: b
 
 
 def _camera_note(frames: "FrameSource") -> str:
-    """Size, focal length and view of the depth camera, and where the other cameras are."""
+    """Return a line on size, focal length and view of the depth camera, and places of the other cameras."""
     import numpy as np
 
     rig, depth = frames.calibration, frames.calibration.depth

@@ -139,7 +139,10 @@ def _source(path: Path) -> Shown:
 
 
 def _started(source: "FrameSource") -> str | None:
-    """Date and time of the first frame, in this computer's time zone; None where frames have no date."""
+    """Return the date and time of the first frame, in this computer's time zone.
+
+    None where frames have no date.
+    """
     if not len(source) or (first_ns := int(source.times_ns[0])) < EARLIEST_NS:
         return None
     return datetime.fromtimestamp(first_ns / 1e9).astimezone().isoformat(" ", "seconds")
@@ -219,7 +222,7 @@ def validate(path: Held, json: Json = False) -> None:
 
 
 def _source_problems(path: Path) -> tuple[list[str], list[str]]:
-    """What is wrong with a source, and what is doubtful."""
+    """Return the problems and the doubts of a source."""
     source = open_source(path)
     from annotate.cloud.fuse import Fuser
     from annotate.label_source import calibrated

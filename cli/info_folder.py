@@ -12,7 +12,10 @@ from sensors.session.recognise import mcap_files
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """MCAP files of a folder with sessions; none where it is a recording itself, or has no sessions."""
+    """Return MCAP files of a folder with sessions.
+
+    None where it is a recording itself, or has no sessions.
+    """
     if not folder.is_dir() or (folder / "metadata.yaml").exists() or (folder / "depth").exists():
         return []
     sessions, foreign, unknown = mcap_files(folder)
@@ -20,7 +23,7 @@ def recordings_in(folder: Path) -> list[Path]:
 
 
 def folder_info(files: list[Path]) -> tuple[dict[str, Any], str]:
-    """What the recordings of a folder hold, as JSON, and as lines for people."""
+    """Return the contents of a folder's recordings, as JSON, and as lines for people."""
     found: dict[str, dict[str, Any]] = {}
     for file in files:
         try:
@@ -50,7 +53,7 @@ def folder_info(files: list[Path]) -> tuple[dict[str, Any], str]:
 def folder_problems(
     files: list[Path], problems_of: Callable[[Path], tuple[list[str], list[str]]]
 ) -> tuple[list[str], list[str]]:
-    """Problems and doubts of every recording of a folder, each with its file's name."""
+    """Return the problems and doubts of every recording of a folder, each with its file's name."""
     problems: list[str] = []
     doubts: list[str] = []
     for file in files:

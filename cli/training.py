@@ -212,7 +212,7 @@ def _config(network: NetworkName) -> "NetworkConfig":
 def _crops(
     data: list[Path], tests: list[Path], hold_out: frozenset[str], images: int
 ) -> "tuple[CalibrationSplit, Crops | None]":
-    """Images to train and to calibrate on, and so many to measure on, if any; they share none."""
+    """Return images to train on, to calibrate on and to measure on, if any; the three share none."""
     from eval.training.calibration_split import calibration_split
     from eval.training.crops import load_crops
 

@@ -42,7 +42,7 @@ def pixels_of(segmentation: dict[str, Any], box: object, shape: tuple[int, int])
 
 
 def _fits(pixels: Bool, box: object) -> bool:
-    """Whether a mask has the stated box [x, y, width, height]; without one it has."""
+    """Return whether a mask has the stated box [x, y, width, height]; True without a box."""
     if not isinstance(box, list) or len(box) != 4:
         return True
     rows, columns = window_of(pixels)
@@ -51,7 +51,7 @@ def _fits(pixels: Bool, box: object) -> bool:
 
 
 def rle_to_string(runs: list[int]) -> str:
-    """Text of run lengths in COCO's compressed form.
+    """Write run lengths in COCO's compressed form.
 
     From the fourth on each is the difference to the last but one; each character, counted from "0", holds
     five bits and a sixth that is set while more of the number follows.
@@ -68,7 +68,7 @@ def rle_to_string(runs: list[int]) -> str:
 
 
 def rle_from_string(text: str) -> list[int]:
-    """Inverse of ``rle_to_string``. Raises FormatError."""
+    """Invert ``rle_to_string``. Raises FormatError."""
     runs: list[int] = []
     value = shift = 0
     for character in text:

@@ -104,7 +104,7 @@ def load_companion(folder: Path, intrinsics: Path | None = None) -> Companion:
 
 
 def frame_files(folder: Path, suffix: str) -> Iterator[tuple[str, Path]]:
-    """(frame id, file) of a folder's files with this suffix, in natural order, without hidden ones.
+    """Yield (frame id, file) of a folder's files with this suffix, in natural order, without hidden ones.
 
     Raises FormatError without any.
     """

@@ -61,7 +61,7 @@ def export_points(
 
 
 def _as_labelled(path: Path, depth_mm: UInt16) -> tuple[pointcloud.CloudFile, Turn]:
-    """The cloud opened as it was when it was labelled, and how its images were turned then.
+    """Open the cloud as it was labelled; return it with the turn of its images.
 
     A label set does not hold what its user declared at the import, but its depth image shows it. Raises
     FormatError where no declaration gives this image.
@@ -84,7 +84,7 @@ def _as_labelled(path: Path, depth_mm: UInt16) -> tuple[pointcloud.CloudFile, Tu
 
 
 def _declarations() -> Iterator[ImportOptions]:
-    """What users declare of clouds: nothing, or one thing."""
+    """Yield the declarations that users make about clouds: none, or one."""
     yield AS_STATED
     yield ImportOptions(mirror=True)
     yield from (ImportOptions(axes=axes) for axes in AXES)
@@ -92,13 +92,13 @@ def _declarations() -> Iterator[ImportOptions]:
 
 
 def _turned_back(parts: UInt8, turn: Turn) -> UInt8:
-    """The image (h, w) as it was before it was turned."""
+    """Return the image (h, w) as it was before it was turned."""
     back = np.rot90(parts, turn.quarters)
     return np.ascontiguousarray(back[:, ::-1] if turn.mirror else back)
 
 
 def _records(cloud: pointcloud.CloudFile, parts: UInt8, kind: CloudFile) -> NDArray[Any]:
-    """The cloud's records with the field ``label``."""
+    """Return the cloud's records with the field ``label``."""
     old, pixels = cloud.cloud.records, cloud.pixels
     names = [name for name in old.dtype.names or () if name != "label"]
     layout: list[Any] = [(name, old.dtype[name]) for name in names]

@@ -18,7 +18,10 @@ _PLY_NAMES = {
 
 
 def write_pcd(records: Records, shape: Shape, viewpoint: Pose | None = None) -> bytes:
-    """A binary PCD of a cloud of ``shape``: (h, w), (1, n) without a grid; viewpoint: the sensor's pose."""
+    """Return a binary PCD of a cloud of ``shape``: (h, w), (1, n) without a grid.
+
+    viewpoint: the sensor's pose.
+    """
     dtypes = {name: records.dtype[name] for name in records.dtype.names or ()}
     kind = {"f": "F", "u": "U", "i": "I"}
     pose = viewpoint or Pose.identity()
@@ -39,7 +42,7 @@ def write_pcd(records: Records, shape: Shape, viewpoint: Pose | None = None) -> 
 
 
 def write_ply(records: Records, shape: Shape, viewpoint: Pose | None = None) -> bytes:
-    """A binary little-endian PLY of vertices in a grid of ``shape``: (h, w), (1, n) without.
+    """Return a binary little-endian PLY of vertices in a grid of ``shape``: (h, w), (1, n) without.
 
     The format has no place for a viewpoint, nor for fields of several values or of 8-byte whole numbers:
     they are left out.

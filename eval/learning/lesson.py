@@ -63,7 +63,7 @@ def _shows_parts(taught: Taught) -> bool:
 
 
 def divided(taught: Sequence[Taught]) -> tuple[list[Taught], list[Taught]]:
-    """Frames to learn from, and frames to measure on: one at least, of two and more.
+    """Return frames to learn from, and frames to measure on: one at least, of two and more.
 
     The frames to measure on follow each other, and lie as far from the others in time as possible: the
     neighbour of a frame that was learnt shows nearly the same picture, and would flatter.
@@ -76,7 +76,7 @@ def divided(taught: Sequence[Taught]) -> tuple[list[Taught], list[Taught]]:
 
 
 def _mean_gap(places: Int64, first: int, count: int) -> float:
-    """Mean distance, in frames, of the places [first, first + count) from the nearest other one."""
+    """Return the mean distance, in frames, of places [first, first + count) from the nearest other one."""
     inside = places[first : first + count]
     others = np.concatenate([places[:first], places[first + count :]])
     return float(np.abs(inside[:, None] - others).min(axis=1).mean()) if len(others) else 0.0

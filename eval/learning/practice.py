@@ -55,7 +55,7 @@ class Practice:
             return trained(network, known, stage, checkpoint, SEED, shown(advance))
 
     def digest(self, known: Sequence[Example], stage: Stage) -> str:
-        """SHA-256 of all that decides a training, shortened: a folder's name.
+        """Return the SHA-256 of all that decides a training, shortened: a folder's name.
 
         That is the weights at first, the examples (their images, first labels and corrections), and the
         numbers of the stage.

@@ -30,7 +30,7 @@ class CalibrationSplit:
     subjects: tuple[str, ...]
 
     def described(self) -> dict[str, object]:
-        """As JSON values."""
+        """Return the split as JSON values."""
         images = 0 if self.calibrated is None else len(self.calibrated)
         return {"images": images, "subjects": list(self.subjects)}
 
@@ -63,6 +63,6 @@ def calibration_split(crops: Crops) -> CalibrationSplit:
 
 
 def _spread(count: int) -> list[int]:
-    """Numbers of the share of ``count`` things that is left out, evenly spread."""
+    """Return numbers of the share of ``count`` things that is left out, evenly spread."""
     n = max(1, round(count * SHARE))
     return [int((i + 0.5) * count / n) for i in range(n)]

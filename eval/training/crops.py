@@ -114,7 +114,7 @@ class Crops:
         return self.chosen(np.linspace(0, len(self) - 1, min(n, len(self))).astype(np.int64))
 
     def chosen(self, index: Int64) -> "Crops":
-        """The crops of these numbers (m,), in this order; their bytes are not copied."""
+        """Return the crops of these numbers (m,), in this order; their bytes are not copied."""
         return replace(
             self,
             places=self.places[index],

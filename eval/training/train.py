@@ -250,7 +250,7 @@ class _Run:
 
 
 def work_left(out: Path, plan: Plan, crops: Crops) -> tuple[int, str]:
-    """What a training in ``out`` has yet to do, and its unit: images, or seconds where the clock ends it."""
+    """Return the rest of a training in ``out`` and its unit: images, or seconds where the clock ends it."""
     steps, seconds = saved_work(out / CHECKPOINT) if (out / CHECKPOINT).is_file() else (0, 0.0)
     if plan.minutes is not None:
         return max(0, round(60 * plan.minutes) - int(seconds)), "seconds"

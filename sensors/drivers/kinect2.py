@@ -128,7 +128,10 @@ class Kinect2(StreamingCamera):
             self._take(stamp_ns, value, number - before - 1)
 
     def _image(self, frame: Frame) -> NDArray[np.uint16] | None:
-        """uint16 (424, 512): the float image in the buffer, rounded and mirrored; None for another size."""
+        """Return uint16 (424, 512): the float image in the buffer, rounded and mirrored.
+
+        None for another size.
+        """
         if (frame.height, frame.width) != DEPTH_SHAPE or frame.bytes != 4 * frame.height * frame.width:
             return None
         values = np.frombuffer(memoryview(self._buffer), np.float32, frame.height * frame.width)

@@ -137,7 +137,7 @@ class Orbbec(StreamingCamera):
             self._take(self._stamp_ns(color), ColorImage(encoded))
 
     def _stamp_ns(self, frame: SdkObject) -> int:
-        """The camera's time of a frame; its arrival where the camera has no clock."""
+        """Return the camera's time of a frame; its arrival where the camera has no clock."""
         stamp_us = int(frame.get_timestamp_us())
         if self._has_clock is None:
             self._has_clock = stamp_us > 0

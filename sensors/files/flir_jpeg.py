@@ -33,7 +33,7 @@ class FlirImage(NamedTuple):
 
 
 def read_flir(data: bytes, name: str) -> FlirImage:
-    """Degrees Celsius with the emissivity, distance and reflections that the file states, and its photograph.
+    """Read degrees Celsius by the emissivity, distance and reflections of the file, and its photograph.
 
     Raises FormatError for another JPEG, and for one without a camera's constants.
     """
@@ -57,7 +57,7 @@ def read_flir(data: bytes, name: str) -> FlirImage:
 
 
 def _size(record: Record) -> tuple[int, int]:
-    """(height, width) that an image's record states."""
+    """Return (height, width) that an image's record states."""
     width, height = (int(number) for number in record.numbers("HH", 2))
     if not 0 < min(width, height) <= max(width, height) <= MAX_IMAGE_SIDE:
         raise ValueError(f"an image of {width}x{height}")
@@ -65,7 +65,7 @@ def _size(record: Record) -> tuple[int, int]:
 
 
 def _words(record: Record, name: str) -> NDArray[np.uint16]:
-    """Raw image (h, w): plain words in the record's order, or a 16-bit PNG in either."""
+    """Return the raw image (h, w): plain words in the record's order, or a 16-bit PNG in either."""
     height, width = _size(record)
     content = record.data[IMAGE_AT:]
     if not content.startswith(PNG_MAGIC):
@@ -125,7 +125,7 @@ def _taken(camera: Record) -> int:
 
 
 def _photo(record: Record, name: str) -> bytes | None:
-    """The photograph as a file of RGB; None for other kinds of data."""
+    """Return the photograph as a file of RGB; None for other kinds of data."""
     content = record.data[IMAGE_AT:]
     if content.startswith(b"\xff\xd8\xff"):
         return content
@@ -143,7 +143,7 @@ def _photo(record: Record, name: str) -> bytes | None:
 
 
 def _rgb(channels: NDArray[np.float32]) -> NDArray[np.uint8] | None:
-    """RGB of a PNG whose channels are Y, Cb, Cr (ExifTool, FLIR EmbeddedImage; JFIF's BT.601); None for RGB.
+    """Return RGB of a PNG in Y, Cb, Cr (ExifTool, FLIR EmbeddedImage; JFIF's BT.601); None for RGB.
 
     Photographs in RGB taken for Y Cb Cr leave the range of colours.
     """

@@ -28,12 +28,12 @@ class Record(NamedTuple):
     order: str
 
     def numbers(self, layout: str, at: int) -> tuple[float, ...]:
-        """Numbers of a ``struct`` layout. Raises struct.error beyond the record's end."""
+        """Return numbers of a ``struct`` layout. Raises struct.error beyond the record's end."""
         return struct.unpack_from(self.order + layout, self.data, at)
 
 
 def flir_segments(file: BinaryIO) -> Iterator[bytes]:
-    """Contents of a JPEG's FLIR segments, in the order of their numbers' first appearance, header left out.
+    """Yield the contents of a JPEG's FLIR segments in the file's order, without their header.
 
     Only the segments in front of the image data are looked at; nothing else is read.
     """
@@ -60,7 +60,7 @@ def flir_segments(file: BinaryIO) -> Iterator[bytes]:
 
 
 def has_flir(path: Path) -> bool:
-    """Whether a JPEG holds FLIR's data; what cannot be read does not."""
+    """Return whether a JPEG holds FLIR's data; what cannot be read does not."""
     try:
         with path.open("rb") as file:
             return next(flir_segments(file), None) is not None
@@ -69,7 +69,7 @@ def has_flir(path: Path) -> bool:
 
 
 def flir_records(segments: list[bytes]) -> dict[int, Record]:
-    """The first record of each type. Raises ValueError where the file is malformed or cut off."""
+    """Return the first record of each type. Raises ValueError where the file is malformed or cut off."""
     if not segments:
         raise ValueError("it has no FLIR segment")
     # "FLIR", 0, 1, number of the segment, number of the last.

@@ -21,7 +21,7 @@ _FORMATS = ("JPEG", "PNG", "TIFF", "PPM")
 
 
 def image_shape(data: bytes, name: str) -> tuple[int, int]:
-    """(height, width) by the header of a PNG, JPEG, TIFF or PGM. Raises FormatError."""
+    """Return (height, width) by the header of a PNG, JPEG, TIFF or PGM. Raises FormatError."""
     if data.startswith(PNG_MAGIC):
         return png_shape(data, name)
     from PIL import Image
@@ -39,7 +39,7 @@ def image_shape(data: bytes, name: str) -> tuple[int, int]:
 
 
 def decode_depth(data: bytes, name: str) -> NDArray[Any]:
-    """Pixels (h, w), uint16 or float32, of a PNG, TIFF or PGM of one channel. Raises FormatError."""
+    """Return pixels (h, w), uint16 or float32, of a PNG, TIFF or PGM of one channel. Raises FormatError."""
     if data.startswith(PNG_MAGIC) or name.lower().endswith(".png"):
         return decode_grey(data, np.uint16, name)
     shape = image_shape(data, name)

@@ -43,7 +43,10 @@ def is_lossless() -> bool:
 
 
 def _by_blocks(encoded: bytes) -> bytes | None:
-    """The mirrored JPEG without loss; None without the library, or for an image that it cannot mirror."""
+    """Return the mirrored JPEG, without loss.
+
+    None without the library, or for an image that it cannot mirror.
+    """
     library = _turbojpeg()
     handle = library.tjInitTransform() if library is not None else None
     if library is None or not handle:

@@ -37,7 +37,7 @@ class Radiometry(NamedTuple):
     x: float
 
     def celsius(self, words: NDArray[np.uint16]) -> NDArray[np.float32]:
-        """Temperatures of the scene; NaN for words that no temperature gives."""
+        """Return the temperatures of the scene; NaN for words that no temperature gives."""
         with np.errstate(all="ignore"):  # of numbers that no camera states
             return self._celsius(words.astype(np.float64))
 
@@ -59,7 +59,7 @@ class Radiometry(NamedTuple):
         return float(self.r1 / (self.r2 * (np.exp(self.b / kelvin) - self.f)) - self.o)
 
     def _transmission(self) -> float:
-        """Share that half of the air lets through."""
+        """Return the share that half of the air lets through."""
         air_c = (self.air_k if self.air_k > 0 else ROOM_K) - ZERO_C_K
         water = self.humidity * np.exp(
             1.5587 + air_c * (0.06939 + air_c * (-0.00027816 + air_c * 0.00000068455))
@@ -73,5 +73,5 @@ class Radiometry(NamedTuple):
 
 
 def _share(number: float) -> float:
-    """A share in (0, 1]; 1, which changes nothing, for what a file leaves at 0 or spoils."""
+    """Return a share in (0, 1]; 1, which changes nothing, for what a file leaves at 0 or spoils."""
     return number if 0 < number <= 1 else 1.0

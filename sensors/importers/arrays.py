@@ -71,7 +71,7 @@ class DepthArrays(FrameSource):
 
 
 def _load(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
-    """Arrays that are read, or the only array, by name, and the names of all; a .npy stays on disk."""
+    """Read the arrays by name, or the only array, and list the names of all; a .npy stays on disk."""
     remedy = "save depth as a .npy file, or split it"
     try:
         with path.open("rb") as file:
@@ -85,7 +85,7 @@ def _load(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
 
 
 def _depth(path: Path, arrays: dict[str, NDArray[Any]], names: list[str]) -> NDArray[Any]:
-    """The depth array, as it is, but with three axes."""
+    """Return the depth array, as it is, but with three axes."""
     depth = arrays.get("depth", next(iter(arrays.values())) if len(names) == 1 else None)
     if depth is None:
         others = ", ".join(name[:30] for name in sorted(names)[:8])
@@ -101,7 +101,7 @@ def _depth(path: Path, arrays: dict[str, NDArray[Any]], names: list[str]) -> NDA
 def _camera(
     path: Path, arrays: dict[str, NDArray[Any]], depth: NDArray[Any], declared: Path | None
 ) -> tuple[FoundIntrinsics, str, NDArray[Any], tuple[str, ...]]:
-    """The camera, a note on where it is from, depth as (n, h, w), and a note where its axes were others.
+    """Return the camera, a note on its origin, depth as (n, h, w), and a note where its axes were others.
 
     Raises CalibrationError without a camera, FormatError for images that are too large.
     """
@@ -130,13 +130,13 @@ def _camera(
 
 
 def _centred(numbers: tuple[float, ...], shape: tuple[int, ...]) -> bool:
-    """Whether a camera's centre lies near the middle of an image (h, w)."""
+    """Return whether a camera's centre lies near the middle of an image (h, w)."""
     offsets = (numbers[2] - shape[1] / 2) / shape[1], (numbers[3] - shape[0] / 2) / shape[0]
     return max(map(abs, offsets)) < CENTRED
 
 
 def _numbers(path: Path, arrays: dict[str, NDArray[Any]]) -> tuple[float, ...] | None:
-    """fx, fy, cx, cy of the file's own arrays; None where it has none. Raises CalibrationError."""
+    """Return fx, fy, cx, cy of the file's own arrays; None where it has none. Raises CalibrationError."""
     name = next((name for name in _MATRICES if name in arrays), None)
     if name is not None:
         matrix = arrays[name]

@@ -58,20 +58,20 @@ class Cone(NamedTuple):
 
 
 def camera_from(axes: str) -> Float64:
-    """Rotation (3, 3) from a cloud's frame to the camera's: rows right, down, forward."""
+    """Return the rotation (3, 3) from a cloud's frame to the camera's: rows right, down, forward."""
     forward, up = AXES[axes]
     return np.stack([np.cross(forward, up), -up, forward])
 
 
 def thinned(points: Float64, most: int = SAMPLE) -> Float64:
-    """At most that many of the points (n, 3), evenly over the file."""
+    """Return at most ``most`` of the points (n, 3), evenly over the file."""
     return points[:: max(1, -(-len(points) // most))]
 
 
 def cone_of(
     points: Float64, names: tuple[str, ...] = ("camera", "y-up", "ros", "z-up"), anywhere: bool = False
 ) -> Cone | None:
-    """The axes along which a camera at the origin sees all points (n, 3); None where there are none.
+    """Return the axes along which a camera at the origin sees all points (n, 3); None where there are none.
 
     The narrowest cone counts where several hold the points. anywhere: also from a floor, where no camera is.
     """
@@ -95,22 +95,26 @@ def cone_of(
 
 
 def on_pixels(points: Float64) -> bool:
-    """Whether camera-frame points (n, 3) lie on the pixels of a camera at the origin."""
+    """Return whether camera-frame points (n, 3) lie on the pixels of a camera at the origin."""
     x, y, z = points[points[:, 2] > 0].T
     return find_line(x / z) is not None and find_line(y / z) is not None
 
 
 def _on_the_floor(turned: Float64, name: str) -> bool:
-    """Whether the origin of axes that a world may have lies as low as the lowest points, where no camera
-    stands; a camera that sees on its own pixels does, wherever it is."""
+    """Return whether the origin lies as low as the lowest points, where no camera stands.
+
+    Points on the pixels of a camera at the origin are an exception, and so are a camera's own axes.
+    """
     if name == "camera" or np.percentile(turned[:, 1], 99.5) >= FLOOR_LEVEL * np.percentile(turned[:, 2], 10):
         return False
     return not on_pixels(turned)
 
 
 def upright(points_m: Float64, name: str) -> tuple[str, bool]:
-    """The axes ``name``, or "kinect" in place of "camera" where the floor or a person's head show that y
-    points up; and whether anything shows which."""
+    """Return the axes ``name``, or "kinect" in place of "camera" where y points up; and whether that is sure.
+
+    The floor or a person's head shows where y points.
+    """
     if name != "camera":
         return name, True
     under, over = floor_share(points_m, -_Y), floor_share(points_m, _Y)
@@ -126,8 +130,10 @@ def upright(points_m: Float64, name: str) -> tuple[str, bool]:
 
 
 def world_axes(points_m: Float64, mapped: bool) -> str | None:
-    """Axes of a cloud whose origin is no camera: z up for formats of maps (``mapped``), else by its floor, by
-    a person's height, or by the cone in which the origin sees it; None = unknown."""
+    """Return the axes of a cloud whose origin is no camera; None = unknown.
+
+    z is up in formats of maps (``mapped``); else the floor, a person's height, or the origin's cone decides.
+    """
     if mapped:
         return "z-up"
     return _by_floor_or_person(points_m) or _by_cone(points_m)
@@ -157,7 +163,7 @@ def _by_floor_or_person(points_m: Float64) -> str | None:
 
 
 def floor_share(points_m: Float64, up: Float64, seed: int = 0) -> float:
-    """Share of the points on the largest plane that has nearly all others above, at most 35 degrees off.
+    """Return the share of the points on the largest plane below nearly all others, at most 35 degrees off.
 
     points_m: (n, 3). up: (3,). By random triples (RANSAC).
     """
@@ -181,8 +187,10 @@ def floor_share(points_m: Float64, up: Float64, seed: int = 0) -> float:
 
 
 def _ends_m(points_m: Float64) -> tuple[float, float] | None:
-    """Widths along x of the ends at small and at large y of what is as tall as a person, or as an upper body;
-    None where it is not."""
+    """Return the widths along x of a cloud's ends at small and at large y.
+
+    None where the cloud is not as tall as a person or an upper body.
+    """
     x, y = points_m[:, 0], points_m[:, 1]
     low, high = np.percentile(y, (1, 99))
     if not UPPER_BODY_M <= high - low <= PERSON_M[1] or np.ptp(np.percentile(x, (2, 98))) > 1.2 * (

@@ -30,7 +30,7 @@ class GridCamera(NamedTuple):
 
 
 def grid_camera(path: object, points: Float64, viewpoint: Pose | None) -> GridCamera:
-    """The camera of an organised cloud (h, w, 3) in any frame and unit.
+    """Return the camera of an organised cloud (h, w, 3) in any frame and unit.
 
     Tried in turn: a camera at the origin in the axes of CONTEXT.md, then of ``cloud_axes.AXES``; the same at
     ``viewpoint``; any pose at all (direct linear transform, Hartley and Zisserman 2004, 7.1). Raises
@@ -57,7 +57,7 @@ def grid_camera(path: object, points: Float64, viewpoint: Pose | None) -> GridCa
 
 
 def fit_intrinsics(points: Float64) -> tuple[Intrinsics, float]:
-    """Intrinsics of the pinhole that saw an organised cloud (h, w, 3), and the residual RMS in pixels.
+    """Return intrinsics of the pinhole that saw an organised cloud (h, w, 3), and the residual RMS in pixels.
 
     Least squares of u = fx x/z + cx and v = fy y/z + cy over all finite points with z > 0.
     Raises FormatError where the points do not determine them.
@@ -73,7 +73,10 @@ def fit_intrinsics(points: Float64) -> tuple[Intrinsics, float]:
 
 
 def _pinhole(points: Float64) -> tuple[float, float, float, float, float]:
-    """fx, fy, cx, cy and residual RMS; infinite where few points are in front, or they determine nothing."""
+    """Return fx, fy, cx, cy and residual RMS.
+
+    Infinite where few points are in front, or they determine nothing.
+    """
     with np.errstate(invalid="ignore"):
         there = np.isfinite(points).all(axis=-1)
         v, u = np.nonzero(there & (points[..., 2] > 0))
@@ -86,7 +89,7 @@ def _pinhole(points: Float64) -> tuple[float, float, float, float, float]:
 
 
 def _line(ratio: Float64, pixel: NDArray[np.intp]) -> tuple[float, float, float]:
-    """Least-squares slope, offset and RMS of pixel = slope * ratio + offset."""
+    """Return the least-squares slope, offset and RMS of pixel = slope * ratio + offset."""
     if len(ratio) < 3 or np.ptp(pixel) == 0 or not (np.isfinite(np.ptp(ratio)) and np.ptp(ratio) > 0):
         return 0.0, 0.0, np.inf
     centred, mean = ratio - ratio.mean(), pixel.mean()
@@ -96,7 +99,7 @@ def _line(ratio: Float64, pixel: NDArray[np.intp]) -> tuple[float, float, float]
 
 
 def _any_pose(path: object, points: Float64) -> GridCamera:
-    """The camera of a grid in any frame, by the direct linear transform over some of its points."""
+    """Return the camera of a grid in any frame, by the direct linear transform over some of its points."""
     height, width = points.shape[:2]
     v, u = np.nonzero(np.isfinite(points).all(axis=-1))
     some = thinned(np.column_stack([u, v, points[v, u]]).astype(np.float64))
@@ -122,7 +125,7 @@ def _any_pose(path: object, points: Float64) -> GridCamera:
 
 
 def _projection(pixels: Float64, points: Float64) -> Float64 | None:
-    """The (3, 4) matrix that maps points to pixels, up to scale; None where they leave it open."""
+    """Return the (3, 4) matrix that maps points to pixels, up to scale; None where they leave it open."""
     if len(points) < 12:
         return None
     middle, size = points.mean(axis=0), max(float(points.std()), 1e-12)
@@ -145,7 +148,7 @@ def _projection(pixels: Float64, points: Float64) -> Float64 | None:
 
 
 def _decomposed(matrix: Float64) -> tuple[Float64 | None, Float64]:
-    """Intrinsic matrix with positive focal lengths, and rotation, of a (3, 3) with positive determinant."""
+    """Return intrinsic matrix (positive focal lengths) and rotation of a (3, 3) with positive determinant."""
     flip = np.eye(3)[::-1]
     q, r = np.linalg.qr((flip @ matrix).T)
     upper, rotation = flip @ r.T @ flip, flip @ q.T

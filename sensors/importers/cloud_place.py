@@ -44,7 +44,10 @@ class CloudView:
 
 
 def view_of(path: Path, cloud: CloudRecords, points: Float64, options: ImportOptions) -> CloudView:
-    """The view of ``points`` (n, 3), those of ``cloud`` in its unit, NaN = none. Raises FormatError."""
+    """Return the view of ``points`` (n, 3), those of ``cloud`` in its unit, NaN = none.
+
+    Raises FormatError.
+    """
     if cloud.organised and not options.axes:
         return _organised(path, cloud, points, options)
     return _unorganised(path, cloud, points, options)
@@ -68,7 +71,10 @@ def _organised(path: Path, cloud: CloudRecords, points: Float64, options: Import
 
 
 def _grid(path: Path, points: Float64, viewpoint: Pose | None, mirror: bool) -> GridCamera:
-    """The camera of the grid; with ``mirror`` also of a grid that is the mirror image of its coordinates."""
+    """Return the camera of the grid.
+
+    With ``mirror`` also of a grid that is the mirror image of its coordinates.
+    """
     if mirror:
         with suppress(FormatError):
             found = grid_camera(path, points[:, ::-1], viewpoint)
@@ -78,7 +84,7 @@ def _grid(path: Path, points: Float64, viewpoint: Pose | None, mirror: bool) -> 
 
 
 def _unit(path: Path, seen: Float64, options: ImportOptions) -> tuple[float, tuple[str, ...]]:
-    """Metres of a unit of camera-frame points (n, 3), and a note where it is no metre."""
+    """Return the metres of a unit of camera-frame points (n, 3), and a note where it is no metre."""
     ahead = seen[seen[:, 2] > 0, 2]
     distance = float(np.median(ahead)) if len(ahead) else 0.0
     return _scale(path, distance, ahead, options)
@@ -107,7 +113,7 @@ def _unorganised(path: Path, cloud: CloudRecords, points: Float64, options: Impo
 
 
 def _sensors(cloud: CloudRecords, few: Float64) -> list[tuple[Pose, str]]:
-    """Where the sensor may be: the poses that bring the points into its frame, the likelier first.
+    """Return possible poses of the sensor, which bring the points into its frame, likelier ones first.
 
     A PCD's VIEWPOINT is the sensor's pose in the frame of the points (PointCloudLibrary/pcl#6279). Some
     programs write it beside points that are in the sensor's own frame already (PCLVisualizer,
@@ -130,7 +136,7 @@ def _fits(points: Float64, pose: Pose) -> bool:
 def _in_place(
     path: Path, points: Float64, pose: Pose, where: str, axes: str, options: ImportOptions
 ) -> CloudView:
-    """The view of a camera in whose frame the points are after ``pose``."""
+    """Return the view of a camera in whose frame the points are after ``pose``."""
     sensor = points @ pose.rotation.T + pose.translation_m
     scale, unit = _unit(path, sensor @ camera_from(axes).T, options)
     sure = True
@@ -155,7 +161,7 @@ def _in_place(
 
 
 def _camera(seen: Float64, options: ImportOptions) -> tuple[Intrinsics, float]:
-    """The camera that the user declares, without its lens, else ``camera_of``; and the points' spacing."""
+    """Return the declared camera without its lens, else ``camera_of``; and the points' spacing."""
     camera, spacing = camera_of(seen)
     if options.intrinsics is None:
         return camera, spacing
@@ -165,7 +171,7 @@ def _camera(seen: Float64, options: ImportOptions) -> tuple[Intrinsics, float]:
 
 
 def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions) -> CloudView:
-    """The view of a Kinect v2 in front of a cloud that no camera at its origin saw."""
+    """Return the view of a Kinect v2 in front of a cloud that no camera at its origin saw."""
     size = float(np.linalg.norm(np.ptp(np.percentile(thinned(finite), (2, 98), axis=0), axis=0)))
     scale, unit = _scale(path, size, np.zeros(0), options)
     middle = np.rint(np.median(finite, axis=0)) if np.abs(finite).max() * scale > 1000 else np.zeros(3)
@@ -190,7 +196,7 @@ def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions)
 
 
 def _apart(points_m: Float64) -> NDArray[np.bool_]:
-    """Which of the points (n, 3) lie so far outside that the camera would have to go far back for them."""
+    """Return flags of the points (n, 3) that lie far outside: a camera that shows them is far back."""
     low, high = np.percentile(points_m[np.isfinite(points_m[:, 0])], (0.1, 99.9), axis=0)
     room = APART * float((high - low).max())
     with np.errstate(invalid="ignore"):

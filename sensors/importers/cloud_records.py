@@ -38,12 +38,12 @@ class CloudRecords:
         return self.grid is not None and min(self.grid) > 1
 
     def points(self) -> NDArray[np.float64]:
-        """Coordinates (n, 3) in the file's unit and frame."""
+        """Return coordinates (n, 3) in the file's unit and frame."""
         with np.errstate(invalid="ignore"):  # signalling NaNs
             return np.stack([self.records[axis].astype(np.float64) for axis in "xyz"], axis=-1)
 
     def colors(self) -> NDArray[np.uint8] | None:
-        """RGB (n, 3), or None where no field holds colours, or all of them are black.
+        """Return RGB (n, 3), or None where no field holds colours, or all of them are black.
 
         PCL packs blue, green, red, alpha into the four bytes of ``rgb`` or ``rgba``, float or whole number
         (PCL, ``PointXYZRGB``). Separate channels of floats are 0 to 1; those of 16 bits are 8 bits where no
@@ -62,7 +62,7 @@ class CloudRecords:
 
 
 def grid_of(width: int, height: int, points: int) -> tuple[int, int] | None:
-    """(height, width) where they are an image's of that many points, else None."""
+    """Return (height, width) where they are an image's of that many points, else None."""
     stated = width * height == points and min(width, height) > 0 and max(width, height) <= MAX_IMAGE_SIDE
     return (height, width) if stated else None
 

@@ -18,7 +18,7 @@ STEPS_MM = {"millimetres": 1.0, "centimetres": 10.0, "inches": 25.4}
 
 
 def unit_mm(path: object, distance: float, along_m: NDArray[np.float64]) -> float:
-    """Millimetres of a unit of the cloud.
+    """Return the millimetres of a unit of the cloud.
 
     distance: typical distance from the camera, or the size of a cloud without one, in the file's unit.
     along_m: depths (n,) in the file's unit; cameras measure whole millimetres, so that these tell apart what
@@ -44,7 +44,7 @@ def unit_mm(path: object, distance: float, along_m: NDArray[np.float64]) -> floa
 
 
 def _whole(depth_mm: NDArray[np.float64]) -> bool:
-    """Whether depths are whole millimetres, some of them no multiple of 5."""
+    """Return whether depths are whole millimetres, some of them no multiple of 5."""
     away = np.abs(depth_mm - np.rint(depth_mm))
     odd = np.mod(np.rint(depth_mm), 5) != 0
     return bool(len(depth_mm) > 20 and np.percentile(away, 95) < 0.05 and odd.mean() > 0.2)

@@ -38,7 +38,7 @@ that a surface steep to the camera gains within a pixel or two. Untuned."""
 
 
 def camera_of(points_m: Float64) -> tuple[Intrinsics, float]:
-    """A camera at the origin that sees camera-frame points (n, 3), and the points' spacing in metres.
+    """Return a camera at the origin that sees camera-frame points (n, 3), and the points' spacing in metres.
 
     Points that no depth image holds are left aside. The camera that took them, spacing 0, where
     the points still lie on its pixels; else a Kinect v2, or one of its focal length with a wider field.
@@ -63,7 +63,7 @@ def camera_of(points_m: Float64) -> tuple[Intrinsics, float]:
 
 
 def _holding(across: Line, down: Line, x: Float64, y: Float64) -> Intrinsics:
-    """Intrinsics on these grids whose optical axis is in the middle of an image that holds all directions."""
+    """Return intrinsics on these grids, of an image around the optical axis that holds all directions."""
     sizes, centres = [], []
     for line, directions, least in zip((across, down), (x, y), LEAST_FIELD, strict=True):
         reach = line.focal_px * max(np.abs(directions).max(), least / 2)
@@ -79,7 +79,7 @@ def _inside(camera: Intrinsics, x: Float64, y: Float64) -> bool:
 
 
 def _filled(camera: Intrinsics, x: Float64, y: Float64) -> float:
-    """Share of the pixels right of and below pixels with points that have points themselves."""
+    """Return the share of the pixels right of and below pixels with points that have points themselves."""
     seen = np.zeros(camera.shape, bool)
     u, v = np.rint(camera.fx * x + camera.cx).astype(int), np.rint(camera.fy * y + camera.cy).astype(int)
     inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
@@ -89,7 +89,7 @@ def _filled(camera: Intrinsics, x: Float64, y: Float64) -> float:
 
 
 def project_cloud(points_m: Float64, camera: Intrinsics, spacing: float) -> NDArray[np.intp]:
-    """The index (h, w) of the point that each pixel shows, -1 = none, of camera-frame points (n, 3).
+    """Return the index (h, w) of the point that each pixel shows, -1 = none, of camera-frame points (n, 3).
 
     The nearest point wins. A point covers the pixels within SPLAT * ``spacing`` metres of it, at least its
     own, so that a surface sampled at that spacing shows no holes through which its far side would be seen.
@@ -122,7 +122,10 @@ def project_cloud(points_m: Float64, camera: Intrinsics, spacing: float) -> NDAr
 
 
 def _closed(shown: NDArray[np.intp], depth: Float64) -> NDArray[np.intp]:
-    """``shown`` where pixels that look through a surface show a neighbour's point; depth (h, w) in metres."""
+    """Return ``shown`` where pixels that look through a surface show a neighbour's point.
+
+    depth: (h, w) in metres.
+    """
     padded = np.pad(shown, 1, constant_values=-1)
     far = np.pad(depth, 1, constant_values=np.inf)
     height, width = shown.shape
@@ -137,7 +140,7 @@ def _closed(shown: NDArray[np.intp], depth: Float64) -> NDArray[np.intp]:
 
 
 def shift_into_view(points_m: Float64, camera: Intrinsics) -> Float64:
-    """The translation (3,) in metres after which the camera sees all of the points (n, 3).
+    """Return the translation (3,) in metres after which the camera sees all of the points (n, 3).
 
     The cloud is centred and moved back until it fills the image but for a margin.
     """
@@ -151,7 +154,7 @@ def shift_into_view(points_m: Float64, camera: Intrinsics) -> Float64:
 
 
 def pixels_of(points_m: Float64, camera: Intrinsics, depth_m: Float64) -> NDArray[np.intp]:
-    """The flat index (n,) of the pixel that shows each camera-frame point, -1 where none does.
+    """Return the flat index (n,) of the pixel that shows each camera-frame point, -1 where none does.
 
     depth_m: (h, w), NaN = no reading. The point's own pixel where its depth is within VISIBLE_M, else the one
     of its eight neighbours whose depth is nearest, within VISIBLE_M.
@@ -179,7 +182,7 @@ def pixels_of(points_m: Float64, camera: Intrinsics, depth_m: Float64) -> NDArra
 
 
 def beside(points_m: Float64, pixels: NDArray[np.intp], within_m: float) -> NDArray[np.intp]:
-    """``pixels`` (n,) with those of the nearest point that is shown where a point itself is not (-1).
+    """Return ``pixels`` (n,) with those of the nearest point that is shown where a point itself is not (-1).
 
     within_m: how far that point may be; surfaces seen at a glancing angle lose points between pixels.
     """
@@ -195,7 +198,7 @@ def beside(points_m: Float64, pixels: NDArray[np.intp], within_m: float) -> NDAr
 
 
 def spacing_m(points_m: Float64) -> float:
-    """Distance that separates neighbouring points of a surface: to the fourth nearest, 95th percentile.
+    """Return the distance of neighbouring points of a surface: to the fourth nearest, 95th percentile.
 
     A lattice's points have four at its step; points strewn at random leave gaps that the nearest one hides.
     """
@@ -208,7 +211,7 @@ def spacing_m(points_m: Float64) -> float:
 
 
 def _distinct(points_m: Float64) -> Float64:
-    """The points without those that an earlier one equals in float32, in their order."""
+    """Return the points without those that an earlier one equals in float32, in their order."""
     # The search compares in float32, and looks at all of many equal points each time.
     rows = points_m.astype(np.float32)
     order = np.lexsort(rows.T)

@@ -67,7 +67,7 @@ class Declared(FrameSource):
 
 
 def turned_color(encoded: bytes | None, turn: Turn) -> bytes | None:
-    """A turned colour image in its own format; bytes of no image stay as they are.
+    """Return a turned colour image in its own format; bytes of no image stay as they are.
 
     A PNG loses nothing, a JPEG is encoded again. An EXIF orientation is not obeyed: sensors' pixels count.
     """

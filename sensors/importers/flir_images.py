@@ -83,7 +83,7 @@ def _facts(image: FlirImage) -> _Facts:
 
 
 def jpegs_in(folder: Path) -> list[Path]:
-    """The JPEGs of a folder, in natural order of their names; hidden files are none."""
+    """Return the JPEGs of a folder, in natural order of their names; hidden files are none."""
     return paths_in_order(
         file
         for file in folder.iterdir()
@@ -92,7 +92,7 @@ def jpegs_in(folder: Path) -> list[Path]:
 
 
 def is_flir_alone(path: Path) -> bool:
-    """Whether a JPEG, or any of a folder that has no depth images, holds FLIR's data."""
+    """Return whether a JPEG, or any of a folder that has no depth images, holds FLIR's data."""
     if not path.is_dir():
         return has_flir(path)
     if (path / "depth").exists() or any(path.glob("*.png")):
@@ -101,7 +101,7 @@ def is_flir_alone(path: Path) -> bool:
 
 
 def _field(facts: list[_Facts]) -> tuple[float, str]:
-    """Horizontal field of view in degrees, and what is known of it."""
+    """Return the horizontal field of view in degrees, and what is known of it."""
     stated = [fact.wide_deg for fact in facts if fact.wide_deg]
     if not stated:
         return ASSUMED_WIDE_DEG, f"a lens {ASSUMED_WIDE_DEG:g} degrees wide is assumed"
@@ -111,7 +111,7 @@ def _field(facts: list[_Facts]) -> tuple[float, str]:
 
 
 def _times_ns(facts: list[_Facts]) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], str]:
-    """Stamps of the images where all state a time that grows with their names, else one a second."""
+    """Return the images' stamps where all state times that grow with their names, else one a second."""
     taken = np.array([fact.taken_ns for fact in facts], np.int64)
     if taken.min() > 0 and (np.diff(taken) > 0).all():
         return taken, "times are those of the camera's clock"

@@ -143,7 +143,7 @@ def _by_list(path: Path, images: FolderImages, listed: Listed, period_ns: int, r
 
 
 def _cameras(path: Path, images: _Timed, declared: Path | None) -> _Cameras:
-    """The cameras of a folder's images, by its files or the one that is declared. Raises CalibrationError."""
+    """Return the cameras of a folder's images, by its files or the declared one. Raises CalibrationError."""
     first = next(iter(images.depth.values()))
     shape = image_shape(read_bounded(first), str(first))
     files = [path / name for name in INTRINSICS]
@@ -166,7 +166,7 @@ def _cameras(path: Path, images: _Timed, declared: Path | None) -> _Cameras:
 
 
 def _aligned(name: str, images: Files, found: FoundIntrinsics) -> tuple[list[str], bool]:
-    """Whether images are of the depth images' size, and so aligned with them, with a note on it."""
+    """Return a note on the size of images, and whether it is that of depth, so that they are aligned."""
     if name == "colour" and found.aligned:
         return [f"{name} assumed to be aligned with depth, as Open3D's recorder saves it"], True
     shape = _shape_of(list(images.values()))
@@ -183,7 +183,7 @@ def _aligned(name: str, images: Files, found: FoundIntrinsics) -> tuple[list[str
 
 
 def _shape_of(files: list[Path]) -> tuple[int, int] | None:
-    """(h, w) of the first of a few images that can be read; None where a frame's own error will name why."""
+    """Return (h, w) of the first of a few readable images; None where a frame's own error names the cause."""
     for at in spread(len(files)):
         try:
             data, name = read_bounded(files[at]), str(files[at])
@@ -204,13 +204,13 @@ def _presence(name: str, files: Files, frames: int, camera: Intrinsics | None) -
 
 
 def _scale(path: Path, files: list[Path]) -> tuple[Scale, tuple[str, ...]]:
-    """Scale of thermal PNGs or TIFFs, and notes on it; photographs of FLIR cameras state theirs."""
+    """Return the scale of thermal PNGs or TIFFs, and notes; photographs of FLIR cameras state their scale."""
     words = [file for file in files if file.suffix.lower() not in JPEGS]
     return judge_celsius(_readable(words), f"{path}: thermal images") if words else (SESSION, ())
 
 
 def _readable(files: list[Path]) -> list[NDArray[Any]]:
-    """A few images of the files, spread over them; raises FormatError only where none can be read."""
+    """Read a few images of the files, spread over them. Raises FormatError only where none can be read."""
     images, error = [], None
     for at in spread(len(files)):
         try:
@@ -229,5 +229,5 @@ def _celsius(file: Path, scale: Scale) -> NDArray[np.float32]:
 
 
 def _depth_image(file: Path) -> NDArray[Any]:
-    """Pixels (h, w) of a depth or thermal image as they are stored."""
+    """Read the pixels (h, w) of a depth or thermal image as they are stored."""
     return decode_depth(read_bounded(file), str(file))

@@ -55,25 +55,25 @@ def find_images(path: Path) -> FolderImages:
 
 
 def subfolder(path: Path, names: tuple[str, ...]) -> Path | None:
-    """The folder in ``path`` of the first of the names that there is, in any letter case."""
+    """Return the folder in ``path`` that has the first possible of the names, in any letter case."""
     there = {entry.name.lower(): entry for entry in paths_in_order(path.iterdir()) if entry.is_dir()}
     return next((there[name] for name in names if name in there), None)
 
 
 def files_of(folder: Path, suffixes: tuple[str, ...] = PICTURES) -> list[Path]:
-    """Files of a folder with one of the suffixes, in natural order, without hidden ones."""
+    """Return the files of a folder with one of the suffixes, in natural order, without hidden ones."""
     found = (file for file in folder.iterdir() if file.suffix.lower() in suffixes and file.is_file())
     return paths_in_order(file for file in found if not file.name.startswith("."))
 
 
 def key_of(name: str) -> str:
-    """An image's name (without suffix) without the stream's."""
+    """Return an image's name (without suffix) without the stream's."""
     rest = _STREAM.sub("", name)
     return re.sub(r"([._ -])[._ -]+", r"\1", rest).strip("._ -") or name
 
 
 def matching(files: Files, depth: Files) -> Files:
-    """The images that are named like a depth image. Raises FormatError where there are some, but none is."""
+    """Return the images that are named like a depth image. Raises FormatError where none of them is."""
     found = {name: file for name, file in files.items() if name in depth}
     if files and not found:
         other, first = next(iter(files.values())), next(iter(depth))
@@ -85,13 +85,13 @@ def matching(files: Files, depth: Files) -> Files:
 
 
 def _named(files: list[Path]) -> Files:
-    """Files by their keys; by their whole names where two have one key."""
+    """Return the files by their keys; by their whole names where two have one key."""
     keyed = {key_of(file.stem): file for file in files}
     return keyed if len(keyed) == len({file.stem for file in files}) else {file.stem: file for file in files}
 
 
 def _depth(folder: Path, flat: list[Path] | None = None) -> Files:
-    """Depth images of one kind: PNG before TIFF before PGM."""
+    """Return depth images of one kind: PNG before TIFF before PGM."""
     every = flat or files_of(folder, SUFFIXES)
     for kinds in ((".png",), (".tif", ".tiff"), (".pgm",)):
         if files := [file for file in every if file.suffix.lower() in kinds]:
@@ -100,7 +100,7 @@ def _depth(folder: Path, flat: list[Path] | None = None) -> Files:
 
 
 def _by_stream(path: Path) -> dict[str, list[Path]]:
-    """Images in the folder itself by the stream that their names state."""
+    """Return images in the folder itself by the stream that their names state."""
     found: dict[str, list[Path]] = {"depth": [], "color": [], "thermal": []}
     for file in files_of(path, (*PICTURES, *SUFFIXES)):
         stream = _STREAM.search(file.stem)
@@ -113,7 +113,7 @@ def _by_stream(path: Path) -> dict[str, list[Path]]:
 
 
 def _stamps_ns(files: Files) -> dict[str, int]:
-    """Milliseconds at the end of all names, as nanoseconds; nothing where one name has none."""
+    """Return the milliseconds at the end of all names, as nanoseconds; nothing where one name has none."""
     found = {name: _MILLISECONDS.search(name) for name in files}
     if not all(found.values()):
         return {}
@@ -121,7 +121,7 @@ def _stamps_ns(files: Files) -> dict[str, int]:
 
 
 def _nearest(stamps_ns: dict[str, int], color: Files) -> Files:
-    """Colour images by the name of the depth image that is nearest in time."""
+    """Return colour images by the name of the depth image that is nearest in time."""
     names, color_ns = sorted(stamps_ns, key=lambda name: stamps_ns[name]), _stamps_ns(color)
     others = sorted(color_ns, key=lambda name: color_ns[name])
     depth_ns = np.array([stamps_ns[name] for name in names], np.int64)
@@ -130,7 +130,7 @@ def _nearest(stamps_ns: dict[str, int], color: Files) -> Files:
 
 
 def unread_colors(path: Path) -> tuple[str, ...]:
-    """A note on a folder of colour images none of which is read."""
+    """Return a note on a folder of colour images none of which is read."""
     folder = subfolder(path, COLOR)
     if folder is None or files_of(folder) or not (seen := _kinds(folder)):
         return ()
@@ -138,7 +138,7 @@ def unread_colors(path: Path) -> tuple[str, ...]:
 
 
 def _kinds(folder: Path) -> str:
-    """How many files of which suffixes a folder holds; "" for none."""
+    """Return the numbers of a folder's files by suffix, in words; "" for none."""
     kinds = Counter(
         file.suffix.lower() or "nameless"
         for file in folder.iterdir()
@@ -148,7 +148,7 @@ def _kinds(folder: Path) -> str:
 
 
 def _no_depth(folder: Path) -> str:
-    """What a folder without depth images holds, and the remedy."""
+    """Return the contents of a folder without depth images, in words, and the remedy."""
     seen = _kinds(folder)
     place = folder if folder.name.lower() in DEPTH else folder / "depth"
     held = f" (it holds {seen} files)" if seen else ""

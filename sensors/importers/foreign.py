@@ -53,7 +53,7 @@ _SUFFIXES = {
 
 
 def refuse(path: Path, head: bytes) -> FormatError:
-    """The error for a file of no kind that is read, by its first bytes, else by its name."""
+    """Return the error for a file of no kind that is read, by its first bytes, else by its name."""
     by_bytes = (text for at, magic, text in _MAGIC if head[at:].startswith(magic))
     what = next(by_bytes, None) or _SUFFIXES.get(path.suffix.lower())
     if what is not None:

@@ -17,7 +17,7 @@ _COLORS = ("red", "green", "blue")
 
 
 def read_las(path: Path) -> CloudRecords:
-    """All points, x y z as doubles in the file's own coordinates, with its colours. Raises FormatError."""
+    """Read all points, x y z as doubles in the file's coordinates, with its colours. Raises FormatError."""
     try:
         import laspy
     except ImportError as error:

@@ -59,12 +59,12 @@ def open_source(path: Path, options: ImportOptions = AS_STATED) -> "FrameSource"
 
 
 def doubts_of(source: "FrameSource") -> tuple[str, ...]:
-    """What the judges of depth and cameras find odd of a source that was not judged when it was opened."""
+    """Return the judges' doubts about depth and cameras of a source that was not judged at its opening."""
     return tuple(note for note in judged_notes(source) if note not in source.notes and not _is_range(note))
 
 
 def judged_notes(source: "FrameSource") -> tuple[str, ...]:
-    """Notes of a source, with those of the judges of depth and cameras where it has not been judged yet.
+    """Return the notes of a source; with the judges' on depth and cameras if the source is not judged yet.
 
     A frame that is looked at and cannot be read is named. Raises FormatError where the images are no depth.
     """

@@ -31,7 +31,7 @@ Fields = list[tuple[str, str, int]]
 
 
 def read_pcd(path: Path) -> CloudRecords:
-    """All points of a PCD file. Raises FormatError where it is malformed or cut off."""
+    """Read all points of a PCD file. Raises FormatError where it is malformed or cut off."""
     try:
         with path.open("rb") as file:
             head = file.read(MAX_HEADER_BYTES)
@@ -54,7 +54,7 @@ def read_pcd(path: Path) -> CloudRecords:
 
 
 def _words(head: bytes) -> dict[str, list[str]]:
-    """Words of each line of the header by its first; comments, of any encoding, left out."""
+    """Return the words of each line of the header by its first; comments, of any encoding, left out."""
     lines = [line.split() for line in head.decode("utf-8", "replace").split("\n")]
     header = {words[0]: words[1:] for words in lines if words and not words[0].startswith("#")}
     if "COLUMNS" in header:
@@ -63,7 +63,7 @@ def _words(head: bytes) -> dict[str, list[str]]:
 
 
 def _counts(header: dict[str, list[str]]) -> tuple[int, int, int]:
-    """Width, height, points; each may be left out where the others give it."""
+    """Return width, height, points; each may be left out where the others give it."""
     width, height, points = (
         int(header[name][0]) if name in header else 0 for name in ("WIDTH", "HEIGHT", "POINTS")
     )
@@ -103,7 +103,7 @@ def _stride(fields: Fields) -> int:
 
 
 def _dtype(fields: Fields) -> np.dtype[Any]:
-    """The record of the fields; padding becomes a gap between them."""
+    """Return the record type of the fields; padding becomes a gap between them."""
     names, formats, offsets, end = [], [], [], 0
     for name, kind, count in fields:
         if name != PADDING:
@@ -135,7 +135,10 @@ def _text(file: BinaryIO, fields: Fields, points: int, there: int) -> NDArray[An
 
 
 def text_numbers(file: BinaryIO, count: int, what: str) -> NDArray[np.float64]:
-    """The next ``count`` numbers of a text, NaN and infinity among them. Raises ValueError for fewer."""
+    """Return the next ``count`` numbers of a text, NaN and infinity among them.
+
+    Raises ValueError for fewer.
+    """
     with warnings.catch_warnings():
         # Of text that is no number; newer versions of numpy raise ValueError.
         warnings.simplefilter("error", DeprecationWarning)
@@ -149,7 +152,7 @@ def text_numbers(file: BinaryIO, count: int, what: str) -> NDArray[np.float64]:
 
 
 def _columns(values: NDArray[Any], fields: Fields, points: int) -> NDArray[Any]:
-    """Records of columns (words, n) of text, in the fields' order."""
+    """Return the records of columns (words, n) of text, in the fields' order."""
     kept = [field for field in fields if field[0] != PADDING]
     records, at = np.zeros(points, _packed_dtype(kept)), 0
     with np.errstate(invalid="ignore", over="ignore"):
@@ -162,7 +165,7 @@ def _columns(values: NDArray[Any], fields: Fields, points: int) -> NDArray[Any]:
 
 
 def _compressed(file: BinaryIO, fields: Fields, points: int, there: int) -> NDArray[Any]:
-    """Field after field: PCL leaves padding out when it compresses, others do not."""
+    """Read field after field: PCL leaves padding out when it compresses, others do not."""
     packed, size = np.frombuffer(file.read(8), "<u4").tolist()
     if packed > there - 8:
         raise ValueError(f"it is cut off: {there - 8} of {packed} compressed bytes are there")
@@ -188,14 +191,14 @@ def _packed_dtype(fields: Fields) -> np.dtype[Any]:
 
 
 def _packed(records: NDArray[Any]) -> NDArray[Any]:
-    """The records without gaps."""
+    """Return the records without gaps."""
     from numpy.lib.recfunctions import repack_fields
 
     return np.asarray(repack_fields(records))
 
 
 def _viewpoint(words: list[str]) -> Pose | None:
-    """Pose of the sensor in the cloud's frame: tx ty tz qw qx qy qz; None where it is the identity."""
+    """Return the sensor's pose in the cloud's frame, of tx ty tz qw qx qy qz; None for the identity."""
     if len(words) < 7:
         return None
     numbers = np.array([float(word) for word in words[:7]])

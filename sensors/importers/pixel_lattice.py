@@ -35,7 +35,7 @@ class Line(NamedTuple):
 
 
 def find_line(directions: NDArray[np.float64]) -> Line | None:
-    """The grid on which x/z or y/z (n,) of a cloud lie; None where there is none."""
+    """Return the grid on which x/z or y/z (n,) of a cloud lie; None where there is none."""
     if len(directions) < 50:
         return None
     low, high = np.percentile(directions, (0.1, 99.9))
@@ -58,7 +58,7 @@ def find_line(directions: NDArray[np.float64]) -> Line | None:
 
 
 def _refined(directions: NDArray[np.float64], focal: float) -> Line | None:
-    """Least squares of whole pixels over directions, from the middle outwards."""
+    """Fit whole pixels over directions by least squares, from the middle outwards."""
     middle = float(np.median(directions))
     away = directions - middle
     reach = np.abs(away).max()

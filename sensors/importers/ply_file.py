@@ -52,7 +52,7 @@ class _Element:
 
 
 def read_ply(path: Path) -> CloudRecords:
-    """All vertices of a PLY file. Raises FormatError where it is malformed or cut off."""
+    """Read all vertices of a PLY file. Raises FormatError where it is malformed or cut off."""
     try:
         with path.open("rb") as file:
             head = file.read(MAX_HEADER_BYTES)
@@ -73,7 +73,7 @@ def read_ply(path: Path) -> CloudRecords:
 
 
 def _header(lines: list[list[str]]) -> tuple[str, list[_Element], tuple[int, int]]:
-    """Byte order ("" for text), elements in the file's order, (width, height) of a grid or zeros."""
+    """Return byte order ("" for text), elements in the file's order, (width, height) of a grid or zeros."""
     order: str | None = None
     elements: list[_Element] = []
     grid = {"num_cols": 0, "num_rows": 0}
@@ -132,7 +132,7 @@ def _text(file: BinaryIO, vertex: _Element) -> NDArray[Any]:
 
 
 def _text_row(words: list[bytes], vertex: _Element) -> list[float]:
-    """The single values of a line, its lists skipped."""
+    """Return the single values of a line, its lists skipped."""
     values, at = [], 0
     for prop in vertex.properties:
         if prop.counted:
@@ -144,7 +144,7 @@ def _text_row(words: list[bytes], vertex: _Element) -> list[float]:
 
 
 def _bytes(prop: _Property) -> int:
-    """Bytes of a property, at least."""
+    """Return the bytes of a property, at least."""
     return np.dtype(prop.counted or prop.kind).itemsize
 
 
@@ -168,7 +168,7 @@ def _binary(file: BinaryIO, order: str, before: list[_Element], vertex: _Element
 
 
 def _rows(data: NDArray[np.uint8], at: int, element: _Element, order: str) -> tuple[NDArray[Any], int]:
-    """Records of an element whose rows begin at ``at``, and where they end.
+    """Return the records of an element whose rows begin at ``at``, and where they end.
 
     Lists are nearly always of one length (triangles); a file where they are not is read row by row.
     """
@@ -187,7 +187,7 @@ def _rows(data: NDArray[np.uint8], at: int, element: _Element, order: str) -> tu
 
 
 def _layout(data: NDArray[np.uint8], at: int, element: _Element, order: str) -> np.dtype[Any]:
-    """Type of the row at ``at``, with its lists as arrays of their length."""
+    """Return the type of the row at ``at``, with its lists as arrays of their length."""
     layout: list[Any] = []
     offset = at
     for number, prop in enumerate(element.properties):
@@ -209,7 +209,7 @@ def _layout(data: NDArray[np.uint8], at: int, element: _Element, order: str) -> 
 
 
 def _uneven(data: NDArray[np.uint8], at: int, element: _Element, order: str) -> tuple[NDArray[Any], int]:
-    """Records of the single values of rows that differ in length."""
+    """Return the records of the single values of rows that differ in length."""
     single = [prop for prop in element.properties if not prop.counted]
     records = np.zeros(
         element.rows, [(prop.name, f"{order}{prop.kind}") for prop in single] or [("none", "u1")]

@@ -110,6 +110,6 @@ def _drop_strays(points: Float64) -> None:
 
 
 def _png(colors: NDArray[np.uint8], shown: NDArray[np.intp]) -> bytes:
-    """The colours (n, 3) of the pixels' points as a PNG; black where there is none."""
+    """Return the colours (n, 3) of the pixels' points as a PNG; black where there is none."""
     image = np.where((shown >= 0)[..., None], colors[shown], 0).astype(np.uint8)
     return bytes(cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1].tobytes())

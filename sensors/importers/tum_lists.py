@@ -78,7 +78,7 @@ def read_associations(file: Path) -> list[tuple[Image, Image]]:
 
 
 def _counted(stamps_ns: list[int]) -> bool:
-    """Whether "seconds" are the images' numbers: small whole ones, most of them in steps of one."""
+    """Return whether "seconds" are the images' numbers: small whole ones, most of them in steps of one."""
     seconds = sorted({stamp / 1e9 for stamp in stamps_ns})
     if not all(second.is_integer() and second < LAST_NUMBER for second in seconds):
         return False

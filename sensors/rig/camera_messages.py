@@ -37,7 +37,7 @@ class Window(NamedTuple):
 
 
 def window_of(message: Decoded) -> Window:
-    """The binning and the region of interest of a CameraInfo; a CameraCalibration has none.
+    """Return the binning and the region of interest of a CameraInfo; a CameraCalibration has none.
 
     A region lies in unbinned pixels, 0 wide or high is the whole sensor, binning 0 is 1 (REP 104).
     """
@@ -52,7 +52,7 @@ def window_of(message: Decoded) -> Window:
 
 
 def describes(message: Decoded, size: tuple[int, int]) -> bool:
-    """Whether a camera message is of images of this size (width, height)."""
+    """Return whether a camera message is of images of this size (width, height)."""
     return size in (window_of(message).size, (int(message.width), int(message.height)))
 
 
@@ -82,7 +82,7 @@ def intrinsics_from(
 
 
 def _numbers(message: Decoded, letter: str) -> NDArray[np.float64]:
-    """A field of numbers: ROS 1 and Foxglove write large letters, ROS 2 small ones."""
+    """Return a field of numbers: ROS 1 and Foxglove write large letters, ROS 2 small ones."""
     return np.array(getattr(message, letter if hasattr(message, letter) else letter.upper()), np.float64)
 
 
@@ -93,7 +93,10 @@ def _model(message: Decoded) -> str:
 def _with_lens(
     matrix: NDArray[np.float64], size: tuple[int, int], d: NDArray[np.float64], model: str, name: str
 ) -> Intrinsics:
-    """A pinhole with OpenCV's coefficients k1 k2 p1 p2 k3 k4 k5 k6 and more; zeros at the end are nothing."""
+    """Return a pinhole with OpenCV's coefficients k1 k2 p1 p2 k3 k4 k5 k6 and more.
+
+    Zeros at the end are nothing.
+    """
     pinhole = [float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2))]
     if not np.isfinite(d).all():
         raise CalibrationError(

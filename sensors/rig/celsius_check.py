@@ -31,7 +31,7 @@ class Scale:
     offset: float
 
     def celsius(self, words: NDArray[Any]) -> NDArray[np.float32]:
-        """float32 (h, w) degrees Celsius, NaN = no reading."""
+        """Return float32 (h, w) degrees Celsius, NaN = no reading."""
         values = words.astype(np.float64)
         good = np.isfinite(values)
         if words.dtype.kind in "iu":
@@ -86,7 +86,7 @@ def judge_celsius(samples: Sequence[NDArray[Any]], where: str) -> tuple[Scale, t
 
 
 def scales_of_cameras(words: NDArray[np.uint16]) -> list[Scale]:
-    """Scales by which the median of an image's words (h, w) is the temperature of a scene with people."""
+    """Return the scales in which the median of words (h, w) is a temperature of scenes with people."""
     return [scale for scale in OF_CAMERAS if COLDEST_C <= _median([words], scale) <= HOTTEST_C]
 
 

@@ -73,14 +73,14 @@ class EpochClock:
     unsure: frozenset[int]
 
     def host_ns(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Device stamps (n,), sorted and of epochs that were fitted, on the host's clock."""
+        """Return device stamps (n,), sorted and of epochs that were fitted, on the host's clock."""
         host = stamps_ns.copy()
         for number, span in _spans(stamps_ns, self.begins_ns):
             host[span] = self.clocks[number].host_ns(stamps_ns[span])
         return host
 
     def sure(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Flags (n,) of sorted device stamps whose time on the host's clock is sure."""
+        """Return flags (n,) of sorted device stamps whose time on the host's clock is sure."""
         flags = np.ones(len(stamps_ns), np.bool_)
         for number, span in _spans(stamps_ns, self.begins_ns):
             flags[span] = number not in self.unsure
@@ -112,13 +112,13 @@ def fit_epochs(
 
 
 def _spans(stamps_ns: NDArray[np.int64], begins_ns: NDArray[np.int64]) -> list[tuple[int, slice]]:
-    """Epochs that have any of the sorted stamps, by number, and where in the stamps they are."""
+    """Return epochs that have any of the sorted stamps, by number, and where in the stamps they are."""
     ends = [0, *np.searchsorted(stamps_ns, begins_ns, "left").tolist(), len(stamps_ns)]
     return [(number, slice(low, high)) for number, (low, high) in enumerate(pairwise(ends)) if low < high]
 
 
 def begins_of(name: str, events: Iterable[tuple[int, str]]) -> NDArray[np.int64]:
-    """int64 (k,): stamps from which on a clock's epochs 1 .. k are. events: (stamp in ns, text)."""
+    """Return int64 (k,): stamps from which on a clock's epochs 1 .. k are. events: (stamp in ns, text)."""
     texts = {BACK.format(name), SET_ANEW.format(name)}
     begins = sorted(
         at_ns - EPOCH_MARGIN_NS for at_ns, text in events if text in texts and 0 <= at_ns < 1 << 63

@@ -69,7 +69,7 @@ class DepthReading:
     notes: tuple[str, ...] = ()
 
     def to_mm(self, image: Image) -> NDArray[np.uint16]:
-        """Whole millimetres (h, w), 0 = no reading or beyond 16 bits, of an image as the source stores it."""
+        """Return a stored image in whole millimetres (h, w), 0 = no reading or beyond 16 bits."""
         words = image.byteswap() if self.swapped else image
         if not self.invalid:
             return mm_from_units(words, self.unit_mm)
@@ -78,7 +78,7 @@ class DepthReading:
 
 
 def spread(count: int, most: int = SAMPLES) -> list[int]:
-    """Indices of at most ``most`` of ``count`` frames, spread evenly, the first and the last among them."""
+    """Return at most ``most`` indices of ``count`` frames, evenly spread from the first to the last."""
     return [int(at) for at in np.unique(np.linspace(0, max(count - 1, 0), min(most, count)).round())]
 
 
@@ -132,7 +132,7 @@ def judge_depth(
 
 
 def _thinned(image: Image) -> Image:
-    """Every n-th row: neighbours along rows stay neighbours."""
+    """Return every n-th row of an image: neighbours along rows stay neighbours."""
     return image[:: max(1, image.size // MOST_PIXELS)] if image.ndim == 2 else image
 
 
@@ -143,13 +143,13 @@ def _valid(image: Image, invalid: tuple[int, ...]) -> NDArray[np.float64]:
 
 
 def _swapped(images: Sequence[Image]) -> bool:
-    """Whether neighbours agree far better once the bytes of every word are exchanged."""
+    """Return whether neighbours agree far better once the bytes of every word are exchanged."""
     steps, other = (_steps(each) for each in (images, [image.byteswap() for image in images]))
     return len(steps) >= LEAST_PIXELS and float(other.mean()) * SMOOTHER < float(steps.mean())
 
 
 def _steps(images: Sequence[Image]) -> NDArray[np.float64]:
-    """Differences of neighbours in a row, both of which have a reading."""
+    """Return the differences of neighbours in a row, both of which have a reading."""
     steps = [np.zeros(0)]
     for image in images:
         with np.errstate(invalid="ignore"):
@@ -160,7 +160,7 @@ def _steps(images: Sequence[Image]) -> NDArray[np.float64]:
 
 
 def _codes(images: Sequence[Image]) -> tuple[int, ...]:
-    """Codes of integers that stand for no reading."""
+    """Return the codes of integers that stand for no reading."""
     if not images or images[0].dtype.kind not in "iu":
         return ()
     always = (SATURATED,) if images[0].dtype.itemsize >= 2 else ()
@@ -183,7 +183,7 @@ def _seen_codes(images: Sequence[Image], invalid: tuple[int, ...]) -> list[str]:
 
 
 def _doubts(found: Range, images: Sequence[Image], unit_mm: float, *, assumed: bool) -> list[str]:
-    """What is odd of a scene that is read nevertheless."""
+    """Return the doubts about a scene that is read nevertheless."""
     why = impossible(found)
     if not why and found.median > MEDIAN_M:
         why = f"half of the scene is farther than {metres(found.median)}"

@@ -39,7 +39,7 @@ UNITS_MM = {
 
 
 def metres(length_m: float) -> str:
-    """A length to three digits."""
+    """Return a length to three digits."""
     return f"{length_m:.0f} m" if length_m >= 100 else f"{length_m:.3g} m"
 
 
@@ -59,7 +59,7 @@ def range_of(values: NDArray[np.float64], unit_mm: float) -> Range:
 
 
 def impossible(found: Range, times: float = 1.0) -> str:
-    """Why a range is no scene's that a camera of people sees; "" where it may be. times: farther bounds."""
+    """Return the reason why a range is no scene with people, "" for a possible one. times: farther bounds."""
     if found.near > NEAREST_M * times:
         return f"nothing is nearer than {metres(found.near)}"
     if found.near > NEAR_M * times and found.median > MEDIAN_M * times:
@@ -68,14 +68,14 @@ def impossible(found: Range, times: float = 1.0) -> str:
 
 
 def _is_usual(found: Range) -> bool:
-    """Whether a range is what cameras see of people in rooms."""
+    """Return whether a range is what cameras see of people in rooms."""
     return not impossible(found) and found.near > CLOSE_M and CLOSE_MEDIAN_M < found.median < MEDIAN_M
 
 
 def unit_of(
     values: NDArray[np.float64], floats: bool, declared: float | None, where: str, likely: float | None
 ) -> tuple[float, list[str]]:
-    """Millimetres of a step, and notes. Raises FormatError where an assumed one is impossible."""
+    """Return the millimetres of a step, and notes. Raises FormatError where an assumed one is impossible."""
     usual = 1000.0 if floats else 1.0
     if declared is not None or len(values) < LEAST_PIXELS:
         return declared or usual, []
@@ -93,7 +93,7 @@ def unit_of(
 
 
 def remedy(values: NDArray[np.float64], usual: float) -> str:
-    """How to declare the unit, and which give a possible scene; one that divides all values is the first."""
+    """Return the units that give a possible scene, in words; one that divides all values is the first."""
     whole = values[values == np.rint(values)].astype(np.int64)
     common = int(np.gcd.reduce(whole[:: max(1, len(whole) // 1000)])) if len(whole) == len(values) else 1
     fits = [

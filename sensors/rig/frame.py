@@ -98,7 +98,7 @@ def mm_from_metres(depth_m: NDArray[np.floating[Any]]) -> NDArray[np.uint16]:
 
 
 def mm_from_units(depth: NDArray[Any], unit_mm: float) -> NDArray[np.uint16]:
-    """Integers or floats of ``unit_mm`` millimetres each as depth on disk."""
+    """Return integers or floats of ``unit_mm`` millimetres each as depth on disk."""
     if unit_mm == 1.0 and depth.dtype == np.uint16:
         return np.asarray(depth, np.uint16)
     with np.errstate(invalid="ignore", over="ignore"):  # signalling NaNs
@@ -153,5 +153,5 @@ class FrameSource(ABC):
 
 
 def regular_times_ns(count: int, period_ns: int = FRAME_PERIOD_NS) -> NDArray[np.int64]:
-    """Stamps int64 (count,) of images that carry none."""
+    """Return the stamps int64 (count,) of images that carry none."""
     return np.arange(count, dtype=np.int64) * period_ns

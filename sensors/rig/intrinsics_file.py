@@ -75,7 +75,7 @@ def _from_ours(fields: dict[str, Any]) -> FoundIntrinsics:
 
 
 def _from_realsense(fields: dict[str, Any]) -> FoundIntrinsics:
-    """librealsense's ``rs2_intrinsics``; pyrealsense2 writes its models as ``distortion.NAME``."""
+    """Read librealsense's ``rs2_intrinsics``; pyrealsense2 writes its models as ``distortion.NAME``."""
     lens = [float(x) for x in fields.get("coeffs", [])]
     if any(lens) and len(lens) != 5:
         raise ValueError(f"coeffs has {len(lens)} numbers; give k1, k2, p1, p2, k3")

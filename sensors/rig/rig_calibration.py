@@ -85,7 +85,10 @@ class RigCalibration:
 
 
 def calibration_to_json(calibration: RigCalibration) -> dict[str, Any]:
-    """A calibration as plain JSON values; poses as row-major rotation and metres. No entry for no shift."""
+    """Return a calibration as plain JSON values; poses as row-major rotation and metres.
+
+    No entry for no shift.
+    """
     fields: dict[str, Any] = {}
     for name, value in vars(calibration).items():
         if isinstance(value, Intrinsics):

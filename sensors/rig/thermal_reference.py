@@ -71,7 +71,7 @@ class ThermalReference:
         self._uneven_k.append(np.sqrt(np.maximum(square - mean**2, 0)))
 
     def _over_disc(self, off_k: Celsius) -> tuple[Celsius, Celsius]:
-        """Mean of an image (h, w) and of its square over the known pixels of each place's disc (places,).
+        """Return the means (places,) of an image (h, w) and of its square over each disc's known pixels.
 
         NaN where less than half of a disc is known. Unknown pixels go into the filter as 0, not as NaN: from
         11 x 11 pixels on OpenCV filters by a Fourier transform, which spreads a NaN over much of the image.

@@ -23,11 +23,11 @@ class Turn:
     mirror: bool = False
 
     def image(self, image: NDArray[Pixel]) -> NDArray[Pixel]:
-        """An image (h, w), upright."""
+        """Return an image (h, w), upright."""
         return np.ascontiguousarray(np.rot90(image[:, ::-1] if self.mirror else image, -self.quarters))
 
     def camera(self, camera: Intrinsics) -> Intrinsics:
-        """The camera of the upright image."""
+        """Return the camera of the upright image."""
         if self.mirror:
             camera = replace(camera, cx=camera.width - 1 - camera.cx, p2=-camera.p2)
         for _ in range(self.quarters):
@@ -45,7 +45,7 @@ class Turn:
         return camera
 
     def calibration(self, factory: RigCalibration) -> RigCalibration:
-        """The calibration of a depth camera, with or without colour, mounted so."""
+        """Return the calibration of a depth camera, with or without colour, mounted so."""
         depth = self.camera(factory.depth)
         if factory.color is None or factory.color_from_depth is None:
             return replace(factory, depth=depth)
@@ -56,7 +56,7 @@ class Turn:
         return replace(factory, depth=depth, color=color, color_from_depth=pose @ back)
 
     def whole(self, rig: RigCalibration) -> RigCalibration:
-        """The calibration of a rig all of whose images are turned."""
+        """Return the calibration of a rig all of whose images are turned."""
         axes = np.linalg.matrix_power(_QUARTER, self.quarters) @ (_MIRROR if self.mirror else np.eye(3))
 
         def pose(old: Pose | None) -> Pose | None:

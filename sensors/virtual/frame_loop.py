@@ -63,7 +63,7 @@ class FrameLoop:
 
 
 def _times_s(stamps_ns: list[int]) -> tuple[NDArray[np.float64], float]:
-    """Seconds (n,) from the first frame on at which each is shown, and after which all start again."""
+    """Return seconds (n,) from the first frame on at which each is shown, and after which all start again."""
     starts_s: NDArray[np.float64] = (np.array(stamps_ns, np.int64) - stamps_ns[0]) * np.float64(1e-9)
     steps_s = np.diff(starts_s)
     if not len(steps_s) or steps_s.min() <= 0:

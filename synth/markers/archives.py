@@ -17,7 +17,7 @@ def is_motion(path: Path) -> bool:
 
 
 def is_joint_file(path: Path) -> bool:
-    """Whether a file is an archive of joints. Raises FormatError where it is a damaged .npz."""
+    """Return whether a file is an archive of joints. Raises FormatError where it is a damaged .npz."""
     if path.suffix != ".npz" or not path.is_file():
         return False
     return not JOINT_ARRAYS.isdisjoint(array_sizes(path, JOINTS_REMEDY))

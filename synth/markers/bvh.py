@@ -26,7 +26,7 @@ STILL = 1e-3
 
 
 def read_bvh(path: Path) -> tuple[Markers, MarkerSet]:
-    """Joint centres of a BVH as markers in metres, in the file's axes, and the marker set of these joints.
+    """Read the joint centres of a BVH as markers in metres, in the file's axes, and the set of these joints.
 
     Raises FormatError when the file is damaged or of impossible size, CloudError when its joints are unknown.
     """
@@ -57,7 +57,7 @@ def _markers(text: BvhText) -> tuple[Markers, MarkerSet]:
 
 
 def _keeping_offset(bones: list[Bone], rows: Float64) -> tuple[list[bool], tuple[str, ...]]:
-    """Which bones keep their OFFSET beside position channels, and a line on it.
+    """Return flags of the bones that keep their OFFSET beside position channels, and a line on them.
 
     Position channels replace the OFFSET in Blender's ``import_bvh.py``, bvhio (issue 5) and Holden's
     ``BVH.py`` (DeepMotionEditing); three.js (``BVHLoader.js``) adds them to it. Where the positions of most
@@ -85,7 +85,10 @@ def _keeping_offset(bones: list[Bone], rows: Float64) -> tuple[list[bool], tuple
 
 
 def _centres(bones: list[Bone], rows: Float64, keep: list[bool]) -> Float64:
-    """World positions (F, B, 3) of all joints, in the file's unit. keep: bones that keep their OFFSET."""
+    """Return the world positions (F, B, 3) of all joints, in the file's unit.
+
+    keep: bones that keep their OFFSET.
+    """
     positions = np.empty((len(rows), len(bones), 3))
     turned: list[Rotation] = []
     for i, bone in enumerate(bones):

@@ -102,7 +102,7 @@ def _bone(tokens: list[str], at: int, name: str, column: int, parent: int) -> tu
 
 
 def _motion(text: str, columns: int, assumed: list[str]) -> tuple[Float64, float]:
-    """Channels (F, C) of all frames, and seconds a frame."""
+    """Return the channels (F, C) of all frames, and seconds a frame."""
     head = re.match(r"\s*Frames:\s*(\d+)\s+Frame\s+Time:\s*(\S+)", text, re.IGNORECASE)
     if head is None:
         raise FormatError("no number of frames and frame time; copy it again")

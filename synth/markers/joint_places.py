@@ -111,7 +111,7 @@ def _apart(parents: Int64, centres: Float64) -> Bool:
 
 
 def _readings(name: str) -> list[tuple[str, str]]:
-    """Sides ("left_", "right_" or "") and known names of joints that a joint's name may stand for."""
+    """Return sides ("left_", "right_" or "") and known names of joints that a joint's name may mean."""
     label = name.casefold()
     found = [("", label)]
     if match := _MIDDLE.fullmatch(label):

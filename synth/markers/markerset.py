@@ -104,7 +104,7 @@ def _place(path: Path, name: str, entry: object) -> tuple[int, list[float], floa
 
 @cache
 def shipped_marker_sets() -> tuple[MarkerSet, ...]:
-    """The sets that come with the package (``synth/data/markersets``)."""
+    """Return the sets that come with the package (``synth/data/markersets``)."""
     return tuple(load_marker_set(path) for path in sorted(shipped("markersets").glob("*.toml")))
 
 
@@ -189,7 +189,7 @@ def _picked(markers: Markers, markerset: MarkerSet) -> tuple[Float64, tuple[str,
 
 
 def _unit(positions: Float64, unit: str) -> tuple[str, tuple[str, ...]]:
-    """Unit of a file, and a line where the one it states is none or would make no person."""
+    """Return the unit of a file, and a line where the one it states is none or would make no person."""
     span = _span(positions)
     for name in (unit, "m", "cm", "mm"):
         if name in UNITS_M and PERSON_M[0] <= span * UNITS_M[name] <= PERSON_M[1]:

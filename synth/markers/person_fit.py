@@ -157,7 +157,7 @@ def start_states(subject: Subject, observed_m: Float64) -> list[State]:
 
 
 def _spans_a_plane(points_m: Float64) -> bool:
-    """Whether points (n, 3) lie neither in one place nor on a line: others leave a turn about it open."""
+    """Return whether points (n, 3) determine a rotation: they lie neither in one place nor on a line."""
     return bool(np.linalg.svd(points_m - points_m.mean(axis=0), compute_uv=False)[1] > FLAT_M)
 
 

@@ -62,7 +62,7 @@ def given(axis: str) -> Upward:
 
 
 def direction(axis: str) -> Float64:
-    """Unit vector (3,) of one of ``AXES``."""
+    """Return the unit vector (3,) of one of ``AXES``."""
     return np.asarray(np.eye(3)["xyz".index(axis[-1])] * (-1.0 if axis[0] == "-" else 1.0))
 
 

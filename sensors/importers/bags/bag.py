@@ -81,7 +81,7 @@ class Bag(FrameSource):
 
 
 def _listed(pictures: dict[str, Picture], names: list[str]) -> str:
-    """The first topics, each with its encoding, and whether only its name makes it no depth."""
+    """Return the first topics with their encodings, in words; marked where the name alone excludes depth."""
 
     def shown(name: str) -> str:
         image = pictures[name]

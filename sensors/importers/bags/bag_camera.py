@@ -47,7 +47,10 @@ class BagCameras:
         self._topics = topics
 
     def calibrate(self, depth: Stream, color: Stream | None, options: ImportOptions) -> Found:
-        """The calibration of two image topics. Raises CalibrationError where nothing describes depth."""
+        """Return the calibration of two image topics.
+
+        Raises CalibrationError where nothing describes depth.
+        """
         unit_mm = None
         if options.intrinsics is not None:
             width, height = picture_size(depth.first) or (0, 0)
@@ -67,7 +70,7 @@ class BagCameras:
         return Found(RigCalibration(lens, color_lens, pose), notes, unit_mm)
 
     def _lens(self, stream: Stream, otherwise: str = "") -> tuple[Intrinsics, str]:
-        """The lens of an image topic and the topic that describes it.
+        """Return the lens of an image topic and the topic that describes it.
 
         otherwise: another remedy where none does. Raises CalibrationError.
         """
@@ -94,7 +97,7 @@ class BagCameras:
     def _color_lens(
         self, depth: Stream, color: Stream, lens: Intrinsics, origin: str
     ) -> tuple[Intrinsics, str]:
-        """The lens of colour: that of depth where both are one camera's and nothing else describes colour."""
+        """Return the lens of colour; that of depth for one camera whose colour no message describes."""
         one = bool(depth.frame) and depth.frame == color.frame
         try:
             return self._lens(color)
@@ -104,7 +107,7 @@ class BagCameras:
             raise
 
     def _of_frame(self, stream: Stream) -> list[str]:
-        """Descriptions elsewhere of a camera with the same frame.
+        """Return the descriptions elsewhere of a camera with the same frame.
 
         The only description of a bag counts where the frames are not named, or depth is aligned by its name.
         """
@@ -116,7 +119,7 @@ class BagCameras:
         return [name] if not stream.frame or not frames[name] or is_aligned(stream.name) else []
 
     def _pose(self, depth: Stream, color: Stream, same_info: bool) -> tuple[Pose, str]:
-        """color_from_depth by the frames, or by the first transforms that join the two, static ones first.
+        """Return color_from_depth by the frames, or by the first transforms between them, static ones first.
 
         same_info: one message describes both, at one size: without other word they are one camera. Raises
         CalibrationError.
@@ -146,7 +149,7 @@ class BagCameras:
 
 
 def described_by(picture: str, cameras: set[str]) -> list[str]:
-    """The topics that may describe an image topic's camera: beside it, or beside what it was made from."""
+    """Return the topics that may describe an image topic's camera: beside it, or beside its source."""
     found, parent = [], picture
     while "/" in parent:
         parent = parent.rpartition("/")[0]
@@ -157,7 +160,7 @@ def described_by(picture: str, cameras: set[str]) -> list[str]:
 
 
 def path_between(links: dict[tuple[str, str], Pose], depth: str, color: str) -> Pose | None:
-    """color_from_depth along the tree of frames, or None where nothing joins the two.
+    """Return color_from_depth along the tree of frames, or None where nothing joins the two.
 
     links: parent_from_child by (parent, child).
     """

@@ -120,7 +120,7 @@ BagFile = McapFile | RosbagFile | Ros1File
 
 
 def storage_files(folder: Path) -> list[Path]:
-    """The MCAP and SQLite files of a folder, in the natural order of their names."""
+    """Return the MCAP and SQLite files of a folder, in the natural order of their names."""
     return natsorted(f for f in folder.iterdir() if f.suffix.lower() in (".mcap", ".db3") and f.is_file())
 
 
@@ -134,7 +134,7 @@ def open_files(path: Path) -> list[BagFile]:
 
 
 def open_file(path: Path) -> BagFile:
-    """One file, or a folder of SQLite files. Raises FormatError."""
+    """Open one file, or a folder of SQLite files. Raises FormatError."""
     head = b""
     if path.is_file():
         with path.open("rb") as file:
@@ -143,7 +143,7 @@ def open_file(path: Path) -> BagFile:
 
 
 def open_rosbag(path: Path) -> RosbagFile | Ros1File:
-    """A ROS 1 bag, or SQLite files. Raises FormatError."""
+    """Open a ROS 1 bag, or SQLite files. Raises FormatError."""
     if path.is_file():
         with path.open("rb") as file:
             if file.read(len(_ROS1)) == _ROS1:

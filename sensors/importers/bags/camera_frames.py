@@ -54,7 +54,10 @@ class Stream:
     def opened(
         self, name: str, stamps_ns: NDArray[np.int64], file: BagFile, picture: Callable[[bytes], Picture]
     ) -> Images:
-        """The stream's images. stamps_ns: the camera's times (n,), unwrapped. picture: decodes a message."""
+        """Return the stream's images.
+
+        stamps_ns: the camera's times (n,), unwrapped. picture: decodes a message.
+        """
         received_ns = np.array([image.received_ns for image in self.images], np.int64)
 
         def bytes_at(index: int) -> bytes:
@@ -67,7 +70,7 @@ class Stream:
         return Images(timeline, lambda index: picture(bytes_at(int(timeline.recorded[index]))))
 
     def lost(self, timeline: Timeline) -> list[str]:
-        """``lost_notes`` of the images whose number is known."""
+        """Return ``lost_notes`` of the images whose number is known."""
         numbers = np.array([self.images[at].number for at in timeline.recorded], np.int64)
         known = numbers >= 0
         return lost_notes(numbers[known], timeline.times_ns[known])
@@ -96,7 +99,7 @@ class CameraFrames:
         )
 
     def frame(self, index: int) -> RigFrame:
-        """The frame of depth image ``index``. Raises FormatError."""
+        """Read the frame of depth image ``index``. Raises FormatError."""
         depth_mm = self._reading.to_mm(depth_from(self._depth.picture(index)))
         color, infrared = int(self._color_at[index]), int(self._infrared_at[index])
         encoded = color_encoded_from(self._color.picture(color)) if color >= 0 else None
@@ -108,7 +111,7 @@ class CameraFrames:
 
 
 def lost_notes(numbers: NDArray[np.int64], times_ns: NDArray[np.int64]) -> list[str]:
-    """Notes on images that are missing by their numbers (n,), and on pauses.
+    """Return the notes on images that are missing by their numbers (n,), and on pauses.
 
     A counter that starts again says nothing of what was lost at that moment.
     """

@@ -45,7 +45,7 @@ class Choice(NamedTuple):
 
 
 def meaning_of(name: str) -> Meaning:
-    """What a topic's name says: the last of its parts that says anything counts."""
+    """Return the meaning of a topic's name: that of the last of its parts that has one."""
     for part in reversed(_parts(name)):
         if _DERIVED.search(part):
             return Meaning.OTHER
@@ -59,12 +59,12 @@ def meaning_of(name: str) -> Meaning:
 
 
 def is_aligned(name: str) -> bool:
-    """Whether a topic's name says that its depth images have the colour camera's pixels."""
+    """Return whether a topic's name marks its depth images as aligned with colour."""
     return bool(_ALIGNED.search(name.lower()))
 
 
 def choose(first: dict[str, Picture], wanted: Sequence[str] = ()) -> Choice | None:
-    """The depth topic and the colour topic of the same camera; None where no topic is depth.
+    """Return the depth topic and the colour topic of the same camera; None where no topic is depth.
 
     first: the first message of every image topic. wanted: topics, or namespaces, among which to choose; a
     topic that is named in full is depth or colour by its encoding alone. Raises FormatError where there is no
@@ -87,7 +87,7 @@ def choose(first: dict[str, Picture], wanted: Sequence[str] = ()) -> Choice | No
 
 
 def choose_depth(first: dict[str, Picture], wanted: Sequence[str] = ()) -> str | None:
-    """The depth topic: named so, of a camera with colour, with the sensor's own pixels, raw, rectified."""
+    """Return the depth topic: named so, of a camera with colour, in the sensor's pixels, raw, rectified."""
     asked = [n for n in first if n in wanted and holds_depth(first[n]) and not _shows_color(n, first[n])]
     below = [n for n in wanted if n not in first]
     named = asked or [n for n, image in first.items() if _is_depth(n, image) and _allowed(n, below)]
@@ -105,7 +105,7 @@ def choose_depth(first: dict[str, Picture], wanted: Sequence[str] = ()) -> str |
 
 
 def choose_color(first: dict[str, Picture], depth: str, wanted: Sequence[str] = ()) -> str | None:
-    """The colour topic: of the depth's camera, named so, the camera's own JPEG before decoded pixels."""
+    """Return the colour topic: of depth's camera, named so, the camera's own JPEG rather than raw pixels."""
     camera = camera_of(depth)
     asked = [n for n in first if n in wanted and n != depth and _shows_color(n, first[n])]
     below = [n for n in wanted if n not in first]
@@ -123,25 +123,25 @@ def choose_color(first: dict[str, Picture], depth: str, wanted: Sequence[str] = 
 
 
 def camera_of(name: str) -> tuple[str, ...]:
-    """The parts of a topic's name that stand before the one which says what its images hold."""
+    """Return the parts of a topic's name in front of the one with a meaning."""
     parts = _parts(name)
     says = [at for at, part in enumerate(parts) if meaning_of(part) is not Meaning.UNKNOWN]
     return tuple(parts[: says[-1]] if says else parts[:-1])
 
 
 def _parts(name: str) -> list[str]:
-    """The parts of a name in small letters, without the transport."""
+    """Return the parts of a name in small letters, without the transport."""
     parts = [part for part in name.lower().split("/") if part]
     return [part for part in parts if part not in _TRANSPORTS] or parts
 
 
 def _shared(a: tuple[str, ...], b: tuple[str, ...]) -> int:
-    """How many parts two names have in common from the beginning."""
+    """Return the number of parts that two names share from the beginning."""
     return next((at for at, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
 
 
 def _rank(name: str, tests: Sequence[Callable[[str], bool]]) -> tuple[object, ...]:
-    """Least for the topic that passes the earliest tests; then for the shortest, then by name."""
+    """Return a rank: least for the topic that passes the earliest tests, then the shortest, then by name."""
     return (*(not test(name) for test in tests), len(name), natsort_key(name))
 
 
@@ -154,14 +154,14 @@ def _allowed(topic: str, wanted: Sequence[str]) -> bool:
 
 
 def holds_depth(image: Picture) -> bool:
-    """Whether the encoding can be depth."""
+    """Return whether the encoding can be depth."""
     if image.compressed:
         return "compressedDepth" in image.encoding or is_grey_png(image)
     return image.encoding in DEPTHS
 
 
 def _is_depth(name: str, image: Picture) -> bool:
-    """Whether a topic is depth. Images of 16 bits with another name may be infrared or temperatures.
+    """Return whether a topic is depth. Images of 16 bits with another name may be infrared or temperatures.
 
     Where the name says nothing, ROS's encodings of depth count (REP 118), unless the camera's frame has the
     name of another camera; ``mono16`` is no such encoding.
@@ -176,7 +176,7 @@ def _is_depth(name: str, image: Picture) -> bool:
 
 
 def _shows_color(name: str, image: Picture) -> bool:
-    """Whether the encoding can be colour."""
+    """Return whether the encoding can be colour."""
     if not image.compressed:
         # Depth of 8 bits is a picture of depth.
         grey = image.encoding in ("mono8", "8UC1")

@@ -19,5 +19,5 @@ class Entry(NamedTuple):
 
 
 def bare(kind: str) -> str:
-    """``sensor_msgs/msg/Image`` or ``foxglove.RawImage`` without what stands before the type's own name."""
+    """Return the bare name of a type: ``Image`` for ``sensor_msgs/msg/Image`` and ``sensor_msgs.Image``."""
     return kind.replace(".", "/").rpartition("/")[2]

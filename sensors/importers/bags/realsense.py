@@ -171,7 +171,7 @@ class RealSenseRecording(FrameSource):
 
 
 def unwrapped(stamps_ns: NDArray[np.int64], first_ns: int) -> NDArray[np.int64]:
-    """Times (n,) of one stream where the camera's own clock starts again after 71.6 minutes.
+    """Return times (n,) of one stream that go on where the camera's clock starts again after 71.6 minutes.
 
     first_ns: of depth: the first image of another stream may lie on the other side of the clock's begin. A
     clock of the host (the SDK's usual domain) is far beyond the 32 bits, so that nothing is unwrapped.

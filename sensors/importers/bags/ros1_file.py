@@ -77,7 +77,7 @@ class Ros1File:
         return {topic for topic, _ in known.values()}
 
     def entries(self, kinds: frozenset[str] = READ) -> Iterator[Entry]:
-        """Every message of a type that is read, in the file's order."""
+        """Yield every message of a type that is read, in the file's order."""
         with self.path.open("rb") as file:
             # Where the chunk is damaged in which a topic is described, the index describes it again.
             known = self._indexed(file)
@@ -90,7 +90,7 @@ class Ros1File:
                     yield Entry(topic, kind, "ros1", _logged_ns(record), place, _data(source, record))
 
     def read(self, topic: str, place: Place) -> bytes:
-        """A message's bytes."""
+        """Read a message's bytes."""
         chunk, start, size = place
         if chunk != _WHOLE:
             return self._unpacked(chunk)[start : start + size]
@@ -99,7 +99,7 @@ class Ros1File:
             return file.read(size)
 
     def _records(self, file: BinaryIO) -> Iterator[tuple[int, BinaryIO, _Record]]:
-        """Descriptions and messages: their chunk, what they lie in, and the record."""
+        """Yield descriptions and messages: their chunk, the file or chunk that holds them, and the record."""
         end, offset = os.fstat(file.fileno()).st_size, len(MAGIC)
         while offset < end:
             record = _record_at(file, offset, end)
@@ -113,7 +113,7 @@ class Ros1File:
             offset = record.start + record.size
 
     def _inside(self, chunk: int) -> Iterator[tuple[int, BinaryIO, _Record]]:
-        """The records of a chunk, as far as it is whole."""
+        """Yield the records of a chunk, as far as it is whole."""
         try:
             inside = io.BytesIO(self._unpacked(chunk))
         except FormatError as error:
@@ -127,7 +127,7 @@ class Ros1File:
             self.lost = f"{self.path.name} is damaged at byte {chunk}: messages of that chunk are lost"
 
     def _unpack(self, offset: int) -> bytes:
-        """The records of the chunk at ``offset``."""
+        """Return the records of the chunk at ``offset``."""
         with self.path.open("rb") as file:
             record = _record_at(file, offset, os.fstat(file.fileno()).st_size)
             if record is None:
@@ -144,7 +144,7 @@ class Ros1File:
         return (_described(r, source) for _, source, r in self._records(file) if r.op == _DESCRIPTION)
 
     def _indexed(self, file: BinaryIO) -> dict[int, tuple[str, str]]:
-        """Topics and types by connection, as the index has them; none where it is absent."""
+        """Return the topics and types by connection, as the index has them; none where it is absent."""
         end = os.fstat(file.fileno()).st_size
         first = _record_at(file, len(MAGIC), end)
         at = int.from_bytes(first.fields.get(b"index_pos", b""), "little") if first else 0
@@ -156,7 +156,7 @@ class Ros1File:
 
 
 def _record_at(file: BinaryIO, offset: int, end: int) -> _Record | None:
-    """The record at an offset; None where it is not there in full, or is none."""
+    """Return the record at an offset; None where it is not there in full, or is none."""
     file.seek(offset)
     head = file.read(_LENGTH.size)
     if len(head) < _LENGTH.size:
@@ -173,7 +173,7 @@ def _record_at(file: BinaryIO, offset: int, end: int) -> _Record | None:
 
 
 def _fields(header: bytes) -> dict[bytes, bytes]:
-    """The fields ``name=value`` of a header, up to the first one that is damaged."""
+    """Return the fields ``name=value`` of a header, up to the first one that is damaged."""
     fields, at = {}, 0
     while at + _LENGTH.size <= len(header):
         (length,) = _LENGTH.unpack_from(header, at)
@@ -191,7 +191,7 @@ def _data(file: BinaryIO, record: _Record) -> bytes:
 
 
 def _described(record: _Record, source: BinaryIO) -> tuple[int, tuple[str, str]]:
-    """A connection's number, its topic and bare type."""
+    """Return a connection's number, its topic and bare type."""
     about = _fields(_data(source, record))
     # rosbag's own record has the topic; the publisher's may name another one that was remapped.
     topic = record.fields.get(b"topic") or about.get(b"topic", b"")
@@ -208,7 +208,7 @@ def _logged_ns(record: _Record) -> int:
 
 
 def _decompressed(packed: bytes, compression: bytes, limit: int) -> bytes:
-    """A chunk's records, at most ``limit`` bytes."""
+    """Return a chunk's records, at most ``limit`` bytes."""
     if compression == b"none":
         return packed
     if compression == b"bz2":

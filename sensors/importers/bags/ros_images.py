@@ -45,7 +45,7 @@ _CONFIG = struct.Struct("<iff")
 
 
 def depth_from(picture: Picture) -> Depth:
-    """Depth (h, w) as the message has it: whole units (millimetres by REP 118), or floats (metres).
+    """Return depth (h, w) as the message has it: whole units (millimetres by REP 118), or floats (metres).
 
     Raises FormatError.
     """
@@ -59,7 +59,7 @@ def depth_from(picture: Picture) -> Depth:
 
 
 def is_grey_png(picture: Picture) -> bool:
-    """Whether a compressed picture is a PNG of one channel with 16 bits, which loses nothing.
+    """Return whether a compressed picture is a PNG of one channel with 16 bits, which loses nothing.
 
     image_transport's plain ``compressed`` transport and Foxglove's CompressedImage carry depth so.
     """
@@ -68,7 +68,10 @@ def is_grey_png(picture: Picture) -> bool:
 
 
 def picture_size(picture: Picture) -> tuple[int, int] | None:
-    """(width, height) by the message or by the header of its JPEG or PNG; None where that is damaged."""
+    """Return (width, height) by the message or by the header of its JPEG or PNG.
+
+    None where that is damaged.
+    """
     if not picture.compressed:
         return picture.width, picture.height
     start = max(0, picture.data[:64].find(PNG_MAGIC))  # compressed depth has numbers before it

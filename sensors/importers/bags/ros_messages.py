@@ -82,7 +82,7 @@ def stamp_and_frame(message: Decoded) -> tuple[int, str]:
 
 
 def is_empty(message: Decoded) -> bool:
-    """Whether a picture has no pixels, as some drivers send before the camera runs."""
+    """Return whether a picture has no pixels, as some drivers send before the camera runs."""
     if hasattr(message, "height") and not (message.height and message.width):
         return True
     return not len(message.data)
@@ -99,7 +99,7 @@ def picture_from(message: Decoded) -> Picture:
 
 
 def _printable(text: object) -> str:
-    """A text of a message, which may be damaged, as messages and notes quote it."""
+    """Return a message's text, which may be damaged, as errors and notes quote it."""
     return "".join(letter for letter in str(text) if letter.isprintable())
 
 

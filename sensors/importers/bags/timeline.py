@@ -80,7 +80,7 @@ def timeline_of(given: Stamps) -> Timeline:
 
 
 def paired(depth: Timeline, color: Timeline) -> tuple[Times, tuple[str, ...]]:
-    """For each depth image the index of the colour image that belongs to it, or -1, and notes on it.
+    """Return for each depth image the index of its colour image, or -1, and notes.
 
     Stamps decide. Receive times do where stamps pair less than half of the images, and they pair more.
     """
@@ -104,7 +104,7 @@ def paired(depth: Timeline, color: Timeline) -> tuple[Times, tuple[str, ...]]:
 
 
 def _nearest(depth: Timeline, color: Timeline) -> str:
-    """How far the nearest colour images are, and what to do."""
+    """Return the distance in time of the nearest colour images, in words, and the remedy."""
     nearest = pair_stamps(depth.times_ns, color.times_ns, 1 << 62)
     has = nearest >= 0
     apart = _apart(depth.times_ns[has], color.times_ns[nearest[has]])
@@ -112,7 +112,7 @@ def _nearest(depth: Timeline, color: Timeline) -> str:
 
 
 def paired_by_stamps(depth: Timeline, other: Timeline, window_ns: int) -> Times:
-    """Like ``pair_stamps``, within each epoch of the clock; none where the streams' epochs differ."""
+    """Pair as ``pair_stamps`` does, within each epoch of the clock; no pairs where the epochs differ."""
     pairs = np.full(len(depth.times_ns), -1, np.int64)
     if not len(other.times_ns) or not len(depth.times_ns) or not (depth.stamped and other.stamped):
         return pairs
@@ -126,7 +126,7 @@ def paired_by_stamps(depth: Timeline, other: Timeline, window_ns: int) -> Times:
 
 
 def _steps_back(stamps_ns: Times, received_ns: Times) -> bool:
-    """Whether the clock stepped back, rather than that transport delayed single messages.
+    """Return whether the clock stepped back, rather than that transport delayed single messages.
 
     After a step all messages are received later by their stamps than before it, after a delay they are not.
     """
@@ -142,7 +142,7 @@ def _steps_back(stamps_ns: Times, received_ns: Times) -> bool:
 
 
 def _received(given: Stamps, order: Times, doubled_at: Times | None) -> Timeline:
-    """A topic without usable stamps: the times at which its messages were received, or a regular rate.
+    """Return a topic without usable stamps: the times at which its messages were received, or a regular rate.
 
     doubled_at: times by which messages may be there twice; None where those are left out already.
     """
@@ -160,12 +160,12 @@ def _received(given: Stamps, order: Times, doubled_at: Times | None) -> Timeline
 
 
 def _twice(name: str, twice: int) -> list[str]:
-    """A note on messages that are there twice; none of none."""
+    """Return a note on messages that are there twice; none of none."""
     return [f"{name}: {twice} messages are in the recording twice, read once"] * bool(twice)
 
 
 def _once(order: Times, times_ns: Times, same: Callable[[int, int], bool]) -> tuple[Times, int]:
-    """The order without messages that repeat the one before, and how many those are."""
+    """Return the order without messages that repeat the one before, and how many those are."""
     kept = [*map(int, order[:1])]
     for at in map(int, order[1:]):
         if times_ns[at] != times_ns[kept[-1]] or not same(kept[-1], at):
@@ -174,7 +174,7 @@ def _once(order: Times, times_ns: Times, same: Callable[[int, int], bool]) -> tu
 
 
 def _bridged(name: str, stamps_ns: Times, received_ns: Times) -> tuple[Times, Times, tuple[str, ...]]:
-    """Times that go on where the clock steps back, the number of steps before each message, and a note."""
+    """Return times that go on where the clock steps back, each message's number of steps, and a note."""
     steps = np.diff(stamps_ns)
     back = steps < 0
     if not back.any():
@@ -202,6 +202,6 @@ def _by_received(depth: Timeline, color: Timeline) -> Times:
 
 
 def _apart(depth_ns: Times, color_ns: Times) -> str:
-    """How far colour is from depth, in words."""
+    """Return the distance in time of colour from depth, in words."""
     apart_s = float(np.median((color_ns - depth_ns).astype(np.float64))) / _S
     return f"{abs(apart_s):.3f} s {'later' if apart_s > 0 else 'earlier'}"

@@ -45,12 +45,12 @@ class Topic:
         return len(self.timeline.times_ns) if self.kind in PICTURES else len(self.messages)
 
     def read(self, index: int) -> Decoded:
-        """A message. Raises FormatError."""
+        """Read a message. Raises FormatError."""
         at = int(self.timeline.recorded[index]) if self.kind in PICTURES else index
         return decode(self.kind, self.encoding, self._bytes(at))
 
     def all(self) -> Iterator[Decoded]:
-        """Every message. Raises FormatError."""
+        """Yield every message. Raises FormatError."""
         return map(self.read, range(len(self)))
 
     @cached_property
@@ -76,7 +76,7 @@ class Topic:
 
 
 def index_topics(files: list[BagFile]) -> dict[str, Topic]:
-    """Every topic of a kind that is read. Raises FormatError."""
+    """Return every topic of a kind that is read. Raises FormatError."""
     topics: dict[str, Topic] = {}
     for file in files:
         for entry in file.entries():
@@ -93,7 +93,7 @@ def index_topics(files: list[BagFile]) -> dict[str, Topic]:
 
 
 def _clock_was_set_back(messages: list[Message]) -> bool:
-    """Whether the recorder's own clock stepped back: the order in the file is then that of the recording.
+    """Return whether the recorder's clock stepped back: the file's order is then that of the recording.
 
     Otherwise a file whose messages are not in the order of receive times was written so.
     """
