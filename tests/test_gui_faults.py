@@ -286,7 +286,8 @@ def test_a_recording_that_was_given_is_remembered_for_its_label_set(
     folder, rig_session, rig_labels, tmp_path, monkeypatch
 ):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    here = shutil.copy(rig_session, tmp_path / "elsewhere.mcap")
+    (tmp_path / "elsewhere").mkdir()
+    here = shutil.copy(rig_session, tmp_path / "elsewhere" / "take.mcap")
     assert recording_of(folder, None) is None
     assert recording_of(folder, here) == here
     assert recording_of(folder, None) == here
