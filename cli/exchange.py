@@ -32,7 +32,8 @@ def import_(
     source: Annotated[Path, Argument(help=f"Recording: {KINDS}. Labels: whatever export writes.")],
     out: Annotated[Path, Argument(help="out.mcap for a recording, a folder for labels.")],
     intrinsics: Annotated[
-        Path | None, Option(help="Depth camera's intrinsics (JSON), instead of the recording's own.")
+        Path | None,
+        Option(help="Depth camera's intrinsics (JSON, YAML or text), instead of the recording's own."),
     ] = None,
     depth_unit: Annotated[
         float | None, Option(help="Millimetres of a depth step: 1, 0.1 (D405), 0.2 (TUM), 1000 for metres.")

@@ -93,7 +93,7 @@ def test_missing_intrinsics_say_what_to_add(folder):
 
 
 WRONG = [
-    *({"fx": "30"}, {"fx": True}, {"fx": -1}, {"cx": float("nan")}, {"width": 10**9}, {"rolling": 1}),
+    *({"fx": "30"}, {"fx": True}, {"fx": -1}, {"cx": float("nan")}, {"width": 10**9}, {"depth_units": 0.1}),
     *({"depth_unit_mm": 0}, {"width": 33}),
 ]
 

@@ -10,8 +10,7 @@ Layout, everything but depth optional::
     associations.txt    which colour belongs to which depth image, and when they were taken, where names
                         differ; or depth.txt and rgb.txt (see ``tum_lists``)
     calibration.json    the rig's calibration as ``rig_calibration.save_calibration`` writes it; or
-    intrinsics.json     the depth camera's numbers (see ``intrinsics_file``); or intrinsic.json,
-                        camera_intrinsic.json, camera_intrinsics.json
+    intrinsics.json     the depth camera's numbers (see ``intrinsics_file``); or one of ``INTRINSICS``
 
 Without calibration.json, colour and thermal images of the depth images' size are aligned with them pixel for
 pixel.
@@ -39,8 +38,19 @@ from sensors.rig.intrinsics_file import FoundIntrinsics, first_intrinsics, read_
 from sensors.rig.rig_calibration import Pose, RigCalibration, load_calibration
 
 JPEGS = (".jpg", ".jpeg")
+TEXTS = ("json", "yaml", "yml", "xml", "txt")
 CALIBRATION = "calibration.json"
-INTRINSICS = ("intrinsics.json", "intrinsic.json", "camera_intrinsic.json", "camera_intrinsics.json")
+INTRINSICS = (
+    *("intrinsics.json", "intrinsic.json", "camera_intrinsic.json", "camera_intrinsics.json"),
+    *(f"{name}.{kind}" for name in ("depth_intrinsics", "intrinsics_depth") for kind in TEXTS),
+    *("intrinsic_depth.txt", "intrinsic/intrinsic_depth.txt", "intrinsics/intrinsic_depth.txt"),
+    *(f"{name}.{kind}" for name in ("depth_camera_info", "camera_info") for kind in TEXTS),
+    *(f"{name}.{kind}" for name in ("intrinsics", "intrinsic", "camera") for kind in TEXTS),
+    *("camera-intrinsics.txt", "camera_intrinsics.txt", "K.txt", "cam_K.txt"),
+    *("calibration.txt", "calib.txt", "calibration.yaml", "calibration.yml"),
+)
+"""Where programs write the depth camera's numbers, the first that is there is read: ours, Open3D's, ScanNet's
+(SensReader/python/SensorData.py), ROS's, 3DMatch's, SUN RGB-D's and ETH3D's."""
 
 
 class ImageFolder(FrameSource):

@@ -1,8 +1,9 @@
-"""Intrinsics as various programs write them in JSON, and what goes with them; keys: docs/formats.md.
+"""Intrinsics as various programs write them, and what goes with them; keys: docs/formats.md.
 
-Read are ours (``fx fy cx cy width height``, optionally ``k1 k2 p1 p2 k3`` and ``depth_unit_mm``),
+In JSON, ours (``fx fy cx cy width height``, optionally ``k1 k2 p1 p2 k3`` and ``depth_unit_mm``),
 librealsense's (``fx fy ppx ppy width height``, optionally ``coeffs model depth_scale``), and Open3D's
-(``intrinsic_matrix`` by columns, ``width height``, optionally ``depth_scale``).
+(``intrinsic_matrix`` by columns, ``width height``, optionally ``depth_scale``) are read by their keys; all
+other files by ``camera_text``.
 """
 
 import json
@@ -15,6 +16,7 @@ from sensors.errors import CalibrationError
 from sensors.files.bounded import read_bounded
 from sensors.rig.camera import Intrinsics
 from sensors.rig.camera_check import check_camera
+from sensors.rig.camera_text import read_camera_text
 from sensors.rig.realsense_lens import realsense_intrinsics
 from sensors.rig.rig_calibration import MAX_CALIBRATION_BYTES
 
@@ -47,20 +49,27 @@ def first_intrinsics(files: list[Path], shape: tuple[int, int]) -> tuple[FoundIn
 
 
 def read_intrinsics(file: Path, shape: tuple[int, int] = (0, 0)) -> FoundIntrinsics:
-    """Read a JSON file; ``shape`` (h, w) is taken where an Open3D file has none. Raises CalibrationError."""
+    """Read a file; ``shape`` (h, w) is taken where it states no size. Raises CalibrationError."""
     data = read_bounded(file, MAX_CALIBRATION_BYTES, "give intrinsics", CalibrationError)
     try:
-        fields = json.loads(data)
-        if "intrinsic_matrix" in fields:
-            found = _from_open3d(fields, shape)
-        else:
-            found = _from_realsense(fields) if "ppx" in fields else _from_ours(fields)
+        found = _found(data.decode("utf-8-sig"), shape)
     except (TypeError, ValueError, KeyError, AttributeError, OverflowError, RecursionError) as error:
         raise CalibrationError(f"{file} is malformed ({error}); correct it") from error
     if found.unit_mm is not None and not 0 < found.unit_mm <= 1000:
         raise CalibrationError(f"{file} has depth steps of {found.unit_mm} mm; give more than 0, up to 1000")
     check_camera(found.depth, str(file))
     return found
+
+
+def _found(text: str, shape: tuple[int, int]) -> FoundIntrinsics:
+    fields = json.loads(text) if text.lstrip().startswith("{") else None
+    if fields is not None and "intrinsic_matrix" in fields:
+        return _from_open3d(fields, shape)
+    if fields is not None and "ppx" in fields:
+        return _from_realsense(fields)
+    if fields is not None and set(fields) <= _OURS | _OURS_OPTIONAL:
+        return _from_ours(fields)
+    return FoundIntrinsics(*read_camera_text(text, shape))
 
 
 def _from_ours(fields: dict[str, Any]) -> FoundIntrinsics:
