@@ -93,7 +93,7 @@ def regions(path: Path) -> dict[str, tuple[int, int]]:
 
 
 @given(name=st.sampled_from(REGIONS), share=st.floats(0, 1, exclude_max=True))
-@settings(law, max_examples=150)
+@settings(law, max_examples=80)
 def test_one_bit_costs_one_frame_at_most(tmp_path, whole, name, share):
     """Wherever it is; "killed": in a recording without a summary, behind its first chunk, which alone holds
     schemas, channels and calibration."""
