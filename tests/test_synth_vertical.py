@@ -108,6 +108,44 @@ def test_who_lies_stays_lying_where_the_file_states_the_vertical(up):
         assert found == up and "the person lies" in said and "--up" in said
 
 
+def on_the_floor(doing):
+    """Markers (40, M, 3), z up, the floor at 0, of who rolls over sideways, walks on the hands, or rocks on
+    hands and knees: the pelvis moves along the trunk above ankles that stay."""
+    share = np.arange(40) / 39
+    angles, way, turned = np.zeros((40, N_JOINTS, 3)), np.zeros((40, 3)), np.zeros((40, 2))
+    if doing == "rocks":
+        bent = np.radians(90 + 45 * np.sin(np.pi * share) ** 2)
+        for side in ("left", "right"):
+            angles[:, JOINT_ID[f"{side}_hip"], 0] = bent
+            angles[:, JOINT_ID[f"{side}_knee"], 0] = -bent
+            angles[:, JOINT_ID[f"{side}_shoulder"], 0] = bent
+            angles[:, JOINT_ID[f"{side}_ankle"], 0] = np.radians(-40)
+        turned[:, 0] = 85
+    elif doing == "rolls":
+        way[:, 0] = 1.6 * share
+        turned = np.stack([np.full(40, 90), 360 * share], axis=1)
+    else:
+        way[:, 1] = -1.5 * share
+        turned[:, 0] = 180
+    places = plug_in_gait()
+    at = recorded(angles, np.zeros((40, 3)))
+    turns = Rotation.from_euler("XZ", turned, degrees=True)
+    at = np.stack([turn.apply(frame) for turn, frame in zip(turns, at, strict=True)])
+    stays = places.joint == (JOINT_ID["left_ankle"] if doing == "rocks" else JOINT_ID["pelvis"])
+    at -= at[:, stays].mean(axis=1, keepdims=True) - way[:, None]
+    at[..., 2] -= at[..., 2].min(axis=1, keepdims=True) - 0.03
+    return at + np.array([1.5, -2.2, 0])
+
+
+@pytest.mark.parametrize("doing", ["rolls", "rocks", "walks on the hands"])
+def test_who_exercises_on_the_floor_stays_on_it_and_the_doubt_is_named(doing):
+    at = on_the_floor(doing)
+    for up, order in (("z", [0, 1, 2]), ("y", [1, 2, 0])):
+        found, said = up_of(at[..., order], Upward(up, "Y_SCREEN", "z"))
+        assert found == up and "the person lies" in said and "--up" in said
+        assert "--up" in up_of(at[..., order], Upward("", "", up))[1]
+
+
 def test_who_lies_in_a_file_without_a_vertical_lies_on_its_floor_and_the_doubt_is_named():
     lies = recorded(*stands(0, feet=35), PRONE, move=(0.3, 1.4, 0.0))
     lies[..., 2] -= lies[..., 2].min() - 0.03

@@ -108,14 +108,16 @@ class _Person:
         heights = heights[np.isfinite(heights)]
         return bool(FLOOR_M[0] < np.quantile(heights, 0.02) < FLOOR_M[1]) if heights.size else False
 
+    def grounded(self, axis: str, instead: str) -> bool:
+        """Return whether the floor of the recording is rather below an axis than below another."""
+        return self.on_floor(axis) or not (instead and self.on_floor(instead))
+
     def stands(self, axis: str, instead: str) -> bool:
         """Return whether the person stands along an axis rather than lies on the ground across it."""
-        if self.moves_upright(axis):
-            return True
-        flat, lies = self.stands_flat(axis), bool(instead) and self.on_floor(instead)
+        flat = self.stands_flat(axis)
         if flat is None:
-            return self.on_floor(axis) and not lies
-        return flat and (self.on_floor(axis) or not lies)
+            return self.on_floor(axis) and not (instead and self.on_floor(instead))
+        return flat and self.grounded(axis, instead)
 
 
 def find_vertical(
@@ -132,19 +134,25 @@ def find_vertical(
     best = max(AXES, key=lambda axis: shares[axis])
     if stated.axis and shares[stated.axis] >= MOST:
         return stated.axis, _doubt(person, stated)
-    sure = (standing and shares[best] >= MOST) or (shares[best] >= SOME and person.moves_upright(best))
-    if stated.axis:
-        if sure or (shares[best] >= MOST and person.stands(best, stated.axis)):
-            return best, (
-                f"{stated.by} states {stated.axis} up, but the person stands along {best}, which is used",
-            )
-        if shares[best] >= MOST:
-            lies = f"by {stated.by} ({stated.axis} up) the person lies"
-            return stated.axis, (f"{lies}; if the person stands, give --up {_option(best)}",)
+    if standing and shares[best] >= MOST:
+        return best, (_stands(best, stated),)
+    moves = shares[best] >= SOME and person.moves_upright(best)
+    if not stated.axis:
+        return _unstated(person, shares, best, moves, stated.usual)
+    if not moves and shares[best] < MOST:
         return stated.axis, ()
-    if sure or (shares[best] >= MOST and person.stands(best, "")):
-        return best, (f"no vertical axis is stated; the person stands along {best}, which is used",)
-    return _unstated(person, shares, best, stated.usual)
+    if person.grounded(best, stated.axis) and (moves or person.stands(best, stated.axis)):
+        doubt = f"; else give --up {_option(stated.axis)}" if person.on_floor(stated.axis) else ""
+        return best, (_stands(best, stated) + doubt,)
+    lies = f"by {stated.by} ({stated.axis} up) the person lies"
+    return stated.axis, (f"{lies}; if the person stands, give --up {_option(best)}",)
+
+
+def _stands(axis: str, stated: Upward) -> str:
+    """Return a line on the axis of a person who stands along no stated one."""
+    if stated.axis:
+        return f"{stated.by} states {stated.axis} up, but the person stands along {axis}, which is used"
+    return f"no vertical axis is stated; the person stands along {axis}, which is used"
 
 
 def _doubt(person: _Person, stated: Upward) -> tuple[str, ...]:
@@ -166,10 +174,15 @@ def zero_pose_axis(positions: Float64, joint: Int64) -> str:
 
 
 def _unstated(
-    person: _Person, shares: dict[str, float], best: str, usual: str
+    person: _Person, shares: dict[str, float], best: str, moves: bool, usual: str
 ) -> tuple[str, tuple[str, ...]]:
-    """Return the likeliest axis of a person who neither moves nor stands on a floor, and a line on it."""
+    """Return the likeliest axis of a file that states none, and a line on it. moves: whether the person walks
+    or squats along the best. Others lie where a usual axis has the floor and the best has none."""
     grounds = [axis for axis in (usual, "y", "z") if person.on_floor(axis) and shares[axis] < MOST]
+    ground = "" if person.on_floor(best) else next(iter(grounds), "")
+    if moves or (shares[best] >= MOST and person.stands(best, ground)):
+        doubt = f"; else give --up {_option(ground)}" if ground else ""
+        return best, (_stands(best, UNSTATED) + doubt,)
     stands = person.on_floor(best) and shares[best] >= MOST
     lying = "" if stands else next(iter(grounds), usual if best[-1] == "x" else "")
     used = lying or (best if shares[best] >= MOST else usual)
