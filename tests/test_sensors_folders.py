@@ -16,7 +16,7 @@ from annotate.labelset.store import LabelSet
 from sensors.errors import CloudError
 from sensors.files.natural_order import in_order
 from sensors.importers import folder as folder_module
-from sensors.importers.flir_images import jpegs_in
+from sensors.importers.folder_files import JPEGS, files_of
 from sensors.importers.open_source import open_source
 from sensors.importers.options import ImportOptions
 from sensors.rig.camera import Intrinsics
@@ -125,7 +125,7 @@ def test_names_are_an_order_as_people_count(tmp_path):
         labels.write(FrameLabels(name, plain(), np.zeros((24, 32), np.uint8)))
     assert labels.frame_ids == names
     assert [name for name, _ in frame_files(tmp_path / "f" / "depth", ".png")] == names
-    assert [file.stem for file in jpegs_in(tmp_path / "jpegs")] == names
+    assert [file.stem for file in files_of(tmp_path / "jpegs", JPEGS)] == names
     padded = [f"{i:06}" for i in range(300)]
     assert in_order(padded[::-1]) == padded and in_order(["10", "1", "01"]) == ["01", "1", "10"]
 

@@ -1,4 +1,4 @@
-"""Run lengths of COCO's masks, and which way they were counted.
+"""Run lengths of COCO's masks, counted by columns or by rows.
 
 COCO counts column by column. The compressed form is that of pycocotools' ``maskApi.c`` (``rleToString``). Run
 lengths are read here and not by pycocotools, which writes past its memory where a file is cut off.
@@ -20,8 +20,8 @@ BOX_TOLERANCE_PX = 1.5
 def pixels_of(segmentation: dict[str, Any], box: object, shape: tuple[int, int]) -> tuple[Bool, str]:
     """Return the pixels (h, w) of run lengths, and a remark or "".
 
-    Runs that some programs count row by row look as valid as COCO's; the annotation's ``bbox`` shows which it
-    is. Raises FormatError.
+    Some programs count runs row by row, which is as valid; the annotation's ``bbox`` shows the direction.
+    Raises FormatError.
     """
     height, width = (int(side) for side in segmentation["size"])
     if (height, width) != shape:

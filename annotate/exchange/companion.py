@@ -30,7 +30,7 @@ MAX_TEXT_BYTES = 1_000_000_000
 class Companion:
     """The camera of a folder, and by frame id what its images lack, in the order of the frames.
 
-    remarks: what a reader left out or assumed, with how often.
+    remarks: omissions and assumptions of a reader, each with its number.
     """
 
     intrinsics: Intrinsics
@@ -38,7 +38,7 @@ class Companion:
     remarks: Counter[str] = field(default_factory=Counter)
 
     def remark(self, text: str) -> None:
-        """Count something that was left out or assumed."""
+        """Count an omission or assumption."""
         self.remarks[text] += 1
 
     def add(self, frame: FrameLabels) -> None:

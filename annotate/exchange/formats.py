@@ -102,7 +102,7 @@ def recognise(source: Path) -> str | None:
 
 
 class Imported(NamedTuple):
-    """A new label set, the name of the format it came in, and what was left out or assumed."""
+    """A new label set, the name of its format, and remarks on omissions and assumptions."""
 
     labels: LabelSet
     format: str

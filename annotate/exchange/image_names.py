@@ -1,4 +1,4 @@
-"""Names of images in annotation files: where the depth image lies, and the id of its frame."""
+"""Names of images in annotation files: the place of the depth image, and the id of its frame."""
 
 from collections import Counter
 from pathlib import Path, PurePosixPath

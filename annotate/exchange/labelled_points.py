@@ -29,7 +29,7 @@ KINDS = {"pcd": PCD, "ply": PLY}
 
 
 class PointLabels(NamedTuple):
-    """What was written. points: of the cloud; labelled: how many of them a pixel shows."""
+    """Result of an export. points: of the cloud; labelled: how many of them a pixel shows."""
 
     points: int
     labelled: int

@@ -22,7 +22,7 @@ from sensors.rig.camera import Intrinsics
 
 DATA = "data"
 ROWS_A_GROUP, GROUPS_A_FILE = 50, 100
-"""Frames that are read together, and such groups in one file. No source: chosen by eye."""
+"""Frames that are read together, and such groups in one file. Untuned."""
 MAX_GROUP_BYTES = 1 << 31
 """Largest row group that is read, in bytes unpacked."""
 IMAGES = ("image", "label", "confidence", "persons")

@@ -47,7 +47,7 @@ def is_admitted(request: bytes) -> bool:
 
 
 class OriginGate:
-    """Listens on ``127.0.0.1`` and connects admitted clients with a server; use it as a context manager.
+    """Gate on ``127.0.0.1`` that connects admitted clients with a server; a context manager.
 
     behind: address and port of the server. port: 0 takes a free one, see ``port``. Raises OSError where the
     port is taken or forbidden.

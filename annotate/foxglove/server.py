@@ -14,7 +14,7 @@ from sensors.session.messages import EVENTS, event_message
 PORT = 8765
 """Where Foxglove's app looks for a server unless told otherwise."""
 BACKLOG = 3 * len(SCHEMAS)
-"""Messages kept for a client that is slow, three moments: then the oldest is dropped. Chosen by eye."""
+"""Messages kept for a client that is slow, three moments: then the oldest is dropped. Untuned."""
 
 
 class FoxgloveServer:

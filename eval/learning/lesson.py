@@ -15,9 +15,9 @@ from eval.network.predict import check_alone
 from sensors.errors import CloudError
 
 LEAST_FRAMES = 3
-"""Corrected frames from which anything is learnt: fewer show one side of the person. Chosen by eye."""
+"""Corrected frames from which anything is learnt: fewer show one side of the person. Untuned."""
 HELD_OUT = 4
-"""Of so many corrected frames one is held out, to measure on what was not learnt. Chosen by eye."""
+"""Of so many corrected frames one is held out, to measure on what was not learnt. Untuned."""
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,10 @@ STEPS_EACH, MOST_STEPS, MORE = 25, 200, 0.3
 all frames. Of 60, 100 and 200 steps the second was best on four evenly spread frames of a virtual person
 without a suit (seed 65002), the last on eight and twenty: half a minute of one core."""
 SIDE = 112
-"""Samples along the side of a drawn image, 1.3 m. Chosen by eye."""
+"""Samples along the side of a drawn image, 1.3 m. Untuned."""
 RATE, AVERAGED = 2e-3, 0.9
 """Highest learning rate, and decay of the weights' average. Of 0.001 and 0.002 the last is better on 18
-frames of a virtual person of whom eight others were taught (seed 61001); the average is chosen by eye."""
+frames of a virtual person of whom eight others were taught (seed 61001); the average is untuned."""
 SEED = 0
 """Of the samples drawn: the same corrections teach the same."""
 

@@ -23,7 +23,7 @@ from eval.scores.confusion import Scores
 from eval.scores.counts import blocks
 
 RESAMPLES = 2000
-"""Of the bootstrap; chosen by eye."""
+"""Of the bootstrap; untuned."""
 AT_ONCE = 4_000_000
 """Numbers drawn at a time, 32 MB: 40 resamples of 100,000 clusters, where all would take 1.6 GB."""
 SEED = 20170606
@@ -31,7 +31,7 @@ UNKNOWN = "unknown"
 """Subject of frames that name none."""
 LEVEL = 0.95
 FEW = 4
-"""Fewer subjects than this give an interval that rests on hardly anything; chosen by eye."""
+"""Fewer subjects than this give an interval that rests on hardly anything; untuned."""
 
 
 def clusters_of(subjects: Sequence[str]) -> Int64:

@@ -36,7 +36,7 @@ class CalibrationSplit:
 
     @property
     def note(self) -> str:
-        """What the confidences rest on, in one sentence."""
+        """Basis of the confidences, in one sentence."""
         if self.calibrated is None:
             return f"{len(self.trained)} images are too few to calibrate on: confidences are as trained"
         if self.subjects:

@@ -30,9 +30,9 @@ from sensors.files.atomic import is_taken, write_bytes
 
 PLAN, CHECKPOINT, HISTORY = "plan.json", "checkpoint.safetensors", "history.json"
 POINT_STEPS = 20
-"""Steps whose mean loss is one point of the curve; chosen by eye."""
+"""Steps whose mean loss is one point of the curve; untuned."""
 WEIGHING_IMAGES = 512
-"""Images that the classes' weights are counted on; chosen by eye."""
+"""Images that the classes' weights are counted on; untuned."""
 
 
 def predicted(model: nn.Module, crops: Crops, batch: int = 32) -> Iterator[UInt8]:

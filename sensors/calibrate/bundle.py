@@ -23,7 +23,7 @@ from sensors.rig.rig_calibration import Pose, RigCalibration
 Array = NDArray[np.float64]
 
 LEAST_VIEWS = 8
-"""Fewer views leave nine intrinsics and six pose angles undetermined; chosen by eye."""
+"""Fewer views leave nine intrinsics and six pose angles undetermined; untuned."""
 LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 LENS_PRIOR = np.array([np.inf, np.inf, np.inf, np.inf, 0.5, 1.0, 0.002, 0.002, 1.0])
 """Standard deviations about zero: views that do not reach the image's corners leave the last terms
@@ -33,9 +33,9 @@ SHIFT_PRIOR_MM = 30.0
 """Millimetres that a Kinect v2's readings are too far: 13 in iai_kinect2's first unit, 24 in issue 144 of
 OpenKinect/libfreenect2. The adjustment solves for this; a calibration holds its negative, to be added."""
 SIGMA_PX, SIGMA_MM = 0.1, 3.0
-"""First guesses of the noise in pixels and millimetres, chosen by eye; both are then estimated."""
+"""First guesses of the noise in pixels and millimetres, untuned; both are then estimated."""
 BAD = 4.0
-"""A view is left out above this many times a camera's median root mean square error; chosen by eye."""
+"""A view is left out above this many times a camera's median root mean square error; untuned."""
 READINGS = "readings"
 """Depth readings among the observations, beside the cameras' holes."""
 ROBUST = 1.4826

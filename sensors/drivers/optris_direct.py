@@ -28,11 +28,11 @@ from sensors.files.bounded import MAX_IMAGE_SIDE, read_bounded
 RATE_HZ = 128.0
 """The PI200's fastest; the XML file may choose a slower mode."""
 QUEUE = 64
-"""Images that may wait for a slow reader, half a second of them. Chosen by eye."""
+"""Images that may wait for a slow reader, half a second of them. Untuned."""
 IDLE_S = 0.002
-"""Seconds between two calls that gave no new image. Chosen by eye."""
+"""Seconds between two calls that gave no new image. Untuned."""
 LARGEST_JUMP = 1000
-"""Frames: a larger jump of the camera's counter means that it was reset, or wrapped around. Chosen by eye."""
+"""Frames: a larger jump of the camera's counter means that it was reset, or wrapped around. Untuned."""
 OWN_AMBIENT_C = -999.0
 """Below absolute zero the library takes its own measurement of the ambient temperature."""
 

@@ -17,7 +17,7 @@ from sensors.rig.celsius_check import scales_of_cameras
 FOURCC = "Y16 "
 COLDEST_C, HOTTEST_C = -60.0, 650.0
 """Degrees Celsius between which the middle of an image of temperatures lies: wider than these cameras'
-ranges, but narrow enough for raw counts, or another scale, to fall outside. Chosen by eye."""
+ranges, but narrow enough for raw counts, or another scale, to fall outside. Untuned."""
 ABSOLUTE_ZERO_C = -273.15
 BOSON_USB_ID = "09cb:4007"
 """Vendor and product of a Boson (FLIR; flirpy looks for it)."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sensors.errors import FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.files.flir_records import CAMERA, IMAGE_AT, PHOTO, RAW, Record, flir_records, flir_segments
+from sensors.files.jpeg import JPEG_MAGIC
 from sensors.files.planck import Radiometry
 from sensors.files.png import PNG_MAGIC, decode_grey, png_shape
 
@@ -127,7 +128,7 @@ def _taken(camera: Record) -> int:
 def _photo(record: Record, name: str) -> bytes | None:
     """Return the photograph as a file of RGB; None for other kinds of data."""
     content = record.data[IMAGE_AT:]
-    if content.startswith(b"\xff\xd8\xff"):
+    if content.startswith(JPEG_MAGIC):
         return content
     if not content.startswith(PNG_MAGIC):
         return None

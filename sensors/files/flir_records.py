@@ -17,7 +17,7 @@ MAX_RECORDS = 10_000
 IMAGE_AT = 32
 """Where an image begins in the record that holds it, in bytes."""
 _VERSIONS = range(100, 200)
-"""Of the FFF header, by which its byte order is told."""
+"""Versions of an FFF header, which determine its byte order."""
 _ENTRY_BYTES = 32
 
 

@@ -10,7 +10,9 @@ from ctypes.util import find_library
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
+JPEG_MAGIC = b"\xff\xd8\xff"
 HFLIP, PERFECT = 1, 1
 """``TJXOP_HFLIP``; ``TJXOPT_PERFECT``: fail where the last column of blocks is cut and would not move."""
 QUALITY = 95
@@ -71,7 +73,14 @@ def _by_pixels(encoded: bytes) -> bytes:
     image = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     if image is None:
         return encoded
-    return bytes(cv2.imencode(".jpg", image[:, ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1])
+    return encoded_jpeg(np.asarray(image[:, ::-1], np.uint8))
+
+
+def encoded_jpeg(image: NDArray[np.uint8]) -> bytes:
+    """Encode an image (h, w, 3) in OpenCV's order of colours."""
+    import cv2
+
+    return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1])
 
 
 @cache

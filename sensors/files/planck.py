@@ -17,7 +17,7 @@ ROOM_K = 293.15
 
 
 class Radiometry(NamedTuple):
-    """What a file states of its camera and scene. Temperatures in kelvin, distance in metres, emissivity,
+    """Numbers of a file on its camera and scene. Temperatures in kelvin, distance in metres, emissivity,
     humidity and transmission as shares, b in kelvin; alphas, betas and x: of the air."""
 
     emissivity: float

@@ -20,18 +20,18 @@ from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.camera import Intrinsics
 from sensors.rig.camera_check import check_camera
 from sensors.rig.depth_check import judge_depth, spread
-from sensors.rig.frame import FRAME_PERIOD_NS, FrameSource, RigFrame, regular_times_ns
+from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
 from sensors.rig.intrinsics_file import FoundIntrinsics, first_intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 
 NPY_MAGIC, ZIP_MAGIC = b"\x93NUMPY", b"PK\x03\x04"
 MAX_UNPACKED_BYTES = 1 << 30
-"""Bytes of a .npz's depth and camera, which are unpacked into memory as a whole; chosen by eye."""
+"""Bytes of a .npz's depth and camera, which are unpacked into memory as a whole; untuned."""
 
 _MATRICES, _NUMBERS = ("K", "intrinsics"), ("fx", "fy", "cx", "cy")
 _READ = ("depth", *_MATRICES, *_NUMBERS)
 CENTRED = 0.25
-"""Share of a side by which a camera's centre is off the middle at most, so that it tells axes. Untuned."""
+"""Share of a side by which a camera's centre is off the middle at most: it determines the axes. Untuned."""
 
 FEW = 32
 """Pixels of a side below which an axis counts images, where no intrinsics state the size. Untuned."""
@@ -48,12 +48,10 @@ class DepthArrays(FrameSource):
         arrays, names = _load(path)
         depth = _depth(path, arrays, names)
         found, origin, self._depth, turned = _camera(path, arrays, depth, options.intrinsics)
-        period_ns = round(1e9 / options.rate_hz) if options.rate_hz else FRAME_PERIOD_NS
-        self.times_ns = regular_times_ns(len(self._depth), period_ns)
+        self.times_ns = regular_times_ns(len(self._depth), options.period_ns)
         self.calibration = RigCalibration(found.depth)
         samples = [self._depth[at] for at in spread(len(self._depth))]
         self._reading = judge_depth(samples, options.depth_unit_mm or found.unit_mm, str(path))
-        rate = f"{options.rate_hz:g} frames a second as declared" if options.rate_hz else ""
         unread = sorted(set(names) - set(arrays))
         self.notes = (
             origin,
@@ -62,7 +60,7 @@ class DepthArrays(FrameSource):
             *(f"array {name[:60]!r} is not read" for name in unread),
             "no colour images",
             "no thermal images",
-            f"no time stamps: {rate or '30 frames a second assumed'}",
+            f"no time stamps: {options.rate}",
         )
 
     def _frame(self, index: int) -> RigFrame:

@@ -1,6 +1,6 @@
-"""Which way a cloud's axes point, and where the camera stood, by the points themselves.
+"""Axes of a cloud and place of its camera, found in the points.
 
-Files of clouds name neither. Points of one depth image lie in the cone that its camera sees, with the camera
+Files of clouds state neither. Points of one depth image lie in the cone that its camera sees, with the camera
 at the origin: one axis alone has all of them in front. Other clouds are turned upright by their floor, or by
 a person's height.
 """
@@ -45,7 +45,7 @@ UPPER_BODY_M = 0.35
 HEAD = 0.6
 """Width of the end with the head over that of the other, at most. Untuned."""
 SAMPLE = 6000
-"""Points that decisions look at. Untuned."""
+"""Points of a cloud on which decisions rest. Untuned."""
 
 
 class Cone(NamedTuple):
@@ -158,7 +158,7 @@ def _by_floor_or_person(points_m: Float64) -> str | None:
         others = max(x, min(y, z))
         if not (PERSON_M[0] <= tall[best] <= PERSON_M[1] and tall[best] > 1.3 * others):
             return None
-    # A robot looks along x: all that it sees has a positive one.
+    # A robot's sensor faces along x: its points have positive x.
     return "ros" if best == "z-up" and (points_m[:, 0] > 0).mean() >= INSIDE else best
 
 

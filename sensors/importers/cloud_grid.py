@@ -20,8 +20,8 @@ leaves the camera open."""
 
 
 class GridCamera(NamedTuple):
-    """What saw an organised cloud. camera_from_cloud: its translation in the cloud's unit. residual_px: RMS.
-    how: where it stood, for people."""
+    """Camera of an organised cloud. camera_from_cloud: its translation in the cloud's unit. residual_px: RMS.
+    how: its place, in words."""
 
     intrinsics: Intrinsics
     camera_from_cloud: Pose

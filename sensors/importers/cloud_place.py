@@ -1,4 +1,4 @@
-"""Where a cloud's camera is: its view of the points, found in them or declared."""
+"""Place of a cloud's camera and its view of the points, found in them or declared."""
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ MAPS = (".las", ".laz")
 
 @dataclass(frozen=True)
 class CloudView:
-    """How a cloud is seen. points_m: camera frame (n, 3), in the file's order, NaN = none.
+    """View of a cloud. points_m: camera frame (n, 3), in the file's order, NaN = none.
     shown: index (h, w) of each pixel's point, -1 = none. how: what was found or assumed.
     organised: whether point n is pixel n. spacing_m: of the points' surface, 0 = a pixel each."""
 

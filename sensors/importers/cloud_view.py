@@ -212,7 +212,7 @@ def spacing_m(points_m: Float64) -> float:
 
 def _distinct(points_m: Float64) -> Float64:
     """Return the points without those that an earlier one equals in float32, in their order."""
-    # The search compares in float32, and looks at all of many equal points each time.
+    # The search compares in float32, and visits all of many equal points each time.
     rows = points_m.astype(np.float32)
     order = np.lexsort(rows.T)
     first = np.ones(len(rows), bool)

@@ -5,15 +5,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from sensors.files.jpeg import JPEG_MAGIC, encoded_jpeg, mirrored_jpeg
 from sensors.files.png import PNG_MAGIC
 from sensors.importers.options import ImportOptions
 from sensors.rig.depth_check import judge_depth, spread
 from sensors.rig.frame import FrameSource, RigFrame, mm_from_units, regular_times_ns
 from sensors.rig.intrinsics_file import read_intrinsics
 from sensors.rig.turn import Turn
-
-JPEG_QUALITY = 95
-"""Of a turned colour image that was a JPEG, as of a RealSense's. Untuned."""
 
 
 class Declared(FrameSource):
@@ -35,8 +33,8 @@ class Declared(FrameSource):
             calibration = replace(calibration, depth=found.depth)
             notes.append(f"intrinsics of depth from {options.intrinsics.name}, as declared")
         if options.rate_hz is not None:
-            self.times_ns = regular_times_ns(len(source), round(1e9 / options.rate_hz))
-            notes += [] if own else [f"times: {options.rate_hz:g} frames a second as declared"]
+            self.times_ns = regular_times_ns(len(source), options.period_ns)
+            notes += [] if own else [f"times: {options.rate}"]
         if options.depth_unit_mm is not None and not own:
             samples = [source.frame(at).depth_mm for at in spread(len(source))]
             notes += judge_depth(samples, options.depth_unit_mm, source.name).notes
@@ -69,14 +67,17 @@ class Declared(FrameSource):
 def turned_color(encoded: bytes | None, turn: Turn) -> bytes | None:
     """Return a turned colour image in its own format; bytes of no image stay as they are.
 
-    A PNG loses nothing, a JPEG is encoded again. An EXIF orientation is not obeyed: sensors' pixels count.
+    A PNG loses nothing, nor does a JPEG that is only mirrored; another JPEG is encoded again. An EXIF
+    orientation is not obeyed: sensors' pixels count.
     """
     if encoded is None or turn == Turn():
         return encoded
+    if turn == Turn(mirror=True) and encoded.startswith(JPEG_MAGIC):
+        return mirrored_jpeg(encoded)
     image = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     if image is None:
         return encoded
     upright = turn.image(np.asarray(image, np.uint8))
     if encoded.startswith(PNG_MAGIC):
         return bytes(cv2.imencode(".png", upright)[1])
-    return bytes(cv2.imencode(".jpg", upright, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
+    return encoded_jpeg(upright)

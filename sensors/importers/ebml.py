@@ -10,7 +10,7 @@ from typing import BinaryIO, NamedTuple
 from sensors.errors import FormatError
 
 MAX_ELEMENT_BYTES = 1 << 26
-"""Bytes of an element that is read: room for a 4096x3072 image of 16 bits; chosen by eye."""
+"""Bytes of an element that is read: room for a 4096x3072 image of 16 bits; untuned."""
 
 
 class Element(NamedTuple):

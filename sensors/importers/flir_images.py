@@ -10,22 +10,21 @@ from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.files.flir_jpeg import FlirImage, read_flir
 from sensors.files.flir_records import has_flir
-from sensors.files.natural_order import paths_in_order
+from sensors.importers.folder_files import JPEGS, files_of
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
-JPEGS = (".jpg", ".jpeg")
 ASSUMED_WIDE_DEG = 45.0
 """Horizontal field of view where no file states it: between the 24 and 57 degrees of FLIR's common lenses."""
 PERIOD_NS = 1_000_000_000
-"""Between two images without times."""
+"""Nanoseconds between two images without times. Untuned."""
 NAMED = 3
-"""Files that a note names."""
+"""Files that a note names at most."""
 
 
 class _Facts(NamedTuple):
-    """What is kept of each image. shape: (h, w). photo: whether it holds a photograph."""
+    """Facts of an image. shape: (h, w). photo: whether it holds a photograph."""
 
     shape: tuple[int, ...]
     photo: bool
@@ -42,7 +41,7 @@ class FlirImages(FrameSource):
 
     def __init__(self, path: Path) -> None:
         self.path, self.name = path, path.resolve().stem
-        found = jpegs_in(path) if path.is_dir() else [path]
+        found = files_of(path, JPEGS) if path.is_dir() else [path]
         thermal = [file for file in found if has_flir(file)]
         if not thermal:
             raise FormatError(
@@ -82,22 +81,13 @@ def _facts(image: FlirImage) -> _Facts:
     return _Facts(image.celsius.shape, image.photo is not None, image.wide_deg, image.taken_ns)
 
 
-def jpegs_in(folder: Path) -> list[Path]:
-    """Return the JPEGs of a folder, in natural order of their names; hidden files are none."""
-    return paths_in_order(
-        file
-        for file in folder.iterdir()
-        if file.suffix.lower() in JPEGS and file.is_file() and not file.name.startswith(".")
-    )
-
-
 def is_flir_alone(path: Path) -> bool:
     """Return whether a JPEG, or any of a folder that has no depth images, holds FLIR's data."""
     if not path.is_dir():
         return has_flir(path)
     if (path / "depth").exists() or any(path.glob("*.png")):
         return False
-    return any(has_flir(file) for file in jpegs_in(path))
+    return any(has_flir(file) for file in files_of(path, JPEGS))
 
 
 def _field(facts: list[_Facts]) -> tuple[float, str]:

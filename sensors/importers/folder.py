@@ -27,17 +27,24 @@ from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.files.flir_jpeg import read_flir
 from sensors.files.grey_image import decode_depth, image_shape
-from sensors.importers.folder_files import THERMAL, Files, FolderImages, find_images, matching, unread_colors
+from sensors.importers.folder_files import (
+    JPEGS,
+    THERMAL,
+    Files,
+    FolderImages,
+    find_images,
+    matching,
+    unread_colors,
+)
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.importers.tum_lists import TUM_UNIT_MM, Listed, is_tum, read_lists
 from sensors.rig.camera import Intrinsics
 from sensors.rig.celsius_check import SESSION, Scale, judge_celsius
 from sensors.rig.depth_check import judge_depth, spread
-from sensors.rig.frame import FRAME_PERIOD_NS, FrameSource, RigFrame, regular_times_ns
+from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
 from sensors.rig.intrinsics_file import FoundIntrinsics, first_intrinsics, read_intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration, load_calibration
 
-JPEGS = (".jpg", ".jpeg")
 TEXTS = ("json", "yaml", "yml", "xml", "txt")
 CALIBRATION = "calibration.json"
 INTRINSICS = (
@@ -64,7 +71,7 @@ class ImageFolder(FrameSource):
     def __init__(self, path: Path, options: ImportOptions = AS_STATED) -> None:
         self.path, self.name = path, path.resolve().name
         images, listed = find_images(path), read_lists(path)
-        timed = _timed(path, images, listed, options.rate_hz)
+        timed = _timed(path, images, listed, options)
         self._depth, self._color, self._thermal = timed.depth, timed.color, timed.thermal
         self._names, self.times_ns = tuple(timed.depth), timed.times_ns
         cameras = _cameras(path, timed, options.intrinsics)
@@ -116,23 +123,21 @@ class _Cameras(NamedTuple):
     notes: tuple[str, ...]
 
 
-def _timed(path: Path, images: FolderImages, listed: Listed | None, rate_hz: float | None) -> _Timed:
+def _timed(path: Path, images: FolderImages, listed: Listed | None, options: ImportOptions) -> _Timed:
     """Order a folder's images, less what its lists leave out. Raises FormatError."""
-    period_ns = round(1e9 / rate_hz) if rate_hz else FRAME_PERIOD_NS
-    rate = f"{rate_hz:g} frames a second as declared" if rate_hz else "30 frames a second assumed"
     if listed is not None:
-        return _by_list(path, images, listed, period_ns, rate)
+        return _by_list(path, images, listed, options)
     depth, stamps = images.depth, images.stamps_ns
     others = matching(images.color, depth), matching(images.thermal, depth)
-    if stamps and not rate_hz:
+    if stamps and not options.rate_hz:
         names = sorted(depth, key=lambda name: stamps[name])
         times, note = np.array([stamps[name] for name in names], np.int64), "times from the images' names"
         return _Timed({name: depth[name] for name in names}, *others, times, note)
-    note = f"no time stamps: {rate}, in the natural order of names"
-    return _Timed(depth, *others, regular_times_ns(len(depth), period_ns), note)
+    note = f"no time stamps: {options.rate}, in the natural order of names"
+    return _Timed(depth, *others, regular_times_ns(len(depth), options.period_ns), note)
 
 
-def _by_list(path: Path, images: FolderImages, listed: Listed, period_ns: int, rate: str) -> _Timed:
+def _by_list(path: Path, images: FolderImages, listed: Listed, options: ImportOptions) -> _Timed:
     names = {file.stem: name for name, file in images.depth.items()}
     there = {file.name: file for file in images.color.values()}
     depth, color, stamps = {}, {}, []
@@ -141,14 +146,18 @@ def _by_list(path: Path, images: FolderImages, listed: Listed, period_ns: int, r
         if name is None or name in depth:
             continue
         depth[name] = images.depth[name]
-        stamps.append(stamp_ns // 1_000_000_000 * period_ns if listed.counted else stamp_ns)
+        stamps.append(stamp_ns // 1_000_000_000 * options.period_ns if listed.counted else stamp_ns)
         if its_color in there:
             color[name] = there[its_color]
     if not depth:
         raise FormatError(f"{path}: no depth image is named in its list; give the folder the list belongs to")
     left_out = len(images.depth) - len(depth)
     rest = f"; {left_out} depth images that it does not name are left out" if left_out else ""
-    note = f"{listed.file} has numbers, not times: {rate}" if listed.counted else f"times from {listed.file}"
+    note = (
+        f"{listed.file} has numbers, not times: {options.rate}"
+        if listed.counted
+        else f"times from {listed.file}"
+    )
     return _Timed(depth, color, matching(images.thermal, depth), np.array(stamps, np.int64), note + rest)
 
 

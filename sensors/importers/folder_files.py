@@ -1,4 +1,4 @@
-"""Which files of a folder are depth, colour and thermal images, and which of them belong together.
+"""Depth, colour and thermal images of a folder, and pairs of them by name.
 
 Streams lie in folders of their own (``depth/``, ``color/`` or ``rgb/``, ``thermal/``, in any letter case), or
 beside each other with the stream in their names: ``depth_0001.png color_0001.png``, ``0001_depth.png``,
@@ -21,7 +21,8 @@ from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
 
 DEPTH, COLOR, THERMAL = ("depth",), ("color", "colour", "rgb"), ("thermal",)
 """Names of a stream's folder, or in the names of its files, in small letters."""
-PICTURES = (".jpg", ".jpeg", ".png")
+JPEGS = (".jpg", ".jpeg")
+PICTURES = (*JPEGS, ".png")
 _STREAM = re.compile(rf"(?<![a-z])({'|'.join((*DEPTH, *COLOR, *THERMAL))})(?![a-z])", re.IGNORECASE)
 _MILLISECONDS = re.compile(r"_(\d{1,15}\.\d{1,17})$", re.ASCII)
 

@@ -20,15 +20,15 @@ KINDS = (
     "(.db3, .bag), an Orbbec camera (.bag) or an Azure Kinect (.mkv), a folder of depth PNGs, radiometric "
     "JPEGs of a FLIR camera, a cloud (.pcd, .ply, .las, .laz) or arrays (.npy, .npz)"
 )
-JPEG_MAGIC = b"\xff\xd8\xff"
 CLOUDS = (".pcd", ".ply", ".las", ".laz")
 BAG_METADATA = "metadata.yaml"
 """In a ROS 2 bag's folder, which is meant where somebody names this file."""
 
 
 class Opener(NamedTuple):
-    """What opens a source. own: whether it obeys unit and intrinsics itself; topics: whether it has topics.
+    """Function that opens a source.
 
+    own: whether the source obeys unit and intrinsics itself. topics: whether the source has topics.
     whole: whether its cameras are taken as they are, because the session was made here.
     """
 
@@ -150,6 +150,7 @@ def _bag(path: Path, options: ImportOptions) -> Opener:
 
 def _other(path: Path, head: bytes, options: ImportOptions) -> Opener:
     """What opens the source of a file that is no recording of messages."""
+    from sensors.files.jpeg import JPEG_MAGIC
     from sensors.importers.arrays import NPY_MAGIC, ZIP_MAGIC, DepthArrays
     from sensors.importers.azure_mkv import AzureRecording
     from sensors.importers.flir_images import FlirImages, is_flir_alone

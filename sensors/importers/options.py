@@ -1,4 +1,4 @@
-"""What a user declares about a recording: what the recording does not state, or states wrongly."""
+"""Declarations of a user about a recording: facts that it does not state, or states wrongly."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,6 +40,21 @@ class ImportOptions:
         if len(self.topics) > 2:
             raise CloudError(f"{len(self.topics)} topics; give depth's, then colour's")
 
+    @property
+    def period_ns(self) -> int:
+        """Nanoseconds from frame to frame of a source without time stamps."""
+        # Imported here: help imports no arrays.
+        from sensors.rig.frame import FRAME_PERIOD_NS
+
+        return round(1e9 / self.rate_hz) if self.rate_hz else FRAME_PERIOD_NS
+
+    @property
+    def rate(self) -> str:
+        """Rate of a source without time stamps, in words."""
+        return (
+            f"{self.rate_hz:g} frames a second as declared" if self.rate_hz else "30 frames a second assumed"
+        )
+
 
 AS_STATED = ImportOptions()
-"""Nothing is declared."""
+"""Options that declare nothing."""

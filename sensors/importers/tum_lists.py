@@ -22,7 +22,7 @@ WINDOW_NS = 20_000_000
 TUM_UNIT_MM = 0.2
 """Depth PNGs of the TUM datasets have 5000 steps a metre; so have ETH3D's, ICL-NUIM's and Bonn's."""
 MAX_BYTES = 64_000_000
-"""Bytes of a list: a million images; chosen by eye."""
+"""Bytes of a list: a million images; untuned."""
 LAST_NUMBER = 10_000_000
 """Whole numbers below this may be images' numbers, from here on they are seconds since 1970. Untuned."""
 
@@ -31,7 +31,7 @@ Image = tuple[int, str]
 
 
 class Listed(NamedTuple):
-    """What a folder's lists state. file: the list's name; depth: by time, with the colour image's name or "".
+    """Contents of a folder's lists. file: a list's name; depth: by time, with the colour image's name or "".
 
     counted: whether the list has the images' numbers instead of times.
     """

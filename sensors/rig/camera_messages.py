@@ -24,7 +24,7 @@ _PLAIN, _RATIONAL, _MOST = 5, 8, 14
 
 
 class Window(NamedTuple):
-    """Which pixels of the calibrated sensor an image has: those from left, top on, of each block one.
+    """Pixels of the calibrated sensor that an image has: one of each block, from left, top on.
 
     size: (width, height) of the image in its own pixels.
     """

@@ -1,7 +1,7 @@
-"""Judge of temperatures: which scale the words of a thermal image have.
+"""Judge of temperatures: it finds the scale of a thermal image's words.
 
-A scene of people lies between a winter's day and a hot room, so that its median tells the scales apart:
-their words for such temperatures do not overlap.
+A scene of people lies between a winter's day and a hot room, so its median determines the scale: the scales'
+words for such temperatures do not overlap.
 """
 
 from collections.abc import Sequence

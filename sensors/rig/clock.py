@@ -26,7 +26,7 @@ the device is stamped earlier and arrives later. At least as long before that, t
 MAX_EPOCHS = 10_000
 """Beginnings of one clock that are heeded: of a device that is opened every second for three hours."""
 MOST_LATE_NS = 60_000_000_000
-"""Nanoseconds by which an epoch's fit is moved back at most: what a damaged file states is not believed."""
+"""Nanoseconds by which an epoch's fit is moved back at most: a damaged file may state more."""
 AGREE_NS, EXPOSURE_NS = 5_000_000, 20_000_000
 """Nanoseconds of delay within which readings agree; within which stamps may be of one exposure (untuned)."""
 

@@ -1,7 +1,7 @@
-"""Judge of depth images: whether their numbers are depth, in which unit, and which of them are no reading.
+"""Judge of depth images: it accepts or refuses their numbers, and finds their unit and invalid codes.
 
-The judge looks at physics, not at names: how near and how far a scene is, whether neighbouring pixels agree,
-which codes stand apart. A declared unit is obeyed, and doubts about it are notes. An assumed unit that gives
+The judge uses physics, not names: the range of the scene, the agreement of neighbouring pixels, codes that
+stand apart. A declared unit is obeyed, and doubts about it are notes. An assumed unit that gives
 an impossible scene is refused, with the units that give a possible one.
 """
 
@@ -55,7 +55,7 @@ SAMPLES = 5
 
 @dataclass(frozen=True)
 class DepthReading:
-    """How the numbers of a source's depth images are read.
+    """Rule by which the numbers of a source's depth images are read.
 
     unit_mm: millimetres of a step. invalid: codes that are no reading besides 0, negative and non-finite
     ones. swapped: whether the two bytes of a word are. range_m: of the samples, None where they hold too

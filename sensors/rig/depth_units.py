@@ -1,4 +1,4 @@
-"""Units of depth: which of them make a scene that a camera of people can see.
+"""Units of depth, and those that make a possible scene with people.
 
 Sources of the units: 1 mm is common; TUM RGB-D "File Formats" (1/5000 m); librealsense (D405: 0.1 mm, L515:
 0.25 mm); libfreenect and NYU's raw Kinect v1 words (13 bits of millimetres above 3 bits of player index), and

@@ -17,7 +17,7 @@ from sensors.rig.rig_calibration import RigCalibration
 FARTHEST_MM = 65534
 """Farthest depth of 16 bits; 65535 is saturated, no reading."""
 FRAME_PERIOD_NS = 33_333_333
-"""Stamps of images that carry none: 30 a second."""
+"""Nanoseconds from frame to frame where neither the source nor its user states a rate: 30 a second."""
 
 
 @dataclass(frozen=True)

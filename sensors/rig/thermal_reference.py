@@ -13,28 +13,28 @@ from numpy.typing import NDArray
 SPOT_RAD = 1 / 22
 """Angle that the pyrometer sees, as diameter over distance: the 22:1 of an Optris CT LT22 (from memory)."""
 MARGIN = 0.2
-"""Share of the image at each side where the spot is not looked for: both look the same way. Chosen by eye."""
+"""Share of the image at each side where the spot is not looked for: both look the same way. Untuned."""
 READINGS = 600
-"""Readings that are kept, and taken of a recording: a minute at ten a second. Chosen by eye."""
+"""Readings that are kept, and taken of a recording: a minute at ten a second. Untuned."""
 LEAST_READINGS = 20
-"""Fewer say nothing of how the scene changes. Chosen by eye."""
+"""Fewer say nothing of how the scene changes. Untuned."""
 CLIP_K = 3.0
-"""A change counts as this much at most: an edge that passes is no evidence against a place. Chosen by eye."""
+"""A change counts as this much at most: an edge that passes is no evidence against a place. Untuned."""
 EXPLAINED = 0.5
-"""The image at the spot must leave at most this share of the readings' changes. Chosen by eye."""
+"""The image at the spot must leave at most this share of the readings' changes. Untuned."""
 ALIKE = 1.15
-"""Places whose changes are within this factor of the least may be the spot as well. Chosen by eye."""
+"""Places whose changes are within this factor of the least may be the spot as well. Untuned."""
 UNSURE_K = 0.5
 """Kelvin by which the offsets of such places may differ (half of 5 to 95 %): the accuracy that is wanted."""
 EVEN_K = 0.3
-"""Standard deviation within the spot from which on a reading counts for less: an edge is in it. By eye."""
+"""Standard deviation within the spot from which on a reading counts for less: an edge is in it. Untuned."""
 LEAST_KNOWN = 0.5
 """Least share of the spot's pixels with a temperature; fewer are no mean of the spot (untuned)."""
 SMOOTH_S = 5.0
-"""Seconds before and after within which offsets are averaged: drift takes minutes. Chosen by eye."""
+"""Seconds before and after within which offsets are averaged: drift takes minutes. Untuned."""
 
 SLOPE_K_S = 0.1
-"""How fast a camera drifts, kelvin a second, standard deviation. Chosen by eye."""
+"""How fast a camera drifts, kelvin a second, standard deviation. Untuned."""
 
 Celsius = NDArray[np.float32]
 Floats = NDArray[np.float64]

@@ -22,7 +22,7 @@ MAX_CENTRES = 20_000_000
 LEG_M = 0.82
 """BVH has no unit: the skeleton is scaled to this length from hip to ankle."""
 STILL = 1e-3
-"""Share of its offset that a joint moves at most by position channels that say nothing. Untuned."""
+"""Share of its offset that a joint moves at most by position channels without content. Untuned."""
 
 
 def read_bvh(path: Path) -> tuple[Markers, MarkerSet]:

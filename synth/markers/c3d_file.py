@@ -22,13 +22,13 @@ IMPLAUSIBLE = 0.02
 """Share of points that cannot be any beyond which a layout is wrong. Measured on five recordings: 0 where
 it is right, 0.11 to 0.3 where one analog value too many is counted."""
 SAMPLE = 64
-"""Frames, and points of each, that a layout is judged by. Chosen by eye."""
+"""Frames, and points of each, that a layout is judged by. Untuned."""
 DEFAULT_RATE = 100.0
 """Frames a second where none are stated: the commonest rate of motion capture."""
 _ALL = 2**31
 """Frames where no number of them is stated: as many as there are."""
 _MOST_STATEMENTS = 4
-"""Different values of one number that are tried. Chosen by eye."""
+"""Different values of one number that are tried. Untuned."""
 
 
 class C3dPoints(NamedTuple):

@@ -17,11 +17,11 @@ from synth.markers.vertical import direction, find_vertical
 from synth.shipped import shipped
 
 MIN_MARKERS = 8
-"""Known names without which a set does not fit a recording. Chosen by eye."""
+"""Known names without which a set does not fit a recording. Untuned."""
 MAX_FILE_BYTES = 1_000_000
 """A shipped set has 5 kB at most."""
 DEFAULT_SPREAD_MM = 30.0
-"""Standard deviation of a marker's place where the file has none. Chosen by eye."""
+"""Standard deviation of a marker's place where the file has none. Untuned."""
 
 
 @dataclass(frozen=True)
@@ -122,11 +122,11 @@ def choose_marker_set(labels: tuple[str, ...]) -> MarkerSet:
 
 
 PERSON_M = (0.5, 3.0)
-"""Diagonal of the box about a person's markers in any posture, metres: least and most. Chosen by eye."""
+"""Diagonal of the box about a person's markers in any posture, metres: least and most. Untuned."""
 SAME_PERSON = 0.12
-"""Share by which distances of markers on one bone differ between two people. Chosen by eye."""
+"""Share by which distances of markers on one bone differ between two people. Untuned."""
 FAR_M = 100.0
-"""Farthest coordinate of a marker in a capture room, metres. Chosen by eye."""
+"""Farthest coordinate of a marker in a capture room, metres. Untuned."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ _GROUPS = (
 SCALE_SPREAD = 0.06
 """How far a segment's scale strays from the body's (Pheasant & Haslegrave 2005: 3 to 6 % of length)."""
 HEIGHT_SPREAD = 0.2
-"""Standard deviation of a person's scale about the reference body. Chosen by eye."""
+"""Standard deviation of a person's scale about the reference body. Untuned."""
 EFFECTIVE_FRAMES = 8.0
 """Frames that a recording counts as: all err alike, since skin slides the same way every time. Measured: from
 2 to 8, markers come 0.2 to 0.5 mm nearer in seven recordings of three laboratories; at 12, no nearer."""
@@ -32,13 +32,13 @@ FOOT_M = 0.005
 """Standard deviation of how far the markers about one ankle lie to one side, all together: they are on both
 sides of it. Measured: free, a heel marker that moves drew all of its foot's 40 mm to one side."""
 ABOUT_ANKLE_M = 0.1
-"""A shank's marker so near to the ankle is one of them. Chosen by eye."""
+"""A shank's marker so near to the ankle is one of them. Untuned."""
 FLAT_M = 0.05
 """Extent, as a root of summed squares, by which a trunk's markers span a plane. Untuned."""
 SHAPE_STEPS = 12
-"""Gauss-Newton steps at most. Chosen by eye."""
+"""Gauss-Newton steps at most. Untuned."""
 LENIENT_M = 10.0
-"""Robust residual while a posture is sought from nothing: every marker pulls. Chosen by eye."""
+"""Robust residual while a posture is sought from nothing: every marker pulls. Untuned."""
 
 
 def leg_length_m(bones_m: Float64) -> float:

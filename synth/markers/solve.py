@@ -30,28 +30,28 @@ from synth.markers.vertical import GIVEN, Upward
 
 CALIBRATION_FRAMES = 30
 STATIC_FRAMES = 10
-"""Frames of a recording, and of its static trial, that the person is fitted to. Chosen by eye."""
+"""Frames of a recording, and of its static trial, that the person is fitted to. Untuned."""
 MIN_SEEN = 4
-"""Markers without which a frame keeps the posture before it. Chosen by eye."""
+"""Markers without which a frame keeps the posture before it. Untuned."""
 BRIDGE_SECONDS = 0.25
-"""Longest gap that is bridged by a straight line. Chosen by eye."""
+"""Longest gap that is bridged by a straight line. Untuned."""
 BRIDGE_WEIGHT = 0.05
-"""Weight of a bridged marker beside a seen one's 1. Chosen by eye."""
+"""Weight of a bridged marker beside a seen one's 1. Untuned."""
 GHOST_M = 0.08
-"""Distance from the posture of the others beyond which a marker is a ghost. Chosen by eye."""
+"""Distance from the posture of the others beyond which a marker is a ghost. Untuned."""
 SAME_LENGTHS_M = 0.004
-"""Median difference of the bones of one person in two takes, at most. Chosen by eye."""
+"""Median difference of the bones of one person in two takes, at most. Untuned."""
 UNSTEADY = 3.0
 """How many times farther than the median marker one is off its place on the body if it counts for less."""
 UNSTEADY_M = 0.01
 """And how far at least. Measured on a running person: 13 mm for a heel marker that was filled in, up to 7 mm
 for all others."""
 UNSTEADY_WEIGHT = 0.1
-"""Weight of such a marker. Chosen by eye."""
+"""Weight of such a marker. Untuned."""
 MOST_UNSTEADY = 4
-"""Markers that may be found so, each of which takes another fit of the person. Chosen by eye."""
+"""Markers that may be found so, each of which takes another fit of the person. Untuned."""
 TRACK_STEPS = 15
-"""Levenberg-Marquardt steps a frame at most. Chosen by eye."""
+"""Levenberg-Marquardt steps a frame at most. Untuned."""
 
 
 def solve(

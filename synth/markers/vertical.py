@@ -167,7 +167,7 @@ def _doubt(person: _Person, stated: Upward) -> tuple[str, ...]:
 
 def zero_pose_axis(positions: Float64, joint: Int64) -> str:
     """Return y or z where the zero pose (1, M, 3) of a skeleton stands along it, else "": the pose of others
-    (Xsens, Ubisoft's LAFAN1 along x) says nothing of the vertical."""
+    (Xsens, Ubisoft's LAFAN1 along x) leaves the vertical open."""
     rise = _person(positions, joint, np.zeros((len(joint), 3))).rises[1][0]
     axis = int(np.argmax(rise))
     return "xyz"[axis] if axis and rise[axis] > 0.7 * np.linalg.norm(rise) > 0 else ""

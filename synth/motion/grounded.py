@@ -27,18 +27,18 @@ _SEGMENTS = [(JOINT_ID["head"], JOINT_ID["head"], 6.9), (JOINT_ID["pelvis"], JOI
 SEAT_RANGE = (0.2, 0.75)
 """Height of the hips over the ankles of a sitter, of the leg's length: from a low stool to a bar stool."""
 THIGH_DIP = 0.6
-"""Sine of the steepest thigh of a sitter. Chosen by eye."""
+"""Sine of the steepest thigh of a sitter. Untuned."""
 HEEL_M = 0.06
-"""Nobody stands whose mass is farther behind the ankles than the heels are. Chosen by eye."""
+"""Nobody stands whose mass is farther behind the ankles than the heels are. Untuned."""
 SEATED_S, SEATED_M_S = 0.3, 0.3
 """Shortest stay on a seat and fastest hips there: who falls, jumps or kicks is out of balance too. Chosen by
 eye."""
 FASTEST_TURN_RAD_S = 15.0
 """A pelvis turns no faster: a figure skater's comes to it."""
 FREE_FALL_M_S2 = (-16.0, -4.0)
-"""Acceleration of a person in the air: gravity, and the error of a fit to few frames. Chosen by eye."""
+"""Acceleration of a person in the air: gravity, and the error of a fit to few frames. Untuned."""
 SKIP_M = 0.12
-"""Lifted no higher, feet shuffle, and nobody need fall. Chosen by eye."""
+"""Lifted no higher, feet shuffle, and nobody need fall. Untuned."""
 GRAVITY_M_S2 = 9.81
 
 

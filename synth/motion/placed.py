@@ -19,20 +19,20 @@ from synth.pose.settle import Pull, settle, stations_m
 from synth.surface.furniture import FLOOR, Seat, Solid
 
 HOVER_M = 0.02
-"""A foot that is lifted by less is drawn to the floor, by 7 mm at most. Chosen by eye."""
+"""A foot that is lifted by less is drawn to the floor, by 7 mm at most. Untuned."""
 STEP_M = 0.05
-"""A foot so much higher than the other decides less and less about the height of the hips. Chosen by eye."""
+"""A foot so much higher than the other decides less and less about the height of the hips. Untuned."""
 FOOT_HOLD = 0.5
-"""Share of the way, per axis and round, by which a standing foot is drawn back when its leg gives way. Chosen
-by eye."""
+"""Share of the way, per axis and round, by which a standing foot is drawn back when its leg gives way.
+Untuned."""
 ASTRAY_M = 0.015
-"""A standing foot may be so far from its height after its leg gave way. Chosen by eye."""
+"""A standing foot may be so far from its height after its leg gave way. Untuned."""
 OUT_OF_REACH_M = 0.06
-"""A foot that is farther from the floor lies or hangs. Chosen by eye."""
+"""A foot that is farther from the floor lies or hangs. Untuned."""
 LEANS_RAD = (0.0, 0.2, 0.4, 0.6)
-"""How far a trunk leans back, tried in this order. Chosen by eye."""
+"""How far a trunk leans back, tried in this order. Untuned."""
 LEAN_COST_M = 0.05
-"""What a foot has to come nearer for a trunk that leans back by a radian. Chosen by eye."""
+"""What a foot has to come nearer for a trunk that leans back by a radian. Untuned."""
 _LEGS = [[JOINT_ID[f"{side}_{name}"] for name in ("hip", "knee", "ankle")] for side in ("left", "right")]
 
 

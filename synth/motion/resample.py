@@ -10,7 +10,7 @@ from synth.body.skeleton import rotations
 from synth.markers.motion_file import Motion
 
 FLIP_RAD = 1.5
-"""Angles that differ by more between two frames are the same rotation spelled otherwise. Chosen by eye."""
+"""Angles that differ by more between two frames are the same rotation spelled otherwise. Untuned."""
 
 
 def resampled(motion: Motion, frames_per_second: float) -> Motion:

@@ -17,17 +17,17 @@ from eval.training.onnx_file import export_any_size
 from synth.random_stream import stream
 
 INPUTS, FINE = 24, 16
-"""Channels of the input, and of the layers at half of the image's sides. Chosen by eye."""
+"""Channels of the input, and of the layers at half of the image's sides. Untuned."""
 WIDTHS = (16, 32, 48, 80, 112)
-"""Channels at a quarter, an eighth and so on of the image's sides. Chosen by eye."""
+"""Channels at a quarter, an eighth and so on of the image's sides. Untuned."""
 BATCH, RATE, WARM_UP, LAST_RATE = 16, 2e-3, 80, 0.002
-"""Images a step, highest rate, steps up to it, and the share of it at the end. Chosen by eye."""
+"""Images a step, highest rate, steps up to it, and the share of it at the end. Untuned."""
 PERSON_WEIGHT, OVERLAP_WEIGHT, VOTE_WEIGHT = 0.5, 0.5, 0.4
-"""Extra weight of a person's pixels, and weights of the losses by overlap and by votes. Chosen by eye."""
+"""Extra weight of a person's pixels, and weights of the losses by overlap and by votes. Untuned."""
 AVERAGED = 0.998
-"""Decay of the weights' moving average. Chosen by eye."""
+"""Decay of the weights' moving average. Untuned."""
 SAVED_S = 60
-"""Seconds between two checkpoints. Chosen by eye."""
+"""Seconds between two checkpoints. Untuned."""
 
 
 class FinderNet(nn.Module):

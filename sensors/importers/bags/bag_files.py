@@ -46,7 +46,7 @@ class McapFile:
 
     @property
     def lost(self) -> str:
-        """What is cut off, one sentence; "" for nothing."""
+        """Note on a cut end, one sentence; "" for none."""
         with self.path.open("rb") as file:
             return "" if is_complete(file) else f"{self.path.name} is truncated: its end is lost"
 

@@ -113,7 +113,7 @@ class CameraFrames:
 def lost_notes(numbers: NDArray[np.int64], times_ns: NDArray[np.int64]) -> list[str]:
     """Return the notes on images that are missing by their numbers (n,), and on pauses.
 
-    A counter that starts again says nothing of what was lost at that moment.
+    Losses at the moment at which the counter starts again are unknown.
     """
     steps, gaps_ns = np.diff(numbers), np.diff(times_ns)
     paused = gaps_ns > PAUSE_NS

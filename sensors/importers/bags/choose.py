@@ -1,4 +1,4 @@
-"""Which image topics of a bag are depth and which are colour, by their contents and names."""
+"""Choice of a bag's depth topic and colour topic, by their contents and names."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -8,12 +8,12 @@ from typing import NamedTuple
 from natsort import natsort_key
 
 from sensors.errors import FormatError
-from sensors.importers.bags.ros_images import COLORS, DEPTHS, is_grey_png
+from sensors.importers.bags.ros_images import COLORS, DEPTHS, PICTURE_MAGICS, is_grey_png
 from sensors.importers.bags.ros_messages import Picture
 
 
 class Meaning(Enum):
-    """What a name says that an image holds."""
+    """Content of an image, by its topic's name."""
 
     DEPTH = "depth"
     COLOR = "colour"
@@ -37,7 +37,7 @@ _TRANSPORTS = ("compressed", "compresseddepth")
 
 
 class Choice(NamedTuple):
-    """The topics to read; notes: what was assumed."""
+    """Topics to read; notes: on assumptions."""
 
     depth: str
     color: str | None
@@ -163,7 +163,7 @@ def holds_depth(image: Picture) -> bool:
 def _is_depth(name: str, image: Picture) -> bool:
     """Return whether a topic is depth. Images of 16 bits with another name may be infrared or temperatures.
 
-    Where the name says nothing, ROS's encodings of depth count (REP 118), unless the camera's frame has the
+    Where the name has no meaning, ROS's encodings of depth count (REP 118), unless the camera's frame has the
     name of another camera; ``mono16`` is no such encoding.
     """
     if not holds_depth(image):
@@ -181,7 +181,7 @@ def _shows_color(name: str, image: Picture) -> bool:
         # Depth of 8 bits is a picture of depth.
         grey = image.encoding in ("mono8", "8UC1")
         return image.encoding in COLORS and not (grey and meaning_of(name) is Meaning.DEPTH)
-    picture = image.data.startswith((b"\xff\xd8\xff", b"\x89PNG")) and not is_grey_png(image)
+    picture = image.data.startswith(PICTURE_MAGICS) and not is_grey_png(image)
     return picture and (meaning_of(name) is not Meaning.DEPTH or image.encoding.startswith(("rgb", "bgr")))
 
 

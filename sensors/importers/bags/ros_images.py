@@ -15,6 +15,7 @@ from PIL import Image
 
 from sensors.errors import FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE
+from sensors.files.jpeg import JPEG_MAGIC
 from sensors.files.png import PNG_MAGIC, decode_grey
 from sensors.importers.bags.ros_messages import Picture
 
@@ -38,6 +39,8 @@ COLORS = {
     "bayer_grbg8": (1, cv2.COLOR_BayerGRBG2BGR),
 }
 """Encodings that are read; of colours, number of channels and OpenCV's way to its own order."""
+PICTURE_MAGICS = (JPEG_MAGIC, PNG_MAGIC)
+"""First bytes of encoded colour that is read."""
 FINE_MM = 0.1
 """Millimetres of a depth unit of a RealSense D405, which realsense-ros publishes as they are."""
 _CONFIG = struct.Struct("<iff")
@@ -93,7 +96,7 @@ def grey_from(picture: Picture) -> NDArray[np.uint16]:
 def color_encoded_from(picture: Picture) -> bytes:
     """JPEG or PNG bytes: the sender's own, or a raw image as PNG, which loses nothing. Raises FormatError."""
     if picture.compressed:
-        if not picture.data.startswith((b"\xff\xd8\xff", PNG_MAGIC)):
+        if not picture.data.startswith(PICTURE_MAGICS):
             raise FormatError(f"colour image is {picture.encoding[:40]!r}; only JPEG and PNG are read")
         return picture.data
     if picture.encoding not in COLORS:

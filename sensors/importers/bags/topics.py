@@ -19,7 +19,7 @@ STEADY = 1000
 
 
 class Message(NamedTuple):
-    """Where a message is, its sender's time and the recorder's, in nanoseconds."""
+    """Place of a message, its sender's time and the recorder's, in nanoseconds."""
 
     stamp_ns: int
     received_ns: int
@@ -63,7 +63,7 @@ class Topic:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed about order and times, and how many images are empty."""
+        """Notes on order, times and empty images."""
         empty = f"{self.name}: {self.empty} empty images are left out"
         return (*self.timeline.notes, *([empty] if self.empty else []))
 
