@@ -1,5 +1,7 @@
 """Corrections carry over within one person and a reach, and their sources are named."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from annotate.correction.correction import Correction
 from annotate.correction.nearby import REACH_FRAMES, corrected_nearby, frames_text
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
-from annotate.parts import PART_ID
+from annotate.parts import PART_ID, swap_left_right
 from bench.window import figure
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
@@ -64,6 +66,15 @@ def test_nor_from_rejected_frames_nor_past_a_broken_one(tmp_path):
         assert corrected_nearby(correction, "000003") == ["000005", "000000"]
         (labels.path / "frames" / "000002.parts.png").write_bytes(b"broken")
         assert corrected_nearby(correction, "000003") == ["000005"]
+
+
+def test_swapped_sides_are_no_other_person(tmp_path):
+    labels = made(tmp_path / "labels", 3, 99)
+    frame = labels.read("000001")
+    labels.write_labels(replace(frame, parts=swap_left_right(frame.parts)))
+    with Correction.open(labels.path, "ann") as correction:
+        corrected(correction, 0)
+        assert corrected_nearby(correction, "000002") == ["000000"]
 
 
 def test_frames_in_words():
