@@ -8,7 +8,6 @@ from cli.console import cell, facts, table
 from sensors.errors import CloudError
 from sensors.files.natural_order import paths_in_order
 from sensors.importers.open_source import open_source
-from sensors.session.recognise import mcap_files
 
 
 def recordings_in(folder: Path) -> list[Path]:
@@ -18,6 +17,8 @@ def recordings_in(folder: Path) -> list[Path]:
     """
     if not folder.is_dir() or (folder / "metadata.yaml").exists() or (folder / "depth").exists():
         return []
+    from sensors.session.recognise import mcap_files
+
     sessions, foreign, unknown = mcap_files(folder)
     return paths_in_order([*sessions, *foreign, *unknown]) if sessions else []
 

@@ -16,7 +16,7 @@ from typer import Option
 from cli.console import clear, finish, progress, say, table
 from sensors.errors import CloudError
 from sensors.files.natural_order import paths_in_order
-from sensors.session.recognise import SUFFIX, mcap_files
+from sensors.session.paths import SUFFIX
 from sensors.versions import code_digest, versions
 
 if TYPE_CHECKING:
@@ -41,6 +41,8 @@ def sessions_in(folder: Path, scheduler: str | None) -> dict[str, Path]:
     recording = not folder.is_dir() or (folder / "metadata.yaml").exists() or (folder / "depth").exists()
     found: dict[str, Path] = {}
     if not recording:
+        from sensors.session.recognise import mcap_files
+
         sessions, foreign, unknown = mcap_files(folder)
         if not foreign:
             found = {path.stem: path for path in paths_in_order([*sessions, *unknown])}

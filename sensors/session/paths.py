@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-PARTIAL = ".partial"
+SUFFIX, PARTIAL = ".mcap", ".partial"
 
 
 def partial_of(path: Path) -> Path:

@@ -10,9 +10,9 @@ from sensors.errors import FormatError
 from sensors.files.natural_order import paths_in_order
 from sensors.session.mcap_records import record_offsets, records_at
 from sensors.session.messages import CAMERAS, DEPTH, METADATA, SCHEMAS
+from sensors.session.paths import SUFFIX
 from sensors.session.summary import Summary, read_summary
 
-SUFFIX = ".mcap"
 OWN = {DEPTH, f"/{CAMERAS[0]}/calibration"}
 """Topics that make a session."""
 KINDS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
