@@ -19,6 +19,7 @@ from annotate.gui.outcome import Done
 from annotate.gui.walk import FILTERS, ORDERS
 from annotate.gui.window import CorrectionWindow
 from annotate.parts import PARTS, UNDEFINED
+from sensors.errors import CloudError
 
 C = TypeVar("C")
 Action = Callable[[], Done | None]
@@ -271,8 +272,12 @@ def _carry_over(window: CorrectionWindow, keys: int) -> Done | None:
 
 
 def _computed(window: CorrectionWindow, text: str, work: Callable[[], C], then: Callable[[C], Done]) -> None:
-    """Compute labels beside the window, and apply them."""
-    window.busy(text, work, lambda computed: window.act(partial(then, computed)))
+    """Compute labels beside the window, and apply them; say why where there is nothing to apply."""
+
+    def failed(error: CloudError) -> None:
+        window.status.show_done(Done(str(error), "warn"), window.theme)
+
+    window.busy(text, work, lambda computed: window.act(partial(then, computed)), failed)
 
 
 def _doubt(window: CorrectionWindow) -> Done:
