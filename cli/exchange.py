@@ -10,7 +10,7 @@ from typer import Argument, BadParameter, Option
 from cli.console import Json, Overwrite, finish, progress, say
 from sensors.files.atomic import check_free
 from sensors.importers.open_source import KINDS, judged_notes, open_source, opener_at
-from sensors.importers.options import AS_STATED, ImportOptions
+from sensors.importers.options import ImportOptions
 
 if TYPE_CHECKING:
     from annotate.labelset.store import LabelSet
@@ -33,7 +33,9 @@ def import_(
     out: Annotated[Path, Argument(help="out.mcap for a recording, a folder for labels.")],
     intrinsics: Annotated[
         Path | None,
-        Option(help="Depth camera's intrinsics (JSON, YAML or text), instead of the recording's own."),
+        Option(
+            help="Depth camera's intrinsics (JSON, YAML or text), instead of the recording's or labels' own."
+        ),
     ] = None,
     depth_unit: Annotated[
         float | None, Option(help="Millimetres of a depth step: 1, 0.1 (D405), 0.2 (TUM), 1000 for metres.")
@@ -60,9 +62,9 @@ def import_(
     if out.suffix.lower() == SESSION_SUFFIX:
         _import_images(source, out, options, overwrite, json)
         return
-    if options != AS_STATED:
-        raise BadParameter("--intrinsics to --axes are for recordings; name the output out.mcap")
-    _import_labels(source, out, overwrite, json)
+    if options != ImportOptions(intrinsics):
+        raise BadParameter("--depth-unit to --axes are for recordings; name the output out.mcap")
+    _import_labels(source, out, intrinsics, overwrite, json)
 
 
 def export(
@@ -188,11 +190,13 @@ def _camera_note(frames: "FrameSource") -> str:
     return f"depth camera: {'; '.join(texts)}"
 
 
-def _import_labels(source: Path, out: Path, overwrite: bool, json: bool) -> None:
+def _import_labels(source: Path, out: Path, intrinsics: Path | None, overwrite: bool, json: bool) -> None:
     from annotate.exchange.formats import import_labels
 
     with progress("import", None) as advance:
-        labels, name, remarks = import_labels(source, out, advance, overwrite=overwrite)
+        labels, name, remarks = import_labels(
+            source, out, advance, overwrite=overwrite, intrinsics=intrinsics
+        )
     for remark in remarks:
         say(remark)
     frames = len(labels)

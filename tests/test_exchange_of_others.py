@@ -104,6 +104,15 @@ def test_archives_and_annotation_files_are_read_as_their_folder(coco, tmp_path):
     assert len(taken(file, tmp_path / "by-file", intrinsics=camera).labels) == 1
 
 
+def test_the_remedy_for_absent_intrinsics_works(coco, tmp_path, annotate_cloud):
+    source, camera, out = coco(intrinsics=False), tmp_path / "camera.json", tmp_path / "labels"
+    camera.write_text(json.dumps(CAMERA))
+    refused = annotate_cloud("import", source, out)
+    assert refused.code == 1 and "give --intrinsics FILE" in refused.err and not out.exists()
+    assert annotate_cloud("import", source, out, "--intrinsics", camera).code == 0
+    assert LabelSet.open(out).frame_ids == ["000000"]
+
+
 def test_an_archive_writes_nothing_outside_and_a_damaged_one_is_named(tmp_path):
     archive = tmp_path / "evil.zip"
     with ZipFile(archive, "w") as file:

@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from sensors.files.jpeg import is_lossless, mirrored_jpeg
+from sensors.importers.declared import turned_color
 from sensors.rig.frame import RigFrame
+from sensors.rig.turn import Turn
 
 SAMPLINGS = [cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
 
@@ -39,6 +41,16 @@ def test_of_whole_blocks_nothing_is_lost(blocks, height, seed):
     image = photograph(16 * blocks, height, seed)
     twice = mirrored_jpeg(mirrored_jpeg(image))
     np.testing.assert_array_equal(decoded(twice), decoded(image))
+
+
+@pytest.mark.parametrize("quarters", range(4))
+@pytest.mark.parametrize("mirror", [False, True])
+def test_an_imported_colour_image_is_turned_and_mirroring_twice_loses_nothing(quarters, mirror):
+    image, turn = photograph(48, 64, quarters), Turn(quarters, mirror)
+    turned = turned_color(image, turn)
+    np.testing.assert_allclose(decoded(turned), turn.image(decoded(image)), atol=20)
+    if quarters == 0 and is_lossless():
+        np.testing.assert_array_equal(decoded(turned_color(turned, turn)), decoded(image))
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

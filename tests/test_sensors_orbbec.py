@@ -9,6 +9,7 @@ from sensors.errors import CalibrationError, FormatError
 from sensors.importers.bags import orbbec
 from sensors.importers.bags.orbbec import OrbbecRecording
 from sensors.importers.open_source import open_source
+from sensors.importers.options import ImportOptions
 from sensors.rig.camera import Intrinsics
 from sensors.session.reader import Session
 from tests.helpers import orbbec_files
@@ -108,3 +109,16 @@ def test_a_cut_message_is_damage(tmp_path, monkeypatch):
     monkeypatch.setattr(orbbec_files, "image_message", lambda *a: message(*a)[:200])
     with pytest.raises(FormatError, match="cannot be read"):
         open_source(bag(tmp_path))
+
+
+def test_declared_intrinsics_of_any_dialect_replace_the_recording_s(tmp_path):
+    """A matrix without a size is of the recording's images, and the notes name its file as their origin."""
+    file = tmp_path / "K.txt"
+    np.savetxt(file, Intrinsics(64, 58, 60, 61, 30, 29).matrix)
+    path = bag(tmp_path)
+    source = open_source(path, ImportOptions(intrinsics=file))
+    assert source.calibration.depth == Intrinsics(64, 58, 60, 61, 30, 29)
+    assert source.calibration.color == open_source(path).calibration.color
+    assert [note for note in source.notes if "intrinsics" in note] == [
+        "depth intrinsics from K.txt, as declared"
+    ]

@@ -2,21 +2,28 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.errors import CalibrationError
 from sensors.importers.bags.bag_files import BagFile
 from sensors.importers.bags.entries import Place
-from sensors.importers.bags.ros_images import FINE_MM, color_encoded_from, depth_from, grey_from
+from sensors.importers.bags.ros_images import FINE_MM, color_encoded_from, depth_from, grey_from, picture_size
 from sensors.importers.bags.ros_messages import Picture
 from sensors.importers.bags.timeline import Stamps, Timeline, paired, paired_by_stamps, timeline_of
+from sensors.rig.camera import Intrinsics
 from sensors.rig.depth_check import judge_depth, spread
 from sensors.rig.frame import RigFrame
+from sensors.rig.intrinsics_file import read_intrinsics
 
 PAUSE_NS = 10_000_000_000
 """Nanoseconds without a depth image above which a recording was paused rather than images lost. Untuned."""
+
+COLOR_FOUND = "colour camera from the recording"
+"""Note where a recording has intrinsics and pose of its colour camera."""
 
 
 class Images(NamedTuple):
@@ -108,6 +115,23 @@ class CameraFrames:
             amplitude = None
         stamp_ns = int(self._depth.timeline.times_ns[index])
         return RigFrame(index, stamp_ns, depth_mm, encoded, None, amplitude)
+
+
+def depth_lens(
+    factory: Intrinsics | None, depth: Images, declared: Path | None, path: Path
+) -> tuple[Intrinsics, list[str]]:
+    """Return the lens of depth and a note on its origin.
+
+    factory: the recording's own, None = none. declared: a file that replaces it. path: the recording, for
+    messages. Raises CalibrationError where there is neither.
+    """
+    if declared is not None:
+        width, height = picture_size(depth.picture(0)) or (0, 0)
+        lens = read_intrinsics(declared, (height, width)).depth
+        return lens, [f"depth intrinsics from {declared.name}, as declared"]
+    if factory is None:
+        raise CalibrationError(f"{path} has no intrinsics of the depth camera; give --intrinsics FILE")
+    return factory, ["intrinsics from the recording"]
 
 
 def lost_notes(numbers: NDArray[np.int64], times_ns: NDArray[np.int64]) -> list[str]:

@@ -15,13 +15,19 @@ import numpy as np
 
 from sensors.errors import CalibrationError, FormatError
 from sensors.importers.bags.bag_files import RosbagFile, damaged, open_rosbag
-from sensors.importers.bags.camera_frames import CameraFrames, Images, Recorded, Stream
+from sensors.importers.bags.camera_frames import (
+    COLOR_FOUND,
+    CameraFrames,
+    Images,
+    Recorded,
+    Stream,
+    depth_lens,
+)
 from sensors.importers.bags.ros1_file import Ros1File
 from sensors.importers.bags.ros_messages import Picture
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.camera import Intrinsics, intrinsics_from_rational
 from sensors.rig.frame import FrameSource, RigFrame
-from sensors.rig.intrinsics_file import read_intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
 DEPTH, COLOR, INFRARED = "depth", "colour", "infrared"
@@ -88,8 +94,8 @@ class OrbbecRecording(FrameSource):
             depth = self._streams[DEPTH]
             if not depth.images:
                 raise FormatError(f"{path} has no depth images; record the depth sensor")
-            self.calibration, notes = self._calibrate(options)
             depths, colors, infrareds = (self._images(name) for name in (DEPTH, COLOR, INFRARED))
+            self.calibration, notes = self._calibrate(depths, options)
             unit_mm = options.depth_unit_mm or depth.unit_mm or None
             self._frames = CameraFrames(depths, colors, infrareds, unit_mm, path.name)
         timeline = depths.timeline
@@ -130,21 +136,19 @@ class OrbbecRecording(FrameSource):
             stream.images.append(Recorded(read.number, read.stamp_ns, entry.logged_ns, entry.place))
             stream.unit_mm = stream.unit_mm or read.unit_mm
 
-    def _calibrate(self, options: ImportOptions) -> tuple[RigCalibration, list[str]]:
-        """The calibration, and notes on it."""
+    def _calibrate(self, images: Images, options: ImportOptions) -> tuple[RigCalibration, list[str]]:
+        """Return the calibration, and notes on it. images: of depth."""
         depth, color = self._streams[DEPTH], self._streams[COLOR]
-        lens = depth.lens() if options.intrinsics is None else read_intrinsics(options.intrinsics).depth
-        if lens is None:
-            raise CalibrationError(
-                f"{self.path} has no intrinsics of the depth camera; give --intrinsics FILE"
-            )
+        lens, notes = depth_lens(depth.lens(), images, options.intrinsics, self.path)
         if not color.images:
-            return RigCalibration(lens), ["intrinsics from the recording", "no colour images"]
+            return RigCalibration(lens), [*notes, "no colour images"]
         with suppress(CalibrationError):
             if (color_lens := color.lens()) is not None:
-                return RigCalibration(lens, color_lens, depth.pose()), ["calibration from the recording"]
-        note = "no calibration of the colour camera: its images cannot be fused"
-        return RigCalibration(lens), ["intrinsics from the recording", note]
+                return RigCalibration(lens, color_lens, depth.pose()), [*notes, COLOR_FOUND]
+        return RigCalibration(lens), [
+            *notes,
+            "no calibration of the colour camera: its images cannot be fused",
+        ]
 
 
 def is_orbbec(file: RosbagFile | Ros1File) -> bool:

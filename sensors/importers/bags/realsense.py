@@ -20,14 +20,20 @@ from numpy.typing import NDArray
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.bounded import MAX_IMAGE_BYTES, MAX_IMAGE_SIDE
 from sensors.importers.bags.bag_files import RosbagFile, damaged, open_rosbag
-from sensors.importers.bags.camera_frames import CameraFrames, Images, Recorded, Stream
+from sensors.importers.bags.camera_frames import (
+    COLOR_FOUND,
+    CameraFrames,
+    Images,
+    Recorded,
+    Stream,
+    depth_lens,
+)
 from sensors.importers.bags.entries import Entry, Place
 from sensors.importers.bags.ros1_file import Ros1File
 from sensors.importers.bags.ros_messages import Picture, decode, picture_from
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FrameSource, RigFrame
-from sensors.rig.intrinsics_file import read_intrinsics
 from sensors.rig.realsense_lens import realsense_intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration, rotation_of
 
@@ -87,8 +93,8 @@ class RealSenseRecording(FrameSource):
             depth = self._streams[DEPTH]
             if not depth.images:
                 raise FormatError(f"{path} has no depth images; record the stream Depth")
-            self.calibration, notes = self._calibrate(options)
             images = {name: self._images(name) for name in STREAMS}
+            self.calibration, notes = self._calibrate(images[DEPTH], options)
             self._frames = CameraFrames(
                 images[DEPTH], images[COLOR], images[INFRARED], self._unit_mm, path.name
             )
@@ -151,23 +157,19 @@ class RealSenseRecording(FrameSource):
                 Recorded(int(fields["Frame number"]), stamp_ns, logged_ns, place)
             )
 
-    def _calibrate(self, options: ImportOptions) -> tuple[RigCalibration, list[str]]:
-        """The calibration, and notes on it."""
+    def _calibrate(self, images: Images, options: ImportOptions) -> tuple[RigCalibration, list[str]]:
+        """Return the calibration, and notes on it. images: of depth."""
         depth, color = self._streams[DEPTH], self._streams[COLOR]
-        lens = depth.lens() if options.intrinsics is None else read_intrinsics(options.intrinsics).depth
-        if lens is None:
-            raise CalibrationError(
-                f"{self.path} has no intrinsics of the depth camera; give --intrinsics FILE"
-            )
+        lens, notes = depth_lens(depth.lens(), images, options.intrinsics, self.path)
         if not color.images:
-            return RigCalibration(lens), ["intrinsics from the recording", "no colour images"]
+            return RigCalibration(lens), [*notes, "no colour images"]
         color_lens, at_depth, at_color = color.lens(), depth.pose(), color.pose()
         if color_lens is None or not at_depth or not at_color or at_depth[0] != at_color[0]:
             lacking = "intrinsics" if color_lens is None else "pose"
             note = f"no {lacking} of the colour camera: its images cannot be fused"
-            return RigCalibration(lens), ["intrinsics from the recording", note]
+            return RigCalibration(lens), [*notes, note]
         color_from_depth = at_color[1] @ at_depth[1].inverse()
-        return RigCalibration(lens, color_lens, color_from_depth), ["calibration from the recording"]
+        return RigCalibration(lens, color_lens, color_from_depth), [*notes, COLOR_FOUND]
 
 
 def unwrapped(stamps_ns: NDArray[np.int64], first_ns: int) -> NDArray[np.int64]:
