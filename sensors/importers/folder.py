@@ -2,7 +2,7 @@
 
 Layout, everything but depth optional::
 
-    depth/NAME.png      16-bit depth (or TIFF, PGM); other layouts: ``folder_files``
+    depth/NAME.png      16-bit depth (or TIFF, PGM, .npy); other layouts: ``folder_files``
     color/NAME.jpg      JPEG or PNG of the same name; or in rgb/
     thermal/NAME.png    16-bit temperatures in the scale of a session (``messages.THERMAL_OFFSET_C``), or in
                         hundredths or tenths of a kelvin (``celsius_check``); or a TIFF, floats in degrees
@@ -87,6 +87,7 @@ class ImageFolder(FrameSource):
             *(["depth in 1/5000 m, as in every TUM dataset"] if tum else []),
             *self._reading.notes,
             timed.note,
+            *images.notes,
             *_presence("colour", timed.color, len(self._names), self.calibration.color),
             *unread_colors(path),
             *_presence("thermal", timed.thermal, len(self._names), self.calibration.thermal),

@@ -1,10 +1,14 @@
-"""Depth, colour and thermal images of a folder, and pairs of them by name.
+"""Which files of a folder are depth, colour and thermal images, and which of them belong together.
 
-Streams lie in folders of their own (``depth/``, ``color/`` or ``rgb/``, ``thermal/``, in any letter case), or
-beside each other with the stream in their names: ``depth_0001.png color_0001.png``, ``0001_depth.png``,
-``frame-000000.depth.png frame-000000.color.png`` (7-Scenes), ``rs_Depth_1546.25.png rs_Color_1546.31.png``,
-whose numbers are milliseconds (librealsense, tools/convert/converters/converter-png.hpp). Hidden files, such
-as ``._0001.png`` of macOS, are left out. Names become an order as people count: 2 before 10.
+Streams lie in folders of their own: ``depth/``, ``color/`` or ``rgb/``, ``thermal/``, in any letter case;
+else the only folder whose name has the word (``depth_raw``, ``aligned_depth_to_color``, ``RGBImages``); for
+colour also ``image/`` (SUN RGB-D). Or they lie beside each other with the stream in their names:
+``depth_0001.png color_0001.png``, ``0001_depth.png``, ``MDepth-00000001.png`` (NTU RGB+D),
+``frame-000000.depth.png frame-000000.color.png`` (7-Scenes), ``rs_Depth_1546.25.png rs_Color_1546.31.png``
+(librealsense). Without such words, PNGs are depth and JPEGs of the same names colour. Hidden files, such as
+``._0001.png`` of macOS, and pictures made of depth (``0001_depth_vis.png``) are left out. Names become an
+order as people count: 2 before 10. Names that are times (``name_times``) give the order and belong together
+by time.
 """
 
 import re
@@ -17,42 +21,102 @@ import numpy as np
 from sensors.errors import FormatError
 from sensors.files.grey_image import SUFFIXES
 from sensors.files.natural_order import paths_in_order
+from sensors.importers.name_times import stamps_of
 from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
 
 DEPTH, COLOR, THERMAL = ("depth",), ("color", "colour", "rgb"), ("thermal",)
 """Names of a stream's folder, or in the names of its files, in small letters."""
-JPEGS = (".jpg", ".jpeg")
-PICTURES = (*JPEGS, ".png")
-_STREAM = re.compile(rf"(?<![a-z])({'|'.join((*DEPTH, *COLOR, *THERMAL))})(?![a-z])", re.IGNORECASE)
-_MILLISECONDS = re.compile(r"_(\d{1,15}\.\d{1,17})$", re.ASCII)
+IMAGE = ("image", "images", "img", "imgs")
+"""Names of folders that hold colour where depth has another folder."""
+PICTURES = (".jpg", ".jpeg", ".png")
+JPEGS = PICTURES[:2]
+_STREAM = re.compile(
+    r"(?:(?<![A-Za-z])((?i:depth|colou?r|rgb|thermal))|(Depth|Colou?r|RGB|Rgb|Thermal))"
+    r"(?i:s|_?(?:maps?|images?|imgs?))?(?![a-z])"
+)
+_VIEW = re.compile(
+    r"(?<![a-z])(?:vis|viz|visual\w*|colou?rmap\w*|colou?ri[sz]ed|preview|masks?|conf\w*|norm\w*)(?![a-z])"
+)
+"""Words of pictures that are made of depth images."""
 
 Files = dict[str, Path]
 """Images by name: without folder, suffix, and the stream's own name."""
 
 
 class FolderImages(NamedTuple):
-    """Images of a folder, in natural order. stamps_ns: of depth images whose names state them, else empty."""
+    """Images of a folder, in natural order.
+
+    stamps_ns: of depth images whose names state them, else empty. notes: what is left out.
+    """
 
     depth: Files
     color: Files
     thermal: Files
     stamps_ns: dict[str, int]
+    notes: tuple[str, ...]
 
 
 def find_images(path: Path) -> FolderImages:
-    """Find the images of a folder. Raises FormatError where there is no depth."""
-    folder, flat = subfolder(path, DEPTH), _by_stream(path)
-    depth = _depth(folder) if folder else _depth(path, flat["depth"])
+    """Find the images of a folder. Raises FormatError where there is no depth, or several folders of it."""
+    folder, flat = _stream_folder(path, "depth"), _by_stream(path)
+    every = files_of(folder or path, SUFFIXES) if folder or not flat["depth"] else flat["depth"]
+    plain = [file for file in every if not _VIEW.search(file.stem.lower())] or every
+    depth = _depth(plain)
     if not depth:
         raise FormatError(_no_depth(folder or path))
-    stamps = _stamps_ns(depth) if not folder else {}
-    color, thermal = (
-        _named(files_of(own, suffixes)) if (own := subfolder(path, names)) else _named(flat[names[0]])
-        for names, suffixes in ((COLOR, PICTURES), (THERMAL, (*PICTURES, *SUFFIXES)))
-    )
-    if stamps and not set(color) & set(depth):
-        color = _nearest(stamps, color)
-    return FolderImages(depth, color, thermal, stamps)
+    color, thermal = _color(path, flat["color"], depth), _other(path, "thermal", flat["thermal"])
+    stamps, others = stamps_of(depth), stamps_of(color)
+    if stamps and others:
+        color = _nearest(stamps, color, others)
+    views = len(every) - len(plain)
+    left_out = f"{views} images named like pictures of depth are left out" if views else ""
+    return FolderImages(depth, color, thermal, stamps, (left_out,) if left_out else ())
+
+
+def _stream_of(name: str) -> str:
+    """Return depth, color or thermal by the first such word of a name; "" without one."""
+    found = _STREAM.search(name)
+    word = (found[1] or found[2]).lower() if found else ""
+    return "color" if word in COLOR else word
+
+
+def _stream_folder(path: Path, stream: str) -> Path | None:
+    """Return a stream's folder: the one with its plain name, else the only one whose name has the word."""
+    names = {"depth": DEPTH, "color": COLOR, "thermal": THERMAL}[stream]
+    plain = subfolder(path, names)
+    if plain is not None:
+        return plain
+    there = [entry for entry in paths_in_order(path.iterdir()) if entry.is_dir() and not _is_view(entry)]
+    found = [
+        entry for entry in there if _stream_of(entry.name) == stream and files_of(entry, SUFFIXES + JPEGS)
+    ]
+    if len(found) > 1:
+        several = ", ".join(entry.name[:40] for entry in found[:4])
+        raise FormatError(
+            f"{path} has several folders of {stream}: {several}; rename the right one {names[0]}"
+        )
+    return found[0] if found else None
+
+
+def _is_view(entry: Path) -> bool:
+    return entry.name.startswith(".") or _VIEW.search(entry.name.lower()) is not None
+
+
+def _color(path: Path, flat: list[Path], depth: Files) -> Files:
+    """Return colour images: of their folder, by their names, or the JPEGs named like the depth images."""
+    found = _other(path, "color", flat)
+    if found:
+        return found
+    folder = subfolder(path, IMAGE)
+    beside = _named(files_of(folder or path, PICTURES if folder else JPEGS))
+    return beside if folder or set(beside) & set(depth) else {}
+
+
+def _other(path: Path, stream: str, flat: list[Path]) -> Files:
+    """Return the colour or thermal images of their folder, else those that are named so."""
+    suffixes = PICTURES if stream == "color" else (*PICTURES, *SUFFIXES)
+    own = _stream_folder(path, stream)
+    return _named(files_of(own, suffixes) if own else flat)
 
 
 def subfolder(path: Path, names: tuple[str, ...]) -> Path | None:
@@ -91,39 +155,26 @@ def _named(files: list[Path]) -> Files:
     return keyed if len(keyed) == len({file.stem for file in files}) else {file.stem: file for file in files}
 
 
-def _depth(folder: Path, flat: list[Path] | None = None) -> Files:
-    """Return depth images of one kind: PNG before TIFF before PGM."""
-    every = flat or files_of(folder, SUFFIXES)
-    for kinds in ((".png",), (".tif", ".tiff"), (".pgm",)):
+def _depth(every: list[Path]) -> Files:
+    """Return depth images of one kind: PNG before TIFF, PGM and arrays."""
+    for kinds in ((".png",), (".tif", ".tiff"), (".pgm",), (".npy",)):
         if files := [file for file in every if file.suffix.lower() in kinds]:
             return _named(files)
     return {}
 
 
 def _by_stream(path: Path) -> dict[str, list[Path]]:
-    """Return images in the folder itself by the stream that their names state."""
+    """Return images in the folder itself by the stream that their names state; none without depth."""
     found: dict[str, list[Path]] = {"depth": [], "color": [], "thermal": []}
     for file in files_of(path, (*PICTURES, *SUFFIXES)):
-        stream = _STREAM.search(file.stem)
-        if stream is not None:
-            name = stream[1].lower()
-            found["color" if name in COLOR else name].append(file)
-    if not found["depth"]:
-        return {"depth": [], "color": [], "thermal": []}
-    return found
+        if stream := _stream_of(file.stem):
+            found[stream].append(file)
+    return found if found["depth"] else {stream: [] for stream in found}
 
 
-def _stamps_ns(files: Files) -> dict[str, int]:
-    """Return the milliseconds at the end of all names, as nanoseconds; nothing where one name has none."""
-    found = {name: _MILLISECONDS.search(name) for name in files}
-    if not all(found.values()):
-        return {}
-    return {name: round(float(at[1]) * 1e6) for name, at in found.items() if at}
-
-
-def _nearest(stamps_ns: dict[str, int], color: Files) -> Files:
+def _nearest(stamps_ns: dict[str, int], color: Files, color_ns: dict[str, int]) -> Files:
     """Return colour images by the name of the depth image that is nearest in time."""
-    names, color_ns = sorted(stamps_ns, key=lambda name: stamps_ns[name]), _stamps_ns(color)
+    names = sorted(stamps_ns, key=lambda name: stamps_ns[name])
     others = sorted(color_ns, key=lambda name: color_ns[name])
     depth_ns = np.array([stamps_ns[name] for name in names], np.int64)
     pairs = pair_stamps(depth_ns, np.array([color_ns[name] for name in others], np.int64), COLOR_WINDOW_NS)
@@ -131,11 +182,19 @@ def _nearest(stamps_ns: dict[str, int], color: Files) -> Files:
 
 
 def unread_colors(path: Path) -> tuple[str, ...]:
-    """Return a note on a folder of colour images none of which is read."""
-    folder = subfolder(path, COLOR)
-    if folder is None or files_of(folder) or not (seen := _kinds(folder)):
+    """Return a note on colour images none of which is read, because of their kind."""
+    folder = subfolder(path, COLOR) or subfolder(path, IMAGE)
+    if folder is not None:
+        seen = "" if files_of(folder) else _kinds(folder)
+        return (
+            (f"{folder.name} holds {seen} files, which are not read: convert them to JPEG or PNG",)
+            if seen
+            else ()
+        )
+    named = [file for file in path.iterdir() if file.is_file() and _stream_of(file.stem) == "color"]
+    if not named or any(file.suffix.lower() in PICTURES for file in named):
         return ()
-    return (f"{folder.name} holds {seen} files, which are not read: convert them to JPEG or PNG",)
+    return (f"{len(named)} {named[0].suffix} colour images are not read: convert them to JPEG or PNG",)
 
 
 def _kinds(folder: Path) -> str:
