@@ -141,6 +141,41 @@ def test_what_is_no_depth_is_refused():
     assert any("neighbouring pixels" in note for note in judge_depth([noise], None, "x").notes)
 
 
+@pytest.mark.parametrize("code", [10000, 8000, 65534])
+def test_round_values_beyond_the_range_are_no_reading(code):
+    samples = [np.where(room == 0, code, room).astype(np.uint16) for room in ROOMS]
+    reading = judge_depth(samples, None, "x")
+    assert code in reading.invalid
+    assert any(f"depth of {code} is no reading" in note for note in reading.notes)
+    for sample, room in zip(samples, ROOMS, strict=True):
+        np.testing.assert_array_equal(reading.to_mm(sample), room)
+
+
+def test_a_code_close_to_the_farthest_reading_is_no_reading():
+    rooms = [room_mm(seed, far=7400) for seed in range(2)]
+    reading = judge_depth([np.where(room == 0, 8191, room).astype(np.uint16) for room in rooms], None, "x")
+    assert 8191 in reading.invalid
+
+
+def test_a_wall_at_a_round_distance_is_a_wall():
+    """Noise spreads a wall's readings, and those of a clipped image end in one value without a gap."""
+    rng = np.random.default_rng(3)
+    wall = [np.where(room > 3000, rng.normal(5000, 4, room.shape), room).astype(np.uint16) for room in ROOMS]
+    clipped = [np.minimum(room_mm(seed, far=6000), 5000).astype(np.uint16) for seed in range(3)]
+    for samples in (wall, clipped):
+        reading = judge_depth(samples, None, "x")
+        assert 5000 not in reading.invalid
+        assert int(reading.to_mm(samples[0]).max()) >= 5000
+
+
+def test_somebody_cut_out_is_no_wall():
+    """Masked recordings (NTU RGB+D, UTD-MHAD) hold a person alone, 20 cm deep."""
+    cut = np.zeros((96, 128), np.uint16)
+    cut[20:80, 50:75] = np.random.default_rng(0).normal(2200, 60, (60, 25))
+    assert not any("wall" in note for note in judge_depth([cut], None, "x").notes)
+    assert any("wall" in note for note in judge_depth([cut[20:80, 50:75]], None, "x").notes)
+
+
 def test_frames_are_spread():
     assert spread(10_000) == [0, 2500, 5000, 7499, 9999] and spread(0) == [] and spread(2) == [0, 1]
 
@@ -209,10 +244,19 @@ def test_a_lens_that_is_no_number_is_named():
 
 
 @pytest.mark.parametrize(
-    ("step", "offset"), [(0.01, -100.0), (0.01, -273.15), (0.1, -273.15), (1.0, -273.15)]
+    ("step", "offset"),
+    [
+        (0.01, -100.0),
+        (0.01, -273.15),
+        (0.1, -273.15),
+        (1.0, -273.15),
+        (1 / 64, -273.15),
+        (0.01, 0.0),
+    ],
 )
-def test_scales_of_temperatures(step, offset):
-    celsius = np.random.default_rng(0).uniform(18, 36, (48, 64))
+@pytest.mark.parametrize(("coldest", "warmest"), [(18, 36), (3, 34), (24, 40)])
+def test_scales_of_temperatures(step, offset, coldest, warmest):
+    celsius = np.random.default_rng(0).uniform(coldest, warmest, (48, 64))
     words = np.rint((celsius - offset) / step).astype(np.uint16)
     words[0, :2] = 0, 65535
     scale, notes = judge_celsius([words], "x")

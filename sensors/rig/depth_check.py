@@ -31,8 +31,15 @@ SATURATED = 65535
 """Largest word of 16 bits: saturated, or how OAK cameras and others write that there is no reading."""
 CODES = tuple(2**bits - 1 for bits in (11, 12, 13, 14, 15))
 """Largest words of sensors of 11 to 15 bits (2047: Kinect v1). They are no reading where they stand apart."""
+ROUND = (65534, *range(4000, 65000, 1000))
+"""Values that programs write beyond the range instead of 0: ten metres, for instance. Few rooms end there."""
 LEAST_SHARE, GAP = 0.001, 0.1
 """Share of pixels that such a code has at least, and the free range below it, as its share. Untuned."""
+MANY, MANY_GAP = 0.01, 0.02
+"""The same of round values, and of codes close to the farthest readings. A wall's readings spread by their
+noise. Untuned."""
+CUT_OUT = 0.5
+"""Share of pixels without a reading from which somebody is cut out of the background. Untuned."""
 
 FAR_M = 13.0
 """Metres: where more than a hundredth is farther, an assumed unit is doubtful (TUM's end at 13.1 m)."""
@@ -169,9 +176,11 @@ def _codes(images: Sequence[Image]) -> tuple[int, ...]:
     if len(values) < LEAST_PIXELS:
         return always
     top = int(values.max())
-    apart = not ((values > (1 - GAP) * top) & (values < top)).any()
-    share = np.count_nonzero(values == top) / len(values)
-    return (*always, top) if top in (*CODES, 65536) and apart and LEAST_SHARE < share < 1 else always
+    below, share = values[values < top], np.count_nonzero(values == top) / len(values)
+    gap = 1 - float(below.max(initial=0)) / top
+    known = top in (*CODES, 65536) and gap >= GAP and share > LEAST_SHARE
+    many = top in (*CODES, *ROUND) and gap >= MANY_GAP and share > MANY
+    return (*always, top) if len(below) and (known or many) else always
 
 
 def _seen_codes(images: Sequence[Image], invalid: tuple[int, ...]) -> list[str]:
@@ -195,7 +204,8 @@ def _doubts(found: Range, images: Sequence[Image], unit_mm: float, *, assumed: b
         if why
         else []
     )
-    if found.far < FLAT * found.near:
+    empty = np.mean([np.count_nonzero(image == 0) / image.size for image in images])
+    if found.far < FLAT * found.near and empty < CUT_OUT:
         return [
             *doubts,
             f"all depth is from {metres(found.near)} to {metres(found.far)}: a wall, or no depth image",
