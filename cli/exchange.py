@@ -33,9 +33,7 @@ def import_(
     out: Annotated[Path, Argument(help="out.mcap for a recording, a folder for labels.")],
     intrinsics: Annotated[
         Path | None,
-        Option(
-            help="Depth camera's intrinsics (JSON, YAML or text), instead of the recording's or labels' own."
-        ),
+        Option(help="Depth camera's intrinsics (JSON, YAML or text) in place of the source's own."),
     ] = None,
     depth_unit: Annotated[
         float | None, Option(help="Millimetres of a depth step: 1, 0.1 (D405), 0.2 (TUM), 1000 for metres.")

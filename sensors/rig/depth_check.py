@@ -54,6 +54,10 @@ ROUGH_M, ROUGH = 0.5, 0.125
 """Metres, and share of the scene's median: neighbours in what is no image differ by more. Untuned."""
 MOST_PIXELS = 100_000
 """Pixels of a sample that are looked at. Untuned."""
+BYTES = (
+    "depth of 8 bits has no known unit; store 16-bit integers in millimetres, or give the millimetres of a "
+    "step with --depth-unit"
+)
 JUDGED = "depth:"
 """How the note of the judge begins."""
 SAMPLES = 5
@@ -102,10 +106,7 @@ def judge_depth(
     images = [_thinned(np.asarray(sample)) for sample in samples if np.size(sample)]
     kind = images[0].dtype if images else np.dtype(np.uint16)
     if kind.itemsize == 1 and unit_mm is None:
-        raise FormatError(
-            f"{where}: depth of 8 bits has no known unit; store 16-bit integers in millimetres, or give the "
-            "millimetres of a step with --depth-unit"
-        )
+        raise FormatError(f"{where}: {BYTES}")
     swapped = kind.kind in "iu" and kind.itemsize == 2 and _swapped(images)
     words = [image.byteswap() if swapped else image for image in images]
     invalid = _codes(words)
@@ -113,29 +114,23 @@ def judge_depth(
     unit, notes = unit_of(values, kind.kind == "f", unit_mm, where, likely_mm)
     total = sum(image.size for image in images)
     if len(values) < LEAST_PIXELS:
-        few = f"only {len(values)} depth readings in the {len(images)} images looked at"
-        return DepthReading(
-            unit, invalid, swapped, None, (*notes, few) if total > 4 * LEAST_PIXELS else tuple(notes)
-        )
+        few = [f"only {len(values)} depth readings in the {len(images)} images looked at"]
+        lines = (*notes, *(few if total > 4 * LEAST_PIXELS else []))
+        return DepthReading(unit, invalid, swapped, None, lines)
     found = range_of(values, unit)
     if found.far <= 0 or found.near > SATURATED / 1000:
         raise FormatError(
             f"{where}: no depth within 65 m with {unit:g} mm a step (range {found}); {remedy(values, unit)}"
         )
-    return DepthReading(
-        unit,
-        invalid,
-        swapped,
-        found,
-        (
-            f"{JUDGED} {unit:g} mm a step ({'assumed' if unit_mm is None else 'declared'}), {found} at the "
-            f"1st, 50th and 99th percentile; no reading: {1 - len(values) / total:.1%} of the pixels",
-            *(["bytes of the depth words are swapped: read the other way round"] if swapped else []),
-            *_seen_codes(words, invalid),
-            *notes,
-            *_doubts(found, words, unit, assumed=unit_mm is None),
-        ),
+    source = "assumed" if unit_mm is None else "declared"
+    first = (
+        f"{JUDGED} {unit:g} mm a step ({source}), {found} at the 1st, 50th and 99th percentile; "
+        f"no reading: {1 - len(values) / total:.1%} of the pixels"
     )
+    doubts = _doubts(found, words, unit, assumed=unit_mm is None)
+    turned = ["bytes of the depth words are swapped: read the other way round"] if swapped else []
+    lines = (first, *turned, *_seen_codes(words, invalid), *notes, *doubts)
+    return DepthReading(unit, invalid, swapped, found, lines)
 
 
 def _thinned(image: Image) -> Image:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sensors.errors import FormatError
 from sensors.importers.bags.bag_camera import BagCameras, Stream
@@ -39,11 +40,7 @@ class Bag(FrameSource):
         chosen = choose(pictures, options.topics)
         lost = [file.lost for file in files if file.lost]
         if chosen is None:
-            seen = "; ".join([_listed(pictures, sorted(pictures)) or "no images", *lost])
-            raise FormatError(
-                f"{path} has no depth images: it has {seen}; "
-                "record depth (16UC1, 32FC1, compressedDepth or PNG of 16 bits), or choose one by --topic"
-            )
+            raise _no_depth(path, pictures, lost)
         self._depth = topics[chosen.depth]
         self._color = topics[chosen.color] if chosen.color else None
         streams = [Stream(name, pictures[name]) for name in (chosen.depth, chosen.color) if name]
@@ -51,9 +48,7 @@ class Bag(FrameSource):
         self.calibration, self.times_ns = found.calibration, self._depth.timeline.times_ns
         samples = [self._depth_at(index) for index in spread(len(self._depth))]
         self._reading = judge_depth(samples, options.depth_unit_mm or found.unit_mm, chosen.depth, FINE_MM)
-        self._pairs, apart = np.full(len(self._depth), -1, np.int64), tuple[str, ...]()
-        if self._color is not None:
-            self._pairs, apart = paired(self._depth.timeline, self._color.timeline)
+        self._pairs, apart = self._paired()
         ignored = sorted(set(pictures) - {chosen.depth, chosen.color})
         self.notes = (
             *chosen.notes,
@@ -65,6 +60,12 @@ class Bag(FrameSource):
             *([f"not read: {_listed(pictures, ignored)}"] if ignored else []),
             *lost,
         )
+
+    def _paired(self) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+        """Return for each depth image the index of its colour image, or -1, and notes."""
+        if self._color is None:
+            return np.full(len(self._depth), -1, np.int64), ()
+        return paired(self._depth.timeline, self._color.timeline)
 
     def _read_topics(self) -> list[Topic]:
         return [topic for topic in (self._depth, self._color) if topic is not None]
@@ -78,6 +79,14 @@ class Bag(FrameSource):
         if self._color is not None and pair >= 0:
             encoded = color_encoded_from(picture_from(self._color.read(pair)))
         return RigFrame(index, int(self.times_ns[index]), depth_mm, encoded)
+
+
+def _no_depth(path: Path, pictures: dict[str, Picture], lost: list[str]) -> FormatError:
+    seen = "; ".join([_listed(pictures, sorted(pictures)) or "no images", *lost])
+    return FormatError(
+        f"{path} has no depth images: it has {seen}; "
+        "record depth (16UC1, 32FC1, compressedDepth or PNG of 16 bits), or choose one by --topic"
+    )
 
 
 def _listed(pictures: dict[str, Picture], names: list[str]) -> str:

@@ -8,10 +8,12 @@ camera's own clock of 32 bits ever wraps around.
 
 import re
 import struct
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import zstandard
@@ -75,6 +77,20 @@ class _Stream(Stream):
         return None
 
 
+class _Beside(NamedTuple):
+    """Images of a .db3, by stream, time of the recorder and place; times of the camera lie beside them."""
+
+    places: list[tuple[str, int, Place]]
+    metadata: dict[tuple[str, int], Entry]
+
+    def images(self) -> Iterator[tuple[str, Recorded]]:
+        """Yield the name of the stream and each image."""
+        for name, logged_ns, place in self.places:
+            fields = _fields(self.metadata[name, logged_ns])
+            stamp_ns = 1000 * round(1000 * float(fields["timestamp"]))
+            yield name, Recorded(int(fields["Frame number"]), stamp_ns, logged_ns, place)
+
+
 class RealSenseRecording(FrameSource):
     """A recording of RealSense's SDK as a ``FrameSource``: depth, its infrared, the colour nearest in time.
 
@@ -125,9 +141,8 @@ class RealSenseRecording(FrameSource):
             return _unpacked(picture_from(decode(kind, self._file.encoding, data)))
 
     def _index(self) -> None:
-        """Find the images and what describes them. In a .db3 their times are beside them."""
-        metadata = dict[tuple[str, int], Entry]()
-        places: list[tuple[str, int, Place]] = []
+        """Find the images, and the messages about them."""
+        beside = _Beside([], {})
         for entry in self._file.entries(KINDS):
             found = _STREAM.fullmatch(entry.topic)
             if _UNIT.fullmatch(entry.topic):
@@ -140,22 +155,15 @@ class RealSenseRecording(FrameSource):
                 stream = self._streams[found[1]]
                 stream.topic, stream.kind = entry.topic, entry.kind
                 if entry.encoding == "ros1":
-                    number, seconds, nanoseconds = _HEAD.unpack_from(entry.data)
-                    # The SDK goes through seconds in floating point.
-                    stamp_ns = 1000 * (1_000_000 * seconds + round(nanoseconds / 1000))
-                    stream.images.append(Recorded(number, stamp_ns, entry.logged_ns, entry.place))
+                    stream.images.append(_recorded(entry))
                 else:
-                    places.append((found[1], entry.logged_ns, entry.place))
+                    beside.places.append((found[1], entry.logged_ns, entry.place))
             elif found[2] == _METADATA:
-                metadata[found[1], entry.logged_ns] = entry
+                beside.metadata[found[1], entry.logged_ns] = entry
             else:
                 self._streams[found[1]].about.setdefault(found[2], entry)
-        for name, logged_ns, place in places:
-            fields = _fields(metadata[name, logged_ns])
-            stamp_ns = 1000 * round(1000 * float(fields["timestamp"]))
-            self._streams[name].images.append(
-                Recorded(int(fields["Frame number"]), stamp_ns, logged_ns, place)
-            )
+        for name, image in beside.images():
+            self._streams[name].images.append(image)
 
     def _calibrate(self, images: Images, options: ImportOptions) -> tuple[RigCalibration, list[str]]:
         """Return the calibration, and notes on it. images: of depth."""
@@ -190,6 +198,14 @@ def is_realsense(file: RosbagFile | Ros1File) -> bool:
     return any(topic.startswith("/device_0/sensor_") for topic in file.topics)
 
 
+def _recorded(entry: Entry) -> Recorded:
+    """Return an image of a .bag, whose own stamp is the camera's time."""
+    number, seconds, nanoseconds = _HEAD.unpack_from(entry.data)
+    # The SDK goes through seconds in floating point.
+    stamp_ns = 1000 * (1_000_000 * seconds + round(nanoseconds / 1000))
+    return Recorded(number, stamp_ns, entry.logged_ns, entry.place)
+
+
 def _fields(entry: Entry) -> dict[str, str]:
     """A text ``key=value;key=value`` of a .db3."""
     text = str(decode("String", "cdr", entry.data).data)
@@ -206,11 +222,8 @@ def _lens(entry: Entry) -> Intrinsics:
     else:
         info = decode(entry.kind, entry.encoding, entry.data)
         pinhole = [float(info.K[at]) for at in (0, 4, 2, 5)]
-        size, model, coefficients = (
-            (int(info.width), int(info.height)),
-            info.distortion_model,
-            info.D.tolist(),
-        )
+        size, model = (int(info.width), int(info.height)), info.distortion_model
+        coefficients = info.D.tolist()
     return realsense_intrinsics(Intrinsics(*size, *pinhole), str(model), coefficients)
 
 
