@@ -151,6 +151,16 @@ def test_round_values_beyond_the_range_are_no_reading(code):
         np.testing.assert_array_equal(reading.to_mm(sample), room)
 
 
+@pytest.mark.parametrize("code", [10.0, 100.0, 1000.0, 65.535])
+def test_constants_beyond_the_range_of_floats_are_no_reading(code):
+    """Simulators write their far plane, programs 65535 / 1000, where others write NaN."""
+    samples = [np.where(room == 0, code, room / 1000).astype(np.float32) for room in ROOMS]
+    reading = judge_depth(samples, None, "x")
+    assert not any("doubtful" in note for note in reading.notes)
+    for sample, room in zip(samples, ROOMS, strict=True):
+        np.testing.assert_allclose(reading.to_mm(sample), room, atol=1)
+
+
 def test_a_code_close_to_the_farthest_reading_is_no_reading():
     rooms = [room_mm(seed, far=7400) for seed in range(2)]
     reading = judge_depth([np.where(room == 0, 8191, room).astype(np.uint16) for room in rooms], None, "x")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sensors.errors import FormatError
+from sensors.errors import CloudError, FormatError
 from sensors.importers.name_times import stamps_of
 from sensors.importers.open_source import open_source
 
@@ -154,3 +154,45 @@ def test_arrays_of_floats_are_metres_or_millimetres(scale, kind, tmp_path):
     source = open_source(tmp_path)
     for n in range(COUNT):
         np.testing.assert_allclose(source.frame(n).depth_mm, DEPTH[n], atol=1)
+
+
+K = np.array([[55.0, 0, 31.5], [0, 55.0, 23.5], [0, 0, 1]])
+K_4X4 = np.vstack([np.hstack([K, np.zeros((3, 1))]), [0, 0, 0, 1]])
+
+
+@pytest.mark.parametrize("depth", ["depth", "depths", "depth_map", "depth_images"])
+@pytest.mark.parametrize(
+    "camera",
+    [
+        {"K": K},
+        {"camera_matrix": K},
+        {"K": K_4X4},
+        {"K": np.stack([K] * COUNT)},
+        {"intrinsics": K[(0, 1, 0, 1), (0, 1, 2, 2)]},
+    ],
+)
+def test_archives_of_arrays_name_depth_and_camera_in_many_ways(depth, camera, tmp_path):
+    np.savez(tmp_path / "x.npz", **{depth: np.stack(DEPTH)}, **camera)
+    source = open_source(tmp_path / "x.npz")
+    np.testing.assert_array_equal(source.frame(2).depth_mm, DEPTH[2])
+    assert (source.calibration.depth.fx, source.calibration.depth.cy) == (55.0, 23.5)
+
+
+@pytest.mark.parametrize("axis", [1, 3])
+def test_axes_of_length_one_do_not_count(axis, tmp_path):
+    np.savez(tmp_path / "x.npz", depth=np.expand_dims(np.stack(DEPTH), axis), K=K)
+    np.testing.assert_array_equal(open_source(tmp_path / "x.npz").frame(3).depth_mm, DEPTH[3])
+
+
+def test_colour_and_depth_in_one_array_are_refused(tmp_path):
+    image = np.dstack([np.full((*SHAPE, 3), 90, np.uint16), DEPTH[0]])
+    np.savez(tmp_path / "x.npz", depth=image, K=K)
+    with pytest.raises(FormatError, match="may be colour"):
+        open_source(tmp_path / "x.npz")
+
+
+@pytest.mark.parametrize("wrong", [np.eye(3)[:2], np.ones((3, 3)), np.stack([K, K + 1])])
+def test_other_matrices_are_no_camera(wrong, tmp_path):
+    np.savez(tmp_path / "x.npz", depth=np.stack(DEPTH[:2]), K=wrong)
+    with pytest.raises(CloudError, match="K is no 3x3 camera matrix"):
+        open_source(tmp_path / "x.npz")

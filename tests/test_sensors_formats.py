@@ -130,7 +130,7 @@ def test_no_array_is_executed_or_believed(tmp_path):
         assert_refused(tmp_path / name, "Object arrays|Python objects")
     assert not Path("/tmp/annotate-cloud-was-here").exists()
     head = b"\x93NUMPY\x01\x00\x46\x00{'descr': '<u2', 'fortran_order': False, 'shape': (%s, 24, 32), }"
-    for count in (b"99999999999", b"-1", b"0", b"9" * 30, b"1,1"):
+    for count in (b"99999999999", b"-1", b"0", b"9" * 30, b"1,2,2"):
         content = (head % count).ljust(79) + b"\n" + depth_image().tobytes()
         assert_refused(write(tmp_path / "x.npy", content))
         with zipfile.ZipFile(tmp_path / "x.npz", "w") as archive:

@@ -1,8 +1,9 @@
 """Depth images in NumPy files (.npy, .npz) as a source of frames; nothing in them is ever executed.
 
 A .npy holds depth (h, w) or (n, h, w), integers in millimetres or floats in metres (``depth_check`` judges
-which). A .npz holds it as ``depth``, or as its only array; beside it may lie the 3x3 camera matrix, as ``K``
-or ``intrinsics``, or ``fx``, ``fy``, ``cx``, ``cy``. Otherwise intrinsics are in ``NAME.json`` or
+which); axes of length 1 do not count. A .npz holds it as ``depth`` or another of ``_DEPTHS``, or as its
+only array; beside it may lie the camera: a 3x3, 3x4 or 4x4 matrix or fx, fy, cx, cy, under one of
+``_MATRICES``, or ``fx``, ``fy``, ``cx``, ``cy``. Otherwise intrinsics are in ``NAME.json`` or
 ``intrinsics.json`` beside the file (see ``intrinsics_file``). MATLAB's (h, w, n) is recognised where the
 camera fits that way alone.
 """
@@ -19,6 +20,7 @@ from sensors.files.npz import array_sizes, load_arrays
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.camera import Intrinsics
 from sensors.rig.camera_check import check_camera
+from sensors.rig.camera_text import pinhole_of
 from sensors.rig.depth_check import judge_depth, spread
 from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
 from sensors.rig.intrinsics_file import FoundIntrinsics, first_intrinsics
@@ -28,8 +30,20 @@ NPY_MAGIC, ZIP_MAGIC = b"\x93NUMPY", b"PK\x03\x04"
 MAX_UNPACKED_BYTES = 1 << 30
 """Bytes of a .npz's depth and camera, which are unpacked into memory as a whole; untuned."""
 
-_MATRICES, _NUMBERS = ("K", "intrinsics"), ("fx", "fy", "cx", "cy")
-_READ = ("depth", *_MATRICES, *_NUMBERS)
+_DEPTHS = ("depth", "depths", "depth_map", "depth_maps", "depth_image", "depth_images")
+_MATRICES = (
+    "K",
+    "intrinsics",
+    "intrinsic",
+    "intrinsic_matrix",
+    "camera_matrix",
+    "camera_intrinsics",
+    "cam_K",
+)
+_NUMBERS = ("fx", "fy", "cx", "cy")
+_READ = (*_DEPTHS, *_MATRICES, *_NUMBERS)
+CHANNELS = (3, 4)
+"""Images of an array (h, w, n) that may as well be colour, or colour and depth."""
 CENTRED = 0.25
 """Share of a side by which a camera's centre is off the middle at most: it determines the axes. Untuned."""
 
@@ -84,16 +98,18 @@ def _load(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
 
 def _depth(path: Path, arrays: dict[str, NDArray[Any]], names: list[str]) -> NDArray[Any]:
     """Return the depth array, as it is, but with three axes."""
-    depth = arrays.get("depth", next(iter(arrays.values())) if len(names) == 1 else None)
+    name = next((name for name in (*_DEPTHS, *(names if len(names) == 1 else ())) if name in arrays), None)
+    depth = None if name is None else arrays[name]
     if depth is None:
         others = ", ".join(name[:30] for name in sorted(names)[:8])
         raise FormatError(f"{path} holds no array 'depth' (it has {others or 'none'}); rename it to 'depth'")
-    if depth.ndim not in (2, 3) or depth.dtype.kind not in "iuf" or 0 in depth.shape:
+    sides = [side for side in depth.shape if side != 1]
+    if len(sides) not in (2, 3) or depth.dtype.kind not in "iuf" or 0 in depth.shape:
         raise FormatError(
             f"{path}: depth is {depth.dtype} {depth.shape}; give (h, w) or (n, h, w), integers in "
             "millimetres or floats in metres"
         )
-    return depth.reshape(-1, *depth.shape[-2:])
+    return depth.reshape(-1, *sides[-2:])
 
 
 def _camera(
@@ -111,6 +127,10 @@ def _camera(
         others = depth.shape[:2] == found.depth.shape != depth.shape[1:]
     else:
         others = not _centred(numbers, depth.shape[1:]) and _centred(numbers, depth.shape[:2])
+    if others and depth.shape[2] in CHANNELS:
+        raise FormatError(
+            f"{path}: depth is {depth.shape}, which may be colour; give depth alone, as (n, h, w)"
+        )
     if others:
         depth = np.moveaxis(depth, 2, 0)
     height, width = depth.shape[1:]
@@ -138,11 +158,14 @@ def _numbers(path: Path, arrays: dict[str, NDArray[Any]]) -> tuple[float, ...] |
     name = next((name for name in _MATRICES if name in arrays), None)
     if name is not None:
         matrix = arrays[name]
-        if matrix.shape != (3, 3) or matrix.dtype.kind not in "iuf":
-            raise CalibrationError(
-                f"{path}: {name} is {matrix.dtype} {matrix.shape}; give the 3x3 camera matrix"
-            )
-        return tuple(float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
+        if matrix.ndim == 3 and len(matrix) and (matrix == matrix[0]).all():
+            matrix = matrix[0]
+        try:
+            if matrix.dtype.kind not in "iuf" or matrix.ndim > 2:
+                raise ValueError(f"it is {matrix.dtype} {matrix.shape}")
+            return pinhole_of(matrix.astype(float).ravel().tolist())
+        except ValueError as error:
+            raise CalibrationError(f"{path}: {name} is no 3x3 camera matrix ({error}); correct it") from error
     if any(each not in arrays for each in _NUMBERS):
         return None
     values = [arrays[each] for each in _NUMBERS]

@@ -137,11 +137,18 @@ def _pinhole(fields: dict[str, list[float]]) -> tuple[float, ...]:
     matrix = _first(fields, _MATRIX, (4, 9, 12, 16))
     if matrix is None:
         raise ValueError("it holds no camera: give fx, fy, cx, cy, width and height, or a 3x3 camera matrix")
-    return tuple(matrix) if len(matrix) == 4 else _of_matrix(matrix)
+    return pinhole_of(matrix)
 
 
-def _of_matrix(numbers: list[float]) -> tuple[float, ...]:
-    """fx, fy, cx, cy of a matrix by rows, or by columns as MATLAB and Open3D write it."""
+def pinhole_of(numbers: list[float]) -> tuple[float, ...]:
+    """Return fx, fy, cx, cy of these four, or of a 3x3, 3x4 or 4x4 matrix by rows.
+
+    Matrices by columns, as MATLAB and Open3D write them, are recognised. Raises ValueError for other numbers.
+    """
+    if len(numbers) == 4:
+        return tuple(numbers)
+    if len(numbers) not in (9, 12, 16):
+        raise ValueError(f"it holds {len(numbers)} numbers: give fx fy cx cy, or a 3x3 or 4x4 camera matrix")
     rows = 4 if len(numbers) == 16 else 3
     matrix = np.array(numbers).reshape(rows, -1)[:3, :3]
     if matrix[0, 2] == 0 and matrix[2, 0] != 0:
@@ -228,11 +235,7 @@ def _plain(text: str, shape: tuple[int, int]) -> Intrinsics:
     if len(numbers) == 6:
         width, height, *pinhole = numbers
         return _camera(tuple(pinhole), (int(height), int(width)), stated=True)
-    if len(numbers) == 4:
-        return _camera(tuple(numbers), shape, stated=False)
-    if len(numbers) not in (9, 12, 16):
-        raise ValueError(f"it holds {len(numbers)} numbers: give fx fy cx cy, or a 3x3 or 4x4 camera matrix")
-    return _camera(_of_matrix(numbers), shape, stated=False)
+    return _camera(pinhole_of(numbers), shape, stated=False)
 
 
 _READ = frozenset(

@@ -33,6 +33,10 @@ CODES = tuple(2**bits - 1 for bits in (11, 12, 13, 14, 15))
 """Largest words of sensors of 11 to 15 bits (2047: Kinect v1). They are no reading where they stand apart."""
 ROUND = (65534, *range(4000, 65000, 1000))
 """Values that programs write beyond the range instead of 0: ten metres, for instance. Few rooms end there."""
+ROUND_M, WORDS = 4.0, (65535, 65534)
+"""Metres from which whole ones are such values in floats, and words that become them when divided by 1000."""
+BEYOND = 1e9
+"""Values from here on are never depth."""
 LEAST_SHARE, GAP = 0.001, 0.1
 """Share of pixels that such a code has at least, and the free range below it, as its share. Untuned."""
 MANY, MANY_GAP = 0.01, 0.02
@@ -74,7 +78,7 @@ class DepthReading:
     """
 
     unit_mm: float
-    invalid: tuple[int, ...] = ()
+    invalid: tuple[float, ...] = ()
     swapped: bool = False
     range_m: Range | None = None
     notes: tuple[str, ...] = ()
@@ -138,10 +142,10 @@ def _thinned(image: Image) -> Image:
     return image[:: max(1, image.size // MOST_PIXELS)] if image.ndim == 2 else image
 
 
-def _valid(image: Image, invalid: tuple[int, ...]) -> NDArray[np.float64]:
+def _valid(image: Image, invalid: tuple[float, ...]) -> NDArray[np.float64]:
     with np.errstate(invalid="ignore", over="ignore"):
         values = image.astype(np.float64).ravel()
-    return values[np.isfinite(values) & (values > 0) & (values < 1e9) & ~np.isin(values, invalid)]
+    return values[np.isfinite(values) & (values > 0) & (values < BEYOND) & ~np.isin(values, invalid)]
 
 
 def _swapped(images: Sequence[Image]) -> bool:
@@ -161,28 +165,35 @@ def _steps(images: Sequence[Image]) -> NDArray[np.float64]:
     return np.concatenate(steps)
 
 
-def _codes(images: Sequence[Image]) -> tuple[int, ...]:
-    """Return the codes of integers that stand for no reading."""
-    if not images or images[0].dtype.kind not in "iu":
+def _codes(images: Sequence[Image]) -> tuple[float, ...]:
+    """Return the codes that stand for no reading."""
+    if not images:
         return ()
-    always = (SATURATED,) if images[0].dtype.itemsize >= 2 else ()
-    values = np.concatenate([image.ravel() for image in images]).astype(np.int64)
-    values = values[(values > 0) & (values != SATURATED)]
+    whole = images[0].dtype.kind in "iu"
+    always = (SATURATED,) if whole and images[0].dtype.itemsize >= 2 else ()
+    values = np.concatenate([image.ravel() for image in images]).astype(np.float64)
+    values = values[np.isfinite(values) & (values > 0) & (values < BEYOND)]
+    values = values[values != SATURATED] if whole else values
     if len(values) < LEAST_PIXELS:
         return always
-    top = int(values.max())
+    top = float(values.max())
     below, share = values[values < top], np.count_nonzero(values == top) / len(values)
     gap = 1 - float(below.max(initial=0)) / top
+    if not whole:
+        code = (top >= ROUND_M and top == round(top)) or any(np.isclose(top, word / 1000) for word in WORDS)
+        return (top,) if len(below) and code and gap >= GAP and share > MANY else ()
     known = top in (*CODES, 65536) and gap >= GAP and share > LEAST_SHARE
     many = top in (*CODES, *ROUND) and gap >= MANY_GAP and share > MANY
-    return (*always, top) if len(below) and (known or many) else always
+    return (*always, int(top)) if len(below) and (known or many) else always
 
 
-def _seen_codes(images: Sequence[Image], invalid: tuple[int, ...]) -> list[str]:
+def _seen_codes(images: Sequence[Image], invalid: tuple[float, ...]) -> list[str]:
     total = sum(image.size for image in images)
     shares = {code: sum(np.count_nonzero(image == code) for image in images) / total for code in invalid}
     return [
-        f"depth of {code} is no reading: {share:.1%} of the pixels" for code, share in shares.items() if share
+        f"depth of {code:g} is no reading: {share:.1%} of the pixels"
+        for code, share in shares.items()
+        if share
     ]
 
 
