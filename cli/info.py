@@ -66,10 +66,7 @@ def _motion(path: Path) -> Shown | None:
 
 def _source(path: Path) -> Shown:
     source = open_source(path)
-    # After the file has been read as what it is: a refusal costs no imports.
-    import numpy as np
-
-    from sensors.session.messages import DEPTH
+    # Imported after the file was recognised: a refusal costs no imports.
     from sensors.session.reader import Session
 
     result: dict[str, Any] = {"kind": type(source).__name__, "name": source.name, "frames": len(source)}
@@ -84,18 +81,27 @@ def _source(path: Path) -> Shown:
             topic: {"messages": s.count, "per_second": round(s.rate_hz, 2)}
             for topic, s in source.streams.items()
         }
-        depth = source.streams[DEPTH]
-        short["duration"] = cell((depth.count - 1) / depth.rate_hz if depth.rate_hz else 0.0, "s")
-        now = "being recorded" if source.is_being_recorded else "cut off"
-        short["recording"] = now if source.truncated else "complete"
-        short |= {"events": Counter(text for _, text in source.events)}
-        known_c = source.reference_c[np.isfinite(source.reference_c)]
-        if len(known_c):
-            short["pyrometer"] = cell(float(np.median(known_c)), "C, median")
+        short |= _recording(source)
         texts.append(_streams(source))
     notes = judged_notes(source)
     result["notes"] = list(notes)
     return result, "\n\n".join([facts(short), *texts, "\n".join(notes)])
+
+
+def _recording(session: "Session") -> dict[str, Any]:
+    """Return duration, state, events and pyrometer of a session, for people."""
+    import numpy as np
+
+    from sensors.session.messages import DEPTH
+
+    depth, known_c = session.streams[DEPTH], session.reference_c[np.isfinite(session.reference_c)]
+    cut = "being recorded" if session.is_being_recorded else "cut off"
+    found: dict[str, Any] = {
+        "duration": cell((depth.count - 1) / depth.rate_hz if depth.rate_hz else 0.0, "s"),
+        "recording": cut if session.truncated else "complete",
+        "events": Counter(text for _, text in session.events),
+    }
+    return found | ({"pyrometer": cell(float(np.median(known_c)), "C, median")} if len(known_c) else {})
 
 
 def _started(source: "FrameSource") -> str | None:
@@ -152,19 +158,9 @@ def _source_problems(path: Path) -> tuple[list[str], list[str]]:
     source = open_source(path)
     from annotate.cloud.fuse import Fuser
     from annotate.label_source import calibrated
-    from sensors.session.check import problems_of
     from sensors.session.reader import Session
 
-    problems: list[str] = []
-    if isinstance(source, Session) and source.is_being_recorded:
-        problems.append(f"{source.path} is being recorded; check it when the recording has ended")
-    elif isinstance(source, Session) and source.truncated:
-        problems.append(
-            f"{path} is truncated: its end is lost; make its {len(source)} frames a whole session with: "
-            f"annotate-cloud repair {source.path}"
-        )
-    elif isinstance(source, Session):
-        problems += [f"{source.path}: {problem}" for problem in problems_of(source.path)]
+    problems = _session_problems(source, path) if isinstance(source, Session) else []
     fuser = Fuser(source.calibration)
     for index in range(len(source)):
         try:
@@ -180,3 +176,17 @@ def _source_problems(path: Path) -> tuple[list[str], list[str]]:
     except CloudError:
         doubts = []  # a frame that cannot be read is a problem already
     return problems, doubts
+
+
+def _session_problems(session: "Session", path: Path) -> list[str]:
+    """Return the problems of a session's file: of its end, or of its records."""
+    from sensors.session.check import problems_of
+
+    if session.is_being_recorded:
+        return [f"{session.path} is being recorded; check it when the recording has ended"]
+    if session.truncated:
+        return [
+            f"{path} is truncated: its end is lost; make its {len(session)} frames a whole session with: "
+            f"annotate-cloud repair {session.path}"
+        ]
+    return [f"{session.path}: {problem}" for problem in problems_of(session.path)]

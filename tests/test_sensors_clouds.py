@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from sensors.errors import CloudError, FormatError
 from sensors.importers import cloud_records, cloud_view, pcd_file, pointcloud
-from sensors.importers.cloud_grid import fit_intrinsics
+from sensors.importers.cloud_grid import grid_camera
 from sensors.importers.cloud_view import KINECT_V2, project_cloud, shift_into_view
 from sensors.importers.open_source import open_source
 from sensors.importers.options import AS_STATED, ImportOptions
@@ -460,9 +460,9 @@ def test_an_organised_cloud_is_its_depth_image(tmp_path):
 def test_the_fit_finds_the_camera(pinhole, seed):
     camera = Intrinsics(32, 24, *pinhole)
     depth = np.random.default_rng(seed).uniform(0.5, 4.5, camera.shape)
-    fitted, residual = fit_intrinsics(unproject(camera, depth).astype(np.float64))
-    np.testing.assert_allclose(fitted.matrix, camera.matrix, rtol=1e-4, atol=1e-4)
-    assert residual < 1e-3
+    found = grid_camera("cloud", unproject(camera, depth).astype(np.float64), None)
+    np.testing.assert_allclose(found.intrinsics.matrix, camera.matrix, rtol=1e-4, atol=1e-4)
+    assert found.residual_px < 1e-3 and found.how == "camera axes"
 
 
 def test_a_grid_that_is_no_image_is_refused(tmp_path):

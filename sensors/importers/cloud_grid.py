@@ -56,22 +56,6 @@ def grid_camera(path: object, points: Float64, viewpoint: Pose | None) -> GridCa
     return _any_pose(path, points)
 
 
-def fit_intrinsics(points: Float64) -> tuple[Intrinsics, float]:
-    """Return intrinsics of the pinhole that saw an organised cloud (h, w, 3), and the residual RMS in pixels.
-
-    Least squares of u = fx x/z + cx and v = fy y/z + cy over all finite points with z > 0.
-    Raises FormatError where the points do not determine them.
-    """
-    height, width = points.shape[:2]
-    fx, fy, cx, cy, residual = _pinhole(points)
-    if not (fx > 0 and fy > 0):
-        raise FormatError(
-            f"the {width}x{height} grid of the cloud fits no camera (fx={fx:.4g}, fy={fy:.4g}); "
-            "give x right, y down, z forward"
-        )
-    return Intrinsics(width, height, fx, fy, cx, cy), residual
-
-
 def _pinhole(points: Float64) -> tuple[float, float, float, float, float]:
     """Return fx, fy, cx, cy and residual RMS.
 

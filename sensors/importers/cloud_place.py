@@ -3,6 +3,7 @@
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,26 +106,33 @@ def _unorganised(path: Path, cloud: CloudRecords, points: Float64, options: Impo
     finite = points[np.isfinite(points[:, 0])]
     # The Kinect SDK's y is found afterwards: its cone is that of "camera".
     tried = (options.axes,) if options.axes else tuple(name for name in AXES if name != "kinect")
-    for pose, where in _sensors(cloud, thinned(finite)):
-        cone = cone_of(thinned(finite) @ pose.rotation.T + pose.translation_m, tried)
+    for sensor in _sensors(cloud, thinned(finite)):
+        cone = cone_of(thinned(finite) @ sensor.pose.rotation.T + sensor.pose.translation_m, tried)
         if cone is not None:
-            return _in_place(path, points, pose, where, cone.name, options)
+            return _in_place(path, points, sensor, cone.name, options)
     return _moved(path, points, finite, options)
 
 
-def _sensors(cloud: CloudRecords, few: Float64) -> list[tuple[Pose, str]]:
+class _Sensor(NamedTuple):
+    """Possible sensor of a cloud. pose: ``sensor_from_cloud``; where: its place, in words."""
+
+    pose: Pose
+    where: str
+
+
+def _sensors(cloud: CloudRecords, few: Float64) -> list[_Sensor]:
     """Return possible poses of the sensor, which bring the points into its frame, likelier ones first.
 
     A PCD's VIEWPOINT is the sensor's pose in the frame of the points (PointCloudLibrary/pcl#6279). Some
     programs write it beside points that are in the sensor's own frame already (PCLVisualizer,
     PointCloudLibrary/pcl#180; CloudCompare#522): the points lie on the pixels of a camera at the origin.
     """
-    own = (Pose.identity(), "at the cloud's origin")
+    own = _Sensor(Pose.identity(), "at the cloud's origin")
     if cloud.viewpoint is None:
         return [own]
     back = cloud.viewpoint.rotation.T
-    stated = (Pose(back, -back @ cloud.viewpoint.translation_m), "at the file's VIEWPOINT")
-    return [own, stated] if _fits(few, own[0]) and not _fits(few, stated[0]) else [stated, own]
+    stated = _Sensor(Pose(back, -back @ cloud.viewpoint.translation_m), "at the file's VIEWPOINT")
+    return [own, stated] if _fits(few, own.pose) and not _fits(few, stated.pose) else [stated, own]
 
 
 def _fits(points: Float64, pose: Pose) -> bool:
@@ -133,11 +141,9 @@ def _fits(points: Float64, pose: Pose) -> bool:
     return cone is not None and on_pixels(sensor @ camera_from(cone.name).T)
 
 
-def _in_place(
-    path: Path, points: Float64, pose: Pose, where: str, axes: str, options: ImportOptions
-) -> CloudView:
-    """Return the view of a camera in whose frame the points are after ``pose``."""
-    sensor = points @ pose.rotation.T + pose.translation_m
+def _in_place(path: Path, points: Float64, found: _Sensor, axes: str, options: ImportOptions) -> CloudView:
+    """Return the view of a camera that is the sensor."""
+    sensor = points @ found.pose.rotation.T + found.pose.translation_m
     scale, unit = _unit(path, sensor @ camera_from(axes).T, options)
     sure = True
     if not options.axes:
@@ -149,7 +155,7 @@ def _in_place(
     lens = "its own pixels" if spacing == 0 else "Kinect v2 focal length"
     lens = "as declared" if options.intrinsics else lens
     how = [
-        f"cloud with {axes} axes left in place, seen by a camera {where}: "
+        f"cloud with {axes} axes left in place, seen by a camera {found.where}: "
         f"{camera.width}x{camera.height}, {lens}, fx {camera.fx:.2f}, fy {camera.fy:.2f}, "
         f"cx {camera.cx:.2f}, cy {camera.cy:.2f}"
     ]

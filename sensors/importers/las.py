@@ -2,12 +2,16 @@
 
 import struct
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sensors.errors import FormatError
 from sensors.importers.cloud_records import MAX_POINTS, CloudRecords
+
+if TYPE_CHECKING:
+    from laspy import LasHeader, ScaleAwarePointRecord
 
 CHUNK = 1_000_000
 """Points unpacked at once; untuned."""
@@ -29,25 +33,27 @@ def read_las(path: Path) -> CloudRecords:
             expected = header.point_count
             if not 0 < expected <= MAX_POINTS:
                 raise FormatError(f"{path} claims {expected} points; give 1 to {MAX_POINTS}")
-            colors = [name for name in _COLORS if name in set(header.point_format.dimension_names)]
-            layout: list[Any] = [(axis, "<f8") for axis in "xyz"]
-            layout += [(name, "<u2") for name in colors] if len(colors) == 3 else []
-            chunks = []
-            for chunk in reader.chunk_iterator(CHUNK):
-                part = np.zeros(len(chunk), layout)
-                for axis, scale, offset in zip("xyz", header.scales, header.offsets, strict=True):
-                    part[axis] = np.asarray(chunk[axis.upper()]) * scale + offset
-                for name in colors if len(colors) == 3 else []:
-                    part[name] = chunk[name]
-                chunks.append(part)
+            chunks = [_records(chunk, header) for chunk in reader.chunk_iterator(CHUNK)]
     except (FormatError, KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:  # a panic of the LAZ decoder is no Exception
         raise FormatError(f"{path} cannot be read ({str(error)[:80]}); restore it from a copy") from error
-    records = np.concatenate(chunks) if chunks else np.zeros(0, layout)
-    if len(records) != expected:
-        raise FormatError(f"{path} holds {len(records)} of its {expected} points; restore it from a copy")
-    return CloudRecords(records)
+    held = sum(map(len, chunks))
+    if held != expected:
+        raise FormatError(f"{path} holds {held} of its {expected} points; restore it from a copy")
+    return CloudRecords(np.concatenate(chunks))
+
+
+def _records(chunk: "ScaleAwarePointRecord", header: "LasHeader") -> NDArray[Any]:
+    """Return laspy's points as records, with colours where the format has all three."""
+    named = set(header.point_format.dimension_names)
+    colors = _COLORS if named.issuperset(_COLORS) else ()
+    records = np.zeros(len(chunk), [*((axis, "<f8") for axis in "xyz"), *((name, "<u2") for name in colors)])
+    for axis, scale, offset in zip("xyz", header.scales, header.offsets, strict=True):
+        records[axis] = np.asarray(chunk[axis.upper()]) * scale + offset
+    for name in colors:
+        records[name] = chunk[name]
+    return records
 
 
 def _check_counts(path: Path) -> None:

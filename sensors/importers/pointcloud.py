@@ -53,14 +53,11 @@ class CloudFile(FrameSource):
         depth_m = np.where(self._view.shown >= 0, self._view.points_m[self._view.shown, 2], np.nan)
         self._depth_mm = mm_from_metres(depth_m)
         self._check_depth()
-        colors = self.cloud.colors()
-        camera, pose = self._view.camera, Pose.identity()
-        self.calibration = (
-            RigCalibration(camera)
-            if colors is None
-            else RigCalibration(camera, camera, color_from_depth=pose)
-        )
-        self._color = None if colors is None else _png(colors, self._view.shown)
+        colors, camera = self.cloud.colors(), self._view.camera
+        self.calibration, self._color = RigCalibration(camera), None
+        if colors is not None:
+            self.calibration = RigCalibration(camera, camera, Pose.identity())
+            self._color = _png(colors, self._view.shown)
         self.times_ns = regular_times_ns(1)
         faces = self.cloud.faces
         self.notes = (
