@@ -14,6 +14,8 @@ from sensors.errors import FormatError
 
 FARTHEST = 1e9
 """Number beyond which none is a place or an angle."""
+_BEGIN = re.compile(r"^[ \t]*HIERARCHY\b", re.IGNORECASE | re.MULTILINE)
+_MIDDLE = re.compile(r"\bMOTION\s+(?=Frames\s*:)", re.IGNORECASE)
 _CHANNEL = re.compile("[xyz](position|rotation)")
 
 
@@ -39,8 +41,13 @@ class BvhText(NamedTuple):
 def parse_bvh(data: bytes) -> BvhText:
     """Return what a BVH's bytes hold. Raises FormatError, ValueError or IndexError when they are damaged."""
     assumed: list[str] = []
-    text = _decoded(data, assumed)
-    hierarchy, _, motion = text.partition("MOTION")
+    text = _decoded(data, assumed).rstrip("\0\x1a \t\r\n")
+    begin, middle = _BEGIN.search(text), _MIDDLE.search(text)
+    if begin is None:
+        raise FormatError("no HIERARCHY; give a BVH file")
+    hierarchy, motion = text[begin.end() :], ""
+    if middle is not None:
+        hierarchy, motion = text[begin.end() : middle.start()], text[middle.end() :]
     bones = _hierarchy(hierarchy.split())
     rows, seconds = _motion(motion.replace(",", "."), sum(len(bone.channels) for bone in bones), assumed)
     return BvhText(bones, rows, seconds, assumed)
@@ -57,11 +64,9 @@ def _decoded(data: bytes, assumed: list[str]) -> str:
 
 
 def _hierarchy(tokens: list[str]) -> list[Bone]:
-    if tokens[:1] != ["HIERARCHY"]:
-        raise FormatError("no HIERARCHY; give a BVH file")
     bones: list[Bone] = []
     open_bones: list[int] = []
-    at, columns, name = 1, 0, ""
+    at, columns, name = 0, 0, ""
     while at < len(tokens):
         word = tokens[at].upper()
         if word in ("ROOT", "JOINT", "END"):
@@ -103,7 +108,7 @@ def _bone(tokens: list[str], at: int, name: str, column: int, parent: int) -> tu
 
 def _motion(text: str, columns: int, assumed: list[str]) -> tuple[Float64, float]:
     """Return the channels (F, C) of all frames, and seconds a frame."""
-    head = re.match(r"\s*Frames:\s*(\d+)\s+Frame\s+Time:\s*(\S+)", text, re.IGNORECASE)
+    head = re.match(r"\s*Frames\s*:\s*(\d+)\s+Frame\s+Time\s*:\s*(\S+)", text, re.IGNORECASE)
     if head is None:
         raise FormatError("no number of frames and frame time; copy it again")
     stated, seconds = int(head[1]), float(head[2])

@@ -27,6 +27,8 @@ DEFAULT_RATE = 100.0
 """Frames a second where none are stated: the commonest rate of motion capture."""
 _ALL = 2**31
 """Frames where no number of them is stated: as many as there are."""
+_MOST_16 = 0xFFFF
+"""Largest count of 16 bits."""
 _MOST_STATEMENTS = 4
 """Different values of one number that are tried. Untuned."""
 
@@ -97,6 +99,7 @@ def _layout(file: C3dFile, assumed: list[str]) -> _Layout:
     ranked = []
     for order, want in enumerate(itertools.starmap(_Layout, choices)):
         spare = len(file.data) - want.start
+        want = want._replace(frames=_unwrapped(want.frames, spare, want.frame_bytes))
         if (there := min(want.frames, spare // want.frame_bytes)) > 0:
             rest = spare - want.frames * want.frame_bytes
             misfit = 0 if 0 <= rest < BLOCK else abs(rest)
@@ -113,9 +116,21 @@ def _layout(file: C3dFile, assumed: list[str]) -> _Layout:
     if not len(written):
         raise FormatError("no position in any frame; record again")
     found = found._replace(frames=int(written[-1]) + 1)
-    if found.frames < want.frames < _ALL:
+    if (stated := statements["frames"][0]) and want.frames not in stated:
+        assumed.append(f"frames: the file states {stated[0]}, a count of 16 bits, and holds {found.frames}")
+    elif found.frames < want.frames < _ALL:
         assumed.append(f"{want.frames - found.frames} of {want.frames} frames are missing at the file's end")
     return found
+
+
+def _unwrapped(frames: int, spare: int, frame_bytes: int) -> int:
+    """Return the frames that a count of 16 bits stands for, where so many fill the ``spare`` bytes: ezc3d
+    writes 65535 for more, others leave multiples of 65536 out."""
+    there = spare // frame_bytes
+    if frames == _MOST_16:
+        return max(there, frames)
+    full = frames + max(there - frames, 0) // (_MOST_16 + 1) * (_MOST_16 + 1)
+    return full if spare - full * frame_bytes < BLOCK else frames
 
 
 def _statements(file: C3dFile) -> dict[str, tuple[list[int], list[int]]]:

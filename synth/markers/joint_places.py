@@ -30,6 +30,8 @@ _SIDES = (
 )
 _MIDDLE = re.compile(r"[cm][ _.-](.+)|(.+)[ _.-][cm]")
 """Names of VRM ("C_Hips") and AdvancedSkeleton ("Root_M") for what has no side."""
+_JOINT = re.compile(r"[ _.-](jnt|joint|bone)$")
+"""Ending of DeepMotion's names ("l_upleg_JNT")."""
 KNUCKLES = 0.06
 """Least length of a hand, wrist to knuckles, as a share of the leg: of ASF skeletons' short bones the hand is
 the wrist. SMPL's hand has 0.1."""
@@ -112,7 +114,7 @@ def _apart(parents: Int64, centres: Float64) -> Bool:
 
 def _readings(name: str) -> list[tuple[str, str]]:
     """Return sides ("left_", "right_" or "") and known names of joints that a joint's name may mean."""
-    label = name.casefold()
+    label = _JOINT.sub("", name.casefold())
     found = [("", label)]
     if match := _MIDDLE.fullmatch(label):
         found.append(("", match[1] or match[2]))

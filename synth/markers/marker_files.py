@@ -23,6 +23,10 @@ UNITS_M = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
     **dict.fromkeys(("cm", "centimeters", "centimetres"), 0.01),
     **dict.fromkeys(("mm", "millimeters", "millimetres"), 0.001),
+    **dict.fromkeys(("dm", "decimeters", "decimetres"), 0.1),
+    **dict.fromkeys(("um", "micrometers", "micrometres"), 1e-6),
+    **dict.fromkeys(("in", "inch", "inches"), 0.0254),
+    **dict.fromkeys(("ft", "foot", "feet"), 0.3048),
 }
 """Metres per unit as files spell it, in small letters."""
 
@@ -95,7 +99,9 @@ def _read_c3d(path: Path) -> Markers:
 
 def _read_trc(path: Path) -> Markers:
     # Names in a laboratory's own encoding must not stop the numbers from being read.
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
+    with path.open("rb") as raw:
+        wide = raw.read(2) in (b"\xff\xfe", b"\xfe\xff")  # "Unicode text" of Excel
+    with path.open(encoding="utf-16" if wide else "utf-8-sig", errors="replace") as file:
         points = parse_trc(file, MAX_POSITIONS)
     return Markers(
         points.labels, points.positions, points.frames_per_second, points.unit, UNSTATED, points.assumed

@@ -11,6 +11,7 @@ from annotate.array_types import Bool, Float64, Int64
 from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import read_toml
 from synth.body.skeleton import JOINT_ID, shortest_arc
+from synth.markers.handedness import MIRROR_LINE, is_mirrored
 from synth.markers.labels import key_of, without_prefix
 from synth.markers.marker_files import UNITS_M, Markers
 from synth.markers.vertical import direction, find_vertical
@@ -133,7 +134,7 @@ FAR_M = 100.0
 class KnownMarkers:
     """positions_m: float64 (F, M, 3) world, z up, NaN where not seen, one column per marker of the set;
     unknown: labels that the set does not know; up: the file's axis that became z, of ``vertical.AXES``;
-    unit: the file's; assumed: lines on the unit, the vertical axis and labels that occur twice."""
+    unit: the file's; assumed: lines on the unit, the axes and labels that occur twice."""
 
     positions_m: Float64
     unknown: tuple[str, ...]
@@ -151,8 +152,9 @@ def known_markers(markers: Markers, markerset: MarkerSet, standing: bool = False
     """Pick the set's markers out of a recording and bring them to metres, z up.
 
     standing: whether the recording is of a standing person. A unit that contradicts the size of a person is
-    replaced by the one that fits, a vertical axis that contradicts the motion likewise (``vertical``). Raises
-    CloudError when too few markers are known or seen, or when no unit fits.
+    replaced by the one that fits, a vertical axis that contradicts the motion likewise (``vertical``); a
+    mirror image is mirrored back (``handedness``). Raises CloudError when too few markers are known or seen,
+    or when no unit fits.
     """
     picked, unknown, twice = _picked(markers, markerset)
     unit, unit_line = _unit(picked, markers.unit)
@@ -160,21 +162,28 @@ def known_markers(markers: Markers, markerset: MarkerSet, standing: bool = False
     up, vertical = find_vertical(picked, markerset.joint, markerset.at_m, markers.up, standing)
     world = picked @ shortest_arc(direction(up), np.array([0.0, 0.0, 1.0])).T
     world[np.abs(world).max(axis=2) > FAR_M] = np.nan
-    notes = (markerset.note,) if markerset.note else ()
-    return KnownMarkers(world, unknown, up, unit, (*notes, *twice, *unit_line, *vertical))
+    mirrored = is_mirrored(world, markerset.joint, markerset.at_m)
+    if mirrored:
+        world[..., 0] *= -1
+    notes = (*((markerset.note,) if markerset.note else ()), *twice, *unit_line, *vertical)
+    return KnownMarkers(world, unknown, up, unit, (*notes, *((MIRROR_LINE,) if mirrored else ())))
 
 
 def _picked(markers: Markers, markerset: MarkerSet) -> tuple[Float64, tuple[str, ...], tuple[str, ...]]:
-    """Return positions (F, M, 3) of the set's markers in the file's unit, labels of no marker, and a line on
-    labels that occur twice."""
-    columns: dict[int, int] = {}
-    unknown, twice = [], []
+    """Return positions (F, M, 3) of the set's markers in the file's unit, labels of no marker, and lines on
+    several people and on labels that occur twice: the one that is seen most is used."""
     places = markerset.columns(markers.labels)
+    frames = np.isfinite(markers.positions).all(axis=2).sum(axis=0)
+    others, lines = _other_people(markers.labels, places, frames)
+    columns: dict[int, int] = {}
+    twice = []
     for column, (label, place) in enumerate(zip(markers.labels, places, strict=True)):
-        if place is None:
-            unknown.append(label)
-        elif columns.setdefault(place, column) != column:
+        if place is None or column in others:
+            continue
+        if place in columns:
             twice.append(label)
+        if place not in columns or frames[column] > frames[columns[place]]:
+            columns[place] = column
     if len(columns) < MIN_MARKERS:
         raise CloudError(
             f"only {len(columns)} of the {len(markerset.names)} markers of set {markerset.name!r} are in the "
@@ -183,9 +192,35 @@ def _picked(markers: Markers, markerset: MarkerSet) -> tuple[Float64, tuple[str,
     picked = np.full((len(markers.positions), len(markerset.names), 3), np.nan)
     for place, column in columns.items():
         picked[:, place] = markers.positions[:, column]
-    shown = ", ".join(twice[:4]) + (", ..." if len(twice) > 4 else "")
-    line = f"{len(twice)} labels name a marker that another label names ({shown}); the first is used"
-    return picked, tuple(unknown), (line,) if twice else ()
+    unknown = tuple(label for label, place in zip(markers.labels, places, strict=True) if place is None)
+    if twice:
+        shown = ", ".join(twice[:4]) + (", ..." if len(twice) > 4 else "")
+        line = (
+            f"{len(twice)} labels name a marker that another label names ({shown}); the one seen most is used"
+        )
+        lines = (*lines, line)
+    return picked, unknown, lines
+
+
+def _other_people(
+    labels: Sequence[str], places: Sequence[int | None], frames: Int64
+) -> tuple[set[int], tuple[str, ...]]:
+    """Return the columns of all but the person who is seen most, and a line where the file has several.
+
+    Each person has a prefix ("Anna:LASI") and a marker that others have too. frames: that hold a column.
+    """
+    people: dict[str, dict[int, int]] = {}
+    for column, (label, place) in enumerate(zip(labels, places, strict=True)):
+        if place is not None:
+            people.setdefault(label.rpartition(":")[0], {})[place] = column
+    people = {name: own for name, own in people.items() if len(own) >= MIN_MARKERS}
+    if len(people) < 2 or not set.intersection(*map(set, people.values())):
+        return set(), ()
+    seen = {name: int(frames[list(own.values())].sum()) for name, own in people.items()}
+    used = max(people, key=lambda name: seen[name])
+    others = {c for c, label in enumerate(labels) if label.rpartition(":")[0] in set(people) - {used}}
+    names = ", ".join(repr(name[:40]) for name in people)
+    return others, (f"the file holds {len(people)} people ({names}); {used[:40]!r} is used",)
 
 
 def _unit(positions: Float64, unit: str) -> tuple[str, tuple[str, ...]]:

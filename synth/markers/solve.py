@@ -84,7 +84,7 @@ def fit_person(
         frames = np.concatenate([frames, _calibration_frames(standing, STATIC_FRAMES)])
         assumed += [f"static trial: {line}" for line in (*static.assumed, *standing.assumed)]
     person, markerset, unsteady = _steady_person(frames, markerset)
-    return trial, person, markerset, (*assumed, *unsteady)
+    return trial, person, markerset, tuple(dict.fromkeys((*assumed, *unsteady)))
 
 
 def places_m(markers: Markers, static: Markers | None = None, markerset: MarkerSet | None = None) -> Float64:

@@ -97,7 +97,10 @@ def _cells(line: str, separator: str | None) -> list[str]:
 
 
 def _labels(cells: list[str]) -> tuple[str, ...]:
-    """Return the name over each third column, "" where it has none; of names in a row all of them."""
+    """Return the name over each third column, "" where it has none, also where it is over all three; of other
+    names in a row all of them."""
+    if len(cells) > 3 and cells[::3] == cells[1::3] == cells[2::3]:
+        cells = [cell if i % 3 == 0 else "" for i, cell in enumerate(cells)]
     named = [i for i, cell in enumerate(cells) if cell]
     each_third = not any(i % 3 for i in named)
     return tuple(cells[: max(named, default=-1) + 1 : 3] if each_third else [cells[i] for i in named])

@@ -15,6 +15,7 @@ import numpy as np
 from annotate.array_types import Bool, Float64, Int64
 from sensors.errors import CloudError
 from synth.body.skeleton import JOINTS
+from synth.markers.handedness import ends_of_foot
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 """Names of directions of a file."""
@@ -36,9 +37,13 @@ ANKLE_TO_TOE = (-25.0, 25.0)
 """Rise from ankle to ball of a flat foot and how far skeletons stray from it, degrees. Untuned."""
 FLOOR_M = (-0.08, 0.2)
 """Level of the lowest marker over a floor at 0: least and most. Untuned."""
-_UPPER = ("head", "neck", "spine_upper", "left_clavicle", "right_clavicle")
-_MIDDLE = ("pelvis",)
-_LOWER = ("left_ankle", "right_ankle", "left_knee", "right_knee")
+_UPPER = (
+    ("head", "neck", "spine_upper", "left_clavicle", "right_clavicle"),
+    ("left_shoulder", "right_shoulder"),
+)
+_MIDDLE = (("pelvis",), ("left_hip", "right_hip"))
+_LOWER = (("left_ankle", "right_ankle", "left_knee", "right_knee"),)
+"""Joints of the parts of a person; the others where the first are not seen."""
 
 
 class Upward(NamedTuple):
@@ -202,15 +207,14 @@ def _option(axis: str) -> str:
 def _person(positions_m: Float64, joint: Int64, at_m: Float64) -> _Person:
     names = np.array([JOINTS[int(j)].name for j in joint])
 
-    def middle(*of: str) -> Float64:
+    def middle(of: tuple[str, ...]) -> Float64:
         return _mean(positions_m[:, np.isin(names, of)])
 
-    upper, pelvis, lower = middle(*_UPPER), middle(*_MIDDLE), middle(*_LOWER)
-    upper = np.where(np.isfinite(upper), upper, pelvis)
-    lower = np.where(np.isfinite(lower), lower, pelvis)
+    upper, pelvis, lower = (_first(*map(middle, of)) for of in (_UPPER, _MIDDLE, _LOWER))
+    upper, lower = _first(upper, pelvis), _first(lower, pelvis)
     rises = np.nan_to_num(upper - pelvis), np.nan_to_num(upper - lower)
-    trunk = np.where(np.isfinite(pelvis), pelvis, upper)
-    left, right = (middle(f"{side}_ankle") for side in ("left", "right"))
+    trunk = _first(pelvis, upper)
+    left, right = (middle((f"{side}_ankle",)) for side in ("left", "right"))
     soles = [_sole(positions_m, names == f"{side}_ankle", at_m) for side in ("left", "right")]
     return _Person(
         rises, trunk, (left, right), positions_m, tuple(sole for sole in soles if sole is not None)
@@ -220,13 +224,11 @@ def _person(positions_m: Float64, joint: Int64, at_m: Float64) -> _Person:
 def _sole(positions_m: Float64, on_foot: Bool, at_m: Float64) -> tuple[Float64, float, float] | None:
     """Return directions (n, 3) from a foot's hindmost to its foremost marker, their rise on a flat foot and
     how far a flat foot strays from it, degrees; None where there is only one marker."""
-    columns = np.flatnonzero(on_foot & np.isfinite(positions_m).any(axis=(0, 2)))
-    if not len(columns):
+    ends = ends_of_foot(positions_m, on_foot, at_m)
+    if ends is None:
         return None
-    back, front = columns[np.argmax(at_m[columns, 1])], columns[np.argmin(at_m[columns, 1])]
+    back, front = ends
     rest = at_m[front] - at_m[back]
-    if np.linalg.norm(rest) < 0.05:
-        return None
     ways = positions_m[:, front] - positions_m[:, back]
     length = np.linalg.norm(ways, axis=1)
     usable = length > 0.02
@@ -234,6 +236,14 @@ def _sole(positions_m: Float64, on_foot: Bool, at_m: Float64) -> tuple[Float64, 
         return None
     flat = (float(np.degrees(np.arcsin(rest[2] / np.linalg.norm(rest)))), FLAT_DEG)
     return ways[usable] / length[usable, None], *(flat if at_m[back].any() else ANKLE_TO_TOE)
+
+
+def _first(*places: Float64) -> Float64:
+    """Return of several places (F, 3) the first that is finite."""
+    found = places[0]
+    for other in places[1:]:
+        found = np.where(np.isfinite(found), found, other)
+    return found
 
 
 def _way(values: Float64) -> float:
