@@ -1,5 +1,6 @@
 """Marker files: what is read is what was written, and what is damaged is one clear error."""
 
+import re
 import struct
 import warnings
 from pathlib import Path
@@ -143,6 +144,11 @@ TRC_DEFECTS = {
     "semicolons and decimal commas": (lambda t: t.replace("\t", ";").replace(".", ","), ""),
     "commas and blanks": (lambda t: t.replace("\t", ", "), ""),
     "Frame without a sign": (lambda t: t.replace("Frame#", "Frame"), ""),
+    "labels over all columns": (
+        lambda t: re.sub(r"(Anna:\w+)\t\t", r"\1\t\1\t\1", t),
+        "",
+    ),
+    "UTF-16": (lambda t: t.encode("utf-16"), ""),
     "no sixth line": (lambda t: t.replace("\n\n", "\n"), ""),
 }
 
@@ -153,7 +159,7 @@ def test_trc_with_defects_is_read_and_what_was_assumed_is_named(tmp_path, defect
     points = np.nan_to_num(positions(), nan=0.5) if defect == "spaces for tabs" else positions()
     write_trc(tmp_path / "a.trc", points)
     text = change((tmp_path / "a.trc").read_text())
-    (tmp_path / "a.trc").write_text(text, newline="")
+    (tmp_path / "a.trc").write_bytes(text if isinstance(text, bytes) else text.encode())
     found = read_markers(tmp_path / "a.trc")
     assert [key_of(label) for label in found.labels] == [key_of(name) for name in NAMES]
     np.testing.assert_allclose(found.positions, points, atol=1e-6)

@@ -93,6 +93,18 @@ DIALECTS = {
     ),
     "VRM": ("J_Bip_L_% J_Bip_R_% J_Bip_C_%", VRM, {}),
     "Rigify": ("DEF-%.L DEF-%.R DEF-%", "shoulder upper_arm forearm hand thigh shin foot toe", {}),
+    "Rigify's metarig": (
+        "%.L %.R %",
+        "shoulder upper_arm forearm hand thigh shin foot toe",
+        {
+            "Hips": "hips",
+            "Spine": "spine.001",
+            "Chest": "spine.003",
+            "Neck": "spine.004",
+            "Head": "spine.006",
+        },
+    ),
+    "DeepMotion": ("l_%_JNT r_%_JNT %_JNT", "shoulder arm forearm hand upleg leg foot toebase", {}),
     "AdvancedSkeleton": (
         "%_L %_R %_M",
         "Scapula Shoulder Elbow Wrist Hip Knee Ankle Toes",
@@ -132,6 +144,11 @@ DEFECTS = {
     "one frame too many stated": (lambda t: row_count(t, 25), "states 25 and holds 24"),
     "one frame too few stated": (lambda t: row_count(t, 23), "states 23 and holds 24"),
     "CRLF": (lambda t: t.replace("\n", "\r\n"), ""),
+    "a line above": (lambda t: "# exported by hand\n" + t, ""),
+    "capitals": (lambda t: t.replace("HIERARCHY", "Hierarchy").replace("MOTION", "Motion"), ""),
+    "the end of a DOS file": (lambda t: t + "\n\x1a", ""),
+    "a blank before the colons": (lambda t: t.replace("Frames:", "Frames :").replace("Time:", "Time :"), ""),
+    "a joint named MOTION": (lambda t: t.replace("JOINT Spine", "JOINT MOTION Spine"), ""),
 }
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from annotate.array_types import Bool, Float64, Int64
 from synth.body.skeleton import JOINTS
 
-MIRRORED = -0.3
+MIRRORED = -0.2
 """Mean of ``feet_ahead`` below which a recording is mirrored. Measured: 0.82 to 0.98 over 96 takes of the CMU
 library, 0.28 and more over 15 single poses, 0.17 and more in 20 exercises on the floor; a mirror image has
 the negative."""
