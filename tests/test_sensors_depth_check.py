@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from sensors.errors import CalibrationError, FormatError
+from sensors.importers.open_source import open_source
+from sensors.importers.options import ImportOptions
 from sensors.rig.camera import Intrinsics
 from sensors.rig.camera_check import check_camera, check_rig
 from sensors.rig.celsius_check import SESSION, judge_celsius
@@ -25,6 +27,8 @@ def room_mm(seed: int = 0, near: float = 900, far: float = 4200) -> np.ndarray:
     return depth
 
 
+MIDDLE = np.array([[0, 0, 63.5], [0, 0, 47.5], [0, 0, 0]])
+"""Centre of a camera with a room's 128 x 96 pixels."""
 ROOMS = [room_mm(seed) for seed in range(3)]
 
 
@@ -159,6 +163,31 @@ def test_constants_beyond_the_range_of_floats_are_no_reading(code):
     assert not any("doubtful" in note for note in reading.notes)
     for sample, room in zip(samples, ROOMS, strict=True):
         np.testing.assert_allclose(reading.to_mm(sample), room, atol=1)
+
+
+def test_rooms_upside_down_and_disparity_are_doubtful():
+    """The floor in front is nearer than the wall behind it; a flat wall tells nothing."""
+    upright = [room.astype(np.uint16) for room in ROOMS]
+    turned = [image[::-1, ::-1] for image in upright]
+    disparity = [np.where(image > 0, 6e6 / np.maximum(image, 1), 0).astype(np.uint16) for image in upright]
+    wall = [np.random.default_rng(n).normal(2500, 300, (96, 128)).astype(np.uint16) for n in range(2)]
+    for samples, doubted in (
+        *((upright, False), (turned, True), (disparity, True), (wall, False)),
+        ([turned[0], upright[0]], False),
+    ):
+        assert any("--turn 180" in note for note in judge_depth(samples, None, "x").notes) == doubted
+
+
+def test_a_declared_turn_ends_the_doubt(tmp_path):
+    np.savez(
+        tmp_path / "x.npz",
+        depth=np.stack(ROOMS)[:, ::-1].astype(np.uint16),
+        K=np.diag([100.0, 100, 1]) + MIDDLE,
+    )
+    assert any("--turn 180" in note for note in open_source(tmp_path / "x.npz").notes)
+    assert not any(
+        "--turn" in note for note in open_source(tmp_path / "x.npz", ImportOptions(turn_deg=180)).notes
+    )
 
 
 def test_a_code_close_to_the_farthest_reading_is_no_reading():

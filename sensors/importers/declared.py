@@ -12,6 +12,7 @@ from sensors.rig.depth_check import judge_depth, spread
 from sensors.rig.frame import FrameSource, RigFrame, mm_from_units, regular_times_ns
 from sensors.rig.intrinsics_file import read_intrinsics
 from sensors.rig.turn import Turn
+from sensors.rig.upright_check import UPSIDE_DOWN
 
 
 class Declared(FrameSource):
@@ -40,6 +41,7 @@ class Declared(FrameSource):
             notes += judge_depth(samples, options.depth_unit_mm, source.name).notes
         self._calibration, self.calibration = calibration, self._turn.whole(calibration)
         if self._turn != Turn():
+            notes = [note for note in notes if not note.startswith(UPSIDE_DOWN)]
             mirrored = "mirrored and " if options.mirror else ""
             notes.append(f"images, cameras and poses are {mirrored}turned by {options.turn_deg} degrees")
         self.notes = tuple(notes)

@@ -24,6 +24,7 @@ from sensors.rig.depth_units import (
     unit_of,
 )
 from sensors.rig.frame import mm_from_units
+from sensors.rig.upright_check import upside_down
 
 Image = NDArray[Any]
 
@@ -133,6 +134,7 @@ def judge_depth(
     )
     doubts = _doubts(found, words, unit, assumed=unit_mm is None)
     turned = ["bytes of the depth words are swapped: read the other way round"] if swapped else []
+    doubts += upside_down(words, invalid, unit)
     lines = (first, *turned, *_seen_codes(words, invalid), *notes, *doubts)
     return DepthReading(unit, invalid, swapped, found, lines)
 
