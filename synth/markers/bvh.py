@@ -11,8 +11,9 @@ from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import read_bounded
 from synth.markers.bvh_text import Bone, BvhText, parse_bvh
 from synth.markers.joint_places import marker_set_of_joints
+from synth.markers.labels import key_of
 from synth.markers.marker_files import Markers
-from synth.markers.markerset import MarkerSet
+from synth.markers.markerset import MIN_MARKERS, MarkerSet
 from synth.markers.vertical import Upward, zero_pose_axis
 
 MAX_FILE_BYTES = 300_000_000
@@ -51,6 +52,7 @@ def _markers(text: BvhText) -> tuple[Markers, MarkerSet]:
     still = _centres(bones, np.zeros((1, rows.shape[1])), [True] * len(bones))
     axis = zero_pose_axis(still[:, columns], places.joint)
     scale = f"no unit is stated; the leg is taken to be {LEG_M} m long"
+    line = (*_several_people(bones), *line)
     found = Markers(places.names, centres[:, columns] * LEG_M / leg, 1 / text.seconds, "m")
     up = Upward(axis, "the zero pose" if axis else "", "y")
     return replace(found, up=up, assumed=(*text.assumed, *line, scale)), places
@@ -82,6 +84,18 @@ def _keeping_offset(bones: list[Bone], rows: Float64) -> tuple[list[bool], tuple
         return keep, ()
     how = "are added to their OFFSET" if added else "replace their OFFSET"
     return keep, (f"positions of {len(moved)} joints beside the root {how}",)
+
+
+def _several_people(bones: list[Bone]) -> tuple[str, ...]:
+    """Return a line where a file has several skeletons whose joints have the names of the first: those are
+    used."""
+    people: list[set[str]] = []
+    for bone in bones:
+        if bone.parent < 0:
+            people.append(set())
+        people[-1].add(key_of(bone.name))
+    alike = [own for own in people if len(own & people[0]) >= MIN_MARKERS]
+    return (f"the file holds {len(alike)} people; the first is used",) if len(alike) > 1 else ()
 
 
 def _centres(bones: list[Bone], rows: Float64, keep: list[bool]) -> Float64:
