@@ -94,7 +94,7 @@ def _run(running: "LiveRig", end_s: float, ending: Ending) -> str:
     if running.error is not None:
         raise running.error
     health, take = running.health(), running.last_take
-    if take is not None and not take.has_depth:
+    if take is not None and not take.frames:
         return "nothing"
     if health.trouble:
         return "disk"
@@ -185,7 +185,7 @@ def _lines() -> "Callable[[Health], None]":
 def _report(out: Path, running: "LiveRig", why: str, json: bool) -> None:
     health, take = running.health(), running.last_take
     events, seconds = (dict(take.events), take.seconds) if take else ({}, 0.0)
-    frames = health.streams["depth"].count
+    frames, out = (take.frames, take.path) if take else (0, out)
     for text, times in events.items():
         say(f"{text}" + (f" ({times} times)" if times > 1 else ""))
     result = {

@@ -1,5 +1,6 @@
 """Faults while recording: one bad image is left out, a wrong mode is refused, a device comes back."""
 
+import errno
 import itertools
 import json
 import threading
@@ -17,6 +18,7 @@ from sensors.recording.health import in_words
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration
 from sensors.session.reader import Session
+from sensors.session.writer import SessionWriter
 from tests.conftest import assert_refused
 
 DEPTH, COLOR, WARM = Intrinsics(8, 6, 10, 10, 3.5, 2.5), Intrinsics(16, 12, 20, 20, 8, 6), (4, 5)
@@ -158,3 +160,50 @@ def test_a_library_that_raises_anything_is_a_device_that_is_lost(recorded, tmp_p
 def test_a_thermal_image_without_temperatures_is_described_without_a_warning(recwarn):
     assert in_words(ThermalImage(np.full(WARM, np.nan, np.float32), Flag.OPEN)) == "no temperatures"
     assert not recwarn
+
+
+def test_a_file_that_came_to_the_recording_s_name_stays_and_is_named(recorded, tmp_path):
+    def squatting() -> Iterator:
+        yield from itertools.islice(itertools.cycle(GOOD.values()), 30)
+        (tmp_path / "a.mcap").write_bytes(b"precious")
+        yield from itertools.cycle(GOOD.values())
+
+    done = recorded(lambda: Camera(squatting()), "--seconds", 0.5)
+    told, partial = json.loads(done.out), tmp_path / "a.mcap.partial"
+    assert done.code == 3 and done.err.splitlines()[-1].endswith("rename it")
+    assert (tmp_path / "a.mcap").read_bytes() == b"precious"
+    session = Session(partial)
+    assert not session.truncated and len(session) == told["frames"] > 10
+
+
+@pytest.mark.parametrize("moved", [True, False], ids=["moved", "removed"])
+def test_a_recording_whose_file_is_moved_or_removed_ends_within_seconds(recorded, tmp_path, moved):
+    def meddling() -> Iterator:
+        yield from itertools.islice(itertools.cycle(GOOD.values()), 30)
+        partial = tmp_path / "a.mcap.partial"
+        partial.rename(tmp_path / "b.mcap") if moved else partial.unlink()
+        yield from itertools.cycle(GOOD.values())
+
+    done = recorded(lambda: Camera(meddling()), "--seconds", 60)
+    told = json.loads(done.out)
+    assert done.code == 3 and told["ended"] == "disk" and told["seconds"] < 30
+    assert "was moved or removed while it was written" in done.err.splitlines()[-1]
+    assert {path.name for path in tmp_path.iterdir()} == ({"b.mcap"} if moved else set())
+    if moved:
+        assert len(Session(tmp_path / "b.mcap")) == told["frames"]
+
+
+def test_the_frames_that_are_told_are_those_of_the_file(recorded, tmp_path, monkeypatch):
+    """A camera goes on after the disk has ended the recording."""
+
+    def full(self, *image) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def filling() -> Iterator:
+        yield from itertools.islice(itertools.cycle(GOOD.values()), 30)
+        monkeypatch.setattr(SessionWriter, "write_depth", full)
+        yield from itertools.cycle(GOOD.values())
+
+    done = recorded(lambda: Camera(filling()), "--seconds", 60)
+    partial = tmp_path / "a.mcap.partial"
+    assert done.code == 3 and json.loads(done.out)["frames"] == len(Session(partial))

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from sensors.errors import CloudError
+import sensors.session.repair
+from sensors.errors import CloudError, ExistsError
 from sensors.session.reader import Session
 from sensors.session.repair import repair
 from sensors.session.writer import SessionWriter
@@ -79,3 +80,49 @@ def test_a_killed_recording_holds_no_lock(annotate_cloud, tmp_path, recorder):
     info = annotate_cloud("info", tmp_path / "take.mcap", "--json").result
     assert not info["being_recorded"] and "annotate-cloud repair" in " ".join(info["notes"])
     assert repair(tmp_path / "take.mcap").frames == 10
+
+
+def test_a_file_that_came_to_the_name_during_a_recording_stays(tmp_path):
+    path, partial = tmp_path / "take.mcap", tmp_path / "take.mcap.partial"
+    with pytest.raises(ExistsError, match="rename it"), SessionWriter(path, RIG, "rig") as writer:
+        for frame in frames(5):
+            writer.write(frame)
+        path.write_bytes(b"precious")
+    assert path.read_bytes() == b"precious"
+    session = Session(partial)
+    assert not session.truncated
+    for frame, written in zip(session, frames(5), strict=True):
+        assert_same(frame, written)
+
+
+def test_a_file_that_came_to_the_name_during_a_repair_stays(tmp_path, monkeypatch):
+    path, out = tmp_path / "take.mcap", tmp_path / "take.repaired.mcap"
+    with SessionWriter(path, RIG, "rig") as writer:
+        for frame in frames(5):
+            writer.write(frame)
+    path.write_bytes(path.read_bytes()[:-100])
+    rewrite = sensors.session.repair._rewrite
+
+    def slow(*arguments):
+        out.write_bytes(b"precious")
+        return rewrite(*arguments)
+
+    monkeypatch.setattr(sensors.session.repair, "_rewrite", slow)
+    with pytest.raises(ExistsError):
+        repair(path)
+    assert out.read_bytes() == b"precious" and len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.parametrize("moved", [True, False], ids=["moved", "removed"])
+def test_a_writer_never_names_another_program_s_file(tmp_path, moved):
+    path, partial = tmp_path / "take.mcap", tmp_path / "take.mcap.partial"
+    with pytest.raises(FileNotFoundError), SessionWriter(path, RIG, "rig") as writer:
+        for frame in frames(5):
+            writer.write(frame)
+        assert writer.is_in_place()
+        partial.rename(tmp_path / "elsewhere") if moved else partial.unlink()
+        partial.write_bytes(b"precious")
+        assert not writer.is_in_place()
+    assert partial.read_bytes() == b"precious" and not path.exists()
+    if moved:
+        assert len(Session(tmp_path / "elsewhere")) == 5

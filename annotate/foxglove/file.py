@@ -39,7 +39,7 @@ def export_foxglove(
         raise FormatError(f"{labels.path} holds no frames; label some first")
     remarks: dict[str, None] = {}
     out.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(out) as temporary, temporary.open("wb") as file, Writer(file) as writer:
+    with replacing(out, overwrite) as temporary, temporary.open("wb") as file, Writer(file) as writer:
         writer.add_metadata(METADATA, {"name": labels.source or labels.path.name})
         for shown in _moments(labels, Recorded(labels, session), joints, remarks):
             for topic, stamp_ns, message in shown_messages(shown):

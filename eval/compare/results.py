@@ -54,7 +54,7 @@ def save_result(path: Path, result: Result, overwrite: bool = False) -> None:
         raise CloudError(
             f"a result of {frames} frames has {size} bytes, over {MAX_BYTES}; evaluate fewer frames at a time"
         )
-    with replacing(path) as temporary, temporary.open("wb") as file:
+    with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 

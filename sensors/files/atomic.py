@@ -31,11 +31,12 @@ def check_there(*paths: Path) -> None:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, overwrite: bool = True) -> Iterator[Path]:
     """Yield a temporary path beside ``path``; on success it takes its place, on error it is removed.
 
     The bytes are flushed to the disk before the rename, so a power cut leaves the old or the new file.
-    Raises OSError, e.g. when the disk is full.
+    Raises OSError, e.g. when the disk is full, and ExistsError where a file has come to that name meanwhile
+    and ``overwrite`` is False.
     """
     temporary = temporary_of(path)
     temporary.unlink(missing_ok=True)
@@ -43,6 +44,7 @@ def replacing(path: Path) -> Iterator[Path]:
         yield temporary
         with temporary.open("rb") as file:
             os.fsync(file.fileno())
+        check_free(path, overwrite)
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from sensors.device.protocol import Device
-from sensors.errors import CalibrationError, CloudError, one_line
+from sensors.errors import CalibrationError, CloudError, ExistsError, one_line
 from sensors.recording.arrivals import Arrived, Event
 from sensors.recording.health import FAULT_NS, Health, Watch
 from sensors.recording.image_judge import ImageJudge
@@ -102,7 +102,10 @@ class LiveRig:
         self._collector.freeze()
 
     def end_recording(self) -> Path | None:
-        """End the recording, if there is one; its session, whole and on the disk. Raises OSError."""
+        """End the recording, if there is one; its session, whole and on the disk.
+
+        Raises OSError, and ExistsError where another program made a file of its name meanwhile.
+        """
         return self._in_thread(self._end_recording)
 
     def mark(self, text: str) -> None:
@@ -174,7 +177,7 @@ class LiveRig:
             if isinstance(error, CalibrationError):
                 self._discard()
         finally:
-            with suppress(OSError):
+            with suppress(OSError, ExistsError):
                 self._recorder.end()
             self.moments.end()
             with self._asking:

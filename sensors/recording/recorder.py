@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from sensors.device.protocol import ColorImage, DepthImage, Device, Spot, ThermalCounts, ThermalImage
-from sensors.errors import CloudError, FormatError
+from sensors.errors import CloudError, ExistsError, FormatError
 from sensors.recording.arrivals import Arrived, Event
 from sensors.rig.pairing import CLOCK, LATENCY
 from sensors.rig.rig_calibration import RigCalibration
@@ -93,7 +93,7 @@ def write_item(writer: SessionWriter, item: Arrived | Event, infrared: bool = Fa
 class Take:
     """A recording. infrared: as of ``write_item``. started_s, ended_s: on ``time.monotonic``, inf = not yet.
 
-    events: how often each text was noted. has_depth: whether a depth image was written.
+    events: how often each text was noted. frames: depth images that were written.
     """
 
     writer: SessionWriter
@@ -101,7 +101,12 @@ class Take:
     started_s: float = field(default_factory=time.monotonic)
     ended_s: float = math.inf
     events: Counter[str] = field(default_factory=Counter)
-    has_depth: bool = False
+    frames: int = 0
+
+    @property
+    def path(self) -> Path:
+        """Where what was recorded lies now."""
+        return self.writer.partial if self.writer.partial.exists() else self.writer.path
 
     @property
     def seconds(self) -> float:
@@ -141,7 +146,7 @@ class Recorder:
             take.events[item.text] += 1
         try:
             write_item(take.writer, item, take.infrared)
-            take.has_depth |= isinstance(item, Arrived) and item.reading.stream == "depth"
+            take.frames += isinstance(item, Arrived) and item.reading.stream == "depth"
         except FormatError as error:
             self.write(Event(item.stamp_ns, f"left out: {error}", item.arrival_ns))
         except OSError as error:
@@ -149,18 +154,19 @@ class Recorder:
             self.trouble = _cut_off(take, error)
 
     def end(self) -> Path | None:
-        """End the session, if there is one; its path, whole and on the disk. Raises OSError.
+        """End the session, if there is one; its path, whole and on the disk.
 
         A session without depth images could not be read: a short one is removed, a long one stays cut off.
+        Raises OSError, and ExistsError where another program made a file of its name meanwhile.
         """
-        if self.take is not None and not self.take.has_depth:
+        if self.take is not None and not self.take.frames:
             self._end_without_depth(self.take)
         if (take := self._ended()) is None:
             return None
         try:
             take.writer.__exit__(None)
-        except OSError as error:
-            self.trouble = _cut_off(take, error)
+        except (OSError, ExistsError) as error:
+            self.trouble = _cut_off(take, error) if isinstance(error, OSError) else str(error)
             raise
         return take.writer.path
 
@@ -186,17 +192,32 @@ class Recorder:
         return take
 
     def look_at_disk(self, now_ns: int) -> None:
-        """End the session where the disk is nearly full."""
+        """End the session where the disk is nearly full, or where its file was moved or removed."""
         with suppress(OSError):
             self.free_bytes = shutil.disk_usage(self._folder).free
-        if self.take is not None and self.free_bytes < RESERVE_BYTES:
+        if (take := self.take) is None:
+            return
+        if not take.writer.is_in_place():
+            self.abandon()
+            self.trouble = _gone(take)
+        elif self.free_bytes < RESERVE_BYTES:
             self.write(Event(now_ns, DISK_FULL))
-            with suppress(OSError):
+            with suppress(OSError, ExistsError):
                 self.end()
             self.trouble = DISK_FULL + (f"; {self.trouble}" if self.trouble else "")
 
 
 def _cut_off(take: Take, error: OSError) -> str:
     """Text on a recording that the disk refuses."""
+    if isinstance(error, FileNotFoundError):
+        return _gone(take)
     why = error.strerror or error
     return f"the recording ended: {why}; {take.writer.partial} holds what came before: repair it"
+
+
+def _gone(take: Take) -> str:
+    """Text on a recording whose file is no longer where it was made."""
+    return (
+        f"the recording ended: {take.writer.partial} was moved or removed while it was written; "
+        "look for it where it was moved to, and repair it"
+    )

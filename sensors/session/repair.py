@@ -64,7 +64,7 @@ def repair(path: Path, out: Path | None = None, *, overwrite: bool = False) -> R
         if target.exists() and target.samefile(source):
             raise FormatError(f"{target} is the damaged session itself; give another name")
         check_free(target, overwrite)
-        with replacing(target) as temporary:
+        with replacing(target, overwrite) as temporary:
             return _rewrite(file, temporary, target)
 
 

@@ -6,6 +6,7 @@ final name once complete. Every depth frame ends a compressed chunk that is hand
 that a killed process loses at most the frame it was writing.
 """
 
+import errno
 import os
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +17,7 @@ from google.protobuf.message import Message as ProtoMessage
 from mcap_protobuf.schema import build_file_descriptor_set
 from numpy.typing import NDArray
 
-from sensors.errors import FormatError
+from sensors.errors import ExistsError, FormatError
 from sensors.files.atomic import check_free
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
@@ -45,7 +46,8 @@ class SessionWriter:
     On success the file takes its final name. On an exception, Ctrl-C included, what was recorded stays
     under ``partial`` and opens as a truncated session; with ``keep_partial`` False it is removed instead.
     The partial is locked (``lock``) while it is written. Raises ExistsError when ``path`` or an unfinished
-    recording of it exists and ``overwrite`` is False, RecordingError while another process writes it.
+    recording of it exists and ``overwrite`` is False, at the end too, RecordingError while another process
+    writes it.
     """
 
     def __init__(
@@ -97,11 +99,32 @@ class SessionWriter:
                     self._writer.finish()
                     self._file.flush()
                     os.fsync(self._file.fileno())
+                    self._check_names()
                     # Before the lock goes: nobody finds a partial that is not locked.
                     self.partial.replace(self.path)
         finally:
             if not self._keep_partial:
                 self.partial.unlink(missing_ok=True)
+
+    def is_in_place(self) -> bool:
+        """Whether the partial is still where it was made."""
+        try:
+            return os.path.samestat(self.partial.stat(), os.fstat(self._file.fileno()))
+        except FileNotFoundError:
+            return False
+        except OSError:
+            # Not known, as of a share that does not answer: no reason to end.
+            return True
+
+    def _check_names(self) -> None:
+        """Check, hours later, that the partial is still this file, and its final name free."""
+        if not self.is_in_place():
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(self.partial))
+        if self.path.exists() and not self._overwrite:
+            raise ExistsError(
+                f"{self.path} was made by another program meanwhile, and stays; the session is whole as "
+                f"{self.partial}: rename it"
+            )
 
     def write(self, frame: RigFrame, arrival_ns: int | None = None) -> None:
         """Write all that a frame has, stamped with the depth camera's time. Raises FormatError."""

@@ -114,7 +114,7 @@ def save_motion(path: Path, motion: Motion, *, overwrite: bool = False) -> None:
     """Write a motion as npz without pickles, in full or not at all. Raises ExistsError."""
     check_free(path, overwrite)
     report = motion.report
-    with replacing(path) as temporary, temporary.open("wb") as file:
+    with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
             version=np.int64(VERSION),

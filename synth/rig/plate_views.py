@@ -131,7 +131,7 @@ def record_plate(
     check_free(truth, overwrite)
     rough = roughly(views.calibration)
     with (
-        replacing(truth) as temporary,
+        replacing(truth, overwrite) as temporary,
         SessionWriter(out, rough, views.name, overwrite=overwrite, keep_partial=False) as writer,
     ):
         save_calibration(temporary, replace(views.calibration, depth_shift_mm=-DEPTH_SHIFT_MM))

@@ -40,7 +40,7 @@ def simulate(rig: VirtualRig, out: Path, progress: Callable[[int], None], *, ove
     sweep(out.parent, f".{escape(suit_path(out).name)}.*.partial")
     with (
         appearing(truth_folder, MANIFEST, overwrite=overwrite) as unfinished,
-        replacing(suit_path(out)) as suit,
+        replacing(suit_path(out), overwrite) as suit,
         writer,
     ):
         suit.write_text(suit_to_toml(rig.suit), encoding="utf-8")

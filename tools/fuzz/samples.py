@@ -4,6 +4,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -267,7 +268,7 @@ def _calibration(folder: Path) -> Path:
 
 
 def _yaml(folder: Path) -> Path:
-    write_yaml(folder, RIG, 5.0)
+    write_yaml(folder, replace(RIG, depth_shift_mm=5.0))
     return folder
 
 
