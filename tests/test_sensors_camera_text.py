@@ -110,6 +110,15 @@ def test_every_dialect_gives_the_same_camera(dialect, tmp_path):
     assert found.unit_mm is None
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig", "latin-1"])
+@pytest.mark.parametrize("dialect", ["more_keys", "eth3d", "ros_yaml"])
+def test_editors_of_every_encoding(encoding, dialect, tmp_path):
+    file = tmp_path / "camera"
+    comment = "# für\n" if encoding == "latin-1" and dialect != "more_keys" else ""
+    file.write_bytes((comment + DIALECTS[dialect]).encode(encoding))
+    assert read_intrinsics(file, SHAPE).depth.fx == pytest.approx(55.25)
+
+
 @pytest.mark.parametrize("count", [4, 5, 8, 14])
 def test_a_lens_bends_as_opencv_says(count, tmp_path):
     lens = np.array([0.05, -0.03, 0.001, -0.002, 0.01, 0.02, 0.01, 0.005, *[1e-4] * 4, 0, 0])[:count]

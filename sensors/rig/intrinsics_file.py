@@ -52,7 +52,7 @@ def read_intrinsics(file: Path, shape: tuple[int, int] = (0, 0)) -> FoundIntrins
     """Read a file; ``shape`` (h, w) is taken where it states no size. Raises CalibrationError."""
     data = read_bounded(file, MAX_CALIBRATION_BYTES, "give intrinsics", CalibrationError)
     try:
-        found = _found(data.decode("utf-8-sig"), shape)
+        found = _found(data.decode(json.detect_encoding(data), errors="replace"), shape)
     except (TypeError, ValueError, KeyError, AttributeError, OverflowError, RecursionError) as error:
         raise CalibrationError(f"{file} is malformed ({error}); correct it") from error
     if found.unit_mm is not None and not 0 < found.unit_mm <= 1000:
