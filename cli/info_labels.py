@@ -51,7 +51,7 @@ def labels_info(labels: "LabelSet") -> tuple[dict[str, Any], str]:
 
 
 def _audit_text(found: "Audit") -> str:
-    """Tables: one row for each person, then for each person one row for each part; rejected frames last."""
+    """Return tables: a row for each person, then for each person a row for each part; rejected last."""
     tables = [_people(found), *(_parts(person) for person in found.people if person.parts)]
     rejected = [f"rejected {frame_id}: {reason}" for frame_id, reason in found.rejected.items()]
     return "\n\n".join([*tables, *rejected])

@@ -19,7 +19,7 @@ from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.files.npz import array_sizes, load_arrays
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.camera import Intrinsics
-from sensors.rig.camera_check import check_camera
+from sensors.rig.camera_check import check_camera, is_centred
 from sensors.rig.camera_text import pinhole_of
 from sensors.rig.depth_check import judge_depth, spread
 from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
@@ -44,9 +44,6 @@ _NUMBERS = ("fx", "fy", "cx", "cy")
 _READ = (*_DEPTHS, *_MATRICES, *_NUMBERS)
 CHANNELS = (3, 4)
 """Images of an array (h, w, n) that may as well be colour, or colour and depth."""
-CENTRED = 0.25
-"""Share of a side by which a camera's centre is off the middle at most: it determines the axes. Untuned."""
-
 FEW = 32
 """Pixels of a side below which an axis counts images, where no intrinsics state the size. Untuned."""
 
@@ -126,7 +123,8 @@ def _camera(
         found, origin = first_intrinsics(files, depth.shape[:2] if last else depth.shape[1:])
         others = depth.shape[:2] == found.depth.shape != depth.shape[1:]
     else:
-        others = not _centred(numbers, depth.shape[1:]) and _centred(numbers, depth.shape[:2])
+        centre = numbers[2], numbers[3]
+        others = not is_centred(centre, depth.shape[1:]) and is_centred(centre, depth.shape[:2])
     if others and depth.shape[2] in CHANNELS:
         raise FormatError(
             f"{path}: depth is {depth.shape}, which may be colour; give depth alone, as (n, h, w)"
@@ -145,12 +143,6 @@ def _camera(
         )
     note = f"axes of depth are (h, w, n): {len(depth)} images of {width}x{height}"
     return found, origin, depth, (note,) if others else ()
-
-
-def _centred(numbers: tuple[float, ...], shape: tuple[int, ...]) -> bool:
-    """Return whether a camera's centre lies near the middle of an image (h, w)."""
-    offsets = (numbers[2] - shape[1] / 2) / shape[1], (numbers[3] - shape[0] / 2) / shape[0]
-    return max(map(abs, offsets)) < CENTRED
 
 
 def _numbers(path: Path, arrays: dict[str, NDArray[Any]]) -> tuple[float, ...] | None:

@@ -18,6 +18,9 @@ WIDEST, NARROWEST = 0.134, 10.0
 are as narrow as 13 degrees, fisheyes are no pinholes."""
 SQUEEZED = 4.0
 """Most times by which fx and fy differ; images that are squeezed in one direction have 2."""
+CENTRED = 0.25
+"""Share of a side by which the centre is off the middle at most where it determines the size or the axes.
+Untuned."""
 OFF_CENTRE = 2.0
 """Sides of the image by which a cropped image's centre may lie outside it. Untuned."""
 BEND: Final = 2.5
@@ -54,6 +57,12 @@ def check_camera(camera: Intrinsics, where: str) -> Intrinsics:
     if any(camera.distortion):
         _check_lens(camera, where)
     return camera
+
+
+def is_centred(centre: tuple[float, float], shape: tuple[int, ...]) -> bool:
+    """Return whether a camera's centre (cx, cy) lies near the middle of an image (h, w)."""
+    offsets = (length / side - 0.5 for length, side in zip(centre, shape[::-1], strict=True))
+    return max(map(abs, offsets)) <= CENTRED
 
 
 def check_rig(calibration: RigCalibration, where: str) -> RigCalibration:

@@ -18,10 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sensors.rig.camera import Intrinsics
+from sensors.rig.camera_check import is_centred
 from sensors.rig.opencv_lens import intrinsics_from_opencv
 
-CENTRED = 0.25
-"""Share of a side by which the centre is off the middle at most, where a file states no size. Untuned."""
 SKEW = 1e-3
 """Skew as a share of the focal length that is left out. Untuned."""
 LENS_NUMBERS = (4, 5, 8, 12, 14)
@@ -79,7 +78,7 @@ class CameraText(NamedTuple):
 def read_camera_text(text: str, shape: tuple[int, int]) -> CameraText:
     """Read the camera in ``text``. shape: (h, w) of the images, for files that state no size.
 
-    Raises ValueError, which says what is wrong, for text with no camera, with two, or without a pinhole.
+    Raises ValueError, which names the fault, for text with no camera, with two, or without a pinhole.
     """
     lines = (re.sub(r"(?:^|\s)(?:#|//).*|^%.*", "", line) for line in text.splitlines())
     body = re.sub(r"</[^>]*>", "\n", "\n".join(lines))
@@ -99,7 +98,7 @@ def read_camera_text(text: str, shape: tuple[int, int]) -> CameraText:
 
 
 def _scan(text: str) -> tuple[dict[str, list[float]], dict[str, str]]:
-    """Numbers, and words, behind each key, in small letters. Raises ValueError where a key is there twice."""
+    """Return numbers and words behind each key, in small letters. Raises ValueError for repeated keys."""
     fields: dict[str, list[float]] = {}
     words: dict[str, str] = {}
     matches, owner = list(_KEY.finditer(text)), ""
@@ -130,7 +129,7 @@ def _first(
 
 
 def _pinhole(fields: dict[str, list[float]]) -> tuple[float, ...]:
-    """fx, fy, cx, cy."""
+    """Return fx, fy, cx, cy of the fields. Raises ValueError where they hold no camera."""
     singles = [_first(fields, keys, (1,)) for keys in _FOCAL]
     if all(singles):
         return tuple(single[0] for single in singles if single)
@@ -160,7 +159,7 @@ def pinhole_of(numbers: list[float]) -> tuple[float, ...]:
 
 
 def _size(fields: dict[str, list[float]], shape: tuple[int, int]) -> tuple[int, int]:
-    """(h, w) as the file states it, else that of the images."""
+    """Return (h, w) as the file states it, else that of the images."""
     pair = _first(fields, _PAIR, (2,))
     if pair is not None:
         return int(pair[1]), int(pair[0])
@@ -180,7 +179,7 @@ def _camera(numbers: tuple[float, ...], size: tuple[int, int], *, stated: bool) 
     height, width = size
     if not (height and width):
         raise ValueError("it states no size: add width and height")
-    if not stated and max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > CENTRED:
+    if not stated and not is_centred((cx, cy), size):
         raise ValueError(
             f"it states no size, and its centre ({cx:g}, {cy:g}) is not the middle of images of "
             f"{width}x{height}: give the depth camera's numbers, with width and height"
@@ -208,7 +207,10 @@ def _with_lens(pinhole: Intrinsics, fields: dict[str, list[float]]) -> Intrinsic
 
 
 def _unit_mm(fields: dict[str, list[float]]) -> float | None:
-    """Millimetres of a depth step: ORB-SLAM states steps of a metre, BOP millimetres, librealsense metres."""
+    """Return millimetres of a depth step.
+
+    ORB-SLAM states steps of a metre, BOP millimetres, librealsense metres.
+    """
     steps = _first(fields, _STEPS, (1,))
     if steps is not None:
         return 1000 / steps[0] if steps[0] > 1 else None
@@ -224,7 +226,7 @@ def _unit_mm(fields: dict[str, list[float]]) -> float | None:
 
 
 def _plain(text: str, shape: tuple[int, int]) -> Intrinsics:
-    """The camera in text without keys."""
+    """Read the camera in text without keys."""
     colmap = _COLMAP.findall(text)
     if len(colmap) > 1:
         raise ValueError("it holds several cameras: keep the depth camera alone")

@@ -96,8 +96,10 @@ def places_m(markers: Markers, static: Markers | None = None, markerset: MarkerS
 def _trials(
     markers: Markers, static: Markers | None, markerset: MarkerSet
 ) -> tuple[KnownMarkers, KnownMarkers | None]:
-    """The known markers of a recording and of its static trial, which must be of the same person and have the
-    same vertical axis: the static's, because its person stands."""
+    """Return the known markers of a recording and of its static trial, which must be of the same person.
+
+    Both get the vertical axis of the static trial, because its person stands.
+    """
     if static is None:
         return known_markers(markers, markerset), None
     standing = known_markers(static, markerset, standing=True)
