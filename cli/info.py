@@ -18,7 +18,7 @@ from sensors.importers.open_source import judged_notes, open_source
 EARLIEST_NS = 946_684_800 * 10**9
 """Nanoseconds from 1970 to 2000: times before are those of a device that counts from its start."""
 DOUBTFUL = "doubtful"
-"""How notes on doubts begin."""
+"""First word of notes on doubts."""
 
 if TYPE_CHECKING:
     from sensors.rig.frame import FrameSource

@@ -14,7 +14,7 @@ from annotate.exchange.masks import mask_from_runs
 from sensors.errors import FormatError
 
 BOX_TOLERANCE_PX = 1.5
-"""Pixels by which a side of a stated box may differ from the mask's: boxes are rounded in several ways."""
+"""Pixels between a side of a stated box and of the mask at most: programs round in several ways. Untuned."""
 
 
 def pixels_of(segmentation: dict[str, Any], box: object, shape: tuple[int, int]) -> tuple[Bool, str]:

@@ -11,9 +11,9 @@ from zipfile import BadZipFile, LargeZipFile, ZipFile, is_zipfile
 from sensors.errors import FormatError
 
 MAX_FILES = 2_000_000
-"""Files of an archive; a million frames have two each."""
+"""Files of an archive at most: a million frames have two each. Untuned."""
 FREE_SHARE = 0.8
-"""Share of the free disk that an archive may take unpacked. Untuned."""
+"""Share of the free disk that an unpacked archive takes at most. Untuned."""
 OF_FOLDERS = "annotations"
 """Folder in which COCO's layout keeps its annotation files."""
 

@@ -20,6 +20,7 @@ OWN_HOSTS = frozenset({"localhost", "127.0.0.1", "::1"})
 REQUEST_S = 10.0
 """Seconds within which a client sends its request. Untuned."""
 PIECE_BYTES = 1 << 16
+"""Bytes that are passed on at once. Untuned."""
 REFUSED = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
 
 

@@ -12,7 +12,7 @@ from sensors.errors import CloudError
 from sensors.session.messages import EVENTS, event_message
 
 PORT = 8765
-"""Where Foxglove's app looks for a server unless told otherwise."""
+"""Port at which Foxglove's app expects a server by default."""
 BACKLOG = 3 * len(SCHEMAS)
 """Messages kept for a client that is slow, three moments: then the oldest is dropped. Untuned."""
 

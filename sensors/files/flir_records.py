@@ -15,7 +15,7 @@ RAW, PHOTO, CAMERA = 0x01, 0x0E, 0x20
 MAX_RECORDS = 10_000
 """Entries of a directory; cameras write some ten. Untuned."""
 IMAGE_AT = 32
-"""Where an image begins in the record that holds it, in bytes."""
+"""Bytes in front of an image in its record (ExifTool, FLIR.pm)."""
 _VERSIONS = range(100, 200)
 """Versions of an FFF header, which determine its byte order."""
 _ENTRY_BYTES = 32

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 ZERO_C_K = 273.15
 HOTTEST_K = 4000.0
-"""Above what any thermal camera measures."""
+"""Kelvin above the range of every thermal camera: such temperatures become NaN. Untuned."""
 ROOM_K = 293.15
-"""Taken for a temperature that a file states as 0 K or less."""
+"""Kelvin in place of a temperature that a file states as 0 K or less: 20 degrees Celsius. Untuned."""
 
 
 class Radiometry(NamedTuple):

@@ -24,7 +24,7 @@ SPLAT = 0.6
 OPEN_M = 0.1
 """Metres by which a pixel is farther than most neighbours where it looks through a surface. Untuned."""
 MOST = 5
-"""Neighbours of eight that make most of them. Untuned."""
+"""Neighbours, of eight, that count as most of them. Untuned."""
 LEAST_FIELD = (1.40, 1.16)
 """Width and height of an image over its focal length, at least: a Kinect v2's. A person alone keeps the room
 about them that networks are used to."""

@@ -1,4 +1,4 @@
-"""Which files of a folder are depth, colour and thermal images, and which of them belong together.
+"""Depth, colour and thermal images of a folder, and pairs of them by name.
 
 Streams lie in folders of their own: ``depth/``, ``color/`` or ``rgb/``, ``thermal/``, in any letter case;
 else the only folder whose name has the word (``depth_raw``, ``aligned_depth_to_color``, ``RGBImages``); for

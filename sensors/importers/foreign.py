@@ -19,7 +19,7 @@ _MAGIC = (
     (0, b"<!DOCTYPE html", "a web page; download the file itself"),
     (0, b"<html", "a web page; download the file itself"),
 )
-"""Where a file has which bytes, and what it is."""
+"""Place of telling bytes, the bytes, and the kind of file with the remedy."""
 _SUFFIXES = {
     ".mat": f"a MATLAB file; read it with scipy.io.loadmat, or h5py for version 7.3, and {_ARRAYS}",
     ".h5": _HDF5,
@@ -49,7 +49,7 @@ _SUFFIXES = {
     ".json": "a text file; give the recording itself, and the camera with --intrinsics",
     ".txt": "a text file; give the folder that the list belongs to",
 }
-"""What files are that are called so."""
+"""Kind of file by suffix, with the remedy."""
 
 
 def refuse(path: Path, head: bytes) -> FormatError:

@@ -22,7 +22,7 @@ KINDS = (
 )
 CLOUDS = (".pcd", ".ply", ".las", ".laz")
 BAG_METADATA = "metadata.yaml"
-"""In a ROS 2 bag's folder, which is meant where somebody names this file."""
+"""File in a ROS 2 bag's folder; its name stands for the folder."""
 
 
 class Opener(NamedTuple):

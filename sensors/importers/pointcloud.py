@@ -26,9 +26,9 @@ from sensors.rig.rig_calibration import Pose, RigCalibration
 Float64 = NDArray[np.float64]
 
 READERS = {".pcd": read_pcd, ".ply": read_ply, ".las": read_las, ".laz": read_las}
-"""By suffix."""
+"""Readers of cloud files by suffix."""
 STRAY = 1e6
-"""Units from the middle of a cloud: a kilometre in millimetres."""
+"""Units from the middle of a cloud from which on a point is dropped: a kilometre in millimetres. Untuned."""
 
 
 class CloudFile(FrameSource):

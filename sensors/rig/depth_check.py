@@ -64,7 +64,7 @@ BYTES = (
     "step with --depth-unit"
 )
 JUDGED = "depth:"
-"""How the note of the judge begins."""
+"""First word of the judge's note."""
 SAMPLES = 5
 """Frames of a source that are looked at, spread over all of it. Untuned."""
 

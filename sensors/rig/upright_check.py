@@ -1,4 +1,4 @@
-"""Whether depth images are upright: in a room the floor in front is nearer than the wall behind it.
+"""Check that depth images are upright: in a room the floor in front is nearer than the wall behind it.
 
 Turned upside down, and in disparity, which is large where depth is small, the lower part is the farther one.
 """
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sensors.rig.depth_units import metres
 
 UPSIDE_DOWN = "doubtful depth: the lower quarter"
-"""How the note begins."""
+"""First words of the note."""
 FARTHER = 1.4
 """Times by which the lower quarter is farther than the upper one, in all images. Recordings that are upright
 have 0.1 to 1.15 (rooms of four real cameras and of the virtual rig), turned ones 1.9. Untuned."""

@@ -1,4 +1,4 @@
-"""Whether a recording is a mirror image: its axes are left-handed, or two were exchanged without a sign.
+"""Check that a recording is no mirror image: its axes are left-handed, or two were exchanged without a sign.
 
 No turn of the axes mends that, and the solver fits twisted legs to it that are off by millimetres only. Feet
 show it: with the left hip on the left, the toes of a mirror image point backwards.

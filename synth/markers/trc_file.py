@@ -19,7 +19,7 @@ from annotate.array_types import Float64
 from sensors.errors import FormatError
 
 MAX_HEAD_LINES = 60
-"""Of a TRC before its frames: five, and comments."""
+"""Lines in front of a TRC's frames at most: five, and comments. Untuned."""
 NO_RATE = "no rate is stated; 100 frames a second are assumed"
 
 

@@ -56,7 +56,7 @@ class Upward(NamedTuple):
 
 
 UNSTATED = Upward()
-"""Of a file that states nothing."""
+"""Vertical axis of a file that states none."""
 
 
 def given(axis: str) -> Upward:

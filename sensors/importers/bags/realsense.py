@@ -43,7 +43,7 @@ KINDS = frozenset({"Image", "CompressedImage", "CameraInfo", "Transform", "Strin
 DEPTH, COLOR, INFRARED = STREAMS = "Depth_0", "Color_0", "Infrared_1"
 """Streams that are read; of the two infrared cameras the left one, which has the pixels of depth."""
 WRAPS_NS = 1000 * 2**32
-"""Where the camera's clock, of 32 bits in microseconds, starts again."""
+"""Nanoseconds after which the camera's clock, of 32 bits in microseconds, starts again."""
 _STREAM = re.compile(rf"/device_0/sensor_\d+/({'|'.join(STREAMS)})/(.+)")
 _UNIT = re.compile(r"/device_0/sensor_\d+/option/Depth[ _]Units/value")
 _LENS, _METADATA, _PIXELS, _POSE = ("camera_info", "info/camera_info"), "image/metadata", "image/data", "tf/"
