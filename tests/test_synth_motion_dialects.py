@@ -12,6 +12,7 @@ from synth.markers.smpl import SMPL_JOINTS, SMPL_PARENTS, joints_of_rotations
 from synth.markers.solve import solve, solve_takes
 from synth.motion.repertoire import read_repertoire
 from tests.helpers.walker import JOINTS, bvh_of, places_cm
+from tests.test_synth_solve import BVH_NAMES
 
 PLACE = {
     "Hips": "pelvis", "Neck": "neck", "Head": "head", "Top": "head_end", "LeftShoulder": "left_clavicle",
@@ -197,19 +198,11 @@ COCO += "left_wrist right_wrist left_hip right_hip left_knee right_knee left_ank
 
 def test_key_points_without_parents_are_joints(tmp_path):
     at = dict(zip(JOINTS, np.moveaxis(places_cm(), 1, 0), strict=True))
-    sided = {
-        "shoulder": "Arm",
-        "elbow": "ForeArm",
-        "wrist": "Hand",
-        "hip": "UpLeg",
-        "knee": "Leg",
-        "ankle": "Foot",
-    }
     face = {"nose": (0, 5, 11), "left_eye": (3, 8, 9), "left_ear": (7, 6, 0)}
     face |= {"right_eye": (-3, 8, 9), "right_ear": (-7, 6, 0)}
     names = COCO.split()
     take = [
-        at["Head"] + face[n] if n in face else at[n.split("_")[0].capitalize() + sided[n.split("_")[1]]]
+        at["Head"] + face[n] if n in face else at[n.split("_")[0].capitalize() + BVH_NAMES[n.split("_")[1]]]
         for n in names
     ]
     path = saved(tmp_path / "coco.npz", joint_names=np.array(names), walk=np.stack(take, axis=1))

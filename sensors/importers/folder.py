@@ -10,13 +10,13 @@ Layout, everything but depth optional::
     associations.txt    which colour belongs to which depth image, and when they were taken, where names
                         differ; or depth.txt and rgb.txt (see ``tum_lists``)
     calibration.json    the rig's calibration as ``rig_calibration.save_calibration`` writes it; or
-    intrinsics.json     the depth camera's numbers (see ``intrinsics_file``); or one of ``INTRINSICS``
+    intrinsics.json     the depth camera's numbers (see ``intrinsics_file``); or one of
+                        ``folder_cameras.INTRINSICS``
 
 Without calibration.json, colour and thermal images of the depth images' size are aligned with them pixel for
 pixel.
 """
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.files.flir_jpeg import read_flir
-from sensors.files.grey_image import decode_depth, image_shape
+from sensors.files.grey_image import decode_depth
+from sensors.importers.folder_cameras import cameras_of
 from sensors.importers.folder_files import (
     JPEGS,
-    THERMAL,
     Files,
     FolderImages,
     find_images,
@@ -42,22 +42,6 @@ from sensors.rig.camera import Intrinsics
 from sensors.rig.celsius_check import SESSION, Scale, judge_celsius
 from sensors.rig.depth_check import judge_depth, spread
 from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
-from sensors.rig.intrinsics_file import FoundIntrinsics, first_intrinsics, read_intrinsics
-from sensors.rig.rig_calibration import Pose, RigCalibration, load_calibration
-
-TEXTS = ("json", "yaml", "yml", "xml", "txt")
-CALIBRATION = "calibration.json"
-INTRINSICS = (
-    *("intrinsics.json", "intrinsic.json", "camera_intrinsic.json", "camera_intrinsics.json"),
-    *(f"{name}.{kind}" for name in ("depth_intrinsics", "intrinsics_depth") for kind in TEXTS),
-    *("intrinsic_depth.txt", "intrinsic/intrinsic_depth.txt", "intrinsics/intrinsic_depth.txt"),
-    *(f"{name}.{kind}" for name in ("depth_camera_info", "camera_info") for kind in TEXTS),
-    *(f"{name}.{kind}" for name in ("intrinsics", "intrinsic", "camera") for kind in TEXTS),
-    *("camera-intrinsics.txt", "camera_intrinsics.txt", "K.txt", "cam_K.txt"),
-    *("calibration.txt", "calib.txt", "calibration.yaml", "calibration.yml"),
-)
-"""Where programs write the depth camera's numbers, the first that is there is read: ours, Open3D's, ScanNet's
-(SensReader/python/SensorData.py), ROS's, 3DMatch's, SUN RGB-D's and ETH3D's."""
 
 
 class ImageFolder(FrameSource):
@@ -74,7 +58,8 @@ class ImageFolder(FrameSource):
         timed = _timed(path, images, listed, options)
         self._depth, self._color, self._thermal = timed.depth, timed.color, timed.thermal
         self._names, self.times_ns = tuple(timed.depth), timed.times_ns
-        cameras = _cameras(path, timed, options.intrinsics)
+        first = next(iter(timed.depth.values()))
+        cameras = cameras_of(path, first, timed.color, timed.thermal, options.intrinsics)
         self.calibration = cameras.calibration
         tum = is_tum(path) and not (options.depth_unit_mm or cameras.unit_mm)
         unit_mm = TUM_UNIT_MM if tum else options.depth_unit_mm or cameras.unit_mm
@@ -116,14 +101,6 @@ class _Timed(NamedTuple):
     note: str
 
 
-class _Cameras(NamedTuple):
-    """Calibration; millimetres of a depth step if a file states it; notes on where they are from."""
-
-    calibration: RigCalibration
-    unit_mm: float | None
-    notes: tuple[str, ...]
-
-
 def _timed(path: Path, images: FolderImages, listed: Listed | None, options: ImportOptions) -> _Timed:
     """Order a folder's images, less what its lists leave out. Raises FormatError."""
     if listed is not None:
@@ -160,59 +137,6 @@ def _by_list(path: Path, images: FolderImages, listed: Listed, options: ImportOp
         else f"times from {listed.file}"
     )
     return _Timed(depth, color, matching(images.thermal, depth), np.array(stamps, np.int64), note + rest)
-
-
-def _cameras(path: Path, images: _Timed, declared: Path | None) -> _Cameras:
-    """Return the cameras of a folder's images, by its files or the declared one. Raises CalibrationError."""
-    first = next(iter(images.depth.values()))
-    shape = image_shape(read_bounded(first), str(first))
-    files = [path / name for name in INTRINSICS]
-    stated = any(file.is_file() for file in files)
-    if (path / CALIBRATION).is_file() and declared is None:
-        unit_mm = first_intrinsics(files, shape)[0].unit_mm if stated else None
-        return _Cameras(load_calibration(path / CALIBRATION), unit_mm, (f"calibration from {CALIBRATION}",))
-    if declared is not None:
-        found, origin = read_intrinsics(declared, shape), f"intrinsics from {declared.name}"
-    else:
-        found, origin = first_intrinsics(files, shape)
-    calibration = RigCalibration(found.depth)
-    color, fits = _aligned("colour", images.color, found)
-    if fits:
-        calibration = replace(calibration, color=found.depth, color_from_depth=Pose.identity())
-    thermal, fits = _aligned("thermal", images.thermal, found)
-    if fits:
-        calibration = replace(calibration, thermal=found.depth, thermal_from_depth=Pose.identity())
-    return _Cameras(calibration, found.unit_mm, (origin, *color, *thermal))
-
-
-def _aligned(name: str, images: Files, found: FoundIntrinsics) -> tuple[list[str], bool]:
-    """Return a note on the size of images, and whether it is that of depth, so that they are aligned."""
-    if name == "colour" and found.aligned:
-        return [f"{name} assumed to be aligned with depth, as Open3D's recorder saves it"], True
-    shape = _shape_of(list(images.values()))
-    if shape is None:
-        return [], False
-    size, depth = (f"{width}x{height}" for height, width in (shape, found.depth.shape))
-    if size == depth:
-        return [
-            f"{name} assumed to be aligned with depth pixel for pixel: of its size, no {CALIBRATION}"
-        ], True
-    return [
-        f"{name} images are {size}, depth is {depth}: not used; register them to depth, or add {CALIBRATION}"
-    ], False
-
-
-def _shape_of(files: list[Path]) -> tuple[int, int] | None:
-    """Return (h, w) of the first of a few readable images; None where a frame's own error names the cause."""
-    for at in spread(len(files)):
-        try:
-            data, name = read_bounded(files[at]), str(files[at])
-            flir = files[at].parent.name.lower() in THERMAL and files[at].suffix.lower() in JPEGS
-            height, width = read_flir(data, name).celsius.shape if flir else image_shape(data, name)
-        except FormatError:
-            continue
-        return height, width
-    return None
 
 
 def _presence(name: str, files: Files, frames: int, camera: Intrinsics | None) -> tuple[str, ...]:
