@@ -108,6 +108,16 @@ def test_who_lies_stays_lying_where_the_file_states_the_vertical(up):
         assert found == up and "the person lies" in said and "--up" in said
 
 
+def test_places_about_the_pelvis_say_nothing_of_a_floor(tmp_path):
+    (tmp_path / "a.bvh").write_text(bvh_of("stands"))
+    markers, places = read_bvh(tmp_path / "a.bvh")
+    at = markers.positions - markers.positions[:, [places.names.index("pelvis")]]
+    at[:, [any(part in name for part in ("elbow", "wrist", "hand")) for name in places.names]] = np.nan
+    assert np.nanmin(at[..., 2]) > -0.08, "no joint is far behind the pelvis: by z, all would be on a floor"
+    known = known_markers(Markers(markers.labels, at, 30, "m", Upward("", "", "z")), places)
+    assert known.up == "y" and any("the person stands along y" in line for line in known.assumed)
+
+
 def on_the_floor(doing):
     """Markers (40, M, 3), z up, the floor at 0, of who rolls over sideways, walks on the hands, or rocks on
     hands and knees: the pelvis moves along the trunk above ankles that stay."""

@@ -37,6 +37,8 @@ ANKLE_TO_TOE = (-25.0, 25.0)
 """Rise from ankle to ball of a flat foot and how far skeletons stray from it, degrees. Untuned."""
 FLOOR_M = (-0.08, 0.2)
 """Level of the lowest marker over a floor at 0: least and most. Untuned."""
+ORIGIN_M = 0.01
+"""Distance from the origin within which a pelvis stays that is the origin. Untuned."""
 _UPPER = (
     ("head", "neck", "spine_upper", "left_clavicle", "right_clavicle"),
     ("left_shoulder", "right_shoulder"),
@@ -108,7 +110,10 @@ class _Person:
         return bool(np.concatenate(flat).mean() > MOST)
 
     def on_floor(self, axis: str) -> bool:
-        """Return whether the lowest markers are at 0, where laboratories have their floor."""
+        """Return whether the lowest markers are at 0, where laboratories have their floor. Places about the
+        pelvis, as networks give them, say nothing of a floor."""
+        if np.nanmax(np.abs(self.pelvis), initial=0) < ORIGIN_M:
+            return False
         heights = (self.points @ direction(axis)).ravel()
         heights = heights[np.isfinite(heights)]
         return bool(FLOOR_M[0] < np.quantile(heights, 0.02) < FLOOR_M[1]) if heights.size else False
