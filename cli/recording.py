@@ -65,7 +65,7 @@ def record(
             return
         running.record(out, overwrite=overwrite, infrared=infrared)
         why = _run(running, time.monotonic() + (seconds or math.inf), ending)
-    _report(out, running, why, json)
+    _report(running, why, json)
 
 
 def _run(running: "LiveRig", end_s: float, ending: Ending) -> str:
@@ -182,10 +182,11 @@ def _lines() -> "Callable[[Health], None]":
     return show
 
 
-def _report(out: Path, running: "LiveRig", why: str, json: bool) -> None:
+def _report(running: "LiveRig", why: str, json: bool) -> None:
     health, take = running.health(), running.last_take
     events, seconds = (dict(take.events), take.seconds) if take else ({}, 0.0)
-    frames, out = (take.frames, take.path) if take else (0, out)
+    frames = take.frames if take else 0
+    where = f" in {take.path}" if take and take.path.exists() else ""
     for text, times in events.items():
         say(f"{text}" + (f" ({times} times)" if times > 1 else ""))
     result = {
@@ -199,7 +200,7 @@ def _report(out: Path, running: "LiveRig", why: str, json: bool) -> None:
         "events": events,
         "ended": why,
     }
-    text = f"{frames} frames in {out}, {seconds:.1f} s, {health.dropped} messages dropped"
+    text = f"{frames} frames{where}, {seconds:.1f} s, {health.dropped} messages dropped"
     finish(result, json, text)
     if health.trouble:
         say(health.trouble)

@@ -1,12 +1,18 @@
 """Signals that end a program: as a flag where something is being written, as Ctrl-C elsewhere."""
 
 import signal
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Ctrl-C, a polite kill, and a terminal that was closed."""
+
+
+SAME_S = 0.25
+"""Seconds after a signal in which another belongs to the same ending: a shell and its terminal both hang up,
+and programs that start others hand on what the terminal sends to all. A second press is later (untuned)."""
 
 
 class Ending:
@@ -28,14 +34,16 @@ class Ending:
 def ended_by_signals() -> Iterator[Ending]:
     """Let the first of ``ENDING`` set a flag, so that nothing raises into what is being written.
 
-    The second raises KeyboardInterrupt in the main thread. For the main thread only.
+    A second, ``SAME_S`` later or more, raises KeyboardInterrupt in the main thread. For the main thread only.
     """
-    ending = Ending()
+    ending, first_s = Ending(), 0.0
 
     def asked(number: int, frame: FrameType | None) -> None:
-        if ending.asked:
+        nonlocal first_s
+        if not ending.asked:
+            first_s, ending.asked = time.monotonic(), True
+        elif time.monotonic() - first_s >= SAME_S:
             raise KeyboardInterrupt
-        ending.asked = True
 
     with _handled(asked):
         yield ending

@@ -5,12 +5,14 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sensors.interrupt import ENDING, ended_by_signals, interrupted_by_signals
+import sensors.interrupt
+from sensors.interrupt import ENDING, SAME_S, ended_by_signals, interrupted_by_signals
 from sensors.session.paths import recording_at
 from sensors.session.reader import Session
 
@@ -82,7 +84,7 @@ def commands():
 
 
 def ended(commands, verb: str, path: Path, numbers: list[int], after_s: float) -> int:
-    """The exit code of a command that the signals ended so long after its file had appeared."""
+    """The exit code of a command that signals ended so long after its file had appeared; 0 is a pause."""
     commands.stdin.write(f"{verb} {path}\n")
     commands.stdin.flush()
     child, partial = int(commands.stdout.readline()), path.with_name(path.name + ".partial")
@@ -90,8 +92,9 @@ def ended(commands, verb: str, path: Path, numbers: list[int], after_s: float) -
         time.sleep(0.001)
     time.sleep(after_s)
     for number in numbers:
-        os.kill(child, number)
-        time.sleep(0.002)
+        with suppress(ProcessLookupError):
+            os.kill(child, number)
+        time.sleep(0.002 if number else 2 * SAME_S)
     return int(commands.stdout.readline())
 
 
@@ -120,19 +123,30 @@ def test_a_recording_that_was_ended_before_its_first_image_leaves_nothing_that_c
             assert not path.with_name(f"{take}.mcap.partial").exists()
 
 
-def test_a_second_ctrl_c_may_abort_and_still_leaves_a_recording_that_opens(commands, tmp_path):
-    for take in range(3):
+@pytest.mark.parametrize("verb", ["record", "live"])
+def test_signals_that_come_at_once_are_one(commands, tmp_path, verb):
+    """As a terminal that is closed sends them, or a program that hands Ctrl-C on to what it started."""
+    for take, numbers in enumerate(([signal.SIGINT] * 2, [signal.SIGHUP, signal.SIGTERM, signal.SIGHUP])):
         path = tmp_path / f"{take}.mcap"
-        ended(commands, "record", path, [signal.SIGINT] * 2, 0.2)
+        assert ended(commands, verb, path, numbers, 0.2) == 0
+        assert not Session(path).truncated
+
+
+def test_a_second_ctrl_c_may_abort_and_still_leaves_a_recording_that_opens(commands, tmp_path):
+    for take in range(2):
+        path = tmp_path / f"{take}.mcap"
+        ended(commands, "record", path, [signal.SIGINT, 0, signal.SIGINT], 0.2)
         assert len(Session(recording_at(path)))
 
 
-def test_the_first_signal_sets_a_flag_and_the_second_interrupts():
+def test_the_first_signal_sets_a_flag_and_a_second_one_later_interrupts(monkeypatch):
     before = [signal.getsignal(number) for number in ENDING]
     with ended_by_signals() as ending:
         assert not ending.asked
         signal.raise_signal(signal.SIGTERM)
         assert ending.asked and ending()
+        signal.raise_signal(signal.SIGHUP)
+        monkeypatch.setattr(sensors.interrupt, "SAME_S", 0.0)
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
     with interrupted_by_signals(), pytest.raises(KeyboardInterrupt):

@@ -126,3 +126,19 @@ def test_a_writer_never_names_another_program_s_file(tmp_path, moved):
     assert partial.read_bytes() == b"precious" and not path.exists()
     if moved:
         assert len(Session(tmp_path / "elsewhere")) == 5
+
+
+def test_a_recording_that_is_completed_as_its_repair_begins_is_left_alone(tmp_path, monkeypatch):
+    path, partial = tmp_path / "take.mcap", tmp_path / "take.mcap.partial"
+    with SessionWriter(path, RIG, "rig") as writer:
+        for frame in frames(5):
+            writer.write(frame)
+    whole = path.read_bytes()
+    path.rename(partial)
+    check = sensors.session.repair.check_ended
+    monkeypatch.setattr(
+        sensors.session.repair, "check_ended", lambda file: (check(file), partial.rename(path))
+    )
+    with pytest.raises(CloudError, match="just been completed"):
+        repair(partial)
+    assert path.read_bytes() == whole and len(list(tmp_path.iterdir())) == 1

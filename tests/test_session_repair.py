@@ -10,13 +10,16 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
-from sensors.errors import CloudError, ExistsError
-from sensors.rig.rig_calibration import calibration_to_json
+import sensors.session.repair
+from sensors.errors import CloudError, ExistsError, FormatError
+from sensors.rig.camera import Intrinsics
+from sensors.rig.rig_calibration import RigCalibration, calibration_to_json
 from sensors.session.check import problems_of
 from sensors.session.mcap_records import record_offsets
 from sensors.session.reader import Session
 from sensors.session.repair import repair
 from sensors.session.summary import read_summary
+from sensors.session.writer import SessionWriter
 from tests.conftest import assert_refused
 from tests.test_sensors_session import frames, law, record
 from tests.test_session_folders import rewritten
@@ -210,3 +213,28 @@ def test_nothing_to_save_is_an_error(tmp_path, whole):
             repair(path, out)
         assert "annotate-cloud repair" not in str(error.value)
         assert path.read_bytes() == data and [f.name for f in tmp_path.iterdir()] == ["x.mcap"]
+
+
+def test_small_images_share_a_chunk_of_the_repaired_session(tmp_path):
+    """A chunk takes far more time than an empty message, of which a damaged file may hold millions."""
+    path, small = tmp_path / "a.mcap", np.ones((4, 6), np.uint16)
+    with SessionWriter(path, RigCalibration(Intrinsics(6, 4, 5, 5, 2.5, 1.5)), "a") as writer:
+        for number in range(50):
+            writer.write_depth(small, number)
+    path.write_bytes(path.read_bytes()[:-50])
+    done = repair(path)
+    assert done.frames == len(Session(done.path)) == 50
+    with done.path.open("rb") as file:
+        assert len(read_summary(file).chunks) <= 3
+
+
+def test_a_session_of_too_many_messages_is_not_repaired(tmp_path, monkeypatch):
+    path = tmp_path / "a.mcap"
+    with SessionWriter(path, RigCalibration(Intrinsics(6, 4, 5, 5, 2.5, 1.5)), "a") as writer:
+        for number in range(50):
+            writer.write_depth(np.ones((4, 6), np.uint16), number)
+    path.write_bytes(path.read_bytes()[:-50])
+    monkeypatch.setattr(sensors.session.repair, "MAX_MESSAGES", 20, raising=False)
+    with pytest.raises(FormatError, match="more than 20 messages"):
+        repair(path)
+    assert list(tmp_path.iterdir()) == [path]

@@ -27,7 +27,7 @@ from sensors.errors import FormatError
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 1 << 28
 """Bytes of a record, and of what a chunk unpacks to: room for the largest image that a camera may have."""
-MAX_CHUNK_RECORDS = 1 << 20
+MAX_CHUNK_RECORDS = 1 << 18
 """Records of a chunk: a chunk of 4 MB, which ROS and Foxglove write, has room for 135,000 empty messages."""
 CACHED_CHUNKS = 8
 """Unpacked chunks kept: one holds a depth image and what came with it. Untuned."""

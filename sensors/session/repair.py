@@ -3,6 +3,8 @@
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass
+from os import fstat
+from os.path import samestat
 from pathlib import Path
 from statistics import median
 from typing import BinaryIO
@@ -13,9 +15,9 @@ from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Sch
 from sensors.errors import CloudError, FormatError
 from sensors.files.atomic import check_free, replacing
 from sensors.session.check import problems_in
-from sensors.session.index import read_contents, scan
+from sensors.session.index import MAX_MESSAGES, read_contents, scan
 from sensors.session.indexed_writer import IndexedWriter
-from sensors.session.lock import check_ended
+from sensors.session.lock import RecordingError, check_ended
 from sensors.session.mcap_records import parsed, spans
 from sensors.session.messages import DEPTH, EVENTS, METADATA, event_from, event_message
 from sensors.session.paths import final_of, recording_at, repaired_of
@@ -23,6 +25,9 @@ from sensors.session.salvage import Piece, pieces
 from sensors.session.stored_index import NAME, StoredIndex, read_index
 from sensors.session.summary import read_summary
 
+SMALL_BYTES = 1 << 12
+"""Bytes of a depth image below which several share a chunk: a chunk takes a thousand times the time of an
+empty message, of which a damaged file may hold millions (untuned)."""
 LONGEST_LOSS_NS = 60 * 10**9
 """A lost chunk that states to end later than this after what was saved is believed to be damaged there too.
 Untuned: a chunk of a recording lasts a thirtieth of a second."""
@@ -56,16 +61,31 @@ def repair(path: Path, out: Path | None = None, *, overwrite: bool = False) -> R
     if not source.is_file():
         raise FormatError(f"{path} does not exist; give a recorded session")
     target = out or (repaired_of(source) if source == final_of(source) else final_of(source))
-    with source.open("rb") as file:
-        check_ended(file)
+    with _opened(source) as file:
         if source == final_of(source) and not problems_in(file):
             with suppress(CloudError):
                 return Repaired(source, len(read_contents(source).places[DEPTH]), changed=False)
-        if target.exists() and target.samefile(source):
+        if target.exists() and samestat(target.stat(), fstat(file.fileno())):
             raise FormatError(f"{target} is the damaged session itself; give another name")
         check_free(target, overwrite)
         with replacing(target, overwrite) as temporary:
             return _rewrite(file, temporary, target)
+
+
+def _opened(source: Path) -> BinaryIO:
+    """Open a session and keep writers off until it is closed. Raises RecordingError while they run."""
+    try:
+        file = source.open("rb")
+    except OSError as error:
+        raise FormatError(f"{source} cannot be read ({error.strerror}); give a recorded session") from error
+    try:
+        check_ended(file)
+        if not source.exists():
+            raise RecordingError(f"{source} has just been completed: it is {final_of(source)} now")
+    except BaseException:
+        file.close()
+        raise
+    return file
 
 
 def _rewrite(file: BinaryIO, temporary: Path, target: Path) -> Repaired:
@@ -147,7 +167,8 @@ def _is_possible(message: Message) -> bool:
 class Copier:
     """Copies records to a writer: schemas, channels, metadata, attachments and messages.
 
-    frames: depth images so far; nameless: messages without a channel that names their topic.
+    frames, messages: depth images, and all messages, so far; nameless: messages without a channel that names
+    their topic.
     """
 
     def __init__(self, writer: IndexedWriter) -> None:
@@ -158,7 +179,7 @@ class Copier:
         self._copied: set[str] = set()
         self._events = Counter[tuple[int, str]]()
         self._first_ns: int | None = None
-        self.frames = self.nameless = 0
+        self.frames = self.nameless = self.messages = 0
 
     def add(self, record: McapRecord) -> None:
         """Copy one record; of a schema or channel the first that has its number."""
@@ -201,6 +222,9 @@ class Copier:
 
     def _add_message(self, message: Message) -> None:
         channel, topic = self._channels[message.channel_id], self._topics[message.channel_id]
+        self.messages += 1
+        if self.messages > MAX_MESSAGES:
+            raise FormatError(f"the session holds more than {MAX_MESSAGES} messages; split it")
         self._writer.add_message(
             channel, message.log_time, message.data, message.publish_time, message.sequence
         )
@@ -211,4 +235,5 @@ class Copier:
         if topic == DEPTH:
             self.frames += 1
             # As while it was recorded: a chunk for each frame, so that damage costs one.
-            self._writer.flush()
+            if len(message.data) >= SMALL_BYTES:
+                self._writer.flush()
