@@ -154,6 +154,8 @@ def test_who_exercises_on_the_floor_stays_on_it_and_the_doubt_is_named(doing):
         found, said = up_of(at[..., order], Upward(up, "Y_SCREEN", "z"))
         assert found == up and "the person lies" in said and "--up" in said
         assert "--up" in up_of(at[..., order], Upward("", "", up))[1]
+    feet_at_0 = at - [0, at[..., 1].max(), 0]
+    assert "--up" in up_of(feet_at_0, Upward("", "", "z"))[1]
 
 
 def test_who_lies_in_a_file_without_a_vertical_lies_on_its_floor_and_the_doubt_is_named():

@@ -191,7 +191,7 @@ def _unstated(
     grounds = [axis for axis in (usual, "y", "z") if person.on_floor(axis) and shares[axis] < MOST]
     ground = "" if person.on_floor(best) else next(iter(grounds), "")
     if moves or (shares[best] >= MOST and person.stands(best, ground)):
-        doubt = f"; else give --up {_option(ground)}" if ground else ""
+        doubt = f"; else give --up {_option(grounds[0])}" if grounds else ""
         return best, (_stands(best, UNSTATED) + doubt,)
     stands = person.on_floor(best) and shares[best] >= MOST
     lying = "" if stands else next(iter(grounds), usual if best[-1] == "x" else "")
