@@ -2,18 +2,19 @@
 
 import json
 import shutil
-from zipfile import ZipFile
+from zipfile import ZipFile, ZipInfo
 
 import cv2
 import numpy as np
 import pytest
 from conftest import assert_refused
 
+from annotate.exchange import polygons
 from annotate.exchange.formats import import_labels
 from annotate.exchange.image_names import frame_ids
 from annotate.labelset.store import LabelSet
 from annotate.parts import PART_ID
-from sensors.errors import FormatError
+from sensors.errors import CloudError, FormatError
 
 H, W = 48, 64
 CAMERA = {"fx": 60.0, "fy": 60.0, "cx": 31.5, "cy": 23.5, "width": W, "height": H}
@@ -230,3 +231,184 @@ def test_files_of_others(shared_data, tmp_path, name, remarks):
     found = taken(shared_data / "others_files" / name, tmp_path / "labels")
     assert len(found.remarks) == remarks
     np.testing.assert_array_equal(LabelSet.open(tmp_path / "labels").parts("000000"), HEAD)
+
+
+@pytest.mark.parametrize(
+    ("annotations", "image"),
+    [
+        ("labels.json", "data/000000.png"),  # FiftyOne
+        ("dataset.json", "JPEGImages/000000.png"),  # labelme2coco
+        ("my export.json", "images/000000.png"),
+        ("annotations/instances_train2017.json", "train2017/000000.png"),  # COCO's own
+        ("train/_annotations.coco.json", "train/000000.png"),  # Roboflow
+    ],
+)
+def test_annotation_files_of_any_name_and_place(coco, tmp_path, annotations, image):
+    source = coco(image=image, annotations=annotations)
+    for given in (source, source / annotations):
+        labels, *_ = taken(given, tmp_path / f"labels-{given.name}", intrinsics=source / "intrinsics.json")
+        np.testing.assert_array_equal(labels.parts("000000"), HEAD * PART_ID["head"])
+
+
+def test_a_file_of_annotations_is_read_alone(coco, tmp_path):
+    coco("a.png", annotations="annotations/instances_a.json")
+    source = coco("b.png", annotations="annotations/instances_b.json")
+    assert taken(source, tmp_path / "both").labels.frame_ids == ["a", "b"]
+    assert taken(source / "annotations/instances_b.json", tmp_path / "b").labels.frame_ids == ["b"]
+
+
+@pytest.mark.parametrize("stated", ["Bän k 1.png", "B%C3%A4n%20k%201.png", "Ba\u0308n k 1.png"])
+def test_names_with_umlauts_spaces_and_escapes_become_ids(coco, tmp_path, stated):
+    source = coco(stated, image="images/Bän k 1.png")
+    assert taken(source, tmp_path / "labels").labels.frame_ids == ["Ban_k_1"]
+
+
+def test_an_image_that_two_folders_hold_is_not_guessed(coco, tmp_path):
+    source = coco(image="data/000000.png")
+    (source / "other").mkdir()
+    shutil.copy(source / "data/000000.png", source / "other")
+    with pytest.raises(
+        FormatError, match=r"two images are called '000000\.png'; put the right ones into depth/"
+    ):
+        taken(source, tmp_path / "labels")
+
+
+def test_annotations_of_absent_images_are_counted_and_ids_may_be_floats(coco, tmp_path):
+    source = coco(annotation={"image_id": 1.0}, more=[{"id": 2, "image_id": 9, "category_id": 7}])
+    labels, _, remarks = taken(source, tmp_path / "labels")
+    assert remarks == ("annotations of images that the file does not list are not read (1)",)
+    np.testing.assert_array_equal(labels.parts("000000"), HEAD * PART_ID["head"])
+
+
+@pytest.mark.parametrize("name", ["Head", " head", "HEAD"])
+def test_letter_case_does_not_count_in_names_of_parts(coco, tmp_path, name):
+    source = coco(categories=[{"id": 7, "name": name}, {"id": 8, "name": "Left upper-arm"}])
+    np.testing.assert_array_equal(taken(source, tmp_path / "a").labels.parts("000000"), HEAD)
+
+
+RING = HEAD.copy()
+RING[8:12, 30:40] = 0
+SQUARE = [x for corner in FORWARD for x in corner]
+
+
+@pytest.mark.parametrize(
+    ("drawn", "pixels"),
+    [
+        ([SQUARE], HEAD),
+        (SQUARE, HEAD),
+        ([FORWARD], HEAD),
+        ([[], [20, 5, 50, 5], SQUARE], HEAD),
+        ([[*SQUARE, 20, 5, 30, 8, 30, 12, 40, 12, 40, 8, 30, 8, 20, 5]], RING),
+        ([[-70.5, -9, 500, -9, 500, 99, -70.5, 99]], np.ones((H, W), np.uint8)),
+    ],
+)
+def test_polygons_hold_the_pixels_whose_centres_lie_in_them(coco, tmp_path, drawn, pixels):
+    """Also one without the list around it, in pairs, beside lines, with a hole, and beyond the image."""
+    labels = taken(coco(annotation={"segmentation": drawn}), tmp_path / "labels").labels
+    np.testing.assert_array_equal(labels.parts("000000"), pixels)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_polygon_is_its_naive_twin(seed, monkeypatch):
+    """Ray by ray (Shimrat 1962), however few edges are computed at once."""
+    monkeypatch.setattr(polygons, "CELLS", 3 * 30)
+    corners = np.random.default_rng(seed).uniform(-10, 50, (9, 2))
+    x, y = np.meshgrid(np.arange(40) + 0.5, np.arange(30) + 0.5)
+    odd = np.zeros((30, 40), bool)
+    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        odd ^= ((y0 <= y) != (y1 <= y)) & (x0 + (y - y0) * (x1 - x0) / (y1 - y0) <= x)
+    np.testing.assert_array_equal(polygons.polygon_pixels(corners, (30, 40)), odd)
+
+
+def test_polygons_of_an_image_of_another_size_are_refused(coco, tmp_path):
+    image = {"id": 1, "file_name": "000000.png", "width": 2 * W, "height": 2 * H}
+    source = coco(images=[image], annotation={"segmentation": [SQUARE]})
+    with pytest.raises(FormatError, match="drawn on an image of 128x96, its depth image is 64x48; annotate"):
+        taken(source, tmp_path / "labels")
+
+
+def cvat_of(folder, shape, size=(W, H), file="annotations.xml", around="image"):
+    (folder / "images").mkdir(parents=True)
+    cv2.imwrite(str(folder / "images/000000.png"), np.full((H, W), 2000, np.uint16))
+    (folder / "intrinsics.json").write_text(json.dumps(CAMERA))
+    place = f'name="000000.png" width="{size[0]}" height="{size[1]}"'
+    (folder / file).write_text(f'<annotations><{around} id="0" {place}>{shape}</{around}></annotations>')
+    return folder
+
+
+def cvat_mask(left, top, width, height):
+    rle = f'rle="0, {width * height}"'
+    return f'<mask label="head" {rle} left="{left}" top="{top}" width="{width}" height="{height}"></mask>'
+
+
+@pytest.mark.parametrize("place", [(50, 5, 30, 10), (-5, -3, 30, 10), (-5, -5, 200, 100), (70, 5, 3, 3)])
+def test_masks_that_reach_outside_are_cut_off(tmp_path, place):
+    left, top, width, height = place
+    source = cvat_of(tmp_path / "theirs", cvat_mask(*place) + cvat_mask(0, 0, 1, 1))
+    labels, _, remarks = taken(source, tmp_path / "labels")
+    expected = np.zeros((H, W), np.uint8)
+    expected[max(0, top) : max(0, top + height), max(0, left) : max(0, left + width)] = expected[0, 0] = 1
+    np.testing.assert_array_equal(labels.parts("000000"), expected)
+    assert remarks == ("masks reach outside their image; the part inside is read (1)",)
+
+
+def test_cvats_files_of_any_name_float_places_and_open_ends(tmp_path):
+    shapes = [
+        cvat_mask("20.0", "5.0", 30, 10),
+        '<polygon label="head" points="20,5;50,5;50,15;20,15;"></polygon>',
+    ]
+    for number, shape in enumerate(shapes):
+        source = cvat_of(tmp_path / f"theirs-{number}", shape, file="job 1.xml")
+        labels = taken(source / "job 1.xml", tmp_path / f"labels-{number}").labels
+        np.testing.assert_array_equal(labels.parts("000000"), HEAD)
+
+
+def test_cvats_tracks_and_images_of_another_size_are_refused(tmp_path):
+    for name, options, why in [
+        ("track", {"around": "track"}, "holds tracks of a video; export it as 'CVAT for images 1.1'"),
+        ("size", {"size": (2 * W, 2 * H)}, "drawn on an image of 128x96, its depth image is 64x48"),
+    ]:
+        with pytest.raises(FormatError, match=why):
+            taken(cvat_of(tmp_path / name, cvat_mask(0, 0, 2, 2), **options), tmp_path / "labels")
+
+
+def test_archives_of_windows_and_in_folders_in_folders(coco, tmp_path):
+    source = coco(annotations="annotations/instances_default.json")
+    for number, (top, slash) in enumerate([("", "\\"), ("a/b/", "/"), ("a/b c/", "\\")]):
+        archive = tmp_path / f"{number}.zip"
+        with ZipFile(archive, "w") as file:
+            for path in source.rglob("*.*"):
+                entry = ZipInfo("x")
+                entry.filename = (top + path.relative_to(source).as_posix()).replace("/", slash)
+                file.writestr(entry, path.read_bytes())
+        labels = taken(archive, tmp_path / f"labels-{number}").labels
+        np.testing.assert_array_equal(labels.parts("000000"), HEAD)
+
+
+def test_archives_that_cannot_be_unpacked_are_named(coco, tmp_path):
+    def archive(*names):
+        with ZipFile(tmp_path / "x.zip", "w") as file:
+            for name in names:
+                file.writestr(name, "{}")
+        return tmp_path / "x.zip"
+
+    for names, why in [
+        (["a.json", "a.json/b"], r"x\.zip cannot be unpacked \(Not a directory\); unpack it yourself"),
+        (["a" * 300], r"x\.zip cannot be unpacked \(File name too long\)"),
+        (["annotations.json"], r"x\.zip has neither annotate-cloud\.json nor intrinsics\.json; give --intr"),
+    ]:
+        with pytest.raises(CloudError, match=why):
+            taken(archive(*names), tmp_path / "labels")
+    content = bytearray(archive("annotations.json").read_bytes())
+    content[content.index(b"PK\1\2") + 8] |= 1  # the flag of an encrypted entry
+    (tmp_path / "x.zip").write_bytes(content)
+    with pytest.raises(FormatError, match="is encrypted; unpack it with its password and give the folder"):
+        taken(tmp_path / "x.zip", tmp_path / "labels")
+
+
+def test_pairs_with_umlauts_and_spaces_become_ids(tmp_path):
+    for folder, image in (("depth", np.full((H, W), 2000, np.uint16)), ("label", HEAD)):
+        (tmp_path / "theirs" / folder).mkdir(parents=True)
+        cv2.imwrite(str(tmp_path / "theirs" / folder / "Bän k.png"), image)
+    (tmp_path / "theirs/intrinsics.json").write_text(json.dumps(CAMERA))
+    assert taken(tmp_path / "theirs", tmp_path / "labels").labels.frame_ids == ["Ban_k"]

@@ -663,3 +663,74 @@ def test_the_calibration_has_a_colour_camera_only_where_there_is_colour(tmp_path
     colored = open_source(write(tmp_path / "c.ply", ply(points, random_colors(len(points)))))
     assert colored.calibration.color == colored.calibration.depth
     assert pointcloud.CloudFile is type(colored)
+
+
+def person(seed: int) -> np.ndarray:
+    """A seated or standing person cut out of a room, camera axes (n, 3)."""
+    depth_mm = room(room=False)
+    points = finite(camera_points(depth_mm))
+    if seed == 0:  # upright, whole
+        return points
+    if seed == 1:  # one leg in view: the lower end is narrower than the head
+        low = points[:, 1] > np.percentile(points[:, 1], 55)
+        return points[~low | (points[:, 0] > np.median(points[low, 0]) + 0.02)]
+    if seed == 2:  # an arm held up beside the head: the upper end is broad
+        top = points[:, 1].min()
+        arm = np.stack(np.meshgrid(np.linspace(0.25, 0.35, 20), np.linspace(top, top + 0.6, 80)), -1)
+        return np.concatenate([points, np.insert(arm.reshape(-1, 2), 2, np.median(points[:, 2]), axis=1)])
+    return points @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])  # lying
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("gone", [1.0, 0.3])
+def test_a_person_alone_is_not_turned_upside_down(tmp_path, seed, gone):
+    """Cameras' axes stand, unless a head with shoulders is at the lower end."""
+    points = person(seed)
+    points = points[np.random.default_rng(0).random(len(points)) < gone]
+    source = open_source(write(tmp_path / "x.ply", ply(points)))
+    assert "camera axes left in place" in source.notes[0]
+
+
+def test_what_a_head_turned_is_said_and_can_be_taken_back(tmp_path):
+    path = write(tmp_path / "x.ply", ply(person(0) @ CLOUD_FROM_CAMERA["kinect"].T))
+    notes = open_source(path).notes
+    assert any("upside down: --axes camera" in note for note in notes)
+    assert any(
+        "where it points right (Unity), left and right are mirrored: --mirror" in note for note in notes
+    )
+    assert "camera axes" in CloudFile(path, ImportOptions(axes="camera")).notes[0]
+
+
+@pytest.mark.parametrize("axes", ["y-up", "z-up"])
+def test_a_lying_person_above_the_origin_is_seen_by_no_camera_there(tmp_path, axes):
+    """A body on its own floor: its axes stay open, or are right where they are declared."""
+    lying = person(3)
+    level = (lying - np.median(lying, axis=0)) @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) - [0, 0.65, 0]
+    path = write(tmp_path / "x.ply", ply(level @ CLOUD_FROM_CAMERA[axes].T))
+    assert_refused(path, r"give --axes: camera, y-up", FormatError)
+    assert CloudFile(path, ImportOptions(axes=axes)).frame(0).depth_mm.any()
+
+
+@pytest.mark.parametrize("kind", ["float", "double"])
+def test_coordinates_far_away_are_those_of_a_map(tmp_path, kind):
+    """UTM: z is up in any format; floats are too coarse, which a note states."""
+    origin = np.array([612345.5, 5412345.25, 432.1])
+    points = finite(camera_points(room())) @ CLOUD_FROM_CAMERA["z-up"].T + [0, 0, 1.4]
+    notes = open_source(write(tmp_path / "x.ply", ply(points + origin, kind=kind))).notes
+    assert "z-up axes" in notes[0]
+    assert any("32-bit coordinates are 0.5 m apart" in note for note in notes) == (kind == "float")
+
+
+def test_names_of_colours_and_splats(tmp_path):
+    points = finite(camera_points(room()))
+    rgb = random_colors(len(points))
+    content = ply(points, rgb)
+    for name in (b"red", b"green", b"blue"):
+        content = content.replace(b" " + name + b"\n", b" " + name.capitalize() + b"\n")
+    path = write(tmp_path / "x.ply", content)
+    np.testing.assert_array_equal(read_ply(path).colors(), rgb)
+    splats = ply(points, rgb)
+    for name, field in ((b"red", b"opacity"), (b"green", b"scale_0"), (b"blue", b"rot_0")):
+        splats = splats.replace(b" " + name + b"\n", b" " + field + b"\n")
+    notes = open_source(write(tmp_path / "y.ply", splats)).notes
+    assert "Gaussian splats: only their centres are read, without colours" in notes

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from annotate.array_types import Float32, UInt8, UInt16
+from annotate.exchange.image_names import safe_id
 from annotate.frame_labels import FrameLabels
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.bounded import read_bounded
@@ -30,12 +31,14 @@ MAX_TEXT_BYTES = 1_000_000_000
 class Companion:
     """The camera of a folder, and by frame id what its images lack, in the order of the frames.
 
-    remarks: omissions and assumptions of a reader, each with its number.
+    remarks: omissions and assumptions of a reader, each with its number. annotations: the one file of
+    annotations to read; None = those of the folder.
     """
 
     intrinsics: Intrinsics
     frames: dict[str, dict[str, Any]] = field(default_factory=dict)
     remarks: Counter[str] = field(default_factory=Counter)
+    annotations: Path | None = None
 
     def remark(self, text: str) -> None:
         """Count an omission or assumption."""
@@ -112,4 +115,4 @@ def frame_files(folder: Path, suffix: str) -> Iterator[tuple[str, Path]]:
     files = paths_in_order(file for file in found if file.is_file())
     if not files:
         raise FormatError(f"{folder} holds no *{suffix}; give the folder of an export")
-    return ((file.name.removesuffix(suffix), file) for file in files)
+    return ((safe_id(file.name.removesuffix(suffix)), file) for file in files)

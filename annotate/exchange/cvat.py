@@ -15,9 +15,9 @@ from defusedxml.ElementTree import fromstring
 
 from annotate.crop import window_of
 from annotate.exchange.companion import MAX_TEXT_BYTES, Companion
-from annotate.exchange.image_names import frame_ids, read_depth
+from annotate.exchange.image_names import DepthImages, frame_ids
 from annotate.exchange.masks import MASK_IDS, PERSON, Mask, images_from, mask_from_runs, masks_of, runs_of
-from annotate.exchange.polygons import POLYGONS, polygon_pixels
+from annotate.exchange.polygons import FEW_CORNERS, POLYGONS, check_size, polygon_pixels
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import encode_png
 from annotate.parts import UNDEFINED, palette_rgb
@@ -47,17 +47,19 @@ def write_cvat(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> 
 
 def read_cvat(source: Path, companion: Companion) -> Iterator[FrameLabels]:
     """The inverse of ``write_cvat``. Raises FormatError."""
-    file = source / ANNOTATIONS
+    file = companion.annotations or source / ANNOTATIONS
     try:
-        images = list(fromstring(read_bounded(file, MAX_TEXT_BYTES), forbid_dtd=True).iter("image"))
+        root = fromstring(read_bounded(file, MAX_TEXT_BYTES), forbid_dtd=True)
     except DTDForbidden as error:
         raise FormatError(f"{file} has a document type; export it from CVAT again") from error
     except (ParseError, ValueError, LookupError) as error:
         raise FormatError(f"{file} is not XML ({str(error)[:80]}); export it from CVAT again") from error
+    images = list(root.iter("image"))
     if not images:
-        raise FormatError(f"{file} holds no image; give CVAT's 'CVAT for images 1.1'")
-    ids = frame_ids([image.get("name", "") for image in images])
-    yield from (_frame(source, *both, companion) for both in zip(images, ids, strict=True))
+        what = "tracks of a video" if next(root.iter("track"), None) is not None else "no image"
+        raise FormatError(f"{file} holds {what}; export it as 'CVAT for images 1.1'")
+    ids, depth = frame_ids([image.get("name", "") for image in images]), DepthImages(source)
+    yield from (_frame(file, depth, *both, companion) for both in zip(images, ids, strict=True))
 
 
 def _labels() -> Iterator[str]:
@@ -82,7 +84,9 @@ def _mask_xml(mask: Mask) -> str:
     return f"  {head}{attribute}</mask>\n"
 
 
-def _frame(source: Path, image: Element, frame_id: str, companion: Companion) -> FrameLabels:
+def _frame(
+    file: Path, depth: DepthImages, image: Element, frame_id: str, companion: Companion
+) -> FrameLabels:
     name = image.get("name", "")
     for shape in image:
         if shape.tag == "polygon":
@@ -90,26 +94,41 @@ def _frame(source: Path, image: Element, frame_id: str, companion: Companion) ->
         elif shape.tag != "mask":
             companion.remark(f"shapes of the kind {shape.tag[:40]} are not read")
     try:
-        depth_mm = read_depth(source, name)
-        shapes = (shape for shape in image if shape.tag in SHAPES)
+        depth_mm = depth.read(name)
+        shapes = [shape for shape in image if shape.tag in SHAPES]
+        if shapes:
+            check_size((image.get("height"), image.get("width")), depth_mm.shape)
         ordered = sorted(shapes, key=lambda shape: int(shape.get("z_order", 0)))
-        parts, persons = images_from((_mask(shape, depth_mm.shape) for shape in ordered), depth_mm.shape)
-    except (ValueError, KeyError, OverflowError, FormatError) as error:
-        raise FormatError(f"{source / ANNOTATIONS}, image {name[:100]!r}: {str(error)[:200]}") from error
+        masks = (_mask(shape, depth_mm.shape, companion) for shape in ordered)
+        parts, persons = images_from((mask for mask in masks if mask is not None), depth_mm.shape)
+    except KeyError as error:
+        raise FormatError(f"{file}, image {name[:100]!r}: a shape lacks {str(error)[:80]}") from error
+    except (ValueError, OverflowError, FormatError) as error:
+        raise FormatError(f"{file}, image {name[:100]!r}: {str(error)[:200]}") from error
     return companion.labels(frame_id, depth_mm, parts, persons)
 
 
-def _mask(element: Element, shape: tuple[int, int]) -> Mask:
-    """The mask that an element draws on an image of ``shape``."""
+def _mask(element: Element, shape: tuple[int, int], companion: Companion) -> Mask | None:
+    """Return the mask that an element draws on an image of ``shape``; None for a polygon without an area."""
     fields = element.attrib
     person = int(element.findtext("attribute[@name='number']") or 1)
     if element.tag == "polygon":
-        points = [[float(x) for x in point.split(",")] for point in fields["points"].split(";")]
-        return Mask(fields["label"], person, polygon_pixels(np.array(points, np.float64), shape))
-    left, top, width, height = (int(fields[name]) for name in ("left", "top", "width", "height"))
-    if not (0 <= left < left + width <= shape[1] and 0 <= top < top + height <= shape[0]):
-        raise FormatError(f"a mask lies at {left}, {top}, {width}x{height} on an image of {shape}")
+        corners = [pair for pair in fields["points"].split(";") if pair.strip()]
+        if len(corners) < 3:
+            companion.remark(FEW_CORNERS)
+            return None
+        points = np.array([[float(x) for x in pair.split(",")] for pair in corners], np.float64)
+        return Mask(fields["label"], person, polygon_pixels(points, shape))
+    left, top, width, height = (round(float(fields[name])) for name in ("left", "top", "width", "height"))
+    right, bottom = min(left + width, shape[1]), min(top + height, shape[0])
+    if min(width, height) < 1 or max(width, height) > 4 * max(shape):
+        raise FormatError(f"a mask is {width}x{height} on an image of {shape[1]}x{shape[0]}; export it again")
+    box = mask_from_runs([int(n) for n in fields["rle"].split(",")], width * height).reshape(height, width)
+    if left < 0 or top < 0 or right < left + width or bottom < top + height:
+        companion.remark("masks reach outside their image; the part inside is read")
     pixels = np.zeros(shape, bool)
-    box = mask_from_runs([int(n) for n in fields["rle"].split(",")], width * height)
-    pixels[top : top + height, left : left + width] = box.reshape(height, width)
+    inside = box[max(0, -top) : max(0, bottom - top), max(0, -left) : max(0, right - left)]
+    pixels[max(0, top) : max(0, top) + inside.shape[0], max(0, left) : max(0, left) + inside.shape[1]] = (
+        inside
+    )
     return Mask(fields["label"], person, pixels)

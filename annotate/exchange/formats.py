@@ -101,6 +101,11 @@ def recognise(source: Path) -> str | None:
     return next((name for name, format_ in FORMATS.items() if format_.recognise(source)), None)
 
 
+def _by_annotations(file: Path | None) -> str | None:
+    """Return the format of an annotation file that was given by itself, whatever its name."""
+    return None if file is None else {".json": "coco", ".xml": "cvat"}[file.suffix.lower()]
+
+
 class Imported(NamedTuple):
     """A new label set, the name of its format, and remarks on omissions and assumptions."""
 
@@ -122,14 +127,15 @@ def import_labels(
     ``out`` appears when it is whole. intrinsics: the depth camera's, in JSON; None = the folder's. Raises
     FormatError, also where no frame has a body part, CalibrationError, ExistsError.
     """
-    with unpacked(source) as folder:
-        name = recognise(folder)
+    with unpacked(source) as (folder, annotations):
+        name = _by_annotations(annotations) or recognise(folder)
         if name is None:
             raise FormatError(
                 f"{source} holds labels in no known format; give a folder or archive of "
                 f"{', '.join(FORMATS)}, or name the result .mcap to import images"
             )
         companion = FORMATS[name].companion(folder, intrinsics)
+        companion.annotations = annotations
         info = {"source": source.resolve().name, "steps": {"import": {"format": name}}}
         with appearing(out, MANIFEST, source, overwrite=overwrite) as made:
             labels = LabelSet.create(made, companion.intrinsics, info)

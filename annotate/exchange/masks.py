@@ -1,5 +1,6 @@
 """A frame's label images as named masks, as tools for instances keep them, and back."""
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ PERSON = "person"
 """Name of the mask of a whole person."""
 MASK_IDS = {**{part.name: part.id for part in BODY_PARTS}, "undefined": UNDEFINED}
 """Part id by the name of a mask of the parts image; the background is what no mask covers."""
+_SEPARATORS = re.compile(r"[\s-]+")
 
 
 @dataclass(frozen=True)
@@ -37,15 +39,19 @@ def masks_of(frame: FrameLabels) -> Iterator[Mask]:
 
 
 def images_from(masks: Iterable[Mask], shape: tuple[int, int]) -> tuple[UInt8, UInt8]:
-    """Parts and persons (h, w) of masks; where masks overlap, the later one wins. Raises FormatError."""
+    """Return parts and persons (h, w) of masks; where masks overlap, the later one wins.
+
+    Letter case does not count in their names, and spaces and hyphens are underscores. Raises FormatError.
+    """
     parts, persons = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
     for mask in masks:
-        if mask.name == PERSON:
+        name = _SEPARATORS.sub("_", mask.name.strip().lower())
+        if name == PERSON:
             if not 1 <= mask.person <= 255:
                 raise FormatError(f"person number {mask.person} is impossible; use 1 to 255")
             persons[mask.pixels] = mask.person
-        elif mask.name in MASK_IDS:
-            parts[mask.pixels] = MASK_IDS[mask.name]
+        elif name in MASK_IDS:
+            parts[mask.pixels] = MASK_IDS[name]
         else:
             raise FormatError(f"label {mask.name[:40]!r} is not a body part; use {', '.join(MASK_IDS)}")
     return parts, persons

@@ -6,29 +6,49 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
+from typing import NamedTuple
 from zipfile import BadZipFile, LargeZipFile, ZipFile, is_zipfile
 
-from sensors.errors import FormatError
+from sensors.errors import CalibrationError, FormatError
 
 MAX_FILES = 2_000_000
 """Files of an archive at most: a million frames have two each. Untuned."""
 FREE_SHARE = 0.8
 """Share of the free disk that an unpacked archive takes at most. Untuned."""
+ENCRYPTED = 1
+"""Bit of an entry's flags (APPNOTE 4.4.4)."""
 OF_FOLDERS = "annotations"
 """Folder in which COCO's layout keeps its annotation files."""
 
 
+class Export(NamedTuple):
+    """An export. annotations: the file of it that was given, or None for the folder's."""
+
+    folder: Path
+    annotations: Path | None = None
+
+
 @contextmanager
-def unpacked(source: Path) -> Iterator[Path]:
-    """Yield the folder of an export, which is temporary for an archive. Raises FormatError."""
+def unpacked(source: Path) -> Iterator[Export]:
+    """Yield an export; the folder of an archive is temporary. Raises FormatError."""
     if source.is_file() and is_zipfile(source):
-        with TemporaryDirectory() as name:
-            yield _extracted(source, Path(name))
+        with TemporaryDirectory() as name, _named(source, name):
+            yield Export(_extracted(source, Path(name)))
     elif source.is_file() and source.suffix.lower() in (".json", ".xml"):
-        folder = source.resolve().parent
-        yield folder.parent if folder.name == OF_FOLDERS else folder
+        file = source.resolve()
+        folder = file.parent
+        yield Export(folder.parent if folder.name == OF_FOLDERS else folder, file)
     else:
-        yield source
+        yield Export(source)
+
+
+@contextmanager
+def _named(archive: Path, folder: str) -> Iterator[None]:
+    """Put the archive's name in place of the temporary folder's into the messages of errors."""
+    try:
+        yield
+    except (FormatError, CalibrationError) as error:
+        raise type(error)(str(error).replace(folder, str(archive))) from error
 
 
 def _extracted(archive: Path, folder: Path) -> Path:
@@ -42,9 +62,26 @@ def _extracted(archive: Path, folder: Path) -> Path:
                     f"{archive} unpacks to {len(entries)} files of {size} bytes; {gettempdir()} has "
                     f"{room} bytes free: unpack it elsewhere and give the folder"
                 )
-            # extractall keeps every entry inside the folder, and writes links as files.
-            file.extractall(folder)
+            if any(entry.flag_bits & ENCRYPTED for entry in entries):
+                raise FormatError(f"{archive} is encrypted; unpack it with its password and give the folder")
+            for entry in entries:
+                # Some programs for Windows write their own slash, against the format (APPNOTE 4.4.17).
+                entry.filename = entry.filename.replace("\\", "/")
+                # extract keeps every entry inside the folder, and writes links as files.
+                file.extract(entry, folder)
+    except OSError as error:
+        raise FormatError(
+            f"{archive} cannot be unpacked ({error.strerror}); unpack it yourself and give the folder"
+        ) from error
     except (BadZipFile, LargeZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError) as error:
         raise FormatError(f"{archive} cannot be unpacked ({error}); download it again") from error
-    inside = [path for path in folder.iterdir() if path.name != "__MACOSX"]
-    return inside[0] if len(inside) == 1 and inside[0].is_dir() and inside[0].name != OF_FOLDERS else folder
+    return _innermost(folder)
+
+
+def _innermost(folder: Path) -> Path:
+    """Return the first folder that holds more than one folder alone."""
+    while True:
+        inside = [path for path in folder.iterdir() if path.name != "__MACOSX"]
+        if len(inside) != 1 or not inside[0].is_dir() or inside[0].name == OF_FOLDERS:
+            return folder
+        folder = inside[0]

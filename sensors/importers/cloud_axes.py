@@ -38,12 +38,20 @@ FLOOR_SHARE = 0.06
 """Least share of the points on a plane under all others that counts as a floor. Untuned."""
 CLEARER = 2.5
 """Least ratio of the better floor to the second. Untuned."""
+WIDE = 1.0
+"""Tangent of half a field from which a camera at the origin needs evidence: more than most have."""
 PERSON_M = (0.8, 2.3)
 """Height of a whole person, in metres."""
-UPPER_BODY_M = 0.35
-"""Least height of a head with shoulders, in metres."""
-HEAD = 0.6
-"""Width of the end with the head over that of the other, at most. Untuned."""
+HEAD_M, SHOULDERS_M = (0.02, 0.18), (0.28, 0.43)
+"""Metres below the top of a person between which their head and their shoulders lie."""
+HEAD_WIDTHS_M, SHOULDER_WIDTHS_M = (0.12, 0.26), (0.3, 0.6)
+"""Widths of a head and of shoulders, in metres, from any side."""
+HEAD_DEPTH_M = 0.22
+"""Depth of the seen side of a head, in metres, at most: feet and raised arms have more. Untuned."""
+ASIDE_M = (0.12, 0.2)
+"""Metres by which a head is beside and in front of its shoulders, at most. Untuned."""
+NECK = 1.6
+"""Least width of shoulders over that of their head. Untuned."""
 SAMPLE = 6000
 """Points of a cloud on which decisions rest. Untuned."""
 
@@ -110,10 +118,23 @@ def _on_the_floor(turned: Float64, name: str) -> bool:
     return not on_pixels(turned)
 
 
+def credible(points_m: Float64, cone: Cone) -> bool:
+    """Return whether a camera at the origin took the points (n, 3) that ``cone`` holds.
+
+    A cone of WIDE and more holds any body above or beside the origin, as a scan centred on its own floor is:
+    then the points must lie on a camera's pixels or show the floor or the ceiling of a room.
+    """
+    turned = points_m @ camera_from(cone.name).T
+    ahead = turned[turned[:, 2] > 0]
+    if np.percentile(np.abs(ahead[:, :2]).max(axis=1) / ahead[:, 2], 99) < WIDE or on_pixels(turned):
+        return True
+    return max(floor_share(turned, -_Y), floor_share(turned, _Y)) >= FLOOR_SHARE
+
+
 def upright(points_m: Float64, name: str) -> tuple[str, bool]:
     """Return the axes ``name``, or "kinect" in place of "camera" where y points up; and whether that is sure.
 
-    The floor or a person's head shows where y points.
+    The floor or a person's head shows where y points; against a camera's axes a head alone is not sure.
     """
     if name != "camera":
         return name, True
@@ -122,11 +143,10 @@ def upright(points_m: Float64, name: str) -> tuple[str, bool]:
         if over >= FLOOR_SHARE and over > CLEARER * under:
             return "kinect", True
         return name, under > CLEARER * over
-    ends = _ends_m(points_m)
-    if ends is None:
+    above, below = _head(points_m), _head(-points_m)
+    if above == below:
         return name, False
-    above, below = ends
-    return ("kinect", True) if below < HEAD * above else (name, above < HEAD * below)
+    return ("camera", True) if above else ("kinect", False)
 
 
 def world_axes(points_m: Float64, mapped: bool) -> str | None:
@@ -141,7 +161,7 @@ def world_axes(points_m: Float64, mapped: bool) -> str | None:
 
 def _by_cone(points_m: Float64) -> str | None:
     cone = cone_of(points_m, ("ros", "y-up", "z-up"), anywhere=True)
-    return cone.name if cone is not None else None
+    return cone.name if cone is not None and credible(points_m, cone) else None
 
 
 def _by_floor_or_person(points_m: Float64) -> str | None:
@@ -158,6 +178,8 @@ def _by_floor_or_person(points_m: Float64) -> str | None:
         others = max(x, min(y, z))
         if not (PERSON_M[0] <= tall[best] <= PERSON_M[1] and tall[best] > 1.3 * others):
             return None
+        if best == "y-up" and _head(points_m) and not _head(-points_m):
+            return "camera"
     # A robot's sensor faces along x: its points have positive x.
     return "ros" if best == "z-up" and (points_m[:, 0] > 0).mean() >= INSIDE else best
 
@@ -186,17 +208,21 @@ def floor_share(points_m: Float64, up: Float64, seed: int = 0) -> float:
     return best
 
 
-def _ends_m(points_m: Float64) -> tuple[float, float] | None:
-    """Return the widths along x of a cloud's ends at small and at large y.
-
-    None where the cloud is not as tall as a person or an upper body.
-    """
-    x, y = points_m[:, 0], points_m[:, 1]
-    low, high = np.percentile(y, (1, 99))
-    if not UPPER_BODY_M <= high - low <= PERSON_M[1] or np.ptp(np.percentile(x, (2, 98))) > 1.2 * (
-        high - low
-    ):
-        return None
-    ends = [x[y < low + 0.1 * (high - low)], x[y > high - 0.1 * (high - low)]]
-    above, below = (float(np.ptp(np.percentile(end, (5, 95)))) for end in ends)
-    return above, below
+def _head(points_m: Float64) -> bool:
+    """Return whether a head on shoulders is at the end of the points (n, 3) where y is least."""
+    down = points_m[:, 1] - np.percentile(points_m[:, 1], 0.5)
+    head, shoulders = (points_m[(down >= top) & (down < end)] for top, end in (HEAD_M, SHOULDERS_M))
+    if min(len(head), len(shoulders)) < 10:
+        return False
+    (width, depth), (broad, _) = (
+        np.ptp(np.percentile(part[:, [0, 2]], (5, 95), axis=0), axis=0) for part in (head, shoulders)
+    )
+    aside = np.abs(np.median(head, axis=0) - np.median(shoulders, axis=0))
+    return bool(
+        HEAD_WIDTHS_M[0] < width < HEAD_WIDTHS_M[1]
+        and SHOULDER_WIDTHS_M[0] < broad < SHOULDER_WIDTHS_M[1]
+        and broad > NECK * width
+        and depth < HEAD_DEPTH_M
+        and aside[0] < ASIDE_M[0]
+        and aside[2] < ASIDE_M[1]
+    )

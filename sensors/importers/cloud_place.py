@@ -9,7 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import FormatError
-from sensors.importers.cloud_axes import AXES, camera_from, cone_of, on_pixels, thinned, upright, world_axes
+from sensors.importers.cloud_axes import (
+    AXES,
+    FLOOR_SHARE,
+    camera_from,
+    cone_of,
+    credible,
+    floor_share,
+    on_pixels,
+    thinned,
+    upright,
+    world_axes,
+)
 from sensors.importers.cloud_grid import GridCamera, grid_camera
 from sensors.importers.cloud_records import CloudRecords
 from sensors.importers.cloud_unit import unit_mm
@@ -28,13 +39,16 @@ SAME_FOCAL = 0.003
 at a wide image's edge."""
 MAPS = (".las", ".laz")
 """Formats of maps, whose z points up where nothing contradicts."""
+FARAWAY_M = 1000.0
+"""Metres from the origin from which coordinates are those of a map (UTM), with z up in any format."""
 
 
 @dataclass(frozen=True)
 class CloudView:
     """View of a cloud. points_m: camera frame (n, 3), in the file's order, NaN = none.
     shown: index (h, w) of each pixel's point, -1 = none. how: what was found or assumed.
-    organised: whether point n is pixel n. spacing_m: of the points' surface, 0 = a pixel each."""
+    organised: whether point n is pixel n. spacing_m: of the points' surface, 0 = a pixel each.
+    scale: metres of the file's unit."""
 
     camera: Intrinsics
     points_m: Float64
@@ -42,6 +56,7 @@ class CloudView:
     how: tuple[str, ...]
     organised: bool = False
     spacing_m: float = 0.0
+    scale: float = 1.0
 
 
 def view_of(path: Path, cloud: CloudRecords, points: Float64, options: ImportOptions) -> CloudView:
@@ -68,7 +83,7 @@ def _organised(path: Path, cloud: CloudRecords, points: Float64, options: Import
         f"intrinsics fitted to the organised cloud ({found.how}): fx {camera.fx:.2f}, fy {camera.fy:.2f}, "
         f"cx {camera.cx:.2f}, cy {camera.cy:.2f}, residual {found.residual_px:.2g} px"
     )
-    return CloudView(camera, seen * scale, shown, (how, *unit), organised=True)
+    return CloudView(camera, seen * scale, shown, (how, *unit), organised=True, scale=scale)
 
 
 def _grid(path: Path, points: Float64, viewpoint: Pose | None, mirror: bool) -> GridCamera:
@@ -107,8 +122,12 @@ def _unorganised(path: Path, cloud: CloudRecords, points: Float64, options: Impo
     # The Kinect SDK's y is found afterwards: its cone is that of "camera".
     tried = (options.axes,) if options.axes else tuple(name for name in AXES if name != "kinect")
     for sensor in _sensors(cloud, thinned(finite)):
-        cone = cone_of(thinned(finite) @ sensor.pose.rotation.T + sensor.pose.translation_m, tried)
-        if cone is not None:
+        few = thinned(finite) @ sensor.pose.rotation.T + sensor.pose.translation_m
+        cone = cone_of(few, tried)
+        if cone is None:
+            continue
+        scale, _ = _unit(path, few @ camera_from(cone.name).T, options)
+        if options.axes or credible(few * scale, cone):
             return _in_place(path, points, sensor, cone.name, options)
     return _moved(path, points, finite, options)
 
@@ -160,10 +179,14 @@ def _in_place(path: Path, points: Float64, found: _Sensor, axes: str, options: I
         f"cx {camera.cx:.2f}, cy {camera.cy:.2f}"
     ]
     if not sure:
+        other = "kinect" if axes == "camera" else "camera"
+        how.append(f"no floor shows where y points; if the image is upside down: --axes {other}")
+    if axes == "kinect" and not options.axes:
         how.append(
-            "neither floor nor head shows that y points down; if the image is upside down: --axes kinect"
+            "x is taken to point to the camera's left, as in the Kinect SDK; where it points right (Unity), "
+            "left and right are mirrored: --mirror"
         )
-    return CloudView(camera, seen, shown, (*how, *unit), spacing_m=spacing)
+    return CloudView(camera, seen, shown, (*how, *unit), spacing_m=spacing, scale=scale)
 
 
 def _camera(seen: Float64, options: ImportOptions) -> tuple[Intrinsics, float]:
@@ -180,9 +203,9 @@ def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions)
     """Return the view of a Kinect v2 in front of a cloud that no camera at its origin saw."""
     size = float(np.linalg.norm(np.ptp(np.percentile(thinned(finite), (2, 98), axis=0), axis=0)))
     scale, unit = _scale(path, size, np.zeros(0), options)
-    middle = np.rint(np.median(finite, axis=0)) if np.abs(finite).max() * scale > 1000 else np.zeros(3)
+    middle = np.rint(np.median(finite, axis=0)) if np.abs(finite).max() * scale > FARAWAY_M else np.zeros(3)
     some = (thinned(finite) - middle) * scale
-    mapped = path.suffix.lower() in MAPS
+    mapped = path.suffix.lower() in MAPS or bool(middle.any())
     axes = options.axes or world_axes(some, mapped)
     if axes is None:
         raise FormatError(
@@ -195,10 +218,14 @@ def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions)
     seen = turned + shift
     spacing = spacing_m(seen[np.isfinite(seen[:, 0])])
     shown = project_cloud(seen, KINECT_V2, spacing)
-    how = "cloud with {} axes seen through Kinect v2 intrinsics, moved by ({:.2f}, {:.2f}, {:.2f}) m".format(
-        axes, *shift
-    )
-    return CloudView(KINECT_V2, seen, shown, (how, *unit), spacing_m=spacing)
+    how = [
+        "cloud with {} axes seen through Kinect v2 intrinsics, moved by ({:.2f}, {:.2f}, {:.2f}) m".format(
+            axes, *shift
+        )
+    ]
+    if axes == "y-up" and not options.axes and floor_share(some, AXES[axes][1]) < FLOOR_SHARE:
+        how.append("no floor shows where y points; if the image is upside down: --axes camera")
+    return CloudView(KINECT_V2, seen, shown, (*how, *unit), spacing_m=spacing, scale=scale)
 
 
 def _apart(points_m: Float64) -> NDArray[np.bool_]:

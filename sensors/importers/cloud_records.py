@@ -42,6 +42,22 @@ class CloudRecords:
         with np.errstate(invalid="ignore"):  # signalling NaNs
             return np.stack([self.records[axis].astype(np.float64) for axis in "xyz"], axis=-1)
 
+    @property
+    def splats(self) -> bool:
+        """Whether the points are the centres of Gaussians (Kerbl 2023), by the names of their fields."""
+        return {"scale_0", "rot_0", "opacity"} <= set(self.records.dtype.names or ())
+
+    def step(self) -> float:
+        """Return the largest step between coordinates, in the file's unit; 0 for whole numbers."""
+        step = 0.0
+        for axis in "xyz":
+            values = self.records[axis]
+            if values.dtype.kind == "f":
+                there = np.abs(values[np.isfinite(values)])
+                # The median: stray points may be anywhere.
+                step = max(step, float(np.spacing(np.median(there)))) if len(there) else step
+        return step
+
     def colors(self) -> NDArray[np.uint8] | None:
         """Return RGB (n, 3), or None where no field holds colours, or all of them are black.
 
@@ -49,15 +65,15 @@ class CloudRecords:
         (PCL, ``PointXYZRGB``). Separate channels of floats are 0 to 1; those of 16 bits are 8 bits where no
         value is larger (the LAS format's own advice is 16).
         """
-        names = self.records.dtype.names or ()
+        names = {name.lower(): name for name in reversed(self.records.dtype.names or ())}
         packed = next((name for name in ("rgb", "rgba") if name in names), None)
         if packed is not None:
-            rgb = _unpacked(self.records[packed])
+            rgb = _unpacked(self.records[names[packed]])
         else:
             found = [next((n for n in channel if n in names), None) for channel in (_RED, _GREEN, _BLUE)]
             if None in found:
                 return None
-            rgb = _eight_bits(np.stack([self.records[name] for name in found], axis=-1))
+            rgb = _eight_bits(np.stack([self.records[names[name]] for name in found if name], axis=-1))
         return rgb if rgb is not None and rgb.any() else None
 
 

@@ -29,6 +29,8 @@ READERS = {".pcd": read_pcd, ".ply": read_ply, ".las": read_las, ".laz": read_la
 """Readers of cloud files by suffix."""
 STRAY = 1e6
 """Units from the middle of a cloud from which on a point is dropped: a kilometre in millimetres. Untuned."""
+COARSE_M = 0.005
+"""Step of coordinates, in metres, above which a surface has stairs as high as a sensor's noise. Untuned."""
 
 
 class CloudFile(FrameSource):
@@ -62,6 +64,8 @@ class CloudFile(FrameSource):
         faces = self.cloud.faces
         self.notes = (
             *self._view.how,
+            *self._coarse(),
+            *(["Gaussian splats: only their centres are read, without colours"] if self.cloud.splats else ()),
             *([f"a mesh: of its {faces} faces only the corners are read"] if faces else ()),
             "no colour images" if colors is None else "colours of the cloud's points",
             "no thermal images",
@@ -77,6 +81,16 @@ class CloudFile(FrameSource):
 
     def _frame(self, index: int) -> RigFrame:
         return RigFrame(index, int(self.times_ns[index]), self._depth_mm, self._color)
+
+    def _coarse(self) -> tuple[str, ...]:
+        """Return a note where the numbers of the file are too coarse for a surface."""
+        step_m = self.cloud.step() * self._view.scale
+        if step_m <= COARSE_M:
+            return ()
+        return (
+            f"doubtful: this far from the origin its 32-bit coordinates are {step_m:.2g} m apart; "
+            "export the cloud with doubles, or without its offset",
+        )
 
     def _check_depth(self) -> None:
         """Raise FormatError where the points lie beyond what a depth image holds."""
