@@ -705,7 +705,7 @@ def test_what_a_head_turned_is_said_and_can_be_taken_back(tmp_path):
 def test_a_lying_person_above_the_origin_is_seen_by_no_camera_there(tmp_path, axes):
     """A body on its own floor: its axes stay open, or are right where they are declared."""
     lying = person(3)
-    level = (lying - np.median(lying, axis=0)) @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) - [0, 0.65, 0]
+    level = (lying - np.median(lying, axis=0)) @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) - [0, 0.8, 0]
     path = write(tmp_path / "x.ply", ply(level @ CLOUD_FROM_CAMERA[axes].T))
     assert_refused(path, r"give --axes: camera, y-up", FormatError)
     assert CloudFile(path, ImportOptions(axes=axes)).frame(0).depth_mm.any()
