@@ -17,7 +17,12 @@ from sensors.session.paths import recording_at
 from sensors.session.reader import Session
 
 SCRIPT = """
-import os, sys, threading, time
+import os, signal, sys, threading, time
+
+# As in a terminal: nohup and a shell's background ignore them.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
 import numpy as np
 import cli.live_view, cli.main, cli.rig_devices
 from annotate.live.live_frame import Labelling
