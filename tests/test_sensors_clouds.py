@@ -139,7 +139,7 @@ def test_a_mirrored_grid_is_refused(tmp_path, turn):
     points = camera_points(room())[:, ::-1].reshape(-1, 3) @ turn.T
     content = pcd(points, *room().shape[::-1])
     path = write(tmp_path / "x.pcd", content)
-    assert_refused(path, "mirror image of its coordinates; give --mirror", FormatError)
+    assert_refused(path, "mirror image of its coordinates; import it with --mirror", FormatError)
     source = CloudFile(path, ImportOptions(mirror=True))
     # As in the grid: who opens it mirrors image and camera back.
     assert np.abs(source.frame(0).depth_mm[:, ::-1].astype(int) - room()).max() <= 1
@@ -220,20 +220,20 @@ def test_what_shows_no_up_is_said(tmp_path):
     u, v = np.meshgrid(np.arange(60), np.arange(50))
     wall = np.stack([(u - 30) * 0.013, (v - 25) * 0.017, 2.0 + 0.002 * u], axis=-1).reshape(-1, 3)
     source = open_source(write(tmp_path / "x.ply", ply(wall)))
-    assert any("if the image is upside down: --axes kinect" in note for note in source.notes)
+    assert any("if the image is upside down: import it with --axes kinect" in note for note in source.notes)
 
 
 def test_what_stays_open_is_asked_for(tmp_path):
     rng = np.random.default_rng(0)
     blob = write(tmp_path / "blob.ply", ply(rng.normal(0, 0.5, (4000, 3))))
-    assert_refused(blob, r"give --axes: camera, y-up, ros, z-up, kinect", FormatError)
+    assert_refused(blob, r"import it with --axes: camera, y-up, ros, z-up, kinect", FormatError)
     assert "y-up axes" in CloudFile(blob, ImportOptions(axes="y-up")).notes[0]
     noise = np.array([0, 0, 150.0]) + rng.normal(0, 20, (4000, 3))
     cloud = write(tmp_path / "hand.ply", ply(noise))
-    assert_refused(cloud, r"1\.5 m as centimetres.*give --depth-unit", FormatError)
+    assert_refused(cloud, r"1\.5 m as centimetres.*import it with --depth-unit", FormatError)
     assert CloudFile(cloud, ImportOptions(depth_unit_mm=10)).frame(0).depth_mm.any()
     far = write(tmp_path / "far.ply", ply(finite(camera_points(room())) * 1000))
-    with pytest.raises(FormatError, match=r"no point is within the 65\.534 m .* give --depth-unit"):
+    with pytest.raises(FormatError, match=r"no point is within the 65\.534 m .* import it with --depth-unit"):
         CloudFile(far, ImportOptions(depth_unit_mm=1000))
     with pytest.raises(FormatError, match="axes 'up' are unknown; use camera"):
         CloudFile(blob, ImportOptions(axes="up"))
@@ -694,9 +694,10 @@ def test_a_person_alone_is_not_turned_upside_down(tmp_path, seed, gone):
 def test_what_a_head_turned_is_said_and_can_be_taken_back(tmp_path):
     path = write(tmp_path / "x.ply", ply(person(0) @ CLOUD_FROM_CAMERA["kinect"].T))
     notes = open_source(path).notes
-    assert any("upside down: --axes camera" in note for note in notes)
+    assert any("upside down: import it with --axes camera" in note for note in notes)
     assert any(
-        "where it points right (Unity), left and right are mirrored: --mirror" in note for note in notes
+        "where it points right (Unity), left and right are mirrored: import it with --mirror" in note
+        for note in notes
     )
     assert "camera axes" in CloudFile(path, ImportOptions(axes="camera")).notes[0]
 
@@ -707,7 +708,7 @@ def test_a_lying_person_above_the_origin_is_seen_by_no_camera_there(tmp_path, ax
     lying = person(3)
     level = (lying - np.median(lying, axis=0)) @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) - [0, 0.8, 0]
     path = write(tmp_path / "x.ply", ply(level @ CLOUD_FROM_CAMERA[axes].T))
-    assert_refused(path, r"give --axes: camera, y-up", FormatError)
+    assert_refused(path, r"import it with --axes: camera, y-up", FormatError)
     assert CloudFile(path, ImportOptions(axes=axes)).frame(0).depth_mm.any()
 
 

@@ -152,6 +152,7 @@ def _no_camera(path: object, width: int, height: int, why: str) -> FormatError:
 
 def _mirrored(path: object) -> FormatError:
     return FormatError(
-        f"{path}: the grid of the cloud is the mirror image of its coordinates; give --mirror where the image"
+        f"{path}: the grid of the cloud is the mirror image of its coordinates; "
+        "import it with --mirror where the image"
         " is mirrored, as the Kinect SDK's, or negate y where the coordinates are left-handed, as Unity's"
     )

@@ -180,11 +180,13 @@ def _in_place(path: Path, points: Float64, found: _Sensor, axes: str, options: I
     ]
     if not sure:
         other = "kinect" if axes == "camera" else "camera"
-        how.append(f"no floor shows where y points; if the image is upside down: --axes {other}")
+        how.append(
+            f"no floor shows where y points; if the image is upside down: import it with --axes {other}"
+        )
     if axes == "kinect" and not options.axes:
         how.append(
             "x is taken to point to the camera's left, as in the Kinect SDK; where it points right (Unity), "
-            "left and right are mirrored: --mirror"
+            "left and right are mirrored: import it with --mirror"
         )
     return CloudView(camera, seen, shown, (*how, *unit), spacing_m=spacing, scale=scale)
 
@@ -210,7 +212,7 @@ def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions)
     if axes is None:
         raise FormatError(
             f"{path}: no camera at the cloud's origin sees it all, and neither a floor nor somebody upright "
-            f"shows which way is up; give --axes: {', '.join(AXES)}"
+            f"shows which way is up; import it with --axes: {', '.join(AXES)}"
         )
     turned = ((points - middle) * scale) @ camera_from(axes).T
     turned[_apart(turned)] = np.nan
@@ -224,7 +226,7 @@ def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions)
         )
     ]
     if axes == "y-up" and not options.axes and floor_share(some, AXES[axes][1]) < FLOOR_SHARE:
-        how.append("no floor shows where y points; if the image is upside down: --axes camera")
+        how.append("no floor shows where y points; if the image is upside down: import it with --axes camera")
     return CloudView(KINECT_V2, seen, shown, (*how, *unit), spacing_m=spacing, scale=scale)
 
 

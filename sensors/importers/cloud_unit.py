@@ -35,11 +35,13 @@ def unit_mm(path: object, distance: float, along_m: NDArray[np.float64]) -> floa
         guesses = ", ".join(f"{distance * unit / 1000:.2g} m as {name}" for name, unit in STEPS_MM.items())
         raise FormatError(
             f"{path}: half of the points are more than {distance:.4g} units away, whose length is unknown "
-            f"({guesses}); give --depth-unit: 10 for centimetres, 25.4 for inches, 1 for millimetres"
+            f"({guesses}); "
+            "import it with --depth-unit: 10 for centimetres, 25.4 for inches, 1 for millimetres"
         )
     raise FormatError(
         f"{path}: half of the points are {'more' if distance > 1 else 'less'} than {distance:.4g} units "
-        "away, which is no scene with people in metres or millimetres; give --depth-unit, in millimetres"
+        "away, which is no scene with people in metres or millimetres; "
+        "import it with --depth-unit, in millimetres"
     )
 
 

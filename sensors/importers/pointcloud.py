@@ -99,7 +99,7 @@ class CloudFile(FrameSource):
         nearest = float(np.nanmin(np.abs(self._view.points_m[:, 2])))
         raise FormatError(
             f"{self.path}: no point is within the {FARTHEST_MM / 1000:g} m of a depth image (the nearest is "
-            f"{nearest:.4g} m away); give --depth-unit, the millimetres of a unit"
+            f"{nearest:.4g} m away); import it with --depth-unit, the millimetres of a unit"
         )
 
     @cached_property
