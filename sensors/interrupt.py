@@ -75,11 +75,15 @@ def _handled(handler: Callable[[int, FrameType | None], object]) -> Iterator[Non
 def interruptible() -> Iterator[None]:
     """Raise KeyboardInterrupt where an interrupt within Numba's dispatcher came out as SystemError.
 
-    The dispatcher returns in spite of the interrupt, which Python then reports as the dispatcher's mistake.
+    The dispatcher returns in spite of the interrupt, which Python reports as the dispatcher's mistake. So
+    does the code that the dispatcher calls: each mistake is the cause of the next.
     """
     try:
         yield
     except SystemError as error:
-        if isinstance(error.__cause__, KeyboardInterrupt):
+        cause: BaseException | None = error
+        while isinstance(cause, SystemError):
+            cause = cause.__cause__
+        if isinstance(cause, KeyboardInterrupt):
             raise KeyboardInterrupt from error
         raise

@@ -147,17 +147,24 @@ def test_corrections_are_never_overwritten(annotate_cloud, tmp_path, rig_session
     assert tree(labels) == before
 
 
-@pytest.mark.parametrize("in_numba", [False, True])
+@pytest.mark.parametrize("in_compiled", [0, 1, 2], ids="in {0} compiled functions".format)
 def test_an_interrupted_simulation_leaves_nothing(
-    annotate_cloud, tmp_path, shot_before, monkeypatch, in_numba
+    annotate_cloud, tmp_path, shot_before, monkeypatch, in_compiled
 ):
+    """What compiled code calls is interrupted, as where Numba unpickles a function: a mistake of each."""
     truths = synth.rig.simulate.truth_labels
 
-    def interrupted(frame, *truth):
-        if frame.index == 1 and in_numba:
-            raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
-        if frame.index == 1:
+    def raised(depth: int) -> None:
+        if not depth:
             raise KeyboardInterrupt
+        try:
+            raised(depth - 1)
+        except BaseException as error:
+            raise SystemError("returned a result with an exception set") from error
+
+    def interrupted(frame, *truth):
+        if frame.index == 1:
+            raised(in_compiled)
         return truths(frame, *truth)
 
     monkeypatch.setattr(synth.rig.simulate, "truth_labels", interrupted)

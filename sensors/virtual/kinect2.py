@@ -36,11 +36,9 @@ class VirtualKinect2:
     ) -> None:
         scene.color(0)
         self._scene, self._serials = scene, serials
-        # The scene repeats: a camera's images cost its host nothing to mirror.
-        self._mirrored = lru_cache(LONGEST)(mirrored_jpeg)
         self.schedule = Schedule(RATE_HZ, faults, QUEUE)
         self._open = False
-        # Each image of the loop is mirrored once.
+        # The scene repeats: each image of the loop is mirrored once.
         self._mirrored = lru_cache(LONGEST)(mirrored_jpeg)
         self._ready = deque[tuple[int, int]]()
         self.shim = Shim(**{name: make(getattr(self, f"_{name}")) for name, make in PROTOTYPES.items()})
