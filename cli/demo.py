@@ -21,7 +21,7 @@ def demo(
     json: Json = False,
 ) -> None:
     """Run all steps on the virtual rig, from recording to report."""
-    check_free(out, overwrite)
+    check_free(out, overwrite, folder=True)
     with needing("synth", "report"):
         from cli.recipe import whole_path
 

@@ -11,6 +11,7 @@ from cli.console import Json, Overwrite, finish, progress, say
 from sensors.files.atomic import check_free
 from sensors.importers.open_source import KINDS, judged_notes, open_source, opener_at
 from sensors.importers.options import ImportOptions
+from synth.choices import check_choice
 
 if TYPE_CHECKING:
     from annotate.labelset.store import LabelSet
@@ -87,9 +88,10 @@ def export(
     json: Json = False,
 ) -> None:
     """Write a label set in another tool's format; import reads it back, except foxglove."""
-    from annotate.exchange.formats import export_labels
+    from annotate.exchange.formats import FORMATS, export_labels
     from annotate.labelset.store import LabelSet
 
+    check_choice("format", format_, (*FORMATS, FOXGLOVE))
     label_set = LabelSet.open(labels)
     if format_ == FOXGLOVE:
         _export_foxglove(label_set, session, out, overwrite, json)

@@ -10,6 +10,7 @@ from typer import Argument
 
 from annotate.labelset import manifests
 from cli.console import Json, cell, facts, finish, table
+from cli.event_lines import event_lines
 from cli.info_folder import folder_info, folder_problems, recordings_in
 from cli.info_labels import labels_info
 from sensors.errors import CloudError
@@ -37,7 +38,7 @@ def info(
     json: Json = False,
 ) -> None:
     """Show what a path holds; for a label set, also who corrected what."""
-    if (path / manifests.LABELSET).is_file():
+    if (path / manifests.LABELSET).is_file() or manifests.label_sets_in(path):
         from annotate.labelset.store import LabelSet
 
         result, text = labels_info(LabelSet.open(path))
@@ -99,7 +100,7 @@ def _recording(session: "Session") -> dict[str, Any]:
     found: dict[str, Any] = {
         "duration": cell((depth.count - 1) / depth.rate_hz if depth.rate_hz else 0.0, "s"),
         "recording": cut if session.truncated else "complete",
-        "events": Counter(text for _, text in session.events),
+        "events": "; ".join(event_lines(Counter(text for _, text in session.events))) or "-",
     }
     return found | ({"pyrometer": cell(float(np.median(known_c)), "C, median")} if len(known_c) else {})
 

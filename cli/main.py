@@ -73,7 +73,8 @@ for heading, verbs in VERBS.items():
     for verb in verbs:
         app.command(verb.__name__.strip("_").replace("_", "-"), rich_help_panel=heading)(verb)
 
-INTERRUPTED = "interrupted; run the same command again, without --overwrite, to continue"
+CONTINUED = ("label", "predict", "train", "learn", "synth generate")
+"""Verbs that continue an interrupted run when the same command is given again."""
 
 
 def main() -> None:
@@ -86,11 +87,11 @@ def main() -> None:
     except CloudError as error:
         _fail(str(error))
     except KeyboardInterrupt:
-        _fail(INTERRUPTED, 130)
+        _fail(_interrupted(sys.argv[1:]), 130)
     except SystemExit as end:
         # Typer turns Ctrl-C into an exit without a message.
         if end.code == 130:
-            _fail(INTERRUPTED, 130)
+            _fail(_interrupted(sys.argv[1:]), 130)
         raise
     except BrokenPipeError:
         # Whatever read the output has ended: there is nowhere to print to.
@@ -104,6 +105,14 @@ def main() -> None:
             errno.EROFS: "choose a folder that can be written to",
         }.get(error.errno or 0, "check the path")
         _fail(f"{error.strerror or error}{where}; {remedy}")
+
+
+def _interrupted(words: list[str]) -> str:
+    """Return what an interrupted command prints: whether the same command, its ``words``, continues it."""
+    if " ".join(words[:1]) in CONTINUED or " ".join(words[:2]) in CONTINUED:
+        kept = ", without --overwrite," if "--overwrite" in words else ""
+        return f"interrupted; run the same command again{kept} to continue"
+    return "interrupted; the same command begins anew"
 
 
 def _fail(message: str, code: int = 1) -> None:

@@ -14,6 +14,7 @@ from rich.table import Table
 from typer import Argument, Option
 
 from cli.console import LINE_SECONDS, Json, Overwrite, cell, finish, say, table
+from cli.event_lines import event_lines
 from cli.extras import check_window
 from sensors.files.atomic import check_free
 from sensors.interrupt import Ending, ended_by_signals, interrupted_by_signals
@@ -46,6 +47,8 @@ def record(
     """Record depth, colour and temperature from devices, real or virtual, into a session."""
     if preview and infrared:
         raise typer.BadParameter("--preview records people, not the hole plate; leave --infrared out")
+    if suit is not None and not preview:
+        raise typer.BadParameter("needs --preview; a recording has no palette", param_hint="--suit")
     from cli.rig_devices import asked_rig, open_rig
 
     asked_rig(rig, device)
@@ -187,8 +190,8 @@ def _report(running: "LiveRig", why: str, json: bool) -> None:
     events, seconds = (dict(take.events), take.seconds) if take else ({}, 0.0)
     frames = take.frames if take else 0
     where = f" in {take.path}" if take and take.path.exists() else ""
-    for text, times in events.items():
-        say(f"{text}" + (f" ({times} times)" if times > 1 else ""))
+    for line in event_lines(events):
+        say(line)
     result = {
         "frames": frames,
         "dropped": health.dropped,

@@ -277,7 +277,7 @@ def test_a_set_that_cannot_be_opened_is_not_claimed(folder):
         Correction.open(folder)
     assert validate(LabelSet.open(folder)) == [str(refusal.value)]
     assert not (folder / "claim.json").exists()
-    with pytest.raises(FormatError, match="not a label set"):
+    with pytest.raises(FormatError, match="is a folder with a label set"):
         Correction.open(folder.parent)
 
 

@@ -379,7 +379,7 @@ def test_validate_finds_every_planted_fault(label_set):
 def test_an_empty_set_is_a_problem_and_none_is_an_error(tmp_path):
     assert "no frames" in validate(LabelSet.create(tmp_path / "set", CAMERA, {}))[0]
     with pytest.raises(FormatError, match=MANIFEST):
-        LabelSet.open(tmp_path)
+        LabelSet.open(tmp_path / "set" / "frames")
 
 
 BLIND = {

@@ -65,7 +65,7 @@ def test_bad_input_gives_one_line(annotate_cloud, folder, tmp_path):
     for command, says in (
         (("evaluate", folder / "other", folder / "truth"), "frame 000000 has another depth image"),
         (("evaluate", folder / "good", tmp_path / "empty"), "is not a label set"),
-        (("evaluate", folder / "good", tmp_path / "nowhere"), "is not a label set"),
+        (("evaluate", folder / "good", tmp_path / "nowhere"), "nowhere does not exist; check its name"),
         (("compare", tmp_path / "null.json", tmp_path / "null.json"), "null.json cannot be read"),
         (("compare", tmp_path / "absent.json", tmp_path / "null.json"), "absent.json cannot be read"),
         (("compare", folder, tmp_path / "null.json"), "cannot be read"),

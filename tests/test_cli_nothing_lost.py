@@ -101,7 +101,7 @@ def test_bad_data_leaves_the_training_that_it_was_to_replace(annotate_cloud, tmp
     (tmp_path / "t" / "plan.json").write_text("{}")
     before = tree(tmp_path)
     done = annotate_cloud("train", tmp_path / "typo", "--out", tmp_path / "t", "--overwrite")
-    assert_refused(done, "typo", "not a label set")
+    assert_refused(done, "typo", "does not exist; check its name")
     assert tree(tmp_path) == before
 
 

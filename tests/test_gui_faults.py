@@ -53,7 +53,7 @@ def paint(driver: Driver) -> int:
 
 
 def test_a_wrong_folder_and_a_missing_screen_are_one_line(annotate_cloud, folder, tmp_path, monkeypatch):
-    assert_refused(annotate_cloud("fix", tmp_path), "not a label set", "labelset.json")
+    assert_refused(annotate_cloud("fix", folder / "frames"), "not a label set", "labelset.json")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     before = tree(folder)

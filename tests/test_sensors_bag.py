@@ -36,8 +36,10 @@ from tests.helpers.bags import (
     STORAGES,
     H,
     W,
+    camera_info,
     color_image,
     depth_image,
+    image,
     realsense,
     transform,
     write_bag,
@@ -338,3 +340,13 @@ def test_messages_of_the_wrong_kind_are_refused():
     assert stamp_and_frame(message) == (0, "")
     with pytest.raises(CalibrationError, match="no rotation"):
         list(links_from(FrameTransforms(transforms=[{"child_frame_id": "x"}])))
+
+
+def test_one_camera_info_of_depth_and_colour_is_named_once(tmp_path):
+    messages = [
+        ("/camera/depth/camera_info", camera_info(CAMERA, "d"), 1),
+        (DEPTH, image(depth_image(0), "16UC1", SECOND, "d"), 2),
+        ("/camera/aligned/image_raw", image(np.zeros((H, W, 3), np.uint8), "rgb8", SECOND, "d"), 3),
+    ]
+    notes = open_source(write_bag(tmp_path / "bag", STORAGES[0], messages)).notes
+    assert "intrinsics from /camera/depth/camera_info" in notes, notes

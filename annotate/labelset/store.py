@@ -76,7 +76,7 @@ class LabelSet:
     def open(cls, path: Path) -> Self:
         """Open an existing label set. Raises FormatError when it is none, or is corrupt."""
         if not (path / MANIFEST).is_file():
-            raise FormatError(f"{path} is not a label set (it has no {MANIFEST}); give one that label wrote")
+            raise FormatError(_no_label_set(path))
         for name in (FRAMES, ORIGINAL, LEARNT):
             if (path / name).is_symlink():
                 raise FormatError(
@@ -333,3 +333,14 @@ def _load(path: Path) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise FormatError(f"{path} holds no JSON object; restore it from a copy")
     return value
+
+
+def _no_label_set(path: Path) -> str:
+    """Return why a path is no label set, with the remedy."""
+    if not path.exists():
+        return f"{path} does not exist; check its name"
+    if inside := manifests.label_sets_in(path):
+        names = ", ".join(one.name for one in inside[:3]) + (", ..." if len(inside) > 3 else "")
+        several = "a label set" if len(inside) == 1 else f"{len(inside)} label sets"
+        return f"{path} is a folder with {several} ({names}); give one, e.g. {inside[0]}"
+    return f"{path} is not a label set (it has no {MANIFEST}); give one that label wrote"

@@ -12,10 +12,15 @@ from sensors.errors import ExistsError, FormatError
 _TOKEN = os.urandom(4).hex()
 
 
-def check_free(path: Path, overwrite: bool) -> None:
-    """Raise ExistsError when something is there and may not be replaced: before long work, not after it."""
+def check_free(path: Path, overwrite: bool, *, folder: bool = False) -> None:
+    """Raise ExistsError when something is there and may not be replaced: before long work, not after it.
+
+    folder: the result is a folder. A file never replaces a folder.
+    """
     if path.exists() and not overwrite:
         raise ExistsError(f"{path} already exists; choose another name or pass --overwrite")
+    if path.is_dir() and not folder:
+        raise ExistsError(f"{path} is a folder; give the name of a file")
 
 
 def is_taken(folder: Path) -> bool:

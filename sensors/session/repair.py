@@ -21,6 +21,7 @@ from sensors.session.lock import RecordingError, check_ended
 from sensors.session.mcap_records import parsed, spans
 from sensors.session.messages import DEPTH, EVENTS, METADATA, event_from, event_message
 from sensors.session.paths import final_of, recording_at, repaired_of
+from sensors.session.recognise import check_no_sessions
 from sensors.session.salvage import Piece, pieces
 from sensors.session.stored_index import NAME, StoredIndex, read_index
 from sensors.session.summary import read_summary
@@ -58,6 +59,9 @@ def repair(path: Path, out: Path | None = None, *, overwrite: bool = False) -> R
     result's name and ``overwrite`` is False, RecordingError while the recording runs.
     """
     source = recording_at(path)
+    if source.is_dir():
+        check_no_sessions(source)
+        raise FormatError(f"{path} is a folder; give a recorded session")
     if not source.is_file():
         raise FormatError(f"{path} does not exist; give a recorded session")
     target = out or (repaired_of(source) if source == final_of(source) else final_of(source))

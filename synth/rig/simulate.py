@@ -24,8 +24,8 @@ def simulate(rig: VirtualRig, out: Path, progress: Callable[[int], None], *, ove
     Raises ExistsError when one of them exists and ``overwrite`` is False.
     """
     truth_folder = truth_path(out)
-    for path in (suit_path(out), truth_folder):
-        check_free(path, overwrite)
+    check_free(suit_path(out), overwrite)
+    check_free(truth_folder, overwrite, folder=True)
     metadata = {
         "difficulty": rig.difficulty.name,
         "seed": str(rig.seed),

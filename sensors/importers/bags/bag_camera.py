@@ -66,7 +66,8 @@ class BagCameras:
         except CalibrationError as error:
             note = f"colour images cannot be fused: {error}"
             return Found(RigCalibration(lens), (f"depth intrinsics from {origin}", note), unit_mm)
-        notes = (f"intrinsics from {origin} and {color_origin}", how)
+        origins = " and ".join(dict.fromkeys((origin, color_origin)))
+        notes = (f"intrinsics from {origins}", how)
         return Found(RigCalibration(lens, color_lens, pose), notes, unit_mm)
 
     def _lens(self, stream: Stream, otherwise: str = "") -> tuple[Intrinsics, str]:
