@@ -1,6 +1,7 @@
 """Verbs that read recordings and labels of other tools, and write labels for them: import, export."""
 
 from collections import Counter
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -8,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, BadParameter, Option
 
 from cli.console import Json, Overwrite, finish, progress, say
+from sensors.errors import FormatError
 from sensors.files.atomic import check_free
 from sensors.importers.open_source import KINDS, judged_notes, open_source, opener_at
 from sensors.importers.options import ImportOptions
@@ -151,7 +153,7 @@ def _import_images(source: Path, out: Path, options: ImportOptions, overwrite: b
     from sensors.session.writer import SessionWriter
 
     frames = open_source(source, options)
-    notes, streams = judged_notes(frames), Counter[str]()
+    notes, streams, faults = judged_notes(frames), Counter[str](), Counter[str]()
     with (
         SessionWriter(
             out,
@@ -163,14 +165,29 @@ def _import_images(source: Path, out: Path, options: ImportOptions, overwrite: b
         ) as writer,
         progress("import", len(frames)) as advance,
     ):
-        for frame in frames:
+        for frame in map(partial(_without_broken_color, faults), frames):
             writer.write(frame)
             streams.update(_streams_of(frame))
             advance(1)
+    notes = (*notes, *(f"colour of {count} frames is {fault}: left out" for fault, count in faults.items()))
     for note in (*notes, _camera_note(frames)):
         say(note)
     result = {"frames": streams["depth"], "streams": dict(streams), "notes": list(notes)}
     finish(result, json, f"{streams['depth']} frames with {', '.join(sorted(streams))} in {out}")
+
+
+def _without_broken_color(faults: Counter[str], frame: "RigFrame") -> "RigFrame":
+    """Return a frame without its colour image where that is broken, and count the fault."""
+    from sensors.files.encoded_image import size_of_encoded
+
+    if frame.color_encoded is None:
+        return frame
+    try:
+        size_of_encoded(frame.color_encoded)
+    except FormatError as error:
+        faults["no image" if str(error) == "none" else str(error)] += 1
+        return replace(frame, color_encoded=None)
+    return frame
 
 
 def _camera_note(frames: "FrameSource") -> str:

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
@@ -143,3 +144,25 @@ def test_whatever_is_imported_can_be_recorded(folder, tmp_path):
     for a, b in zip(source, session, strict=True):
         assert (a.index, a.stamp_ns) == (b.index, b.stamp_ns)
         np.testing.assert_array_equal(a.depth_mm, b.depth_mm)
+
+
+def test_a_cut_or_garbled_colour_image_is_left_out_and_counted(annotate_cloud, tmp_path):
+    folder = tmp_path / "theirs"
+    for name in ("depth", "color"):
+        (folder / name).mkdir(parents=True)
+    image = np.full((48, 64, 3), 90, np.uint8)
+    for i, suffix in enumerate((".jpg", ".jpg", ".png", ".jpg")):
+        cv2.imwrite(str(folder / "depth" / f"{i}.png"), np.full((48, 64), 2000, np.uint16))
+        cv2.imwrite(str(folder / "color" / f"{i}{suffix}"), image)
+    camera = {"fx": 60, "fy": 60, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48}
+    (folder / "intrinsics.json").write_text(json.dumps(camera))
+    for cut in ("1.jpg", "2.png"):
+        file = folder / "color" / cut
+        file.write_bytes(file.read_bytes()[:-40])
+    (folder / "color" / "3.jpg").write_bytes(b"no image")
+    done = annotate_cloud("import", folder, tmp_path / "x.mcap")
+    assert done.code == 0, done.err
+    assert "colour of 2 frames is cut off: left out" in done.err
+    assert "colour of 1 frames is no image: left out" in done.err
+    session = Session(tmp_path / "x.mcap")
+    assert [session.frame(i).color_encoded is not None for i in range(4)] == [True, False, False, False]

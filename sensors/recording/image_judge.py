@@ -1,22 +1,18 @@
 """Judge of single images while devices are read: a garbled one is left out, a wrong mode ends the rig."""
 
-import io
 from collections import Counter
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.device.protocol import ColorImage, DepthImage, Spot, ThermalCounts, ThermalImage, Value
-from sensors.errors import CalibrationError
+from sensors.errors import CalibrationError, FormatError
+from sensors.files.encoded_image import size_of_encoded
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 
 SETUP_IMAGES = 10
 """First images of a stream that must all be bad for its camera to count as set up wrongly (untuned)."""
-JPEG, JPEG_END = b"\xff\xd8", b"\xff\xd9"
-"""First and last marker of a JPEG (ITU-T T.81, table B.1)."""
-PADDING_BYTES = 4096
-"""Bytes after a JPEG's last marker that some cameras pad their images with (untuned)."""
 NAMES = {"depth": "depth", "color": "colour", "thermal": "thermal", "pyrometer": "pyrometer"}
 """Names of streams in messages."""
 
@@ -71,17 +67,11 @@ def _misshapen(image: NDArray[np.generic], dtype: np.dtype[np.generic], camera: 
 
 
 def _garbled(encoded: bytes, camera: Intrinsics | None) -> str:
-    """Fault of a camera's own JPEG or PNG bytes by its header and its end: nothing is decoded."""
-    from PIL import Image
-
+    """Fault of a camera's own JPEG or PNG bytes by their header and end."""
     try:
-        with Image.open(io.BytesIO(encoded), formats=("JPEG", "PNG")) as header:
-            width, height = header.size
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
-        return "none"
-    if encoded.startswith(JPEG) and encoded.rfind(JPEG_END, max(0, len(encoded) - PADDING_BYTES)) < 0:
-        return "cut off"
-    return _of_size(width, height, camera)
+        return _of_size(*size_of_encoded(encoded), camera)
+    except FormatError as error:
+        return str(error)
 
 
 def _of_size(width: int, height: int, camera: Intrinsics | None) -> str:
