@@ -32,10 +32,9 @@ SATURATED = 65535
 """Largest word of 16 bits: saturated, or how OAK cameras and others write that there is no reading."""
 CODES = tuple(2**bits - 1 for bits in (11, 12, 13, 14, 15))
 """Largest words of sensors of 11 to 15 bits (2047: Kinect v1). They are no reading where they stand apart."""
-ROUND = (65534, *range(4000, 65000, 1000))
-"""Values that programs write beyond the range instead of 0: ten metres, for instance. Few rooms end there."""
 ROUND_M, WORDS = 4.0, (65535, 65534)
-"""Metres from which whole ones are such values in floats, and words that become them when divided by 1000."""
+"""Metres from which whole ones may be what programs write beyond the range instead of 0 (few rooms end there);
+and words that programs write so, in floats divided by 1000."""
 BEYOND = 1e9
 """Values from here on are never depth."""
 LEAST_SHARE, GAP = 0.001, 0.1
@@ -114,7 +113,7 @@ def judge_depth(
         raise FormatError(f"{where}: {BYTES}")
     swapped = kind.kind in "iu" and kind.itemsize == 2 and _swapped(images)
     words = [image.byteswap() if swapped else image for image in images]
-    invalid = _codes(words)
+    invalid = _codes(words, unit_mm or 1.0)
     values = np.concatenate([np.zeros(0), *(_valid(image, invalid) for image in words)])
     unit, notes = unit_of(values, kind.kind == "f", unit_mm, where, likely_mm)
     total = sum(image.size for image in images)
@@ -167,8 +166,8 @@ def _steps(images: Sequence[Image]) -> NDArray[np.float64]:
     return np.concatenate(steps)
 
 
-def _codes(images: Sequence[Image]) -> tuple[float, ...]:
-    """Return the codes that stand for no reading."""
+def _codes(images: Sequence[Image], unit_mm: float) -> tuple[float, ...]:
+    """Return the codes that stand for no reading. unit_mm: of integers, declared or 1."""
     if not images:
         return ()
     whole = images[0].dtype.kind in "iu"
@@ -185,7 +184,9 @@ def _codes(images: Sequence[Image]) -> tuple[float, ...]:
         code = (top >= ROUND_M and top == round(top)) or any(np.isclose(top, word / 1000) for word in WORDS)
         return (top,) if len(below) and code and gap >= GAP and share > MANY else ()
     known = top in (*CODES, 65536) and gap >= GAP and share > LEAST_SHARE
-    many = top in (*CODES, *ROUND) and gap >= MANY_GAP and share > MANY
+    round_m = top * unit_mm / 1000
+    is_round = ROUND_M <= round_m == round(round_m)
+    many = (top in (*CODES, *WORDS) or is_round) and gap >= MANY_GAP and share > MANY
     return (*always, int(top)) if len(below) and (known or many) else always
 
 
