@@ -33,8 +33,8 @@ SATURATED = 65535
 CODES = tuple(2**bits - 1 for bits in (11, 12, 13, 14, 15))
 """Largest words of sensors of 11 to 15 bits (2047: Kinect v1). They are no reading where they stand apart."""
 ROUND_M, WORDS = 4.0, (65535, 65534)
-"""Metres from which whole ones may be what programs write beyond the range instead of 0 (few rooms end there);
-and words that programs write so, in floats divided by 1000."""
+"""Metres from which whole ones may be what programs write beyond the range instead of 0 (few rooms end
+there); and words that programs write so, in floats divided by 1000."""
 BEYOND = 1e9
 """Values from here on are never depth."""
 LEAST_SHARE, GAP = 0.001, 0.1
