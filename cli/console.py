@@ -29,10 +29,10 @@ Json = Annotated[bool, Option("--json", help="Print one JSON object on stdout.")
 Overwrite = Annotated[bool, Option("--overwrite", help="Replace existing output.")]
 
 LINE_SECONDS = 5.0
-"""Seconds between two lines of progress where stderr is not a terminal; chosen by eye."""
+"""Seconds between two lines of progress where stderr is not a terminal; untuned."""
 
 WIDTH = 110
-"""Columns of a table where stdout is not a terminal; chosen by eye."""
+"""Columns of a table where stdout is not a terminal; untuned."""
 
 _NUMBER = re.compile(r"[+-]?[\d.,]+( ?%)?|-")
 

@@ -17,7 +17,7 @@ from sensors.errors import CloudError
 from sensors.importers.open_source import judged_notes, open_source
 
 EARLIEST_NS = 946_684_800 * 10**9
-"""Nanoseconds from 1970 to 2000: times before are those of a device that counts from its start."""
+"""Nanoseconds from 1970 to 2000: earlier times are counted from a device's start."""
 DOUBTFUL = "doubtful"
 """First word of notes on doubts."""
 

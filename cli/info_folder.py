@@ -11,9 +11,9 @@ from sensors.importers.open_source import open_source
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """Return MCAP files of a folder with sessions.
+    """Return the MCAP files of a folder with sessions.
 
-    None where it is a recording itself, or has no sessions.
+    The list is empty where the folder is a recording itself, or has no sessions.
     """
     if not folder.is_dir() or (folder / "metadata.yaml").exists() or (folder / "depth").exists():
         return []

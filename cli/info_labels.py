@@ -25,7 +25,7 @@ def labels_info(labels: "LabelSet") -> tuple[dict[str, Any], str]:
         before = labels.status(frame_id, bool(strokes) and labels.has_original(frame_id))
         truth = before == "truth" and not strokes
         states["truth" if truth else STATE_NAMES[state_of(strokes, before)]] += 1
-        # Of the images only this one: the others take most of the time.
+        # Only this image is read, because the others take most of the time.
         pixels += np.bincount(labels.parts(frame_id).ravel(), minlength=256)
     result: dict[str, Any] = {
         "kind": "label set",

@@ -12,18 +12,18 @@ from eval.network.bearing import joint_row
 from sensors.interrupt import Ending
 
 Show = Callable[[LiveFrame], None] | None
-"""What shows a labelled frame, if anything does."""
+"""Function that shows a labelled frame; None = no output."""
 
 
 def show_lines(pipeline: LivePipeline, end_s: float, show: Show, ending: Ending) -> int:
-    """Hand on every newest frame until the time is over, the rig ends or a signal comes.
+    """Show every newest frame until the time is over, the rig ends or a signal comes.
 
-    Returns the number of the last one. Warnings go to stderr.
+    Returns the number of the last frame. Warnings go to stderr.
     """
     seen, said = 0, set[str]()
     while not ending.asked and time.monotonic() < end_s and not pipeline.frames.ended:
         seen = show_newest(pipeline, seen, show, 0.2)
-        # Not those of a frame: none comes of a camera that is silent.
+        # Warnings of the rig, because a silent camera gives no frame.
         standing = pipeline.complaints
         for complaint in standing:
             if complaint.kind not in said:
@@ -33,7 +33,7 @@ def show_lines(pipeline: LivePipeline, end_s: float, show: Show, ending: Ending)
 
 
 def show_newest(pipeline: LivePipeline, seen: int, show: Show, timeout_s: float = 0.0) -> int:
-    """Show the newest frame after number ``seen``, if one comes in time; its number, or ``seen``."""
+    """Show the newest frame after number ``seen``, if one comes in time; return its number, or ``seen``."""
     if (newest := pipeline.frames.after(seen, timeout_s)) is None:
         return seen
     number, frame = newest
@@ -43,7 +43,7 @@ def show_newest(pipeline: LivePipeline, seen: int, show: Show, timeout_s: float 
 
 
 def print_joints(frame: LiveFrame) -> None:
-    """One JSON line: the frame, its time, and of a person that was found joints, facing and posture."""
+    """Print one JSON line: frame, time, and the person's joints, facing and posture where one is found."""
     row: dict[str, Any] = {"frame": frame.labels.frame_id, "time_ns": frame.moment.host_ns}
     if (stance := frame.stance) is not None:
         row |= {

@@ -33,7 +33,7 @@ from sensors.rig.camera import Intrinsics
 
 SWITCH_S = 0.001
 """Seconds after which a thread that computes hands on the interpreter, a fifth of Python's own: each thermal
-image passes through three threads, and its camera keeps an eighth of a second of them. Chosen by eye."""
+image passes through three threads, and its camera keeps an eighth of a second of them. Untuned."""
 BONE_ENDS = tuple((JOINT[a], JOINT[b]) for a, b, _ in BONES)
 
 

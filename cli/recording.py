@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from sensors.session.repair import Repaired
 
 LOOK_S = 1.0
-"""Seconds between two looks at the state of a recording."""
+"""Seconds between two checks of a recording's state (untuned)."""
 
 
 def record(
@@ -72,7 +72,7 @@ def record(
 
 
 def _run(running: "LiveRig", end_s: float, ending: Ending) -> str:
-    """Record until the time is over, a signal comes, or the recording ends by itself; why it ended."""
+    """Record until the time is over, a signal comes, or the recording ends; return the reason."""
     from annotate.live.complaint import Standing
     from annotate.live.rig_complaints import rig_complaints
 
@@ -132,7 +132,7 @@ def repair(
 
 
 def _repaired_text(done: "Repaired", source: Path) -> str:
-    """What was kept, what was left out, and what became of the source."""
+    """Return a sentence on kept and lost frames, and on the source."""
     text = f"{done.path} is whole, with {_count(done.frames, 'frame')}"
     if not done.changed:
         return text + "; nothing to repair"

@@ -28,7 +28,7 @@ VIRTUAL_SEED = 7
 VIRTUAL_FRAMES = 30
 """One second of the virtual rig at 30 frames a second, which the virtual cameras repeat."""
 VIRTUAL_VIEWS, HELD_S = 24, 4.0
-"""Views of the plate, of which a calibration takes 12 to 14; seconds that each is held still (untuned)."""
+"""Number of views of the plate, of which a calibration takes 12 to 14; seconds each is held (untuned)."""
 
 
 class Shown:
@@ -55,7 +55,7 @@ class Shown:
 
     @property
     def calibration(self) -> RigCalibration:
-        """Of the virtual rig; in front of a plate only roughly known."""
+        """Calibration of the virtual rig; in front of a plate an approximate one."""
         if self._plate is None:
             return self._rig.calibration
         from synth.rig.plate_views import roughly
@@ -74,9 +74,9 @@ class Shown:
 
 
 def open_rig(rig: Path | None, device: list[str] | None, plate: "HolePlate | None" = None) -> LiveRig:
-    """The rig that a file or addresses name, its devices started. Raises DeviceError, CalibrationError.
+    """Open the rig of a file or of addresses and start its devices. Raises DeviceError, CalibrationError.
 
-    plate: what virtual cameras see in place of a person.
+    plate: hole plate in front of virtual cameras in place of a person.
     """
     with ExitStack() as stack:
         wanted, devices, calibration, open_one = opened_rig(rig, device, stack, plate)

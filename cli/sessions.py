@@ -91,7 +91,7 @@ def each(
             try:
                 done[name] = outcome()
             except (CloudError, OSError) as error:
-                # Its disk, network folder or permissions: the other sessions may be well.
+                # Other sessions may be on another disk or have other permissions.
                 failed[name] = str(error)
             advance(1)
     return {name: done[name] for name in jobs if name in done}, failed

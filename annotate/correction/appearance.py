@@ -16,16 +16,16 @@ from annotate.parts import N_CLASSES
 N_COLORS = 8 * 32 * 32
 """Number of colour bins of ``color_bins``."""
 LAB_SD = np.array([30, 10, 10], np.float32)
-"""Standard deviation of one surface's colour in Lab (8 bit): shadow changes lightness most. Chosen by eye."""
+"""Standard deviation of one surface's colour in Lab (8 bit): shadow changes lightness most. Untuned."""
 AVERAGED_PX = 3
-"""Side of the square over which colours are averaged, in pixels: evens out camera noise. Chosen by eye."""
+"""Side of the square over which colours are averaged, in pixels: evens out camera noise. Untuned."""
 COLDEST_C, HOTTEST_C = 10, 45
-"""Range of distinguished temperatures in degrees Celsius. Chosen by eye."""
+"""Range of distinguished temperatures in degrees Celsius. Untuned."""
 UNSEEN_COLOR, UNSEEN_WARMTH = 2e-3, 0.01
 """Share added to every colour and every degree of a part: a colour that the corrected frames did not show is
-weak evidence against any part. Chosen by eye."""
+weak evidence against any part. Untuned."""
 WARMTH_WEIGHT = 0.8
-"""Weight of temperature against colour: the thermal lens blurs over half a hand. Chosen by eye."""
+"""Weight of temperature against colour: the thermal lens blurs over half a hand. Untuned."""
 
 
 @dataclass(frozen=True)

@@ -199,7 +199,7 @@ class Correction:
         """Return the state of a frame."""
         strokes = self.journal.strokes(frame_id)
         known = self._states.get(frame_id)
-        # The window needs the states of all frames after every stroke, and nobody else writes the set.
+        # The window needs the states of all frames after every stroke, and no other program writes the set.
         if known is None or known[0] != len(strokes):
             known = self._states[frame_id] = len(strokes), state_of(strokes, self._first_status(frame_id))
         return known[1]
@@ -212,10 +212,10 @@ class Correction:
         return self._statuses[frame_id]
 
     def next_verdict(self, frame_id: str) -> Literal["accept", "agree", "none"]:
-        """Return the verdict that agreeing with what stands gives now.
+        """Return the verdict that agreeing gives now.
 
         "agree" where another person accepted or rejected the frame last, "none" where this person did,
-        "accept" where no verdict stands. So a rejection is never overruled by it.
+        "accept" where no verdict stands. So agreeing never overrules a rejection.
         """
         if self.state(frame_id) in ("auto", "touched"):
             return "accept"

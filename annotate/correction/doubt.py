@@ -13,9 +13,9 @@ from annotate.labelset.stroke import Stroke
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
 
 UNSURE = 0.6
-"""Confidence below which a pixel of the body is doubtful. Chosen by eye."""
+"""Confidence below which a pixel of the body is doubtful. Untuned."""
 LEAST_PX = 15
-"""Least pixels of a doubtful place: smaller ones are within the borders' tolerance. Chosen by eye."""
+"""Least pixels of a doubtful place: smaller ones are within the borders' tolerance. Untuned."""
 
 
 @dataclass(frozen=True)

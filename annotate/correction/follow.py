@@ -11,7 +11,7 @@ from sensors.rig.camera import Intrinsics, unproject
 from sensors.rig.nearest import Nearest
 
 REACH_M = 0.06
-"""Largest distance of a point from the moved one whose part it gets, in metres. Chosen by eye."""
+"""Largest distance of a point from the moved one whose part it gets, in metres. Untuned."""
 
 
 def followed(previous: CorrectedFrame, target: FrameLabels, camera: Intrinsics) -> UInt8:

@@ -33,7 +33,7 @@ class History:
         return history
 
     def add(self, stroke: Stroke) -> None:
-        """Take one more entry. Raises FormatError for an undo or redo of anything but the last stroke."""
+        """Add an entry. Raises FormatError for an undo or redo of any stroke but the last."""
         if stroke.operation == "undo":
             self.undone.append(_popped(self.done, stroke, undo=True))
         elif stroke.operation == "redo":

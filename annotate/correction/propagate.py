@@ -31,16 +31,16 @@ FRAMES_COMPARED = 12
 the frame's own: a laptop mistaken for the body comes back after frames without it. Measured (virtual rig,
 normal, seed 150, 29 frames): 23 at 99 % by likeness, 20 by nearness alone."""
 FADING = 0.8
-"""Factor on the weight of each further voting frame. Chosen by eye."""
+"""Factor on the weight of each further voting frame. Untuned."""
 MARGIN_PX = 40
-"""Width of the background around the body that takes part, in pixels. Chosen by eye."""
+"""Width of the background around the body that takes part, in pixels. Untuned."""
 BESIDE_SHARE, BESIDE_M = 0.1, 0.08
 """Share of the votes that every part gets at its border, and the distance in metres over which it falls to
-0.6: a hand moves to where no vote came from, or was missed before. Chosen by eye."""
+0.6: a hand moves to where no vote came from, or was missed before. Untuned."""
 APPEARANCE_WEIGHT = 0.6
-"""Weight of the appearance against the votes: neighbouring pixels are not independent. Chosen by eye."""
+"""Weight of the appearance against the votes: neighbouring pixels are not independent. Untuned."""
 LEAST_PX, LEAST_SHARE = 20, 1e-4
-"""Least pixels of a part that gets a share beside it, and the least share of any part. Chosen by eye."""
+"""Least pixels of a part that gets a share beside it, and the least share of any part. Untuned."""
 
 
 @dataclass(frozen=True)

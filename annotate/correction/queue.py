@@ -13,12 +13,12 @@ from annotate.labelset.stroke import Stroke
 from sensors.errors import CloudError
 
 HASTY_S = 1.5
-"""Active seconds on an accepted frame below which it was hardly looked at. Chosen by eye."""
+"""Active seconds on an accepted frame below which it was hardly looked at. Untuned."""
 LEAST_DONE = 3
-"""Finished frames of a person from which the time for the rest is estimated: the first one takes longer,
-because its person is still learning (untuned)."""
+"""Least number of finished frames from which the time for the rest is estimated, because a person's first
+frames take longer (untuned)."""
 UNSURE = 0.9
-"""Mean confidence of a frame's labels below which accepting them unchanged is worth a look. Chosen by eye."""
+"""Mean confidence of a frame's labels below which accepting them unchanged is worth a look. Untuned."""
 REACH = 10
 """Frames in time around the farthest from what is done among which the least sure one teaches most. Chosen by
 eye."""
@@ -54,7 +54,7 @@ class Progress:
 
 
 def review_queue(correction: Correction) -> list[Queued]:
-    """Return the frames whose last verdict is somebody else's and no review, the most urgent first."""
+    """Return the frames whose last verdict is another person's and no review, the most urgent first."""
     queue = [
         Queued(i, *_why(correction.journal.strokes(i), confidence_of(correction, i)))
         for i in correction.labels.frame_ids
@@ -64,7 +64,7 @@ def review_queue(correction: Correction) -> list[Queued]:
 
 
 def is_queued(correction: Correction, frame_id: str) -> bool:
-    """Return whether a frame's last verdict is somebody else's, and nobody has agreed with it."""
+    """Return whether a frame's last verdict is another person's, without agreement."""
     if correction.state(frame_id) not in ("accepted", "rejected"):
         return False
     standing = verdicts(correction.journal.strokes(frame_id))

@@ -63,7 +63,7 @@ def begun_from(frame: FrameLabels, strokes: Sequence[Stroke]) -> FrameLabels:
 
 
 def _fits(stroke: Stroke, parts: UInt8) -> bool:
-    # The end first: runs that reach far would be expanded to as many pixels.
+    # The end is checked first, because runs are expanded to as many pixels as they state.
     if stroke.end > parts.size:
         return False
     return bool((parts.ravel()[stroke.pixels] == stroke.old).all())
@@ -88,7 +88,7 @@ def verdicts(strokes: Sequence[Stroke]) -> list[Stroke]:
 def state_of(strokes: Sequence[Stroke], saved: Status = "auto") -> State:
     """Return a frame's state after its entries. saved: its status before the first entry.
 
-    Whoever agrees with a rejection leaves the frame rejected.
+    A frame whose rejection is agreed with stays rejected.
     """
     given = standing(strokes)
     agreed = bool(given) and given[-1].operation == "agree"

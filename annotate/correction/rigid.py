@@ -13,13 +13,13 @@ PARENTS = ((2, 2), (1, 2), (3, 2), (4, 2), (5, 3), (6, 4), (7, 2), (8, 7), (9, 7
 """(part, its parent), parents first: the part tree with the torso as its root."""
 GATES_M = (0.25, 0.25, 0.15, 0.15, 0.1, 0.1, 0.06, 0.06, 0.04, 0.04, 0.04)
 """Largest distance of a pair in each step of a registration, in metres: a hand moves 0.3 m between frames at
-2 Hz. Chosen by eye."""
+2 Hz. Untuned."""
 REFINING_STEP = 6
-"""First step of a registration that refines a known motion. Chosen by eye."""
+"""First step of a registration that refines a known motion. Untuned."""
 LEAST_POINTS = 25
-"""Least number of points of a part that is registered; with fewer it moves as its parent. Chosen by eye."""
+"""Least number of points of a part that is registered; with fewer it moves as its parent. Untuned."""
 SAMPLED_POINTS = 300
-"""Number of points of a part that are registered, about. Chosen by eye."""
+"""Number of points of a part that are registered, about. Untuned."""
 STILL = Pose.identity()
 
 

@@ -18,14 +18,14 @@ from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics, unproject
 
 CELL_PX = 3
-"""Side of the screen cells in which the nearest point hides the others, in pixels. Chosen by eye."""
+"""Side of the screen cells in which the nearest point hides the others, in pixels. Untuned."""
 BEHIND = 0.03
 """Largest distance behind its cell's nearest point at which a point is still in front, as a share of its
-distance: 6 cm at 2 m. Chosen by eye."""
+distance: 6 cm at 2 m. Untuned."""
 MARGIN_PX = 24
-"""Width of the margin around the person that has pieces, in pixels. Chosen by eye."""
+"""Width of the margin around the person that has pieces, in pixels. Untuned."""
 MARGIN_DEPTH = 0.08
-"""Largest depth difference of the margin to the person, as a share of depth: 16 cm at 2 m. Chosen by eye."""
+"""Largest depth difference of the margin to the person, as a share of depth: 16 cm at 2 m. Untuned."""
 COLOR_WEIGHT = 4.0
 """Weight of colour against distance, since mistakes end at colour borders. Measured (virtual rig, hard, seed
 101, 4 frames): 20 clicks correct 40 % of the wrong pixels, with a weight of 1 36 %."""

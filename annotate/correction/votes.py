@@ -13,27 +13,27 @@ from sensors.rig.nearest import Nearest
 from sensors.rig.rig_calibration import Pose
 
 VOTERS = 15
-"""Number of nearest corrected points that vote on one point. Chosen by eye."""
+"""Number of nearest corrected points that vote on one point. Untuned."""
 REACH_M = 0.1
-"""Largest distance of a voter, in metres. Chosen by eye."""
+"""Largest distance of a voter, in metres. Untuned."""
 SPREAD_M = 0.015
 """Distance beyond the nearest voter at which a vote's weight falls to 0.6, in metres: depth noise, and how
-far cloth departs from rigid motion. Chosen by eye."""
+far cloth departs from rigid motion. Untuned."""
 FAR_M = 0.04
-"""Distance of the nearest voter at which all votes' weights fall to 0.6, in metres. Chosen by eye."""
+"""Distance of the nearest voter at which all votes' weights fall to 0.6, in metres. Untuned."""
 LEAST_WEIGHT = 0.5
-"""Least sum of votes that changes a point. Chosen by eye."""
+"""Least sum of votes that changes a point. Untuned."""
 OWN_VOTE = 0.1
-"""Votes for the point's automatic label, divided by the doubt about it. Chosen by eye."""
+"""Votes for the point's automatic label, divided by the doubt about it. Untuned."""
 OTHER_LABEL, OTHER_LABEL_LIMIT = 5.0, 0.6
 """Weight of a voter whose automatic label differs from the point's, per unit of doubt, and its upper limit.
-Chosen by eye."""
+Untuned."""
 LEAST_DOUBT = 0.01
-"""Lower limit of the doubt about an automatic label. Chosen by eye."""
+"""Lower limit of the doubt about an automatic label. Untuned."""
 PRIOR_PX, PRIOR_DOUBT = 50.0, 0.05
-"""Pixels, and their share of errors, that every label of every colour starts with. Chosen by eye."""
+"""Pixels, and their share of errors, that every label of every colour starts with. Untuned."""
 LABEL_DOUBT = 0.5
-"""Weight of a label's share of errors anywhere; errors beside the point count in full. Chosen by eye."""
+"""Weight of a label's share of errors anywhere; errors beside the point count in full. Untuned."""
 CONFIDENCE_DOUBT = 0.5
 """Weight of the labelling's own doubt. Measured (virtual rig): hard, seed 150, 15 frames: 7 at 99 % with it,
 5 without; normal, seed 152, 29 frames: 19 and 18."""
@@ -43,7 +43,7 @@ unless it was right wherever it was corrected, which means that the limb moved f
 by eye."""
 COVERED_M = 0.02
 """Distance of a part's voter, in metres, within which background without background voters is strange: a hand
-that the labelling missed. Chosen by eye."""
+that the labelling missed. Untuned."""
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from annotate.live.pipeline import LivePipeline
 from sensors.errors import CloudError
 
 LISTEN_MS = 300
-"""Interval in which Python handles signals, in milliseconds: within Qt's loop it would not. Chosen by eye."""
+"""Interval in which Python handles signals, in milliseconds: within Qt's loop it would not. Untuned."""
 
 
 def run_window(
@@ -58,9 +58,9 @@ def run_window(
 
 
 def recording_of(path: Path, given: Path | None) -> Path | None:
-    """Return the recording of the label set at ``path``: the one given, the last one given, or one beside it.
+    """Return the recording of the label set at ``path``: the given one, the last given one, or one beside it.
 
-    A recording that is given is remembered for the set; a remembered one that no longer fits is left out.
+    A given recording is stored for the set; a stored one that no longer fits is skipped.
     Raises CloudError where the set cannot be read or does not fit the recording that is given.
     """
     labels, known = LabelSet.open(path), recall(memory_path())
@@ -78,7 +78,7 @@ def recording_of(path: Path, given: Path | None) -> Path | None:
 def run_live(
     pipeline: LivePipeline, takes: Iterator[Path], subject: str, seconds: float, ending: Callable[[], bool]
 ) -> None:
-    """Show a pipeline that runs until the window is closed, for so many seconds, or until it is to end.
+    """Show a running pipeline until the window is closed, the seconds are over, or ``ending`` is true.
 
     Raises CloudError where settings or screen are not what they must be.
     """

@@ -24,11 +24,11 @@ from annotate.gui.widgets import laid
 MOVING_POINTS = 16_000
 """Number of points drawn while the view moves. Measured: a frame every 20 ms without a graphics card."""
 MOVING_MS = 180
-"""Time for which the view counts as moving after a step of the wheel, in milliseconds. Chosen by eye."""
+"""Time for which the view counts as moving after a step of the wheel, in milliseconds. Untuned."""
 IN_VIEW = 0.97
-"""Share of the person that must be on the screen for the view to stay from frame to frame. Chosen by eye."""
+"""Share of the person that must be on the screen for the view to stay from frame to frame. Untuned."""
 POINT_PX = (2.0, 14.0)
-"""Least and greatest size of a point in logical pixels. Chosen by eye."""
+"""Least and greatest size of a point in logical pixels. Untuned."""
 
 
 class Points:

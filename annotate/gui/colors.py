@@ -23,13 +23,13 @@ Colors = Callable[[Int64], UInt8]
 """Colours (n, 3) of flat pixels (n,)."""
 
 ROOM_RGB = {True: (74, 80, 92), False: (168, 174, 184)}
-"""Colours of background points on a dark (True) and on a light ground. Chosen by eye."""
+"""Colours of background points on a dark (True) and on a light ground. Untuned."""
 DIFFERS_RGB, SAME_RGB = np.array([(255, 176, 32), (110, 126, 150)], np.float32)
-"""Colours of points to check, where two sets differ or confidence is low, and of others. Chosen by eye."""
+"""Colours of points to check, where two sets differ or confidence is low, and of others. Untuned."""
 FADE = 0.82
-"""Share of the ground's colour in a faded part. Chosen by eye."""
+"""Share of the ground's colour in a faded part. Untuned."""
 TINTS = (0.0, 0.25, 0.5, 0.8)
-"""Shares of the parts' colours over other colourings. Chosen by eye."""
+"""Shares of the parts' colours over other colourings. Untuned."""
 MAPS = {"temperature": HEAT, "depth": cv2.COLORMAP_CIVIDIS}
 
 
@@ -154,7 +154,7 @@ class Painting:
 def legend(scene: FrameScene, colouring: Colouring) -> tuple[str, str, UInt8] | None:
     """Return the ends of a colouring's scale in words, and its colours (n, 3) from one to the other.
 
-    None for a colouring without a scale, or one for which the frame has no data: parts are shown instead.
+    None for a colouring without a scale, or without data in the frame: the view shows parts instead.
     """
     if colouring not in colourings(scene):
         return None

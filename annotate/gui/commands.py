@@ -24,9 +24,9 @@ from sensors.errors import CloudError
 C = TypeVar("C")
 Action = Callable[[], Done | None]
 BRUSHES_PX = {"small": 9.0, "medium": 18.0, "large": 30.0}
-"""Radii of the brush in logical pixels of the screen. Chosen by eye."""
+"""Radii of the brush in logical pixels of the screen. Untuned."""
 BRUSH_STEP = 1.15
-"""Factor of one step of the brush's radius. Chosen by eye."""
+"""Factor of one step of the brush's radius. Untuned."""
 STROKE_SETUP = {
     *(part.name for part in PARTS),
     *("undefined", "pick", "from_other", "from_before", *SWITCHES, *BRUSHES_PX, *TOOLS),
@@ -272,7 +272,7 @@ def _carry_over(window: CorrectionWindow, keys: int) -> Done | None:
 
 
 def _computed(window: CorrectionWindow, text: str, work: Callable[[], C], then: Callable[[C], Done]) -> None:
-    """Compute labels beside the window, and apply them; say why where there is nothing to apply."""
+    """Compute labels beside the window, and apply them; show the reason where there are none."""
 
     def failed(error: CloudError) -> None:
         window.status.show_done(Done(str(error), "warn"), window.theme)
@@ -329,7 +329,7 @@ def _outlines(window: CorrectionWindow) -> Done | None:
 
 
 def _all_parts(window: CorrectionWindow) -> Done | None:
-    """Why outlines and opacity have no effect on a pane that shows parts alone; None where they have."""
+    """Return a warning for a pane that shows parts alone, where outlines have no effect; None elsewhere."""
     if window.look(window.pane).colouring in colourings(window.desk.scene)[1:]:
         return None
     return Done(

@@ -16,9 +16,9 @@ from annotate.gui.scene import FrameScene
 from annotate.gui.theme import DARK
 
 SCALES = (0.2, 40.0)
-"""Least and greatest zoom, logical pixels per pixel of the image. Chosen by eye."""
+"""Least and greatest zoom, logical pixels per pixel of the image. Untuned."""
 REACH_PX = 6.0
-"""Distance from the pointer at which a click finds a pixel with depth, in logical pixels. Chosen by eye."""
+"""Distance from the pointer at which a click finds a pixel with depth, in logical pixels. Untuned."""
 
 
 class DepthPane(QWidget):
@@ -36,7 +36,7 @@ class DepthPane(QWidget):
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setMinimumSize(120, 90)
         self.ground = QColor("black")
-        # Where a light ground showed through, missing depth would be specks all over a picture.
+        # On a light ground, missing depth would be specks all over a picture.
         self._hole_rgb = DARK.ground_rgb
         self._rgb: UInt8 = np.zeros((*scene.labels.parts.shape, 3), np.uint8)
         self._view = ScreenPoints.of_image(scene.labels.depth_mm)
@@ -57,7 +57,7 @@ class DepthPane(QWidget):
             self.fit()
 
     def recolor(self, pixels: Int64 | None, colors: Colors) -> None:
-        """Give some pixels, or all that have depth, new colours; those not shown get the ground's."""
+        """Colour some pixels, or all with depth; hidden pixels get the ground's colour."""
         ground = (self.ground.red(), self.ground.green(), self.ground.blue())
         changed = pixels
         if changed is None:

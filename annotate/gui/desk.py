@@ -41,8 +41,10 @@ class _Grown:
 
 @dataclass(frozen=True)
 class Carried:
-    """Labels that other frames' corrections give a frame. parts (h, w); sources: ids of the frames that voted
-    and were changed by somebody."""
+    """Labels of a frame by other frames' corrections. parts: (h, w).
+
+    sources: ids of the corrected frames that voted.
+    """
 
     parts: UInt8
     sources: tuple[str, ...]

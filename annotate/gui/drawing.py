@@ -13,9 +13,9 @@ from annotate.labelset.stroke import Gesture, GestureKind
 Tool = Literal["piece", "lasso", "polygon", "rectangle", "brush"]
 TOOLS: tuple[Tool, ...] = ("piece", "lasso", "polygon", "rectangle", "brush")
 STEP_PX = 2.0
-"""Distance between points of a drawn line in logical pixels. Chosen by eye."""
+"""Distance between points of a drawn line in logical pixels. Untuned."""
 LEAST_PX = 4.0
-"""Least extent of a lasso or rectangle in logical pixels: smaller ones are slips. Chosen by eye."""
+"""Least extent of a lasso or rectangle in logical pixels: smaller ones are slips. Untuned."""
 
 
 @dataclass

@@ -11,7 +11,7 @@ PEEK_MS = 50
 """Milliseconds from the release of the key for peeking to the return of the parts, because X servers repeat a
 held key as a release and a press (untuned)."""
 POLYGON_KEYS = (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Backspace)
-"""Keys of a polygon being drawn, whatever else they are: close it, remove its last corner."""
+"""Keys that close a polygon being drawn or remove its last corner, in place of their commands."""
 MODIFIERS = {
     Qt.Key.Key_Control: Qt.KeyboardModifier.ControlModifier,
     Qt.Key.Key_Shift: Qt.KeyboardModifier.ShiftModifier,
@@ -20,7 +20,7 @@ MODIFIERS = {
 
 
 class HandKeys(QObject):
-    """The keys of a window's hand: those of a begun polygon, Shift and Ctrl, and the one for peeking."""
+    """Keys of a window's hand: those of a begun polygon, Shift and Ctrl, and the key for peeking."""
 
     def __init__(self, window: Shell) -> None:
         super().__init__(window)
@@ -41,7 +41,7 @@ class HandKeys(QObject):
 
     @property
     def shape(self) -> str:
-        """How to end the shape being drawn, in words; "" where none is."""
+        """Instruction that ends the shape being drawn; "" where none is drawn."""
         if self._polygon:
             return "A polygon is being drawn: Return closes it, Backspace removes a corner, Esc drops it"
         drawing = self._drawing.drawing if self._drawing else None
@@ -54,7 +54,7 @@ class HandKeys(QObject):
         return Done("Corner removed" if self._polygon.remove_corner() else "Polygon dropped")
 
     def repeated(self, key: int) -> None:
-        """Take a key that is still held, although its release came (``HeldKeys``)."""
+        """Handle a key that is still held although its release came (``HeldKeys``)."""
         if key == self._peek_key:
             self.peek_due.stop()
 

@@ -18,12 +18,12 @@ from annotate.labelset.store import LabelSet
 from sensors.errors import CloudError
 
 SPOKEN = "annotate-cloud: "
-"""Beginning of the lines in which a command says what is wrong."""
+"""Beginning of a command's error lines."""
 PROGRESS = re.compile(r"(?:learn, )?(.+): (\d+)/(\d+), [^,]+, (.+) left")
-"""Line of a command's progress: what it counts, how many are done, of how many, the time left."""
+"""Line of a command's progress: counted things, number done, total, time left."""
 AGAIN_MS = 100
 """Interval in which the window tries again to take over what was learnt, in milliseconds: while it opens a
-frame it cannot. Chosen by eye."""
+frame it cannot. Untuned."""
 STOP_MS = 3000
 """How long a closing window waits for the process that it has killed, in milliseconds."""
 Change = Callable[[], Relabelled | None]
@@ -97,7 +97,7 @@ class Learner(QObject):
 
     def _hear(self) -> None:
         said = bytes(self._process.readAllStandardError().data()).decode(errors="replace")
-        # What is read may end within a line.
+        # The output read so far may end within a line.
         *lines, self._heard = (self._heard + said).splitlines(keepends=True) or [""]
         if self._heard.endswith("\n"):
             lines, self._heard = [*lines, self._heard], ""

@@ -14,11 +14,11 @@ NEAR_M, FAR_M = 0.5, 4.5
 """Range of the colours of depth in metres: what a Kinect v2 reads."""
 ROOM_POINTS = 12_000
 """Number of points, about, to which a live room is thinned: a quarter of one that is corrected, as it is
-drawn again for every frame. Chosen by eye."""
+drawn again for every frame. Untuned."""
 STEP = 2
 """Every how many pixels of the depth image a picture has one: it is shown about half as large."""
 DIM = 3
-"""How much darker the picture is below the parts. Chosen by eye."""
+"""How much darker the picture is below the parts. Untuned."""
 _NONE = np.array(ROOM_RGB[True], np.float32)
 TITLES = ("Depth", "Colour", "Heat", "Parts")
 """The flat pictures."""

@@ -13,9 +13,9 @@ from annotate.gui.veil import draw_title
 from annotate.live.live_frame import Stance
 
 DIAL_PX, DIAL_MARGIN_PX = 22.0, 10.0
-"""Radius of the dial of the facing, and its distance from the edge, in logical pixels. Chosen by eye."""
+"""Radius of the dial of the facing, and its distance from the edge, in logical pixels. Untuned."""
 JOINT_PX, BONE_PX = 3.0, 2.0
-"""Radius of a joint and width of a bone, in logical pixels. Chosen by eye."""
+"""Radius of a joint and width of a bone, in logical pixels. Untuned."""
 
 
 class Tile(QWidget):

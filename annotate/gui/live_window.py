@@ -39,12 +39,12 @@ from annotate.live.pipeline import LivePipeline
 from sensors.errors import CloudError
 
 LOOK_MS = 15
-"""Milliseconds between two looks for a newer frame: half a period of 30 Hz. Chosen by eye."""
+"""Milliseconds between two looks for a newer frame: half a period of 30 Hz. Untuned."""
 CLOUD_MS = 100
 """Least milliseconds between two clouds: drawing one without a graphics card takes 40 ms of a core
 (measured), which labelling needs too."""
 RATE_FRAMES = 30
-"""Frames over which the rate of the picture is counted. Chosen by eye."""
+"""Frames over which the rate of the picture is counted. Untuned."""
 ENDED = "The recording is played to its end"
 """State of a window after the last frame."""
 CLOUD_COLOURINGS: tuple[Colouring, ...] = ("temperature", "part", "colour", "depth")

@@ -20,7 +20,7 @@ V = TypeVar("V")
 MAX_BYTES = 100_000
 """Largest file that is read, in bytes."""
 MOST_SETS = 50
-"""Number of label sets whose orders and recordings are remembered: some ten kilobytes (untuned)."""
+"""Number of label sets whose orders and recordings are stored: some ten kilobytes (untuned)."""
 SIDES = (200, 20_000)
 """Least and greatest side of a remembered window or pane, in logical pixels."""
 
@@ -98,7 +98,7 @@ def recall(path: Path | None) -> Memory:
 
 
 def remember(memory: Memory) -> None:
-    """Write settings to their file; a disk that refuses costs the memory and nothing else."""
+    """Write settings to their file; ignore a disk that refuses."""
     if memory.path is not None:
         fields = {name: value for name, value in asdict(memory).items() if name != "path"}
         with suppress(OSError):

@@ -13,11 +13,11 @@ from annotate.array_types import Bool, Float32, Float64
 from annotate.correction.select import CELL_PX, ScreenPoints
 
 DEGREES_PER_PX = 0.35
-"""Angle by which one pixel of dragging turns the view. Chosen by eye."""
+"""Angle by which one pixel of dragging turns the view. Untuned."""
 ZOOM_PER_STEP = 1.15
-"""Factor of one step of the wheel. Chosen by eye."""
+"""Factor of one step of the wheel. Untuned."""
 STEEPEST_DEG = 88.0
-"""Largest elevation in degrees: at 90 the view would have no upright. Chosen by eye."""
+"""Largest elevation in degrees: at 90 the view would have no upright. Untuned."""
 CELL_SPACINGS = 2.2
 """Side of a view's cells in distances of neighbouring points, without gaps for points behind. Chosen by
 eye."""

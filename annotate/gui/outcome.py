@@ -12,7 +12,7 @@ from annotate.labelset.stroke import Stroke
 NOTHING: Int64 = np.empty(0, np.int64)
 """No pixels."""
 NAMED = 3
-"""Number of parts that a sentence names. Chosen by eye."""
+"""Number of parts that a sentence names. Untuned."""
 OPERATIONS = {
     "remove_islands": "Islands removed",
     "copy_previous": "Copied from the frame before",

@@ -12,7 +12,7 @@ from annotate.gui.widgets import draw_card, draw_icon, laid, named
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
 
 ICON_PX, HEIGHTS_PX = 16, (42, 62)
-"""Size of the lock and the eye, least and greatest height of a tile, in logical pixels. Chosen by eye."""
+"""Size of the lock and the eye, least and greatest height of a tile, in logical pixels. Untuned."""
 
 
 class PartTile(QWidget):

@@ -13,12 +13,12 @@ from annotate.gui.theme import scaled
 from annotate.gui.widgets import laid, named
 
 HANDLE_PX = 7
-"""Width of the handles between the panes in logical pixels. Chosen by eye."""
+"""Width of the handles between the panes in logical pixels. Untuned."""
 SIDE_PX, PANE_PX = 344, 150
-"""Least width of the side, for the buttons over its view; height of that view that the parts leave, where the
-window is so high; in logical pixels (untuned)."""
+"""Least width of the side, for the buttons over its view, and least height of that view, where the window is
+high enough; in logical pixels (untuned)."""
 PALETTE_PX, PALETTE_SHARE = 390, 0.52
-"""Height of the parts where there is room for it, in logical pixels, and else their share. Chosen by eye."""
+"""Height of the parts where there is room for it, in logical pixels, and else their share. Untuned."""
 
 
 class Panes(QSplitter):

@@ -14,7 +14,7 @@ from annotate.gui.drawing import Drawing, Tool
 from annotate.gui.veil import Veil, draw_scale, draw_words
 
 BRUSH_PX = (3.0, 120.0)
-"""Least and greatest radius of the brush in logical pixels. Chosen by eye."""
+"""Least and greatest radius of the brush in logical pixels. Untuned."""
 _MODIFIER = Qt.KeyboardModifier
 
 

@@ -15,7 +15,7 @@ from sensors.errors import CloudError
 OPENGL = (3, 2)
 """Least version that VTK needs."""
 TIMEOUT_S = 60
-"""Time for the test in seconds. Chosen by eye."""
+"""Time for the test in seconds. Untuned."""
 
 
 def main() -> None:

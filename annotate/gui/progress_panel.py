@@ -61,7 +61,7 @@ class ProgressPanel(QWidget):
         self._show_text()
 
     def show_learning(self, text: str) -> None:
-        """Show how far a learning is, in place of the work's progress; "" for none."""
+        """Show the progress of a learning in place of the work's; "" for none."""
         self._learning = text
         self._show_text()
 

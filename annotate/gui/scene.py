@@ -21,7 +21,7 @@ NEAR_PX = 10
 """Width of the room around the person that is shown in full, in pixels: a limb may be missing. Chosen by
 eye."""
 ROOM_POINTS = 50_000
-"""Number of points, about, to which the rest of the room is thinned. Chosen by eye."""
+"""Number of points, about, to which the rest of the room is thinned. Untuned."""
 
 
 @dataclass(frozen=True)

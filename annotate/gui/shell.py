@@ -29,11 +29,11 @@ from annotate.gui.walk import Walk
 from annotate.gui.widgets import laid, line, named
 
 STRIP_MS = 150
-"""Time after a stroke until the frame's picture follows, in milliseconds. Chosen by eye."""
+"""Time after a stroke until the frame's picture follows, in milliseconds. Untuned."""
 FRAMED_MS = 200
-"""Time after which the window manager has framed a window that is shown, in milliseconds (untuned)."""
+"""Milliseconds after which the window manager has framed a new window (untuned)."""
 EDGE = 0.1
-"""Share of a view at each edge that is not well within it. Chosen by eye."""
+"""Share of a view at each edge that is not well within it. Untuned."""
 
 
 class Shell(QMainWindow):
@@ -85,9 +85,9 @@ class Shell(QMainWindow):
         self._show_grounds()
 
     def ground(self, view: View) -> Rgb:
-        """Return the colour behind a view: a camera's picture has a dark one in every theme.
+        """Return the colour behind a view: a camera's picture has a dark ground in every theme.
 
-        Gaps of the depth would be white specks all over the picture on a light one.
+        On a light ground, gaps of the depth would be white specks all over the picture.
         """
         is_picture = self.look(view).colouring == "colour" and "colour" in colourings(self.desk.scene)
         return (DARK if is_picture else self.theme).ground_rgb
@@ -211,11 +211,11 @@ class Shell(QMainWindow):
             view.pointing.update()
 
     def show_next(self) -> None:
-        """Show what the next click will do, with the keys that are held and in the view under the pointer."""
+        """Show the effect of the next click, with the held keys and in the view under the pointer."""
         self.status.show_next(self.desk, self.hand, self.pane is self.depth_pane)
 
     def hover_again(self) -> None:
-        """Show what is under the pointer anew, after labels or the tool changed below it."""
+        """Show the facts under the pointer anew, after labels or the tool changed."""
         for view in self.views:
             if view.pointing.place is not None and not view.pointing.drawing:
                 self.show_hovered(view, view.pointing.place)

@@ -16,7 +16,7 @@ from annotate.labelset.stroke import Operation
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
 
 PREVIEW_RGB = (255, 255, 0)
-"""Colour of the pixels that a clean-up would change: no part has it. Chosen by eye."""
+"""Colour of the pixels that a clean-up would change: no part has it. Untuned."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from pyvistaqt import QtInteractor
 from annotate.live.live_frame import Stance
 
 WIDTH_PX = 4.0
-"""Width of a bone in logical pixels. Chosen by eye."""
+"""Width of a bone in logical pixels. Untuned."""
 IN_FRONT = -66_000.0
 """Offset of the lines' depth, in the depth buffer's least steps: before all else in 16 bits and more."""
 

@@ -12,7 +12,7 @@ Rgb = tuple[int, int, int]
 USUAL_PX = 13
 """Size of the desktop's font for which sizes are given, in logical pixels."""
 FONT_PX = (10, 26)
-"""Least and greatest size of the desktop's font that is followed, in logical pixels. Chosen by eye."""
+"""Least and greatest size of the desktop's font that is followed, in logical pixels. Untuned."""
 
 
 def scaled(px: float) -> int:

@@ -13,7 +13,7 @@ PAD_PX = 3
 """Room for the line around the pixels, in logical pixels."""
 MARGIN_PX = 8.0
 SCALE_PX = (110.0, 8.0)
-"""Size of the scale in logical pixels. Chosen by eye."""
+"""Size of the scale in logical pixels. Untuned."""
 
 
 class Veil(NamedTuple):

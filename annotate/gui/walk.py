@@ -21,7 +21,7 @@ from annotate.gui.scene import FrameScene, SceneReader
 from sensors.errors import CloudError
 
 SCENES_KEPT = 6
-"""Number of scenes in memory: the one shown, those around it, and the one before. Chosen by eye."""
+"""Number of scenes in memory: the one shown, those around it, and the one before. Untuned."""
 Order = Literal["time", "worst", "teach", "review"]
 ORDERS: dict[Order, str] = {
     "time": "By time",
@@ -158,7 +158,7 @@ class Walk:
         return self.correction.state(frame_id) in UNFINISHED
 
     def all_done(self) -> str:
-        """Return in words what is left when no frame that is shown waits."""
+        """Return a sentence on the frames left when no shown frame waits."""
         if self.order == "review":
             return "Nothing is left to review"
         left = any(self.waits(i) for i in self.all_ids)

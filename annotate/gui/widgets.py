@@ -96,7 +96,7 @@ class Elided(QLabel):
     def setText(self, text: str) -> None:  # noqa: N802
         """Qt's setter."""
         super().setText(text)
-        # As rich text always, or Qt would guess by what is in it.
+        # As rich text always, because Qt otherwise guesses by the contents.
         self.setToolTip(f"<span>{escape(text, quote=False)}</span>" if text else "")
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802

@@ -30,7 +30,7 @@ from sensors.errors import CloudError
 
 AT_ONCE_MS = 20
 """Milliseconds after which it is said what the window is busy with: a frame that was read ahead opens without
-a flicker. Chosen by eye."""
+a flicker. Untuned."""
 NO_RECORDING = "No recording found: reopen with --session RECORDING for colour and heat"
 """First sentence of a window that shows depth alone."""
 Read = tuple[FrameScene, UInt8 | None]
@@ -318,7 +318,7 @@ class CorrectionWindow(Shell):
         self.requested.emit(name)
 
     def closeEvent(self, event: QCloseEvent) -> None:  # noqa: N802
-        """Qt's hook: everything is saved, or the window stays.
+        """Qt's hook: close the window when everything is saved; it stays open otherwise.
 
         Work beside the window ends first, because it may write to the label set.
         """

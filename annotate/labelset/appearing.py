@@ -25,7 +25,7 @@ def check_replaceable(out: Path, marker: str, *inputs: Path) -> None:
 
 @contextmanager
 def claimed_to_replace(out: Path, marker: str, *inputs: Path) -> Iterator[None]:
-    """Hold the claim on a folder that is about to be replaced, so that nobody corrects it meanwhile.
+    """Hold the claim on a folder that is about to be replaced, so that no window corrects it meanwhile.
 
     Raises as ``check_replaceable``.
     """
@@ -79,7 +79,7 @@ def appearing(out: Path, marker: str, *inputs: Path, overwrite: bool) -> Iterato
 def moved_aside(out: Path) -> Iterator[None]:
     """Rename a folder, if it exists, while another takes its name; then remove it, or restore it on an error.
 
-    A process that is killed within the removal leaves no half of a folder under the final name.
+    A process that is killed during the removal leaves no partial folder under the final name.
     """
     aside = temporary_of(out.with_name(f"{out.name}.old"))
     shutil.rmtree(aside, ignore_errors=True)

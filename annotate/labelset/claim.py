@@ -15,7 +15,7 @@ from sensors.files.atomic import sweep
 
 CLAIM = "claim.json"
 OWNER_BYTES = 4096
-"""Bytes of the file that are written and read. Chosen by eye."""
+"""Bytes of the file that are written and read. Untuned."""
 # Nothing is written through a link to a file outside the folder.
 FLAGS = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
 
@@ -72,9 +72,9 @@ class Claim:
         self.release()
 
     def release(self) -> None:
-        """Give the folder up; again does nothing.
+        """Release the folder; idempotent.
 
-        The file of a folder that took this one's place belongs to whoever claimed that folder, and stays.
+        A folder that took this one's place keeps its claim file.
         """
         if self._file >= 0:
             with suppress(OSError):

@@ -99,12 +99,12 @@ def find_session(labels: LabelSet) -> Path | None:
 
 
 def _is_plain(name: str) -> bool:
-    """Whether a name from a manifest names something in the folder itself."""
+    """Return whether a name from a manifest stays within the folder."""
     return bool(name) and name != ".." and Path(name).name == name
 
 
 def _by_checksum(labels: LabelSet, folder: Path, size: int | None) -> Path | None:
-    """The session of a folder with the manifest's SHA-256. Of a whole file only a likely one is hashed."""
+    """Return the session of a folder with the manifest's SHA-256; hash only likely files."""
     wanted = labels.info.get("sha256")
     if not isinstance(wanted, str):
         return None

@@ -304,7 +304,7 @@ def _journal_problems(labels: LabelSet) -> list[str]:
 
 
 def _settings(info: dict[str, Any]) -> dict[str, Any]:
-    """What of a manifest's record decides the labels."""
+    """Return the entries of a manifest's record that determine the labels."""
     return {key: value for key, value in info.items() if key != RECORDING}
 
 

@@ -117,7 +117,7 @@ class Stroke:
 
     @property
     def end(self) -> int:
-        """Flat index behind the last pixel that changed; 0 without any."""
+        """Flat index behind the last changed pixel; 0 without changes."""
         return int(self.runs[-1, :2].sum()) if len(self.runs) else 0
 
     @property

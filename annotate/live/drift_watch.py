@@ -10,9 +10,9 @@ from sensors.rig.rig_calibration import RigCalibration
 from sensors.rig.thermal_reference import ThermalReference
 
 EVERY_S = 0.2
-"""Seconds between readings that are kept: two minutes of them. Chosen by eye."""
+"""Seconds between readings that are kept: two minutes of them. Untuned."""
 AGAIN_S = 10.0
-"""Seconds from one search for the pyrometer's spot in the image to the next. Chosen by eye."""
+"""Seconds from one search for the pyrometer's spot in the image to the next. Untuned."""
 
 
 class DriftWatch:

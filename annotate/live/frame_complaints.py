@@ -14,15 +14,15 @@ from sensors.rig.camera import Intrinsics
 
 LOST_SHARE = 0.25
 """Share of a person's colours lost to darkness or glare from which it is said: somewhat before a suit cannot
-be read (``annotate.reader.read.BAD_SHARE``). Chosen by eye."""
+be read (``annotate.reader.read.BAD_SHARE``). Untuned."""
 LEAST_PIXELS = 400
-"""Pixels of a person below which nothing is said of them. Chosen by eye: a head at 4 m."""
+"""Pixels of a person below which nothing is said of them. Untuned: a head at 4 m."""
 LIMB_M, LEAST_LIMB_PX = 0.08, 8.0
 """Thickness of a forearm, and the pixels that it should have in the depth image: at 3.65 m of a Kinect v2.
-Chosen by eye."""
+Untuned."""
 APART = 1.3
 """Least distance of two suit colours in the light of a frame, in standard deviations of both together: there
-the colour alone takes a quarter of the pixels for the other. Chosen by eye: it is 1.7 to 2.5 in the virtual
+the colour alone takes a quarter of the pixels for the other. Untuned: it is 1.7 to 2.5 in the virtual
 rig's `normal` light, up to 1.05 there by a sodium lamp (12 frames of six people, seeds 9341 and 9352)."""
 
 

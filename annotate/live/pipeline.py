@@ -30,14 +30,14 @@ from sensors.recording.newest import Newest
 from sensors.rig.frame import RigFrame
 
 WAIT_S = 0.1
-"""Seconds after which a waiting thread checks whether it is to end. Chosen by eye."""
+"""Seconds after which a waiting thread checks whether it is to end. Untuned."""
 WORKERS = 2
 """Frames labelled at once, each by one thread from its images to its labels. Chosen for two cores."""
 MOST_APART_S = 0.5
-"""Most seconds from the beginning of one frame to that of the next where there are moments. Chosen by eye:
+"""Most seconds from the beginning of one frame to that of the next where there are moments. Untuned:
 the first frames take long, since kernels and networks are loaded."""
 LATENCIES = 1000
-"""Frames whose latencies are kept. Chosen by eye: half a minute."""
+"""Frames whose latencies are kept. Untuned: half a minute."""
 
 
 @dataclass(frozen=True)

@@ -8,25 +8,26 @@ from sensors.recording.image_judge import NAMES
 from sensors.rig.clock import LIMIT_SKEW
 
 DROPPED_SHARE = 0.01
-"""Share of a stream's images lost in five seconds from which it is said. Chosen by eye: one depth image of
-150 may go while the system is busy with something else."""
+"""Share of a stream's images lost in five seconds that gives a warning: one depth image of 150 may go while
+the system is busy. Untuned."""
 SILENT_S, SILENT_PERIODS = 1.0, 5
-"""Seconds and periods of a stream without any image from which it is silent. Chosen by eye."""
+"""Seconds and periods of a stream without any image from which it is silent. Untuned."""
 SLOW_SHARE, SETTLING_S = 0.75, 5.0
-"""Share of its nominal rate below which a stream is slow, as is a colour camera that exposes for two periods
-in the dark; seconds after the start before rates are judged. Chosen by eye."""
+"""Share of its nominal rate below which a stream is slow (in the dark a colour camera exposes for two
+periods); seconds after the start before rates are judged. Untuned."""
 FLAG_S = 2.0
 """Seconds for which a flag may be closed: a PI200's is for half a second, a Lepton's for one and a half."""
 LEAST_DISK_MINUTES = 10.0
-"""Minutes of recording that should fit on the disk. Chosen by eye."""
+"""Minutes of recording that should fit on the disk. Untuned."""
 TOO_SLOW = ("this computer is too slow: close other programs",
             "the disk is too slow: record to a faster one, or close other programs")  # fmt: skip
-"""What to do about images that nobody took in time: while nothing is recorded, and while something is."""
+"""Remedies for images lost in a full queue: without a recording, and during one."""
 REMEDIES = {"color": "light the room: in the dark a camera exposes for longer", "": "close other programs"}
+"""Remedies for a slow stream, by its name; "" for all others."""
 
 
 def rig_complaints(health: Health) -> Iterator[Complaint]:
-    """All complaints about a rig at one moment."""
+    """Yield all warnings about a rig at one moment."""
     if health.trouble:
         yield Complaint("trouble", health.trouble)
     if health.faults:
@@ -56,7 +57,7 @@ def rig_complaints(health: Health) -> Iterator[Complaint]:
 
 
 def _of_streams(health: Health) -> Iterator[Complaint]:
-    """Complaints about streams of devices that are there, one for each remedy, with all streams it is for."""
+    """Yield warnings about streams of present devices, one for each kind, with all streams of each remedy."""
     found = dict[tuple[Kind, str], list[str]]()
     for stream, state in health.streams.items():
         if not state.away and (one := _of_stream(stream, state, health)) is not None:
@@ -70,7 +71,7 @@ def _of_streams(health: Health) -> Iterator[Complaint]:
 
 
 def _of_stream(stream: str, state: StreamHealth, health: Health) -> tuple[Kind, str, str] | None:
-    """Kind, fault and remedy of a stream; None of a good one."""
+    """Return kind, fault and remedy of a stream; None for a good one."""
     nominal_hz = state.nominal_hz
     if state.silent_s > max(SILENT_S, SILENT_PERIODS / nominal_hz if nominal_hz else 0.0):
         if health.flag_closed_s and stream == "thermal":
@@ -81,15 +82,9 @@ def _of_stream(stream: str, state: StreamHealth, health: Health) -> tuple[Kind, 
         remedy = "close other programs, and give the camera a USB port of its own"
         if state.overrun > state.lost / 2:
             remedy = TOO_SLOW[health.recording is not None]
-        return (
-            "drops",
-            f"{state.lost} of {state.recent + state.lost} images lost in the last five seconds",
-            remedy,
-        )
+        lost = f"{state.lost} of {state.recent + state.lost} images lost in the last five seconds"
+        return "drops", lost, remedy
     if 0 < state.rate_hz < SLOW_SHARE * nominal_hz and state.running_s > SETTLING_S:
-        return (
-            "drops",
-            f"{state.rate_hz:.0f} of {nominal_hz:.0f} images a second",
-            REMEDIES.get(stream, REMEDIES[""]),
-        )
+        slow = f"{state.rate_hz:.0f} of {nominal_hz:.0f} images a second"
+        return "drops", slow, REMEDIES.get(stream, REMEDIES[""])
     return None

@@ -13,7 +13,7 @@ from annotate.person.warmth import WINDOW_C, find_window, warmth
 
 EVERY_NS, FRAMES = 500_000_000, 8
 """Nanoseconds from one frame looked at to the next, and frames whose contrasts are added: four seconds, in
-which people move. Chosen by eye."""
+which people move. Untuned."""
 
 
 class ShiftWatch:

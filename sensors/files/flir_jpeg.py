@@ -1,4 +1,4 @@
-"""Radiometric JPEGs of FLIR's cameras, and of others that hold FLIR's data (DJI's Zenmuse XT 2)."""
+"""Radiometric JPEGs of FLIR's cameras, and of other cameras that write FLIR's data (DJI's Zenmuse XT 2)."""
 
 import io
 import struct
@@ -18,11 +18,11 @@ from sensors.files.png import PNG_MAGIC, decode_grey, png_shape
 GAMUT = 0.25
 """Share of pixels outside RGB above which a PNG is not in Y Cb Cr. Untuned."""
 EARLIEST, LATEST = datetime(2000, 1, 1, tzinfo=UTC).timestamp(), datetime(2100, 1, 1, tzinfo=UTC).timestamp()
-"""Seconds since 1970 between which a camera's clock was set."""
+"""Seconds since 1970 between which a time stamp is credible: 2000 to 2100. Untuned."""
 
 
 class FlirImage(NamedTuple):
-    """Contents of one file. celsius: float32 (h, w). photo: JPEG or PNG file of the camera beside, or None.
+    """Contents of one file. celsius: float32 (h, w). photo: bytes of the photograph, JPEG or PNG, or None.
 
     wide_deg: horizontal field of view, 0 = not stated. taken_ns: since 1970, 0 = not stated.
     """
@@ -34,7 +34,7 @@ class FlirImage(NamedTuple):
 
 
 def read_flir(data: bytes, name: str) -> FlirImage:
-    """Read degrees Celsius by the emissivity, distance and reflections of the file, and its photograph.
+    """Read temperatures, by the file's emissivity, distance and reflections, and the photograph.
 
     Raises FormatError for another JPEG, and for one without a camera's constants.
     """
@@ -94,17 +94,20 @@ def _radiometry(camera: Record) -> Radiometry:
     o, r2 = camera.numbers("if", 0x308)
     if not (r1 > 0 and r2 > 0 and b > 0 and np.isfinite([r1, r2, b, f]).all()):
         raise ValueError("its camera states no constants of Planck's law")
-    stated = np.nan_to_num(
-        [emissivity, distance, reflected, air, window_k, window, humidity], posinf=0.0, neginf=0.0
-    )
-    emissivity, distance, reflected, air, window_k, window, humidity = stated.tolist()
+    stated = emissivity, distance, reflected, air, window_k, window, humidity
+    emissivity, distance, reflected, air, window_k, window, humidity = _finite(*stated)
     # Some files state percents.
     humidity = humidity / 100 if humidity > 2 else humidity
-    lets = np.nan_to_num([alpha1, alpha2, beta1, beta2, x], posinf=0.0, neginf=0.0).tolist()
+    alpha1, alpha2, beta1, beta2, x = _finite(alpha1, alpha2, beta1, beta2, x)
     return Radiometry(
         emissivity, distance, reflected, air, window_k, window, humidity, r1, b, f, o, r2,
-        (lets[0], lets[1]), (lets[2], lets[3]), lets[4],
+        (alpha1, alpha2), (beta1, beta2), x,
     )  # fmt: skip
+
+
+def _finite(*numbers: float) -> list[float]:
+    """Return the numbers, with 0 in place of those that are not finite."""
+    return [number if np.isfinite(number) else 0.0 for number in numbers]
 
 
 def _field(camera: Record) -> float:
@@ -146,7 +149,7 @@ def _photo(record: Record, name: str) -> bytes | None:
 def _rgb(channels: NDArray[np.float32]) -> NDArray[np.uint8] | None:
     """Return RGB of a PNG in Y, Cb, Cr (ExifTool, FLIR EmbeddedImage; JFIF's BT.601); None for RGB.
 
-    Photographs in RGB taken for Y Cb Cr leave the range of colours.
+    Photographs in RGB, converted as Y Cb Cr, leave the range of colours.
     """
     y, cb, cr = channels[..., 0], channels[..., 1] - 128, channels[..., 2] - 128
     rgb = np.stack([y + 1.402 * cr, y - 0.344136 * cb - 0.714136 * cr, y + 1.772 * cb], axis=-1)

@@ -19,6 +19,7 @@ IMAGE_AT = 32
 _VERSIONS = range(100, 200)
 """Versions of an FFF header, which determine its byte order."""
 _ENTRY_BYTES = 32
+"""Bytes of an entry of the directory (ExifTool, FLIR.pm)."""
 
 
 class Record(NamedTuple):
@@ -35,7 +36,7 @@ class Record(NamedTuple):
 def flir_segments(file: BinaryIO) -> Iterator[bytes]:
     """Yield the contents of a JPEG's FLIR segments in the file's order, without their header.
 
-    Only the segments in front of the image data are looked at; nothing else is read.
+    Reading stops at the image data.
     """
     if file.read(2) != b"\xff\xd8":
         return
@@ -60,7 +61,7 @@ def flir_segments(file: BinaryIO) -> Iterator[bytes]:
 
 
 def has_flir(path: Path) -> bool:
-    """Return whether a JPEG holds FLIR's data; what cannot be read does not."""
+    """Return whether a JPEG holds FLIR's data; False for a file that cannot be read."""
     try:
         with path.open("rb") as file:
             return next(flir_segments(file), None) is not None

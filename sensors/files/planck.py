@@ -37,14 +37,14 @@ class Radiometry(NamedTuple):
     x: float
 
     def celsius(self, words: NDArray[np.uint16]) -> NDArray[np.float32]:
-        """Return the temperatures of the scene; NaN for words that no temperature gives."""
-        with np.errstate(all="ignore"):  # of numbers that no camera states
+        """Return the temperatures of the scene (h, w); NaN for words outside the camera's range."""
+        with np.errstate(all="ignore"):  # a damaged file may state any numbers
             return self._celsius(words.astype(np.float64))
 
     def _celsius(self, words: NDArray[np.float64]) -> NDArray[np.float32]:
         emissivity, window = _share(self.emissivity), _share(self.window_transmission)
         air = self._transmission()
-        # What the scene does not emit itself: reflections, window, and air on both sides of the window.
+        # Radiation from elsewhere: reflections, the window, and the air on both sides of the window.
         reflected = (1 - emissivity) / emissivity * self._words_of(self.reflected_k)
         before = (1 - air) / emissivity / air * self._words_of(self.air_k)
         lens = (1 - window) / emissivity / air / window * self._words_of(self.window_k)

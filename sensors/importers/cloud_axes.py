@@ -1,8 +1,8 @@
 """Axes of a cloud and place of its camera, found in the points.
 
-Files of clouds state neither. Points of one depth image lie in the cone that its camera sees, with the camera
-at the origin: one axis alone has all of them in front. Other clouds are turned upright by their floor, or by
-a person's height.
+Cloud files state neither axes nor camera. Points of one depth image lie in the cone that its camera sees,
+with the camera at the origin: one axis alone has all of them in front. Other clouds are turned upright by
+their floor, or by a person's height.
 """
 
 from typing import NamedTuple
@@ -30,16 +30,16 @@ WIDEST = 1.8
 INSIDE = 0.995
 """Share of the points that the camera at the origin must see; the rest may be flying pixels. Untuned."""
 NARROWEST = 0.08
-"""Least size of a cloud over its distance: a person 20 m away. Below, the origin is a map's, no camera's."""
+"""Least size of a cloud over its distance: a person 20 m away. Smaller clouds have the origin of a map."""
 FLOOR_LEVEL = 0.25
-"""Height of the origin over the lowest points, over their distance, below which the origin lies on the
-floor: no camera stands there, but ROS' base_link does. Untuned."""
+"""Ratio of the origin's height over the lowest points to their distance, below which the origin lies on the
+floor, as ROS' base_link does and no camera. Untuned."""
 FLOOR_SHARE = 0.06
 """Least share of the points on a plane under all others that counts as a floor. Untuned."""
 CLEARER = 2.5
 """Least ratio of the better floor to the second. Untuned."""
 WIDE = 1.0
-"""Tangent of half a field from which a camera at the origin needs evidence: more than most have."""
+"""Tangent of half a field from which a camera at the origin needs evidence: wider than most cameras."""
 PERSON_M = (0.8, 2.3)
 """Height of a whole person, in metres."""
 HEAD_M, SHOULDERS_M = (0.02, 0.18), (0.28, 0.43)
@@ -79,9 +79,9 @@ def thinned(points: Float64, most: int = SAMPLE) -> Float64:
 def cone_of(
     points: Float64, names: tuple[str, ...] = ("camera", "y-up", "ros", "z-up"), anywhere: bool = False
 ) -> Cone | None:
-    """Return the axes along which a camera at the origin sees all points (n, 3); None where there are none.
+    """Return the narrowest cone in which a camera at the origin sees all points (n, 3); None where none does.
 
-    The narrowest cone counts where several hold the points. anywhere: also from a floor, where no camera is.
+    anywhere: whether the origin may lie on the floor, where no camera stands.
     """
     size = float(np.linalg.norm(np.ptp(np.percentile(points, (2, 98), axis=0), axis=0)))
     cones = []
@@ -132,7 +132,7 @@ def credible(points_m: Float64, cone: Cone) -> bool:
 
 
 def upright(points_m: Float64, name: str) -> tuple[str, bool]:
-    """Return the axes ``name``, or "kinect" in place of "camera" where y points up; and whether that is sure.
+    """Return the axes ``name``, or "kinect" in place of "camera" where y points up; and their certainty.
 
     The floor or a person's head shows where y points; against a camera's axes a head alone is not sure.
     """

@@ -15,8 +15,8 @@ Float64 = NDArray[np.float64]
 RESIDUAL_PX = 2.0
 """Largest RMS residual of a pinhole fitted to a grid, in pixels: a lens left in has less. Untuned."""
 FLAT = 1e-6
-"""Least ratio of the smallest but one singular value to the largest: below, the points lie in a plane, which
-leaves the camera open."""
+"""Least ratio of the second smallest singular value to the largest. Points in a plane have less and determine
+no camera. Untuned."""
 
 
 class GridCamera(NamedTuple):
@@ -57,9 +57,9 @@ def grid_camera(path: object, points: Float64, viewpoint: Pose | None) -> GridCa
 
 
 def _pinhole(points: Float64) -> tuple[float, float, float, float, float]:
-    """Return fx, fy, cx, cy and residual RMS.
+    """Return fx, fy, cx, cy and the RMS residual in pixels.
 
-    Infinite where few points are in front, or they determine nothing.
+    The residual is infinite where points lie behind the camera or determine no camera.
     """
     with np.errstate(invalid="ignore"):
         there = np.isfinite(points).all(axis=-1)
@@ -109,7 +109,7 @@ def _any_pose(path: object, points: Float64) -> GridCamera:
 
 
 def _projection(pixels: Float64, points: Float64) -> Float64 | None:
-    """Return the (3, 4) matrix that maps points to pixels, up to scale; None where they leave it open."""
+    """Return the (3, 4) matrix that maps points to pixels, up to scale; None where they determine none."""
     if len(points) < 12:
         return None
     middle, size = points.mean(axis=0), max(float(points.std()), 1e-12)

@@ -33,20 +33,20 @@ from sensors.rig.rig_calibration import Pose
 Float64 = NDArray[np.float64]
 
 APART = 1.0
-"""Sizes of a cloud without its outermost thousandths that a point may lie outside it. Untuned."""
+"""Largest distance of a point from its cloud, in sizes of the cloud without its outermost 0.1 %. Untuned."""
 SAME_FOCAL = 0.003
-"""Relative difference of focal lengths up to which a declared camera is the one that took the points: a pixel
-at a wide image's edge."""
+"""Relative difference of focal lengths up to which a declared camera took the points: a pixel at the edge of
+a wide image."""
 MAPS = (".las", ".laz")
-"""Formats of maps, whose z points up where nothing contradicts."""
+"""Suffixes of maps' formats, in which z points up."""
 FARAWAY_M = 1000.0
-"""Metres from the origin from which coordinates are those of a map (UTM), with z up in any format."""
+"""Metres from the origin beyond which coordinates are a map's (UTM), with z up in any format. Untuned."""
 
 
 @dataclass(frozen=True)
 class CloudView:
     """View of a cloud. points_m: camera frame (n, 3), in the file's order, NaN = none.
-    shown: index (h, w) of each pixel's point, -1 = none. how: what was found or assumed.
+    shown: index (h, w) of each pixel's point, -1 = none. how: notes on findings and assumptions.
     organised: whether point n is pixel n. spacing_m: of the points' surface, 0 = a pixel each.
     scale: metres of the file's unit."""
 
@@ -89,7 +89,7 @@ def _organised(path: Path, cloud: CloudRecords, points: Float64, options: Import
 def _grid(path: Path, points: Float64, viewpoint: Pose | None, mirror: bool) -> GridCamera:
     """Return the camera of the grid.
 
-    With ``mirror`` also of a grid that is the mirror image of its coordinates.
+    mirror: whether the grid may be the mirror image of its coordinates.
     """
     if mirror:
         with suppress(FormatError):
@@ -100,7 +100,7 @@ def _grid(path: Path, points: Float64, viewpoint: Pose | None, mirror: bool) -> 
 
 
 def _unit(path: Path, seen: Float64, options: ImportOptions) -> tuple[float, tuple[str, ...]]:
-    """Return the metres of a unit of camera-frame points (n, 3), and a note where it is no metre."""
+    """Return the metres of a unit of camera-frame points (n, 3), and a note on any unit but metres."""
     ahead = seen[seen[:, 2] > 0, 2]
     distance = float(np.median(ahead)) if len(ahead) else 0.0
     return _scale(path, distance, ahead, options)
@@ -144,7 +144,7 @@ def _sensors(cloud: CloudRecords, few: Float64) -> list[_Sensor]:
 
     A PCD's VIEWPOINT is the sensor's pose in the frame of the points (PointCloudLibrary/pcl#6279). Some
     programs write it beside points that are in the sensor's own frame already (PCLVisualizer,
-    PointCloudLibrary/pcl#180; CloudCompare#522): the points lie on the pixels of a camera at the origin.
+    PointCloudLibrary/pcl#180; CloudCompare#522). Such points lie on the pixels of a camera at the origin.
     """
     own = _Sensor(Pose.identity(), "at the cloud's origin")
     if cloud.viewpoint is None:
@@ -202,7 +202,7 @@ def _camera(seen: Float64, options: ImportOptions) -> tuple[Intrinsics, float]:
 
 
 def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions) -> CloudView:
-    """Return the view of a Kinect v2 in front of a cloud that no camera at its origin saw."""
+    """Return the view of a Kinect v2 in front of a cloud that no camera at its origin took."""
     size = float(np.linalg.norm(np.ptp(np.percentile(thinned(finite), (2, 98), axis=0), axis=0)))
     scale, unit = _scale(path, size, np.zeros(0), options)
     middle = np.rint(np.median(finite, axis=0)) if np.abs(finite).max() * scale > FARAWAY_M else np.zeros(3)
@@ -211,8 +211,8 @@ def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions)
     axes = options.axes or world_axes(some, mapped)
     if axes is None:
         raise FormatError(
-            f"{path}: no camera at the cloud's origin sees it all, and neither a floor nor somebody upright "
-            f"shows which way is up; import it with --axes: {', '.join(AXES)}"
+            f"{path}: no camera at the cloud's origin sees it all, and neither a floor nor a standing person "
+            f"shows the direction up; import it with --axes: {', '.join(AXES)}"
         )
     turned = ((points - middle) * scale) @ camera_from(axes).T
     turned[_apart(turned)] = np.nan
@@ -231,7 +231,7 @@ def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions)
 
 
 def _apart(points_m: Float64) -> NDArray[np.bool_]:
-    """Return flags of the points (n, 3) that lie far outside: a camera that shows them is far back."""
+    """Return flags of the points (n, 3) far outside, which would move the camera far back."""
     low, high = np.percentile(points_m[np.isfinite(points_m[:, 0])], (0.1, 99.9), axis=0)
     room = APART * float((high - low).max())
     with np.errstate(invalid="ignore"):

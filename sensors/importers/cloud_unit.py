@@ -1,4 +1,4 @@
-"""The unit of a cloud's coordinates, which its file does not name, by the size of the scene."""
+"""Unit of a cloud's coordinates, by the size of the scene, because files state no unit."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,23 +6,23 @@ from numpy.typing import NDArray
 from sensors.errors import FormatError
 
 METRES = 30.0
-"""Distances (or sizes of clouds without a camera) up to this are metres: depth cameras see 0.2 to 10 m."""
+"""Largest distance, or size of a cloud without a camera, in metres: depth cameras measure 0.2 to 10 m."""
 MILLIMETRES = 600.0
-"""Distances from this on are millimetres: as centimetres they are 6 m, farther than people are recorded."""
+"""Least distance in millimetres: 600 cm are farther than people are recorded. Untuned."""
 FARTHEST = 60_000.0
-"""Distance above which no unit makes a person's scene: 60 m in millimetres."""
+"""Largest distance in any unit: 60 m in millimetres. Untuned."""
 NEAREST = 0.1
-"""Distance below which metres make no scene."""
+"""Least distance in any unit: 0.1 m, nearer than depth cameras measure."""
 STEPS_MM = {"millimetres": 1.0, "centimetres": 10.0, "inches": 25.4}
 """Units between metres and millimetres, in millimetres."""
 
 
-def unit_mm(path: object, distance: float, along_m: NDArray[np.float64]) -> float:
+def unit_mm(path: object, distance: float, along: NDArray[np.float64]) -> float:
     """Return the millimetres of a unit of the cloud.
 
     distance: typical distance from the camera, or the size of a cloud without one, in the file's unit.
-    along_m: depths (n,) in the file's unit; cameras measure whole millimetres, so that these tell apart what
-    the distance leaves open. Raises FormatError where the unit stays unknown, with the remedy.
+    along: depths (n,) in the file's unit. Cameras measure whole millimetres, so depths distinguish units
+    where the distance does not. Raises FormatError where the unit stays unknown, with the remedy.
     """
     if NEAREST <= distance <= METRES:
         return 1000.0
@@ -30,7 +30,7 @@ def unit_mm(path: object, distance: float, along_m: NDArray[np.float64]) -> floa
         return 1.0
     if METRES < distance < MILLIMETRES:
         for unit in STEPS_MM.values():
-            if _whole(along_m * unit):
+            if _whole(along * unit):
                 return unit
         guesses = ", ".join(f"{distance * unit / 1000:.2g} m as {name}" for name, unit in STEPS_MM.items())
         raise FormatError(

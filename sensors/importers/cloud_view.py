@@ -19,15 +19,15 @@ NEAREST_M = 0.5
 MARGIN = 0.05
 """Share of the image kept free at each side of a cloud moved into view; untuned."""
 SPLAT = 0.6
-"""Half-width of a projected point in point spacings: a half closes an ideal lattice; on Kinect fusion scans
-0.53 is the least that hides their far side; of points strewn at random 3 % of the pixels stay open."""
+"""Half-width of a projected point in point spacings. 0.5 closes an ideal lattice; 0.53 at least hides the
+far side of Kinect fusion scans; with points at random 3 % of the pixels stay open."""
 OPEN_M = 0.1
 """Metres by which a pixel is farther than most neighbours where it looks through a surface. Untuned."""
 MOST = 5
 """Neighbours, of eight, that count as most of them. Untuned."""
 LEAST_FIELD = (1.40, 1.16)
-"""Width and height of an image over its focal length, at least: a Kinect v2's. A person alone keeps the room
-about them that networks are used to."""
+"""Least width and height of an image over its focal length: a Kinect v2's, because networks were trained on
+people with that much room around them."""
 FILLED = 0.6
 """Least share of pixels beside a point that have points; a cloud thinned out at random has fewer. Untuned."""
 BESIDE_M = 0.05
@@ -40,8 +40,8 @@ that a surface steep to the camera gains within a pixel or two. Untuned."""
 def camera_of(points_m: Float64) -> tuple[Intrinsics, float]:
     """Return a camera at the origin that sees camera-frame points (n, 3), and the points' spacing in metres.
 
-    Points that no depth image holds are left aside. The camera that took them, spacing 0, where
-    the points still lie on its pixels; else a Kinect v2, or one of its focal length with a wider field.
+    Points on the pixels of a camera have that camera, with spacing 0. Other points have a Kinect v2, or a
+    camera of its focal length with a wider field. Points that no depth image holds are left out.
     """
     with np.errstate(invalid="ignore"):
         z = points_m[:, 2]

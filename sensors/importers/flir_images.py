@@ -24,7 +24,7 @@ NAMED = 3
 
 
 class _Facts(NamedTuple):
-    """Facts of an image. shape: (h, w). photo: whether it holds a photograph."""
+    """Facts of an image. shape: (h, w). photo: whether the file holds a photograph."""
 
     shape: tuple[int, ...]
     photo: bool
@@ -35,8 +35,8 @@ class _Facts(NamedTuple):
 class FlirImages(FrameSource):
     """Radiometric JPEGs as a ``FrameSource``: temperatures, depth images without a reading, photographs.
 
-    In natural order of their names. Photographs beside them, and images of another size than most, are left
-    out. notes: these, and what is absent or assumed. Raises FormatError.
+    Frames are in natural order of the names. Photographs without temperatures, and images of another size
+    than most, are left out. notes: left out, absent and assumed data. Raises FormatError.
     """
 
     def __init__(self, path: Path) -> None:
@@ -91,7 +91,7 @@ def is_flir_alone(path: Path) -> bool:
 
 
 def _field(facts: list[_Facts]) -> tuple[float, str]:
-    """Return the horizontal field of view in degrees, and what is known of it."""
+    """Return the horizontal field of view in degrees, and a note on its source."""
     stated = [fact.wide_deg for fact in facts if fact.wide_deg]
     if not stated:
         return ASSUMED_WIDE_DEG, f"a lens {ASSUMED_WIDE_DEG:g} degrees wide is assumed"
@@ -101,11 +101,11 @@ def _field(facts: list[_Facts]) -> tuple[float, str]:
 
 
 def _times_ns(facts: list[_Facts]) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], str]:
-    """Return the images' stamps where all state times that grow with their names, else one a second."""
+    """Return the images' stamps if they all grow with the names, else one a second; and a note."""
     taken = np.array([fact.taken_ns for fact in facts], np.int64)
     if taken.min() > 0 and (np.diff(taken) > 0).all():
         return taken, "times are those of the camera's clock"
-    return regular_times_ns(len(facts), PERIOD_NS), "no time stamps that grow: one image a second assumed"
+    return regular_times_ns(len(facts), PERIOD_NS), "no growing time stamps: one image a second is assumed"
 
 
 def _left_out(files: list[Path], what: str) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""The pixel grid of the camera that took an unorganised cloud, found in the directions of its points.
+"""Pixel grid of the camera that took an unorganised cloud, found in the directions of its points.
 
 Points of a depth image lie on rays through pixel centres: u = f x/z + c is a whole number for all of them.
 The focal length is the smallest f at which these phases agree (a periodogram of x/z). Fused, thinned out or
@@ -20,7 +20,7 @@ AGREE = 0.8
 """Least mean of the phases as unit vectors: 1 on a grid, 0.04 where there is none, 0.95 for coordinates in
 whole millimetres 2 m away at a Kinect v2's focal length."""
 WIDEST_SPAN = 4.0
-"""Directions that no camera spans."""
+"""Span of directions that no camera reaches: 127 degrees. Untuned."""
 FEWEST_PX = 16
 """Pixels that the points must span; untuned."""
 RESIDUAL_PX = 0.15
@@ -28,7 +28,10 @@ RESIDUAL_PX = 0.15
 
 
 class Line(NamedTuple):
-    """Pixel = focal_px * direction + centre_px, centre in [0, 1): whole numbers of pixels are unknown."""
+    """Grid of pixels: pixel = focal_px * direction + centre_px.
+
+    centre_px is in [0, 1), because whole numbers of pixels are unknown.
+    """
 
     focal_px: float
     centre_px: float

@@ -12,10 +12,10 @@ from sensors.rig.clock import BACK, EPOCH_MARGIN_NS, SET_ANEW
 
 FLAG_CLOSED, FLAG_OPEN = "thermal flag closed", "thermal flag open"
 LEAP_NS = 1_000_000_000
-"""Nanoseconds by which a delay falls below the least one where the device's clock was set forward. A first
-image that is held up in a driver is less late (untuned)."""
+"""Nanoseconds below the least delay from which the device's clock was set forward. A driver delays a first
+image by less (untuned)."""
 FORGET = 1e-3
-"""Share of the time by which the least delay is raised: five times the skew of a bad crystal."""
+"""Rise of the least delay per time: five times the skew of a bad crystal (untuned)."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class _Epoch:
         self._stamp_ns = dict[str, int]()
 
     def add(self, reading: DeviceReading) -> bool:
-        """Take a reading; False, and nothing taken, where the clock was set before it."""
+        """Add a reading and return True; add nothing and return False where the clock was set before."""
         delay_ns = reading.arrival_ns - reading.stamp_ns
         if reading.stamp_ns < self._stamp_ns.get(reading.stream, reading.stamp_ns):
             return False
@@ -85,7 +85,7 @@ class Arrivals:
         self.away: set[str] = set()
 
     def add(self, address: str, reading: DeviceReading, overrun: int) -> list[Arrived | Event]:
-        """The events before a reading, then the reading. overrun: readings lost in a full queue before it."""
+        """Return the events before a reading, then the reading. overrun: readings lost in a full queue."""
         arrival_ns = reading.arrival_ns + self._unix_ns
         begun = self._begun(address, reading, arrival_ns)
         stamp_ns = reading.stamp_ns + self._epochs[address].zero_ns
@@ -105,7 +105,7 @@ class Arrivals:
         return [*made, arrived]
 
     def _begun(self, address: str, reading: DeviceReading, arrival_ns: int) -> str:
-        """The event's text, with a place for the address, where a reading begins an epoch; "" elsewhere."""
+        """Return the text of the event that begins an epoch, with a place for the address; "" within one."""
         epoch, text = self._epochs.get(address), ""
         if address in self.away:
             self.away.discard(address)

@@ -14,10 +14,9 @@ from sensors.recording.arrivals import Arrived
 from sensors.recording.host_clock import HostClock
 
 FAULT_NS = 500_000_000
-"""How long after it a device's fault is one: half a second, in which a slow camera sends four images. Chosen
-by eye."""
+"""Nanoseconds for which a device's fault lasts: a slow camera sends four images in that time. Untuned."""
 RECENT_NS = 5_000_000_000
-"""Span over which drops and bytes are counted. Chosen by eye."""
+"""Nanoseconds over which drops and bytes are counted. Untuned."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ class _Stream:
         self.usable = True
 
     def add(self, item: Arrived, left_out: bool) -> None:
-        """Count a reading; one that is left out did not come."""
+        """Count a reading; a reading that is left out counts as that alone."""
         self.dropped += item.lost
         self.left_out += left_out
         if left_out:
@@ -110,12 +109,12 @@ class _Stream:
         self.value, self.usable = value, item.usable
 
     def begin(self, at_ns: int) -> None:
-        """Begin anew: the device was opened again, and what was missed meanwhile is no fault of it."""
+        """Begin anew, because the device was opened again; images missed meanwhile are no fault."""
         self.recent.clear()
         self.opened_ns = at_ns
 
     def health(self, now_ns: int, away: bool) -> StreamHealth:
-        """The stream as it is at ``now_ns``."""
+        """Return the state of the stream at ``now_ns``."""
         recent = self.recent
         while recent and now_ns - recent[0].at_ns > RECENT_NS:
             recent.popleft()
@@ -153,7 +152,7 @@ class Watch:
         self._closed_ns = 0
 
     def add(self, item: Arrived, left_out: bool = False) -> int:
-        """Count a reading, or an image that is none; when it was made, on the host's clock."""
+        """Count a reading, and return its time on the host's clock. left_out: whether it is unusable."""
         stream, at_ns = item.reading.stream, item.arrival_ns
         if stream == "thermal":
             self._closed_ns = 0 if item.usable else self._closed_ns or at_ns
@@ -167,19 +166,19 @@ class Watch:
         return clock.host_ns(item.stamp_ns, at_ns)
 
     def streams(self, now_ns: int, away: frozenset[str] = frozenset()) -> dict[str, StreamHealth]:
-        """Every stream as it is at ``now_ns``, on the clock of the arrivals. away: lost addresses."""
+        """Return the states of all streams at ``now_ns``, on the arrivals' clock. away: lost addresses."""
         return {name: one.health(now_ns, one.address in away) for name, one in self._streams.items()}
 
     def flag_closed_s(self, now_ns: int) -> float:
-        """Seconds for which the flag has been closed; 0 while it is open."""
+        """Return the seconds for which the flag has been closed; 0 while it is open."""
         return (now_ns - self._closed_ns) * 1e-9 if self._closed_ns else 0.0
 
     def skew_ppm(self) -> dict[str, float]:
-        """Skew of every clock, by address."""
+        """Return the skew of every clock, by address."""
         return {address: clock.skew_ppm for address, clock in self._clocks.items()}
 
     def bytes_per_s(self) -> float:
-        """Bytes that come in a second, uncompressed."""
+        """Return the bytes that come in a second, uncompressed."""
         came = [one.recent for one in self._streams.values() if one.recent]
         total = sum(one.bytes for recent in came for one in recent)
         first = min((recent[0].at_ns for recent in came), default=0)
@@ -188,7 +187,7 @@ class Watch:
 
 
 def in_words(value: Value) -> str:
-    """A reading in a few words."""
+    """Return a reading in a few words."""
     match value:
         case DepthImage(depth_mm):
             return f"{np.count_nonzero(depth_mm) / depth_mm.size:.0%} read"

@@ -5,15 +5,15 @@ from collections import deque
 import numpy as np
 
 BIN_NS, BINS = 1_000_000_000, 60
-"""Span of which the least delay is kept, and number of spans: a minute. Chosen by eye."""
+"""Span of which the least delay is kept, and number of spans: a minute. Untuned."""
 RECENT = 5
-"""Spans whose least delay is taken for none. Chosen by eye: in five seconds some reading is not held up, and
+"""Spans whose least delay is taken for none. Untuned: in five seconds some reading is not held up, and
 a clock that is off by 200 ppm moves by a millisecond."""
 LEAST_BINS = 20
 """Spans before a clock's speed is stated: a jitter of a millisecond is 50 ppm over 20 s."""
 SCATTER = 5.0
 """Least drift over the time watched, as a multiple of the median scatter about it: on a machine that is too
-busy every delay is late, and by how much changes. Chosen by eye."""
+busy every delay is late, and by how much changes. Untuned."""
 
 
 class HostClock:

@@ -12,7 +12,7 @@ from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 
 SETUP_IMAGES = 10
-"""First images of a stream that must all be bad for its camera to count as set up wrongly (untuned)."""
+"""Number of first images of a stream that are all bad where its camera is in a wrong mode (untuned)."""
 NAMES = {"depth": "depth", "color": "colour", "thermal": "thermal", "pyrometer": "pyrometer"}
 """Names of streams in messages."""
 
@@ -20,8 +20,8 @@ NAMES = {"depth": "depth", "color": "colour", "thermal": "thermal", "pyrometer":
 class ImageJudge:
     """Judge of a rig's images.
 
-    A stream of which no image was ever good and the first ``SETUP_IMAGES`` were bad has a camera in another
-    mode than the calibration's: that is no fault of one image.
+    Where all of the first ``SETUP_IMAGES`` of a stream are bad, the camera is in another mode than the
+    calibration's.
     """
 
     def __init__(self, calibration: RigCalibration) -> None:
@@ -29,7 +29,7 @@ class ImageJudge:
         self._good, self._bad = set[str](), Counter[str]()
 
     def fault(self, value: Value) -> str:
-        """Fault of an image in words, "" for a good one. Raises CalibrationError for a wrong mode."""
+        """Return the fault of an image, "" for a good one. Raises CalibrationError for a wrong mode."""
         if not (why := _fault(value, self._calibration)):
             self._good.add(value.stream)
             return ""
@@ -67,7 +67,7 @@ def _misshapen(image: NDArray[np.generic], dtype: np.dtype[np.generic], camera: 
 
 
 def _garbled(encoded: bytes, camera: Intrinsics | None) -> str:
-    """Fault of a camera's own JPEG or PNG bytes by their header and end."""
+    """Return the fault of a camera's JPEG or PNG, by its header and end; decode nothing."""
     try:
         return _of_size(*size_of_encoded(encoded), camera)
     except FormatError as error:

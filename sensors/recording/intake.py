@@ -13,11 +13,11 @@ from sensors.recording.arrivals import Arrivals, Arrived, Event
 
 BACKLOG, BACKLOG_S = 64, 2.0
 """Readings, and seconds of readings, that a device may be ahead of the disk, whichever is more: 45 MB of a
-Kinect v2. Chosen by eye: a disk that is busy with something else stalls for a second."""
+Kinect v2. A busy disk stalls for a second. Untuned."""
 READ_S = 0.2
-"""Seconds a thread waits for a reading before it checks whether it is to end. Chosen by eye."""
+"""Seconds a thread waits for a reading before it checks whether it is to end. Untuned."""
 REOPEN_S = 1.0
-"""Seconds between two attempts to open a lost device again. Chosen by eye."""
+"""Seconds between two attempts to open a lost device again. Untuned."""
 
 
 class Intake:
@@ -68,7 +68,7 @@ class Intake:
         return frozenset(self._arrivals.away)
 
     def now_ns(self) -> int:
-        """The host's clock as it stood at the start, whatever has been set since."""
+        """Return the time on the host's clock, without changes of that clock since the start."""
         return time.monotonic_ns() + self._unix_from_monotonic
 
     def wait(self, timeout_s: float) -> None:
@@ -81,9 +81,9 @@ class Intake:
         self._woken.set()
 
     def drain(self) -> list[Arrived | Event]:
-        """All that has come until now.
+        """Return all readings and events until now.
 
-        No more than that: while devices are faster than the caller, their queues are never empty.
+        Later ones wait, because the queues of devices that are faster than the caller are never empty.
         """
         drained: list[Arrived | Event] = []
         for address, queue in self._queues.items():
@@ -107,7 +107,7 @@ class Intake:
         return happened
 
     def _read(self, address: str) -> None:
-        """A device's thread."""
+        """Read one device in its thread."""
         while not self._stop.is_set():
             try:
                 item: DeviceReading | Exception | None = self._devices[address].read(READ_S)
@@ -126,7 +126,7 @@ class Intake:
             try:
                 self._queues[address].put(item, is_error, READ_S)
             except Full:
-                # An error must come through: it says that a device is gone.
+                # An error is never dropped, because it means that a device is gone.
                 if is_error and not self._stop.is_set():
                     continue
                 self._overrun[address] += 1

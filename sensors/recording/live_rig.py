@@ -1,4 +1,4 @@
-"""A running rig: its newest moment to look at, and every reading on the disk while it is recorded."""
+"""Running rig: its newest moment, and every reading on the disk while it is recorded."""
 
 import threading
 import time
@@ -22,7 +22,7 @@ from sensors.recording.recorder import LOOK_S, RESERVE_BYTES, Recorder, Take, cl
 from sensors.rig.rig_calibration import RigCalibration
 
 EVENTS_KEPT = 100
-"""Number of events that are kept. Chosen by eye."""
+"""Number of events that are kept. Untuned."""
 SETUP_S = 10.0
 """Seconds after the start in which a camera in a wrong mode ends the rig (untuned)."""
 
@@ -98,11 +98,11 @@ class LiveRig:
             self._recorder.begin(path, subject, overwrite, infrared)
 
         self._in_thread(begin)
-        # Over what has been loaded since the start, too: kernels, networks, the window.
+        # Kernels, networks and the window have been loaded since the start.
         self._collector.freeze()
 
     def end_recording(self) -> Path | None:
-        """End the recording, if there is one; its session, whole and on the disk.
+        """End the recording, if there is one, and return its session, whole and on the disk.
 
         Raises OSError, and ExistsError where another program made a file of its name meanwhile.
         """
@@ -124,7 +124,7 @@ class LiveRig:
     # Looking
 
     def health(self) -> Health:
-        """The rig as it is now."""
+        """Return the state of the rig."""
         now_ns, watch, away = self._intake.now_ns(), self._watch, self._intake.away
         take, free_bytes = self._recorder.take, self._recorder.free_bytes
         with self._counting:
@@ -149,7 +149,7 @@ class LiveRig:
     # The thread
 
     def _in_thread(self, action: Callable[[], T]) -> T:
-        """The result of an action of the rig's thread, or of the caller's where that does not run."""
+        """Do an action in the rig's thread, or in the caller's if that does not run; return its result."""
         future = Future[T]()
 
         def act() -> None:
@@ -172,7 +172,7 @@ class LiveRig:
             with self._intake:
                 self._serve()
             self._take_in()
-        except Exception as error:  # whoever looks raises it: here it would die with the thread
+        except Exception as error:  # raised where the rig is used, because here it ends with the thread
             self.error = error
             if isinstance(error, CalibrationError):
                 self._discard()
@@ -209,7 +209,7 @@ class LiveRig:
             self._asked.popleft()()
 
     def _take_in(self) -> None:
-        """All that has come: judged, counted, paired and written."""
+        """Judge, count, pair and write all readings that have come."""
         for item in self._intake.drain():
             self._keep(item)
 

@@ -14,10 +14,10 @@ from sensors.rig.frame import RigFrame
 from sensors.rig.pairing import COLOR_WINDOW_NS, SPOT_WINDOW_NS, THERMAL_WINDOW_NS
 
 WAIT_NS = 25_000_000
-"""How long a depth image waits for what belongs to it: half a period of 30 Hz, and 8 ms of transport. Chosen
-by eye."""
+"""Time for which a depth image waits for its other images: half a period of 30 Hz, and 8 ms of transport.
+Untuned."""
 KEPT = 64
-"""Colour images, and thermal images, that are kept: half a second of 128 Hz. Chosen by eye."""
+"""Colour images, and thermal images, that are kept: half a second of 128 Hz. Untuned."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from sensors.recording.newest import Newest
 from sensors.rig.frame import FrameSource
 
 LONGEST_S = 1.0
-"""Longest pause between two frames: what lies farther apart was recorded in pieces. Chosen by eye."""
+"""Longest pause between two frames: frames farther apart were recorded in pieces. Untuned."""
 
 
 class Playback:

@@ -33,9 +33,9 @@ from sensors.session.messages import (
 from sensors.session.writer import SessionWriter
 
 LOOK_S = 1.0
-"""Seconds between two checks of the disk's free space. Chosen by eye."""
+"""Seconds between two checks of the disk's free space. Untuned."""
 RESERVE_BYTES = 300_000_000
-"""Space that has to stay free: 20 s of raw depth, and what the system itself needs. Chosen by eye."""
+"""Bytes that stay free: 20 s of raw depth, and room for the system itself. Untuned."""
 TOPICS = {
     "depth": (DEPTH, INFRARED),
     "color": (COLOR,),
@@ -44,12 +44,12 @@ TOPICS = {
 }
 """Topics of a device's streams."""
 WORTHLESS_S = 10.0
-"""Seconds of recording without a depth image that nobody misses (untuned)."""
+"""Seconds below which a recording without depth images is removed (untuned)."""
 DISK_FULL = "disk nearly full: recording ended"
 
 
 def clock_metadata(devices: Sequence[Device], latency_ms: Mapping[str, float]) -> dict[str, str]:
-    """A session's metadata on clocks: which one stamped a topic, and how late that device's readings are.
+    """Return a session's metadata on clocks: the clock and the latency of each topic.
 
     latency_ms: by address.
     """
@@ -63,7 +63,7 @@ def clock_metadata(devices: Sequence[Device], latency_ms: Mapping[str, float]) -
 
 
 def write_item(writer: SessionWriter, item: Arrived | Event, infrared: bool = False) -> None:
-    """Write a reading or an event; what a closed flag makes worthless is left out.
+    """Write a reading or an event; leave out images of a closed flag.
 
     infrared: whether to keep the depth camera's amplitude images, which calibration needs. Images were judged
     before (``ImageJudge``). Raises OSError, and FormatError for an impossible time.
@@ -105,12 +105,12 @@ class Take:
 
     @property
     def path(self) -> Path:
-        """Where what was recorded lies now."""
+        """Path at which the recorded readings lie now."""
         return self.writer.partial if self.writer.partial.exists() else self.writer.path
 
     @property
     def seconds(self) -> float:
-        """Seconds since it was started, or that it lasted."""
+        """Duration of the recording so far, in seconds."""
         return min(time.monotonic(), self.ended_s) - self.started_s
 
 
@@ -154,9 +154,9 @@ class Recorder:
             self.trouble = _cut_off(take, error)
 
     def end(self) -> Path | None:
-        """End the session, if there is one; its path, whole and on the disk.
+        """End the session, if there is one, and return its path, whole and on the disk.
 
-        A session without depth images could not be read: a short one is removed, a long one stays cut off.
+        A session without depth images cannot be read: a short one is removed, a long one stays cut off.
         Raises OSError, and ExistsError where another program made a file of its name meanwhile.
         """
         if self.take is not None and not self.take.frames:
@@ -208,7 +208,7 @@ class Recorder:
 
 
 def _cut_off(take: Take, error: OSError) -> str:
-    """Text on a recording that the disk refuses."""
+    """Return the message for a recording that the disk refuses."""
     if isinstance(error, FileNotFoundError):
         return _gone(take)
     why = error.strerror or error
@@ -216,7 +216,7 @@ def _cut_off(take: Take, error: OSError) -> str:
 
 
 def _gone(take: Take) -> str:
-    """Text on a recording whose file is no longer where it was made."""
+    """Return the message for a recording whose file was moved or removed."""
     return (
         f"the recording ended: {take.writer.partial} was moved or removed while it was written; "
         "look for it where it was moved to, and repair it"

@@ -18,7 +18,7 @@ from sensors.rig.pairing import MAX_LATENCY_MS
 from sensors.rig.rig_calibration import RigCalibration
 
 MAX_BYTES = 100_000
-"""Bytes of a rig file; one of ten devices has 1,000. Chosen by eye."""
+"""Bytes of a rig file; one of ten devices has 1,000. Untuned."""
 KEYS = ("name", "calibration", "devices", "latency_ms")
 
 

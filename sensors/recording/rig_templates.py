@@ -59,7 +59,7 @@ AZURE_DEPTH = Intrinsics(640, 576, 503.9, 503.7, 321.0, 328.5, -0.3295, 0.1388, 
 AZURE_COLOR = Intrinsics(1920, 1080, 919.5, 919.4, 972.4, 560.5, 0.1019, -0.0711, k3=0.0124)
 """Colour camera of the same unit."""
 BOLT_COLOR = Intrinsics(1920, 1080, 1144.0, 1144.0, 959.5, 539.5, 0.08, -0.05)
-"""Orbbec Femto Bolt: 80 x 51 degrees (data sheet); distortion chosen by eye."""
+"""Orbbec Femto Bolt: 80 x 51 degrees (data sheet); distortion untuned."""
 D455_DEPTH = Intrinsics(848, 480, 417.0, 417.0, 423.5, 239.5)
 """RealSense D455, rectified, in the mode that its maker recommends."""
 D455_COLOR = Intrinsics(1280, 720, 629.6, 629.6, 639.5, 359.5, -0.0557, 0.0603, -0.00098, -0.00085, -0.0161)

@@ -21,12 +21,12 @@ _BLOCK_BYTES = 1 << 20
 
 
 def problems_in(file: BinaryIO) -> list[str]:
-    """Every problem of an open session file, one line each; empty when it is whole."""
+    """Return every problem of an open session file, one line each; empty when it is whole."""
     return list(_problems(file))
 
 
 def problems_of(path: Path) -> list[str]:
-    """Every problem of a session file, one line each."""
+    """Return every problem of a session file, one line each."""
     with path.open("rb") as file:
         return problems_in(file)
 
@@ -55,7 +55,7 @@ def _problems(file: BinaryIO) -> Iterator[str]:
 
 
 def _checksum_fits(file: BinaryIO, summary: Summary) -> bool:
-    """Whether the CRC of all data, if there is one, is that of the bytes."""
+    """Return whether the CRC of all data, if there is one, is that of the bytes."""
     end = summary.start - _DATA_END_BYTES
     if end < 0:
         return False

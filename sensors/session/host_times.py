@@ -24,9 +24,9 @@ class HostTimes:
     clocks: dict[str, str]
 
     def pairs(self, master: str, other: str, window_ns: int) -> NDArray[np.intp]:
-        """For each message of topic ``master`` the index of the one of ``other`` that belongs to it, or -1.
+        """Return, for each message of topic ``master``, the index of its message of ``other``, or -1.
 
-        As ``pair_stamps``. Unsure times of different clocks are not compared.
+        Pairs as ``pair_stamps``. Unsure times of different clocks are not compared.
         """
         at = pair_stamps(self.ns[master], self.ns[other], window_ns)
         if self.clocks[master] == self.clocks[other] or not len(self.ns[other]):
@@ -37,11 +37,11 @@ class HostTimes:
 def host_times(
     places: dict[str, Places], metadata: dict[str, str], events: Iterable[tuple[int, str]] = ()
 ) -> HostTimes:
-    """Return when each message was made.
+    """Return the times at which messages were made.
 
     A recording's metadata name the clock that stamped a topic (``clock /depth/image``); each clock is fitted
-    to the host's, in each of its epochs, which the events (stamp in ns, text) begin. Topics of no stated
-    clock are stamped by one and the same.
+    to the host's, in each of its epochs, which the events (stamp in ns, text) begin. All topics without a
+    stated clock share one.
     """
     clocks = {topic: metadata.get(f"{CLOCK}{topic}", "") for topic in places}
     fitted, events = dict[str, EpochClock](), tuple(events)

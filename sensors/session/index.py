@@ -74,7 +74,7 @@ def read_contents(path: Path) -> Contents:
 
 
 def _indexed(file: BinaryIO) -> Contents | None:
-    """The contents by the file's own index; None where it has none that belongs to it."""
+    """Return the contents by the file's own index; None where no index belongs to the file."""
     if file.read(len(MAGIC)) != MAGIC or (summary := read_summary(file)) is None:
         return None
     index = read_index(file, summary)
@@ -118,7 +118,7 @@ def scan(file: BinaryIO) -> Contents:
 
 
 class _Scan:
-    """What the records of a file hold, one after another. expected, count: messages stated and found."""
+    """Contents of a file's records, one after another. expected, count: messages stated and found."""
 
     def __init__(self, name: str) -> None:
         self._name, self.count = name, 0
@@ -171,7 +171,7 @@ class _Scan:
                 raise FormatError(f"{self._name}: an impossible time in {topic}; record it again")
             self.places[topic].extend((stamp_ns, arrival_ns, offset, slot))
         elif topic in OF_CALIBRATION:
-            # One too large is kept as far as calibration_from needs to refuse it.
+            # One byte more than is read, so that calibration_from refuses a larger one.
             start = span.start + MESSAGE.size
             content = data[start : min(span.end, start + MAX_CALIBRATION_BYTES + 1)]
             self.calibrations.setdefault(topic, content)
@@ -189,5 +189,5 @@ def _sorted(places: Places) -> Places:
 
 
 def plain(text: str) -> str:
-    """The printable characters of a file's text, which is shown to people."""
+    """Return the printable characters of a file's text."""
     return "".join(c for c in text if c.isprintable())

@@ -15,7 +15,7 @@ CHUNK_BYTES = 1 << 20
 
 
 class IndexedWriter:
-    """``mcap.Writer`` that keeps account of where each message lies, and stores it at the end."""
+    """``mcap.Writer`` that stores an index of all messages at the end."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -29,14 +29,14 @@ class IndexedWriter:
         self._begin = file.tell()
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Add a schema; its number."""
+        """Add a schema and return its number."""
         number: int = self._writer.register_schema(name, encoding, data)
         self._slot += 1
         self._follow()
         return number
 
     def register_channel(self, topic: str, encoding: str, schema: int, metadata: dict[str, str]) -> int:
-        """Add a channel; its number."""
+        """Add a channel and return its number."""
         number = self._writer.register_channel(topic, encoding, schema, metadata)
         if topic not in self._index.topics:
             self._index.topics.append(topic)

@@ -9,8 +9,8 @@ from typing import BinaryIO
 from sensors.errors import CloudError
 
 PATIENCE_S, PAUSE_S = 1.0, 0.01
-"""How long a writer waits for programs that look whether the file is locked, and between two tries: each
-holds the lock for microseconds. Untuned."""
+"""Seconds for which a writer waits for programs that check the lock (they hold it for microseconds); seconds
+between two tries. Untuned."""
 
 
 class RecordingError(CloudError):
@@ -41,7 +41,7 @@ def open_locked(path: Path, overwrite: bool) -> BinaryIO:
 
 
 def is_being_recorded(path: Path) -> bool:
-    """Whether a process holds the lock of ``open_locked`` on a file."""
+    """Return whether a process holds the lock of ``open_locked`` on a file."""
     try:
         with path.open("rb") as file:
             return not _locked(file, fcntl.LOCK_SH)
@@ -61,6 +61,6 @@ def _locked(file: BinaryIO, kind: int) -> bool:
     except BlockingIOError:
         return False
     except OSError:
-        # A file system without locks: nobody can hold one.
+        # A file system without locks.
         return True
     return True

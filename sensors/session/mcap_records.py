@@ -73,7 +73,7 @@ def record_offsets(file: BinaryIO) -> Iterator[int]:
 
 
 def is_complete(file: BinaryIO) -> bool:
-    """Whether the file's records end as those of a finished MCAP file do, with the magic."""
+    """Return whether the file ends as a finished MCAP file does, with the magic."""
     end = len(MAGIC)
     for offset in record_offsets(file):
         file.seek(offset)
@@ -84,7 +84,7 @@ def is_complete(file: BinaryIO) -> bool:
 
 
 def contents_at(file: BinaryIO, offset: int) -> bytes:
-    """Bytes of the record at an offset with its head, or of the records of a chunk; its CRC is checked.
+    """Return the record at an offset with its head, or the records of a chunk, whose CRC is checked.
 
     Empty for a record of a kind that no session needs. Raises FormatError when it is corrupt, naming file
     and offset.
@@ -126,7 +126,7 @@ class MessageReader:
         self._chunk = lru_cache(CACHED_CHUNKS)(self._read_chunk)
 
     def read(self, offset: int, slot: int, stamp_ns: int | None = None) -> bytes:
-        """The bytes of message ``slot`` of the chunk at ``offset``.
+        """Return the bytes of message ``slot`` of the chunk at ``offset``.
 
         Raises FormatError where none is, or where its publish time is not ``stamp_ns``.
         """
@@ -150,7 +150,7 @@ class MessageReader:
 
 
 def spans(data: bytes) -> Iterator[Span]:
-    """The records that lie one after another in ``data``. Raises ValueError where it ends within one."""
+    """Yield the records that follow each other in ``data``. Raises ValueError where it ends within one."""
     at = number = 0
     while at < len(data):
         opcode, length = HEAD.unpack_from(data, at)
@@ -165,7 +165,7 @@ def spans(data: bytes) -> Iterator[Span]:
 
 
 def parsed(data: bytes, span: Span | None = None) -> McapRecord:
-    """The record of ``data``, or that of a span of it. Raises one of ``mcap``'s errors."""
+    """Parse the record of ``data``, or of a span of it. Raises one of ``mcap``'s errors."""
     if span is not None and span.opcode == Opcode.MESSAGE:
         channel, sequence, log_time, publish_time = MESSAGE.unpack_from(data[span.start : span.end])
         content = data[span.start + MESSAGE.size : span.end]
@@ -197,7 +197,7 @@ def unpacked(chunk: McapRecord) -> bytes:
 
 @contextmanager
 def damage(name: str, offset: int) -> Iterator[None]:
-    """Whatever a corrupt record raises as FormatError."""
+    """Raise FormatError for all that a corrupt record raises."""
     try:
         yield
     except (*_BROKEN, StopIteration) as error:

@@ -136,7 +136,7 @@ class Session(FrameSource):
         return None if spot is None else reference.offsets_k(spot, times_s)
 
     def _target_c(self, index: int) -> float:
-        """A reading of the pyrometer; NaN where it is damaged."""
+        """Return a reading of the pyrometer; NaN where it is damaged."""
         try:
             return target_from(self._message(PYROMETER, index))
         except FormatError:
@@ -206,7 +206,7 @@ class Session(FrameSource):
 
 
 def _is_delayed(places: Places) -> bool:
-    """Whether a device's stamps are not the host's times, as in what is simulated or imported."""
+    """Return whether a device's stamps differ from the host's times, which simulations and imports share."""
     return bool(len(places)) and bool(np.abs(places["arrival_ns"] - places["stamp_ns"]).max() > DELAY_NS)
 
 

@@ -1,4 +1,4 @@
-"""Which MCAP files are sessions: by their topics and schemas, wherever other programs put their records."""
+"""Recognition of sessions among MCAP files, by topics and schemas, wherever programs put these records."""
 
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -19,7 +19,7 @@ KINDS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
 
 
 class McapFiles(NamedTuple):
-    """The MCAP files of a folder, in natural order. unknown: those that are empty or none in truth."""
+    """MCAP files of a folder, in natural order. unknown: empty files, and files of another format."""
 
     sessions: list[Path]
     foreign: list[Path]
@@ -27,7 +27,7 @@ class McapFiles(NamedTuple):
 
 
 def is_session(path: Path) -> bool | None:
-    """Whether an MCAP file is a session; None for one without topics. Raises FormatError for no MCAP file.
+    """Return whether an MCAP file is a session; None without topics. Raises FormatError for other files.
 
     A session has the depth images and their camera, or the metadata that a session's writer adds.
     """
@@ -38,7 +38,7 @@ def is_session(path: Path) -> bool | None:
 
 
 def mcap_files(folder: Path) -> McapFiles:
-    """Sort the MCAP files of a folder by what they are."""
+    """Sort the MCAP files of a folder by kind."""
     files = McapFiles([], [], [])
     kinds = {True: files.sessions, False: files.foreign, None: files.unknown}
     for file in paths_in_order(folder.glob(f"*{SUFFIX}")):
@@ -65,14 +65,14 @@ def check_no_sessions(folder: Path) -> None:
 
 
 def _stated(summary: Summary) -> tuple[set[str], bool]:
-    """Topics of session messages, "" for others, and whether there is a session's metadata; by a summary."""
+    """Return topics of session messages, "" for others, and whether a session's metadata is stated."""
     schemas = {schema.id: schema.name for schema in summary.schemas}
     topics = {_topic(channel, schemas) for channel in summary.channels}
     return topics, any(each.name == METADATA for each in summary.metadata)
 
 
 def _searched(file: BinaryIO) -> tuple[set[str], bool]:
-    """The same, by the records: up to where it is clear that the file is a session."""
+    """Return the same as ``_stated`` by the records; stop where the file is sure to be a session."""
     schemas: dict[int, str] = {}
     topics: set[str] = set()
     for offset in record_offsets(file):
@@ -89,7 +89,7 @@ def _searched(file: BinaryIO) -> tuple[set[str], bool]:
 
 
 def _topic(channel: Channel, schemas: dict[int, str]) -> str:
-    """A channel's topic, if its messages are a session's; else ""."""
+    """Return a channel's topic, if its messages are a session's; else ""."""
     expected = SCHEMAS.get(channel.topic)
     name = schemas.get(channel.schema_id, "")
     own = expected is not None and channel.message_encoding == "protobuf"

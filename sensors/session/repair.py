@@ -30,16 +30,16 @@ SMALL_BYTES = 1 << 12
 """Bytes of a depth image below which several share a chunk: a chunk takes a thousand times the time of an
 empty message, of which a damaged file may hold millions (untuned)."""
 LONGEST_LOSS_NS = 60 * 10**9
-"""A lost chunk that states to end later than this after what was saved is believed to be damaged there too.
-Untuned: a chunk of a recording lasts a thirtieth of a second."""
+"""Nanoseconds from the last saved message beyond which the stated end of a lost chunk counts as damaged: a
+chunk lasts a thirtieth of a second (untuned)."""
 
 
 @dataclass(frozen=True)
 class Repaired:
     """Result of ``repair``. frames: of the whole session. changed: whether there was anything to repair.
 
-    damaged: places of the file that could not be read; lost_bytes: how long they are; lost_s: how long what
-    was recorded there lasted, as far as that is known; lost_frames: how many are missing, None = unknown.
+    damaged: number of places that could not be read. lost_bytes: their length. lost_s: duration of the
+    recording there, as far as known. lost_frames: number of missing frames, None = unknown.
     """
 
     path: Path
@@ -52,7 +52,7 @@ class Repaired:
 
 
 def repair(path: Path, out: Path | None = None, *, overwrite: bool = False) -> Repaired:
-    """Write a whole session with all that can be read of a damaged one, which stays as it is.
+    """Write a whole session with all readable records of a damaged one, which stays as it is.
 
     The result is called ``NAME.repaired.mcap``, that of ``NAME.mcap.partial`` ``NAME.mcap``; of a whole
     session none is made. Raises FormatError when nothing can be saved, ExistsError when another file has the
@@ -93,7 +93,7 @@ def _opened(source: Path) -> BinaryIO:
 
 
 def _rewrite(file: BinaryIO, temporary: Path, target: Path) -> Repaired:
-    """Copy what can be read. Raises FormatError where that is no session."""
+    """Copy all readable records. Raises FormatError where they make no session."""
     summary = read_summary(file)
     index = read_index(file, summary) if summary else None
     losses = Losses()
@@ -111,7 +111,7 @@ def _rewrite(file: BinaryIO, temporary: Path, target: Path) -> Repaired:
         copier.finish(index)
     if not copier.frames:
         if not copier.nameless:
-            scan(file)  # raises why it is no session
+            scan(file)  # raises the reason
         raise FormatError(
             f"{file.name}: no depth image can be saved, because the records that name the topics cannot be "
             "read; restore it from a copy"
@@ -125,7 +125,7 @@ def _rewrite(file: BinaryIO, temporary: Path, target: Path) -> Repaired:
 
 
 class Losses:
-    """What of a file is lost: places, bytes, and nanoseconds."""
+    """Losses of a file: places, bytes, and nanoseconds."""
 
     def __init__(self) -> None:
         self.places = self.bytes = self._known_ns = 0
@@ -135,7 +135,7 @@ class Losses:
         self._gaps_ns: list[int] = []
 
     def add(self, piece: Piece) -> None:
-        """Take account of the next piece."""
+        """Count the next piece."""
         if piece.lost:
             self.places, self.bytes = self.places + 1, self.bytes + piece.end - piece.start
             if not self._stated(piece.end_ns):
@@ -150,12 +150,12 @@ class Losses:
 
     @property
     def ns(self) -> int:
-        """How long what is lost lasted: a gap of unknown length less the usual step between chunks."""
+        """Duration of the lost parts: a gap of unknown length less the usual step between chunks."""
         step_ns = round(median(self._steps_ns)) if self._steps_ns else 0
         return self._known_ns + sum(max(0, gap_ns - step_ns) for gap_ns in self._gaps_ns)
 
     def _stated(self, end_ns: int | None) -> bool:
-        """Whether a lost chunk states credibly when it ends."""
+        """Return whether a lost chunk states a credible end, and count its duration if so."""
         last_ns = self._last_ns
         if end_ns is None or last_ns is None or not last_ns < end_ns <= last_ns + LONGEST_LOSS_NS:
             return False
@@ -164,7 +164,7 @@ class Losses:
 
 
 def _is_possible(message: Message) -> bool:
-    """Whether a message's times are those of a session."""
+    """Return whether a message's times are possible in a session."""
     return max(message.log_time, message.publish_time) < 1 << 63
 
 
@@ -209,7 +209,7 @@ class Copier:
                 self._writer.add_attachment(record)
 
     def finish(self, index: StoredIndex | None) -> None:
-        """Add what of an index is lost, and end the file."""
+        """Add the index's messages that are lost, and end the file."""
         if index is not None:
             channels = {topic: self._channels[number] for number, topic in self._topics.items()}
             for topic, data in index.calibrations.items():
@@ -238,6 +238,6 @@ class Copier:
         self._first_ns = message.log_time if self._first_ns is None else self._first_ns
         if topic == DEPTH:
             self.frames += 1
-            # As while it was recorded: a chunk for each frame, so that damage costs one.
+            # A chunk for each frame, as in a recording, so that damage costs one frame.
             if len(message.data) >= SMALL_BYTES:
                 self._writer.flush()

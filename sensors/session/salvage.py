@@ -1,4 +1,4 @@
-"""The sound records of a damaged MCAP file, and what lies between them.
+"""Sound records of a damaged MCAP file, and the gaps between them.
 
 Records follow each other by their lengths. Where a record is corrupt, the next one is found by the summary's
 index, if that is whole, else as the next chunk whose header and CRC are right. Layout: MCAP specification.
@@ -44,7 +44,7 @@ _BROKEN = (
 
 
 class Piece(NamedTuple):
-    """Bytes ``start`` to ``end`` of a file: a record, or what is lost between two.
+    """Bytes ``start`` to ``end`` of a file: a record, or a gap between two.
 
     data: the records to keep, one after another; none of a record that is written anew. end_ns: latest log
     time of a chunk, as far as it is stated.
@@ -96,7 +96,7 @@ class _Walk:
             at = piece.end
 
     def _sound(self, at: int) -> Piece | None:
-        """The record at a byte; None where none can be there, or it is corrupt."""
+        """Return the record at a byte; None for no record or a corrupt one."""
         end = self._stated_end(at)
         if end is None or self._next_known(at) < end:
             return None
@@ -106,7 +106,7 @@ class _Walk:
             return None
 
     def _checked(self, at: int, end: int) -> Piece | None:
-        """The record between two bytes. Raises one of ``_BROKEN`` where it is corrupt."""
+        """Return the record between two bytes, or None. Raises one of ``_BROKEN`` where it is corrupt."""
         record = self._memory[at:end]
         opcode, content = record[0], record[HEAD.size :]
         if at in self._ends_ns and opcode != Opcode.CHUNK:
@@ -145,15 +145,15 @@ class _Walk:
         return None
 
     def _plausible(self, at: int) -> bool:
-        """Whether a record may begin at a byte, or all ends there."""
+        """Return whether a record may begin at a byte, or the data ends there."""
         return self._stated_end(at) is not None or self._is_end(at)
 
     def _is_end(self, at: int) -> bool:
-        """Whether nothing, or the magic alone, comes from a byte on."""
+        """Return whether nothing, or the magic alone, follows from a byte on."""
         return self._end - at in (0, len(MAGIC)) and self._memory[at : self._end] in (b"", MAGIC)
 
     def _stated_end(self, at: int) -> int | None:
-        """Where the record at a byte ends, as it states it; None where that is impossible."""
+        """Return the stated end of the record at a byte; None where that is impossible."""
         if at + HEAD.size > self._end:
             return None
         opcode, length = HEAD.unpack_from(self._memory, at)
@@ -161,12 +161,12 @@ class _Walk:
         return at + HEAD.size + int(length) if possible else None
 
     def _next_known(self, at: int) -> int:
-        """The first record behind a byte by the summary, or the end of the data."""
+        """Return the first record behind a byte by the summary, or the end of the data."""
         number = bisect_right(self._known, at)
         return self._known[number] if number < len(self._known) else self._end
 
     def _lost(self, at: int) -> Piece:
-        """What is lost from a byte up to the next sound record."""
+        """Return the lost piece from a byte up to the next sound record."""
         end_ns = self._ends_ns.get(at, self._stated_end_ns(at))
         if self._chunked and self._known:
             return Piece(at, self._next_known(at), lost=True, end_ns=end_ns)
@@ -180,7 +180,7 @@ class _Walk:
         return Piece(at, self._end if found is None else found.start(), lost=True, end_ns=end_ns)
 
     def _stated_end_ns(self, at: int) -> int | None:
-        """Latest log time that a chunk at a byte states, even a damaged one or one cut off."""
+        """Return the latest log time that a chunk at a byte states, even a damaged or truncated one."""
         if at + HEAD.size + _TIMES.size > self._end or self._memory[at] != Opcode.CHUNK:
             return None
         return int(_TIMES.unpack_from(self._memory, at + HEAD.size)[1])

@@ -1,4 +1,4 @@
-"""The index that a session carries: all of it but its images, so that opening reads no chunk.
+"""Index in a session: all of the session but its images, so that opening reads no chunk.
 
 MCAP's own index has the messages' log times, not their publish times (the devices' stamps), by which images
 are paired. So the writer adds an attachment: a JSON header (its length, 4 bytes, in front), then the messages
@@ -44,8 +44,8 @@ class ContradictionError(ValueError):
 class StoredIndex:
     """All of a session but its images.
 
-    columns: int64 (5, n), of every message, in the file's order, the number of its topic, device stamp, log
-    time, number of its chunk, number among the records of the chunk. ends: first byte of every chunk, and the
+    columns: int64 (5, n), a message each, in the file's order: number of its topic, device stamp, log time,
+    number of its chunk, number among the records of the chunk. ends: first byte of every chunk, and the
     byte behind it and its message indexes. calibrations: the first message of each topic. events: (stamp,
     text).
     """
@@ -58,7 +58,7 @@ class StoredIndex:
     events: list[tuple[int, str]] = field(default_factory=list)
 
     def encode(self) -> bytes | None:
-        """The attachment's data; None for a session that is too long for it."""
+        """Return the attachment's data; None for a session that is too long."""
         columns, ends = self.columns, np.array(self.ends, np.int64).reshape(-1, 2).T
         header = {
             "version": VERSION,
@@ -72,7 +72,7 @@ class StoredIndex:
         text = json.dumps(header).encode()
         if columns.nbytes + ends.nbytes > MAX_COLUMN_BYTES or len(text) > MAX_HEADER_BYTES:
             return None
-        # Differences of neighbours pack well.
+        # Because differences of neighbours are small, they compress better.
         steps = [np.diff(each, axis=1, prepend=0).astype("<i8").tobytes() for each in (columns, ends)]
         return _LENGTH.pack(len(text)) + text + zstandard.compress(b"".join(steps))
 
@@ -100,10 +100,10 @@ class StoredIndex:
 
 
 def _unpacked(packed: bytes, messages: int, chunks: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Columns int64 (5, messages) and bounds int64 (2, chunks). Raises ContradictionError."""
+    """Return columns int64 (5, messages) and bounds int64 (2, chunks). Raises ContradictionError."""
     split = COLUMNS * messages
     size = _NUMBER_BYTES * (split + 2 * chunks)
-    # A frame gets the memory that it claims.
+    # Decompression allocates the memory that the header claims.
     if messages < 0 or chunks < 0 or size > MAX_COLUMN_BYTES:
         raise ContradictionError("an impossible size")
     if zstandard.frame_content_size(packed) != size:
@@ -115,7 +115,7 @@ def _unpacked(packed: bytes, messages: int, chunks: int) -> tuple[NDArray[np.int
 
 
 def read_index(file: BinaryIO, summary: Summary) -> StoredIndex | None:
-    """The index of a file; None where it has none, or one that contradicts its summary."""
+    """Return the index of a file; None without one, or if the index contradicts the summary."""
     found = [each for each in summary.attachments if each.name == NAME]
     if not found or not HEAD.size <= found[0].length <= 2 * MAX_COLUMN_BYTES:
         return None

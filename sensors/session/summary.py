@@ -1,4 +1,4 @@
-"""The summary at the end of a finished MCAP file: where its chunks lie, and what their messages are.
+"""Summary at the end of a finished MCAP file: places of its chunks, topics of its messages.
 
 Layout: MCAP specification, "Footer", "Chunk Index", "Summary Section".
 """
@@ -29,7 +29,7 @@ FOOTER_BYTES = HEAD.size + _FOOTER.size + len(MAGIC)
 
 @dataclass(frozen=True)
 class Summary:
-    """What a summary states. chunks: CHUNK (n,), by offset. start: its first byte."""
+    """Contents of a summary. chunks: CHUNK (n,), by offset. start: first byte of the summary."""
 
     start: int
     chunks: NDArray[np.void]
@@ -50,7 +50,7 @@ class Summary:
 
 
 def read_summary(file: BinaryIO) -> Summary | None:
-    """The summary of a file; None where there is none, or it is damaged."""
+    """Return the summary of a file; None where it is missing or damaged."""
     size = os.fstat(file.fileno()).st_size
     footer_at = size - FOOTER_BYTES
     if footer_at < len(MAGIC):

@@ -107,7 +107,7 @@ class SessionWriter:
                 self.partial.unlink(missing_ok=True)
 
     def is_in_place(self) -> bool:
-        """Whether the partial is still where it was made."""
+        """Return whether the partial is still where it was made."""
         try:
             return os.path.samestat(self.partial.stat(), os.fstat(self._file.fileno()))
         except FileNotFoundError:

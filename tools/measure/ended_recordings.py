@@ -36,7 +36,7 @@ from tests.helpers.swinging_ball import swinging_ball
 
 WAYS = ("record", "live", "rig")
 LATEST_S = 1.0
-"""Seconds after the file has appeared in which the signal comes."""
+"""Largest delay of the signal after the file has appeared, in seconds."""
 
 
 class Camera:
@@ -64,7 +64,7 @@ class Camera:
 
 
 class Shown:
-    """What virtual cameras see, without a renderer."""
+    """Images of virtual cameras, without a renderer."""
 
     calibration = RigCalibration(KINECT2_DEPTH)
 
@@ -99,7 +99,7 @@ def record(way: str, path: Path) -> None:
 
 
 def in_child(way: str, path: Path) -> int:
-    """Start a recording in a process of its own; its number."""
+    """Start a recording in a process of its own; return its number."""
     child = os.fork()
     if child:
         return child
@@ -119,7 +119,7 @@ def in_child(way: str, path: Path) -> int:
 
 
 def ended(way: str, path: Path, rng: np.random.Generator) -> tuple[str, str]:
-    """The outcome of one recording, and what was said of it."""
+    """Return the outcome of one recording, and its output on stderr."""
     child, number = in_child(way, path), rng.choice([signal.SIGINT, signal.SIGTERM])
     partial, status = path.with_name(path.name + ".partial"), 0
     while not partial.exists():

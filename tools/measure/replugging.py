@@ -25,7 +25,7 @@ from sensors.session.messages import COLOR, DEPTH, IMAGES, THERMAL
 Int = NDArray[np.int64]
 UNIX_NS = 1_700_000_000_000_000_000
 LATE_S, AWAY_S = 0.3, 1.0
-"""Most seconds by which a first image is late; least for which a device is away: the recorder's own pause."""
+"""Largest delay of a first image, and least absence of a device (the recorder's own pause), in seconds."""
 SLACK_NS = 2_000_000
 """Nanoseconds about the edge of a window within which either answer is right: the jitter of the arrivals."""
 FEW = 3
@@ -48,7 +48,7 @@ class Case:
 
 
 def epochs(rng: np.random.Generator, span_s: float) -> list[tuple[float, float, bool]]:
-    """When a device runs: [from, to) in seconds, and whether it was opened then or only its clock was set."""
+    """Draw a device's epochs: [from, to) in seconds, and whether it was opened or only its clock was set."""
     runs, at_s, opened = [], 0.0, True
     while at_s < span_s:
         short = rng.random() < 0.15
@@ -62,7 +62,7 @@ def epochs(rng: np.random.Generator, span_s: float) -> list[tuple[float, float, 
 
 
 def arrivals_s(made_s: NDArray[np.float64], rng: np.random.Generator, late: bool) -> NDArray[np.float64]:
-    """When the images of an epoch arrive: 5 ms after they were made at best, jitter, stalls, a late first."""
+    """Draw an epoch's arrivals: 5 ms after the images were made, with jitter, stalls, a late first image."""
     delay_s = 0.005 + rng.exponential(rng.choice([0.0005, 0.001, 0.003]), len(made_s))
     arrive_s = made_s + delay_s
     for start_s in rng.uniform(made_s[0], made_s[-1] + 1e-9, int((made_s[-1] - made_s[0]) / 10)):
@@ -70,7 +70,7 @@ def arrivals_s(made_s: NDArray[np.float64], rng: np.random.Generator, late: bool
         arrive_s[stalled] = start_s + 0.2
     if late:
         arrive_s[0] += rng.uniform(0.0, LATE_S)
-    # What comes behind a late image waits for it, or a driver reads each stream by itself.
+    # Later images wait for a late one, except where a driver reads each stream by itself.
     return np.maximum.accumulate(arrive_s) if rng.random() < 0.5 else arrive_s
 
 
@@ -103,7 +103,7 @@ def add_device(case: Case, address: str, streams: dict[str, float], span_s: floa
 
 
 def draw(seed: int, span_s: float) -> Case:
-    """A random recording."""
+    """Draw a random recording."""
     rng, case = np.random.default_rng(seed), Case()
     first, second, third = (int(one) for one in rng.integers(1 << 40, size=3))
     if rng.random() < 0.5:
@@ -116,7 +116,7 @@ def draw(seed: int, span_s: float) -> Case:
 
 
 def judged(case: Case) -> dict[tuple[str, str], tuple[int, int, int]]:
-    """By topic and kind of epoch: frames whose image of that topic is right, wrong and missing."""
+    """Count frames with a right, a wrong and no image, by topic and kind of epoch."""
     places, made = {}, {}
     for topic in IMAGES:
         rows = np.array(sorted(case.rows.get(topic, [])), np.int64).reshape(-1, 3)
@@ -143,7 +143,7 @@ def judged(case: Case) -> dict[tuple[str, str], tuple[int, int, int]]:
 
 
 def in_short(case: Case, topic: str, stamps_ns: Int) -> NDArray[np.bool_]:
-    """Flags (n,) of the images of an epoch of at most ``FEW`` images of the topic."""
+    """Return flags (n,) of the images in epochs of at most ``FEW`` images."""
     epoch = np.searchsorted(begins_of(case.metadata[f"{CLOCK}{topic}"], case.events), stamps_ns, "right")
     return np.asarray(np.bincount(epoch)[epoch] <= FEW, np.bool_) if len(epoch) else np.zeros(0, np.bool_)
 
