@@ -31,7 +31,7 @@ from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, Flag,
 from sensors.errors import CloudError
 from sensors.interrupt import Ending
 from sensors.recording.arrivals import Arrived
-from sensors.recording.health import Health, Watch
+from sensors.recording.health import Health, StreamHealth, Watch
 from sensors.recording.host_clock import BIN_NS, HostClock
 from sensors.recording.moments import WAIT_NS, Moment, Moments
 from sensors.recording.newest import Newest
@@ -415,3 +415,20 @@ def test_a_session_is_played_back_as_lines_of_joints(annotate_cloud, rig_session
     rows = [json.loads(line) for line in done.out.splitlines()]
     assert done.code == 0 and rows and "labelled" in done.err
     assert len(rows[-1]["joints_mm"]) == 15 and rows[-1]["posture"]
+
+
+def rig_of(streams: dict[str, StreamHealth], skew_ppm: float = 0.0) -> Health:
+    return Health(streams, skew_ppm={"kinect": skew_ppm})
+
+
+def test_a_computer_that_is_too_slow_is_named_and_neither_clocks_nor_cables():
+    """While images are lost a clock looks slow; what all cameras do at once is no cable's fault."""
+    good = StreamHealth(30.0, rate_hz=30.0, recent=150, silent_s=0.0, count=300, running_s=10.0)
+    losing = replace(good, recent=100, lost=50, overrun=50, dropped=50)
+    assert {c.kind for c in rig_complaints(rig_of({"depth": good}, 20_000.0))} == {"clock"}
+    assert {c.kind for c in rig_complaints(rig_of({"depth": good, "color": losing}, 20_000.0))} == {"drops"}
+    silent = replace(good, silent_s=3.0)
+    (all_of_them,) = rig_complaints(rig_of({"depth": silent, "color": silent}))
+    assert "too slow" in all_of_them.text and "cable" not in all_of_them.text
+    (one,) = rig_complaints(rig_of({"depth": good, "color": silent}))
+    assert "cable" in one.text

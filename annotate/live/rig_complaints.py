@@ -48,12 +48,23 @@ def rig_complaints(health: Health) -> Iterator[Complaint]:
         for address, ppm in health.skew_ppm.items()
         if abs(ppm) > LIMIT_SKEW * 1e6
     ]
-    if clocks:
+    # A busy computer reads images later and later, which looks like a slow clock.
+    if clocks and not any(_is_losing(state) for state in health.streams.values()):
         yield Complaint("clock", "; ".join(clocks))
     if health.disk_minutes < LEAST_DISK_MINUTES:
         yield Complaint(
             "disk", f"the disk has room for {health.disk_minutes:.1f} minutes of recording: free some space"
         )
+
+
+def _is_losing(state: StreamHealth) -> bool:
+    """Whether a stream has lost more images of late than a moment's work elsewhere costs."""
+    return state.lost > DROPPED_SHARE * (state.recent + state.lost) and state.lost > 1
+
+
+def _is_silent(state: StreamHealth) -> bool:
+    period_s = 1 / state.nominal_hz if state.nominal_hz else 0.0
+    return state.silent_s > max(SILENT_S, SILENT_PERIODS * period_s)
 
 
 def _of_streams(health: Health) -> Iterator[Complaint]:
@@ -73,12 +84,15 @@ def _of_streams(health: Health) -> Iterator[Complaint]:
 def _of_stream(stream: str, state: StreamHealth, health: Health) -> tuple[Kind, str, str] | None:
     """Return kind, fault and remedy of a stream; None for a good one."""
     nominal_hz = state.nominal_hz
-    if state.silent_s > max(SILENT_S, SILENT_PERIODS / nominal_hz if nominal_hz else 0.0):
+    if _is_silent(state):
         if health.flag_closed_s and stream == "thermal":
             return None
         since = "no image" if state.count == 0 else f"no image for {state.silent_s:.0f} s"
+        started = [other for other in health.streams.values() if other.count and not other.away]
+        if state.count and len(started) > 1 and all(map(_is_silent, started)):
+            return "silent", since, TOO_SLOW[health.recording is not None]
         return "silent", since, "check the cable, then plug the device in again"
-    if state.lost > DROPPED_SHARE * (state.recent + state.lost) and state.lost > 1:
+    if _is_losing(state):
         remedy = "close other programs, and give the camera a USB port of its own"
         if state.overrun > state.lost / 2:
             remedy = TOO_SLOW[health.recording is not None]
