@@ -482,3 +482,9 @@ def test_parquet_of_others_needs_no_paths_and_may_number_its_rows(tmp_path):
     chosen = FORMATS["parquet"]
     frames = chosen.read(tmp_path, chosen.companion(tmp_path))
     assert_same_frame(next(frames), replace(blocks(0), frame_id="7"))
+
+
+def test_a_label_set_is_named_where_another_tools_labels_are_expected(tmp_path):
+    made = make(tmp_path / "set", Intrinsics(4, 3, 4.0, 4.0, 1.5, 1.0), [])
+    with pytest.raises(FormatError, match="is a label set already"):
+        import_labels(made.path, tmp_path / "back", nothing)

@@ -208,3 +208,12 @@ def test_a_frame_of_a_folder_is_read_without_the_others(tmp_path, monkeypatch):
         source.frame(300)
     with pytest.raises(IndexError):
         source.frame(-1)
+
+
+def test_a_session_cut_in_front_of_its_first_image_is_named(rig_session, tmp_path):
+    data = rig_session.read_bytes()
+    path = tmp_path / "cut.mcap"
+    for size in (400, 2000, 4000):
+        path.write_bytes(data[:size])
+        with pytest.raises(FormatError, match="was cut off in front of its first depth image"):
+            open_source(path)

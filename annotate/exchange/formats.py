@@ -129,6 +129,8 @@ def import_labels(
     """
     with unpacked(source) as (folder, annotations):
         name = _by_annotations(annotations) or recognise(folder)
+        if name is None and (folder / MANIFEST).is_file():
+            raise FormatError(f"{source} is a label set already; copy its folder, or export it")
         if name is None:
             raise FormatError(
                 f"{source} holds labels in no known format; give a folder or archive of "

@@ -111,7 +111,7 @@ def scan(file: BinaryIO) -> Contents:
             f"or save the rest of it: annotate-cloud repair {file.name}"
         )
     places = {topic: _sorted(np.frombuffer(numbers, PLACE)) for topic, numbers in found.places.items()}
-    _check_depth(file.name, places)
+    _check_depth(file.name, places, truncated)
     return Contents(
         places, calibration_from(found.calibrations), found.metadata, tuple(found.events), truncated
     )
@@ -179,8 +179,10 @@ class _Scan:
             self.events.append((stamp_ns, plain(event_from(data[span.start + MESSAGE.size : span.end]))))
 
 
-def _check_depth(name: str, places: dict[str, Places]) -> None:
+def _check_depth(name: str, places: dict[str, Places], truncated: bool = False) -> None:
     if not len(places[DEPTH]):
+        if truncated:
+            raise FormatError(f"{name} was cut off in front of its first depth image; use another copy")
         raise FormatError(f"{name} has no depth images ({DEPTH}); give a session of a depth camera")
 
 
