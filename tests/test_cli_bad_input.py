@@ -53,7 +53,7 @@ def labels(tmp_path, rig_labels) -> Path:
         (b"", "is empty"),
         (bytes(range(256)) * 40, "no MCAP file"),
         (b"frame,depth\n1,2\n", "no MCAP file"),
-        (b"\x89MCAP0\r\n", "no depth images"),
+        (b"\x89MCAP0\r\n", "cut off in front of its first depth image"),
     ],
 )
 @pytest.mark.parametrize("verb", ["info", "validate", "label", "predict", "import"])
