@@ -107,7 +107,7 @@ def ended(commands, verb: str, path: Path, numbers: list[int], after_s: float) -
 @pytest.mark.parametrize("number", ENDING)
 def test_a_recording_that_a_signal_ends_is_whole(commands, tmp_path, verb, number):
     rng = np.random.default_rng(number)
-    for take in range(2):
+    for take in range(2 if verb == "record" else 1):
         path = tmp_path / f"{take}.mcap"
         code = ended(commands, verb, path, [number], rng.uniform(0.15, 0.3))
         session = Session(path)

@@ -86,7 +86,11 @@ def assert_is_the_room(source, depth_mm, colors=None):
 # Which way, how large, from where
 
 
-@pytest.mark.parametrize(("axes", "unit"), list(product(CLOUD_FROM_CAMERA, UNITS)))
+@pytest.mark.parametrize(
+    ("axes", "unit"),
+    # Axes and unit are found apart: all of each, not all pairs.
+    [*product(CLOUD_FROM_CAMERA, ["millimetres"]), *(("camera", u) for u in UNITS if u != "millimetres")],
+)
 def test_a_camera_cloud_stays_in_place_in_any_axes_and_unit(tmp_path, axes, unit):
     """Unorganised points of a depth image give it back, bit for bit, and their colours; none is moved."""
     depth_mm = room()
@@ -434,7 +438,7 @@ def test_a_compressed_cloud_is_read_and_refused_where_it_is_damaged(tmp_path):
         spoilt = bytearray(content)
         spoilt[rng.integers(at, len(content))] ^= rng.integers(1, 256)
         try:
-            open_source(write(path, bytes(spoilt)))
+            read_pcd(write(path, bytes(spoilt)))
         except FormatError as error:
             assert "\n" not in str(error)
 
