@@ -7,47 +7,52 @@ from cli.console import facts, table
 
 if TYPE_CHECKING:
     from annotate.correction.audit import Audit, PersonWork
+    from annotate.labelset.journal import Journal
     from annotate.labelset.store import LabelSet
 
 
 def labels_info(labels: "LabelSet") -> tuple[dict[str, Any], str]:
     """Return the contents of a label set, as JSON, and as lines for people."""
+    from annotate.correction.audit import audit
+    from annotate.labelset.journal import Journal
+
+    journal, frames = Journal.of(labels.path), len(labels.frame_ids)
+    states, pixels = _counted(labels, journal)
+    result: dict[str, Any] = {
+        "kind": "label set",
+        "frames": frames,
+        "states": states,
+        "pixels": pixels,
+        "source": labels.info.get("source", ""),
+        "steps": labels.info.get("steps", {}),
+    }
+    short = {**result, "steps": list(result["steps"])}
+    texts = [
+        facts({name: value for name, value in short.items() if name != "pixels"}),
+        table(("part", "pixels per frame"), [(part, n / max(1, frames)) for part, n in pixels.items()]),
+    ]
+    if journal and (found := audit(labels, journal)).people:
+        result["audit"] = found.to_json()
+        texts.append(_audit_text(found))
+    return result, "\n\n".join(texts)
+
+
+def _counted(labels: "LabelSet", journal: "Journal") -> tuple[dict[str, int], dict[str, int]]:
+    """Return the number of frames by state, and of pixels by part."""
     import numpy as np
 
     from annotate.correction.replay import STATE_NAMES, state_of
-    from annotate.labelset.journal import Journal
     from annotate.parts import PARTS
 
-    states, journal = Counter[str](), Journal.of(labels.path)
-    pixels, frame_ids = np.zeros(256, np.int64), labels.frame_ids
-    for frame_id in frame_ids:
+    states, pixels = Counter[str](), np.zeros(256, np.int64)
+    for frame_id in labels.frame_ids:
         strokes = journal.strokes(frame_id)
         before = labels.status(frame_id, bool(strokes) and labels.has_original(frame_id))
         truth = before == "truth" and not strokes
         states["truth" if truth else STATE_NAMES[state_of(strokes, before)]] += 1
         # Only this image is read, because the others take most of the time.
         pixels += np.bincount(labels.parts(frame_id).ravel(), minlength=256)
-    result: dict[str, Any] = {
-        "kind": "label set",
-        "frames": len(frame_ids),
-        "states": dict(states),
-        "pixels": {part.name: int(pixels[part.id]) for part in PARTS},
-        "source": labels.info.get("source", ""),
-        "steps": labels.info.get("steps", {}),
-    }
-    short = {**result, "steps": list(result["steps"])}
-    per_frame = [(part.name, float(pixels[part.id]) / max(1, len(frame_ids))) for part in PARTS]
-    texts = [
-        facts({name: value for name, value in short.items() if name != "pixels"}),
-        table(("part", "pixels per frame"), per_frame),
-    ]
-    if journal:
-        from annotate.correction.audit import audit
-
-        if (found := audit(labels, journal)).people:
-            result["audit"] = found.to_json()
-            texts.append(_audit_text(found))
-    return result, "\n\n".join(texts)
+    return dict(states), {part.name: int(pixels[part.id]) for part in PARTS}
 
 
 def _audit_text(found: "Audit") -> str:
