@@ -33,13 +33,15 @@ def show_lines(pipeline: LivePipeline, end_s: float, show: Show, ending: Ending)
 
 
 def show_newest(pipeline: LivePipeline, seen: int, show: Show, timeout_s: float = 0.0) -> int:
-    """Show the newest frame after number ``seen``, if one comes in time; return its number, or ``seen``."""
-    if (newest := pipeline.frames.after(seen, timeout_s)) is None:
-        return seen
-    number, frame = newest
+    """Show the newest frames after number ``seen``, if any come in time; return the last number, or ``seen``.
+
+    Both threads that label may finish at once.
+    """
+    newest = pipeline.frames.since(seen, timeout_s)
     if show is not None:
-        show(frame)
-    return number
+        for _, frame in newest:
+            show(frame)
+    return newest[-1][0] if newest else seen
 
 
 def print_joints(frame: LiveFrame) -> None:

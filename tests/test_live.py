@@ -432,3 +432,13 @@ def test_a_computer_that_is_too_slow_is_named_and_neither_clocks_nor_cables():
     assert "too slow" in all_of_them.text and "cable" not in all_of_them.text
     (one,) = rig_complaints(rig_of({"depth": good, "color": silent}))
     assert "cable" in one.text
+
+
+def test_the_newest_values_are_kept_and_read_once():
+    queue = Newest[str](keep=2)
+    assert queue.since(0, 0.0) == [] and queue.after(0, 0.0) is None
+    for value in "abc":
+        queue.put(value)
+    assert queue.since(0, 0.0) == [(2, "b"), (3, "c")]
+    assert queue.since(2, 0.0) == [(3, "c")] == [queue.after(2, 0.0)]
+    assert queue.since(3, 0.0) == []

@@ -120,9 +120,10 @@ def numbers_in(path) -> list[int]:
 def test_what_is_recorded_from_key_to_key_has_no_gap(rig_of, tmp_path):
     rig = rig_of(Camera(), Pyrometer())
     for name in ("a.mcap", "b.mcap"):
-        begun = rig.moments.count
         rig.record(tmp_path / name, subject="anna")
+        begun, measured = rig.moments.count, rig.health().streams["pyrometer"].count
         wait_for(lambda begun=begun: rig.moments.count > begun + 20)
+        wait_for(lambda measured=measured: rig.health().streams["pyrometer"].count > measured + 2)
         rig.mark("sits down")
         assert rig.end_recording() == tmp_path / name
     assert rig.end_recording() is None

@@ -59,7 +59,7 @@ class LivePipeline:
     """
 
     def __init__(self, rig: Rig, labelling: Labelling) -> None:
-        self.rig, self.frames = rig, Newest[LiveFrame]()
+        self.rig, self.frames = rig, Newest[LiveFrame](keep=WORKERS)
         self.latencies_ms = deque[float](maxlen=LATENCIES)
         self.complaints: tuple[Complaint, ...] = ()
         self.said: dict[str, str] = {}

@@ -1,37 +1,45 @@
-"""A place for the newest of values that may come faster than they are used."""
+"""Latest-value queue: for values that may come faster than they are used."""
 
 import threading
+from collections import deque
 from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
 
 class Newest(Generic[T]):
-    """Holds one value; the next replaces it, whether anybody has looked or not. For any number of threads.
+    """Queue of the newest values, for any number of threads; older ones are replaced, read or not.
 
-    count: how many values there have been.
+    keep: number of values that ``since`` may still return. count: how many values there have been.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, keep: int = 1) -> None:
         self.count = 0
         self._changed = threading.Condition()
-        self._value: T
+        self._values = deque[T](maxlen=keep)
         self._ended = False
 
     def put(self, value: T) -> None:
-        """Show another value."""
+        """Add another value."""
         with self._changed:
-            self._value, self.count = value, self.count + 1
+            self._values.append(value)
+            self.count += 1
             self._changed.notify_all()
 
     def after(self, seen: int, timeout_s: float) -> tuple[int, T] | None:
-        """The newest value and its number, once there is one after number ``seen`` (0: any at all).
+        """Return the newest value and its number, once there is one after number ``seen`` (0: any at all).
 
         None when none has come for ``timeout_s`` seconds, and at once when none will come.
         """
+        found = self.since(seen, timeout_s)
+        return found[-1] if found else None
+
+    def since(self, seen: int, timeout_s: float) -> list[tuple[int, T]]:
+        """Return all kept values after number ``seen`` with their numbers; waits as ``after``."""
         with self._changed:
             self._changed.wait_for(lambda: self.count > seen or self._ended, timeout_s)
-            return (self.count, self._value) if self.count > seen else None
+            first = self.count - len(self._values) + 1
+            return [(number, value) for number, value in enumerate(self._values, first) if number > seen]
 
     def end(self) -> None:
         """Let nobody wait any longer: no more values come."""
