@@ -162,9 +162,10 @@ def test_crops_lie_in_a_file_and_a_full_disk_is_one_line(tmp_path, rig_session, 
 
 
 def test_what_is_neither_label_set_nor_dataset_is_refused(tmp_path):
-    for path in (tmp_path, tmp_path / "absent"):
-        with pytest.raises(CloudError, match="label set"):
-            open_frames(path)
+    with pytest.raises(CloudError, match="label set"):
+        open_frames(tmp_path)
+    with pytest.raises(CloudError, match="absent does not exist"):
+        open_frames(tmp_path / "absent")
 
 
 def test_a_crop_in_a_label_set_is_seen_by_the_camera_it_was_cut_from(tmp_path):

@@ -169,7 +169,7 @@ def test_the_command_finds_the_recording_and_replaces_nothing(annotate_cloud, ri
     session = rig_session.read_bytes()
     args = ("export", truth, rig_session, "--format", "foxglove", "--overwrite")
     assert_refused(annotate_cloud(*args), "is the recording; name another file")
-    assert_refused(annotate_cloud(*args[:2], tmp_path, *args[3:]), "is a folder; name another file")
+    assert_refused(annotate_cloud(*args[:2], tmp_path, *args[3:]), "is a folder; give the name of a file")
     assert_refused(annotate_cloud(*args[:2], tmp_path / "a.mcap", *args[3:-1]), "already exists")
     assert rig_session.read_bytes() == session and len(list(tmp_path.iterdir())) == 1
 
