@@ -41,11 +41,11 @@ def import_(
     depth_unit: Annotated[
         float | None, Option(help="Millimetres of a depth step: 1, 0.1 (D405), 0.2 (TUM), 1000 for metres.")
     ] = None,
-    turn: Annotated[int, Option(help="Turn all images clockwise by so many degrees: 0, 90, 180 or 270.")] = 0,
+    turn: Annotated[int, Option(help="Turn all images clockwise by 0, 90, 180 or 270 degrees.")] = 0,
     mirror: Annotated[
         bool, Option("--mirror", help="Mirror all images left to right, before they are turned.")
     ] = False,
-    subject: Annotated[str, Option(help="Name of the person who is recorded.")] = "",
+    subject: Annotated[str, Option(help="Name of the recorded person.")] = "",
     rate: Annotated[
         float | None, Option(help="Frames a second.", show_default="the recording's times, else 30")
     ] = None,

@@ -13,7 +13,7 @@ from sensors.files.atomic import check_there
 from sensors.files.weights_file import check_onnx
 
 LOW = 10
-"""How much lower its priority is than that of other work, as a niceness. Untuned."""
+"""Niceness of the learning process: other work has priority. Untuned."""
 
 
 def learn(

@@ -61,7 +61,7 @@ def interrupted_by_signals() -> Iterator[None]:
 
 @contextmanager
 def _handled(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
-    """Handle ``ENDING``, but for a hangup that is ignored (nohup)."""
+    """Handle the signals of ``ENDING``, except a hangup that is ignored (nohup)."""
     handled = [one for one in ENDING if one != signal.SIGHUP or signal.getsignal(one) != signal.SIG_IGN]
     before = {number: signal.signal(number, handler) for number in handled}
     try:

@@ -146,15 +146,19 @@ def test_progress_is_shown_and_learning_can_be_stopped_and_begun_again(window):
     indirect=True,
 )
 def test_a_learning_that_is_killed_gives_no_progress_as_its_reason(window):
+    before = window.parts.copy()
     window.key("learn")
     wait_until(window, lambda: window.said == "Learning stopped before it finished; labels are unchanged")
+    np.testing.assert_array_equal(window.parts, before)
 
 
 @pytest.mark.parametrize("window", [STAYS], indirect=True)
 def test_where_nothing_is_gained_both_figures_are_said(window):
+    before = window.parts.copy()
     window.key("learn")
     said = "No improvement (97.1% before, 97.0% now), so labels stay. Correct more frames"
     wait_until(window, lambda: window.said == said)
+    np.testing.assert_array_equal(window.parts, before)
 
 
 @pytest.mark.parametrize("window", [RESULT], indirect=True)

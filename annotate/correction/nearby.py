@@ -65,7 +65,8 @@ def _same_person(correction: Correction, ids: list[str], at: int, way: Iterable[
             reached.append(i)
             last = frame
     except CloudError:
-        pass
+        # A broken frame ends the reach, because nothing shows whether the person is the same behind it.
+        return reached
     return reached
 
 

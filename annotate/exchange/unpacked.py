@@ -73,7 +73,7 @@ def _extracted(archive: Path, folder: Path) -> Path:
         raise FormatError(
             f"{archive} cannot be unpacked ({error.strerror}); unpack it yourself and give the folder"
         ) from error
-    except (BadZipFile, LargeZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError) as error:
+    except (BadZipFile, LargeZipFile, zlib.error, RuntimeError, EOFError) as error:
         raise FormatError(f"{archive} cannot be unpacked ({error}); download it again") from error
     return _innermost(folder)
 

@@ -177,7 +177,7 @@ class Judged:
         return self._go_on(window.desk.accept(), window.desk.carrying)
 
     def reject(self) -> Done | None:
-        """Reject the frame for a reason that is asked for, or agree with a colleague's rejection; go on."""
+        """Open the dialog of reasons and reject the frame, or agree with a colleague's rejection; go on."""
         desk = self._window.desk
         if desk.rejected and self._window.correction.next_verdict(self._window.frame_id) == "agree":
             return self._go_on(desk.accept(), False)

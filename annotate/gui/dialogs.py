@@ -44,7 +44,7 @@ FORMAT_TITLES = {
 class ReasonDialog(QDialog):
     """Question for the reason of a rejection: a button for each of REASONS, and a field for own words.
 
-    reason: the one given, "" for none. Whatever is typed goes into the field, wherever the focus is.
+    reason: the one given, "" for none. Typed text goes into the field, also while a button has the focus.
     """
 
     def __init__(self, parent: QWidget) -> None:

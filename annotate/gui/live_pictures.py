@@ -18,7 +18,7 @@ drawn again for every frame. Untuned."""
 STEP = 2
 """Every how many pixels of the depth image a picture has one: it is shown about half as large."""
 DIM = 3
-"""How much darker the picture is below the parts. Untuned."""
+"""Factor by which the picture is darkened below the parts. Untuned."""
 _NONE = np.array(ROOM_RGB[True], np.float32)
 TITLES = ("Depth", "Colour", "Heat", "Parts")
 """The flat pictures."""

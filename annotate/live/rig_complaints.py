@@ -58,7 +58,7 @@ def rig_complaints(health: Health) -> Iterator[Complaint]:
 
 
 def _is_losing(state: StreamHealth) -> bool:
-    """Whether a stream has lost more images of late than a moment's work elsewhere costs."""
+    """Return whether a stream has lost a larger share of its recent images than ``DROPPED_SHARE``."""
     return state.lost > DROPPED_SHARE * (state.recent + state.lost) and state.lost > 1
 
 

@@ -129,7 +129,7 @@ def _swatch(what: str, part: str, color: object) -> tuple[int, tuple[int, ...]]:
 
 def suit_to_toml(suit: Suit) -> str:
     """A palette as TOML text; inverse of ``load_suit``."""
-    # A JSON string is a TOML string, but for DEL, which TOML forbids.
+    # A JSON string is a TOML string, except that TOML forbids DEL.
     name = json.dumps(suit.name, ensure_ascii=False).replace("\x7f", "\\u007f")
     lines = [f"name = {name}", "[colors]"]
     for part in BODY_PARTS:

@@ -17,7 +17,8 @@ from sensors.errors import CloudError
 LEAST_FRAMES = 3
 """Corrected frames from which anything is learnt: fewer show one side of the person. Untuned."""
 HELD_OUT = 4
-"""Of so many corrected frames one is held out, to measure on what was not learnt. Untuned."""
+"""Number of corrected frames of which one is held out, because a measure needs frames that were not learnt.
+Untuned."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from eval.scores.confusion import Scores
 from eval.scores.counts import blocks
 
 RESAMPLES = 2000
-"""Of the bootstrap; untuned."""
+"""Number of resamples of the bootstrap. Untuned."""
 AT_ONCE = 4_000_000
 """Numbers drawn at a time, 32 MB: 40 resamples of 100,000 clusters, where all would take 1.6 GB."""
 SEED = 20170606

@@ -25,8 +25,8 @@ BOSON_SIZES = ((640, 512), (320, 256))
 BOSON_HZ = 60.0
 """Images a second; 8.6 of models for export (FLIR's data sheet 102-2013-40)."""
 BOSON_KELVIN = 0.01
-"""Of one step of a radiometric Boson's words in high gain (TLinear: kelvin x 100). In low gain it is x 50,
-and such words are refused. Source: notes on FLIR's Boson SDK; flirpy issue 87 names the mode."""
+"""Temperature of one step of a radiometric Boson's words in high gain (TLinear: kelvin x 100). Words of low
+gain (kelvin x 50) are refused. Source: notes on FLIR's Boson SDK; flirpy issue 87 names the mode."""
 
 
 @dataclass(frozen=True)

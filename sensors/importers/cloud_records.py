@@ -34,7 +34,7 @@ class CloudRecords:
 
     @property
     def organised(self) -> bool:
-        """Whether the points are those of an image's pixels."""
+        """Whether each point belongs to a pixel of an image (an organised cloud)."""
         return self.grid is not None and min(self.grid) > 1
 
     def points(self) -> NDArray[np.float64]:

@@ -142,7 +142,7 @@ def _closed(shown: NDArray[np.intp], depth: Float64) -> NDArray[np.intp]:
 def shift_into_view(points_m: Float64, camera: Intrinsics) -> Float64:
     """Return the translation (3,) in metres after which the camera sees all of the points (n, 3).
 
-    The cloud is centred and moved back until it fills the image but for a margin.
+    The cloud is centred and moved back until it fills the image up to a margin.
     """
     shift = np.asarray(-(points_m.min(axis=0) + points_m.max(axis=0)) / 2, np.float64)
     # The camera's field is not symmetric about its axis: its narrower half counts.

@@ -15,7 +15,7 @@ FOCAL_PX = (50.0, 2000.0)
 BINS_PX = 8
 """Bins of the histogram of directions per pixel of the longest focal length; untuned."""
 FINER = 4
-"""Focal lengths tried for each that the span of the directions tells apart; untuned."""
+"""Focal lengths tried per resolvable step of the span of directions. Untuned."""
 AGREE = 0.8
 """Least mean of the phases as unit vectors: 1 on a grid, 0.04 where there is none, 0.95 for coordinates in
 whole millimetres 2 m away at a Kinect v2's focal length."""

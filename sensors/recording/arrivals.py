@@ -38,7 +38,7 @@ class Arrived:
 
 @dataclass(frozen=True)
 class Event:
-    """What happened. stamp_ns: on the clock that noticed it; arrival_ns: on the host's, if different."""
+    """Event of a recording. stamp_ns: on the clock of its source; arrival_ns: on the host's, if different."""
 
     stamp_ns: int
     text: str

@@ -110,7 +110,7 @@ def _pose(folder: Path, name: str) -> Pose | None:
 
 
 def _shift_mm(folder: Path) -> float:
-    """Return depthShift; 0 where there is no such file, as one of iai_kinect2's own units has none."""
+    """Return depthShift; 0 without the file, which one of iai_kinect2's own units lacks."""
     path = _existing(folder, SHIFT)
     if path is None:
         return 0.0

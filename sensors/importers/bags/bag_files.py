@@ -93,7 +93,7 @@ class RosbagFile:
 
     @property
     def topics(self) -> set[str]:
-        """Every topic, whatever its type."""
+        """Topics of all types."""
         return {str(connection.topic) for connection in self._reader.connections}
 
     def entries(self, kinds: frozenset[str] = READ) -> Iterator[Entry]:

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 Place = tuple[int, ...]
-"""Where a file has a message: offset and slot in MCAP; chunk, offset and length in a ROS 1 bag; in SQLite the
-time it was logged, and how many messages of its topic logged at that time come before it."""
+"""Place of a message in its file: offset and slot in MCAP; chunk, offset and length in a ROS 1 bag; in SQLite
+the time of logging, and the number of earlier messages of its topic with that time."""
 
 
 class Entry(NamedTuple):

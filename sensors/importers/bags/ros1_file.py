@@ -71,7 +71,7 @@ class Ros1File:
 
     @property
     def topics(self) -> set[str]:
-        """Every topic, whatever its type; those of the index alone where there is one."""
+        """Topics of all types; only the topics of the index, if the file has one."""
         with self.path.open("rb") as file:
             known = self._indexed(file) or dict(self._described(file))
         return {topic for topic, _ in known.values()}
