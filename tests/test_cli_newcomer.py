@@ -1,4 +1,4 @@
-"""What a first user mixes up or stops gets one short line, with a remedy that works."""
+"""A first user's slips get one short line, with a remedy that works."""
 
 import shutil
 

@@ -151,7 +151,7 @@ def test_corrections_are_never_overwritten(annotate_cloud, tmp_path, rig_session
 def test_an_interrupted_simulation_leaves_nothing(
     annotate_cloud, tmp_path, shot_before, monkeypatch, in_compiled
 ):
-    """What compiled code calls is interrupted, as where Numba unpickles a function: a mistake of each."""
+    """An interrupt within code that Numba calls comes out as SystemError, once for each call."""
     truths = synth.rig.simulate.truth_labels
 
     def raised(depth: int) -> None:

@@ -328,7 +328,7 @@ def test_every_frame_that_was_labelled_has_its_line(annotate_cloud, rig_session,
 
 
 def test_all_streams_that_lose_images_are_named_and_all_devices_that_are_gone():
-    """Of each kind one warning stands, so it must hold them all."""
+    """One warning stands for each kind, so the warning must name all of them."""
     standing, health = Standing(), watched(running(8, drop=0.2), at_s=8, away=())
     for at_s in (0.0, HOLD_S):
         stand = standing.update(rig_complaints(health), at_s)

@@ -97,7 +97,7 @@ def test_an_epoch_of_few_images_is_paired_only_if_they_agree_on_its_clock(count,
 
 
 def arrivals_of(rows: list[tuple[int, int, bool]]) -> tuple[list[Arrived], list[Event]]:
-    """What ``Arrivals`` makes of (stamp, arrival, whether the device was lost before)."""
+    """Return what ``Arrivals`` makes of (stamp, arrival, whether the device was lost before)."""
     arrivals, made = Arrivals(START_NS), []
     for stamp_ns, arrival_ns, lost in rows:
         if lost:

@@ -103,7 +103,7 @@ def rig() -> list[tuple[str, object, int]]:
 
 @pytest.fixture
 def opened(tmp_path):
-    """What messages in a bag become."""
+    """Frames from messages of a bag."""
     made = []
 
     def opened(messages, options=None, storage=STORAGES[1]):
@@ -308,7 +308,7 @@ def test_the_camera_info_of_colour_is_not_that_of_another_camera(opened, tmp_pat
     ],
 )
 def test_a_camera_that_is_none_costs_its_own_images_alone(opened, changed, word):
-    """Of colour: depth is read, and a note names the topic; of depth: refused by the topic's name."""
+    """A refused colour camera costs a note with its topic; a refused depth camera is named."""
     messages = [*rig(), *depths(), *colours()]
     bad = described("/camera/color/camera_info", camera("c", **changed))
     source = opened([m if m[0] != bad[0] else bad for m in messages])

@@ -21,7 +21,7 @@ LENS = Intrinsics(64, 48, 50, 51, 31.5, 23.5)
 
 
 def in_order(frames: int) -> list[tuple[str, object, int]]:
-    """What a RealSense's node publishes, received in the order of time, calibration first."""
+    """Messages of a RealSense's node, received in the order of time, calibration first."""
     messages = realsense(frames)
     messages = [m for m in messages if m[2] < 10] + [m for m in reversed(messages) if m[2] >= 10]
     return [(topic, message, SECOND + at) for at, (topic, message, _) in enumerate(messages)]
@@ -165,7 +165,7 @@ def test_pauses_keep_order_and_length(tmp_path, start_ms, minutes):
 
 
 def test_the_cameras_own_clock_wraps_around(tmp_path):
-    """Of 32 bits in microseconds, where the SDK gives the camera's time and not the host's."""
+    """The camera's clock has 32 bits in microseconds, where the SDK gives it instead of the host's."""
     wrap = 2**32 / 1000
     stamps = [(wrap - 90 + 33 * i) % wrap for i in range(6)]
     source = take(tmp_path, stamps, list(range(6)))

@@ -1,4 +1,4 @@
-"""What decides bytes is told apart: versions of packages, and the code itself."""
+"""Versions of packages and the digest of the code tell runs of other bytes apart."""
 
 import sys
 

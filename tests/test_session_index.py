@@ -45,7 +45,7 @@ def whole(tmp_path_factory) -> Path:
 
 
 def bytes_read() -> int:
-    """What this process has read, caches included (proc(5), "rchar")."""
+    """Return the bytes that this process has read, caches included (proc(5), "rchar")."""
     return int(Path("/proc/self/io").read_text().split()[1])
 
 

@@ -34,7 +34,7 @@ SMOOTH_S = 5.0
 """Seconds before and after within which offsets are averaged: drift takes minutes. Untuned."""
 
 SLOPE_K_S = 0.1
-"""How fast a camera drifts, kelvin a second, standard deviation. Untuned."""
+"""Standard deviation of a camera's drift, kelvin a second. Untuned."""
 
 Celsius = NDArray[np.float32]
 Floats = NDArray[np.float64]

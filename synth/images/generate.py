@@ -22,7 +22,7 @@ from synth.images.workers import Workers
 
 
 def _versions() -> dict[str, str]:
-    """What decides the bytes of a dataset beside its order."""
+    """Return versions and code, which decide the bytes of a dataset beside its order."""
     decisive = ("annotate-cloud", "numpy", "numba", "opencv-contrib-python-headless")
     return versions(decisive) | {"code": code_digest("sensors", "annotate", "synth")}
 

@@ -30,9 +30,9 @@ ASTRAY_M = 0.015
 OUT_OF_REACH_M = 0.06
 """A foot that is farther from the floor lies or hangs. Untuned."""
 LEANS_RAD = (0.0, 0.2, 0.4, 0.6)
-"""How far a trunk leans back, tried in this order. Untuned."""
+"""Angles by which a trunk leans back, tried in this order. Untuned."""
 LEAN_COST_M = 0.05
-"""What a foot has to come nearer for a trunk that leans back by a radian. Untuned."""
+"""Gain in a foot's distance that is worth a trunk leaning back by one radian. Untuned."""
 _LEGS = [[JOINT_ID[f"{side}_{name}"] for name in ("hip", "knee", "ankle")] for side in ("left", "right")]
 
 

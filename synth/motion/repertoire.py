@@ -18,7 +18,7 @@ from synth.motion.library import digest, read_motions
 POSES_PER_SECOND = 10.0
 """Frames of a motion nearer to each other than this differ too little. Untuned."""
 MOST_POSES = 20_000
-"""Of a repertoire, some 0.3 kB each, which every worker gets with every task. Untuned."""
+"""Largest number in a repertoire: some 0.3 kB each go to every worker with every task. Untuned."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ SPARE = 4
 
 @dataclass(frozen=True)
 class Written:
-    """How a file is written. order: of the FFF file's header and directory. record: of its records' numbers.
+    """Layout of a file. order: of the FFF file's header and directory. record: of its records' numbers.
     raw: "words", or "png" with the bytes of each word swapped or "png-straight". photo: "jpg", or "png" in
     Y Cb Cr or "png-rgb". scene: fields of the camera's record by offset."""
 
