@@ -16,7 +16,7 @@ from annotate.correction import select
 from annotate.correction.correction import Correction
 from annotate.correction.edit import Editor
 from annotate.correction.select import edit_supervoxels
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.labelset.stroke import Gesture
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import VirtualRig

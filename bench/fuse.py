@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from annotate.cloud.fuse import Fuser, undistortion_index
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.cloud.visibility import THERMAL_TOLERANCE
+from sensors.calibration_files.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.rig.camera import Intrinsics, rays
-from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
 F = np.float32

@@ -13,12 +13,12 @@ import numpy as np
 import open3d as o3d
 from rich.console import Console
 
+from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE
 from sensors.rig.camera import rays
-from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 from synth.images.generate import Order, generate
 from synth.images.people import crowd_person, paper_person
+from synth.images.posed_scenes import everybody, recumbent, sitting
 from synth.images.presets import PRESETS
-from synth.images.stages import everybody, recumbent, sitting
 from synth.images.view import render_view
 from synth.images.workers import processes
 from synth.surface.rasterize import rasterize

@@ -8,9 +8,9 @@ import numpy as np
 from scipy import ndimage
 
 from annotate.cloud.fuse import Fuser
-from annotate.label_source import SuitSurvey, suit_labeller
+from annotate.label_recording import SuitSurvey, suit_labeller
 from annotate.parts import N_CLASSES, UNDEFINED
-from annotate.reader.network import shipped_reader
+from annotate.segmentation.suit_network import shipped_reader
 from annotate.suit.palette import chromaticity
 from bench.fuse import fuse_naive
 from eval.scores.confusion import confusion_matrix, mean_recall

@@ -14,13 +14,13 @@ from annotate.cloud.fuse import Fuser
 from annotate.crop import SIZE, crop_around
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, sha256
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import N_CLASSES
 from annotate.person.extract import Survey
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import BATCH, predict_frames
 from eval.network.predict_source import predict_source
-from eval.network.read_again import read_again, shipped_again
+from eval.network.refine import read_again, shipped_again
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 from synth.images.presets import preset_named, sample
@@ -46,8 +46,8 @@ def paper_network(folder):
     """The paper's FCN with random weights, exported: 135 million parameters, 540 MB."""
     import torch
 
-    from eval.network.compared import PaperFcn
     from eval.network.networks import export_onnx
+    from eval.network.reference_networks import PaperFcn
 
     torch.manual_seed(0)
     export_onnx(PaperFcn(), folder / "paper.onnx")

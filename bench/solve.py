@@ -7,10 +7,10 @@ from scipy.optimize import least_squares
 
 from synth.body.skeleton import N_JOINTS
 from synth.markers.kinematics import State, markers_at
-from synth.markers.marker_files import read_markers
 from synth.markers.person_fit import Template
 from synth.markers.posture_fit import MARKER_SIGMA_M
 from synth.markers.solve import solve
+from synth.motion_files.marker_files import read_markers
 from tests.conftest import SHARED_DATA
 from tests.helpers.marker_truth import plug_in_gait, synthesise
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from sensors.rig.camera import Intrinsics
 
 STROKE_S, NEXT_S, MOVE_S, BLOCK_S = 0.1, 0.3, 0.1, 0.05

@@ -23,7 +23,7 @@ from sensors.errors import ExistsError, one_line
 from sensors.files.atomic import is_taken
 
 if TYPE_CHECKING:
-    from annotate.label_source import Run
+    from annotate.label_recording import Run
 
 Json = Annotated[bool, Option("--json", help="Print one JSON object on stdout.")]
 Overwrite = Annotated[bool, Option("--overwrite", help="Replace existing output.")]
@@ -171,7 +171,7 @@ def check_room(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
 
     Raises ExistsError for one that holds something else, or must not be removed.
     """
-    from annotate.labelset.appearing import check_replaceable
+    from annotate.labelset.atomic_folder import check_replaceable
 
     if overwrite and out.exists():
         check_replaceable(out, marker, *inputs)
@@ -185,6 +185,6 @@ def clear(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
     Raises ExistsError for a folder that must not be removed (``check_replaceable``).
     """
     if overwrite and out.exists():
-        from annotate.labelset.appearing import remove
+        from annotate.labelset.atomic_folder import remove
 
         remove(out, marker, *inputs)

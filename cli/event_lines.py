@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Mapping
 
 DROPPED = re.compile(r"(?P<stream>\w+): (?P<lost>\d+) dropped(?:, (?P<slow>\d+) as writing was too slow)?")
-"""Text of an event of ``sensors.recording.arrivals``: images of a stream that are lost."""
+"""Text of an event of ``sensors.recording.arrival_times``: images of a stream that are lost."""
 
 
 def event_lines(events: Mapping[str, int]) -> list[str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from annotate.live.rig_complaints import rig_complaints
+from annotate.live.rig_warnings import rig_complaints
 from cli.console import say
 from cli.rig_devices import check_infrared, open_rig
 from sensors.calibrate.bundle import Adjusted

@@ -8,7 +8,7 @@ from cli.console import facts, table
 if TYPE_CHECKING:
     from annotate.correction.audit import Audit, PersonWork
     from annotate.labelset.journal import Journal
-    from annotate.labelset.store import LabelSet
+    from annotate.labelset.label_set import LabelSet
 
 
 def labels_info(labels: "LabelSet") -> tuple[dict[str, Any], str]:

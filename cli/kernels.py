@@ -27,8 +27,8 @@ def compile_(json: Json = False) -> None:
 
 def _label() -> None:
     """A recording of the virtual rig, labelled and compared with its truth."""
-    from annotate.label_source import label_source
-    from annotate.labelset.store import LabelSet
+    from annotate.label_recording import label_source
+    from annotate.labelset.label_set import LabelSet
     from eval.compare.compare import compare_sets
     from sensors.session.reader import Session
     from synth.rig.paths import truth_path
@@ -64,12 +64,12 @@ def _solve() -> None:
     from synth.body.flesh import flesh_of
     from synth.body.skeleton import N_JOINTS
     from synth.markers.kinematics import State, Subject, markers_at
-    from synth.markers.marker_files import Markers
-    from synth.markers.markerset import shipped_marker_sets
     from synth.markers.person_fit import zero_bones
     from synth.markers.solve import solve
-    from synth.markers.vertical import GIVEN, Upward
     from synth.motion.floor import Traces
+    from synth.motion_files.marker_files import Markers
+    from synth.motion_files.marker_set import shipped_marker_sets
+    from synth.motion_files.vertical_axis import GIVEN, Upward
 
     places, bones = shipped_marker_sets()[0], zero_bones(shipped_bodies()[0].joints_m)
     state = State.of(np.zeros((N_JOINTS, 3)), np.array([0.0, 0.0, 0.95]))

@@ -8,7 +8,7 @@ from typing import Any
 from annotate.live.live_frame import LiveFrame
 from annotate.live.pipeline import LivePipeline
 from cli.console import say
-from eval.network.bearing import joint_row
+from eval.network.body_state import joint_row
 from sensors.interrupt import Ending
 
 Show = Callable[[LiveFrame], None] | None

@@ -14,18 +14,18 @@ import typer
 
 from annotate.cloud.coarse import CoarseCloud
 from annotate.frame_labels import FrameLabels
-from annotate.label_source import SuitSurvey, suit_labeller
+from annotate.label_recording import SuitSurvey, suit_labeller
 from annotate.live.live_frame import Labelling, Rig, Stance
 from annotate.live.pipeline import LivePipeline
-from annotate.reader.network import shipped_reader
+from annotate.segmentation.suit_network import shipped_reader
 from annotate.suit.palette import Suit
 from cli.console import finish, say
 from cli.extras import needing
 from cli.live_lines import print_joints, show_lines, show_newest
-from eval.network.bearing import Bearing
+from eval.network.body_state import Bearing
+from eval.network.joint_sides import sided
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import NetworkSurvey
-from eval.network.sides import sided
 from eval.scores.joints import JOINT, JOINT_NAMES
 from eval.scores.skeleton_fit import BONES
 from sensors.interrupt import Ending, ended_by_signals, interrupted_by_signals
@@ -103,7 +103,7 @@ def look_at(running: Rig, options: LiveOptions, ending: Ending, stream: Stream =
     """Show a rig in the window until it is closed."""
     with needing("gui"):
         from annotate.gui.app import run_live
-        from annotate.gui.live_commands import takes
+        from annotate.gui.live.live_commands import takes
     names = takes(options.record)
     if options.record is not None:
         running.record(next(names), options.subject, options.overwrite)

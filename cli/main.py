@@ -6,14 +6,14 @@ import sys
 
 import typer
 
-from cli import (
+from cli import kernels
+from cli.verbs import (
     calibration,
     demo,
     doctor,
     evaluation,
     exchange,
     info,
-    kernels,
     labelling,
     learning,
     live,

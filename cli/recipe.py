@@ -11,8 +11,8 @@ from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.correction import Correction
 from annotate.effort.annotator import WHO, Annotator, correct_set
-from annotate.label_source import label_source
-from annotate.labelset.store import LabelSet
+from annotate.label_recording import label_source
+from annotate.labelset.label_set import LabelSet
 from cli.console import progress
 from eval.compare.compare import compare_sets
 from eval.compare.results import Result, save_result

@@ -20,7 +20,7 @@ from sensors.session.paths import SUFFIX
 from sensors.versions import code_digest, versions
 
 if TYPE_CHECKING:
-    from annotate.label_source import Run
+    from annotate.label_recording import Run
     from synth.images.workers import Workers
 
 T = TypeVar("T")
@@ -57,7 +57,7 @@ def label_sets_in(predicted: Path, truth: Path, scheduler: str | None) -> dict[s
     None where it is a label set itself. Raises BadParameter where a scheduler is given and there are none,
     CloudError for one without a truth.
     """
-    from annotate.labelset.frames import holds_frames
+    from annotate.labelset.labelled_frames import holds_frames
 
     alone = holds_frames(predicted) or not predicted.is_dir()
     found = [] if alone else paths_in_order(path for path in predicted.iterdir() if holds_frames(path))
@@ -136,7 +136,7 @@ def label_each(
 
     work: (session, label set) -> run. Exits with 3 where a session or a frame failed.
     """
-    from annotate.labelset import store
+    from annotate.labelset import label_set as store
 
     for name, path in sessions.items():
         clear(out / name, store.MANIFEST, overwrite, path)

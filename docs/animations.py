@@ -21,14 +21,14 @@ from PySide6.QtWidgets import QApplication, QWidget
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from window import IMAGES, draw, make_labels, open_window, press, wait
 
-from annotate.gui.live_window import LiveWindow
-from annotate.gui.theme import DARK
+from annotate.gui.live.live_window import LiveWindow
+from annotate.gui.widgets.theme import DARK
 from annotate.gui.window import CorrectionWindow
 from annotate.live.pipeline import LivePipeline
 from annotate.parts import PART_ID
 from annotate.suit.palette import load_suit
 from cli.live_view import labelling_by
-from sensors.recording.moments import Moment
+from sensors.recording.frame_assembly import Moment
 from sensors.recording.playback import Playback
 from sensors.rig.frame import RigFrame
 from sensors.session.reader import Session

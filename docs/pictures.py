@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from annotate.cloud.fuse import Fuser
 from annotate.frame_labels import FrameLabels
-from annotate.label_source import SuitSurvey, suit_labeller
+from annotate.label_recording import SuitSurvey, suit_labeller
 from annotate.parts import palette_rgb
-from annotate.reader.network import shipped_reader
+from annotate.segmentation.suit_network import shipped_reader
 from eval.network.onnx_network import OnnxNetwork
 from eval.report.gallery import cloud_picture, make_frame
 from synth.body.body import shipped_bodies

@@ -18,12 +18,12 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from annotate.correction.correction import Correction
-from annotate.gui.colors import Look
 from annotate.gui.commands import bind
-from annotate.gui.keys import Settings
-from annotate.gui.scene import SceneReader
+from annotate.gui.state.keys import Settings
+from annotate.gui.state.point_colors import Look
+from annotate.gui.state.scene import SceneReader
 from annotate.gui.window import CorrectionWindow
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import PART_ID
 
 IMAGES = Path(__file__).resolve().parent / "images"

@@ -5,7 +5,7 @@ from collections.abc import Collection
 from sensors.errors import CloudError
 
 SCENES = ("sofa", "chair", "bed", "floor")
-"""Places of the virtual rig (``synth.rig.place``)."""
+"""Places of the virtual rig (``synth.rig.locations``)."""
 DIFFICULTIES = ("clean", "normal", "hard")
 """How hard the virtual rig makes it (``synth/data/difficulties.toml``)."""
 PRESETS = ("sitting-train", "sitting-test", "recumbent", "upright", "standing", "people")

@@ -17,8 +17,8 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from annotate.label_source import label_source
-from annotate.labelset.store import LabelSet
+from annotate.label_recording import label_source
+from annotate.labelset.label_set import LabelSet
 from annotate.suit.palette import DEFAULT_SUIT
 from cli.main import main
 from sensors.rig.frame import RigFrame

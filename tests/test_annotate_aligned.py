@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from annotate.cloud.fuse import Fuser
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics, project, rays
 from sensors.rig.rig_calibration import Pose

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from annotate.label_source import label_source
+from annotate.label_recording import label_source
 from annotate.parts import UNDEFINED
 from annotate.suit.palette import DEFAULT_SUIT
 from sensors.rig.frame import FrameSource, RigFrame

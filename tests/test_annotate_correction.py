@@ -20,7 +20,7 @@ from annotate.correction.replay import after, replayed
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.claim import ClaimedError
 from annotate.labelset.journal import JOURNAL, Journal, NotSavedError
-from annotate.labelset.store import LabelSet, validate
+from annotate.labelset.label_set import LabelSet, validate
 from annotate.labelset.stroke import Gesture, Stroke, to_line
 from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE

@@ -13,7 +13,7 @@ from annotate.correction.history import History
 from annotate.correction.replay import after
 from annotate.correction.select import edit_supervoxels
 from annotate.frame_labels import FrameLabels
-from annotate.gui.drawing import Drawing
+from annotate.gui.state.drawing import Drawing
 from annotate.labelset.stroke import Gesture, Stroke, difference, from_line, to_line
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, PART_ID, UNDEFINED, swap_left_right
 from sensors.errors import CloudError, FormatError

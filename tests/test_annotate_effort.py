@@ -16,7 +16,7 @@ from annotate.effort.hand import CAREFUL, QUICK, along, length_px, loop, outline
 from annotate.effort.keystrokes import CLICK_S, KEY_S, MENTAL_S, POINT_S, STEER_S, Tools, gesture_s, moves_s
 from annotate.effort.repairs import Move, Repair, in_one_go
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.labelset.stroke import KEY, Gesture
 from annotate.parts import BACKGROUND, UNDEFINED, swap_left_right
 from sensors.rig.camera import Intrinsics

@@ -24,10 +24,10 @@ from annotate.exchange.formats import FORMATS, export_labels, import_labels, rec
 from annotate.exchange.masks import mask_from_runs, runs_of
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.journal import JOURNAL
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import PARTS
 from sensors.errors import CloudError, FormatError
-from sensors.importers import pcd_file
+from sensors.importers.clouds import pcd_file
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics, unproject
 from tests.helpers.same_frame import assert_same_frame

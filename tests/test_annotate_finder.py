@@ -12,7 +12,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.person import finder
 from annotate.person.extract import Survey
 from annotate.person.finder import Person
-from annotate.person.known import numbers_of
+from annotate.person.tracking import numbers_of
 from sensors.rig.camera import Intrinsics
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import VirtualRig

@@ -12,10 +12,10 @@ from annotate.cloud.coarse import CoarseFuser
 from annotate.cloud.fuse import Fuser, undistortion_index
 from annotate.cloud.visibility import PointView
 from bench.fuse import CALIBRATION, fuse_naive, random_scene
+from sensors.calibration_files.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.errors import CalibrationError, FormatError
 from sensors.rig.camera import Intrinsics, project, unproject
 from sensors.rig.frame import RigFrame
-from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.rig.rig_calibration import Pose, RigCalibration
 from tests.helpers.undistortion_twin import undistort_scalar
 

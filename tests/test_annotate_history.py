@@ -9,7 +9,7 @@ from annotate.correction.correction import Correction
 from annotate.correction.edit import Editor
 from annotate.correction.replay import rejected_by, rejection, state_of
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.labelset.stroke import Stroke, from_line, to_line
 from sensors.rig.camera import Intrinsics
 

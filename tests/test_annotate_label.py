@@ -12,11 +12,11 @@ from conftest import tree
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.label_source import SuitSurvey, label_source, run
-from annotate.labelset.store import LabelSet
+from annotate.label_recording import SuitSurvey, label_source, run
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import UNDEFINED
 from annotate.person.extract import PersonMask
-from annotate.reader.segmentation import Segmentation, unlabelled
+from annotate.segmentation.segmented_person import Segmentation, unlabelled
 from annotate.suit.palette import DEFAULT_SUIT
 from sensors.errors import CloudError, ExistsError
 from sensors.rig.frame import FrameSource, RigFrame
@@ -187,7 +187,7 @@ def test_every_frame_is_given_the_one_before_as_it_is_stored(tmp_path, session):
 
 def test_a_frame_that_cannot_be_relied_on_is_not_labelled(tmp_path, session, monkeypatch):
     monkeypatch.setattr(
-        "annotate.label_source.Survey.person",
+        "annotate.label_recording.Survey.person",
         lambda survey, before: stripes(survey.cloud.depth_mm.shape, False),
     )
     for frame in label_source(session, DEFAULT_SUIT, tmp_path / "l", silent).labels:

@@ -8,7 +8,7 @@ import pytest
 from annotate.correction.correction import Correction
 from annotate.correction.nearby import REACH_FRAMES, corrected_nearby, frames_text
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import PART_ID, swap_left_right
 from bench.window import figure
 from sensors.errors import CloudError

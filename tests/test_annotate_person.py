@@ -16,7 +16,7 @@ from annotate.person.planes import MOST_PLANES, find_planes
 from annotate.person.subject import cloths_shown
 from annotate.person.warmth import WINDOW_C
 from annotate.suit.palette import DEFAULT_SUIT
-from sensors.importers.pointcloud import CloudFile
+from sensors.importers.clouds.cloud_source import CloudFile
 from sensors.rig.camera import rays
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import VirtualRig

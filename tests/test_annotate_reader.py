@@ -12,9 +12,10 @@ from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.parts import N_CLASSES, PART_ID, swap_left_right
 from annotate.person.extract import Survey
-from annotate.reader import halves
-from annotate.reader.borders import with_borders
-from annotate.reader.channels import (
+from annotate.segmentation import split_network as halves
+from annotate.segmentation.border_refinement import with_borders
+from annotate.segmentation.flip_averaging import mirrored, read_twice
+from annotate.segmentation.input_channels import (
     CHANNELS,
     LIKENESS,
     RANGES,
@@ -24,9 +25,8 @@ from annotate.reader.channels import (
     network_input,
     rectangle,
 )
-from annotate.reader.mirror import mirrored, read_twice
-from annotate.reader.network import CLASSES, MULTIPLE, SHIPPED_READER, Reader, shipped_reader
-from annotate.suit.light import fitted_to
+from annotate.segmentation.suit_network import CLASSES, MULTIPLE, SHIPPED_READER, Reader, shipped_reader
+from annotate.suit.illuminant import fitted_to
 from annotate.suit.palette import DEFAULT_SUIT
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics, rays

@@ -10,11 +10,11 @@ from annotate.cloud.fuse import Fuser
 from annotate.cloud.supervoxels import supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.label_source import SuitSurvey, labels_of, suit_labeller
-from annotate.labelset.store import LabelSet
+from annotate.label_recording import SuitSurvey, labels_of, suit_labeller
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import BACKGROUND, LEFT_RIGHT, PART_ID, UNDEFINED, swap_left_right
-from annotate.reader.network import shipped_reader
-from annotate.reader.segmentation import Segmentation
+from annotate.segmentation.segmented_person import Segmentation
+from annotate.segmentation.suit_network import shipped_reader
 from annotate.suit.palette import DEFAULT_SUIT, Suit
 from eval.scores.confusion import confusion_matrix, left_right_swap_rate, recall
 from sensors.session.reader import Session

@@ -13,7 +13,7 @@ from annotate.correction.relabel import relabel, take_back, untouched
 from annotate.correction.replay import replayed
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.journal import Journal, NotSavedError
-from annotate.labelset.store import LabelSet, validate
+from annotate.labelset.label_set import LabelSet, validate
 from sensors.rig.camera import Intrinsics
 
 H, W = 12, 16

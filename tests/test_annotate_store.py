@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from PIL import Image
 
-import annotate.labelset.store
+import annotate.labelset.label_set
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import (
     decode_confidence,
@@ -22,7 +22,7 @@ from annotate.labelset.images import (
     encode_parts,
     encode_png,
 )
-from annotate.labelset.store import MANIFEST, LabelSet, validate
+from annotate.labelset.label_set import MANIFEST, LabelSet, validate
 from annotate.parts import (
     BACKGROUND,
     BODY_PARTS,
@@ -260,8 +260,8 @@ def test_a_write_that_fails_leaves_no_new_frame_and_no_litter(label_set, monkeyp
         written.append(path)
         real(path, data)
 
-    real = annotate.labelset.store.write_bytes
-    monkeypatch.setattr(annotate.labelset.store, "write_bytes", failing)
+    real = annotate.labelset.label_set.write_bytes
+    monkeypatch.setattr(annotate.labelset.label_set, "write_bytes", failing)
     new = labels("new", confidence=np.zeros((6, 8), np.float32))
     with pytest.raises(OSError, match="No space"):
         label_set.write(new)
@@ -313,9 +313,9 @@ def test_a_corrupt_json_blocks_and_is_left_alone(label_set, name, content):
 
 def test_a_json_as_large_as_the_bound_is_read_and_a_larger_one_refused(label_set, monkeypatch):
     size = max(path.stat().st_size for path in label_set.path.rglob("*.json"))
-    monkeypatch.setattr(annotate.labelset.store, "MAX_JSON_BYTES", size)
+    monkeypatch.setattr(annotate.labelset.label_set, "MAX_JSON_BYTES", size)
     assert validate(LabelSet.open(label_set.path)) == []
-    monkeypatch.setattr(annotate.labelset.store, "MAX_JSON_BYTES", size - 1)
+    monkeypatch.setattr(annotate.labelset.label_set, "MAX_JSON_BYTES", size - 1)
     with pytest.raises(FormatError, match=f"larger than {size - 1} bytes"):
         validate(LabelSet.open(label_set.path))
 

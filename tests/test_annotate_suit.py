@@ -11,10 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import BODY_PARTS
 from annotate.suit.color_model import BARE_COST, GAIN, SIGMA, under, unfitted
-from annotate.suit.learn import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
 from annotate.suit.palette import (
     DEFAULT_SUIT,
     MIN_CHROMA_DISTANCE,
@@ -23,6 +22,7 @@ from annotate.suit.palette import (
     load_suit,
     suit_to_toml,
 )
+from annotate.suit.palette_fit import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
 from sensors.errors import CloudError
 from sensors.session.reader import Session
 

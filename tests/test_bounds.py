@@ -13,20 +13,20 @@ import pytest
 from test_synth_garments import write_garment
 from test_synth_motion_driven import joint_file, squatting
 
-from annotate.gui import memory
-from annotate.gui.keys import MAX_TOML_BYTES, load_settings
-from annotate.gui.memory import Memory, recall
+from annotate.gui import settings as memory
+from annotate.gui.settings import Memory, recall
+from annotate.gui.state.keys import MAX_TOML_BYTES, load_settings
 from eval.scores.counts import WIDTH
 from eval.scores.joints import N_JOINTS
+from sensors.calibration_files.calibration_yaml import FILES, read_yaml, write_yaml
+from sensors.calibration_files.intrinsics_file import read_intrinsics
+from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
 from sensors.errors import CalibrationError, CloudError, DeviceError, FormatError
 from sensors.files.bounded import MAX_IMAGE_BYTES, MAX_IMAGE_SIDE, read_bounded
 from sensors.files.npz import array_sizes
 from sensors.files.png import decode_grey
 from sensors.importers.ebml import MAX_ELEMENT_BYTES, EbmlFile, Element
 from sensors.recording.rig_file import RecordingRig
-from sensors.rig.calibration_yaml import FILES, read_yaml, write_yaml
-from sensors.rig.intrinsics_file import read_intrinsics
-from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.pairing import MAX_LATENCY_MS
 from sensors.rig.rig_calibration import (
     MAX_CALIBRATION_BYTES,
@@ -38,10 +38,10 @@ from sensors.session.host_times import host_times
 from sensors.session.index import PLACE
 from synth.clothes import makehuman_garments
 from synth.clothes.makehuman_garments import read_garment
-from synth.markers import joint_file as joint_files
-from synth.markers.joint_file import read_joint_file
-from synth.markers.marker_files import read_markers
-from synth.markers.trc_file import MAX_HEAD_LINES
+from synth.motion_files import joint_file as joint_files
+from synth.motion_files.joint_file import read_joint_file
+from synth.motion_files.marker_files import read_markers
+from synth.motion_files.trc_file import MAX_HEAD_LINES
 from tests.helpers.marker_samples import positions, write_trc
 
 PACKAGES = ("sensors", "annotate", "synth", "eval", "cli")
@@ -51,20 +51,20 @@ HONEST: dict[str, float] = {
     "annotate.exchange.companion.MAX_TEXT_BYTES": 50_000 * 10_000,  # frames of CVAT
     "annotate.exchange.unpacked.MAX_FILES": 2 * 1_000_000,  # frames
     "annotate.exchange.parquet.MAX_GROUP_BYTES": 1000 * 1024 * 1024 * 2,  # images of 16 bits
-    "annotate.gui.keys.MAX_TOML_BYTES": 300 * 100,  # lines
-    "annotate.gui.memory.MAX_BYTES": 300 * 100,
+    "annotate.gui.state.keys.MAX_TOML_BYTES": 300 * 100,  # lines
+    "annotate.gui.settings.MAX_BYTES": 300 * 100,
     "annotate.labelset.dataset.MAX_MANIFEST_BYTES": 1_000_000 * 120,  # shards
     "annotate.labelset.dataset.MAX_MEMBER_BYTES": 4096 * 4096 * 3,  # pixels of a colour image
     "annotate.labelset.dataset.MAX_SHARD_BYTES": 1_000_000_000,  # what WebDataset recommends
     "annotate.labelset.journal.MAX_BYTES": 1_000_000 * 2000,  # strokes
     "annotate.exchange.image_names.MAX_IMAGES": 1_000_000,  # a large export
-    "annotate.labelset.store.MAX_JSON_BYTES": 10_000_000,  # a step's list of 100,000 frames
-    "annotate.reader.network.MAX_BYTES": 10 * 2_088_498,  # ten times the shipped reader
+    "annotate.labelset.label_set.MAX_JSON_BYTES": 10_000_000,  # a step's list of 100,000 frames
+    "annotate.segmentation.suit_network.MAX_BYTES": 10 * 2_088_498,  # ten times the shipped reader
     "annotate.suit.palette.MAX_SWATCHES": 11 * 12,  # colours of every part
     "annotate.suit.palette.MAX_TOML_BYTES": 11 * 12 * 400,
     "eval.compare.results.MAX_BYTES": 326_984 * (4 * WIDTH + 8 * (N_JOINTS + 3) + 300),  # the paper's images
     "eval.network.onnx_network.MAX_WEIGHT_BYTES": 540_000_000,  # the paper's network
-    "eval.report.history.MAX_BYTES": 10_000 * 5000,  # epochs
+    "eval.report.training_history.MAX_BYTES": 10_000 * 5000,  # epochs
     "sensors.files.bounded.MAX_IMAGE_BYTES": 8192 * 8192 * 2,  # 16 bits a pixel, not compressed
     "sensors.files.bounded.MAX_IMAGE_SIDE": 7680,  # 8K
     "sensors.files.flir_records.MAX_RECORDS": 30,  # of an image: raw data, photograph, camera, palette, GPS
@@ -75,11 +75,11 @@ HONEST: dict[str, float] = {
     * 576
     * 2,  # half a minute of an Azure Kinect
     "sensors.importers.bags.ros1_file.MAX_HEADER_BYTES": 1000,  # names of topics
-    "sensors.importers.cloud_records.MAX_POINTS": 40_000_000,  # of a scanner on a tripod
-    "sensors.importers.pcd_file.MAX_HEADER_BYTES": 10_000,  # comments
-    "sensors.importers.pcd_file.MAX_POINT_BYTES": 5000 * 4,  # a histogram
-    "sensors.importers.ply_file.MAX_BYTES": 40_000_000 * 60,  # points, and as many faces
-    "sensors.importers.ply_file.MAX_LIST": 10_000,  # corners of a polygon
+    "sensors.importers.clouds.records.MAX_POINTS": 40_000_000,  # of a scanner on a tripod
+    "sensors.importers.clouds.pcd_file.MAX_HEADER_BYTES": 10_000,  # comments
+    "sensors.importers.clouds.pcd_file.MAX_POINT_BYTES": 5000 * 4,  # a histogram
+    "sensors.importers.clouds.ply_file.MAX_BYTES": 40_000_000 * 60,  # points, and as many faces
+    "sensors.importers.clouds.ply_file.MAX_LIST": 10_000,  # corners of a polygon
     "sensors.importers.ebml.MAX_ELEMENT_BYTES": 4096 * 3072 * 2,  # an Azure Kinect's largest image
     "sensors.importers.tum_lists.MAX_BYTES": 8 * HOUR_S * 30 * 60,  # lines of a night
     "sensors.recording.rig_file.MAX_BYTES": 100 * 300,  # devices
@@ -93,14 +93,14 @@ HONEST: dict[str, float] = {
     "sensors.session.stored_index.MAX_HEADER_BYTES": 20_000 * 100,  # events
     "synth.body.body.MAX_BYTES": 30 * 800_000,  # a body of thirty times the shipped ones' vertices
     "synth.clothes.makehuman_garments.MAX_FILE_BYTES": 500_000 * 100,  # vertices
-    "synth.markers.bvh.MAX_CENTRES": HOUR_S // 4 * 120 * 100,  # of 100 joints
-    "synth.markers.bvh.MAX_FILE_BYTES": HOUR_S // 4 * 120 * 300 * 9,
-    "synth.markers.joint_file.MAX_BYTES": 12 * HOUR_S * 30 * 40 * 3 * 4,  # 40 joints, float32
-    "synth.markers.marker_files.MAX_FILE_BYTES": HOUR_S * 120 * 100 * 16,  # 100 markers of a C3D
-    "synth.markers.marker_files.MAX_POSITIONS": HOUR_S * 120 * 100,
-    "synth.markers.markerset.MAX_FILE_BYTES": 1000 * 200,  # markers
+    "synth.motion_files.bvh.MAX_CENTRES": HOUR_S // 4 * 120 * 100,  # of 100 joints
+    "synth.motion_files.bvh.MAX_FILE_BYTES": HOUR_S // 4 * 120 * 300 * 9,
+    "synth.motion_files.joint_file.MAX_BYTES": 12 * HOUR_S * 30 * 40 * 3 * 4,  # 40 joints, float32
+    "synth.motion_files.marker_files.MAX_FILE_BYTES": HOUR_S * 120 * 100 * 16,  # 100 markers of a C3D
+    "synth.motion_files.marker_files.MAX_POSITIONS": HOUR_S * 120 * 100,
+    "synth.motion_files.marker_set.MAX_FILE_BYTES": 1000 * 200,  # markers
     "synth.markers.motion_file.MAX_BYTES": 3 * HOUR_S * 60 * 40 * 12,  # 40 markers
-    "synth.markers.trc_file.MAX_HEAD_LINES": 30,  # five, and comments
+    "synth.motion_files.trc_file.MAX_HEAD_LINES": 30,  # five, and comments
 }
 """By bound: the largest honest value known."""
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from conftest import tree
 
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import BODY_PARTS
 from annotate.suit.palette import DEFAULT_SUIT, load_suit
 from cli.console import cell, table
-from eval.network.read_again import SHIPPED_AGAIN
+from eval.network.refine import SHIPPED_AGAIN
 from sensors.session.messages import COLOR, THERMAL, color_message, thermal_message
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter

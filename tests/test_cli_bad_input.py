@@ -16,7 +16,7 @@ from conftest import assert_refused, record, tree
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
-from annotate.labelset.store import MANIFEST, LabelSet
+from annotate.labelset.label_set import MANIFEST, LabelSet
 from annotate.parts import BODY_PARTS, UNDEFINED
 from annotate.suit.palette import DEFAULT_SUIT, suit_to_toml
 from eval.network.onnx_network import SHIPPED_WEIGHTS

@@ -13,7 +13,7 @@ import pytest
 from conftest import assert_refused, largest_file, record, tree
 
 import synth.rig.simulate
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.suit.palette import DEFAULT_SUIT, suit_to_toml
 from sensors.session.reader import Session
 from synth.rig.paths import suit_path, truth_path

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cli.training import Without
+from cli.verbs.training import Without
 
 SHIPPED = Path(str(files("eval").joinpath("weights")))
 HEAVY = (

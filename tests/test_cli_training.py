@@ -10,7 +10,7 @@ pytest.importorskip("torch")
 from conftest import assert_refused
 
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from sensors.rig.camera import Intrinsics
 
 

@@ -13,7 +13,7 @@ import time
 
 import pytest
 
-from annotate.labelset.store import MANIFEST, LabelSet
+from annotate.labelset.label_set import MANIFEST, LabelSet
 from eval.compare.results import load_result
 from sensors.errors import CloudError
 from synth.images.generate import generate

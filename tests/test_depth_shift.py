@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from annotate.cloud.coarse import CoarseFuser
 from annotate.cloud.fuse import Fuser
 from annotate.foxglove.topics import Shown, shown_messages
-from annotate.label_source import label_source
-from annotate.labelset.recorded import Recorded
+from annotate.label_recording import label_source
+from annotate.labelset.source_recording import Recorded
+from sensors.calibration_files.calibration_yaml import open_calibration, read_yaml, write_yaml
+from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
 from sensors.errors import CalibrationError
 from sensors.recording.rig_templates import REFERENCE, TEMPLATES
-from sensors.rig.calibration_yaml import open_calibration, read_yaml, write_yaml
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FARTHEST_MM
-from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.rig_calibration import (
     RigCalibration,
     calibration_from_json,

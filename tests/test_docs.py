@@ -17,8 +17,8 @@ from typer.main import get_command
 
 import annotate.person.alignment
 import cli.rig_devices
-import eval.learning.learn
-import eval.learning.practice
+import eval.fine_tuning.fine_tune
+import eval.fine_tuning.run
 import synth.images.workers
 import synth.rig.film
 from annotate.correction.correction import Correction
@@ -181,7 +181,7 @@ def test_the_commands_of_a_page_run_in_order(
     monkeypatch.setattr(synth.rig.film, "FRAMES_PER_SECOND", 15.0)
     monkeypatch.setitem(TEMPLATES, REFERENCE, SMALL_RIG)
     if page == "docs/retrain.md":
-        monkeypatch.setattr("eval.training.reader.fit.SIDE", 32)
+        monkeypatch.setattr("eval.training.segmentation.fit.SIDE", 32)
     if page != "docs/cluster.md":
         monkeypatch.setattr(synth.images.workers, "processes", here)
     for command in commands_of(page):
@@ -191,9 +191,9 @@ def test_the_commands_of_a_page_run_in_order(
         if small.startswith("annotate-cloud learn "):
             accept_all_but_one(tmp_path / shlex.split(small)[2])
             monkeypatch.setattr(os, "nice", lambda by: 0)
-            monkeypatch.setattr(eval.learning.practice, "MOST_STEPS", 1)
-            monkeypatch.setattr(eval.learning.practice, "MORE", 1.0)
-            monkeypatch.setattr(eval.learning.learn.Learnt, "better", True)  # nothing was corrected
+            monkeypatch.setattr(eval.fine_tuning.run, "MOST_STEPS", 1)
+            monkeypatch.setattr(eval.fine_tuning.run, "MORE", 1.0)
+            monkeypatch.setattr(eval.fine_tuning.fine_tune.Learnt, "better", True)  # nothing was corrected
         wanted, before = asked(small), set(tmp_path.iterdir())
         if wanted in made:
             copied(made[wanted].iterdir(), tmp_path)

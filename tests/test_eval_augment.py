@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from annotate.crop import LEAST_VALUE, SIZE
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
 from eval.training.augment import MIN_LEFT, MIN_UNCOVERED, Augmentation, _incomplete, augment
+from eval.training.body_targets import FACING, JOINTS, POSTURE, mirrored, nothing_known
 from eval.training.occluders import ROUGH
-from eval.training.whole import FACING, JOINTS, POSTURE, mirrored, nothing_known
 
 law = settings(deadline=None, max_examples=30)
 seeds = st.integers(0, 9999)

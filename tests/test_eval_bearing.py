@@ -9,18 +9,18 @@ import pytest
 
 from annotate.crop import Crop
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import swap_left_right
 from annotate.posture import POSTURES
-from annotate.reader.segmentation import Segmentation
-from eval.network.bearing import Bearing, bearing_notes
+from annotate.segmentation.segmented_person import Segmentation
+from eval.network.body_state import Bearing, bearing_notes
 from eval.network.joint_files import write_joints
-from eval.network.steady import steady
+from eval.network.side_smoothing import steady
 from eval.scores.joints import JOINT, JOINT_NAMES, N_JOINTS
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
 from synth.body.skeleton import JOINTS
-from synth.images.stance import facing_deg
+from synth.images.standing_statistics import facing_deg
 
 CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 

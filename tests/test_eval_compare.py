@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import PART_ID, UNDEFINED
 from eval.compare import pairs, results
 from eval.compare.compare import Comparison, compare_sets

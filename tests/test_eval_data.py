@@ -12,15 +12,15 @@ from hypothesis.extra import numpy as hnp
 import eval.training.crops as data
 from annotate.crop import SIZE
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.frames import camera_of, open_frames, pinhole_of
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
+from annotate.labelset.labelled_frames import camera_of, open_frames, pinhole_of
 from annotate.parts import BACKGROUND, UNDEFINED
+from eval.training.body_targets import nothing_known
 from eval.training.calibration_split import calibration_split
 from eval.training.crops import DEPTH_STEPS, Crops, load_crops, to_crop
-from eval.training.whole import nothing_known
+from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
-from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 from tests.helpers.shards import write_dataset
 
 

@@ -8,7 +8,7 @@ from annotate.onnx_session import onnx_session
 from annotate.person.finder import FOCAL_PX
 from eval.training.finder import images as finder_images
 from eval.training.finder.images import HEIGHT, WIDTH, Stock, _votes, draw_batch, load_scenes, store_scenes
-from eval.training.finder.net import FinderNet, export_finder, loss_of
+from eval.training.finder.network import FinderNet, export_finder, loss_of
 from eval.training.finder.scenes import room_scenes
 from eval.training.finder.warm import UNFELT, invented, spoilt
 

@@ -7,7 +7,7 @@ import pytest
 
 from annotate.crop import network_crop
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import N_CLASSES, PART_ID, PARTS, swap_left_right
 from eval.scores.joint_errors import OBSERVED, joint_errors_mm, observe, summary
 from eval.scores.joints import (

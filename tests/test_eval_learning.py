@@ -10,19 +10,19 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from annotate.correction.correction import Correction  # noqa: E402
-from annotate.correction.queue import teaching_order  # noqa: E402
 from annotate.correction.relabel import relabel  # noqa: E402
+from annotate.correction.review_queue import teaching_order  # noqa: E402
 from annotate.frame_labels import FrameLabels  # noqa: E402
-from annotate.labelset.store import LabelSet  # noqa: E402
+from annotate.labelset.label_set import LabelSet  # noqa: E402
 from annotate.parts import BACKGROUND  # noqa: E402
-from annotate.reader.channels import CHANNELS, FELT, SEEN  # noqa: E402
-from eval.learning import learn as learning  # noqa: E402
-from eval.learning import practice  # noqa: E402
-from eval.learning.by_depth import DepthLearner, example_of  # noqa: E402
-from eval.learning.lesson import HELD_OUT, LEAST_FRAMES, divided, lessons  # noqa: E402
-from eval.learning.practice import Practice  # noqa: E402
-from eval.training.reader import train  # noqa: E402
-from eval.training.reader.train import Stage  # noqa: E402
+from annotate.segmentation.input_channels import CHANNELS, FELT, SEEN  # noqa: E402
+from eval.fine_tuning import fine_tune as learning  # noqa: E402
+from eval.fine_tuning import run as practice  # noqa: E402
+from eval.fine_tuning.by_depth import DepthLearner, example_of  # noqa: E402
+from eval.fine_tuning.run import Practice  # noqa: E402
+from eval.fine_tuning.training_split import HELD_OUT, LEAST_FRAMES, divided, lessons  # noqa: E402
+from eval.training.segmentation import train  # noqa: E402
+from eval.training.segmentation.train import Stage  # noqa: E402
 from sensors.errors import CloudError, ExistsError  # noqa: E402
 from sensors.rig.camera import Intrinsics  # noqa: E402
 

@@ -12,7 +12,7 @@ from scipy.ndimage import distance_transform_edt
 
 from annotate.frame_labels import FrameLabels
 from annotate.parts import LEFT_RIGHT, N_CLASSES, UNDEFINED, on_body, swap_left_right
-from eval.compare import paper
+from eval.compare import paper_results as paper
 from eval.scores import boundary, confusion, reliability
 from eval.scores.counts import NEAR_PX, count
 

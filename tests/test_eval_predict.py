@@ -14,10 +14,10 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset import dataset
 from annotate.labelset.dataset import Dataset
 from annotate.labelset.images import encode_png
-from annotate.labelset.store import LabelSet, validate
+from annotate.labelset.label_set import LabelSet, validate
 from annotate.parts import BACKGROUND, N_CLASSES, PART_ID, swap_left_right
 from eval.compare.compare import compare_sets
-from eval.network.bearing import Bearing
+from eval.network.body_state import Bearing
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import predict_frames
 from eval.network.predict_source import predict_source

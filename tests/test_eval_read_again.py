@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from annotate.crop import person_of
-from annotate.labelset.store import LabelSet
-from annotate.reader.channels import CHANNELS, LIKENESS
-from annotate.reader.network import Reader
+from annotate.labelset.label_set import LabelSet
+from annotate.segmentation.input_channels import CHANNELS, LIKENESS
+from annotate.segmentation.suit_network import Reader
 from eval.compare.compare import compare_sets
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import predict_frames
 from eval.network.predict_source import predict_source
-from eval.network.read_again import SHIPPED_AGAIN, camera_in, depth_view, read_again
+from eval.network.refine import SHIPPED_AGAIN, camera_in, depth_view, read_again
 from sensors.session.reader import Session
 from synth.rig.simulate import truth_path
-from tools.measure.read_again import Cold
+from tools.measure.refinement import Cold
 
 
 class CutOut(Cold):

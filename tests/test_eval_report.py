@@ -13,13 +13,14 @@ import pytest
 
 from annotate.crop import SIZE
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import BACKGROUND, BODY_PARTS, PARTS, UNDEFINED, palette_rgb
 from eval.compare.compare import Comparison, compare_sets
 from eval.compare.results import Result, save_result
-from eval.report import charts, figures, tables
+from eval.report import charts, tables
+from eval.report import frame_images as figures
 from eval.report.build import embedded_json, write_report
-from eval.report.figures import render_thermal_cloud
+from eval.report.frame_images import render_thermal_cloud
 from eval.report.gallery import (
     SCENE_POINTS,
     cloud_picture,
@@ -30,7 +31,7 @@ from eval.report.gallery import (
     points_of,
 )
 from eval.report.gather import Material, gather
-from eval.report.history import load_training
+from eval.report.training_history import load_training
 from eval.report.views import view_of
 from sensors.errors import CloudError, ExistsError, FormatError
 from tests.helpers.report_doll import (
@@ -162,9 +163,9 @@ def test_pictures_come_from_the_sets_that_were_measured(
 
 
 def test_a_training_is_read_back(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("eval.report.history.MAX_BYTES", (run / "history.json").stat().st_size)
+    monkeypatch.setattr("eval.report.training_history.MAX_BYTES", (run / "history.json").stat().st_size)
     training = load_training(run)
-    monkeypatch.setattr("eval.report.history.MAX_BYTES", (run / "history.json").stat().st_size - 1)
+    monkeypatch.setattr("eval.report.training_history.MAX_BYTES", (run / "history.json").stat().st_size - 1)
     with pytest.raises(FormatError, match="larger than"):
         load_training(run)
     monkeypatch.undo()

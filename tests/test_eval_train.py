@@ -19,20 +19,20 @@ from annotate.crop import SIZE  # noqa: E402
 from annotate.labelset.images import decode_parts  # noqa: E402
 from annotate.parts import N_CLASSES, UNDEFINED  # noqa: E402
 from eval.network import checkpoint  # noqa: E402
-from eval.network.answer import Answer  # noqa: E402
 from eval.network.checkpoint import Progress, load_weights, save_weights  # noqa: E402
 from eval.network.compact import CompactConfig  # noqa: E402
-from eval.network.compared import PaperConfig  # noqa: E402
+from eval.network.network_output import Answer  # noqa: E402
 from eval.network.networks import build, export_onnx  # noqa: E402
 from eval.network.onnx_network import OnnxNetwork  # noqa: E402
+from eval.network.reference_networks import PaperConfig  # noqa: E402
 from eval.training.augment import Augmentation  # noqa: E402
+from eval.training.body_targets import ROW, nothing_known  # noqa: E402
 from eval.training.crops import Crops  # noqa: E402
 from eval.training.loader import BatchOrder, Images, batches  # noqa: E402
 from eval.training.plan import ModernRecipe, PaperRecipe, Plan, class_weights, loss_of, one_cycle, rate  # noqa: E402
 from eval.training.processes import ALONE  # noqa: E402
 from eval.training.temperature import fitted_temperature  # noqa: E402
 from eval.training.train import Watch, evaluate, predicted, train, work_left  # noqa: E402
-from eval.training.whole import ROW, nothing_known  # noqa: E402
 from sensors.errors import CloudError, ExistsError, FormatError  # noqa: E402
 from tests.helpers import tiny_training  # noqa: E402
 from tests.helpers.tiny_training import CROPS, PLAN, small_crops  # noqa: E402

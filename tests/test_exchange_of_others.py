@@ -12,7 +12,7 @@ from conftest import assert_refused
 from annotate.exchange import polygons
 from annotate.exchange.formats import import_labels
 from annotate.exchange.image_names import frame_ids
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import PART_ID
 from sensors.errors import CloudError, FormatError
 

@@ -5,14 +5,14 @@ import pytest
 
 from annotate.exchange.labelled_points import export_points
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import UNDEFINED
 from sensors.errors import FormatError
+from sensors.importers.clouds.cloud_source import CloudFile
+from sensors.importers.clouds.pcd_file import read_pcd
+from sensors.importers.clouds.ply_file import read_ply
 from sensors.importers.open_source import open_source
 from sensors.importers.options import ImportOptions
-from sensors.importers.pcd_file import read_pcd
-from sensors.importers.ply_file import read_ply
-from sensors.importers.pointcloud import CloudFile
 from tests.helpers.cloud_files import (
     CLOUD_FROM_CAMERA,
     camera_points,

@@ -20,22 +20,22 @@ import pytest
 from conftest import assert_refused, largest_file, tree
 from test_cli_nothing_lost import ordinary_user
 
-import sensors.recording.intake
+import sensors.recording.device_readers
 from annotate.correction.correction import Correction
 from annotate.correction.edit import IDLE_S, ActiveTime, steady_time
 from annotate.frame_labels import FrameLabels
-from annotate.label_source import label_source
-from annotate.labelset.appearing import appearing, claimed_to_replace, moved_aside
+from annotate.label_recording import label_source
+from annotate.labelset.atomic_folder import appearing, claimed_to_replace, moved_aside
 from annotate.labelset.claim import CLAIM, Claim, ClaimedError
 from annotate.labelset.journal import JOURNAL
-from annotate.labelset.store import MANIFEST, LabelSet, validate
+from annotate.labelset.label_set import MANIFEST, LabelSet, validate
 from annotate.suit.palette import DEFAULT_SUIT
+from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
 from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import sweep, temporary_of
 from sensors.recording.live_rig import LiveRig
 from sensors.recording.open_device import open_device
 from sensors.rig.camera import Intrinsics
-from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.reader import Session
 from synth.images.generate import Order, generate
@@ -349,7 +349,7 @@ def test_a_clock_that_is_set_costs_nobody_any_time(monkeypatch):
 
 def test_a_clock_that_is_set_while_recording_moves_no_event(tmp_path, monkeypatch):
     jumped = SimpleNamespace(monotonic=time.monotonic, monotonic_ns=time.monotonic_ns, time_ns=time.time_ns)
-    monkeypatch.setattr(sensors.recording.intake, "time", jumped)
+    monkeypatch.setattr(sensors.recording.device_readers, "time", jumped)
     devices = [
         open_device(a, swinging_ball())
         for a in ("virtual:kinect2", "virtual:optris?mode=128hz&unplug_after=0.3")

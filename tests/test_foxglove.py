@@ -28,17 +28,17 @@ from annotate.foxglove.points import HEAT_POINT, PART_POINT
 from annotate.foxglove.skeleton import BONES, skeleton_message
 from annotate.foxglove.topics import SCHEMAS, Shown, shown_messages
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.store import LabelSet
-from annotate.live.complaint import Complaint
+from annotate.labelset.label_set import LabelSet
 from annotate.live.live_frame import LiveFrame, Stance
+from annotate.live.warning import Complaint
 from annotate.parts import PART_ID, PARTS, palette_rgb
 from eval.network.joint_files import noted_joints
 from eval.scores.joint_errors import true_joints_mm
 from eval.scores.joints import JOINT_NAMES
 from sensors.errors import CloudError
-from sensors.recording.intake import Event
-from sensors.recording.moments import Moment
-from sensors.recording.newest import Newest
+from sensors.recording.device_readers import Event
+from sensors.recording.frame_assembly import Moment
+from sensors.recording.latest_value import Newest
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration, rotation_of

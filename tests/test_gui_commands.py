@@ -10,10 +10,10 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton, QLineEdit, QMenu
 
 from annotate.correction.correction import Correction
-from annotate.correction.queue import review_queue
+from annotate.correction.review_queue import review_queue
 from annotate.frame_labels import FrameLabels
-from annotate.gui.keys import Settings, load_settings
-from annotate.labelset.store import LabelSet
+from annotate.gui.state.keys import Settings, load_settings
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import PART_ID
 from bench.window import figure
 from sensors.rig.camera import Intrinsics

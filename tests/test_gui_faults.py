@@ -22,10 +22,10 @@ from shiboken6 import Shiboken
 from annotate.correction.correction import Correction
 from annotate.gui.app import recording_of
 from annotate.gui.background import Background
-from annotate.gui.dialogs import REASONS
 from annotate.gui.probe import check_opengl, check_screen
+from annotate.gui.widgets.dialogs import REASONS
 from annotate.labelset.journal import Journal
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import PART_ID
 from sensors.errors import CloudError
 from tests.conftest import assert_refused, tree

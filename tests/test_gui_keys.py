@@ -7,8 +7,8 @@ from PySide6.QtCore import QEvent, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QApplication, QWidget
 
-from annotate.gui.held import HeldKeys
-from annotate.gui.keys import BODY_GRID, COMMANDS, LAYOUTS, Settings, load_settings, settings_path
+from annotate.gui.key_repeat import HeldKeys
+from annotate.gui.state.keys import BODY_GRID, COMMANDS, LAYOUTS, Settings, load_settings, settings_path
 from annotate.parts import LEFT_RIGHT, PARTS
 from sensors.errors import CloudError
 

@@ -16,7 +16,7 @@ from annotate.gui.commands import bind
 from annotate.gui.learning import Lesson
 from annotate.labelset.claim import ClaimedError
 from annotate.labelset.journal import Journal
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import PART_ID
 from bench.window import figure
 from sensors.errors import CloudError

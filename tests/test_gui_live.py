@@ -11,13 +11,13 @@ from PySide6.QtCore import Qt, QTimer
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel
 
-from annotate.gui.live_commands import takes
-from annotate.gui.live_pictures import TITLES, joints_px, pictures
-from annotate.gui.live_tile import Tile
-from annotate.gui.live_window import LiveWindow
-from annotate.gui.theme import DARK, LIGHT
-from annotate.live.complaint import Complaint
+from annotate.gui.live.live_commands import takes
+from annotate.gui.live.live_pictures import TITLES, joints_px, pictures
+from annotate.gui.live.live_tile import Tile
+from annotate.gui.live.live_window import LiveWindow
+from annotate.gui.widgets.theme import DARK, LIGHT
 from annotate.live.pipeline import LivePipeline
+from annotate.live.warning import Complaint
 from annotate.suit.palette import load_suit
 from cli.live_view import labelling_by
 from sensors.recording.playback import Playback

@@ -8,10 +8,10 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from annotate.gui.hand_keys import PEEK_MS
-from annotate.gui.keys import Settings
-from annotate.gui.theme import DARK
-from annotate.gui.veil import outline
-from annotate.labelset.store import LabelSet
+from annotate.gui.state.keys import Settings
+from annotate.gui.widgets.overlay import outline
+from annotate.gui.widgets.theme import DARK
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import PART_ID
 from tests.helpers.figure_sets import figure_set
 from tests.helpers.gui_driver import CTRL, SHIFT, Driver

@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QApplication, QDialog, QLineEdit, QWidget
 
 from annotate.correction.correction import Correction
 from annotate.correction.replay import rejection
-from annotate.gui.frame_strip import state_color
+from annotate.gui.panels.frame_strip import state_color
 from annotate.parts import PART_ID
 from tests.helpers.figure_sets import figure_set, judge
 from tests.helpers.gui_driver import Driver

@@ -10,15 +10,15 @@ from annotate.cloud.fuse import Fuser
 from annotate.correction.correction import Correction
 from annotate.correction.select import ScreenPoints, polygon
 from annotate.frame_labels import FrameLabels
-from annotate.gui.colors import SAME_RGB, Look, Painting, colourings
-from annotate.gui.drawing import Drawing
-from annotate.gui.keys import Settings
-from annotate.gui.orbit import Orbit, front_view, project
-from annotate.gui.outcome import described, strokes_text
-from annotate.gui.scene import ROOM_POINTS, SceneReader
-from annotate.gui.theme import DARK, LIGHT
-from annotate.labelset.recorded import find_session
-from annotate.labelset.store import LabelSet
+from annotate.gui.state.drawing import Drawing
+from annotate.gui.state.keys import Settings
+from annotate.gui.state.orbit_camera import Orbit, front_view, project
+from annotate.gui.state.outcome import described, strokes_text
+from annotate.gui.state.point_colors import SAME_RGB, Look, Painting, colourings
+from annotate.gui.state.scene import ROOM_POINTS, SceneReader
+from annotate.gui.widgets.theme import DARK, LIGHT
+from annotate.labelset.label_set import LabelSet
+from annotate.labelset.source_recording import find_session
 from annotate.labelset.stroke import Stroke
 from annotate.parts import PARTS
 from sensors.errors import FormatError

@@ -9,8 +9,8 @@ import pytest
 import pyvista as pv
 from PySide6.QtCore import QPoint, QPointF, Qt
 
-from annotate.gui.keys import Settings
-from annotate.labelset.store import LabelSet
+from annotate.gui.state.keys import Settings
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import BACKGROUND, PART_ID
 from tests.helpers.gui_driver import ALT, CTRL, SHIFT, Driver
 

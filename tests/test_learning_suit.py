@@ -13,11 +13,13 @@ from conftest import tree  # noqa: E402
 
 from annotate.correction.correction import Correction  # noqa: E402
 from annotate.correction.relabel import relabel, take_back  # noqa: E402
-from annotate.labelset.store import LabelSet  # noqa: E402
-from annotate.reader.network import SHIPPED_READER, Reader  # noqa: E402
-from eval.learning import by_suit, lesson, practice  # noqa: E402
-from eval.learning import learn as learning  # noqa: E402
-from eval.training.reader.net import FULL_READER, export_reader, load_reader  # noqa: E402
+from annotate.labelset.label_set import LabelSet  # noqa: E402
+from annotate.segmentation.suit_network import SHIPPED_READER, Reader  # noqa: E402
+from eval.fine_tuning import by_suit  # noqa: E402
+from eval.fine_tuning import fine_tune as learning  # noqa: E402
+from eval.fine_tuning import run as practice  # noqa: E402
+from eval.fine_tuning import training_split as lesson  # noqa: E402
+from eval.training.segmentation.network import FULL_READER, export_reader, load_reader  # noqa: E402
 from sensors.errors import CloudError  # noqa: E402
 from synth.rig.simulate import truth_path  # noqa: E402
 

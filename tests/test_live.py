@@ -15,26 +15,26 @@ import numpy as np
 import pytest
 
 from annotate.cloud.fuse import Fuser
-from annotate.label_source import SuitSurvey, suit_labeller
-from annotate.live.complaint import HOLD_S, Complaint, Standing
-from annotate.live.frame_complaints import color_complaint, person_complaints
+from annotate.label_recording import SuitSurvey, suit_labeller
+from annotate.live.frame_warnings import color_complaint, person_complaints
 from annotate.live.live_frame import Labelling
 from annotate.live.pipeline import WORKERS, LivePipeline
-from annotate.live.rig_complaints import rig_complaints
+from annotate.live.rig_warnings import rig_complaints
 from annotate.live.shift_watch import EVERY_NS, FRAMES, ShiftWatch
+from annotate.live.warning import HOLD_S, Complaint, Standing
 from annotate.person.extract import PersonMask
-from annotate.reader.network import shipped_reader
-from annotate.reader.segmentation import unlabelled
+from annotate.segmentation.segmented_person import unlabelled
+from annotate.segmentation.suit_network import shipped_reader
 from annotate.suit.palette import load_suit
 from cli.live_lines import show_lines
 from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, Flag, ThermalImage
 from sensors.errors import CloudError
 from sensors.interrupt import Ending
-from sensors.recording.arrivals import Arrived
-from sensors.recording.health import Health, StreamHealth, Watch
+from sensors.recording.arrival_times import Arrived
+from sensors.recording.frame_assembly import WAIT_NS, Moment, Moments
 from sensors.recording.host_clock import BIN_NS, HostClock
-from sensors.recording.moments import WAIT_NS, Moment, Moments
-from sensors.recording.newest import Newest
+from sensors.recording.latest_value import Newest
+from sensors.recording.stream_health import Health, StreamHealth, Watch
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
@@ -283,7 +283,7 @@ def test_a_stream_that_stays_silent_is_silent_for_as_long_as_it_is():
 
 @pytest.mark.parametrize("step", ["survey", "label"])
 def test_it_is_said_why_frames_have_no_labels(monkeypatch, step):
-    monkeypatch.setattr("annotate.live.complaint.HOLD_S", 0.0)
+    monkeypatch.setattr("annotate.live.warning.HOLD_S", 0.0)
 
     def fails(*_):
         raise CloudError("no person in the mask")

@@ -16,14 +16,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import sensors.recording.intake
+import sensors.recording.device_readers
 import sensors.recording.live_rig
 import sensors.recording.recorder
-from annotate.label_source import run
+from annotate.label_recording import run
 from annotate.live.live_frame import Labelling
-from annotate.live.rig_complaints import rig_complaints
+from annotate.live.rig_warnings import rig_complaints
 from annotate.person.extract import PersonMask
-from annotate.reader.segmentation import unlabelled
+from annotate.segmentation.segmented_person import unlabelled
 from sensors.device.protocol import DepthImage, DeviceReading, Spot
 from sensors.errors import (
     CloudError,
@@ -33,7 +33,7 @@ from sensors.errors import (
     DeviceNotFoundError,
     ExistsError,
 )
-from sensors.recording.intake import Intake
+from sensors.recording.device_readers import Intake
 from sensors.recording.live_rig import LiveRig
 from sensors.recording.playback import Playback
 from sensors.rig.camera import Intrinsics
@@ -100,7 +100,7 @@ def wait_for(what: Callable[[], bool]) -> None:
 @pytest.fixture
 def rig_of(monkeypatch):
     """Makes rigs that run, and ends them."""
-    monkeypatch.setattr(sensors.recording.intake, "REOPEN_S", 0.01)
+    monkeypatch.setattr(sensors.recording.device_readers, "REOPEN_S", 0.01)
     made = []
 
     def make(*devices, reopen=never) -> LiveRig:
@@ -272,8 +272,8 @@ def test_a_disk_of_20_mb_a_second_loses_nothing_or_it_is_said(
 ):
     """13 MB a second fit, 87 do not."""
     if too_slow:
-        monkeypatch.setattr(sensors.recording.intake, "BACKLOG", 8)
-        monkeypatch.setattr(sensors.recording.intake, "BACKLOG_S", 0.0)
+        monkeypatch.setattr(sensors.recording.device_readers, "BACKLOG", 8)
+        monkeypatch.setattr(sensors.recording.device_readers, "BACKLOG_S", 0.0)
     monkeypatch.setattr(sensors.recording.recorder, "SessionWriter", on_disk_of(20e6))
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=10**13))
     rig = LiveRig("ward", [Kinect(rate_hz)], RigCalibration(KINECT), {}, never)
@@ -356,8 +356,8 @@ def test_a_camera_comes_back_whatever_its_library_raises_meanwhile(rig_of):
 
 
 def test_a_loss_comes_through_a_full_queue(monkeypatch):
-    monkeypatch.setattr(sensors.recording.intake, "READ_S", 0.01)
-    monkeypatch.setattr(sensors.recording.intake, "BACKLOG", 2)
+    monkeypatch.setattr(sensors.recording.device_readers, "READ_S", 0.01)
+    monkeypatch.setattr(sensors.recording.device_readers, "BACKLOG", 2)
     camera = Camera(5)
     camera.rates_hz = {"depth": 1.0}
     with Intake([camera], never) as intake:

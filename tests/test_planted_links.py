@@ -6,10 +6,10 @@ import shutil
 import numpy as np
 import pytest
 
-from annotate.labelset.appearing import check_replaceable
+from annotate.labelset.atomic_folder import check_replaceable
 from annotate.labelset.claim import CLAIM, Claim
 from annotate.labelset.journal import JOURNAL, Journal, NotSavedError
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.labelset.stroke import Stroke
 from sensors.errors import CloudError, FormatError
 from sensors.files.atomic import temporary_of, write_bytes

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from annotate.frame_labels import FrameLabels
-from annotate.label_source import run
-from annotate.labelset.recorded import Recorded, find_session
-from annotate.labelset.store import MANIFEST, LabelSet
+from annotate.label_recording import run
+from annotate.labelset.label_set import MANIFEST, LabelSet
+from annotate.labelset.source_recording import Recorded, find_session
 from annotate.person.extract import PersonMask
-from annotate.reader.segmentation import unlabelled
+from annotate.segmentation.segmented_person import unlabelled
 from sensors.errors import ExistsError
 from sensors.importers.open_source import open_source
 from tests.helpers.depth_files import NUMBERS, depth_image, png, write

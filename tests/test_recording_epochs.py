@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from sensors.device.protocol import ColorImage as Color
 from sensors.device.protocol import DepthImage, DeviceReading, Flag, ThermalImage
-from sensors.recording.arrivals import Arrivals, Arrived, Event
+from sensors.recording.arrival_times import Arrivals, Arrived, Event
 from sensors.rig.camera import Intrinsics
 from sensors.rig.clock import BACK, fit_epochs
 from sensors.rig.rig_calibration import Pose, RigCalibration

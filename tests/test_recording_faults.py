@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
-import sensors.recording.intake
+import sensors.recording.device_readers
 from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, Flag, ThermalImage
 from sensors.errors import DeviceLostError, DeviceNotFoundError
-from sensors.recording.health import in_words
+from sensors.recording.stream_health import in_words
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration
 from sensors.session.reader import Session
@@ -77,7 +77,7 @@ def recorded(annotate_cloud, tmp_path, monkeypatch):
 
     def run(open_one: Callable[[], Camera], *options: object):
         monkeypatch.setattr("cli.rig_devices.open_device", lambda address, shown: open_one())
-        monkeypatch.setattr(sensors.recording.intake, "REOPEN_S", 0.05)
+        monkeypatch.setattr(sensors.recording.device_readers, "REOPEN_S", 0.05)
         return annotate_cloud("record", tmp_path / "a.mcap", "--device", "kinect2:", "--json", *options)
 
     return run

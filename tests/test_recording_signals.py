@@ -28,7 +28,7 @@ import cli.live_view, cli.main, cli.rig_devices
 from annotate.live.live_frame import Labelling
 from sensors.device.protocol import DepthImage, DeviceReading
 from sensors.errors import CloudError
-from sensors.rig.kinect2_factory import KINECT2_DEPTH
+from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.rig_calibration import RigCalibration
 
 class Camera:

@@ -23,8 +23,8 @@ from sensors.recording.rig_file import load_rig
 from sensors.recording.rig_templates import TEMPLATES
 from sensors.rig.camera import Intrinsics, project
 from sensors.rig.rig_calibration import Pose, RigCalibration
+from synth.rig.rig_variants import TWINS
 from synth.rig.truth import truth_labels
-from synth.rig.twin import TWINS
 from synth.rig.virtual_rig import VirtualRig
 from tests.helpers.swinging_ball import swinging_ball
 

@@ -15,6 +15,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
 from cli.sessions import sessions_in
+from sensors.calibration_files.camera_messages import intrinsics_from, links_from
 from sensors.errors import CalibrationError, CloudError, FormatError
 from sensors.importers.bags.bag import Bag
 from sensors.importers.bags.bag_camera import described_by, path_between
@@ -23,7 +24,6 @@ from sensors.importers.bags.ros_images import color_encoded_from, depth_from
 from sensors.importers.bags.ros_messages import Picture, decode, picture_from, stamp_and_frame
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics
-from sensors.rig.camera_messages import intrinsics_from, links_from
 from sensors.rig.rig_calibration import Pose, RigCalibration
 from sensors.session.messages import calibration_messages, color_message, image_message
 from sensors.session.reader import Session

@@ -15,6 +15,7 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
+from sensors.calibration_files.camera_messages import describes, intrinsics_from, window_of
 from sensors.errors import CalibrationError, CloudError, FormatError
 from sensors.importers.bags.choose import Meaning, choose, meaning_of
 from sensors.importers.bags.ros_images import color_encoded_from
@@ -23,7 +24,6 @@ from sensors.importers.bags.timeline import Stamps, paired, timeline_of
 from sensors.importers.open_source import open_source
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.camera import Intrinsics, project
-from sensors.rig.camera_messages import describes, intrinsics_from, window_of
 from sensors.rig.frame import FRAME_PERIOD_NS
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.messages import calibration_messages

@@ -15,9 +15,9 @@ from sensors.calibrate.bundle import LEAST_VIEWS, Adjusted, adjust
 from sensors.calibrate.hole_plate import HolePlate, find_holes
 from sensors.calibrate.plate_view import PlateView
 from sensors.calibrate.verdict import judge
+from sensors.calibration_files.calibration_yaml import FILES, open_calibration, read_yaml, write_yaml
 from sensors.errors import CalibrationError
 from sensors.recording.rig_templates import REFERENCE, TEMPLATES
-from sensors.rig.calibration_yaml import FILES, open_calibration, read_yaml, write_yaml
 from sensors.rig.camera import Intrinsics, project
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration

@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
+from sensors.calibration_files.intrinsics_file import read_intrinsics
 from sensors.errors import CalibrationError
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics, distort
-from sensors.rig.intrinsics_file import read_intrinsics
 
 CAMERA = Intrinsics(64, 48, 55.25, 56.5, 31.75, 23.125)
 SHAPE = (48, 64)

@@ -11,15 +11,18 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from sensors.errors import CloudError, FormatError
-from sensors.importers import cloud_records, cloud_view, pcd_file, pointcloud
-from sensors.importers.cloud_grid import grid_camera
-from sensors.importers.cloud_view import KINECT_V2, project_cloud, shift_into_view
+from sensors.importers.clouds import cloud_source as pointcloud
+from sensors.importers.clouds import pcd_file
+from sensors.importers.clouds import projection as cloud_view
+from sensors.importers.clouds import records as cloud_records
+from sensors.importers.clouds.cloud_source import CloudFile
+from sensors.importers.clouds.organised_camera import grid_camera
+from sensors.importers.clouds.pcd_file import read_pcd
+from sensors.importers.clouds.pixel_lattice import find_line
+from sensors.importers.clouds.ply_file import read_ply
+from sensors.importers.clouds.projection import KINECT_V2, project_cloud, shift_into_view
 from sensors.importers.open_source import open_source
 from sensors.importers.options import AS_STATED, ImportOptions
-from sensors.importers.pcd_file import read_pcd
-from sensors.importers.pixel_lattice import find_line
-from sensors.importers.ply_file import read_ply
-from sensors.importers.pointcloud import CloudFile
 from sensors.rig.camera import Intrinsics, project, unproject
 from sensors.rig.rig_calibration import RigCalibration, quaternion_of
 from tests.helpers import furnished_room

@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
+from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
+from sensors.checks.camera_check import check_camera, check_rig
+from sensors.checks.celsius_check import SESSION, judge_celsius
+from sensors.checks.depth_check import judge_depth, spread
 from sensors.errors import CalibrationError, FormatError
 from sensors.importers.open_source import open_source
 from sensors.importers.options import ImportOptions
 from sensors.rig.camera import Intrinsics
-from sensors.rig.camera_check import check_camera, check_rig
-from sensors.rig.celsius_check import SESSION, judge_celsius
-from sensors.rig.depth_check import judge_depth, spread
-from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.rig_calibration import RigCalibration
 
 

@@ -12,7 +12,8 @@ from PIL import Image
 from annotate.cloud.fuse import Fuser
 from annotate.exchange.companion import frame_files
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
+from sensors.calibration_files.realsense_lens import realsense_intrinsics
 from sensors.errors import CloudError
 from sensors.files.natural_order import in_order
 from sensors.importers import folder as folder_module
@@ -20,7 +21,6 @@ from sensors.importers.folder_files import JPEGS, files_of
 from sensors.importers.open_source import open_source
 from sensors.importers.options import ImportOptions
 from sensors.rig.camera import Intrinsics
-from sensors.rig.realsense_lens import realsense_intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration, save_calibration
 from sensors.rig.turn import Turn
 from tests.helpers.depth_files import CAMERA, NUMBERS, assert_refused, png, write

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sensors.calibration_files.intrinsics_file import read_intrinsics
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.png import decode_grey
 from sensors.importers import arrays, tum_lists
@@ -16,7 +17,6 @@ from sensors.importers.open_source import open_source
 from sensors.importers.tum_lists import read_associations, read_list
 from sensors.rig.camera import Intrinsics, project, unproject
 from sensors.rig.frame import RigFrame
-from sensors.rig.intrinsics_file import read_intrinsics
 from tests.helpers.depth_files import CAMERA, NUMBERS, assert_refused, depth_image, png, write
 from tests.helpers.samples import (
     COLOR_SIZE,

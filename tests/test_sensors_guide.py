@@ -17,10 +17,10 @@ from sensors.calibrate.hole_plate import HolePlate
 from sensors.calibrate.plate_view import CAMERAS, PlateView, view_plate
 from sensors.errors import CalibrationError
 from sensors.interrupt import Ending
-from sensors.recording.health import Health
-from sensors.recording.moments import Moment
-from sensors.recording.newest import Newest
+from sensors.recording.frame_assembly import Moment
+from sensors.recording.latest_value import Newest
 from sensors.recording.rig_templates import REFERENCE, TEMPLATES
+from sensors.recording.stream_health import Health
 from sensors.rig.camera import project
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration

@@ -14,23 +14,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from annotate.cloud.fuse import Fuser, undistortion_index
-from annotate.label_source import label_source
-from annotate.labelset.store import LabelSet
+from annotate.label_recording import label_source
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import UNDEFINED, swap_left_right
 from annotate.suit.palette import DEFAULT_SUIT
-from eval.network.bearing import Bearing
+from eval.network.body_state import Bearing
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import predict_source
 from eval.scores.joints import IN_SKELETON, TWIN
+from sensors.calibration_files.calibration_yaml import read_yaml
+from sensors.calibration_files.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.drivers import kinect2_build
 from sensors.drivers.kinect2 import COLOR, DEPTH, INFRARED, Kinect2, load_shim, uint16_from_float
 from sensors.drivers.kinect2_build import built_shim
 from sensors.errors import DeviceBusyError, DeviceError, DeviceNotFoundError
 from sensors.recording.rig_templates import REFERENCE, TEMPLATES
-from sensors.rig.calibration_yaml import read_yaml
 from sensors.rig.camera import Intrinsics, project, undistort
 from sensors.rig.frame import RigFrame
-from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.rig.wrapping_counter import WrappingCounter
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter

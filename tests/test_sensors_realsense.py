@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from sensors.calibration_files.realsense_lens import realsense_intrinsics
 from sensors.device import node
 from sensors.drivers import realsense
 from sensors.drivers.realsense import PRESETS, QUEUE, USB_IDS, RealSense, Settings, realsense_serials
@@ -16,7 +17,6 @@ from sensors.importers.open_source import open_source
 from sensors.recording import open_device as open_device_module
 from sensors.recording.open_device import find_devices, open_device
 from sensors.rig.camera import Intrinsics, project
-from sensors.rig.realsense_lens import realsense_intrinsics
 from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.realsense import COLOR_LATER_MS, FIRST_MS, VirtualRealSense
 from sensors.virtual.schedule import Faults

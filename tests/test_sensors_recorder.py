@@ -16,18 +16,18 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-import sensors.recording.intake
+import sensors.recording.device_readers
 import sensors.recording.recorder
 from cli.rig_devices import opened_rig
+from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
 from sensors.device.protocol import DepthImage, Device, DeviceReading
 from sensors.drivers.kinect2 import Kinect2
 from sensors.errors import CalibrationError, DeviceError
-from sensors.recording.intake import BACKLOG
+from sensors.recording.device_readers import BACKLOG
 from sensors.recording.live_rig import LiveRig
 from sensors.recording.open_device import open_device
 from sensors.recording.recorder import DISK_FULL, clock_metadata
 from sensors.recording.rig_file import RecordingRig, load_rig
-from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.rig_calibration import RigCalibration, save_calibration
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
@@ -91,7 +91,7 @@ def test_a_thermal_camera_of_nine_images_a_second_makes_a_session(tmp_path, addr
 
 def test_what_was_unplugged_is_opened_again_and_recorded(tmp_path, monkeypatch):
     """Both cameras vanish after a while, again and again; each time their clocks begin anew."""
-    monkeypatch.setattr(sensors.recording.intake, "REOPEN_S", 0.2)
+    monkeypatch.setattr(sensors.recording.device_readers, "REOPEN_S", 0.2)
     path = tmp_path / "session.mcap"
     rig = recorded(path, 5.0, f"{KINECT}?unplug_after=0.8", f"{FIR}?unplug_after=1.1")
     session, back = Session(path), [text for text in rig.last_take.events if text.endswith("is back")]
@@ -126,7 +126,7 @@ from pathlib import Path
 import sensors.recording.recorder
 from sensors.recording.live_rig import LiveRig
 from sensors.recording.open_device import open_device
-from sensors.rig.kinect2_factory import KINECT2_DEPTH
+from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.writer import SessionWriter
 from tests.helpers.swinging_ball import swinging_ball

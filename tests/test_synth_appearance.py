@@ -21,7 +21,7 @@ from synth.appearance.color_camera import (
     metered,
     smear,
 )
-from synth.appearance.light import CHEST_M, EVEN_LIGHT, PLACES, Lighting, illuminate, light_room, white_rgb
+from synth.appearance.lighting import CHEST_M, EVEN_LIGHT, PLACES, Lighting, illuminate, light_room, white_rgb
 from synth.appearance.outfit import (
     FACE,
     FOOT,

@@ -15,7 +15,7 @@ from synth.clothes.dress import dress, dress_in, naked, put_down
 from synth.clothes.skin_map import LEGS, skin_map
 from synth.clothes.skirt import HangingSkirt
 from synth.clothes.tube import slack_m
-from synth.shipped import table
+from synth.data_files import table
 from tools.measure.people.clothes import EDGE_M, covered, misplaced, poking
 
 BARE = Hair(dark=0, lift_mm=0, fall=1.4)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from synth.rig.cushion import CLEARANCE_M, CONTACT_C, COOLING_S, WARMING_S, Cushion
-from synth.rig.place import SCENES
+from synth.rig.locations import SCENES
 from synth.surface.furniture import Sofa, Solid, Surface
 
 SEAT = Solid((-0.5, 0.0, 0.0), (0.5, 0.5, 0.4), 0.03, Surface.SOFA)

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
+from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE
 from sensors.errors import CloudError, FormatError
-from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 from synth.body.skeleton import JOINT_ID, N_JOINTS
 from synth.images.comparison import charts, profile, ranges
 from synth.images.distributions import Distributions, cut_out, distributions_at, figures_of, figures_of_labels
-from synth.images.figures import holes, roughness, widths
-from synth.images.stance import ankles_m, arms_deg, facing_deg
+from synth.images.silhouette_statistics import holes, roughness, widths
+from synth.images.standing_statistics import ankles_m, arms_deg, facing_deg
 
 
 def disc(size=100, radius=40):

@@ -14,20 +14,20 @@ from hypothesis import strategies as st
 from sensors.errors import CloudError, FormatError
 from synth.body.body import shipped_bodies
 from synth.body.skeleton import JOINT_ID, N_JOINTS
-from synth.markers import bvh, marker_files
-from synth.markers.bvh import read_bvh
 from synth.markers.kinematics import State, Subject, markers_at
-from synth.markers.labels import key_of
-from synth.markers.marker_files import Markers, read_markers
-from synth.markers.markerset import (
+from synth.markers.person_fit import zero_bones
+from synth.markers.solve import solve
+from synth.motion_files import bvh, marker_files
+from synth.motion_files.bvh import read_bvh
+from synth.motion_files.marker_files import Markers, read_markers
+from synth.motion_files.marker_names import key_of
+from synth.motion_files.marker_set import (
     choose_marker_set,
     known_markers,
     load_marker_set,
     shipped_marker_sets,
 )
-from synth.markers.person_fit import zero_bones
-from synth.markers.solve import solve
-from synth.markers.vertical import GIVEN, Upward
+from synth.motion_files.vertical_axis import GIVEN, Upward
 from tests.helpers.c3d_bytes import PROCESSORS, C3d
 from tests.helpers.marker_samples import NAMES, bvh_text, positions, write_c3d, write_trc
 
@@ -514,8 +514,8 @@ def test_a_marker_set_is_bounded_by_its_size(tmp_path, monkeypatch):
     path = tmp_path / "m.toml"
     place = '{ joint = "left_knee", at_m = [0.05, 0, 0] }'
     path.write_text(f"[markers]\n{''.join(f'M{i} = {place}' + chr(10) for i in range(600))}")
-    monkeypatch.setattr("synth.markers.markerset.MAX_FILE_BYTES", path.stat().st_size)
+    monkeypatch.setattr("synth.motion_files.marker_set.MAX_FILE_BYTES", path.stat().st_size)
     assert len(load_marker_set(path).names) == 600
-    monkeypatch.setattr("synth.markers.markerset.MAX_FILE_BYTES", path.stat().st_size - 1)
+    monkeypatch.setattr("synth.motion_files.marker_set.MAX_FILE_BYTES", path.stat().st_size - 1)
     with pytest.raises(FormatError, match="marker-set file"):
         load_marker_set(path)

@@ -13,7 +13,7 @@ from synth.body.flesh import flesh_of
 from synth.body.inverse import reach
 from synth.body.skeleton import JOINT_ID, LIMITS_RAD, Posture, alignment, forward
 from synth.pose import postures
-from synth.pose.moment import Behaviour, glide, mirrored
+from synth.pose.pose_parameters import Behaviour, glide, mirrored
 from synth.pose.postures import (
     FALLEN,
     IN_BED,

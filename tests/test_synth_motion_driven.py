@@ -8,7 +8,7 @@ import pytest
 
 import synth.rig.film
 from annotate.labelset.dataset import read_shard
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from sensors.errors import CloudError
 from sensors.session.reader import Session
 from synth.body.body import pose, shipped_bodies
@@ -17,7 +17,6 @@ from synth.body.flesh import flesh_of
 from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Posture, forward
 from synth.images.generate import Order, make_shard
 from synth.images.presets import preset_of
-from synth.markers.joint_file import read_joint_file
 from synth.markers.motion_file import MarkerReport, Motion, save_motion
 from synth.markers.person_body import bones_of_leg, person_body
 from synth.markers.person_fit import zero_bones
@@ -29,6 +28,7 @@ from synth.motion.performance import perform
 from synth.motion.placed import stand, take_seat
 from synth.motion.repertoire import read_repertoire
 from synth.motion.resample import resampled
+from synth.motion_files.joint_file import read_joint_file
 from synth.rig.film import FilmRig
 from synth.rig.paths import truth_path
 from synth.rig.simulate import simulate

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
+from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE
 from sensors.rig.camera import Intrinsics, rays
-from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 from synth.body.body import shipped_bodies
 from synth.images.view import _window
 from synth.pose.postures import SITTING, sit

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from annotate.cloud.fuse import Fuser
-from annotate.labelset.store import LabelSet, validate
+from annotate.labelset.label_set import LabelSet, validate
 from annotate.parts import N_CLASSES, UNDEFINED
 from annotate.suit.palette import DEFAULT_SUIT, chromaticity
+from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
 from sensors.errors import CloudError
 from sensors.recording.rig_templates import REFERENCE, TEMPLATES
 from sensors.rig.camera import project
 from sensors.rig.frame import RigFrame
-from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.session.reader import Session
 from synth.cameras.sensor import Reading
 from synth.cameras.time_of_flight import TimeOfFlight

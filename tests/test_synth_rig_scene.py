@@ -15,9 +15,9 @@ from synth.body.body import shipped_bodies
 from synth.body.skeleton import JOINT_ID
 from synth.pose.postures import SITTING
 from synth.rig.difficulty import CLEAN, HARD, NORMAL, Clutter
-from synth.rig.place import SCENES
-from synth.rig.props import laptop, mug
-from synth.rig.stay import Cast, Stay, Tableau
+from synth.rig.episode import Cast, Stay, Tableau
+from synth.rig.locations import SCENES
+from synth.rig.objects_nearby import laptop, mug
 from synth.rig.virtual_rig import VirtualRig
 from synth.surface.furniture import Surface
 

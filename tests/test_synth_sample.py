@@ -8,17 +8,17 @@ import pytest
 
 from annotate.crop import SIZE, Crop
 from annotate.parts import N_CLASSES
+from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE as CAMERA
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics, project
-from sensors.rig.kinect2_factory import KINECT2_PINHOLE as CAMERA
 from synth.body.skeleton import N_JOINTS
 from synth.images.presets import PRESETS, preset_named, sample
 from synth.images.view import cut, occluder, visibility
 from synth.images.viewpoints import inside_image
-from synth.pose.moment import NEARLY_THERE, PoseFamily
-from synth.pose.naming import posture_of
+from synth.pose.pose_parameters import NEARLY_THERE, PoseFamily
+from synth.pose.posture_classes import posture_of
 from synth.pose.postures import IN_BED, SITTING, UPRIGHT
-from synth.pose.stances import stances
+from synth.pose.standing_parameters import stances
 from synth.surface.rasterize import NEAR_M
 
 NAMES = sorted(PRESETS)

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from sensors.rig.camera import Intrinsics
-from synth.cameras.draw import draw_sensor
-from synth.cameras.filtered import Filtered
+from synth.cameras.maker_filters import Filtered
 from synth.cameras.pixel_random import NORMALS, chance_of, lattice, ramps, smooth
+from synth.cameras.random_sensor import draw_sensor
 from synth.cameras.sensor import REACH_PX, CleanDepth, Reading
 from synth.cameras.stereo import Stereo
 from synth.cameras.structured_light import StructuredLight
 from synth.cameras.time_of_flight import TimeOfFlight
-from synth.images.figures import holes, largest_piece, roughness
-from synth.shipped import table
+from synth.data_files import table
+from synth.images.silhouette_statistics import holes, largest_piece, roughness
 
 CAMERA = Intrinsics(160, 120, 500.0, 500.0, 79.5, 59.5)
 NO_LIGHT = StructuredLight(0, 0, 0, 0, 1, shadow=0, grazing=0, dark=0, holes=0)

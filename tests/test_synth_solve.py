@@ -8,7 +8,7 @@ import typer
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-import cli.motion
+import cli.verbs.motion
 from sensors.errors import CloudError, ExistsError, FormatError
 from synth.body.body import shipped_bodies
 from synth.body.skeleton import (
@@ -22,14 +22,14 @@ from synth.body.skeleton import (
     forward,
     rotations,
 )
-from synth.markers.bvh import read_bvh
 from synth.markers.kinematics import TREE, State, axes_of, joint_frames, markers_at
-from synth.markers.marker_files import Markers, read_markers
 from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SWAPPED, Motion, load_motion, save_motion
 from synth.markers.person_fit import Template, posture_prior, zero_bones
 from synth.markers.posture_fit import Observed, fit_posture
 from synth.markers.solve import bridge, solve
-from synth.markers.vertical import GIVEN, Upward
+from synth.motion_files.bvh import read_bvh
+from synth.motion_files.marker_files import Markers, read_markers
+from synth.motion_files.vertical_axis import GIVEN, Upward
 from tests.helpers.marker_truth import joint_errors_deg, plug_in_gait, synthesise
 from tools.measure.people.lab_angles import LEG, PlugInGait, columns, errors_deg
 
@@ -308,7 +308,7 @@ def test_command(tmp_path, truth):
     from tests.helpers.marker_samples import write_trc
 
     app = typer.Typer(pretty_exceptions_enable=False)
-    app.command()(cli.motion.solve)
+    app.command()(cli.verbs.motion.solve)
     path = tmp_path / "a.trc"
     write_trc(path, truth.moving.positions[:20, :10] / 1000)
     result = CliRunner().invoke(app, [str(path), "--out", str(tmp_path / "m.npz"), "--json"])

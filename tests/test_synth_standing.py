@@ -10,9 +10,9 @@ from synth.body.body import shipped_bodies
 from synth.body.flesh import flesh_of
 from synth.body.inverse import place_hand, plant
 from synth.body.skeleton import JOINT_ID, Posture, forward
-from synth.pose.stances import draw_standing, stances
+from synth.data_files import table
 from synth.pose.standing import stand
-from synth.shipped import table
+from synth.pose.standing_parameters import draw_standing, stances
 from tests.helpers.penetration import self_penetration_m
 
 BODY = shipped_bodies()[4]

@@ -9,14 +9,14 @@ from cli.main import app
 from sensors.errors import CloudError
 from synth.body.body import shipped_bodies
 from synth.body.skeleton import JOINT_ID, N_JOINTS, rotations
-from synth.markers.bvh import read_bvh
 from synth.markers.kinematics import State, Subject, markers_at
-from synth.markers.marker_files import Markers, read_markers
-from synth.markers.markerset import known_markers
 from synth.markers.motion_file import load_motion
 from synth.markers.person_fit import zero_bones
 from synth.markers.solve import solve
-from synth.markers.vertical import AXES, UNSTATED, Upward, direction
+from synth.motion_files.bvh import read_bvh
+from synth.motion_files.marker_files import Markers, read_markers
+from synth.motion_files.marker_set import known_markers
+from synth.motion_files.vertical_axis import AXES, UNSTATED, Upward, direction
 from tests.helpers.c3d_bytes import C3d
 from tests.helpers.marker_truth import plug_in_gait
 from tests.helpers.walker import JOINTS, bvh_of, places_cm

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from annotate.cloud.supervoxels import Supervoxels
-from annotate.reader.channels import CHANNELS, network_input
-from annotate.reader.network import shipped_reader
+from annotate.segmentation.input_channels import CHANNELS, network_input
+from annotate.segmentation.suit_network import shipped_reader
 from tools.measure.ablation import INPUTS, Without, labelled, row
 from tools.measure.labels import print_figures, worst_first
 

@@ -10,16 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from annotate.parts import LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
-from annotate.reader.channels import CHANNELS, FELT, SEEN, SUBJECT, VALID, network_input
-from annotate.reader.network import CLASSES, SHIPPED_READER, Reader, shipped_reader
-from eval.network.read_again import SHIPPED_AGAIN
-from eval.training.reader import fit as fitting
-from eval.training.reader import train
-from eval.training.reader.examples import Example, Recording, Stock, store_examples
-from eval.training.reader.fit import fit
-from eval.training.reader.net import FULL_AGAIN, FULL_READER, ReaderNet, export_reader, load_reader
-from eval.training.reader.outcome import outcome
-from eval.training.reader.samples import (
+from annotate.segmentation.input_channels import CHANNELS, FELT, SEEN, SUBJECT, VALID, network_input
+from annotate.segmentation.suit_network import CLASSES, SHIPPED_READER, Reader, shipped_reader
+from eval.network.refine import SHIPPED_AGAIN
+from eval.training.segmentation import fit as fitting
+from eval.training.segmentation import train
+from eval.training.segmentation.augmentation import (
     COLORS,
     LIKE,
     LIKE_PARTS,
@@ -30,12 +26,16 @@ from eval.training.reader.samples import (
     mirrored,
     spoil,
 )
-from eval.training.reader.scenes import rig_examples
-from eval.training.reader.train import Stage, weights_of
+from eval.training.segmentation.examples import Example, Recording, Stock, store_examples
+from eval.training.segmentation.fit import fit
+from eval.training.segmentation.network import FULL_AGAIN, FULL_READER, ReaderNet, export_reader, load_reader
+from eval.training.segmentation.scenes import rig_examples
+from eval.training.segmentation.train import Stage, weights_of
+from eval.training.segmentation.validation import outcome
 from sensors.errors import CloudError, FormatError
 from synth.rig.paths import suit_path
 from synth.rig.virtual_rig import DRAFT_PX, VirtualRig
-from tools.fit.eight_bits import eight_bits
+from tools.fit.quantise import eight_bits
 
 SEEDS = st.integers(0, 2**32 - 1)
 DEPTH, BEFORE = CHANNELS.index("depth"), CHANNELS.index("before")

@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 
 from annotate.array_types import Bool, Float32
+from sensors.calibration_files.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.rig.camera import Intrinsics, rays
-from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.rig.rig_calibration import Pose
 
 COLOR_TOLERANCE = 0.01

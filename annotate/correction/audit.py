@@ -10,7 +10,7 @@ import numpy as np
 from annotate.array_types import UInt8
 from annotate.correction.replay import after, begun_from, is_stroke, rejection, step_of, verdicts
 from annotate.labelset.journal import Journal
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.labelset.stroke import Stroke
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
 from sensors.files.natural_order import in_order

@@ -20,7 +20,7 @@ from annotate.correction.replay import State, after, begun_from, noted, replayed
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.journal import REMEDY, Journal, NotSavedError, nothing_changed
-from annotate.labelset.store import LEARNT, LabelSet
+from annotate.labelset.label_set import LEARNT, LabelSet
 from annotate.labelset.stroke import Stroke
 from annotate.parts import on_body
 from sensors.errors import CloudError, FormatError

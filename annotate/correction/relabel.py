@@ -15,7 +15,7 @@ from annotate.array_types import UInt8
 from annotate.correction.correction import Correction
 from annotate.correction.replay import after, step_of
 from annotate.labelset.journal import nothing_changed
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.labelset.stroke import Gesture, Stroke, difference
 from annotate.parts import BACKGROUND
 from sensors.errors import CloudError

@@ -9,7 +9,7 @@ from annotate.array_types import UInt8
 from annotate.correction.history import standing
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset.journal import Journal
-from annotate.labelset.store import LEARNT, LabelSet
+from annotate.labelset.label_set import LEARNT, LabelSet
 from annotate.labelset.stroke import VERDICTS, Stroke
 from annotate.parts import on_body
 from sensors.errors import FormatError

@@ -39,7 +39,7 @@ from annotate.effort.repairs import (
     repairs_of_frame,
 )
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.labelset.stroke import KEY, Activity, Gesture, Stroke
 from annotate.parts import BACKGROUND
 

@@ -14,11 +14,11 @@ from typing import Any
 from annotate.array_types import Float32, UInt8, UInt16
 from annotate.exchange.image_names import safe_id
 from annotate.frame_labels import FrameLabels
+from sensors.calibration_files.intrinsics_file import read_intrinsics
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.bounded import read_bounded
 from sensors.files.natural_order import paths_in_order
 from sensors.rig.camera import Intrinsics
-from sensors.rig.intrinsics_file import read_intrinsics
 
 COMPANION = "annotate-cloud.json"
 INTRINSICS = "intrinsics.json"

@@ -16,8 +16,8 @@ from annotate.exchange.parquet import camera_of_parquet, is_parquet, read_parque
 from annotate.exchange.semantic_kitti import LABELS, SEQUENCE, read_kitti, write_kitti
 from annotate.exchange.unpacked import unpacked
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.appearing import appearing
-from annotate.labelset.store import MANIFEST, LabelSet
+from annotate.labelset.atomic_folder import appearing
+from annotate.labelset.label_set import MANIFEST, LabelSet
 from annotate.parts import BACKGROUND, BODY_PARTS
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics

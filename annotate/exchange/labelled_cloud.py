@@ -21,9 +21,9 @@ from annotate.exchange.record_file import Records, Shape, write_pcd, write_ply
 from annotate.frame_labels import FrameLabels
 from annotate.parts import palette_rgb
 from sensors.errors import FormatError
-from sensors.importers.cloud_records import CloudRecords
-from sensors.importers.pcd_file import read_pcd
-from sensors.importers.ply_file import read_ply
+from sensors.importers.clouds.pcd_file import read_pcd
+from sensors.importers.clouds.ply_file import read_ply
+from sensors.importers.clouds.records import CloudRecords
 from sensors.rig.camera import Intrinsics, unproject
 from sensors.rig.frame import mm_from_metres
 from sensors.rig.rig_calibration import Pose

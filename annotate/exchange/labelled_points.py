@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from annotate.array_types import UInt8, UInt16
 from annotate.exchange.companion import COMPANION, Companion
 from annotate.exchange.labelled_cloud import PCD, PLY, CloudFile
-from annotate.labelset.appearing import appearing
-from annotate.labelset.store import LabelSet
+from annotate.labelset.atomic_folder import appearing
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import UNDEFINED
 from sensors.errors import FormatError
-from sensors.importers import pointcloud
-from sensors.importers.cloud_axes import AXES
-from sensors.importers.cloud_unit import STEPS_MM
+from sensors.importers.clouds import cloud_source as pointcloud
+from sensors.importers.clouds.axes import AXES
+from sensors.importers.clouds.unit import STEPS_MM
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.turn import Turn
 

@@ -7,8 +7,8 @@ from mcap_protobuf.writer import Writer
 
 from annotate.foxglove.topics import Shown, shown_messages
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.recorded import Recorded
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
+from annotate.labelset.source_recording import Recorded
 from sensors.errors import ExistsError, FormatError
 from sensors.files.atomic import check_free, replacing
 from sensors.rig.frame import FRAME_PERIOD_NS

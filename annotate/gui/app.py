@@ -13,16 +13,16 @@ from PySide6.QtWidgets import QApplication, QMainWindow
 from annotate.correction.correction import Correction
 from annotate.correction.replay import STATE_NAMES
 from annotate.gui.commands import bind
-from annotate.gui.keys import load_settings, settings_path
 from annotate.gui.learning import Lesson
-from annotate.gui.live_window import LiveWindow
-from annotate.gui.memory import memory_path, recall, remember
+from annotate.gui.live.live_window import LiveWindow
 from annotate.gui.probe import check_screen
-from annotate.gui.scene import SceneReader
-from annotate.gui.theme import theme_of
+from annotate.gui.settings import memory_path, recall, remember
+from annotate.gui.state.keys import load_settings, settings_path
+from annotate.gui.state.scene import SceneReader
+from annotate.gui.widgets.theme import theme_of
 from annotate.gui.window import CorrectionWindow
-from annotate.labelset.recorded import Recorded, find_session
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
+from annotate.labelset.source_recording import Recorded, find_session
 from annotate.live.pipeline import LivePipeline
 from sensors.errors import CloudError
 

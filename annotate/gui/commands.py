@@ -8,15 +8,15 @@ from typing import TypeVar
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QMenu
 
-from annotate.gui.bars import CHANGING, SWITCHES
-from annotate.gui.colors import TINTS, colourings
-from annotate.gui.dialogs import ask_export, ask_reason
-from annotate.gui.drawing import TOOLS
-from annotate.gui.held import HeldKeys
-from annotate.gui.keys import Command, key_of
+from annotate.gui.key_repeat import HeldKeys
 from annotate.gui.learning import Learner, Lesson
-from annotate.gui.outcome import Done
-from annotate.gui.walk import FILTERS, ORDERS
+from annotate.gui.panels.bars import CHANGING, SWITCHES
+from annotate.gui.state.drawing import TOOLS
+from annotate.gui.state.frame_order import FILTERS, ORDERS
+from annotate.gui.state.keys import Command, key_of
+from annotate.gui.state.outcome import Done
+from annotate.gui.state.point_colors import TINTS, colourings
+from annotate.gui.widgets.dialogs import ask_export, ask_reason
 from annotate.gui.window import CorrectionWindow
 from annotate.parts import PARTS, UNDEFINED
 from sensors.errors import CloudError

@@ -3,9 +3,9 @@
 from PySide6.QtCore import QEvent, QObject, Qt, QTimer
 from PySide6.QtGui import QKeyEvent
 
-from annotate.gui.outcome import Done
-from annotate.gui.pointing import Pointing
-from annotate.gui.shell import Shell
+from annotate.gui.state.outcome import Done
+from annotate.gui.views.pointing import Pointing
+from annotate.gui.window_layout import Shell
 
 PEEK_MS = 50
 """Milliseconds from the release of the key for peeking to the return of the parts, because X servers repeat a

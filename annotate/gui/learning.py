@@ -12,9 +12,9 @@ from PySide6.QtCore import QObject, QProcess, QTimer
 
 from annotate.correction.correction import Correction
 from annotate.correction.relabel import Relabelled, relabel, take_back
-from annotate.gui.outcome import Done
+from annotate.gui.state.outcome import Done
 from annotate.gui.window import CorrectionWindow, Read
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from sensors.errors import CloudError
 
 SPOKEN = "annotate-cloud: "

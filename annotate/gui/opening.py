@@ -3,8 +3,8 @@
 from PySide6.QtWidgets import QWidget
 
 from annotate.correction.correction import Correction, RestorableError
-from annotate.gui.dialogs import ask_restore
-from annotate.gui.walk import Opened, Walk
+from annotate.gui.state.frame_order import Opened, Walk
+from annotate.gui.widgets.dialogs import ask_restore
 from sensors.errors import CloudError
 
 

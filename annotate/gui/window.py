@@ -10,20 +10,20 @@ from PySide6.QtGui import QCloseEvent, QColor
 
 from annotate.array_types import UInt8
 from annotate.correction.correction import Correction
-from annotate.gui import dialogs
 from annotate.gui.background import Background
-from annotate.gui.bars import CHANGING, View
-from annotate.gui.desk import Desk
-from annotate.gui.drawing import Drawing, Tool
 from annotate.gui.hand_keys import HandKeys
-from annotate.gui.keys import Settings
-from annotate.gui.memory import order_key, recall
 from annotate.gui.opening import first, restored
-from annotate.gui.outcome import Done
-from annotate.gui.scene import FrameScene, SceneReader
-from annotate.gui.shell import Shell
-from annotate.gui.theme import DARK, LIGHT, part_color
-from annotate.gui.walk import Filter, Order, Walk
+from annotate.gui.panels.bars import CHANGING, View
+from annotate.gui.settings import order_key, recall
+from annotate.gui.state.drawing import Drawing, Tool
+from annotate.gui.state.edit_controller import Desk
+from annotate.gui.state.frame_order import Filter, Order, Walk
+from annotate.gui.state.keys import Settings
+from annotate.gui.state.outcome import Done
+from annotate.gui.state.scene import FrameScene, SceneReader
+from annotate.gui.widgets import dialogs
+from annotate.gui.widgets.theme import DARK, LIGHT, part_color
+from annotate.gui.window_layout import Shell
 from annotate.labelset.journal import NotSavedError
 from annotate.labelset.stroke import Activity
 from sensors.errors import CloudError

@@ -13,9 +13,9 @@ from annotate.crop import SIZE, Crop
 from annotate.frame_labels import FrameLabels
 from annotate.labelset import manifests
 from annotate.labelset.images import decode_depth, decode_parts, encode_parts, encode_png
+from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
-from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 
 MANIFEST = manifests.DATASET
 ORDER = "order.json"

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sensors.recording.moments import Moment
+from sensors.recording.frame_assembly import Moment
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.rig.thermal_reference import ThermalReference

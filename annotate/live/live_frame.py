@@ -9,12 +9,12 @@ from typing import Any, Protocol
 from annotate.array_types import Float64
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.label_source import Labeller
-from annotate.live.complaint import Complaint
-from sensors.recording.arrivals import Event
-from sensors.recording.health import Health
-from sensors.recording.moments import Moment
-from sensors.recording.newest import Newest
+from annotate.label_recording import Labeller
+from annotate.live.warning import Complaint
+from sensors.recording.arrival_times import Event
+from sensors.recording.frame_assembly import Moment
+from sensors.recording.latest_value import Newest
+from sensors.recording.stream_health import Health
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 

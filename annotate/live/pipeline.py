@@ -15,18 +15,18 @@ import numpy as np
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.label_source import calibrated, labels_of
-from annotate.live.complaint import Complaint, Standing
+from annotate.label_recording import calibrated, labels_of
 from annotate.live.drift_watch import DriftWatch
-from annotate.live.frame_complaints import color_complaint, person_complaints
+from annotate.live.frame_warnings import color_complaint, person_complaints
 from annotate.live.live_frame import Labelling, LiveFrame, Rig, Stance
-from annotate.live.rig_complaints import rig_complaints
+from annotate.live.rig_warnings import rig_complaints
 from annotate.live.shift_watch import ShiftWatch
+from annotate.live.warning import Complaint, Standing
 from annotate.person.extract import PersonMask
-from annotate.reader.segmentation import Segmentation
+from annotate.segmentation.segmented_person import Segmentation
 from sensors.errors import CloudError, FormatError
-from sensors.recording.moments import Moment
-from sensors.recording.newest import Newest
+from sensors.recording.frame_assembly import Moment
+from sensors.recording.latest_value import Newest
 from sensors.rig.frame import RigFrame
 
 WAIT_S = 0.1

@@ -6,8 +6,8 @@ import numpy as np
 
 from annotate.array_types import Bool, Float64
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.live.complaint import Complaint
-from annotate.live.frame_complaints import shift_complaint
+from annotate.live.frame_warnings import shift_complaint
+from annotate.live.warning import Complaint
 from annotate.person.alignment import TOLERABLE_DEG, is_warmer, misplacement_px, warm_contrasts
 from annotate.person.warmth import WINDOW_C, find_window, warmth
 

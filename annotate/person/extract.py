@@ -16,9 +16,9 @@ from annotate.cloud.coarse import CoarseCloud
 from annotate.frame_labels import FrameLabels
 from annotate.person.alignment import contrasts, degrees, is_warmer, misplacement_px
 from annotate.person.finder import Person, people_in
-from annotate.person.known import numbers_of
 from annotate.person.planes import TOLERANCE, Plane, distance_m, find_planes
 from annotate.person.subject import cloths_shown, crowd_warnings, cut_warnings, subject_score
+from annotate.person.tracking import numbers_of
 from annotate.person.warmth import WINDOW_C, find_window, is_warm, warmth, warmth_share
 from annotate.suit.palette import Suit
 

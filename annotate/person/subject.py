@@ -10,7 +10,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.parts import BACKGROUND
 from annotate.person.finder import Person
 from annotate.suit.color_model import STRAY, blur, evenly, readable
-from annotate.suit.light import fitted_to
+from annotate.suit.illuminant import fitted_to
 from annotate.suit.palette import Suit, chromaticity
 
 OFF_CENTRE = 0.3

@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from annotate.array_types import Float64, Index, Int64
-from annotate.labelset.frames import LabelledFrames
+from annotate.labelset.labelled_frames import LabelledFrames
 from annotate.parts import BACKGROUND, BODY_PARTS, PARTS
 from eval.compare.pairs import Digests, count_pairs, pair_up
 from eval.scores import confusion, intervals

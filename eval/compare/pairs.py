@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from annotate.array_types import Int32
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import Entry
-from annotate.labelset.frames import LabelledFrames, camera_of, pinhole_of
+from annotate.labelset.labelled_frames import LabelledFrames, camera_of, pinhole_of
 from eval.scores.counts import count
 from eval.scores.joint_errors import Observed, observe
 from eval.scores.traits import Traits, traits_of, writable

@@ -11,8 +11,8 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from annotate.parts import N_CLASSES
-from eval.network.compared import SmpConfig
 from eval.network.networks import NetworkConfig, build, config_from, described
+from eval.network.reference_networks import SmpConfig
 from sensors.errors import CloudError, FormatError
 from sensors.files.atomic import replacing
 

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from annotate.parts import PARTS
 from annotate.posture import POSTURES
-from eval.network.answer import Answer
+from eval.network.network_output import Answer
 from eval.scores.joints import N_JOINTS
 
 NAMES = tuple(part.name for part in PARTS)

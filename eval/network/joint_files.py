@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.frames import LabelledFrames, camera_of, pinhole_of
-from eval.network.bearing import Bearing, bearing_notes, joint_row
+from annotate.labelset.labelled_frames import LabelledFrames, camera_of, pinhole_of
+from eval.network.body_state import Bearing, bearing_notes, joint_row
 from eval.scores.joint_errors import TRUE_JOINTS, true_joints_mm
 from eval.scores.joints import JOINT_NAMES
 from sensors.errors import CloudError

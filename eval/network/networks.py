@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from annotate.crop import SIZE
 from annotate.parts import BACKGROUND, N_CLASSES
 from eval.network.compact import CompactConfig, CompactUNet
-from eval.network.compared import PaperConfig, PaperFcn, SmpConfig, SmpUnet
+from eval.network.reference_networks import PaperConfig, PaperFcn, SmpConfig, SmpUnet
 from sensors.errors import CloudError, FormatError
 from sensors.files.atomic import replacing
 

@@ -17,8 +17,8 @@ from annotate.labelset.images import Probabilities
 from annotate.onnx_session import onnx_session
 from annotate.parts import BACKGROUND, N_CLASSES, TWIN_PARTS
 from annotate.posture import POSTURES
-from annotate.reader.segmentation import Segmentation
-from eval.network.bearing import Bearing
+from annotate.segmentation.segmented_person import Segmentation
+from eval.network.body_state import Bearing
 from eval.scores.joints import N_JOINTS, TWIN
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded

@@ -10,15 +10,15 @@ from typing import Any
 
 from annotate.crop import person_of
 from annotate.frame_labels import FrameLabels
-from annotate.label_source import Run, check_same, finished, notes_of
+from annotate.label_recording import Run, check_same, finished, notes_of
 from annotate.labelset.claim import Claim, login
-from annotate.labelset.frames import LabelledFrames
-from annotate.labelset.store import LabelSet
-from annotate.reader.network import Reader
-from annotate.reader.segmentation import Segmentation
-from eval.network.bearing import Bearing
+from annotate.labelset.label_set import LabelSet
+from annotate.labelset.labelled_frames import LabelledFrames
+from annotate.segmentation.segmented_person import Segmentation
+from annotate.segmentation.suit_network import Reader
+from eval.network.body_state import Bearing
 from eval.network.onnx_network import OnnxNetwork
-from eval.network.read_again import camera_in, read_again
+from eval.network.refine import camera_in, read_again
 from sensors.errors import CloudError, FormatError
 
 BATCH = 8

@@ -10,15 +10,15 @@ import numpy as np
 from annotate.array_types import Bool, UInt16
 from annotate.cloud.coarse import CoarseCloud, CoarseFuser
 from annotate.frame_labels import FrameLabels
-from annotate.label_source import Run, run
+from annotate.label_recording import Run, run
 from annotate.person.extract import PersonMask, Survey
-from annotate.reader.network import Reader
-from annotate.reader.segmentation import Segmentation, unlabelled
-from eval.network.bearing import Bearing
+from annotate.segmentation.segmented_person import Segmentation, unlabelled
+from annotate.segmentation.suit_network import Reader
+from eval.network.body_state import Bearing
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import ONE_PERSON, step_of
-from eval.network.read_again import read_again
-from eval.network.steady import steady
+from eval.network.refine import read_again
+from eval.network.side_smoothing import steady
 from eval.network.support import by_height, floor_of, support_of
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics

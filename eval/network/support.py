@@ -9,7 +9,7 @@ from annotate.array_types import Float32, UInt8
 from annotate.parts import PART_ID
 from annotate.person.planes import Plane
 from annotate.posture import POSTURES
-from eval.network.bearing import Bearing
+from eval.network.body_state import Bearing
 from eval.scores.joints import JOINT
 from sensors.rig.camera import Intrinsics
 

@@ -15,11 +15,11 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from annotate.parts import PARTS, UNDEFINED
-from eval.compare import paper
+from eval.compare import paper_results as paper
 from eval.compare.details import suspicious
 from eval.report import plots, tables
 from eval.report.estimates import SHARES, SHOWN_ORDER, SUMMARY, difference_of, estimate, shown, verdict
-from eval.report.figures import ERROR_NAMES, ERROR_RGB, THERMAL_RANGE_C, data_uri
+from eval.report.frame_images import ERROR_NAMES, ERROR_RGB, THERMAL_RANGE_C, data_uri
 from eval.report.gallery import Scene
 from eval.report.gather import Material
 from eval.report.views import PART_SCORES, group_tables, joints_of, view_of

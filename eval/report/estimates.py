@@ -7,7 +7,7 @@ import numpy as np
 
 from annotate.array_types import Float64, Index, Int64
 from annotate.parts import BACKGROUND, BODY_PARTS
-from eval.compare import paper
+from eval.compare import paper_results as paper
 from eval.compare.compare import Comparison
 from eval.compare.paired import Difference
 from eval.scores import confusion, intervals

@@ -10,12 +10,12 @@ from annotate.array_types import Bool, Float32, Index, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.crop import SIZE, Crop, crop_around
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.frames import pinhole_of
+from annotate.labelset.labelled_frames import pinhole_of
 from annotate.parts import BACKGROUND, BODY_PARTS, on_body
 from eval.compare.compare import Comparison
-from eval.network.bearing import Bearing
-from eval.report import figures
-from eval.report.figures import Image, error_kind_ids, render_thermal_cloud
+from eval.network.body_state import Bearing
+from eval.report import frame_images as figures
+from eval.report.frame_images import Image, error_kind_ids, render_thermal_cloud
 from eval.report.skeleton import draw_bearing
 from eval.scores import confusion
 from sensors.rig.camera import Intrinsics, unproject

@@ -15,13 +15,13 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.audit import Audit, audit
 from annotate.crop import Crop
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.frames import camera_of, holds_frames, open_frames
 from annotate.labelset.journal import Journal
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
+from annotate.labelset.labelled_frames import camera_of, holds_frames, open_frames
 from eval.compare.paired import Difference, difference
 from eval.compare.pairs import pair_up
 from eval.compare.results import Result
-from eval.report.figures import Image
+from eval.report.frame_images import Image
 from eval.report.gallery import (
     EACH,
     GalleryFrame,
@@ -32,7 +32,7 @@ from eval.report.gallery import (
     make_shown_frame,
     pick_frames,
 )
-from eval.report.history import Training, load_training
+from eval.report.training_history import Training, load_training
 from eval.report.views import ResultView, view_of
 from sensors.errors import CloudError
 from sensors.session.reader import Session

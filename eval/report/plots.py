@@ -6,15 +6,15 @@ import numpy as np
 
 from annotate.correction.audit import Audit
 from annotate.parts import BODY_PARTS
-from eval.compare import paper
+from eval.compare import paper_results as paper
 from eval.compare.paired import Difference
 from eval.compare.results import Result
 from eval.report import charts
 from eval.report.charts import Figure
 from eval.report.estimates import Estimate, difference_of
-from eval.report.figures import ERROR_KINDS
+from eval.report.frame_images import ERROR_KINDS
 from eval.report.gather import Material
-from eval.report.history import Training
+from eval.report.training_history import Training
 from eval.report.views import THRESHOLDS_MM, JointsView, ResultView
 from eval.scores.boundary import TOLERANCES_MM, TOLERANCES_PX
 from eval.scores.reliability import reliability_curve

@@ -6,7 +6,7 @@ import numpy as np
 from annotate.array_types import UInt8
 from annotate.crop import Crop
 from annotate.parts import PART_ID, PARTS
-from eval.network.bearing import Bearing
+from eval.network.body_state import Bearing
 from eval.scores.joints import JOINT
 
 LINES = (

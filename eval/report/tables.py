@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from annotate.parts import BODY_PARTS, PARTS
-from eval.compare import paper
+from eval.compare import paper_results as paper
 from eval.report.estimates import SHOWN_ORDER, SUMMARY, Estimate, printed, shown
 from eval.report.gather import Material
 from eval.report.views import ResultView

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from annotate.array_types import Float32
-from eval.scores import passes
+from eval.scores import kernels as passes
 from eval.scores.confusion import Counts, Labels, Scores, ratio
 
 TOLERANCES_PX = (1.0, 2.0, 3.0, 5.0)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from annotate.array_types import Bool, Float64, Int64, UInt8
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, NEIGHBOURS, TWIN_PARTS, UNDEFINED
-from eval.scores import passes
+from eval.scores import kernels as passes
 
 Labels = UInt8
 Counts = Int64

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from annotate.array_types import Float64
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.frames import pinhole_of
+from annotate.labelset.labelled_frames import pinhole_of
 from eval.scores.joints import EVIDENCE, IN_SKELETON, JOINT_NAMES, N_JOINTS, joint_evidence
 from eval.scores.skeleton_fit import fit_skeletons
 from sensors.errors import FormatError

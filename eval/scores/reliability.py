@@ -10,7 +10,7 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32
 from annotate.parts import BACKGROUND
-from eval.scores import passes
+from eval.scores import kernels as passes
 from eval.scores.confusion import Counts, Labels, Scores, ratio
 
 N_BINS = 15

@@ -12,8 +12,8 @@ import numpy as np
 from annotate.array_types import Bool, Float32, UInt8
 from annotate.crop import LEAST_VALUE, MARGIN, window_of
 from annotate.parts import BACKGROUND, swap_left_right
+from eval.training.body_targets import JOINTS, mirrored, moved
 from eval.training.occluders import boarded, draped, field, noise_of, things
-from eval.training.whole import JOINTS, mirrored, moved
 
 MIN_LEFT, MIN_UNCOVERED = 0.6, 0.3
 """Share of a person's pixels that occluders and cuts leave together, and a blanket with them; a worse draw is
@@ -61,7 +61,7 @@ class Augmentation:
 
 
 Example = tuple[Float32, UInt8, Float32]
-"""Depth (h, w), parts (h, w) and the row of ``eval.training.whole``."""
+"""Depth (h, w), parts (h, w) and the row of ``eval.training.body_targets``."""
 
 
 def augment(example: Example, how: Augmentation, rng: np.random.Generator) -> Example:

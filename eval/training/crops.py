@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from annotate.array_types import Float32, Int64, UInt8, UInt16
 from annotate.crop import network_crop, normalize, person_of
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.frames import LabelledFrames, open_frames
+from annotate.labelset.labelled_frames import LabelledFrames, open_frames
 from annotate.parts import BACKGROUND, on_body
-from eval.training.whole import ROW, whole_person
+from eval.training.body_targets import ROW, whole_person
 from sensors.errors import CloudError
 
 K = TypeVar("K", bound=np.generic)
@@ -43,8 +43,7 @@ class Crops:
     packed: their bytes, in a nameless file that goes with the process; what the system reads of it, it can
     give back when memory is short. places: int64 (N, 3), where each crop's depth starts, its depth ends and
     its parts end. shape: (h, w). wholes: float32 (N, ROW), what is known of each person, see
-    ``eval.training.whole``. crc32: of all this, by which these crops differ from others. subjects: of each
-    crop, (N,) str.
+    ``eval.training.body_targets``. crc32: checksum of these crops. subjects: (N,) str.
     """
 
     packed: UInt8

@@ -11,12 +11,12 @@ from torch import Tensor, nn
 
 from annotate.array_types import UInt8
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
-from eval.network.answer import Answer
 from eval.network.compact import CompactConfig
+from eval.network.network_output import Answer
 from eval.network.networks import NetworkConfig, described
 from eval.training.augment import Augmentation
+from eval.training.body_targets import FACING, JOINTS, POSTURE
 from eval.training.processes import ALONE, ProcessGroup
-from eval.training.whole import FACING, JOINTS, POSTURE
 
 COARSE, COARSE_STEP = 0.7, 4
 """Side of the coarse images over the whole ones', to a multiple of so many pixels; chosen by eye."""
@@ -172,7 +172,7 @@ def loss_of(
 ) -> tuple[Tensor, float]:
     """The loss to minimise, and the parts' mean loss of a pixel.
 
-    depth: (B, 1, h, w). parts: (B, h, w). whole: (B, ROW), see ``eval.training.whole``. weight: (12,).
+    depth: (B, 1, h, w). parts: (B, h, w). whole: (B, ROW), see ``eval.training.body_targets``. weight: (12,).
     group: whose images together make the batch; the mean of its processes' losses is that of the batch.
     """
     scores, target = answer.scores.float(), parts.long()

@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.calibration_files.realsense_lens import realsense_intrinsics
 from sensors.device.node import check_usb
 from sensors.device.protocol import ColorImage, DepthImage
 from sensors.device.streaming_camera import StreamingCamera, choose
 from sensors.errors import DeviceBusyError, DeviceError, DeviceLostError, DeviceNotFoundError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import mm_from_units
-from sensors.rig.realsense_lens import realsense_intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration
 from sensors.rig.wrapping_counter import WrappingCounter
 

@@ -7,12 +7,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.checks.celsius_check import scales_of_cameras
 from sensors.device.address import Address
 from sensors.device.protocol import ThermalCounts, ThermalImage
 from sensors.device.v4l2_camera import CaptureKind, V4l2Camera
 from sensors.drivers.flag_watch import FlagWatch
 from sensors.errors import DeviceError, DeviceFaultError
-from sensors.rig.celsius_check import scales_of_cameras
 
 FOURCC = "Y16 "
 COLDEST_C, HOTTEST_C = -60.0, 650.0

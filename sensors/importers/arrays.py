@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.calibration_files.camera_text import pinhole_of
+from sensors.calibration_files.intrinsics_file import FoundIntrinsics, first_intrinsics
+from sensors.checks.camera_check import check_camera, is_centred
+from sensors.checks.depth_check import judge_depth, spread
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.files.npz import array_sizes, load_arrays
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.camera import Intrinsics
-from sensors.rig.camera_check import check_camera, is_centred
-from sensors.rig.camera_text import pinhole_of
-from sensors.rig.depth_check import judge_depth, spread
 from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
-from sensors.rig.intrinsics_file import FoundIntrinsics, first_intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 
 NPY_MAGIC, ZIP_MAGIC = b"\x93NUMPY", b"PK\x03\x04"

@@ -5,14 +5,14 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from sensors.calibration_files.intrinsics_file import read_intrinsics
+from sensors.checks.depth_check import judge_depth, spread
+from sensors.checks.upright_check import UPSIDE_DOWN
 from sensors.files.jpeg import JPEG_MAGIC, encoded_jpeg, mirrored_jpeg
 from sensors.files.png import PNG_MAGIC
 from sensors.importers.options import ImportOptions
-from sensors.rig.depth_check import judge_depth, spread
 from sensors.rig.frame import FrameSource, RigFrame, mm_from_units, regular_times_ns
-from sensors.rig.intrinsics_file import read_intrinsics
 from sensors.rig.turn import Turn
-from sensors.rig.upright_check import UPSIDE_DOWN
 
 
 class Declared(FrameSource):

@@ -23,6 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.checks.celsius_check import SESSION, Scale, judge_celsius
+from sensors.checks.depth_check import judge_depth, spread
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.files.flir_jpeg import read_flir
@@ -39,8 +41,6 @@ from sensors.importers.folder_files import (
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.importers.tum_lists import TUM_UNIT_MM, Listed, is_tum, read_lists
 from sensors.rig.camera import Intrinsics
-from sensors.rig.celsius_check import SESSION, Scale, judge_celsius
-from sensors.rig.depth_check import judge_depth, spread
 from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
 
 

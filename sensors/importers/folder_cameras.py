@@ -4,13 +4,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from sensors.calibration_files.intrinsics_file import FoundIntrinsics, first_intrinsics, read_intrinsics
+from sensors.checks.depth_check import spread
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.files.flir_jpeg import read_flir
 from sensors.files.grey_image import image_shape
 from sensors.importers.folder_files import JPEGS, THERMAL, Files
-from sensors.rig.depth_check import spread
-from sensors.rig.intrinsics_file import FoundIntrinsics, first_intrinsics, read_intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration, load_calibration
 
 TEXTS = ("json", "yaml", "yml", "xml", "txt")

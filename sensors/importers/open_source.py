@@ -52,7 +52,7 @@ def open_source(path: Path, options: ImportOptions = AS_STATED) -> "FrameSource"
 
         source = Declared(source, options, own=opener.own)
     if not opener.whole:
-        from sensors.rig.camera_check import check_rig
+        from sensors.checks.camera_check import check_rig
 
         check_rig(source.calibration, path.name)
     return source
@@ -68,8 +68,8 @@ def judged_notes(source: "FrameSource") -> tuple[str, ...]:
 
     A frame that is looked at and cannot be read is named. Raises FormatError where the images are no depth.
     """
-    from sensors.rig.camera_check import check_rig
-    from sensors.rig.depth_check import judge_depth, spread
+    from sensors.checks.camera_check import check_rig
+    from sensors.checks.depth_check import judge_depth, spread
 
     if any(map(_is_range, source.notes)):
         return tuple(source.notes)
@@ -89,7 +89,7 @@ def judged_notes(source: "FrameSource") -> tuple[str, ...]:
 
 
 def _is_range(note: str) -> bool:
-    from sensors.rig.depth_check import JUDGED
+    from sensors.checks.depth_check import JUDGED
 
     return note.startswith(JUDGED)
 
@@ -162,7 +162,7 @@ def _other(path: Path, head: bytes, options: ImportOptions) -> Opener:
     if head.startswith(JPEG_MAGIC) and is_flir_alone(path):
         return Opener(partial(FlirImages, path))
     if path.suffix.lower() in CLOUDS:
-        from sensors.importers.pointcloud import CloudFile
+        from sensors.importers.clouds.cloud_source import CloudFile
 
         return Opener(partial(CloudFile, path, options), own=True)
     raise refuse(path, head)

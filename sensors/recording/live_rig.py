@@ -11,14 +11,14 @@ from typing import TypeVar
 
 from sensors.device.protocol import Device
 from sensors.errors import CalibrationError, CloudError, ExistsError, one_line
-from sensors.recording.arrivals import Arrived, Event
-from sensors.recording.health import FAULT_NS, Health, Watch
-from sensors.recording.image_judge import ImageJudge
-from sensors.recording.intake import Intake
-from sensors.recording.moments import Moment, Moments
-from sensors.recording.newest import Newest
-from sensors.recording.quiet_collector import QuietCollector
+from sensors.recording.arrival_times import Arrived, Event
+from sensors.recording.device_readers import Intake
+from sensors.recording.frame_assembly import Moment, Moments
+from sensors.recording.garbage_collection import QuietCollector
+from sensors.recording.image_check import ImageJudge
+from sensors.recording.latest_value import Newest
 from sensors.recording.recorder import LOOK_S, RESERVE_BYTES, Recorder, Take, clock_metadata
+from sensors.recording.stream_health import FAULT_NS, Health, Watch
 from sensors.rig.rig_calibration import RigCalibration
 
 EVENTS_KEPT = 100

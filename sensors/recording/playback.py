@@ -6,10 +6,10 @@ from collections import deque
 from pathlib import Path
 
 from sensors.errors import CloudError
-from sensors.recording.arrivals import Event
-from sensors.recording.health import Health, StreamHealth
-from sensors.recording.moments import Moment
-from sensors.recording.newest import Newest
+from sensors.recording.arrival_times import Event
+from sensors.recording.frame_assembly import Moment
+from sensors.recording.latest_value import Newest
+from sensors.recording.stream_health import Health, StreamHealth
 from sensors.rig.frame import FrameSource
 
 LONGEST_S = 1.0

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from sensors.device.protocol import ColorImage, DepthImage, Device, Spot, ThermalCounts, ThermalImage
 from sensors.errors import CloudError, ExistsError, FormatError
-from sensors.recording.arrivals import Arrived, Event
+from sensors.recording.arrival_times import Arrived, Event
 from sensors.rig.pairing import CLOCK, LATENCY
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.messages import (

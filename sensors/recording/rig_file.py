@@ -10,10 +10,10 @@ devices = ["kinect2:", "optris:/dev/video0?mode=128hz", "pyrometer:/dev/ttyUSB0?
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from sensors.calibration_files.calibration_yaml import open_calibration
 from sensors.device.address import Address
 from sensors.errors import DeviceError
 from sensors.files.bounded import read_toml
-from sensors.rig.calibration_yaml import open_calibration
 from sensors.rig.pairing import MAX_LATENCY_MS
 from sensors.rig.rig_calibration import RigCalibration
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sensors.calibrate.hole_plate import HolePlate
+from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
 from sensors.errors import DeviceError
 from sensors.rig.camera import Intrinsics
-from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
 

@@ -20,9 +20,9 @@ from google.protobuf.message import Message as ProtoMessage
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
+from sensors.calibration_files.camera_messages import intrinsics_from, links_from
 from sensors.errors import CalibrationError, FormatError
 from sensors.rig.camera import Intrinsics
-from sensors.rig.camera_messages import intrinsics_from, links_from
 from sensors.rig.rig_calibration import (
     MAX_CALIBRATION_BYTES,
     Pose,

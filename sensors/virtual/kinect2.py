@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from sensors.calibration_files.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.drivers.kinect2 import COLOR, DEPTH, INFRARED, MIRRORED, PROTOTYPES, Frame, Shim
 from sensors.files.jpeg import mirrored_jpeg
-from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.virtual.frame_loop import LONGEST, FrameLoop
 from sensors.virtual.schedule import Faults, Schedule, UnpluggedError
 

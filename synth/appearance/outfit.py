@@ -17,7 +17,7 @@ from annotate.parts import N_CLASSES, NEIGHBOURS, PART_ID
 from annotate.suit.palette import Suit
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
-from synth.shipped import table
+from synth.data_files import table
 
 SKIN, HAIR, SHOE = 12, 13, 14
 N_ZONES = 15

@@ -26,10 +26,10 @@ from synth.appearance.color_camera import (
     metered,
     smear,
 )
-from synth.appearance.light import EVEN_LIGHT, Lighting, LightSpread, illuminate, light_room
+from synth.appearance.lighting import EVEN_LIGHT, Lighting, LightSpread, illuminate, light_room
 from synth.appearance.outfit import GAMMA, Outfit, Wear
 from synth.appearance.paint import RoomColors, paint
-from synth.shipped import table
+from synth.data_files import table
 from synth.surface.facets import wavelength_cells
 from synth.surface.furniture import SURFACES, Surface
 from synth.surface.rasterize import Mesh, face_means, rasterize

@@ -14,8 +14,10 @@ from sensors.files.atomic import replacing
 from sensors.files.npz import load_arrays
 from sensors.rig.camera import FloatArray
 from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, alignment, kinematics
-from synth.shipped import shipped
+from synth.data_files import shipped
 
+REFERENCE_BODY = 4
+"""Index of the shipped body of 1.70 m on which marker sets are stated."""
 BONES_PER_VERTEX = 4
 """Joints that may move a vertex; the strongest of anny's."""
 DENSITY_KG_M3 = 980.0
@@ -181,6 +183,11 @@ def load_body(path: Path) -> Body:
 def shipped_bodies() -> tuple[Body, ...]:
     """The paper's eight bodies (Table 1), baked from anny and shipped with the package."""
     return tuple(load_body(path) for path in sorted(shipped().glob("body_*.npz")))
+
+
+def reference_body() -> Body:
+    """Return the shipped body on which marker sets are stated."""
+    return shipped_bodies()[REFERENCE_BODY]
 
 
 def blend(a: Body, b: Body, share: float) -> Body:

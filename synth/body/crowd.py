@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from annotate.array_types import Bool, Float32
 from sensors.files.npz import load_arrays
 from synth.body.body import MAX_BYTES, Body, shipped_bodies
-from synth.shipped import shipped
+from synth.data_files import shipped
 
 STEP_M = 1e-4
 """Vertices of the crowd are stored in steps of 0.1 mm: far below what a depth camera sees."""

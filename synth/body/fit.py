@@ -13,7 +13,7 @@ from synth.body.body import BONES_PER_VERTEX, DENSITY_KG_M3, Body, volume_m3
 from synth.body.body_table import BodySize
 from synth.body.part_border import PartSkin, cut_into_parts
 from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, Joint
-from synth.shipped import table
+from synth.data_files import table
 
 PHENOTYPES = ("gender", "age", "muscle", "weight", "height", "proportions")
 ADULT_AGE = 0.5

@@ -14,7 +14,7 @@ from scipy.sparse import csr_array, eye_array, vstack
 from annotate.array_types import Float32, Float64, Int32, Int64, UInt8
 from annotate.parts import PART_ID
 from synth.body.skeleton import JOINT_ID, JOINTS
-from synth.shipped import table
+from synth.data_files import table
 
 Level = Callable[[Float64], Float64]
 SNAP_M = 0.001

@@ -7,8 +7,8 @@ import numba
 import numpy as np
 
 from annotate.array_types import Bool, Float32, Int32, UInt16
+from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE
 from sensors.rig.camera import Intrinsics
-from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 from synth.cameras.pixel_random import NORMALS, hashed, lattice, ramps, share_of, smooth
 from synth.cameras.relief import Number
 from synth.cameras.sensor import CleanDepth, Reading, drawn_camera, key_of, strength

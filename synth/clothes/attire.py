@@ -6,7 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from synth.shipped import table
+from synth.data_files import table
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 
 from annotate.array_types import Float64
 from synth.images.distributions import Distributions
-from synth.images.figures import LEVELS
+from synth.images.silhouette_statistics import LEVELS
 
 OWN, REAL = (2.0, 50.0, 98.0), (10.0, 50.0, 90.0)
 """Percentiles that compare: the middle eight tenths of real people are to lie within what is synthesised."""

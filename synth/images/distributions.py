@@ -13,13 +13,13 @@ from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.crop import SIZE, crop_around, crop_from_note, person_of, window_of
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.store import MANIFEST, LabelSet
+from annotate.labelset.label_set import MANIFEST, LabelSet
 from annotate.person.extract import Survey
 from sensors.errors import CloudError, FormatError
 from sensors.importers.open_source import Source, open_source
 from synth.body.skeleton import N_JOINTS
-from synth.images.figures import LEVELS, height_px, holes, roughness, widths
-from synth.images.stance import ankles_m, arms_deg, facing_deg
+from synth.images.silhouette_statistics import LEVELS, height_px, holes, roughness, widths
+from synth.images.standing_statistics import ankles_m, arms_deg, facing_deg
 
 FRAMES = 500
 """Frames of a recording that are measured at most, evenly spread."""

@@ -15,7 +15,7 @@ from sensors.files.atomic import is_taken, write_bytes
 from sensors.versions import code_digest, versions
 from synth.images.dataset_page import write_page
 from synth.images.distributions import Distributions
-from synth.images.motion_stage import Moved
+from synth.images.motion_scenes import Moved
 from synth.images.people import Wardrobe
 from synth.images.presets import Preset, sample
 from synth.images.workers import Workers

@@ -14,18 +14,18 @@ from annotate.crop import Crop, crop_around, window_of
 from annotate.frame_labels import FrameLabels
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
-from synth.cameras.draw import draw_sensor
+from synth.cameras.random_sensor import draw_sensor
 from synth.cameras.sensor import CleanDepth, Reading, Sensor
 from synth.cameras.time_of_flight import TimeOfFlight
 from synth.choices import check_choice
-from synth.images.motion_stage import Moved
+from synth.images.motion_scenes import Moved
 from synth.images.people import Casting, Person, Wardrobe, crowd_person, paper_person
-from synth.images.stages import Stage, Staging, everybody, recumbent, sitting, standing, upright
-from synth.images.stance import facing_deg
+from synth.images.posed_scenes import Stage, Staging, everybody, recumbent, sitting, standing, upright
+from synth.images.standing_statistics import facing_deg
 from synth.images.view import PersonView, cut, occluder, render_view, visibility
 from synth.images.viewpoints import Shot, inside_image
 from synth.motion.repertoire import Repertoire
-from synth.pose.naming import posture_of
+from synth.pose.posture_classes import posture_of
 from synth.surface.rasterize import merge
 
 MIN_PIXELS, MIN_VISIBLE = 400, 0.4

@@ -11,9 +11,9 @@ from sensors.files.atomic import check_free, replacing
 from sensors.files.npz import load_arrays
 from synth.body.body import Body
 from synth.body.skeleton import N_JOINTS, Posture
-from synth.markers.archives import MOTION_REMEDY
 from synth.markers.person_body import bones_of_leg
 from synth.markers.person_fit import leg_length_m, zero_bones
+from synth.motion_files.archives import MOTION_REMEDY
 
 SEEN, BRIDGED, MISSING, GHOST, SWAPPED = range(5)
 """Status of a marker in a frame: as it is; bridged over a short gap; missing; thrown out; relabelled."""

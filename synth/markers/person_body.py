@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from annotate.array_types import Float64
-from synth.body.body import Body, shipped_bodies
+from synth.body.body import Body, reference_body
 from synth.body.skeleton import JOINT_ID, N_JOINTS, PARENTS, alignment
-from synth.markers.person_fit import REFERENCE_BODY, leg_length_m, zero_bones
+from synth.markers.person_fit import leg_length_m, zero_bones
 
 _CHILD = {
     JOINT_ID[f"{side}_{joint}"]: JOINT_ID[f"{side}_{child}"]
@@ -19,7 +19,7 @@ _CHILD = {
 
 def bones_of_leg(leg_m: float) -> Float64:
     """Bones (J, 3) of a person of whom only the leg's length is known: the reference body's proportions."""
-    bones = zero_bones(shipped_bodies()[REFERENCE_BODY].joints_m)
+    bones = zero_bones(reference_body().joints_m)
     return np.asarray(leg_m / leg_length_m(bones) * bones)
 
 
@@ -28,7 +28,7 @@ def person_body(bones_m: Float64) -> Body:
 
     Limbs are stretched along their bones; trunk, hands, feet and all thicknesses grow with the whole.
     """
-    reference = shipped_bodies()[REFERENCE_BODY]
+    reference = reference_body()
     rest, aligned = reference.joints_m, alignment(reference.joints_m)
     size = float(np.linalg.norm(bones_m, axis=1).sum() / np.linalg.norm(zero_bones(rest), axis=1).sum())
     joints, stretch = rest.copy(), np.tile(size * np.eye(3), (N_JOINTS, 1, 1))

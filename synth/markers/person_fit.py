@@ -6,16 +6,14 @@ from itertools import product
 import numpy as np
 
 from annotate.array_types import Bool, Float64, Int64
-from synth.body.body import shipped_bodies
+from synth.body.body import reference_body
 from synth.body.euler import euler_rad
 from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Joint, Posture, alignment, forward
+from synth.data_files import table
 from synth.markers.kinematics import State, Subject, markers_at, solve_positive
-from synth.markers.markerset import MarkerSet
 from synth.markers.posture_fit import Basis, Observed, Prior, fit_posture, shape_normal
-from synth.shipped import table
+from synth.motion_files.marker_set import MarkerSet
 
-REFERENCE_BODY = 4
-"""The shipped body of 1.70 m on which marker sets are stated."""
 _GROUPS = (
     "height", "hip_width", "pelvis", "spine", "head",
     "shoulder_width", "upper_arm", "forearm", "thigh", "shank",
@@ -79,7 +77,7 @@ class Template:
     @staticmethod
     def of(markers: MarkerSet) -> "Template":
         """Template of a marker set on the reference body."""
-        reference = zero_bones(shipped_bodies()[REFERENCE_BODY].joints_m)
+        reference = zero_bones(reference_body().joints_m)
         bones = np.zeros((len(_GROUPS), N_JOINTS, 3))
         for j, joint in enumerate(JOINTS):
             bones[_groups(joint)[0], j] = reference[j]

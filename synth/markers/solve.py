@@ -9,14 +9,6 @@ import numpy as np
 from annotate.array_types import Float32, Float64, UInt8
 from sensors.errors import CloudError
 from synth.markers.kinematics import State, Subject, markers_at
-from synth.markers.marker_files import Markers
-from synth.markers.markerset import (
-    KnownMarkers,
-    MarkerSet,
-    check_same_person,
-    choose_marker_set,
-    known_markers,
-)
 from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SEEN, SWAPPED, MarkerReport, Motion
 from synth.markers.person_fit import (
     LENIENT_M,
@@ -26,7 +18,15 @@ from synth.markers.person_fit import (
     posture_prior,
 )
 from synth.markers.posture_fit import ROBUST_M, Observed, Prior, fit_posture
-from synth.markers.vertical import GIVEN, Upward
+from synth.motion_files.marker_files import Markers
+from synth.motion_files.marker_set import (
+    KnownMarkers,
+    MarkerSet,
+    check_same_person,
+    choose_marker_set,
+    known_markers,
+)
+from synth.motion_files.vertical_axis import GIVEN, Upward
 
 CALIBRATION_FRAMES = 30
 STATIC_FRAMES = 10

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from sensors.errors import CloudError
-from synth.markers.archives import is_joint_file, is_motion
+from synth.motion_files.archives import is_joint_file, is_motion
 
 SUFFIXES = (".npz", ".bvh", ".c3d", ".trc")
 """Of files that may hold a motion."""

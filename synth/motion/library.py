@@ -4,13 +4,13 @@ import hashlib
 from pathlib import Path
 
 from sensors.errors import CloudError
-from synth.markers.archives import is_joint_file
-from synth.markers.bvh import read_bvh
-from synth.markers.joint_file import read_joint_file
-from synth.markers.marker_files import read_markers
 from synth.markers.motion_file import Motion, load_motion
 from synth.markers.solve import solve, solve_takes
 from synth.motion.files import check_motion
+from synth.motion_files.archives import is_joint_file
+from synth.motion_files.bvh import read_bvh
+from synth.motion_files.joint_file import read_joint_file
+from synth.motion_files.marker_files import read_markers
 
 
 def read_motions(path: Path) -> dict[str, Motion]:

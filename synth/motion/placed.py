@@ -13,7 +13,7 @@ from synth.body.skeleton import JOINT_ID, JOINTS, LIMITS_RAD, Posture, clamp, fo
 from synth.markers.person_fit import leg_length_m, zero_bones
 from synth.motion.floor import lowest_m
 from synth.motion.grounded import Grounded
-from synth.pose.moment import Posed
+from synth.pose.pose_parameters import Posed
 from synth.pose.postures import height_to_rest, rest_on
 from synth.pose.settle import Pull, settle, stations_m
 from synth.surface.furniture import FLOOR, Seat, Solid

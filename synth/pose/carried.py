@@ -4,7 +4,7 @@ import numpy as np
 
 from annotate.array_types import Float64
 from synth.body.skeleton import JOINT_ID, turn
-from synth.pose.stances import SIDES, Standing
+from synth.pose.standing_parameters import SIDES, Standing
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import Mesh, box
 

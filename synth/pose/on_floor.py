@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from synth.body.body import Body, pose
 from synth.body.flesh import flesh_of
 from synth.body.skeleton import SIGNS, Posture
-from synth.pose.moment import Moment, Posed
+from synth.pose.pose_parameters import Moment, Posed
 from synth.pose.postures import (
     FALLEN,
     HEAVE,
@@ -26,8 +26,8 @@ from synth.pose.postures import (
     risen,
 )  # fmt: skip
 from synth.pose.settle import settle
-from synth.pose.stances import draw_standing
 from synth.pose.standing import stood
+from synth.pose.standing_parameters import draw_standing
 from synth.surface.furniture import FLOOR, Ground, Solid, Surface
 
 SHARES = {"standing": 0.4, "upright": 0.3, "slumped": 0.12, "fallen": 0.18}

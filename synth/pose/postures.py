@@ -13,7 +13,7 @@ from synth.body.body import Body, pose
 from synth.body.flesh import flesh_of
 from synth.body.inverse import reach
 from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp
-from synth.pose.moment import Behaviour, Moment, Posed, pose_families
+from synth.pose.pose_parameters import Behaviour, Moment, Posed, pose_families
 from synth.pose.settle import Pull, settle, sink
 from synth.surface.furniture import FLOOR, Bed, Ground, Seat, Solid
 

@@ -17,8 +17,8 @@ import numpy as np
 from annotate.array_types import Bool, Float64, Int64
 from synth.body.flesh import CHAINS, Flesh
 from synth.body.skeleton import JOINT_ID, JOINTS, LIMITS_RAD, N_JOINTS, PARENTS, Posture, kinematics, place
+from synth.data_files import table
 from synth.pose.halfspaces import SOLID, Rows, add_flesh, add_pulls, add_solids, no_rows, reaches_m
-from synth.shipped import table
 from synth.surface.furniture import Solid
 
 ROUNDS = 18

@@ -1,4 +1,4 @@
-"""Standing people: the body that follows from the numbers of a stance (``synth/pose/stances.py``).
+"""Bodies of standing people, computed from the numbers of ``synth/pose/standing_parameters.py``.
 
 Feet are put on the floor and hands to their places by inverse kinematics, the trunk's mass stands over the
 feet, and no limb is in another.
@@ -16,10 +16,10 @@ from synth.body.body import Body, pose
 from synth.body.flesh import CHAINS, N_STATIONS, Flesh, flesh_of
 from synth.body.inverse import place_hand, plant
 from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp, forward, turn
+from synth.data_files import table
 from synth.pose.carried import carried
 from synth.pose.settle import Pull, settle
-from synth.pose.stances import OTHER, SIDES, Standing
-from synth.shipped import table
+from synth.pose.standing_parameters import OTHER, SIDES, Standing
 from synth.surface.furniture import FLOOR
 from synth.surface.rasterize import Mesh
 

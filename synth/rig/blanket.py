@@ -7,8 +7,8 @@ from annotate.array_types import Float32, Float64, Int64
 from annotate.parts import PART_ID
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
-from synth.rig.place import Place
-from synth.rig.props import Thing, Where
+from synth.rig.locations import Place
+from synth.rig.objects_nearby import Thing, Where
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import grid_faces, tagged
 

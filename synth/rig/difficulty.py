@@ -7,7 +7,7 @@ from synth.appearance.photograph import COLORS, ColorDifficulty
 from synth.cameras.stereo import Stereo
 from synth.cameras.thermal_camera import ThermalNoise
 from synth.cameras.time_of_flight import TimeOfFlight
-from synth.shipped import table
+from synth.data_files import table
 
 
 @dataclass(frozen=True)

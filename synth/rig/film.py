@@ -14,10 +14,10 @@ from synth.markers.person_body import person_body
 from synth.motion.grounded import ground
 from synth.motion.performance import Performance, perform
 from synth.motion.resample import resampled
-from synth.pose.moment import Moment, Posed
+from synth.pose.pose_parameters import Moment, Posed
 from synth.rig.difficulty import Clutter
-from synth.rig.place import Place
-from synth.rig.stay import Stay
+from synth.rig.episode import Stay
+from synth.rig.locations import Place
 from synth.rig.virtual_rig import VirtualRig
 from synth.surface.furniture import ROOM_FRONT_Y_M, Ground
 from synth.surface.rasterize import beside, look_at

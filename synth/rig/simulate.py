@@ -5,8 +5,8 @@ from glob import escape
 from math import isfinite, nan
 from pathlib import Path
 
-from annotate.labelset.appearing import appearing
-from annotate.labelset.store import MANIFEST, LabelSet
+from annotate.labelset.atomic_folder import appearing
+from annotate.labelset.label_set import MANIFEST, LabelSet
 from annotate.suit.palette import suit_to_toml
 from sensors.files.atomic import check_free, replacing, sweep
 from sensors.rig.frame import RigFrame

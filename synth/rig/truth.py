@@ -10,15 +10,15 @@ from annotate.cloud.fuse import undistortion_index
 from annotate.frame_labels import FrameLabels
 from annotate.parts import N_CLASSES, UNDEFINED
 from annotate.suit.palette import MIN_CHROMA_DISTANCE, chromaticity
+from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.camera import Intrinsics, project
 from sensors.rig.frame import RigFrame
-from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from synth.appearance.color_camera import CameraState
 from synth.appearance.outfit import GAMMA, Outfit
 from synth.appearance.warmth import SURFACE_C
 from synth.cameras.sensor import Reading, Sensor
 from synth.cameras.time_of_flight import TimeOfFlight
-from synth.rig.stay import Cast, Tableau
+from synth.rig.episode import Cast, Tableau
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import ZBuffer
 

@@ -30,10 +30,10 @@ from synth.cameras.time_of_flight import TimeOfFlight
 from synth.choices import check_rig
 from synth.random_stream import stream
 from synth.rig.difficulty import DIFFICULTIES
-from synth.rig.place import SCENES
-from synth.rig.stay import Cast, Stay, Tableau
+from synth.rig.episode import Cast, Stay, Tableau
+from synth.rig.locations import SCENES
+from synth.rig.rig_variants import twin_named
 from synth.rig.truth import Truth, camera_hardships, scene_hardships, whose_readings
-from synth.rig.twin import twin_named
 from synth.surface.rasterize import Mesh, ZBuffer
 
 FRAMES_PER_SECOND = 2.0

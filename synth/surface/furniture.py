@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Float32, Float64
-from synth.shipped import table
+from synth.data_files import table
 from synth.surface.rasterize import Mesh, box, merge, sheet
 
 ROOM_HALF_WIDTH_M, ROOM_FRONT_Y_M = 3.0, -3.6

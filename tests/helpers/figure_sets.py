@@ -7,7 +7,7 @@ import numpy as np
 
 from annotate.correction.correction import Correction
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from bench.window import figure
 from sensors.rig.camera import Intrinsics
 

@@ -8,8 +8,8 @@ import numpy as np
 from annotate.cloud.thermal_cloud import ThermalCloud
 from sensors.rig.camera import Intrinsics, rays
 from synth.body.crowd import crowd
-from synth.pose.stances import draw_standing
 from synth.pose.standing import stand
+from synth.pose.standing_parameters import draw_standing
 from synth.surface.furniture import Chair, Sofa, empty_room
 from synth.surface.rasterize import Mesh, look_at, merge, rasterize
 

@@ -15,13 +15,13 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel, QPushButton
 
 from annotate.correction.correction import Correction
-from annotate.gui.cloud_view import CloudView
-from annotate.gui.colors import Look
 from annotate.gui.commands import bind
-from annotate.gui.keys import Settings
-from annotate.gui.memory import Memory
-from annotate.gui.pointing import Hand
-from annotate.gui.scene import SceneReader
+from annotate.gui.settings import Memory
+from annotate.gui.state.keys import Settings
+from annotate.gui.state.point_colors import Look
+from annotate.gui.state.scene import SceneReader
+from annotate.gui.views.cloud_view import CloudView
+from annotate.gui.views.pointing import Hand
 from annotate.gui.window import CorrectionWindow
 from annotate.labelset.stroke import Stroke
 

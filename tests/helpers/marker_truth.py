@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 from synth.body.body import shipped_bodies
 from synth.body.skeleton import JOINT_ID, LIMITS_RAD, N_JOINTS, rotations
 from synth.markers.kinematics import State, Subject, markers_at
-from synth.markers.marker_files import Markers
-from synth.markers.markerset import MarkerSet, shipped_marker_sets
 from synth.markers.person_fit import zero_bones
-from synth.markers.vertical import Upward
+from synth.motion_files.marker_files import Markers
+from synth.motion_files.marker_set import MarkerSet, shipped_marker_sets
+from synth.motion_files.vertical_axis import Upward
 
 RATE = 100.0
 

@@ -11,12 +11,12 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.audit import Audit, PersonWork, WorkedFrame
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import encode_parts, encode_png
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import UNDEFINED, swap_left_right
 from eval.compare.compare import Comparison
 from eval.compare.results import Result
 from eval.report.gather import Clouds, Material, pictures_of, shown_set
-from eval.report.history import load_training
+from eval.report.training_history import load_training
 from sensors.rig.camera import Intrinsics
 
 CAMERA = Intrinsics(width=96, height=80, fx=90.0, fy=90.0, cx=47.5, cy=39.5)

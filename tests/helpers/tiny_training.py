@@ -9,11 +9,11 @@ import numpy as np
 import torch
 
 from eval.network.compact import CompactConfig
+from eval.training.body_targets import FACING, POSTURE, nothing_known
 from eval.training.crops import Crops
 from eval.training.plan import ModernRecipe, Plan
 from eval.training.processes import ProcessGroup
 from eval.training.train import Watch, train
-from eval.training.whole import FACING, POSTURE, nothing_known
 from sensors.errors import CloudError
 from tests.helpers.forking import FORKING
 

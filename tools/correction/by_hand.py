@@ -30,8 +30,8 @@ from annotate.effort.hand import drawn
 from annotate.effort.keystrokes import BUTTON_S, EFFECTIVE_WIDTH, KEY_S, MENTAL_S, POINT_S, STEER_S
 from annotate.effort.repairs import SCALE
 from annotate.gui.commands import BRUSHES_PX
-from annotate.gui.scene import SceneReader
-from annotate.labelset.store import LabelSet
+from annotate.gui.state.scene import SceneReader
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import BACKGROUND, PARTS
 from tests.helpers.gui_driver import NO_MODIFIER, SHIFT, Driver
 

@@ -21,7 +21,7 @@ from annotate.cloud.fuse import Fuser
 from annotate.correction.correction import Correction
 from annotate.effort.agreement import Agreement
 from annotate.effort.annotator import AGREEMENT, WHO, Annotator, correct_set
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import PARTS
 from sensors.session.reader import Session
 

@@ -25,7 +25,7 @@ from annotate.correction.edit import ARMS, Editor
 from annotate.correction.replay import replayed
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.journal import Journal
-from annotate.labelset.store import LabelSet, validate
+from annotate.labelset.label_set import LabelSet, validate
 from annotate.labelset.stroke import Gesture
 from sensors.rig.camera import Intrinsics
 

@@ -29,10 +29,12 @@ from annotate.correction.correction import Correction
 from annotate.correction.relabel import relabel, take_back
 from annotate.correction.replay import after, step_of
 from annotate.labelset.claim import ClaimedError
-from annotate.labelset.store import LabelSet, validate
-from eval.learning import by_depth, learn, practice
-from eval.training.reader import train
-from eval.training.reader.net import FULL_AGAIN, export_reader, load_reader
+from annotate.labelset.label_set import LabelSet, validate
+from eval.fine_tuning import by_depth
+from eval.fine_tuning import fine_tune as learn
+from eval.fine_tuning import run as practice
+from eval.training.segmentation import train
+from eval.training.segmentation.network import FULL_AGAIN, export_reader, load_reader
 from tests.test_eval_learning import DONE, IDS, SIDE, truth, written
 
 WORKED, FREE = DONE[:2], IDS[len(DONE) :]

@@ -19,11 +19,11 @@ import torch
 
 from annotate.cloud.fuse import Fuser
 from annotate.correction.correction import Correction
-from annotate.correction.queue import teaching_order
 from annotate.correction.relabel import relabel, untouched
+from annotate.correction.review_queue import teaching_order
 from annotate.effort.annotator import WHO, Annotator, correct_set
-from annotate.labelset.store import LabelSet
-from eval.learning.learn import learn, learner_of
+from annotate.labelset.label_set import LabelSet
+from eval.fine_tuning.fine_tune import learn, learner_of
 from sensors.session.reader import Session
 from tools.correction.effort import copy_of
 

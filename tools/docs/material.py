@@ -11,7 +11,7 @@ import numpy as np
 
 from annotate.cloud.fuse import Fuser
 from sensors.session.reader import Session
-from synth.markers.marker_files import Markers
+from synth.motion_files.marker_files import Markers
 from tests.helpers.marker_truth import RATE, synthesise
 
 

@@ -10,12 +10,12 @@ import numpy as np
 
 from annotate.correction.correction import Correction
 from annotate.effort.annotator import AGREEMENT, WHO, Annotator, correct_set
-from annotate.label_source import Run, label_source
-from annotate.labelset.store import LabelSet
+from annotate.label_recording import Run, label_source
+from annotate.labelset.label_set import LabelSet
 from eval.compare.compare import Comparison, compare_sets
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import predict_source
-from eval.network.read_again import shipped_again
+from eval.network.refine import shipped_again
 from sensors.recording.rig_templates import TEMPLATES
 from sensors.session.reader import Session
 from synth.rig.paths import suit_path, truth_path

@@ -16,7 +16,7 @@ from annotate.array_types import Float64, Int64
 from synth.body.body import Body, blend
 from synth.body.crowd import STEP_M
 from synth.body.fit import BodyModel
-from synth.shipped import shipped
+from synth.data_files import shipped
 
 PEOPLE = 28
 HEIGHT_CM = {"woman": (163.0, 6.5), "man": (176.0, 7.0)}

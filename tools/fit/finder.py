@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from eval.training.finder.images import load_scenes, store_scenes
-from eval.training.finder.net import export_finder, train_finder
+from eval.training.finder.network import export_finder, train_finder
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ from annotate.labelset.dataset import Dataset
 from eval.scores.joint_errors import observe
 from eval.scores.joints import HINGES, JOINT, LIMBS, pushed
 from eval.scores.skeleton_fit import BONES
-from sensors.rig.kinect2_factory import KINECT2_PINHOLE
+from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE
 
 AXES_3 = 2.37
 """Median of a chi-squared of three degrees of freedom: the squared median distance over it is a variance."""

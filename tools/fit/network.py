@@ -9,13 +9,13 @@ import sys
 from pathlib import Path
 
 from eval.network.checkpoint import load_weights, save_weights
-from eval.network.halved import LEAST_HALVED, halve_onnx
+from eval.network.half_precision import LEAST_HALVED, halve_onnx
 from eval.network.networks import export_onnx
 from eval.network.onnx_network import SHIPPED_WEIGHTS
 from eval.training.crops import load_crops
 from eval.training.temperature import fitted_temperature
 from sensors.files.atomic import replacing
-from tools.fit.eight_bits import SEEN, eight_bits
+from tools.fit.quantise import SEEN, eight_bits
 
 EXACT = ("stem.0", "down.0.0.0", "up.3.0", "refine.0", "kinds", "places")
 """Layers that stay in full precision: the first, whose depth of eight bits would have steps of 8 mm, the

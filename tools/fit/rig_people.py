@@ -15,10 +15,10 @@ import numpy as np
 
 from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import BACKGROUND
 from annotate.person.extract import Survey
-from eval.training.reader.scenes import training_rig
+from eval.training.segmentation.scenes import training_rig
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import VirtualRig
 

@@ -17,8 +17,8 @@ from annotate.exchange.formats import FORMATS, import_labels
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, sha256
 from annotate.labelset.dataset import validate as validate_dataset
-from annotate.labelset.store import LabelSet
-from annotate.labelset.store import validate as validate_labels
+from annotate.labelset.label_set import LabelSet
+from annotate.labelset.label_set import validate as validate_labels
 from annotate.suit.palette import DEFAULT_SUIT, load_suit, suit_to_toml
 from eval.compare.compare import compare_sets
 from eval.compare.results import Result, load_result, save_result
@@ -26,9 +26,9 @@ from eval.network.checkpoint import load_weights, save_weights
 from eval.network.compact import CompactConfig
 from eval.network.networks import build, export_onnx
 from eval.network.onnx_network import OnnxNetwork
+from sensors.calibration_files.calibration_yaml import read_yaml, write_yaml
 from sensors.importers.open_source import open_source
 from sensors.recording.rig_file import load_rig
-from sensors.rig.calibration_yaml import read_yaml, write_yaml
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration, load_calibration, save_calibration
@@ -37,12 +37,12 @@ from sensors.session.messages import PYROMETER, spot_message
 from sensors.session.repair import Copier, repair
 from sensors.session.writer import SessionWriter
 from synth.body.skeleton import N_JOINTS
-from synth.markers.bvh import read_bvh
-from synth.markers.joint_file import read_joint_file
-from synth.markers.marker_files import read_markers
-from synth.markers.markerset import load_marker_set
 from synth.markers.motion_file import MarkerReport, Motion, load_motion, save_motion
 from synth.markers.person_body import bones_of_leg
+from synth.motion_files.bvh import read_bvh
+from synth.motion_files.joint_file import read_joint_file
+from synth.motion_files.marker_files import read_markers
+from synth.motion_files.marker_set import load_marker_set
 from tests.helpers.bags import STORAGES, realsense, write_bag
 from tests.helpers.bags import write_old_bag as write_ros1_bag
 from tests.helpers.cloud_files import pcd

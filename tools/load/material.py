@@ -8,7 +8,7 @@ from pathlib import Path
 
 from annotate.labelset import dataset
 from annotate.labelset.dataset import ORDER, Dataset
-from annotate.labelset.store import FRAMES, MANIFEST, LabelSet
+from annotate.labelset.label_set import FRAMES, MANIFEST, LabelSet
 from sensors.rig.frame import FRAME_PERIOD_NS
 from sensors.rig.rig_calibration import calibration_to_json
 from sensors.session.reader import Session

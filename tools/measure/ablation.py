@@ -17,11 +17,11 @@ import numpy as np
 from annotate.array_types import Float32, Float64, UInt8
 from annotate.correction.correction import Correction
 from annotate.effort.annotator import WHO, Annotator, correct_set
-from annotate.label_source import label_source
-from annotate.labelset.store import LabelSet
+from annotate.label_recording import label_source
+from annotate.labelset.label_set import LabelSet
 from annotate.person.warmth import WINDOW_C
-from annotate.reader.channels import CHANNELS, FELT, LIKENESS, OTHER, SEEN, SUBJECT, Rectangle
-from annotate.reader.network import Reader, shipped_reader
+from annotate.segmentation.input_channels import CHANNELS, FELT, LIKENESS, OTHER, SEEN, SUBJECT, Rectangle
+from annotate.segmentation.suit_network import Reader, shipped_reader
 from annotate.suit.palette import load_suit
 from eval.compare.compare import Comparison, compare_sets
 from eval.compare.paired import difference

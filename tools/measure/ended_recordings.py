@@ -24,12 +24,12 @@ import cli.live_view
 import cli.main
 import cli.rig_devices
 from annotate.live.live_frame import Labelling
-from annotate.reader.network import shipped_reader
+from annotate.segmentation.suit_network import shipped_reader
+from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
 from sensors.device.protocol import DepthImage, DeviceReading
 from sensors.errors import CloudError
 from sensors.interrupt import ended_by_signals
 from sensors.recording.live_rig import LiveRig
-from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.reader import Session
 from tests.helpers.swinging_ball import swinging_ball

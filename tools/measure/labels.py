@@ -14,8 +14,8 @@ import numpy as np
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.supervoxels import Supervoxels, supervoxels
 from annotate.effort.agreement import Agreement
-from annotate.label_source import label_source
-from annotate.labelset.store import LabelSet
+from annotate.label_recording import label_source
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import BACKGROUND, UNDEFINED
 from annotate.suit.palette import load_suit
 from eval.compare.compare import compare_sets

@@ -13,7 +13,7 @@ import numpy as np
 
 from annotate.crop import crop_around, normalize
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.frames import open_frames
+from annotate.labelset.labelled_frames import open_frames
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
 from eval.network.onnx_network import OnnxNetwork
 from eval.scores.confusion import confusion_matrix, mean_recall, miou

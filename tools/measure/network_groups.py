@@ -19,16 +19,16 @@ import numpy as np
 from annotate.array_types import Float32, UInt8
 from annotate.crop import RANGE_MM, network_crop, normalize, person_of
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.frames import open_frames
+from annotate.labelset.labelled_frames import open_frames
 from annotate.parts import UNDEFINED
 from annotate.posture import POSTURES
-from eval.network.bearing import Bearing
+from eval.network.body_state import Bearing
 from eval.network.onnx_network import OnnxNetwork
-from eval.network.read_again import camera_in
+from eval.network.refine import camera_in
 from eval.scores.confusion import confusion_matrix, left_right_swap_rate, mean_recall
+from eval.training.body_targets import FACING, POSTURE, whole_person
 from eval.training.crops import to_crop
-from eval.training.whole import FACING, POSTURE, whole_person
-from synth.shipped import table
+from synth.data_files import table
 
 Crop = tuple[Float32, UInt8]
 BATCH, EACH = 32, 4

@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from annotate.labelset.store import LabelSet
+from annotate.labelset.label_set import LabelSet
 from annotate.parts import BACKGROUND, UNDEFINED
 
 SEAM_PX = 2

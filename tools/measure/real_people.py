@@ -18,15 +18,15 @@ from pathlib import Path
 
 import numpy as np
 
-from annotate.labelset.store import LabelSet
-from eval.network.bearing import Bearing
+from annotate.labelset.label_set import LabelSet
+from eval.network.body_state import Bearing
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict_source import predict_source
 from eval.scores.joints import JOINT, JOINT_NAMES, joint_evidence
 from eval.scores.skeleton_fit import fit_skeletons
 from sensors.importers.open_source import open_source
 from synth.body.skeleton import JOINT_ID
-from synth.images.stance import facing_deg
+from synth.images.standing_statistics import facing_deg
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 SCANS, PEOPLE = DATA / "kinect2_standing", DATA / "real_people"

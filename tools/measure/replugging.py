@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, Flag, ThermalImage, Value
-from sensors.recording.arrivals import Arrivals, Event
+from sensors.recording.arrival_times import Arrivals, Event
 from sensors.rig.clock import begins_of
 from sensors.rig.pairing import CLOCK, COLOR_WINDOW_NS, pair_stamps, thermal_window_ns
 from sensors.session.host_times import host_times

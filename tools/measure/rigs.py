@@ -7,14 +7,14 @@ import sys
 import tempfile
 from pathlib import Path
 
-from annotate.label_source import label_source
-from annotate.labelset.store import LabelSet
+from annotate.label_recording import label_source
+from annotate.labelset.label_set import LabelSet
 from eval.compare.compare import Comparison, compare_sets
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import predict_source
 from sensors.session.reader import Session
+from synth.rig.locations import SCENES
 from synth.rig.paths import truth_path
-from synth.rig.place import SCENES
 from synth.rig.simulate import simulate
 from synth.rig.virtual_rig import VirtualRig
 

@@ -17,17 +17,17 @@ from annotate.cloud.fuse import Fuser
 from annotate.person.extract import Survey
 from annotate.person.subject import persons_before
 from eval.training.finder.rooms import surroundings
-from eval.training.reader.scenes import training_rig
+from eval.training.segmentation.scenes import training_rig
 from sensors.rig.camera import Intrinsics
 from synth.body.body import blend
 from synth.body.crowd import crowd
-from synth.cameras.draw import draw_sensor
+from synth.cameras.random_sensor import draw_sensor
 from synth.cameras.sensor import CleanDepth
 from synth.clothes.dress import dress
 from synth.clothes.dressed import Dressed
 from synth.pose.postures import FALLEN, IN_BED, SITTING, UPRIGHT, lie, rise, sit
-from synth.pose.stances import draw_standing
 from synth.pose.standing import stand
+from synth.pose.standing_parameters import draw_standing
 from synth.rig.truth import truth_labels
 from synth.surface.furniture import Bed, Chair, Ground, Sofa, Surface
 from synth.surface.rasterize import Mesh, beside, look_at, merge, rasterize

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.checks.depth_check import judge_depth, spread
 from sensors.errors import FormatError
 from sensors.importers.bags.bag_camera import BagCameras, Stream
 from sensors.importers.bags.bag_files import open_files
@@ -19,7 +20,6 @@ from sensors.importers.bags.ros_messages import PICTURES, Picture, picture_from
 from sensors.importers.bags.timeline import paired
 from sensors.importers.bags.topics import Topic, index_topics
 from sensors.importers.options import AS_STATED, ImportOptions
-from sensors.rig.depth_check import judge_depth, spread
 from sensors.rig.frame import FrameSource, RigFrame
 
 

@@ -5,6 +5,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from sensors.calibration_files.camera_messages import describes, intrinsics_from, links_from, window_of
+from sensors.calibration_files.intrinsics_file import read_intrinsics
+from sensors.checks.camera_check import check_camera
 from sensors.errors import CalibrationError
 from sensors.importers.bags.choose import is_aligned
 from sensors.importers.bags.ros_images import picture_size
@@ -12,9 +15,6 @@ from sensors.importers.bags.ros_messages import CAMERAS, TRANSFORMS, Picture, st
 from sensors.importers.bags.topics import Topic
 from sensors.importers.options import ImportOptions
 from sensors.rig.camera import Intrinsics
-from sensors.rig.camera_check import check_camera
-from sensors.rig.camera_messages import describes, intrinsics_from, links_from, window_of
-from sensors.rig.intrinsics_file import read_intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
 

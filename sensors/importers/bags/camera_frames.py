@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.calibration_files.intrinsics_file import read_intrinsics
+from sensors.checks.depth_check import judge_depth, spread
 from sensors.errors import CalibrationError
 from sensors.importers.bags.bag_files import BagFile
 from sensors.importers.bags.entries import Place
@@ -15,9 +17,7 @@ from sensors.importers.bags.ros_images import FINE_MM, color_encoded_from, depth
 from sensors.importers.bags.ros_messages import Picture
 from sensors.importers.bags.timeline import Stamps, Timeline, paired, paired_by_stamps, timeline_of
 from sensors.rig.camera import Intrinsics
-from sensors.rig.depth_check import judge_depth, spread
 from sensors.rig.frame import RigFrame
-from sensors.rig.intrinsics_file import read_intrinsics
 
 PAUSE_NS = 10_000_000_000
 """Nanoseconds without a depth image above which a recording was paused rather than images lost. Untuned."""

@@ -19,6 +19,7 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
+from sensors.calibration_files.realsense_lens import realsense_intrinsics
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.bounded import MAX_IMAGE_BYTES, MAX_IMAGE_SIDE
 from sensors.importers.bags.bag_files import RosbagFile, damaged, open_rosbag
@@ -36,7 +37,6 @@ from sensors.importers.bags.ros_messages import Picture, decode, picture_from
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FrameSource, RigFrame
-from sensors.rig.realsense_lens import realsense_intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration, rotation_of
 
 KINDS = frozenset({"Image", "CompressedImage", "CameraInfo", "Transform", "String", "Float32"})

@@ -12,8 +12,8 @@ from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
+from sensors.calibration_files.camera_messages import Decoded
 from sensors.errors import FormatError
-from sensors.rig.camera_messages import Decoded
 
 PICTURES = frozenset({"Image", "RawImage", "CompressedImage"})
 CAMERAS = frozenset({"CameraInfo", "CameraCalibration"})

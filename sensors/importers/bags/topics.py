@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sensors.calibration_files.camera_messages import Decoded
 from sensors.errors import FormatError
 from sensors.importers.bags.bag_files import BagFile
 from sensors.importers.bags.entries import Entry, Place
 from sensors.importers.bags.ros_messages import PICTURES, decode, is_empty, stamp_and_frame
 from sensors.importers.bags.timeline import LATE_NS, Stamps, Timeline, timeline_of
-from sensors.rig.camera_messages import Decoded
 
 STEADY = 1000
 """Messages in which a computer's clock is set back at most once more. Untuned."""

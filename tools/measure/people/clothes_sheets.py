@@ -19,8 +19,8 @@ from synth.body.crowd import crowd
 from synth.clothes.dress import dress, put_down
 from synth.clothes.dressed import Dressed
 from synth.pose.postures import FALLEN, SITTING, UPRIGHT, lie, rise, sit
-from synth.pose.stances import draw_standing
 from synth.pose.standing import stand
+from synth.pose.standing_parameters import draw_standing
 from synth.surface.furniture import Bed, Sofa
 from synth.surface.rasterize import ZBuffer, beside, look_at, rasterize
 

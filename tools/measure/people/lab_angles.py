@@ -15,8 +15,8 @@ import numpy as np
 from annotate.array_types import Float64
 from synth.body.skeleton import JOINT_ID
 from synth.markers.kinematics import State, markers_at
-from synth.markers.marker_files import Markers, read_markers
 from synth.markers.solve import fit_person, solve
+from synth.motion_files.marker_files import Markers, read_markers
 
 LEG = ("Hip", "Knee", "Ankle")
 

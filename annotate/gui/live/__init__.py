@@ -1,0 +1,1 @@
+"""The live window: a running rig as cloud and pictures."""

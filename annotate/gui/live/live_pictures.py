@@ -1,0 +1,58 @@
+"""A live frame as flat pictures, and as the scene of the cloud view. No window here."""
+
+import numpy as np
+
+from annotate.array_types import Float32, Float64, UInt8
+from annotate.cloud.color_map import heat_rgb, mapped_rgb
+from annotate.gui.state.point_colors import MAPS, ROOM_RGB, edges
+from annotate.gui.state.scene import FrameScene, levels, shade_of
+from annotate.live.live_frame import LiveFrame
+from annotate.parts import BACKGROUND, palette_rgb
+from sensors.rig.camera import project
+
+NEAR_M, FAR_M = 0.5, 4.5
+"""Range of the colours of depth in metres: what a Kinect v2 reads."""
+ROOM_POINTS = 12_000
+"""Number of points, about, to which a live room is thinned: a quarter of one that is corrected, as it is
+drawn again for every frame. Untuned."""
+STEP = 2
+"""Every how many pixels of the depth image a picture has one: it is shown about half as large."""
+DIM = 3
+"""Factor by which the picture is darkened below the parts. Untuned."""
+_NONE = np.array(ROOM_RGB[True], np.float32)
+TITLES = ("Depth", "Colour", "Heat", "Parts")
+"""The flat pictures."""
+
+
+def pictures(frame: LiveFrame) -> dict[str, UInt8]:
+    """uint8 (h / 2, w / 2, 3) by title: depth, colour, temperature with the person's outline, parts."""
+    cloud, parts, persons = frame.cloud, frame.labels.parts[::STEP, ::STEP], frame.labels.persons
+    color = np.ascontiguousarray(cloud.color_rgb[::STEP, ::STEP])
+    share = (FAR_M - cloud.points_m[::STEP, ::STEP, 2].ravel()) / (FAR_M - NEAR_M)
+    depth = _image(mapped_rgb(share, MAPS["depth"], _NONE), parts.shape)
+    heat = _image(heat_rgb(cloud.temperature_c[::STEP, ::STEP].ravel(), _NONE), parts.shape)
+    assert persons is not None
+    heat[edges(persons[::STEP, ::STEP], cloud.valid[::STEP, ::STEP])] = 255
+    labelled = (color if color.any() else depth) // np.uint8(DIM)
+    body = parts != BACKGROUND
+    labelled[body] = palette_rgb()[parts[body]]
+    return dict(zip(TITLES, (depth, color, heat, labelled), strict=True))
+
+
+def joints_px(frame: LiveFrame) -> Float64 | None:
+    """Joints (J, 2) in the pixels of the pictures, None where there is nobody."""
+    if frame.stance is None:
+        return None
+    return project(frame.cloud.camera, frame.stance.joints_m) / STEP
+
+
+def live_scene(frame: LiveFrame) -> FrameScene:
+    """The frame for the cloud view: the person in full, the room thinned; without pieces to click."""
+    near, room, step = levels(frame.labels, None, ROOM_POINTS)
+    pieces = np.full(frame.labels.parts.shape, -1, np.int32)
+    return FrameScene(frame.labels, frame.cloud, None, near, room, step, shade_of(frame.cloud), pieces)
+
+
+def _image(colors: Float32, shape: tuple[int, ...]) -> UInt8:
+    """Colours (h * w, 3) as a picture (h, w, 3)."""
+    return np.ascontiguousarray(colors.astype(np.uint8).reshape(*shape, 3))

@@ -1,0 +1,224 @@
+"""The bars of buttons: menus and the frame's state above, a bar over each view, at the left the tools."""
+
+from collections.abc import Mapping
+from functools import partial
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QAction
+from PySide6.QtWidgets import (
+    QHBoxLayout,
+    QLabel,
+    QMenu,
+    QMenuBar,
+    QScrollArea,
+    QSizePolicy,
+    QToolButton,
+    QVBoxLayout,
+    QWidget,
+)
+
+from annotate.correction.replay import STATE_NAMES, rejected_by, verdicts
+from annotate.gui.panels.frame_strip import state_color
+from annotate.gui.state.drawing import TOOLS
+from annotate.gui.state.edit_controller import Desk
+from annotate.gui.state.frame_order import Walk
+from annotate.gui.state.keys import Settings
+from annotate.gui.state.point_colors import Colouring, Look, colourings
+from annotate.gui.views.cloud_view import CloudView
+from annotate.gui.views.depth_pane import DepthPane
+from annotate.gui.views.pointing import Hand
+from annotate.gui.widgets.building_blocks import ICON, Elided, button, icon, laid, named
+from annotate.gui.widgets.theme import Theme, scaled
+
+COLOURINGS: dict[Colouring, str] = {
+    "part": "Parts",
+    "colour": "Colour",
+    "temperature": "Heat",
+    "depth": "Depth",
+    "confidence": "Confidence",
+    "disagreement": "Difference",
+}
+MISSING: dict[Colouring, str] = {
+    "colour": "no colour: give the recording with --session",
+    "temperature": "no temperature: give the recording with --session",
+    "confidence": "these labels carry no confidence",
+}
+SWITCHES = ("through", "only", "room")
+"""The switches of ``Hand``."""
+EDITS = (
+    *("undo", "redo", "swap", "neighbour", "merge", "remove_islands", "fill_holes"),
+    *("copy_previous", "propagate", "carry", "learn"),
+)
+CHANGING = {*EDITS, "reject", "overrule", "stop_learning", "unlearn"} - {"carry"}
+"""Commands that a set open read-only refuses."""
+ROW_PX = 25
+"""Height of a row of the tool column in logical pixels: all of them fit on a screen of 1280 x 720."""
+COLUMN_PX = 242
+"""Width of the tool column in logical pixels: the longest title and its key."""
+View = CloudView | DepthPane
+
+
+class Header(QWidget):
+    """Menus, the frame, its state, and why it is worth a look."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setObjectName("panel")
+        self.setFixedHeight(scaled(40))
+        self.menus = QMenuBar()
+        self.menus.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Preferred)
+        self.frame, self.badge = named(QLabel(), "title"), named(QLabel(), "badge")
+        self.facts = named(Elided(), "quiet")
+        items = self.menus, self.frame, self.badge, self.facts
+        row = laid(QHBoxLayout(self), *items, gap=10, margins=(4, 0, 12, 0))
+        for widget in items[:-1]:
+            row.setAlignment(widget, Qt.AlignmentFlag.AlignVCenter)
+        row.setStretchFactor(self.facts, 1)
+
+    def show_desk(self, desk: Desk, walk: Walk, theme: Theme, doubt: str) -> None:
+        """Update the frame's name, state and place. doubt: its worst places in words."""
+        frame_id = desk.scene.labels.frame_id
+        state = desk.correction.state(frame_id)
+        self.frame.setText(f"Frame {frame_id.lstrip('0') or '0'}")
+        self.badge.setText(STATE_NAMES[state])
+        color = state_color(state, theme).name()
+        self.badge.setStyleSheet(f"color: {color}; border: 1px solid {color}")
+        facts = ["READ-ONLY" if desk.correction.read_only else "", _place(walk, frame_id)]
+        facts.append(_rejection(desk) or walk.reasons.get(frame_id, ""))
+        facts.append(doubt)
+        self.facts.setText("   ·   ".join(filter(None, facts)))
+
+
+def _place(walk: Walk, frame_id: str) -> str:
+    """Return a frame's place among those that are shown, in words."""
+    shown = len(walk.frame_ids)
+    if not walk.passes(frame_id):
+        return f"not among the {shown - 1} shown"
+    return f"place {walk.frame_ids.index(frame_id) + 1} of {shown}"
+
+
+def _rejection(desk: Desk) -> str:
+    """Return who rejected the frame, why, and who agrees, in words; "" where it does not stand rejected."""
+    strokes = desk.correction.journal.strokes(desk.scene.labels.frame_id)
+    if (rejected := rejected_by(strokes)) is None:
+        return ""
+    last = verdicts(strokes)[-1]
+    agreed = f"; {last.who} agrees" if last.operation == "agree" else ""
+    return f"rejected by {rejected.who}: {rejected.reason}{agreed}"
+
+
+class PaneBar(QWidget):
+    """The bar over a view. coloured: a colouring was chosen; requested: a command, for this view."""
+
+    coloured = Signal(str)
+    requested = Signal(str)
+
+    def __init__(self, view: View, settings: Settings) -> None:
+        super().__init__()
+        self.setObjectName("panel")
+        self.setFixedHeight(scaled(32))
+        self.colouring = button("")
+        self.buttons: dict[str, QToolButton] = {}
+        self.colouring.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        self.colouring.setAccessibleName(f"{view.name}: colouring")
+        menu = QMenu(self)
+        self.entries: dict[Colouring, QAction] = {}
+        for colouring, title in COLOURINGS.items():
+            self.entries[colouring] = menu.addAction(title, partial(self.coloured.emit, colouring))
+        self.colouring.setMenu(menu)
+        row = laid(QHBoxLayout(self), self.colouring, gap=2, margins=(3, 2, 3, 2))
+        for name in ("outlines", "tint"):
+            command = settings.command(name)
+            item = self.buttons[name] = button(command.title)
+            item.setAccessibleName(f"{view.name}: {command.title}")
+            item.setToolTip(f"{command.hint} ({command.key})")
+            item.clicked.connect(partial(self.requested.emit, name))
+            row.addWidget(item)
+        self.buttons["outlines"].setCheckable(True)
+        self.buttons["outlines"].setText("Outlines")
+        row.addStretch(1)
+        swap = button("⇄")
+        swap.setToolTip(f"{settings.command('swap_views').hint} ({settings.key('swap_views')})")
+        swap.setAccessibleName("Swap cloud and depth image")
+        swap.clicked.connect(partial(self.requested.emit, "swap_views"))
+        row.addWidget(swap)
+
+    def show_look(self, look: Look, desk: Desk) -> None:
+        """Update the buttons."""
+        there = colourings(desk.scene)
+        shown = look.colouring if look.colouring in there else "part"
+        self.colouring.setText(f"{COLOURINGS[shown]} ▾")
+        for name, entry in self.entries.items():
+            entry.setEnabled(name in there)
+            missing = MISSING.get(name, desk.scene.no_other)
+            entry.setText(COLOURINGS[name] + ("" if name in there else f" ({missing})"))
+        self.buttons["outlines"].setChecked(look.outlines and shown != "part")
+        self.buttons["tint"].setText(f"Opacity {look.tint:.0%}")
+        for item in self.buttons.values():
+            item.setEnabled(shown != "part")
+
+
+class ToolButton(QToolButton):
+    """A row: picture, title, and the key at its right end."""
+
+    def __init__(self, title: str, key: str) -> None:
+        super().__init__()
+        self.setText(title)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
+        self.setIconSize(ICON * 0.6)
+        self.setFixedHeight(scaled(ROW_PX))
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        self.setStyleSheet(f"text-align: left; padding: 1px 5px; font-size: {scaled(12)}px")
+        short = key.replace("Ctrl+", "^").replace("Shift+", "\u21e7")
+        self.key = QLabel(short)
+        self.key.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        laid(QHBoxLayout(self), None, self.key, margins=(0, 0, 6, 0))
+
+
+class ToolColumn(QScrollArea):
+    """requested: a button with a command's name was clicked."""
+
+    requested = Signal(str)
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__()
+        inner = named(QWidget(), "panel")
+        self.setWidgetResizable(True)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setFixedWidth(scaled(COLUMN_PX))
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        column = laid(QVBoxLayout(inner), gap=1, margins=(6, 4, 6, 2))
+        self.buttons: dict[str, ToolButton] = {}
+        self._drawn: dict[str, tuple[str, str, float]] = {}
+        for heading, names in (("TOOLS", TOOLS), ("STROKES", SWITCHES), ("EDIT", EDITS)):
+            column.addWidget(named(QLabel(heading), "caption"))
+            for name in names:
+                command = settings.command(name)
+                item = self.buttons[name] = ToolButton(command.title, command.key)
+                item.setToolTip(f"{command.hint} ({command.key})")
+                item.setAccessibleName(command.title)
+                item.setAccessibleDescription(command.hint)
+                item.setCheckable(name not in EDITS or name == "carry")
+                item.clicked.connect(partial(self.requested.emit, name))
+                column.addWidget(item)
+            column.addSpacing(2)
+        column.addStretch(1)
+        self.setWidget(inner)
+
+    def show_state(self, hand: Hand, carrying: bool, enabled: Mapping[str, bool], theme: Theme) -> None:
+        """Press the buttons in that are on; disable those whose command is."""
+        on = {hand.once or hand.tool, *(name for name in SWITCHES if getattr(hand, name))}
+        on |= {"carry"} if carrying else set()
+        ratio = self.devicePixelRatioF()
+        for name, item in self.buttons.items():
+            item.setEnabled(enabled[name])
+            item.setCheckable(item.isCheckable() or name == hand.once)
+            item.setChecked(name in on)
+            color = theme.on_accent if name in on else theme.text if enabled[name] else theme.quiet
+            drawn = color, theme.on_accent if name in on else theme.quiet, ratio
+            # Drawing all icons anew takes longer than showing a frame.
+            if self._drawn.get(name) != drawn:
+                self._drawn[name] = drawn
+                item.key.setStyleSheet(f"color: {drawn[1]}")
+                item.setIcon(icon(name, color, ratio))

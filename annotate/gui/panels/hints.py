@@ -1,0 +1,217 @@
+"""The status line, which describes the next click, and the page of all keys."""
+
+from collections.abc import Sequence
+from html import escape
+
+from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtWidgets import (
+    QFrame,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QScrollArea,
+    QVBoxLayout,
+    QWidget,
+)
+
+from annotate.correction.doubtful_places import part_title as title
+from annotate.gui.state.edit_controller import Desk
+from annotate.gui.state.keys import BODY_GRID, Settings, settings_path
+from annotate.gui.state.outcome import Done, strokes_text
+from annotate.gui.views.pointing import Hand
+from annotate.gui.widgets.building_blocks import Elided, laid, named
+from annotate.gui.widgets.theme import DARK, Theme, part_color, scaled
+from annotate.parts import PARTS
+
+MOUSE = (
+    ("Left button", "use the tool"),
+    ("Right button", "turn the cloud"),
+    ("Middle button", "shift the cloud"),
+    ("Wheel", "zoom at the pointer"),
+    ("Right double click", "centre on it"),
+    ("Shift + stroke", "replace only the part where it starts"),
+    ("Ctrl + stroke", "through the body, not only its surface"),
+    ("Alt + click", "choose the part under the pointer"),
+    ("Ctrl + right click", "the same, where the desktop takes Alt"),
+    ("Backspace", "remove a polygon's last corner"),
+    ("Shift + wheel", "size of the brush"),
+    ("Shift + part", "lock the part: it cannot gain or lose pixels"),
+    ("Alt + part", "fade the part, hide it, show it again"),
+)
+
+
+ONCE = {
+    "swap": "Click an arm or a leg: left and right are swapped",
+    "neighbour": "Click a patch: it goes to the part that it touches most",
+    "merge": "Click a part: all of it becomes",
+    "pick": "Click a part to choose it",
+}
+"""The next click after a command that needs a place."""
+
+
+def next_click(hand: Hand, desk: Desk, in_image: bool) -> str:
+    """Return the effect of the left button now, with the keys that are held, as a sentence.
+
+    in_image: whether the pointer is in the depth image, where nothing lies behind a pixel.
+    """
+    if hand.once:
+        whole = f"{ONCE[hand.once]} {title(desk.part)}" if hand.once == "merge" else ONCE[hand.once]
+        return f"{whole} · Esc cancels"
+    becomes = "is erased" if desk.part == 0 else f"becomes {title(desk.part)}"
+    if desk.giver != "part":
+        becomes = f"becomes as in the {'other set' if desk.giver == 'other' else 'frame before'}"
+    act = {
+        "piece": f"Click: the piece {becomes} · click it again to grow it",
+        "lasso": f"Draw a loop: the inside {becomes}",
+        "polygon": f"Click corners, Return closes: the inside {becomes}",
+        "rectangle": f"Drag a rectangle: the inside {becomes}",
+        "brush": f"Drag over it: it {becomes}",
+    }[hand.tool]
+    if hand.tool == "piece":
+        return act
+    limits = ["only the part I start on"] if hand.takes_only else ["background too"] if hand.room else []
+    if not in_image:
+        limits.append("through the body" if hand.goes_through else "visible surface only")
+    return f"{act} ({', '.join(limits)})" if limits else act
+
+
+class StatusLine(QWidget):
+    """Left: the effect of the next click. Right: the outcome of the last one, and whether all is saved."""
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__()
+        self._accept_key = escape(settings.key("accept"))
+        self.setObjectName("panel")
+        self.setFixedHeight(scaled(30))
+        self.chip = QLabel()
+        self.chip.setFixedSize(14, 14)
+        self.next, self.saved = named(Elided(), "title"), named(QLabel(), "quiet")
+        self.last, self.space = Elided(), QLabel()
+        for label, name in ((self.next, "Next click"), (self.last, "Last outcome"), (self.saved, "Saved")):
+            label.setAccessibleName(name)
+        self.last.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        labels = self.chip, self.next, self.last, self.space, self.saved
+        row = laid(QHBoxLayout(self), *labels, gap=10, margins=(14, 0, 14, 0))
+        row.setStretchFactor(self.next, 1)
+        row.setStretchFactor(self.last, 1)
+
+    def show_next(self, desk: Desk, hand: Hand, in_image: bool) -> None:
+        """Update the effect of the next click. in_image: whether the pointer is in the depth image."""
+        read_only = "Read-only: nothing can be changed"
+        self.next.setText(read_only if desk.correction.read_only else next_click(hand, desk, in_image))
+
+    def show_desk(self, desk: Desk, theme: Theme) -> None:
+        """Update the part's colour, the key for accepting, and the unsaved strokes."""
+        correction, color = desk.correction, part_color(desk.part, theme).name()
+        self.chip.setStyleSheet(f"background: {color}; border: 1px solid {theme.quiet}; border-radius: 7px")
+        verdict = correction.next_verdict(desk.scene.labels.frame_id)
+        agree = "agree with the rejection" if desk.rejected else "agree"
+        act = {"accept": "accept and go on", "agree": f"{agree} and go on", "none": "go on"}[verdict]
+        self.space.setText(f"{self._accept_key}: {'go on' if correction.read_only else act}")
+        unsaved = correction.unsaved
+        self.saved.setText(f"{strokes_text(unsaved)} not saved" if unsaved else "✓ saved")
+        self.saved.setStyleSheet(f"color: {theme.bad if unsaved else theme.good}")
+
+    def show_done(self, done: Done, theme: Theme) -> None:
+        """Show the outcome of the last key or stroke."""
+        color = {"plain": theme.quiet, "good": theme.good, "warn": theme.warn, "bad": theme.bad}[done.tone]
+        self.last.setStyleSheet(f"color: {color}")
+        self.last.setText(done.text)
+
+
+class KeyPage(QWidget):
+    """All keys over the window; any click beside the scroll bar closes it. closed: it was clicked."""
+
+    closed = Signal()
+
+    def __init__(self, parent: QWidget, settings: Settings) -> None:
+        super().__init__(parent)
+        self.theme = DARK
+        self.setAccessibleName("All keys")
+        self.card = named(QFrame(), "panel")
+        self.area = QScrollArea(self, widgetResizable=True)
+        self.area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.area.setWidget(self.card)
+        self.area.viewport().installEventFilter(self)
+        caption = _caption("Parts, laid out like a body that faces you")
+        parts = laid(QVBoxLayout(), caption, _body(settings), gap=10)
+        own = {part.name for part in PARTS}
+        rows = {
+            menu: [
+                (c.key, (c.hint or c.title) + (f" (or {c.also})" if c.also else ""))
+                for c in settings.commands
+                if c.menu == menu and c.key and c.name not in own
+            ]
+            for menu in ("Parts", "Tools", "Edit", "Frames", "View", "File", "Help")
+        }
+        rows["Mouse"] = list(MOUSE)
+        columns = [
+            laid(QVBoxLayout(), *above, *(_list(name, rows[name]) for name in names), None, gap=10)
+            for above, names in (
+                ([parts], ("Mouse", "Frames")),
+                ([], ("Parts", "Tools", "File", "Help")),
+                ([], ("Edit", "View")),
+            )
+        ]
+        head = named(QLabel("Parts and tools lie under the left hand; the right hand has the mouse"), "title")
+        text = (
+            f'Keys can be changed: layout = "qwertz", or  undo = "Ctrl+K"  under [keys], in {settings_path()}'
+        )
+        foot = named(QLabel(text, textFormat=Qt.TextFormat.PlainText), "quiet")
+        row = laid(QHBoxLayout(), *columns, gap=20)
+        laid(QVBoxLayout(self.card), head, row, foot, gap=10, margins=(14, 12, 14, 12))
+        self.hide()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
+        """Qt's hook: the card in the middle, or scrolled where it is larger than the window."""
+        wanted = self.card.sizeHint() + QSize(12, 4)
+        size = wanted.boundedTo(self.size())
+        self.area.setGeometry((self.width() - size.width()) // 2, (self.height() - size.height()) // 2, 0, 0)
+        self.area.resize(size)
+
+    def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
+        """Qt's hook: dims the window behind."""
+        color = QColor(self.theme.ground)
+        color.setAlpha(205)
+        QPainter(self).fillRect(self.rect(), color)
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:  # noqa: N802
+        """Qt's hook."""
+        self.closed.emit()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802
+        """Qt's hook: a click on the card."""
+        if event.type() == QEvent.Type.MouseButtonPress:
+            self.closed.emit()
+        return False
+
+
+def _caption(text: str) -> QLabel:
+    return named(QLabel(text.upper()), "caption")
+
+
+def _list(name: str, rows: Sequence[tuple[str, str]]) -> QVBoxLayout:
+    """A heading, and what each key does."""
+    grid = QGridLayout()
+    grid.setHorizontalSpacing(10)
+    grid.setVerticalSpacing(3)
+    grid.setColumnStretch(1, 1)
+    for i, (key, description) in enumerate(rows):
+        grid.addWidget(named(QLabel(key), "key"), i, 0, Qt.AlignmentFlag.AlignRight)
+        grid.addWidget(QLabel(description), i, 1)
+    return laid(QVBoxLayout(), _caption(name), grid, gap=5)
+
+
+def _body(settings: Settings) -> QGridLayout:
+    """The parts' keys where they lie."""
+    grid = QGridLayout()
+    grid.setHorizontalSpacing(6)
+    grid.setVerticalSpacing(4)
+    for row, parts in enumerate(BODY_GRID):
+        for column, part in enumerate(parts):
+            cap = named(QLabel(settings.key(PARTS[part].name)), "key")
+            grid.addWidget(cap, row, 2 * column, Qt.AlignmentFlag.AlignRight)
+            name = PARTS[part].title.split(" ", 1)[-1].capitalize() if part else "Erase"
+            grid.addWidget(QLabel(name), row, 2 * column + 1)
+    return grid

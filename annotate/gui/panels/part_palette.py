@@ -1,0 +1,154 @@
+"""The part palette: twelve tiles laid out like a body that faces you, as the keys are."""
+
+from PySide6.QtCore import QRect, QRectF, Qt, Signal
+from PySide6.QtGui import QColor, QFont, QMouseEvent, QPainter, QPaintEvent
+from PySide6.QtWidgets import QGridLayout, QLabel, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
+
+from annotate.gui.state.edit_controller import Desk
+from annotate.gui.state.keys import BODY_GRID, Settings
+from annotate.gui.state.point_colors import Visibility
+from annotate.gui.widgets.building_blocks import draw_card, draw_icon, laid, named
+from annotate.gui.widgets.theme import DARK, Theme, part_color, scaled
+from annotate.parts import BACKGROUND, PARTS, UNDEFINED
+
+ICON_PX, HEIGHTS_PX = 16, (42, 62)
+"""Size of the lock and the eye, least and greatest height of a tile, in logical pixels. Untuned."""
+
+
+class PartTile(QWidget):
+    """One part: its key, colour, name and number of pixels, with a lock and an eye to click."""
+
+    def __init__(self, part: int, key: str, palette: "Palette") -> None:
+        super().__init__()
+        self.part, self.key, self.theme, self._palette = part, key, DARK, palette
+        self.count, self.chosen, self.locked = 0, False, False
+        self.visibility: Visibility = "shown"
+        self.setMinimumSize(scaled(78), scaled(HEIGHTS_PX[0]))
+        self.setMaximumHeight(scaled(HEIGHTS_PX[1]))
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        self.setMouseTracking(True)
+        name = "Undefined" if part == UNDEFINED else PARTS[part].title
+        self.setAccessibleName(name)
+        self.setToolTip(f"{name}: {key} chooses it, Shift+{key} locks it, Alt+{key} fades, then hides it")
+
+    @property
+    def lock_rect(self) -> QRect:
+        """The lock, to click."""
+        return QRect(self.width() - 2 * ICON_PX - 10, self._icon_top, ICON_PX + 2, ICON_PX + 4)
+
+    @property
+    def eye_rect(self) -> QRect:
+        """The eye, to click."""
+        return QRect(self.width() - ICON_PX - 6, self._icon_top, ICON_PX + 2, ICON_PX + 4)
+
+    @property
+    def _is_low(self) -> bool:
+        """Whether the three lines need smaller letters."""
+        return self.height() < scaled(HEIGHTS_PX[1] - 8)
+
+    @property
+    def _icon_top(self) -> int:
+        if self.part == UNDEFINED:
+            return (self.height() - ICON_PX - 4) // 2
+        return -1 if self._is_low else 4
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:  # noqa: N802
+        """Qt's hook."""
+        place = event.position().toPoint()
+        if self.lock_rect.contains(place):
+            self._palette.locked.emit(self.part)
+        elif self.eye_rect.contains(place):
+            self._palette.faded.emit(self.part)
+        else:
+            self._palette.chosen.emit(self.part)
+
+    def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
+        """Qt's hook."""
+        painter, theme = QPainter(self), self.theme
+        body = QRectF(self.rect()).adjusted(1.5, 1.5, -1.5, -1.5)
+        draw_card(painter, body, 8, theme, self.chosen, part_color(self.part, theme))
+        if self.visibility == "hidden":
+            painter.setOpacity(0.5)
+        self._write(painter)
+        painter.setOpacity(1)
+        lock, lock_color = ("locked", theme.warn) if self.locked else ("unlocked", theme.line)
+        draw_icon(painter, QRectF(self.lock_rect), lock, lock_color, 1.5)
+        draw_icon(painter, QRectF(self.eye_rect), self.visibility, theme.quiet, 1.5)
+
+    def _write(self, painter: QPainter) -> None:
+        """Write the key above, the name in the middle, and the count beneath."""
+        number = f"{self.count:,}" if self.count and self.part != BACKGROUND else ""
+        name = {BACKGROUND: "Erase", UNDEFINED: "Undefined"}.get(self.part, "")
+        name = name or PARTS[self.part].title.replace("Left ", "").replace("Right ", "").capitalize()
+        quiet, low = self.theme.quiet, self._is_low
+        sizes_px = (10, 12, 9) if low else (12, 12, 10)
+        inside = self.rect().adjusted(14, 3 if low else 6, -7, -3 if low else -5)
+        above, left = Qt.AlignmentFlag.AlignTop, Qt.AlignmentFlag.AlignLeft
+        beneath, middle = Qt.AlignmentFlag.AlignBottom, Qt.AlignmentFlag.AlignVCenter
+        side = left
+        if self.part == UNDEFINED:
+            # A low and wide tile: its name beside the key, its count at the right.
+            above, middle, beneath, side = middle, middle, middle, Qt.AlignmentFlag.AlignRight
+            inside = inside.adjusted(0, 0, -2 * ICON_PX - 8, 0)
+        centre = inside.adjusted(scaled(56) if self.part == UNDEFINED else 0, 2 if low else 0, 0, 0)
+        for place, align, text, size_px, bold, color in (
+            (inside, left | above, self.key, sizes_px[0], True, quiet),
+            (centre, left | middle, name, sizes_px[1], self.chosen, self.theme.text),
+            (inside, side | beneath, number, sizes_px[2], False, quiet),
+        ):
+            font = QFont(self.font())
+            font.setPixelSize(scaled(size_px))
+            font.setBold(bold)
+            painter.setFont(font)
+            painter.setPen(QColor(color))
+            painter.drawText(place, align, text)
+
+
+class Palette(QScrollArea):
+    """The tiles, scrolled where there is no room for them.
+
+    chosen, locked, faded: a part's tile, lock or eye was clicked.
+    """
+
+    chosen = Signal(int)
+    locked = Signal(int)
+    faded = Signal(int)
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__()
+        heading, grid = QGridLayout(), QGridLayout()
+        heading.setContentsMargins(2, 0, 2, 0)
+        aligns = Qt.AlignmentFlag.AlignLeft, Qt.AlignmentFlag.AlignCenter, Qt.AlignmentFlag.AlignRight
+        for column, text in enumerate(("THEIR RIGHT", "PARTS", "THEIR LEFT")):
+            heading.addWidget(named(QLabel(text), "caption"), 0, column, aligns[column])
+        grid.setSpacing(5)
+        inner = named(QWidget(), "panel")
+        inside = laid(QVBoxLayout(inner), heading, grid, None, gap=4, margins=(12, 8, 12, 10))
+        inside.setStretchFactor(grid, 100)
+        self.setWidgetResizable(True)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setWidget(inner)
+        self.tiles: dict[int, PartTile] = {}
+        for row, parts in enumerate(BODY_GRID):
+            for column, part in enumerate(parts):
+                grid.addWidget(self._tile(part, settings.key(PARTS[part].name)), row, column)
+        grid.addWidget(self._tile(UNDEFINED, settings.key("undefined")), len(BODY_GRID), 0, 1, 3)
+
+    def _tile(self, part: int, key: str) -> PartTile:
+        tile = self.tiles[part] = PartTile(part, key, self)
+        if part == UNDEFINED:
+            tile.setFixedHeight(scaled(HEIGHTS_PX[0] - 4))
+        return tile
+
+    def show_desk(self, desk: Desk, theme: Theme) -> None:
+        """Update counts, choice, locks and eyes."""
+        counts = desk.counts()
+        for part, tile in self.tiles.items():
+            tile.theme, tile.count = theme, counts[part]
+            tile.chosen, tile.locked = part == desk.part, part in desk.locks
+            alone = desk.alone and not tile.chosen
+            tile.visibility = "hidden" if alone else desk.visibility.get(part, "shown")
+            held = [f"{tile.count} pixels", "chosen" * tile.chosen, "locked" * tile.locked, tile.visibility]
+            tile.setAccessibleDescription(", ".join(filter(None, held)))
+            tile.update()

@@ -1,0 +1,1 @@
+"""State of the correction window without Qt: scene, camera, drawing, edits, frame order."""

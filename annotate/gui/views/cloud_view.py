@@ -1,0 +1,292 @@
+"""The cloud in 3D: the person in full, the room thinned, both thinned further while the view moves."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from numpy.typing import NDArray
+from PySide6.QtCore import QEvent, QObject, QPointF, Qt, QTimer, Signal
+from PySide6.QtGui import QMouseEvent, QWheelEvent
+from PySide6.QtWidgets import QVBoxLayout, QWidget
+from pyvistaqt import QtInteractor
+
+from annotate.array_types import Bool, Float32, Float64, Int64, UInt8
+from annotate.correction import select
+from annotate.correction.select import ScreenPoints
+from annotate.gui.state.drawing import Drawing
+from annotate.gui.state.orbit_camera import Orbit, front_view, project
+from annotate.gui.state.point_colors import Colors, Look
+from annotate.gui.state.scene import FrameScene
+from annotate.gui.views.pointing import Hand, Pointing, samples
+from annotate.gui.widgets.building_blocks import laid
+
+MOVING_POINTS = 16_000
+"""Number of points drawn while the view moves. Measured: a frame every 20 ms without a graphics card."""
+MOVING_MS = 180
+"""Time for which the view counts as moving after a step of the wheel, in milliseconds. Untuned."""
+IN_VIEW = 0.97
+"""Share of the person that must be on the screen for the view to stay from frame to frame. Untuned."""
+POINT_PX = (2.0, 14.0)
+"""Least and greatest size of a point in logical pixels. Untuned."""
+
+
+class Points:
+    """One VTK actor of coloured points, each of them a pixel of the depth image."""
+
+    def __init__(self, plotter: QtInteractor) -> None:
+        self._mesh = pv.PolyData(np.zeros((1, 3), np.float32))
+        self._mesh["rgb"] = np.zeros((1, 3), np.uint8)
+        self.pixels: Int64 = np.empty(0, np.int64)
+        self.actor = plotter.add_mesh(
+            self._mesh, scalars="rgb", rgb=True, style="points", lighting=False, render=False
+        )
+        # Without a search for transparent colours, which took a quarter of the time of a frame.
+        self.actor.ForceOpaqueOn()
+
+    def load(self, pixels: Int64, points_m: Float32, rgb: UInt8) -> None:
+        """Show other pixels (n,) at ``points_m`` (n, 3) in colours (n, 3)."""
+        self.pixels = pixels
+        self._row = np.full(int(pixels.max(initial=-1)) + 1, -1, np.int32)
+        self._row[pixels] = np.arange(len(pixels), dtype=np.int32)
+        # Not by its constructor, which would make a cell of every point: ``show_only`` does.
+        self._mesh = pv.PolyData()
+        self._mesh.points = points_m if len(points_m) else np.zeros((1, 3), np.float32)
+        self._mesh["rgb"] = rgb if len(rgb) else np.zeros((1, 3), np.uint8)
+        self.actor.mapper.dataset = self._mesh
+
+    def recolor(self, pixels: Int64, rgb: UInt8) -> None:
+        """New colours (n, 3) for pixels (n,), those that are not drawn here left out."""
+        rows = np.full(len(pixels), -1, np.int64)
+        known = pixels < len(self._row)
+        rows[known] = self._row[pixels[known]]
+        colors: Any = self._mesh["rgb"]
+        colors[rows[rows >= 0]] = rgb[rows >= 0]
+
+    def show_only(self, shown: Bool) -> None:
+        """Draw only those of ``pixels`` (n,) for which ``shown`` (n,) is set."""
+        rows = np.flatnonzero(shown) if len(self.pixels) else np.empty(0, np.int64)
+        self._mesh.verts = np.r_[len(rows), rows] if len(rows) else np.empty(0, np.int64)
+
+
+class CloudView(QWidget):
+    """A frame's cloud. look: its colours. pointing: shapes drawn on it. moved: it was turned or zoomed."""
+
+    name = "Cloud"
+
+    moved = Signal()
+
+    def __init__(self, scene: FrameScene, hand: Hand) -> None:
+        super().__init__()
+        self.scene, self.look = scene, Look()
+        self.setAccessibleName("Cloud of the frame in three dimensions")
+        self.plotter = QtInteractor(self, auto_update=False, multi_samples=0)
+        laid(QVBoxLayout(self), self.plotter)
+        self.pointing = Pointing(self.plotter, hand)
+        # Installed last, so it comes before the drawing tools: they get no events that move the view.
+        self.plotter.installEventFilter(self)
+        self.plotter.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self._person, self._room, self._moving = (Points(self.plotter) for _ in range(3))
+        self.orbit = Orbit((0.0, 0.0, 2.0), 3.0)
+        self._shown: Bool = np.zeros(scene.labels.depth_mm.size, np.bool_)
+        self._seen: ScreenPoints | None = None
+        self._grip: QPointF | None = None
+        # Whether the view was fitted and has not been moved since.
+        self._fitted, self._running = True, False
+        self._still = QTimer(self, singleShot=True, interval=MOVING_MS)
+        self._still.timeout.connect(lambda: self._set_moving(False))
+
+    def end(self) -> None:
+        """Draw no more, and let go of all graphics while they are still there.
+
+        pyvistaqt refers to the surface that it draws on. If Qt deleted that with the window, its binding
+        would take for it whatever comes to lie at the same address, another window's viewport for instance.
+        """
+        self.plotter.close()
+        # Qt takes a widget's graphics down, and says so, when it leaves its window, if only for a moment.
+        self.plotter.setParent(None)
+        self.plotter.setParent(self)
+
+    # Showing
+
+    def load(self, scene: FrameScene, colors: Colors, shown: Bool, *, keep: bool = False) -> None:
+        """Show another frame, from the same side if the person is in view. shown: bool (h * w,).
+
+        keep: from where the last one was seen, wherever the person is, and all points while it moves: frames
+        of a rig that runs have few, and are gone before they are turned.
+        """
+        self.scene, self._running = scene, keep
+        near = np.flatnonzero(scene.near)
+        mixed = np.r_[near, scene.room]
+        points_m, rgb = scene.points_m[mixed], colors(mixed)
+        few = np.linspace(0, len(mixed) - 1, 0 if keep else min(len(mixed), MOVING_POINTS)).astype(np.intp)
+        rows: tuple[slice | NDArray[np.intp], ...] = slice(len(near)), slice(len(near), None), few
+        for points, at in zip((self._person, self._room, self._moving), rows, strict=True):
+            points.load(mixed[at], points_m[at], rgb[at])
+        self.set_shown(shown)
+        self._set_moving(self._grip is not None)
+        if not keep and (self._fitted or not self._in_view(scene)):
+            self.fit()
+
+    def recolor(self, pixels: Int64 | None, colors: Colors) -> None:
+        """New colours for some pixels, or for all."""
+        for points in (self._person, self._room, self._moving):
+            changed = points.pixels if pixels is None else pixels
+            points.recolor(changed, colors(changed))
+        self.plotter.update()
+
+    def set_shown(self, shown: Bool) -> None:
+        """Draw, and allow to choose, only these pixels, bool (h * w,)."""
+        self._shown, self._seen = shown, None
+        for points in (self._person, self._room, self._moving):
+            points.show_only(shown[points.pixels])
+        self.plotter.update()
+
+    def set_ground(self, rgb: tuple[int, int, int]) -> None:
+        """The colour behind the cloud."""
+        self.plotter.renderer.SetBackground([c / 255 for c in rgb])
+        self.plotter.update()
+
+    def look_ahead(self) -> None:
+        """Show the person as the depth camera sees them."""
+        self.orbit = replace(self.orbit, azimuth_deg=0.0, elevation_deg=0.0)
+        self.fit()
+
+    def fit(self) -> None:
+        """Fit the whole person into the view, from the same side."""
+        front = front_view(self.scene.points_m[_person(self.scene)], self._aspect)
+        turned = self.orbit.azimuth_deg, self.orbit.elevation_deg
+        self.orbit = replace(front, azimuth_deg=turned[0], elevation_deg=turned[1])
+        self._fitted = True
+        self._apply()
+
+    def _in_view(self, scene: FrameScene) -> bool:
+        """Whether the person is on the screen."""
+        person = np.flatnonzero(_person(scene))
+        return not len(person) or float(np.isin(person, self.view().pixels).mean()) > IN_VIEW
+
+    # Choosing pixels
+
+    def view(self) -> ScreenPoints:
+        """Screen positions of all points, computed once after every move."""
+        if self._seen is None:
+            matrix = self.plotter.camera.GetCompositeProjectionTransformMatrix(self._aspect, -1, 1)
+            numbers = np.array([[matrix.GetElement(r, c) for c in range(4)] for r in range(4)])
+            size = self.plotter.width(), self.plotter.height()
+            self._seen = project(self.scene.points_m, self._shown, numbers, size, self._spacing_px)
+        return self._seen
+
+    def pixel_at(self, place: QPointF) -> int | None:
+        """The pixel whose point is drawn at a position of the view, or None."""
+        return select.nearest(self.view(), (place.x(), place.y()))
+
+    def pixels_in(self, drawing: Drawing) -> Int64:
+        """The pixels that a shape drawn on the view selects."""
+        return drawing.pixels(self.view())
+
+    def places(self, pixels: Int64) -> tuple[Float32, float]:
+        """Positions (n, 2) of pixels on the view, NaN off it, and the distance of neighbouring ones."""
+        return self.view().xy_px[pixels], self._spacing_px
+
+    def bring(self, pixel: int) -> None:
+        """Bring a pixel's point into the middle of the view, from the same distance."""
+        point_m = self.scene.points_m[pixel]
+        if np.isfinite(point_m).all():
+            self._move(replace(self.orbit, target_m=tuple(point_m.tolist())))
+            self._still.start()
+
+    def mark(self, pixel: int | None) -> None:
+        """Ring the point of a pixel, or none."""
+        x, y = self.view().xy_px[pixel].tolist() if pixel is not None else (np.nan, np.nan)
+        self.pointing.ring(QPointF(x, y) if np.isfinite(x) else None)
+
+    # Moving the view
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802
+        """Qt's hook: keeps all events from VTK's own interaction and keys."""
+        kind = event.type()
+        if isinstance(event, QWheelEvent):
+            if event.modifiers() & Qt.KeyboardModifier.ShiftModifier:
+                return False
+            self._move(self.orbit.neared(event.angleDelta().y() / 120, self._under(event.position())))
+            self._still.start()
+            return True
+        if kind in (QEvent.Type.KeyPress, QEvent.Type.KeyRelease):
+            event.ignore()
+            return True
+        if kind == QEvent.Type.Resize:
+            self._seen = None
+            QTimer.singleShot(0, self.fit if self._fitted else self._apply)
+        return isinstance(event, QMouseEvent) and self._gripped(kind, event)
+
+    def _gripped(self, kind: QEvent.Type, event: QMouseEvent) -> bool:
+        """Turn with the right button, shift with the middle one; returns whether the event was for that."""
+        grips = (Qt.MouseButton.RightButton, Qt.MouseButton.MiddleButton)
+        pressed = QEvent.Type.MouseButtonPress, QEvent.Type.MouseButtonDblClick
+        if kind == QEvent.Type.MouseButtonDblClick and event.button() == Qt.MouseButton.RightButton:
+            if (pixel := self.pixel_at(event.position())) is not None:
+                self.bring(pixel)
+            return True
+        if samples(event) and self._grip is None:
+            return False
+        if kind in pressed and event.button() in grips:
+            self._grip = event.position()
+            return True
+        if kind == QEvent.Type.MouseButtonRelease and event.button() in grips:
+            self._grip = None
+            self._set_moving(False)
+            return True
+        if kind == QEvent.Type.MouseMove and self._grip is not None:
+            by, self._grip = event.position() - self._grip, event.position()
+            if event.buttons() & Qt.MouseButton.RightButton:
+                self._move(self.orbit.turned(by.x(), by.y()))
+            else:
+                self._move(self.orbit.shifted(by.x(), by.y(), self.plotter.height()))
+            return True
+        return False
+
+    def _under(self, place: QPointF) -> Float64:
+        """The point (3,) under a position, or one at the target's distance."""
+        pixel = self.pixel_at(place)
+        if pixel is not None:
+            return np.asarray(self.scene.points_m[pixel], np.float64)
+        middle = self.plotter.rect().center()
+        return self.orbit.ray(place.x() - middle.x(), place.y() - middle.y(), self.plotter.height())
+
+    def _move(self, orbit: Orbit) -> None:
+        self.orbit, self._fitted = orbit, False
+        self._set_moving(True)
+        self.moved.emit()
+
+    def _set_moving(self, moving: bool) -> None:
+        few = moving and not self._running
+        for points, visible in ((self._person, not few), (self._room, not few), (self._moving, few)):
+            points.actor.SetVisibility(visible)
+        self._apply()
+
+    def _apply(self) -> None:
+        """Place the camera on its orbit, and give the points a size that closes the surface."""
+        camera, orbit = self.plotter.camera, self.orbit
+        camera.position, camera.focal_point = orbit.position_m.tolist(), orbit.target_m
+        camera.up, camera.view_angle = (0.0, -1.0, 0.0), orbit.angle_deg
+        self.plotter.renderer.ResetCameraClippingRange()
+        size_px = float(np.clip(1.25 * self._spacing_px, *POINT_PX))
+        for points, factor in ((self._person, 1.0), (self._room, self.scene.room_step), (self._moving, 2.0)):
+            points.actor.prop.point_size = size_px * factor * self.devicePixelRatioF()
+        self._seen = None
+        self.plotter.update()
+
+    @property
+    def _aspect(self) -> float:
+        return self.plotter.width() / max(1, self.plotter.height())
+
+    @property
+    def _spacing_px(self) -> float:
+        """Distance of neighbouring points of the person on the screen."""
+        spacing_m = self.orbit.target_m[2] / self.scene.cloud.camera.fx
+        return abs(spacing_m) * self.orbit.focal_px(self.plotter.height()) / self.orbit.distance_m
+
+
+def _person(scene: FrameScene) -> Bool:
+    """Pixels (h * w,) of the person as the frame was read."""
+    return np.asarray((scene.labels.parts.ravel() > 0) & (scene.labels.depth_mm.ravel() > 0))

@@ -1,0 +1,184 @@
+"""The depth image in 2D with the parts over it: painting as in 3D, its own zoom and shift."""
+
+import numpy as np
+from PySide6.QtCore import QPointF, QRectF, Qt, Signal
+from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QResizeEvent, QWheelEvent
+from PySide6.QtWidgets import QWidget
+
+from annotate.array_types import Bool, Float32, Int64, UInt8
+from annotate.correction import select
+from annotate.correction.select import ScreenPoints
+from annotate.crop import window_of
+from annotate.gui.state.drawing import Drawing
+from annotate.gui.state.point_colors import Colors, Look
+from annotate.gui.state.scene import FrameScene
+from annotate.gui.views.pointing import Hand, Pointing
+from annotate.gui.widgets.theme import DARK
+
+SCALES = (0.2, 40.0)
+"""Least and greatest zoom, logical pixels per pixel of the image. Untuned."""
+REACH_PX = 6.0
+"""Distance from the pointer at which a click finds a pixel with depth, in logical pixels. Untuned."""
+
+
+class DepthPane(QWidget):
+    """A frame's depth image. look: its colours. pointing: shapes drawn on it. moved: shifted or zoomed."""
+
+    name = "Depth image"
+
+    moved = Signal()
+
+    def __init__(self, scene: FrameScene, hand: Hand) -> None:
+        super().__init__()
+        self.scene, self.look = scene, Look()
+        self.setAccessibleName("Depth image of the frame")
+        self.pointing = Pointing(self, hand)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setMinimumSize(120, 90)
+        self.ground = QColor("black")
+        # On a light ground, missing depth would be specks all over a picture.
+        self._hole_rgb = DARK.ground_rgb
+        self._rgb: UInt8 = np.zeros((*scene.labels.parts.shape, 3), np.uint8)
+        self._view = ScreenPoints.of_image(scene.labels.depth_mm)
+        self._scale, self._corner = 1.0, QPointF(0, 0)
+        self._marked: int | None = None
+        self._grip: QPointF | None = None
+        # Whether the pane was fitted to the person and has not been moved since.
+        self._fitted = True
+
+    # Showing
+
+    def load(self, scene: FrameScene, colors: Colors, shown: Bool) -> None:
+        """Show another frame at the same zoom, or fitted to it. shown: bool (h * w,)."""
+        self.scene = scene
+        self.set_shown(shown)
+        self.recolor(None, colors)
+        if self._fitted:
+            self.fit()
+
+    def recolor(self, pixels: Int64 | None, colors: Colors) -> None:
+        """Colour some pixels, or all with depth; hidden pixels get the ground's colour."""
+        ground = (self.ground.red(), self.ground.green(), self.ground.blue())
+        changed = pixels
+        if changed is None:
+            changed = np.flatnonzero(self.scene.labels.depth_mm)
+            self._rgb[:] = self._hole_rgb
+        rgb = colors(changed)
+        rgb[np.isnan(self._view.xy_px[changed, 0])] = ground
+        self._rgb.reshape(-1, 3)[changed] = rgb
+        self.update()
+
+    def set_shown(self, shown: Bool) -> None:
+        """Allow to choose only these pixels, bool (h * w,)."""
+        view = ScreenPoints.of_image(self.scene.labels.depth_mm)
+        self._view = ScreenPoints(np.where(shown[:, None], view.xy_px, np.nan), view.distance_m, view.size_px)
+
+    def set_ground(self, rgb: tuple[int, int, int]) -> None:
+        """The colour around the image."""
+        self.ground = QColor(*rgb)
+        self.update()
+
+    def fit(self) -> None:
+        """Zoom to the person, or to the whole image where there is none."""
+        there = self.scene.labels.parts > 0
+        rows, columns = window_of(there if there.any() else np.ones_like(there))
+        across, down = columns.stop - columns.start, rows.stop - rows.start
+        scale = 0.86 * min(self.width() / across, self.height() / down)
+        self._scale = float(np.clip(scale, *SCALES))
+        middle = QPointF(columns.start + across / 2, rows.start + down / 2) * self._scale
+        self._corner = QPointF(self.width() / 2, self.height() / 2) - middle
+        self._fitted = True
+        self._moved()
+
+    def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
+        """Qt's hook."""
+        painter = QPainter(self)
+        painter.fillRect(self.rect(), self.ground)
+        height, width = self._rgb.shape[:2]
+        image = QImage(self._rgb.data, width, height, 3 * width, QImage.Format.Format_RGB888)
+        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform, self._scale < 2)
+        size = QPointF(width, height) * self._scale
+        painter.drawImage(QRectF(self._corner, self._corner + size), image)
+
+    # Choosing pixels
+
+    def pixel_at(self, place: QPointF) -> int | None:
+        """The pixel at a position of the pane, else the nearest one shown, or None."""
+        at = (place - self._corner) / self._scale
+        (height, width), (u, v) = self._rgb.shape[:2], (int(at.x() // 1), int(at.y() // 1))
+        under = v * width + u
+        if 0 <= v < height and 0 <= u < width and np.isfinite(self._view.xy_px[under, 0]):
+            return int(under)
+        return select.nearest(self._view, (at.x(), at.y()), max(1.0, REACH_PX / self._scale))
+
+    def pixels_in(self, drawing: Drawing) -> Int64:
+        """The pixels that a shape drawn on the pane selects; an image hides none of its pixels."""
+        drawing = drawing.scaled(self._corner.x(), self._corner.y(), self._scale)
+        drawing.through = True
+        return drawing.pixels(self._view)
+
+    def place_of(self, pixel: int) -> QPointF:
+        """The position of a pixel's centre on the pane."""
+        v, u = divmod(pixel, self._rgb.shape[1])
+        return self._corner + QPointF(u + 0.5, v + 0.5) * self._scale
+
+    def places(self, pixels: Int64) -> tuple[Float32, float]:
+        """Positions (n, 2) of pixels on the pane, and the distance of neighbouring ones."""
+        v, u = np.divmod(pixels, self._rgb.shape[1])
+        corner = np.array([self._corner.x(), self._corner.y()])
+        xy_px = corner + (np.stack([u, v], axis=1) + 0.5) * self._scale
+        return xy_px.astype(np.float32), self._scale
+
+    def bring(self, pixel: int) -> None:
+        """Bring a pixel into the middle of the pane."""
+        self._corner += QPointF(self.width() / 2, self.height() / 2) - self.place_of(pixel)
+        self._fitted = False
+        self._moved()
+
+    def mark(self, pixel: int | None) -> None:
+        """Ring a pixel, or none."""
+        self._marked = pixel
+        self.pointing.ring(self.place_of(pixel) if pixel is not None else None)
+
+    # Moving the view
+
+    def wheelEvent(self, event: QWheelEvent) -> None:  # noqa: N802
+        """Qt's hook: zoom about the pointer."""
+        at = event.position()
+        scale = float(np.clip(self._scale * 1.2 ** (event.angleDelta().y() / 120), *SCALES))
+        self._corner = at - (at - self._corner) * (scale / self._scale)
+        self._scale, self._fitted = scale, False
+        self._moved()
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:  # noqa: N802
+        """Qt's hook: any button that does not draw shifts the image."""
+        self._grip = event.position()
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:  # noqa: N802
+        """Qt's hook: the right button brings the place under it into the middle."""
+        if event.button() == Qt.MouseButton.RightButton:
+            if (pixel := self.pixel_at(event.position())) is not None:
+                self.bring(pixel)
+        else:
+            self.mousePressEvent(event)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:  # noqa: N802
+        """Qt's hook."""
+        if self._grip is not None and event.buttons():
+            self._corner += event.position() - self._grip
+            self._grip, self._fitted = event.position(), False
+            self._moved()
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:  # noqa: N802
+        """Qt's hook."""
+        self._grip = None
+
+    def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
+        """Qt's hook: the person stays in view."""
+        if self._fitted:
+            self.fit()
+
+    def _moved(self) -> None:
+        self.mark(self._marked)
+        self.update()
+        self.moved.emit()

@@ -1,0 +1,227 @@
+"""Verbs that read recordings and labels of other tools, and write labels for them: import, export."""
+
+from collections import Counter
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Argument, BadParameter, Option
+
+from cli.console import Json, Overwrite, finish, progress, say
+from sensors.errors import FormatError
+from sensors.files.atomic import check_free
+from sensors.importers.open_source import KINDS, judged_notes, open_source, opener_at
+from sensors.importers.options import ImportOptions
+from synth.choices import check_choice
+
+if TYPE_CHECKING:
+    from annotate.labelset.label_set import LabelSet
+    from sensors.rig.frame import FrameSource, RigFrame
+
+SESSION_SUFFIX = ".mcap"
+FOXGLOVE = "foxglove"
+"""Its name for ``export --format``."""
+
+
+def formats() -> list[str]:
+    """Names of the formats of labels."""
+    from annotate.exchange.formats import FORMATS
+
+    return [*FORMATS, FOXGLOVE]
+
+
+def import_(
+    source: Annotated[Path, Argument(help=f"Recording: {KINDS}. Labels: whatever export writes.")],
+    out: Annotated[Path, Argument(help="out.mcap for a recording, a folder for labels.")],
+    intrinsics: Annotated[
+        Path | None,
+        Option(help="Depth camera's intrinsics (JSON, YAML or text) in place of the source's own."),
+    ] = None,
+    depth_unit: Annotated[
+        float | None, Option(help="Millimetres of a depth step: 1, 0.1 (D405), 0.2 (TUM), 1000 for metres.")
+    ] = None,
+    turn: Annotated[int, Option(help="Turn all images clockwise by 0, 90, 180 or 270 degrees.")] = 0,
+    mirror: Annotated[
+        bool, Option("--mirror", help="Mirror all images left to right, before they are turned.")
+    ] = False,
+    subject: Annotated[str, Option(help="Name of the recorded person.")] = "",
+    rate: Annotated[
+        float | None, Option(help="Frames a second.", show_default="the recording's times, else 30")
+    ] = None,
+    topic: Annotated[
+        list[str] | None, Option(help="Topic of a bag; repeatable: depth's, then colour's.")
+    ] = None,
+    axes: Annotated[
+        str, Option(help="Axes of a cloud: camera, y-up, ros, z-up or kinect.", show_default="by its points")
+    ] = "",
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Import a recording (out.mcap) or another tool's labels (a folder); print what is assumed."""
+    options = ImportOptions(intrinsics, depth_unit, turn, mirror, subject, rate, tuple(topic or ()), axes)
+    if out.suffix.lower() == SESSION_SUFFIX:
+        _import_images(source, out, options, overwrite, json)
+        return
+    if options != ImportOptions(intrinsics):
+        raise BadParameter("--depth-unit to --axes are for recordings; name the output out.mcap")
+    _import_labels(source, out, intrinsics, overwrite, json)
+
+
+def export(
+    labels: Annotated[Path, Argument(help="Label set.")],
+    out: Annotated[Path, Argument(help="Folder to write; for foxglove a file, out.mcap.")],
+    format_: Annotated[
+        str,
+        Option(
+            "--format",
+            help="pairs, mmseg, coco, cvat, pcd, ply, semantic-kitti, parquet, foxglove.",
+            autocompletion=formats,
+        ),
+    ],
+    session: Annotated[
+        Path | None,
+        Option(
+            help="Recording of these labels, for foxglove's colours and temperatures (default: the one "
+            "beside them). For pcd and ply the cloud that was labelled: its own points get the labels."
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Write a label set in another tool's format; import reads it back, except foxglove."""
+    from annotate.exchange.formats import FORMATS, export_labels
+    from annotate.labelset.label_set import LabelSet
+
+    check_choice("format", format_, (*FORMATS, FOXGLOVE))
+    label_set = LabelSet.open(labels)
+    if format_ == FOXGLOVE:
+        _export_foxglove(label_set, session, out, overwrite, json)
+        return
+    if session is not None:
+        _export_points(label_set, session, out, format_, overwrite, json)
+        return
+    with progress("export", len(label_set)) as advance:
+        lost = export_labels(label_set, out, format_, advance, overwrite=overwrite)
+    if lost:
+        say(f"{format_} cannot carry {' and '.join(lost)}: left out")
+    result = {"frames": len(label_set), "format": format_, "path": str(out), "left_out": list(lost)}
+    finish(result, json, f"{len(label_set)} frames as {format_} in {out}")
+
+
+def _export_points(
+    labels: "LabelSet", session: Path, out: Path, format_: str, overwrite: bool, json: bool
+) -> None:
+    """Write labels back onto the points of the cloud that was labelled."""
+    from annotate.exchange.labelled_points import KINDS as POINTS
+    from annotate.exchange.labelled_points import export_points
+    from sensors.importers.open_source import CLOUDS
+
+    if format_ not in POINTS or session.suffix.lower() not in CLOUDS:
+        raise BadParameter(
+            f"only --format {FOXGLOVE} uses it, and {' and '.join(POINTS)} of a cloud file",
+            param_hint="--session",
+        )
+    done = export_points(labels, session, format_, out, overwrite=overwrite)
+    result = {"frames": len(labels), "format": format_, "path": str(out), **done._asdict()}
+    finish(result, json, f"labels of {done.labelled} of {done.points} points of {session} in {out}")
+
+
+def _export_foxglove(
+    labels: "LabelSet", session: Path | None, out: Path, overwrite: bool, json: bool
+) -> None:
+    check_free(out, overwrite)
+    if session is not None:
+        opener_at(session)
+    from annotate.foxglove.file import export_foxglove
+    from annotate.labelset.source_recording import find_session
+    from eval.network.joint_files import noted_joints
+
+    session, joints = session or find_session(labels), partial(noted_joints, labels)
+    with progress("export", len(labels)) as advance:
+        remarks = export_foxglove(labels, session, joints, out, advance, overwrite=overwrite)
+    for remark in remarks:
+        say(remark)
+    if session is None:
+        say("no recording beside the labels, so no colours and temperatures; give one with --session")
+    result = {"frames": len(labels), "format": FOXGLOVE, "path": str(out), "remarks": remarks}
+    finish(result, json, f"{len(labels)} frames as {FOXGLOVE} in {out}")
+
+
+def _import_images(source: Path, out: Path, options: ImportOptions, overwrite: bool, json: bool) -> None:
+    from sensors.session.messages import SUBJECT
+    from sensors.session.writer import SessionWriter
+
+    frames = open_source(source, options)
+    notes, streams, faults = judged_notes(frames), Counter[str](), Counter[str]()
+    with (
+        SessionWriter(
+            out,
+            frames.calibration,
+            frames.name,
+            overwrite=overwrite,
+            metadata={SUBJECT: frames.subject} if frames.subject else None,
+            keep_partial=False,
+        ) as writer,
+        progress("import", len(frames)) as advance,
+    ):
+        for frame in map(partial(_without_broken_color, faults), frames):
+            writer.write(frame)
+            streams.update(_streams_of(frame))
+            advance(1)
+    notes = (*notes, *(f"colour of {count} frames is {fault}: left out" for fault, count in faults.items()))
+    for note in (*notes, _camera_note(frames)):
+        say(note)
+    result = {"frames": streams["depth"], "streams": dict(streams), "notes": list(notes)}
+    finish(result, json, f"{streams['depth']} frames with {', '.join(sorted(streams))} in {out}")
+
+
+def _without_broken_color(faults: Counter[str], frame: "RigFrame") -> "RigFrame":
+    """Return a frame without its colour image where that is broken, and count the fault."""
+    from sensors.files.encoded_image import size_of_encoded
+
+    if frame.color_encoded is None:
+        return frame
+    try:
+        size_of_encoded(frame.color_encoded)
+    except FormatError as error:
+        faults["no image" if str(error) == "none" else str(error)] += 1
+        return replace(frame, color_encoded=None)
+    return frame
+
+
+def _camera_note(frames: "FrameSource") -> str:
+    """Return a line on size, focal length and view of the depth camera, and places of the other cameras."""
+    import numpy as np
+
+    rig, depth = frames.calibration, frames.calibration.depth
+    degrees = 2 * np.degrees(np.arctan(depth.width / 2 / depth.fx))
+    lens = ", with a lens" if any(depth.distortion) else ""
+    texts = [
+        f"{depth.width}x{depth.height}, focal length {depth.fx:.1f} px ({degrees:.0f} degrees wide){lens}"
+    ]
+    for name, pose in (("colour", rig.color_from_depth), ("thermal", rig.thermal_from_depth)):
+        if pose is not None:
+            away_mm = 1000 * float(np.linalg.norm(pose.translation_m))
+            texts.append(f"{name} camera {f'{away_mm:.0f} mm away' if away_mm > 0 else 'at the same place'}")
+    return f"depth camera: {'; '.join(texts)}"
+
+
+def _import_labels(source: Path, out: Path, intrinsics: Path | None, overwrite: bool, json: bool) -> None:
+    from annotate.exchange.formats import import_labels
+
+    with progress("import", None) as advance:
+        labels, name, remarks = import_labels(
+            source, out, advance, overwrite=overwrite, intrinsics=intrinsics
+        )
+    for remark in remarks:
+        say(remark)
+    frames = len(labels)
+    streams = {"depth": frames, "parts": frames}
+    result = {"frames": frames, "streams": streams, "format": name, "path": str(out), "remarks": remarks}
+    finish(result, json, f"{frames} labelled frames of {name} in {out}")
+
+
+def _streams_of(frame: "RigFrame") -> list[str]:
+    images = {"color": frame.color_encoded, "thermal": frame.thermal_c, "infrared": frame.infrared}
+    return ["depth", *(name for name, image in images.items() if image is not None)]

@@ -1,0 +1,319 @@
+"""Verbs that make labels and correct them: label, predict, suit learn, fix."""
+
+import math
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import typer
+from typer import Argument, Option
+
+from cli.console import Json, Overwrite, check_room, clear, finish, finish_run, progress, say
+from cli.extras import check_extra, needing
+from cli.sessions import Scheduler, label_each, sessions_in
+from sensors.files.atomic import check_free, check_there, write_bytes
+from sensors.files.weights_file import check_onnx
+from sensors.importers.open_source import doubts_of, open_source, opener_at
+
+if TYPE_CHECKING:
+    from annotate.label_recording import Run
+    from annotate.labelset.labelled_frames import LabelledFrames
+    from annotate.segmentation.suit_network import Reader
+    from annotate.suit.palette import Suit
+    from sensors.importers.open_source import Source
+
+suit_app = typer.Typer(help="Palettes of the colour-coded suit.", no_args_is_help=True)
+
+
+def _window(window_c: tuple[float, float] | None) -> tuple[float, float] | None:
+    if window_c is None:
+        return None
+    low, high = window_c
+    if not -math.inf < low < high < math.inf:
+        raise typer.BadParameter(f"{low} to {high} is not a range; give the lower temperature first")
+    return window_c
+
+
+Window = Annotated[
+    tuple[float, float] | None,
+    Option(
+        help="Lowest and highest temperature of a person, degrees Celsius. Default: found in each frame.",
+        callback=_window,
+    ),
+]
+Labels = Annotated[Path, Option(help="Label set to write; an interrupted run continues there.")]
+
+
+def label(
+    session: Annotated[
+        Path, Argument(help="Session, or anything else that import reads; or a folder of sessions.")
+    ],
+    out: Labels,
+    suit: Annotated[Path | None, Option(help="Palette of the colour-coded suit (TOML).")] = None,
+    window: Window = None,
+    weights: Annotated[
+        Path | None, Option(help="Weights from train-labels.", show_default="the shipped ones")
+    ] = None,
+    scheduler: Scheduler = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Fuse the cameras, find the person by warmth and shape, and read the body parts from the suit."""
+    from annotate.labelset import label_set as store
+    from annotate.suit.palette import load_suit
+
+    palette = load_suit(suit) if suit else None
+    sessions = sessions_in(session, scheduler)
+    source = None if sessions else open_source(session)
+    given = [path for path in (suit, weights) if path]
+    check_there(*given)
+    if weights is not None:
+        check_onnx(weights)
+    if source is not None:
+        check_room(out, store.MANIFEST, overwrite, session, *given)
+    from annotate.segmentation.suit_network import Reader, shipped_reader
+
+    reader = Reader(weights) if weights else shipped_reader()
+    if source is None:
+        one = partial(_label, palette, window, reader)
+        label_each("label", one, sessions, out, scheduler, overwrite, json)
+        return
+    clear(out, store.MANIFEST, overwrite, session, *given)
+    notes = [*source.notes, *doubts_of(source), *(palette.notes if palette else ())]
+    for note in notes:
+        say(note)
+    from annotate.label_recording import label_source
+
+    started = time.monotonic()
+    with progress("label", len(source)) as advance:
+        run = label_source(source, palette, out, advance, window, reader)
+    seconds = (time.monotonic() - started) / max(1, len(source))
+    frames, review = len(run.labels), run.review_order()
+    result = {"frames": frames, "seconds_per_frame": round(seconds, 4), "review": review, "notes": notes}
+    text = f"{frames} frames in {out}, {seconds:.2f} s each; review first: {', '.join(review[:5])}"
+    finish_run(result, run, json, text)
+
+
+def _label(
+    suit: "Suit | None", window_c: tuple[float, float] | None, reader: "Reader", session: Path, out: Path
+) -> "Run":
+    """Labels of one session of a folder, on any machine that sees it."""
+    from annotate.label_recording import label_source
+
+    return label_source(open_source(session), suit, out, lambda _: None, window_c, reader)
+
+
+@suit_app.command()
+def learn(
+    out: Annotated[Path, Option(help="Palette (TOML) to write.")],
+    labels: Annotated[Path | None, Argument(help="Label set with corrected frames.")] = None,
+    session: Annotated[Path | None, Option(help="Recording the labels were made from.")] = None,
+    frame: Annotated[
+        list[str] | None,
+        Option(help="Id of a correctly labelled frame; repeatable. Default: all corrected frames."),
+    ] = None,
+    swatches: Annotated[
+        Path | None,
+        Option(
+            help="Instead of labels: photograph of the eleven cloths on plain paper, "
+            "row by row from the head to the right lower leg."
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Learn the suit's palette from corrected frames, or from a photograph of its cloths."""
+    check_extra("rig", "scipy", "skimage")
+    check_free(out, overwrite)
+    by_photo = swatches is not None and labels is None and session is None and not frame
+    if not by_photo and (swatches is not None or labels is None or session is None):
+        raise typer.BadParameter("give labels with --session, or --swatches alone")
+    check_there(*(given for given in (swatches, labels) if given is not None))
+    from annotate.labelset.label_set import LabelSet
+
+    if labels is not None and session is not None:
+        LabelSet.open(labels)
+        opener_at(session)
+    with needing("rig"):
+        from annotate.suit.palette import suit_to_toml
+        from annotate.suit.palette_fit import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
+
+    if swatches is not None:
+        palette = suit_from_photo(swatches, out.stem)
+    else:
+        assert labels is not None and session is not None
+        chosen = LabelSet.open(labels)
+        ids = frame or corrected_frames(chosen)
+        palette = suit_from_labels(clouds_with(chosen, ids, open_source(session)), out.stem)
+    write_bytes(out, suit_to_toml(palette).encode())
+    for note in palette.notes:
+        say(note)
+    result = {"suit": str(out), "colors": len(palette.parts), "notes": list(palette.notes)}
+    finish(result, json, f"{len(palette.parts)} colours in {out}")
+
+
+def predict(
+    source: Annotated[
+        Path, Argument(help="Session, label set, dataset, or what import reads; or a folder of sessions.")
+    ],
+    out: Labels,
+    weights: Annotated[Path | None, Option(help="Network (.onnx).", show_default="the shipped one")] = None,
+    window: Window = None,
+    probabilities: Annotated[
+        bool, Option("--probabilities", help="Also store the probabilities of all classes, 12 kB per frame.")
+    ] = False,
+    joints: Annotated[
+        Path | None, Option(help="Also write joints, facing and posture there: .jsonl or .csv.")
+    ] = None,
+    everybody: Annotated[bool, Option("--everybody", help="Label all persons, not the subject.")] = False,
+    again: Annotated[
+        bool | None,
+        Option(help="Read them again in the room's depth: better outlines.", show_default="recordings alone"),
+    ] = None,
+    learnt: Annotated[
+        Path | None, Option(help="Reader (.onnx) from learn that reads them again, of this person and room.")
+    ] = None,
+    scheduler: Scheduler = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Label depth images with a network; label sets and datasets keep their outlines of the person."""
+    if joints is not None:
+        from eval.network.joint_files import check_kind, write_joints
+
+        check_kind(joints)
+        check_free(joints, overwrite)
+    if probabilities and everybody:
+        raise typer.BadParameter("probabilities are kept of one person; leave it or --everybody out")
+    if (again or learnt) and (probabilities or everybody):
+        raise typer.BadParameter("one person is read again; leave --probabilities and --everybody out")
+    given = [path for path in (weights, learnt) if path]
+    check_there(*given)
+    for path in given:
+        check_onnx(path)
+    how = _Prediction(weights, window, probabilities, everybody, again, learnt)
+    if sessions := sessions_in(source, scheduler):
+        if joints is not None:
+            raise typer.BadParameter("--joints is for one session; its notes in each label set hold them")
+        one = partial(_predict, how)
+        label_each("predict", one, sessions, out, scheduler, overwrite, json)
+        return
+    opened = _opened(source, everybody)
+    from annotate.labelset import label_set as store
+
+    check_room(out, store.MANIFEST, overwrite, source, *given)
+    work = _work(opened, out, how)
+    clear(out, store.MANIFEST, overwrite, source, *given)
+    started, total = time.monotonic(), len(opened)
+    with progress("predict", total) as advance:
+        run = work(advance)
+    ms = 1000 * (time.monotonic() - started) / max(1, total)
+    result = {"frames": len(run.labels), "ms_per_frame": round(ms, 2)}
+    if joints is not None:
+        result["people"] = write_joints(run.labels, joints)
+    finish_run(result, run, json, f"{len(run.labels)} frames in {out}, {ms:.0f} ms each")
+
+
+class _Prediction(NamedTuple):
+    """How ``predict`` labels, as its options say."""
+
+    weights: Path | None
+    window_c: tuple[float, float] | None
+    probabilities: bool
+    everybody: bool
+    again: bool | None
+    learnt: Path | None
+
+
+def _predict(how: _Prediction, session: Path, out: Path) -> "Run":
+    """Labels of one session of a folder by the network, on any machine that sees it."""
+    return _work(open_source(session), out, how)(lambda _: None)
+
+
+def _work(
+    opened: "LabelledFrames | Source", out: Path, how: _Prediction
+) -> "Callable[[Callable[[int], None]], Run]":
+    """What labels frames or a recording by the network, given the progress."""
+    from annotate.labelset.labelled_frames import LabelledFrames
+    from annotate.segmentation.suit_network import Reader
+    from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
+    from eval.network.predict import predict_frames
+    from eval.network.predict_source import predict_source
+    from eval.network.refine import shipped_again
+
+    network = OnnxNetwork(how.weights or SHIPPED_WEIGHTS)
+    readers = [Reader(how.learnt)] if how.learnt else []
+    if isinstance(opened, LabelledFrames):
+        readers = [shipped_again(), *readers] if how.again else readers
+        return partial(predict_frames, opened, network, out, probabilities=how.probabilities, readers=readers)
+    once = how.again is False or how.probabilities or how.everybody
+    return partial(
+        predict_source,
+        opened,
+        network,
+        out,
+        window_c=how.window_c,
+        probabilities=how.probabilities,
+        everybody=how.everybody,
+        again=None if once else shipped_again(),
+        readers=readers,
+    )
+
+
+def _opened(source: Path, everybody: bool) -> "LabelledFrames | Source":
+    """Labels or a recording; what a recording lacks is said."""
+    from annotate.labelset.labelled_frames import holds_frames, open_frames
+
+    if holds_frames(source):
+        if everybody:
+            raise typer.BadParameter(
+                "--everybody needs a recording; label sets keep their outline of one person"
+            )
+        from eval.network.predict import check_alone
+
+        labels = open_frames(source)
+        check_alone(labels)
+        return labels
+    frames = open_source(source)
+    for note in (*frames.notes, *doubts_of(frames)):
+        say(note)
+    return frames
+
+
+def fix(
+    labels: Annotated[Path, Argument(help="Label set to correct.")],
+    session: Annotated[
+        Path | None,
+        Option(help="Recording, for colour and temperature. Default: the last one given, or the one beside."),
+    ] = None,
+    compare: Annotated[Path | None, Option(help="Another label set, to show the differences.")] = None,
+    who: Annotated[str, Option(help="Name of the person who corrects. Default: the system user.")] = "",
+    read_only: Annotated[bool, Option("--read-only", help="Open without changing anything.")] = False,
+) -> None:
+    """Correct part labels in a window; F1 shows the keys. Every stroke is saved at once."""
+    from annotate.labelset.label_set import LabelSet
+
+    check_extra("gui", "PySide6", "pyvista", "pyvistaqt")
+    LabelSet.open(labels)
+    if compare is not None:
+        LabelSet.open(compare)
+    if session is not None:
+        opener_at(session)
+    with needing("gui"):
+        from annotate.gui.app import recording_of, run_window
+        from annotate.gui.learning import Lesson
+    recording = recording_of(labels, session)
+    model = labels.resolve().with_name(f"{labels.resolve().name}.learnt")
+    command = learn_command(labels, recording, model)
+    states = run_window(labels, recording, compare, who, read_only, Lesson(command, model / "labels"))
+    print(f"{labels}: " + ", ".join(f"{count} {state}" for state, count in states.items()))
+
+
+def learn_command(labels: Path, session: Path | None, model: Path) -> tuple[str, ...]:
+    """Return the command that learns from corrections beside the window, into the folder ``model``."""
+    # -P: no module of the folder in which the user stands.
+    verb = (sys.executable, "-P", "-m", "cli.main", "learn", str(labels), "--out", str(model), "--json")
+    return (*verb, *(("--session", str(session)) if session else ()))

@@ -1,0 +1,169 @@
+"""The verb ``solve``: markers to joint angles; and what ``info`` shows of them."""
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Argument, Option
+
+from cli.console import Json, Overwrite, finish, progress, say, table
+from cli.extras import check_extra, needing
+from sensors.errors import CloudError
+from sensors.files.atomic import check_free, check_there
+
+if TYPE_CHECKING:
+    from synth.markers.motion_file import MarkerReport
+
+ANGLES = ("flexion", "abduction", "rotation")
+"""A joint's three angles, in the order of ``synth.body.skeleton``."""
+
+STATUSES = ("bridged", "missing", "ghost", "swapped")
+"""What can become of a marker in a frame (``synth/markers/motion_file.py``)."""
+
+
+def solve(
+    markers: Annotated[Path, Argument(help="Recording: C3D, TRC, BVH, or joints in .npz.")],
+    out: Annotated[Path, Option(help="Motion file to write (.npz).")],
+    static: Annotated[Path | None, Option(help="Static trial of the same person: C3D or TRC.")] = None,
+    markerset: Annotated[
+        Path | None, Option(help="Marker-set file (TOML). Default: the shipped set that fits best.")
+    ] = None,
+    picture: Annotated[
+        Path | None, Option(help="Picture of the markers on the body at a few moments (.png).")
+    ] = None,
+    film: Annotated[Path | None, Option(help="The same as an animation: .webp, .gif or .png.")] = None,
+    up: Annotated[
+        str | None, Option(help="Vertical axis of the recording: x, y, z, -x, -y, -z. Default: found.")
+    ] = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Turn recorded markers into joint angles that can move any body."""
+    for path in (out, picture, film):
+        if path is not None:
+            check_free(path, overwrite)
+    check_extra("synth", "scipy")
+    check_there(markers, *(given for given in (static, markerset) if given is not None))
+    with needing("synth"):
+        from synth.markers.motion_file import save_motion
+        from synth.markers.solve import places_m
+        from synth.markers.solve import solve as solve_markers
+        from synth.motion.picture import check_animation, save_animation, save_picture
+        from synth.motion_files.bvh import read_bvh
+        from synth.motion_files.joint_file import read_joints
+        from synth.motion_files.marker_files import read_markers
+        from synth.motion_files.marker_set import load_marker_set
+        from synth.motion_files.vertical_axis import given
+
+    if film is not None:
+        check_animation(film)
+    places = None if markerset is None else load_marker_set(markerset)
+    skeletons = {".bvh": read_bvh, ".npz": read_joints}
+    if (read := skeletons.get(markers.suffix.lower())) is not None:
+        if static is not None or places is not None:
+            raise CloudError(f"{markers} has its own skeleton; leave out --static and --markerset")
+        recorded, places = read(markers)
+    else:
+        recorded = read_markers(markers)
+    standing = None if static is None else read_markers(static)
+    if up is not None:
+        recorded = replace(recorded, up=given(up))
+    started = time.monotonic()
+    with progress("solve", len(recorded.positions)) as advance:
+        motion = solve_markers(recorded, standing, places, advance)
+    rate = len(motion) / (time.monotonic() - started)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    save_motion(out, motion, overwrite=overwrite)
+    for path, save in ((picture, save_picture), (film, save_animation)):
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            save(path, motion, places_m(recorded, standing, places))
+    report = motion.report
+    result = {"frames": len(motion), "frames_per_second": round(rate, 1), **_solved(report)}
+    _say_remarks(report)
+    text = (
+        f"{len(motion)} frames in {out}, {rate:.0f} a second; "
+        f"markers off by {report.median_mm:.1f} mm (median), {report.rms_mm:.1f} mm (rms)"
+    )
+    finish(result, json, "\n".join([text, *_odd_markers(result["markers"])]))
+
+
+def _solved(report: "MarkerReport") -> dict[str, Any]:
+    """How well markers were explained, as JSON."""
+    return {
+        "marker_median_mm": round(report.median_mm, 2),
+        "marker_rms_mm": round(report.rms_mm, 2),
+        "markers": _per_marker(report),
+        "unknown": list(report.unknown),
+        "assumed": list(report.assumed),
+    }
+
+
+def _say_remarks(report: "MarkerReport") -> None:
+    """Say what was assumed of the file, and which labels are of no marker."""
+    for line in report.assumed:
+        say(line)
+    if report.unknown:
+        shown = ", ".join(report.unknown[:8]) + (", ..." if len(report.unknown) > 8 else "")
+        say(f"{len(report.unknown)} labels belong to no marker of the set: {shown}")
+
+
+def motion_info(path: Path) -> tuple[dict[str, Any], str]:
+    """What a motion holds, as JSON and as text: its length, the person, and the range of every joint."""
+    import numpy as np
+
+    from synth.body.skeleton import JOINTS
+    from synth.markers.motion_file import load_motion
+
+    motion = load_motion(path)
+    result: dict[str, Any] = {
+        "kind": "motion",
+        "frames": len(motion),
+        "frames_per_second": round(motion.frames_per_second, 2),
+        "seconds": round(len(motion) / motion.frames_per_second, 2),
+        "leg_m": round(motion.leg_m, 3),
+        "markers": len(motion.report.names),
+        "marker_median_mm": round(motion.report.median_mm, 2),
+    }
+    lines = [f"{key}: {value}" for key, value in result.items()]
+    degrees = np.degrees(motion.angles_rad)
+    ranges = np.stack([degrees.min(axis=0), degrees.max(axis=0)], axis=-1).round(1).tolist()
+    result["joints_deg"] = {
+        joint.name: dict(zip(ANGLES, own, strict=True)) for joint, own in zip(JOINTS, ranges, strict=True)
+    }
+    rows = [
+        (name, *(f"{low:.0f} to {high:.0f}" for low, high in own.values()))
+        for name, own in result["joints_deg"].items()
+    ]
+    lines.append(table(("joint", *(f"{angle}, deg" for angle in ANGLES)), rows))
+    return result, "\n".join(lines)
+
+
+def _per_marker(report: "MarkerReport") -> dict[str, dict[str, float]]:
+    """Median distance of each marker to the body, and its numbers of frames by status."""
+    import numpy as np
+
+    from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SWAPPED
+
+    statuses = zip(STATUSES, (BRIDGED, MISSING, GHOST, SWAPPED), strict=True)
+    counts = {word: report.count(status) for word, status in statuses}
+    gap = report.longest_gap()
+    result: dict[str, dict[str, float]] = {}
+    for m, name in enumerate(report.names):
+        errors = report.error_m[:, m]
+        errors = errors[np.isfinite(errors)]
+        result[name] = {"median_mm": round(1000 * float(np.median(errors)), 2)} if errors.size else {}
+        result[name] |= {word: int(count[m]) for word, count in counts.items()} | {"longest_gap": int(gap[m])}
+    return result
+
+
+def _odd_markers(markers: dict[str, dict[str, float]]) -> list[str]:
+    """A table of the markers that were bridged, missing, ghosts or swapped; none if there are none."""
+    columns = ("median_mm", *STATUSES, "longest_gap")
+    odd = [
+        (name, *(marker.get(column) for column in columns))
+        for name, marker in markers.items()
+        if any(marker[word] for word in STATUSES)
+    ]
+    return ["", table(("marker", "median, mm", *STATUSES, "longest gap"), odd, "Frames")] if odd else []

@@ -1,0 +1,226 @@
+"""Verbs on devices and what they record: devices, record, repair."""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+from typer import Argument, Option
+
+from cli.console import LINE_SECONDS, Json, Overwrite, cell, finish, say, table
+from cli.event_lines import event_lines
+from cli.extras import check_window
+from sensors.files.atomic import check_free
+from sensors.interrupt import Ending, ended_by_signals, interrupted_by_signals
+from sensors.recording.how_tested import KINDS
+
+if TYPE_CHECKING:
+    from sensors.recording.live_rig import LiveRig
+    from sensors.recording.stream_health import Health
+    from sensors.session.repair import Repaired
+
+LOOK_S = 1.0
+"""Seconds between two checks of a recording's state (untuned)."""
+
+
+def record(
+    out: Annotated[Path, Argument(metavar="out.mcap", help="Session to write.")],
+    rig: Annotated[Path | None, Option(help="Rig file (TOML): devices and calibration.")] = None,
+    device: Annotated[list[str] | None, Option(help="Address, as `devices` lists it; repeatable.")] = None,
+    seconds: Annotated[float | None, Option(min=0.1, help="Duration. Default: until Ctrl-C.")] = None,
+    infrared: Annotated[
+        bool, Option("--infrared", help="Record infrared images too, for calibrate.")
+    ] = False,
+    preview: Annotated[
+        bool, Option("--preview", help="Show the window of `live`; closing it ends the recording.")
+    ] = False,
+    suit: Annotated[Path | None, Option(help="Palette of the suit (TOML), for --preview.")] = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Record depth, colour and temperature from devices, real or virtual, into a session."""
+    if preview and infrared:
+        raise typer.BadParameter("--preview records people, not the hole plate; leave --infrared out")
+    if suit is not None and not preview:
+        raise typer.BadParameter("needs --preview; a recording has no palette", param_hint="--suit")
+    from cli.rig_devices import asked_rig, open_rig
+
+    asked_rig(rig, device)
+    check_free(out, overwrite)
+    palette = None
+    if preview:
+        from annotate.suit.palette import load_suit
+
+        palette = load_suit(suit) if suit else None
+        check_window()
+    with interrupted_by_signals(), closing(open_rig(rig, device)) as running, ended_by_signals() as ending:
+        if preview:
+            from cli.live_view import LiveOptions, look_at
+
+            options = LiveOptions(palette, out, "", seconds, overwrite, json)
+            look_at(running, options, ending)
+            return
+        running.record(out, overwrite=overwrite, infrared=infrared)
+        why = _run(running, time.monotonic() + (seconds or math.inf), ending)
+    _report(running, why, json)
+
+
+def _run(running: "LiveRig", end_s: float, ending: Ending) -> str:
+    """Record until the time is over, a signal comes, or the recording ends; return the reason."""
+    from annotate.live.rig_warnings import rig_complaints
+    from annotate.live.warning import Standing
+
+    standing, said = Standing(), set[str]()
+    with _preview() as show:
+        running.start()
+        looked_s = time.monotonic()
+        while not ending.asked and time.monotonic() < end_s and not running.moments.ended:
+            time.sleep(0.02)
+            if time.monotonic() - looked_s < LOOK_S:
+                continue
+            looked_s, health = time.monotonic(), running.health()
+            if health.recording is None:
+                break
+            warnings = standing.update(rig_complaints(health), looked_s)
+            for warning in warnings:
+                if warning.kind not in said:
+                    say(warning.text)
+            said = {warning.kind for warning in warnings}
+            show(health)
+    running.close()
+    if running.error is not None:
+        raise running.error
+    health, take = running.health(), running.last_take
+    if take is not None and not take.frames:
+        return "nothing"
+    if health.trouble:
+        return "disk"
+    return "lost" if health.streams["depth"].away else "asked"
+
+
+def repair(
+    session: Annotated[Path, Argument(help="Recording that was cut off, or a damaged session.")],
+    out: Annotated[
+        Path | None,
+        Option(help="Session to write. Default: NAME.repaired.mcap; NAME.mcap for NAME.mcap.partial."),
+    ] = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Write a whole session with every frame of a damaged one that can be read; the damaged one stays."""
+    from sensors.session.paths import recording_at
+    from sensors.session.repair import repair as repair_session
+
+    source = recording_at(session)
+    done = repair_session(source, out, overwrite=overwrite)
+    result = {
+        "session": str(done.path),
+        "frames": done.frames,
+        "lost_frames": done.lost_frames,
+        "lost_seconds": round(done.lost_s, 3),
+        "lost_bytes": done.lost_bytes,
+        "damaged": done.damaged,
+        "changed": done.changed,
+    }
+    finish(result, json, _repaired_text(done, source))
+
+
+def _repaired_text(done: "Repaired", source: Path) -> str:
+    """Return a sentence on kept and lost frames, and on the source."""
+    text = f"{done.path} is whole, with {_count(done.frames, 'frame')}"
+    if not done.changed:
+        return text + "; nothing to repair"
+    lost = "" if done.lost_frames is None else f", {_count(done.lost_frames, 'frame')}"
+    if done.damaged:
+        where = _count(done.damaged, "place")
+        text += f"; left out: {_count(done.lost_bytes, 'byte')} at {where}{lost}, {cell(done.lost_s, 's')}"
+    else:
+        text += f"; missing{lost[1:]}" if done.lost_frames else "; nothing was lost"
+    return text + f"; {source} stays as it is"
+
+
+def _count(number: int, name: str) -> str:
+    return f"{number} {name}" + ("" if number == 1 else "s")
+
+
+@contextmanager
+def _preview() -> "Iterator[Callable[[Health], None]]":
+    """Show the state of the recording once a second."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _lines()
+        return
+    from rich.live import Live
+
+    with Live(console=console, transient=True, auto_refresh=False) as live:
+        yield lambda health: live.update(_table(health), refresh=True)
+
+
+def _table(health: "Health") -> Table:
+    table = Table("stream", "images", "a second", "dropped", "now", title="recording; Ctrl-C ends it")
+    for name, stream in health.streams.items():
+        table.add_row(name, str(stream.count), f"{stream.rate_hz:.1f}", str(stream.dropped), stream.shows)
+    return table
+
+
+def _lines() -> "Callable[[Health], None]":
+    printed = time.monotonic()
+
+    def show(health: "Health") -> None:
+        nonlocal printed
+        if time.monotonic() - printed >= LINE_SECONDS:
+            printed = time.monotonic()
+            parts = (
+                f"{name} {stream.rate_hz:.1f}/s, {stream.dropped} dropped, {stream.shows}"
+                for name, stream in health.streams.items()
+            )
+            say("; ".join(parts))
+
+    return show
+
+
+def _report(running: "LiveRig", why: str, json: bool) -> None:
+    health, take = running.health(), running.last_take
+    events, seconds = (dict(take.events), take.seconds) if take else ({}, 0.0)
+    frames = take.frames if take else 0
+    where = f" in {take.path}" if take and take.path.exists() else ""
+    for line in event_lines(events):
+        say(line)
+    result = {
+        "frames": frames,
+        "dropped": health.dropped,
+        "seconds": round(seconds, 2),
+        "streams": {
+            name: {"count": stream.count, "dropped": stream.dropped, "left_out": stream.left_out}
+            for name, stream in health.streams.items()
+        },
+        "events": events,
+        "ended": why,
+    }
+    text = f"{frames} frames{where}, {seconds:.1f} s, {health.dropped} messages dropped"
+    finish(result, json, text)
+    if health.trouble:
+        say(health.trouble)
+    if why != "asked":
+        raise typer.Exit(3)
+
+
+def devices(json: Json = False) -> None:
+    """List connected and virtual devices, and what each kind needs and was tested with."""
+    from sensors.recording.open_device import find_devices
+
+    found = find_devices()
+    title = "no device is plugged in; virtual devices:" if all(one.virtual for one in found) else ""
+    rows = [(one.address, one.serial, one.note) for one in found]
+    kinds = [(kind, known.needs.replace("`", ""), known.tested) for kind, known in KINDS.items()]
+    title_of_kinds = "what can be connected (no driver has been run on hardware yet):"
+    text = table(("address", "serial", "note"), rows, title)
+    text += "\n" + table(("kind", "needs", "tested with"), kinds, title_of_kinds)
+    answer = {"devices": [asdict(one) for one in found], "kinds": {k: v._asdict() for k, v in KINDS.items()}}
+    finish(answer, json, text)

@@ -1,0 +1,291 @@
+"""Verbs on synthetic people: synth bodies, generate, page and film."""
+
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import redirect_stdout
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from typer import Argument, Option
+
+from cli.console import Json, Overwrite, check_room, clear, finish, progress, say, table
+from cli.extras import needing
+from cli.verbs.simulation import difficulties
+from sensors.errors import CloudError
+from sensors.files.atomic import check_free, check_there
+from sensors.importers.open_source import opener_at
+from synth.choices import DIFFICULTIES, PRESETS, check_choice
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from synth.body.body import Body
+    from synth.body.body_table import BodySize
+    from synth.images.generate import Made
+    from synth.images.presets import Preset
+
+PICTURE = "bodies.png"
+Beside = Annotated[
+    Path | None,
+    Option(
+        metavar="RECORDING",
+        help="Real people whose distributions the page shows beside the dataset's: a recording of any kind, "
+        "or a label set.",
+    ),
+]
+app = typer.Typer(help="Synthetic bodies and datasets of depth images.", no_args_is_help=True)
+
+
+def presets() -> list[str]:
+    """Presets of `synth generate`."""
+    return list(PRESETS)
+
+
+@app.command()
+def bodies(
+    out: Annotated[Path, Option(help=f"Folder for the bodies and their picture, {PICTURE}.")],
+    table: Annotated[
+        Path | None,
+        Option(
+            help="CSV file: name,height_cm,weight_kg,waist_breadth_cm. Default: the paper's eight bodies."
+        ),
+    ] = None,
+    sample: Annotated[
+        int | None,
+        Option(
+            help="Number of random adults of both sexes, all ages and builds, instead of a table.",
+            min=1,
+            max=1000,
+        ),
+    ] = None,
+    seed: Annotated[int, Option(help="The same seed gives the same random adults.", min=0)] = 0,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Fit bodies to height, weight and waist breadth. Needs the extra 'bodies'."""
+    if table is not None and sample is not None:
+        raise CloudError("--table and --sample exclude each other; give one of them")
+    import numpy as np
+
+    from synth.body.body_table import PAPER_BODIES, describe, read_sizes
+
+    asked = PAPER_BODIES if table is None else read_sizes(table)
+    sizes: Sequence[BodySize | None] = asked if sample is None else [None] * sample
+    names = [f"sample_{i:03}" if size is None else size.name for i, size in enumerate(sizes)]
+    for path in (out / PICTURE, *(out / f"{name}.npz" for name in names)):
+        check_free(path, overwrite)
+    # All bodies are fitted before the first is written.
+    made = _bake(names, sizes, np.random.default_rng(seed))
+    from synth.body.body import save_body
+    from synth.body.body_picture import save_picture
+
+    out.mkdir(parents=True, exist_ok=True)
+    for body in made:
+        save_body(out / f"{body.name}.npz", body)
+    save_picture(out / PICTURE, made)
+    rows = [describe(body, size) for body, size in zip(made, sizes, strict=True)]
+    finish({"bodies": rows}, json, _sizes(rows))
+
+
+def _sizes(rows: Sequence[dict[str, str | float]]) -> str:
+    """A table of the measured sizes, beside the requested ones where there are any."""
+    from synth.body.body_table import MEASURES
+
+    columns = [key for m in MEASURES for key in (m, f"asked_{m}") if key in rows[0]]
+    lines = [(row["model"], *(f"{row[key]:.2f}" for key in columns)) for row in rows]
+    return table(("body", *(key.replace("_", " ") for key in columns)), lines)
+
+
+def _bake(names: list[str], sizes: "Sequence[BodySize | None]", rng: "np.random.Generator") -> "list[Body]":
+    """Bodies fitted to their sizes, random where the size is None."""
+    with needing("bodies"):
+        from synth.body.fit import BodyModel, fit, random_adult
+
+    # Libraries under anny print to stdout, where only the result belongs.
+    with redirect_stdout(sys.stderr):
+        model = BodyModel()
+    made = []
+    with progress("fit bodies", len(sizes)) as advance:
+        for name, size in zip(names, sizes, strict=True):
+            phenotype = random_adult(rng) if size is None else fit(model, size)
+            made.append(model.bake(name, phenotype))
+            advance(1)
+    return made
+
+
+def _preset(name: str | None, motion: Path | None, garments: Path | None) -> "Preset":
+    """The preset of that name, or of a recorded motion's poses; in the garments of a folder, if any."""
+    from synth.images.presets import dressed_from, preset_named, preset_of
+    from synth.motion.files import motion_files
+    from synth.motion.repertoire import read_repertoire
+
+    if motion is None:
+        chosen = preset_named(str(name))
+    else:
+        with progress("read motions", len(motion_files(motion))) as advance:
+            repertoire = read_repertoire(motion, advance)
+        for line in repertoire.assumed:
+            say(line)
+        chosen = preset_of(repertoire)
+    return chosen if garments is None else dressed_from(chosen, garments)
+
+
+def _check_beside(recording: Path) -> None:
+    """Check that people can be shown beside a dataset's: a label set, or what ``import`` reads."""
+    from annotate.labelset.label_set import MANIFEST
+
+    if not (recording / MANIFEST).is_file():
+        opener_at(recording)
+
+
+def _check_order(
+    preset: str | None, motion: Path | None, garments: Path | None, beside: Path | None
+) -> list[Path]:
+    """The files that a dataset is to be made of. Raises CloudError for what is unknown or not there."""
+    if (preset is None) == (motion is None):
+        raise CloudError("give either --preset or --motion")
+    if preset is not None:
+        check_choice("preset", preset, PRESETS)
+    if motion is not None:
+        from synth.motion.files import motion_files
+
+        motion_files(motion)
+    if garments is not None:
+        from synth.clothes.garment_files import garment_files
+
+        check_there(garments)
+        garment_files(garments)
+    if beside is not None:
+        _check_beside(beside)
+    return [path for path in (motion, garments, beside) if path]
+
+
+@app.command("generate")
+def generate_(
+    out: Annotated[Path, Option(help="Folder for the shards; an interrupted run continues there.")],
+    preset: Annotated[
+        str | None,
+        Option(
+            help="people, standing, sitting-train, sitting-test, recumbent or upright.",
+            autocompletion=presets,
+        ),
+    ] = None,
+    motion: Annotated[
+        Path | None,
+        Option(
+            help="Instead of a preset: poses of recorded people. A motion of solve, BVH, C3D, TRC, a file of "
+            "joint positions (.npz), or a folder of such files."
+        ),
+    ] = None,
+    count: Annotated[
+        int | None, Option(help="Number of images. Default: the preset's own.", min=1, max=1_000_000_000)
+    ] = None,
+    workers: Annotated[int, Option(help="Processes on this machine.", min=1, max=256)] = 2,
+    scheduler: Annotated[
+        str | None, Option(help="Use a dask cluster instead: address of its scheduler, tcp://HOST:8786.")
+    ] = None,
+    seed: Annotated[int, Option(help="The same seed gives the same bytes.", min=0)] = 0,
+    occluders: Annotated[
+        float, Option(help="Share of images with objects in front of the person.", min=0, max=1)
+    ] = 0.0,
+    cut: Annotated[
+        float, Option(help="Share of images with holes in the extracted person.", min=0, max=1)
+    ] = 0.0,
+    garments: Annotated[
+        Path | None, Option(help="Folder of MakeHuman garments (.mhclo) that half of the people wear.")
+    ] = None,
+    beside: Beside = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Generate labelled depth images of people as tar shards, with a page of pictures and statistics."""
+    from annotate.labelset.dataset import ORDER
+
+    inputs = _check_order(preset, motion, garments, beside)
+    check_room(out, ORDER, overwrite, *inputs)
+    with needing("synth"):
+        from synth.images.distributions import distributions_at
+        from synth.images.generate import Order, generate
+        from synth.images.workers import cluster, processes
+
+    chosen = replace(_preset(preset, motion, garments), occluders=occluders, cut=cut)
+    order = Order(chosen, chosen.count if count is None else count, seed)
+    recording = None if beside is None else distributions_at(beside)
+    started = time.monotonic()
+    with (
+        cluster(scheduler) if scheduler else processes(workers) as hands,
+        progress("generate", order.count) as advance,
+    ):
+        # Only once the workers have started: an unreachable scheduler must not cost the old dataset.
+        clear(out, ORDER, overwrite, *inputs)
+        made = generate(order, out, hands, advance, recording)
+    _say_made(made, out, made.images / (time.monotonic() - started), json)
+
+
+def _say_made(made: "Made", out: Path, rate: float, json: bool) -> None:
+    count, shards = len(made.dataset), len(made.dataset.shards)
+    result = {"images": count, "images_per_second": round(rate, 1), "shards": shards}
+    finish(result, json, f"{count} images in {shards} shards in {out}, {rate:.0f} a second")
+
+
+@app.command()
+def page(
+    dataset: Annotated[Path, Argument(help="Dataset that synth generate wrote.")],
+    beside: Beside = None,
+    json: Json = False,
+) -> None:
+    """Draw the page of a dataset again, beside a recording of real people."""
+    from annotate.labelset.dataset import ORDER, Dataset
+
+    opened = Dataset.open(dataset)
+    if not (dataset / ORDER).is_file():
+        raise CloudError(f"{dataset} was not made by synth generate; give a folder with {ORDER}")
+    if beside is not None:
+        _check_beside(beside)
+    with needing("synth"):
+        from synth.images.dataset_page import PAGE, write_page
+        from synth.images.distributions import distributions_at
+
+    recording = None if beside is None else distributions_at(beside)
+    write_page(opened, recording)
+    finish({"page": str(dataset / PAGE)}, json, f"{dataset / PAGE}")
+
+
+@app.command()
+def film(
+    motion: Annotated[
+        Path, Argument(help="Motion of solve, BVH, C3D, TRC, or a file of joint positions (.npz).")
+    ],
+    out: Annotated[Path, Argument(metavar="out.mcap", help="Session to write.")],
+    take: Annotated[
+        str | None, Option(help="Name of the take, for a file of several.", show_default="the only one")
+    ] = None,
+    difficulty: Annotated[str, Option(help="clean, normal or hard.", autocompletion=difficulties)] = "normal",
+    seed: Annotated[int, Option(help="The same seed gives the same session.", min=0)] = 0,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Record a motion with the virtual rig, 30 frames a second; the true labels go to out.truth/."""
+    check_choice("difficulty", difficulty, DIFFICULTIES)
+    check_free(out, overwrite)
+    from synth.motion.files import check_motion
+
+    check_motion(motion)
+    with needing("synth"):
+        from synth.motion.library import read_take
+        from synth.motion_files.archives import is_motion
+        from synth.rig.film import FilmRig
+        from synth.rig.paths import suit_path, truth_path
+        from synth.rig.simulate import simulate
+
+    name, moved = read_take(motion, take)
+    for line in () if is_motion(motion) else moved.report.assumed:
+        say(line)
+    rig = FilmRig(name, moved, difficulty, seed)
+    with progress("film", len(rig)) as advance:
+        simulate(rig, out, advance, overwrite=overwrite)
+    result = {"frames": len(rig), "truth": str(truth_path(out)), "suit": str(suit_path(out))}
+    finish(result, json, f"{len(rig)} frames in {out}, truth in {truth_path(out)}, suit in {suit_path(out)}")

@@ -1,0 +1,316 @@
+"""Verbs that train: train, a network; train-labels, the reader of suits."""
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, fields, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from typer import Argument, Option
+
+from cli.console import Json, Overwrite, check_room, clear, finish, progress, say
+from cli.extras import check_extra, needing
+from sensors.errors import CloudError
+from sensors.files.atomic import check_there
+from sensors.files.weights_file import check_safetensors
+from sensors.importers.open_source import opener_at
+
+if TYPE_CHECKING:
+    from torch import nn
+
+    from eval.network.checkpoint import Epoch
+    from eval.network.networks import NetworkConfig
+    from eval.training.calibration_split import CalibrationSplit
+    from eval.training.crops import Crops
+    from eval.training.plan import Plan
+    from eval.training.processes import ProcessGroup
+    from eval.training.train import Watch
+
+CALIBRATED_ON = 512
+"""Images, at most, on which the temperature of the confidences is fitted. Untuned."""
+EPOCHS = 12
+"""Passes over all images, unless told otherwise. Untuned."""
+PLAN = "plan.json"
+"""What both trainings write first into their folder."""
+SHIPPED = Path("shipped")
+"""For ``--init``: the shipped network."""
+Without = StrEnum(
+    "Without", ["mirror", "place", "turn", "noise", "holes", "occluders", "cuts", "borders", "extras"]
+)
+"""The augmentations that can be left out: the fields of ``eval.training.augment.Augmentation``."""
+
+NetworkName = Literal["compact", "compact-small", "compact-large", "paper", "paper-quarter", "smp"]
+RecipeName = Literal["modern", "paper"]
+"""Networks that can be trained; losses with their optimisers."""
+
+
+def train(
+    data: Annotated[list[Path], Argument(help="Datasets and label sets.")],
+    out: Annotated[Path, Option(help="Folder for weights; an interrupted run continues there.")],
+    test: Annotated[
+        list[Path] | None, Option(help="Dataset or label set to measure on after each epoch; repeatable.")
+    ] = None,
+    test_images: Annotated[int, Option(min=1, help="Number of test images, evenly spread.")] = 512,
+    hold_out: Annotated[
+        list[str] | None, Option(help="Subject to measure on, not to train on; repeatable.")
+    ] = None,
+    network: Annotated[NetworkName | None, Option(help="Architecture.", show_default="compact")] = None,
+    recipe: Annotated[
+        RecipeName, Option(help="modern: AdamW with one cycle; paper: SGD on a summed loss.")
+    ] = "modern",
+    init: Annotated[Path | None, Option(help="Weights to start from (.safetensors), or shipped.")] = None,
+    without: Annotated[list[Without] | None, Option(help="Augmentation to leave out; repeatable.")] = None,
+    epochs: Annotated[
+        int | None, Option(min=1, max=10_000, help="Passes over all images.", show_default="12")
+    ] = None,
+    minutes: Annotated[float | None, Option(min=0.1, help="How long to train, instead of --epochs.")] = None,
+    batch: Annotated[
+        int | None, Option(min=1, max=1024, help="Images per step.", show_default="32, the paper's 12")
+    ] = None,
+    seed: Annotated[int, Option(min=0, help="The same seed, data and threads give the same network.")] = 0,
+    precision: Annotated[
+        Literal["float32", "bfloat16"] | None,
+        Option(
+            help="bfloat16 is faster where the processor supports it.",
+            show_default="bfloat16 on a GPU that supports it, else float32",
+        ),
+    ] = None,
+    workers: Annotated[int, Option(min=0, max=64, help="Processes that prepare images.")] = 0,
+    checkpoint_minutes: Annotated[
+        float, Option(min=0, help="Minutes between checkpoints in an epoch.")
+    ] = 5.0,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Train a network; writes weights.onnx, weights.safetensors, history.json. Needs the extra 'train'."""
+    started, tests = time.monotonic(), test or []
+    if tests and hold_out:
+        raise CloudError("--test and --hold-out exclude each other; give one of them")
+    if epochs is not None and minutes is not None:
+        raise CloudError("--epochs and --minutes exclude each other; give one of them")
+    if init and network:
+        raise CloudError(f"{init} determines the network; leave out --network {network}")
+    inputs = _checked([*data, *tests], None if init == SHIPPED else init)
+    check_room(out, PLAN, overwrite, *inputs)
+    with needing("train"):
+        from eval.training.plan import best_precision
+        from eval.training.processes import ProcessGroup
+        from eval.training.train import train as run
+    init = _shipped() if init == SHIPPED else init
+    with ProcessGroup.join() as group:
+        plan, start = _plan(network, recipe, init, without or [], batch)
+        precision = precision or best_precision()
+        plan = replace(plan, epochs=epochs or EPOCHS, minutes=minutes, seed=seed, precision=precision)
+        split, measured = _crops(data, tests, frozenset(hold_out or []), test_images)
+        crops = split.trained
+        if group.first:
+            _say_unchecked([*data, *tests])
+            clear(out, PLAN, overwrite, *inputs)
+        with _watching(group, out, plan, crops, checkpoint_minutes) as watch:
+            model, done = run(crops, measured, out, plan, group, watch, start, workers)
+    if group.first:
+        say(split.note)
+        _report(_written(out, model, plan, split), done.epochs, started, json)
+
+
+def _checked(frames: list[Path], init: Path | None) -> list[Path]:
+    """What is trained on and started from, which is there."""
+    from annotate.labelset.labelled_frames import open_frames
+
+    check_extra("train", "torch", "onnx", "safetensors")
+    for path in frames:
+        open_frames(path)
+    inputs = [*frames, init] if init else frames
+    check_there(*inputs)
+    if init is not None:
+        check_safetensors(init)
+    return inputs
+
+
+def _say_unchecked(paths: list[Path]) -> None:
+    """Print how many frames of label sets nobody has accepted, where there are any."""
+    from annotate.labelset.label_set import LabelSet
+    from annotate.labelset.labelled_frames import open_frames
+
+    for path in paths:
+        labels = open_frames(path)
+        if isinstance(labels, LabelSet):
+            automatic = sum(labels.status(frame_id) == "auto" for frame_id in labels.frame_ids)
+            if automatic:
+                say(f"{path}: {automatic} of {len(labels)} frames have labels that nobody has checked")
+
+
+def _shipped() -> Path:
+    from eval.network.onnx_network import SHIPPED_WEIGHTS
+
+    return SHIPPED_WEIGHTS.with_suffix(".safetensors")
+
+
+def _report(written: dict[str, Any], epochs: "Sequence[Epoch]", started: float, json: bool) -> None:
+    """Finish. written: what ``_written`` gives; epochs: all of them; started: by the steady clock."""
+    history = [asdict(epoch) for epoch in epochs]
+    course = {"epochs": len(history), "loss": epochs[-1].loss, "history": history}
+    result = written | course | {"seconds": round(time.monotonic() - started, 1)}
+    text = f"{len(history)} epochs, loss {epochs[-1].loss:.4f}, weights in {written['weights']}"
+    finish(result, json, text)
+
+
+def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSplit") -> dict[str, Any]:
+    """Write a trained network in both formats; return its path, its temperature and what that rests on."""
+    from eval.network.checkpoint import save_weights
+    from eval.network.networks import export_onnx
+    from eval.training.temperature import fitted_temperature
+
+    weights = out / "weights.onnx"
+    save_weights(weights.with_suffix(".safetensors"), model, plan.network)
+    held = split.calibrated
+    temperature = 1.0 if held is None else fitted_temperature(model, held.spread(CALIBRATED_ON))
+    export_onnx(model, weights, temperature)
+    calibrated_on = split.described()
+    return {
+        "temperature": round(temperature, 4),
+        "calibrated_on": calibrated_on,
+        "weights": str(weights),
+    }
+
+
+def _plan(
+    network: NetworkName | None,
+    recipe: RecipeName,
+    init: Path | None,
+    without: list[Without],
+    batch: int | None,
+) -> "tuple[Plan, nn.Module | None]":
+    from eval.network.checkpoint import load_weights
+    from eval.training.augment import Augmentation
+    from eval.training.plan import ModernRecipe, PaperRecipe, Plan
+
+    model, config = load_weights(init) if init else (None, _config(network or "compact"))
+    how = Augmentation(**{f.name: f.name not in without for f in fields(Augmentation)})
+    kind = PaperRecipe if recipe == "paper" else ModernRecipe
+    chosen = kind() if batch is None else kind(batch)
+    return Plan(config, chosen, how), model
+
+
+def _config(network: NetworkName) -> "NetworkConfig":
+    from eval.network.compact import CompactConfig
+    from eval.network.reference_networks import PaperConfig, SmpConfig
+
+    configs: dict[NetworkName, NetworkConfig] = {
+        "compact": CompactConfig(),
+        "compact-small": CompactConfig((16, 24, 32, 48, 64), 2),
+        "compact-large": CompactConfig((32, 48, 96, 160, 256)),
+        "paper": PaperConfig(),
+        "paper-quarter": PaperConfig(16, 1024),
+        "smp": SmpConfig(),
+    }
+    return configs[network]
+
+
+def _crops(
+    data: list[Path], tests: list[Path], hold_out: frozenset[str], images: int
+) -> "tuple[CalibrationSplit, Crops | None]":
+    """Return images to train on, to calibrate on and to measure on, if any; the three share none."""
+    from eval.training.calibration_split import calibration_split
+    from eval.training.crops import load_crops
+
+    split = calibration_split(load_crops(data, without=hold_out))
+    if hold_out:
+        return split, load_crops(data, only=hold_out).spread(images)
+    return split, load_crops(tests).spread(images) if tests else None
+
+
+@contextmanager
+def _watching(
+    group: "ProcessGroup", out: Path, plan: "Plan", crops: "Crops", minutes: float
+) -> "Iterator[Watch]":
+    """Where a training reports, and when it is saved; only the first of several processes reports."""
+    from eval.training.train import Watch, work_left
+
+    def ended(epoch: "Epoch") -> None:
+        scores = "" if epoch.miou is None else f", mean recall {epoch.mean_recall:.4f}, mIoU {epoch.miou:.4f}"
+        of = f" of {plan.epochs}" if plan.minutes is None else ""
+        say(f"epoch {epoch.number}{of}: loss {epoch.loss:.4f}{scores}")
+
+    if group.first:
+        left, unit = work_left(out, plan, crops)
+        with progress(f"train, {unit}", left) as advance:
+            yield Watch(advance, ended, 60 * minutes)
+    else:
+        yield Watch(checkpoint_s=60 * minutes)
+
+
+def _lessons(
+    sessions: list[Path], truth: list[Path] | None, suit: Path | None
+) -> list[tuple[Path, Path, Path]]:
+    """Each recording with its labels and palette. Raises CloudError for too few, or what is none."""
+    from annotate.labelset.label_set import LabelSet
+    from annotate.suit.palette import load_suit
+    from synth.rig.paths import suit_path, truth_path
+
+    if len(sessions) < 2:
+        raise CloudError("one recording is too few: confidence is fitted to another; give two or more")
+    if truth and len(truth) != len(sessions):
+        raise CloudError(f"{len(truth)} label sets for {len(sessions)} recordings; give one --truth for each")
+    known = truth or [truth_path(session) for session in sessions]
+    suits = [suit or suit_path(session) for session in sessions]
+    triples = list(zip(sessions, known, suits, strict=True))
+    for recording, labels, palette in triples:
+        opener_at(recording)
+        LabelSet.open(labels)
+        load_suit(palette)
+    return triples
+
+
+def train_labels(
+    sessions: Annotated[list[Path], Argument(help="Two or more recordings of people in the suit.")],
+    out: Annotated[Path, Option(help="Folder for reader.onnx; an interrupted run continues there.")],
+    truth: Annotated[
+        list[Path] | None,
+        Option(
+            help="Corrected label set of each recording, in the same order.",
+            show_default="what simulate wrote beside each",
+        ),
+    ] = None,
+    suit: Annotated[
+        Path | None,
+        Option(help="Palette of the suit (TOML).", show_default="what simulate wrote beside each"),
+    ] = None,
+    steps: Annotated[
+        int,
+        Option(min=1, max=1_000_000, help="Steps of eight samples, about half a second each on one core."),
+    ] = 1000,
+    seed: Annotated[int, Option(min=0, help="The same seed and recordings give the same weights.")] = 0,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Train the labelling on with your recordings, for 'label --weights'. Needs the extra 'train'."""
+    check_extra("train", "torch", "onnx", "safetensors")
+    check_extra("synth", "scipy")
+    triples = _lessons(sessions, truth, suit)
+    inputs = [path for triple in triples for path in triple]
+    check_room(out, PLAN, overwrite, *inputs)
+    with needing("train", "synth"):
+        from annotate.segmentation.suit_network import Reader
+        from eval.training.segmentation.examples import Recording
+        from eval.training.segmentation.fit import train_labels
+    clear(out, PLAN, overwrite, *inputs)
+    done = train_labels([Recording.open(*triple) for triple in triples], out, steps, seed, progress)
+    result = {
+        "weights": str(done.path),
+        "sha256": Reader(done.path).sha256,
+        "frames": done.frames,
+        "frames_held_out": done.frames_held_out,
+        "mean_recall": done.after.recall,
+        "person_iou": done.after.person_iou,
+        "mean_recall_before": done.before.recall,
+        "person_iou_before": done.before.person_iou,
+    }
+    text = (
+        f"{done.path}: {done.frames} frames; on {done.frames_held_out} held out, before borders are drawn, "
+        f"mean recall {done.before.recall:.3f} -> {done.after.recall:.3f}, person IoU "
+        f"{done.before.person_iou:.3f} -> {done.after.person_iou:.3f}"
+    )
+    finish(result, json, text)

@@ -1,1 +1,0 @@
-"""A network that adapts to one person and room from the frames that people have corrected."""

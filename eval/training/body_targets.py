@@ -1,0 +1,68 @@
+"""The whole person in a training image as one row of known values: facing, posture and joints."""
+
+import numpy as np
+
+from annotate.array_types import Float32, Float64
+from annotate.crop import RANGE_MM, SIZE, network_crop, person_of
+from annotate.frame_labels import FrameLabels
+from annotate.labelset.labelled_frames import LabelledFrames, camera_of, pinhole_of
+from annotate.posture import POSTURES
+from eval.scores.joints import IN_SKELETON, N_JOINTS, TWIN
+from synth.body.skeleton import N_JOINTS as N_SKELETON
+from synth.pose.posture_classes import posture_of
+
+FACING, POSTURE, JOINTS = slice(0, 2), 2, slice(3, 3 + 3 * N_JOINTS)
+"""Of a row: cosine and sine of the camera's azimuth about the trunk; index of the posture; joints (J, 3) as
+``Answer.joints``. NaN is unknown."""
+ROW = JOINTS.stop
+"""Values of a row."""
+
+
+def nothing_known() -> Float32:
+    """Row (ROW,) for a person about whom nothing is known."""
+    return np.full(ROW, np.nan, np.float32)
+
+
+def whole_person(frames: LabelledFrames, frame: FrameLabels) -> Float32:
+    """Row (ROW,) of a frame by its notes, joints in the frame's crop of ``to_crop``."""
+    from synth.images.standing_statistics import facing_deg
+
+    row = nothing_known()
+    posture = frame.notes.get("posture", posture_of(str(frame.notes.get("activity", ""))))
+    if posture in POSTURES:
+        row[POSTURE] = POSTURES.index(posture)
+    joints_mm = np.array(frame.notes.get("joints_mm", ()), np.float64)
+    if joints_mm.shape != (N_SKELETON, 3) or not np.isfinite(joints_mm).all():
+        return row
+    azimuth = np.radians(facing_deg(joints_mm))
+    row[FACING] = np.cos(azimuth), np.sin(azimuth)
+    row[JOINTS] = _in_crop(frames, frame, joints_mm[IN_SKELETON]).ravel()
+    return row
+
+
+def _in_crop(frames: LabelledFrames, frame: FrameLabels, joints_mm: Float64) -> Float64:
+    """Joints (J, 3), camera frame, as column and row in shares of the crop's side, and depth in its units."""
+    seen = person_of(frame.parts) & (frame.depth_mm > 0)
+    camera, crop = pinhole_of(frame, camera_of(frames, frame)), network_crop(seen)
+    x, y, z = joints_mm.T
+    u = (x / z * camera.fx + camera.cx + 0.5 - crop.left) / crop.side
+    v = (y / z * camera.fy + camera.cy + 0.5 - crop.top) / crop.side
+    middle = float(np.median(frame.depth_mm[seen]))
+    return np.column_stack([u, v, (z - middle) / RANGE_MM + 0.5])
+
+
+def mirrored(row: Float32) -> Float32:
+    """A row of the person with left and right exchanged; the joints keep their columns."""
+    other = row.copy()
+    other[1] = -row[1]
+    other[JOINTS] = row[JOINTS].reshape(N_JOINTS, 3)[TWIN].ravel()
+    return other
+
+
+def moved(row: Float32, crop_from_source: Float64, size: int = SIZE) -> Float32:
+    """A row whose joints follow an affine map (2, 3) of pixels of a crop of ``size``."""
+    other = row.copy()
+    joints = other[JOINTS].reshape(N_JOINTS, 3)
+    pixels = joints[:, :2] * size - 0.5
+    joints[:, :2] = (pixels @ crop_from_source[:, :2].T + crop_from_source[:, 2] + 0.5) / size
+    return other

@@ -1,0 +1,1 @@
+"""Cameras and rigs as other programs write them: YAML, JSON, text, messages."""

@@ -1,0 +1,109 @@
+"""Intrinsics as various programs write them, and what goes with them; keys: docs/formats.md.
+
+In JSON, ours (``fx fy cx cy width height``, optionally ``k1 k2 p1 p2 k3`` and ``depth_unit_mm``),
+librealsense's (``fx fy ppx ppy width height``, optionally ``coeffs model depth_scale``), and Open3D's
+(``intrinsic_matrix`` by columns, ``width height``, optionally ``depth_scale``) are read by their keys; all
+other files by ``camera_text``.
+"""
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sensors.calibration_files.camera_text import read_camera_text
+from sensors.calibration_files.realsense_lens import realsense_intrinsics
+from sensors.checks.camera_check import check_camera
+from sensors.errors import CalibrationError
+from sensors.files.bounded import read_bounded
+from sensors.rig.camera import Intrinsics
+from sensors.rig.rig_calibration import MAX_CALIBRATION_BYTES
+
+_OURS = frozenset({"fx", "fy", "cx", "cy", "width", "height"})
+_OURS_OPTIONAL = frozenset({"k1", "k2", "p1", "p2", "k3", "depth_unit_mm"})
+
+
+class FoundIntrinsics(NamedTuple):
+    """Intrinsics of a file. unit_mm: millimetres of a depth step, None = not stated; aligned: colour has the
+    depth's pixels."""
+
+    depth: Intrinsics
+    unit_mm: float | None = None
+    aligned: bool = False
+
+
+def first_intrinsics(files: list[Path], shape: tuple[int, int]) -> tuple[FoundIntrinsics, str]:
+    """Intrinsics of depth images (h, w) from the first of the files that exists, and a note on its name.
+
+    Raises CalibrationError, where none exists with what to write.
+    """
+    file = next((file for file in files if file.is_file()), None)
+    if file is None:
+        raise CalibrationError(
+            f"depth images without intrinsics; add {files[0]} holding "
+            f'{{"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": {shape[1]}, "height": {shape[0]}}} '
+            "with the depth camera's four numbers in pixels, or give such a file with --intrinsics"
+        )
+    return read_intrinsics(file, shape), f"intrinsics from {file.name}"
+
+
+def read_intrinsics(file: Path, shape: tuple[int, int] = (0, 0)) -> FoundIntrinsics:
+    """Read a file; ``shape`` (h, w) is taken where it states no size. Raises CalibrationError."""
+    data = read_bounded(file, MAX_CALIBRATION_BYTES, "give intrinsics", CalibrationError)
+    try:
+        found = _found(data.decode(json.detect_encoding(data), errors="replace"), shape)
+    except (TypeError, ValueError, KeyError, AttributeError, OverflowError, RecursionError) as error:
+        raise CalibrationError(f"{file} is malformed ({error}); correct it") from error
+    if found.unit_mm is not None and not 0 < found.unit_mm <= 1000:
+        raise CalibrationError(f"{file} has depth steps of {found.unit_mm} mm; give more than 0, up to 1000")
+    check_camera(found.depth, str(file))
+    return found
+
+
+def _found(text: str, shape: tuple[int, int]) -> FoundIntrinsics:
+    fields = json.loads(text) if text.lstrip().startswith("{") else None
+    if fields is not None and "intrinsic_matrix" in fields:
+        return _from_open3d(fields, shape)
+    if fields is not None and "ppx" in fields:
+        return _from_realsense(fields)
+    if fields is not None and set(fields) <= _OURS | _OURS_OPTIONAL:
+        return _from_ours(fields)
+    return FoundIntrinsics(*read_camera_text(text, shape))
+
+
+def _from_ours(fields: dict[str, Any]) -> FoundIntrinsics:
+    if not set(fields) >= _OURS or set(fields) - _OURS - _OURS_OPTIONAL:
+        raise ValueError(f"it must hold {sorted(_OURS)}, optionally {sorted(_OURS_OPTIONAL)}")
+    if any(isinstance(value, bool | str) for value in fields.values()):
+        raise ValueError("not all of its values are numbers")
+    size = {side: int(fields[side]) for side in ("width", "height")}
+    numbers = {name: float(value) for name, value in fields.items()}
+    unit_mm = numbers.pop("depth_unit_mm", None)
+    return FoundIntrinsics(Intrinsics(**{**numbers, **size}), unit_mm)  # type: ignore[arg-type]
+
+
+def _from_realsense(fields: dict[str, Any]) -> FoundIntrinsics:
+    """Read librealsense's ``rs2_intrinsics``; pyrealsense2 writes its models as ``distortion.NAME``."""
+    lens = [float(x) for x in fields.get("coeffs", [])]
+    if any(lens) and len(lens) != 5:
+        raise ValueError(f"coeffs has {len(lens)} numbers; give k1, k2, p1, p2, k3")
+    numbers = [float(fields[name]) for name in ("fx", "fy", "ppx", "ppy")]
+    pinhole = Intrinsics(int(fields["width"]), int(fields["height"]), *numbers)
+    model = str(fields.get("model", "")).lower().removeprefix("distortion.")
+    camera = realsense_intrinsics(pinhole, model or "none", lens) if any(lens) else pinhole
+    scale = fields.get("depth_scale")
+    return FoundIntrinsics(camera, None if scale is None else 1000 * float(scale))
+
+
+def _from_open3d(fields: dict[str, Any], shape: tuple[int, int]) -> FoundIntrinsics:
+    """Open3D's PinholeCameraIntrinsic, as its RealSense recorder writes it for depth aligned to colour."""
+    height, width = (fields["height"], fields["width"]) if "width" in fields else shape
+    (fx, _, _), (_, fy, _), (cx, cy, _) = np.array(fields["intrinsic_matrix"], float).reshape(3, 3).tolist()
+    camera = Intrinsics(int(width), int(height), fx, fy, cx, cy)
+    if "depth_scale" not in fields:
+        return FoundIntrinsics(camera, None, aligned=True)
+    steps_per_m = float(fields["depth_scale"])
+    if not 1 <= steps_per_m <= 1e6:
+        raise ValueError(f"depth_scale {steps_per_m}")
+    return FoundIntrinsics(camera, 1000 / steps_per_m, aligned=True)

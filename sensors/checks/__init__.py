@@ -1,0 +1,1 @@
+"""Plausibility of cameras, depth images, temperatures and mounting."""

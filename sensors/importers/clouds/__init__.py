@@ -1,0 +1,1 @@
+"""Point cloud files as depth images."""

@@ -1,0 +1,162 @@
+"""Readings of several devices: a thread for each, queues of bounded length, lost devices opened again."""
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from queue import Full, Queue
+
+from sensors.device.protocol import Device, DeviceReading
+from sensors.errors import DeviceError, DeviceFaultError, one_line
+from sensors.recording.arrival_times import Arrivals, Arrived, Event
+
+BACKLOG, BACKLOG_S = 64, 2.0
+"""Readings, and seconds of readings, that a device may be ahead of the disk, whichever is more: 45 MB of a
+Kinect v2. A busy disk stalls for a second. Untuned."""
+READ_S = 0.2
+"""Seconds a thread waits for a reading before it checks whether it is to end. Untuned."""
+REOPEN_S = 1.0
+"""Seconds between two attempts to open a lost device again. Untuned."""
+
+
+class Intake:
+    """Readings of devices that have started; as a context it reads, and closes the devices at its end.
+
+    reopen: opens and starts a device that was lost. away: addresses that are lost now. faults: by address,
+    when a device last sent what it must not, and what. Raises DeviceError where two devices have one stream,
+    or none gives depth.
+    """
+
+    def __init__(self, devices: Sequence[Device], reopen: Callable[[str], Device]) -> None:
+        _check_streams(devices)
+        self._devices = {device.address: device for device in devices}
+        self._queues = {
+            device.address: Queue[DeviceReading | Exception](
+                max(BACKLOG, round(BACKLOG_S * sum(device.rates_hz.values())))
+            )
+            for device in devices
+        }
+        self._reopen = reopen
+        self._overrun = Counter[str]()
+        self._woken, self._stop = threading.Event(), threading.Event()
+        self._threads: list[threading.Thread] = []
+        self._unix_from_monotonic = time.time_ns() - time.monotonic_ns()
+        self._arrivals = Arrivals(self._unix_from_monotonic)
+        self.faults: dict[str, Event] = {}
+
+    def __enter__(self) -> "Intake":
+        self._threads = [
+            threading.Thread(target=self._read, args=(address,), name=f"read {address}", daemon=True)
+            for address in self._devices
+        ]
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        for thread in self._threads:
+            if thread.ident is not None:
+                thread.join(5)
+        for device in self._devices.values():
+            device.close()
+
+    @property
+    def away(self) -> frozenset[str]:
+        """Addresses that are lost now."""
+        return frozenset(self._arrivals.away)
+
+    def now_ns(self) -> int:
+        """Return the time on the host's clock, without changes of that clock since the start."""
+        return time.monotonic_ns() + self._unix_from_monotonic
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait until something may have come."""
+        self._woken.wait(timeout_s)
+        self._woken.clear()
+
+    def wake(self) -> None:
+        """End a ``wait``."""
+        self._woken.set()
+
+    def drain(self) -> list[Arrived | Event]:
+        """Return all readings and events until now.
+
+        Later ones wait, because the queues of devices that are faster than the caller are never empty.
+        """
+        drained: list[Arrived | Event] = []
+        for address, queue in self._queues.items():
+            for _ in range(queue.qsize()):
+                item = queue.get_nowait()
+                if isinstance(item, DeviceReading):
+                    drained += self._arrivals.add(address, item, self._overrun.pop(address, 0))
+                else:
+                    drained.append(self._failed(address, item))
+        return drained
+
+    def _failed(self, address: str, error: Exception) -> Event:
+        text = str(error)
+        if not isinstance(error, DeviceError):
+            text = one_line(f"{address} failed: {error!r}")
+        happened = Event(self.now_ns(), text)
+        if isinstance(error, DeviceFaultError):
+            self.faults[address] = happened
+        else:
+            self._arrivals.away.add(address)
+        return happened
+
+    def _read(self, address: str) -> None:
+        """Read one device in its thread."""
+        while not self._stop.is_set():
+            try:
+                item: DeviceReading | Exception | None = self._devices[address].read(READ_S)
+            except Exception as error:  # a maker's library may raise anything; the device is opened again
+                item = error
+            if item is None:
+                continue
+            self._enqueue(address, item)
+            gone = isinstance(item, Exception) and not isinstance(item, DeviceFaultError)
+            if gone and not self._opened_again(address):
+                return
+
+    def _enqueue(self, address: str, item: DeviceReading | Exception) -> None:
+        is_error = isinstance(item, Exception)
+        while True:
+            try:
+                self._queues[address].put(item, is_error, READ_S)
+            except Full:
+                # An error is never dropped, because it means that a device is gone.
+                if is_error and not self._stop.is_set():
+                    continue
+                self._overrun[address] += 1
+            break
+        self._woken.set()
+
+    def _opened_again(self, address: str) -> bool:
+        """Open a lost device as soon as it is there again; False where the intake ends before."""
+        # What a maker's library raises at a camera that is gone, or half there, is not documented.
+        with suppress(Exception):
+            self._devices[address].close()
+        while not self._stop.wait(REOPEN_S):
+            with suppress(Exception):
+                device = self._reopen(address)
+                if self._stop.is_set():
+                    device.close()
+                    return False
+                self._devices[address] = device
+                return True
+        return False
+
+
+def _check_streams(devices: Sequence[Device]) -> None:
+    streams: dict[str, str] = {}
+    for device in devices:
+        for stream in device.rates_hz:
+            if stream in streams:
+                raise DeviceError(
+                    f"{streams[stream]} and {device.address} both give {stream}; use one of them"
+                )
+            streams[stream] = device.address
+    if "depth" not in streams:
+        raise DeviceError("no device of the rig gives depth; name a depth camera too")

@@ -1,0 +1,31 @@
+"""Random depth sensor of an image: a kind by the mix of ``synth/data/sensors.toml``, a model, its faults."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from synth.cameras.maker_filters import Filtered
+from synth.cameras.sensor import Sensor
+from synth.cameras.stereo import Stereo
+from synth.cameras.structured_light import StructuredLight
+from synth.cameras.time_of_flight import TimeOfFlight
+from synth.data_files import table
+
+KINDS: dict[str, Callable[[np.random.Generator, dict[str, Any]], Sensor]] = {
+    "filtered": Filtered.sample,
+    "structured_light": StructuredLight.sample,
+    "time_of_flight": TimeOfFlight.sample,
+    "azure_kinect": TimeOfFlight.azure_kinect,
+    "stereo": Stereo.sample,
+}
+"""How a sensor of each kind of ``sensors.toml`` is drawn."""
+
+
+def draw_sensor(rng: np.random.Generator) -> Sensor:
+    """A sensor with its own image size, focal length and faults, by the mix of ``sensors.toml``."""
+    kinds: dict[str, Any] = table("sensors")
+    shares = np.array([entry["share"] for entry in kinds.values()])
+    kind = list(kinds)[int(rng.choice(len(kinds), p=shares / shares.sum()))]
+    models = kinds[kind]["models"]
+    return KINDS[kind](rng, models[int(rng.integers(len(models)))])

@@ -1,0 +1,174 @@
+"""Joints of other skeletons as a marker set: every joint of a known name is a point at a joint of ours.
+
+Bone lengths, rest poses and axes of skeletons differ from tool to tool; what they share is where the joints
+are. Head and hands have a point at the bone's end too. What turns about a bone without moving a joint (the
+forearm, the head on its axis) is lost.
+"""
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from annotate.array_types import Bool, Float64, Int64
+from sensors.errors import CloudError, FormatError
+from synth.body.skeleton import JOINT_ID
+from synth.data_files import table
+from synth.motion_files.marker_names import without_prefix
+from synth.motion_files.marker_set import MIN_MARKERS, MarkerSet
+
+_NAMES = table("joint_names")
+"""Names of joints, the best first, by our kind of joint, in the order in which kinds are filled."""
+_KINDS = {name for names in _NAMES.values() for name in names}
+_TRUNK = ("pelvis", "neck", "head", "head_end", "nose")
+_FACE = ("nose", "eye", "ear")
+"""Points by which a head is known that has no joint of its own."""
+_SIDES = (
+    re.compile(r"(?P<side>left|right|l|r)[ _.-]*(?P<rest>.+)"),
+    re.compile(r"(?P<rest>.+?)[ _.-]*(?P<side>left|right)"),
+    re.compile(r"(?P<rest>.+?)[ _.-](?P<side>l|r)"),
+)
+_MIDDLE = re.compile(r"[cm][ _.-](.+)|(.+)[ _.-][cm]")
+"""Names of VRM ("C_Hips") and AdvancedSkeleton ("Root_M") for what has no side."""
+_JOINT = re.compile(r"[ _.-](jnt|joint|bone)$")
+"""Ending of DeepMotion's names ("l_upleg_JNT")."""
+KNUCKLES = 0.06
+"""Least length of a hand, wrist to knuckles, as a share of the leg: of ASF skeletons' short bones the hand is
+the wrist. SMPL's hand has 0.1."""
+_BEASTS = re.compile(r"tail|paw|hoof|wing|snout", re.IGNORECASE)
+"""Joints that no person has."""
+_PROPORTIONS = {"thigh": (0.35, 0.65), "arm": (0.4, 1.1), "trunk": (0.3, 1.0)}
+"""Of the leg's length: least and most of any person (Pheasant & Haslegrave 2005), with room for cartoon
+figures; a dog's trunk has 1.5."""
+
+
+def marker_set_of_joints(
+    names: Sequence[str], parents: Int64, centres: Float64
+) -> tuple[list[int], MarkerSet, float]:
+    """Columns of the joints that are known, their marker set, and the leg's length in the file's unit.
+
+    parents: (J,) index of each joint's parent, -1 for the root. centres: (F, J, 3). Raises CloudError when
+    too few are known or the skeleton is no person's.
+    """
+    places = _places(names, parents, centres)
+    legs = [f"left_{joint}" in places for joint in ("hip", "knee", "ankle")]
+    shown = f"{', '.join(names[:6])}, ..."
+    if len(places) < MIN_MARKERS or not all(legs):
+        raise CloudError(
+            f"unknown joints ({shown}); rename them like LeftUpLeg, LeftLeg, LeftFoot (docs/markers.md)"
+        )
+    leg = _check_person(names, places, centres)
+    rows = [_row(place) for place in places]
+    joint, at, spread = (np.array(column) for column in zip(*rows, strict=True))
+    known = MarkerSet("joints", tuple(places), joint.astype(np.int64), at, spread, np.ones(len(rows)))
+    return list(places.values()), known, leg
+
+
+def _places(names: Sequence[str], parents: Int64, centres: Float64) -> dict[str, int]:
+    """Index of the best joint for each of our places ("left_knee", "head", "left_toe")."""
+    apart = _apart(parents, centres)
+    plain = without_prefix(names)
+    named: dict[tuple[str, str], int] = {}
+    for i, name in enumerate(plain):
+        for side, kind in _readings(name) if apart[i] else ():
+            named.setdefault((side, kind), i)
+    found: dict[str, int] = {}
+    for side in ("", "left_", "right_"):
+        for kind, best in _NAMES.items():
+            here = [named[side, name] for name in best if (side, name) in named]
+            free = [i for i in here if i not in found.values()]
+            if free and (kind in _TRUNK) == (not side):
+                found[side + kind] = free[0]
+        _at_wrist(side, found, centres)
+    if "head" in found:
+        found = {place: i for place, i in found.items() if place.rpartition("_")[2] not in _FACE}
+    for end, of in (("head_end", "head"), ("left_hand_end", "left_wrist"), ("right_hand_end", "right_wrist")):
+        tips = [
+            i for i in np.flatnonzero(parents == found.get(of, -2)) if apart[i] and i not in found.values()
+        ]
+        if end not in found and tips and (len(tips) == 1 or of != "head"):
+            found[end] = int(tips[len(tips) // 2])
+    return found
+
+
+def _at_wrist(side: str, found: dict[str, int], centres: Float64) -> None:
+    """Make the hand the wrist where the two are one, as in ASF skeletons."""
+    wrist, hand = found.get(f"{side}wrist"), found.get(f"{side}hand_end")
+    hip, knee = found.get(f"{side}hip"), found.get(f"{side}knee")
+    if wrist is None or hand is None or hip is None or knee is None:
+        return
+    if _length(centres, wrist, hand) < KNUCKLES * 2 * _length(centres, hip, knee):
+        found[f"{side}wrist"] = hand
+        del found[f"{side}hand_end"]
+
+
+def _length(centres: Float64, a: int, b: int) -> float:
+    return float(np.nanmedian(np.linalg.norm(centres[:, a] - centres[:, b], axis=-1)))
+
+
+def _apart(parents: Int64, centres: Float64) -> Bool:
+    """Joints (J,) that are not where their parent is: those that are have no place of their own."""
+    away = np.nan_to_num(np.linalg.norm(centres - centres[:, parents], axis=2)).max(axis=0)
+    return np.asarray((away > 1e-3 * away.max()) | (parents < 0), np.bool_)
+
+
+def _readings(name: str) -> list[tuple[str, str]]:
+    """Return sides ("left_", "right_" or "") and known names of joints that a joint's name may mean."""
+    label = _JOINT.sub("", name.casefold())
+    found = [("", label)]
+    if match := _MIDDLE.fullmatch(label):
+        found.append(("", match[1] or match[2]))
+    for pattern in _SIDES:
+        if match := pattern.fullmatch(label):
+            found.append(("left_" if match["side"][0] == "l" else "right_", match["rest"]))
+    bare = [(side, re.sub(r"[^a-z0-9]", "", rest)) for side, rest in found]
+    return [(side, rest) for side, rest in bare if rest in _KINDS]
+
+
+def _check_person(names: Sequence[str], places: dict[str, int], centres: Float64) -> float:
+    """The leg's length. Raises CloudError, FormatError for the skeleton of no person."""
+    beast = next((name for name in names if _BEASTS.search(name)), None)
+    if beast is not None:
+        raise CloudError(f"its joint {beast[:40]!r} is not a person's; give the motion of a person")
+
+    def length(a: str, b: str) -> float:
+        return _length(centres, places[a], places[b]) if a in places and b in places else float("nan")
+
+    thigh, leg = length("left_hip", "left_knee"), length("left_hip", "left_knee")
+    leg += length("left_knee", "left_ankle")
+    if not leg > 0:
+        raise FormatError("its legs have no length; export it again")
+    arm = length("left_shoulder", "left_elbow") + length("left_elbow", "left_wrist")
+    measured = {"thigh": thigh, "arm": arm, "trunk": length("left_hip", "left_shoulder")}
+    for what, (low, high) in _PROPORTIONS.items():
+        if measured[what] < low * leg or measured[what] > high * leg:
+            share = measured[what] / leg
+            raise CloudError(
+                f"its {what} is {share:.2f} of a leg, not a person's; give the motion of a person"
+            )
+    return leg
+
+
+_POINTS = {
+    "nose": ("head", (0.0, -0.11, 0.03)),
+    "eye": ("head", (0.032, -0.085, 0.06)),
+    "ear": ("head", (0.075, 0.0, 0.05)),
+}
+"""Joint and place in metres from it of points of the left half of a face."""
+
+
+def _row(place: str) -> tuple[int, tuple[float, float, float], float]:
+    """Joint, place in metres from it and spread of one point."""
+    side, _, kind = place.partition("_") if "_" in place else ("", "", place)
+    if kind == "toe":
+        return JOINT_ID[f"{side}_ankle"], (0.0, -0.15, -0.05), 0.05
+    if kind == "hand_end":
+        return JOINT_ID[f"{side}_wrist"], (0.0, 0.0, -0.09), 0.05
+    if place == "head_end":
+        return JOINT_ID["head"], (0.0, 0.0, 0.15), 0.05
+    if kind in _POINTS:
+        joint, at = _POINTS[kind]
+        return JOINT_ID[joint], (at[0] if side == "left" else -at[0], *at[1:]), 0.03
+    # Limbs hinge at the joints of the file; its hips, collar and neck differ from tool to tool.
+    exact = kind in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+    return JOINT_ID[place], (0.0, 0.0, 0.0), 0.005 if exact else 0.03

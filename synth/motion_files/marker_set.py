@@ -1,0 +1,273 @@
+"""Marker sets: which place on the body a marker's name stands for."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from pathlib import Path
+
+import numpy as np
+
+from annotate.array_types import Bool, Float64, Int64
+from sensors.errors import CloudError, FormatError
+from sensors.files.bounded import read_toml
+from synth.body.skeleton import JOINT_ID, shortest_arc
+from synth.data_files import shipped
+from synth.motion_files.handedness import MIRROR_LINE, is_mirrored
+from synth.motion_files.marker_files import UNITS_M, Markers
+from synth.motion_files.marker_names import key_of, without_prefix
+from synth.motion_files.vertical_axis import direction, find_vertical
+
+MIN_MARKERS = 8
+"""Known names without which a set does not fit a recording. Untuned."""
+MAX_FILE_BYTES = 1_000_000
+"""A shipped set has 5 kB at most."""
+DEFAULT_SPREAD_MM = 30.0
+"""Standard deviation of a marker's place where the file has none. Untuned."""
+
+
+@dataclass(frozen=True)
+class MarkerSet:
+    """Places of markers on a body 1.70 m tall in anatomical zero.
+
+    names: of the M markers. joint: int64 (M,) the joint each moves with. at_m: (M, 3) metres from it,
+    x to the person's left, y back, z up. spread_m: (M,) standard deviation of that place. weight: (M,).
+    also: other names of markers, by the key of the name (see ``key_of``). note: what to know of a solution.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    joint: Int64
+    at_m: Float64
+    spread_m: Float64
+    weight: Float64
+    also: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    note: str = ""
+
+    @cached_property
+    def places(self) -> dict[str, int]:
+        """Index of the marker by the key of each of its names."""
+        known = {key_of(name): place for place, name in enumerate(self.names)}
+        others = {key_of(other): known[key] for key, spellings in self.also.items() for other in spellings}
+        return others | known
+
+    def columns(self, labels: Sequence[str]) -> list[int | None]:
+        """Return the index of the marker that each label of a file names, None for labels of no marker."""
+        keys = zip(map(key_of, labels), map(key_of, without_prefix(labels, "_- .")), strict=True)
+        return [self.places.get(whole, self.places.get(short)) for whole, short in keys]
+
+
+def load_marker_set(path: Path) -> MarkerSet:
+    """Read a marker-set file (TOML). Raises FormatError naming the entry that is wrong."""
+    content = read_toml(path, MAX_FILE_BYTES, "give a marker-set file (TOML)")
+    markers = content.get("markers")
+    if not isinstance(markers, dict) or not markers:
+        raise FormatError(f"marker set {path} has no table [markers] with entries; add it")
+    rows = [_place(path, name, entry) for name, entry in markers.items()]
+    also = {key_of(name): _also(path, name, entry) for name, entry in markers.items() if "also" in entry}
+    keys = [key_of(name) for name in (*markers, *(other for others in also.values() for other in others))]
+    if len(set(keys)) < len(keys):
+        raise FormatError(
+            f"marker set {path} names a marker twice; labels must differ in more than case and punctuation"
+        )
+    joint, at, spread, weight = zip(*rows, strict=True)
+    return MarkerSet(
+        str(content.get("name", path.stem)),
+        tuple(markers),
+        np.array(joint, np.int64),
+        np.array(at, float),
+        np.array(spread, float) / 1000,
+        np.array(weight, float),
+        also,
+        str(content.get("note", "")),
+    )
+
+
+def _also(path: Path, name: str, entry: dict[str, object]) -> tuple[str, ...]:
+    also = entry["also"]
+    if not isinstance(also, list) or not all(isinstance(other, str) for other in also):
+        raise FormatError(f'marker set {path}: other names of {name} are no list; give also = ["LeftKnee"]')
+    return tuple(also)
+
+
+def _place(path: Path, name: str, entry: object) -> tuple[int, list[float], float, float]:
+    try:
+        assert isinstance(entry, dict)
+        joint, at = JOINT_ID[entry["joint"]], [float(v) for v in entry["at_m"]]
+        spread, weight = float(entry.get("spread_mm", DEFAULT_SPREAD_MM)), float(entry.get("weight", 1.0))
+        assert len(at) == 3 and all(abs(v) <= 1 for v in at) and 0 < spread <= 1000 and 0 < weight <= 100
+    except (AssertionError, KeyError, TypeError, ValueError, OverflowError) as error:
+        raise FormatError(
+            f"marker set {path}: {name} is not a place; give "
+            '{ joint = "left_knee", at_m = [0.05, 0, 0], spread_mm = 30, weight = 1 }'
+        ) from error
+    return joint, at, spread, weight
+
+
+@cache
+def shipped_marker_sets() -> tuple[MarkerSet, ...]:
+    """Return the sets that come with the package (``synth/data/markersets``)."""
+    return tuple(load_marker_set(path) for path in sorted(shipped("markersets").glob("*.toml")))
+
+
+def choose_marker_set(labels: tuple[str, ...]) -> MarkerSet:
+    """The shipped set with most of the labels. Raises CloudError when none has enough."""
+
+    def known(markers: MarkerSet) -> int:
+        return len(set(markers.columns(labels)) - {None})
+
+    best = max(shipped_marker_sets(), key=lambda s: (known(s), -len(s.names)))
+    if known(best) < MIN_MARKERS:
+        shown = ", ".join(labels[:6])
+        raise CloudError(f"unknown markers ({shown}, ...); give a marker-set file that describes them")
+    return best
+
+
+PERSON_M = (0.5, 3.0)
+"""Diagonal of the box about a person's markers in any posture, metres: least and most. Untuned."""
+SAME_PERSON = 0.12
+"""Share by which distances of markers on one bone differ between two people. Untuned."""
+FAR_M = 100.0
+"""Farthest coordinate of a marker in a capture room, metres. Untuned."""
+
+
+@dataclass(frozen=True)
+class KnownMarkers:
+    """positions_m: float64 (F, M, 3) world, z up, NaN where not seen, one column per marker of the set;
+    unknown: labels that the set does not know; up: the file's axis that became z, of ``vertical.AXES``;
+    unit: the file's; assumed: lines on the unit, the axes and labels that occur twice."""
+
+    positions_m: Float64
+    unknown: tuple[str, ...]
+    up: str
+    unit: str
+    assumed: tuple[str, ...] = ()
+
+    @property
+    def seen(self) -> Bool:
+        """Flags (F, M) of the markers that a frame holds."""
+        return np.asarray(np.isfinite(self.positions_m).all(axis=2))
+
+
+def known_markers(markers: Markers, markerset: MarkerSet, standing: bool = False) -> KnownMarkers:
+    """Pick the set's markers out of a recording and bring them to metres, z up.
+
+    standing: whether the recording is of a standing person. A unit that contradicts the size of a person is
+    replaced by the one that fits, a vertical axis that contradicts the motion likewise (``vertical``); a
+    mirror image is mirrored back (``handedness``). Raises CloudError when too few markers are known or seen,
+    or when no unit fits.
+    """
+    picked, unknown, twice = _picked(markers, markerset)
+    unit, unit_line = _unit(picked, markers.unit)
+    picked *= UNITS_M[unit]
+    up, vertical = find_vertical(picked, markerset.joint, markerset.at_m, markers.up, standing)
+    world = picked @ shortest_arc(direction(up), np.array([0.0, 0.0, 1.0])).T
+    world[np.abs(world).max(axis=2) > FAR_M] = np.nan
+    mirrored = is_mirrored(world, markerset.joint, markerset.at_m)
+    if mirrored:
+        world[..., 0] *= -1
+    notes = (*((markerset.note,) if markerset.note else ()), *twice, *unit_line, *vertical)
+    return KnownMarkers(world, unknown, up, unit, (*notes, *((MIRROR_LINE,) if mirrored else ())))
+
+
+def _picked(markers: Markers, markerset: MarkerSet) -> tuple[Float64, tuple[str, ...], tuple[str, ...]]:
+    """Return positions (F, M, 3) of the set's markers in the file's unit, labels of no marker, and lines on
+    several people and on labels that occur twice: the one that is seen most is used."""
+    places = markerset.columns(markers.labels)
+    frames = np.isfinite(markers.positions).all(axis=2).sum(axis=0)
+    others, lines = _other_people(markers.labels, places, frames)
+    columns: dict[int, int] = {}
+    twice = []
+    for column, (label, place) in enumerate(zip(markers.labels, places, strict=True)):
+        if place is None or column in others:
+            continue
+        if place in columns:
+            twice.append(label)
+        if place not in columns or frames[column] > frames[columns[place]]:
+            columns[place] = column
+    if len(columns) < MIN_MARKERS:
+        raise CloudError(
+            f"only {len(columns)} of the {len(markerset.names)} markers of set {markerset.name!r} are in the "
+            "recording; give a marker-set file that fits it"
+        )
+    picked = np.full((len(markers.positions), len(markerset.names), 3), np.nan)
+    for place, column in columns.items():
+        picked[:, place] = markers.positions[:, column]
+    unknown = tuple(label for label, place in zip(markers.labels, places, strict=True) if place is None)
+    if twice:
+        shown = ", ".join(twice[:4]) + (", ..." if len(twice) > 4 else "")
+        line = (
+            f"{len(twice)} labels name a marker that another label names ({shown}); the one seen most is used"
+        )
+        lines = (*lines, line)
+    return picked, unknown, lines
+
+
+def _other_people(
+    labels: Sequence[str], places: Sequence[int | None], frames: Int64
+) -> tuple[set[int], tuple[str, ...]]:
+    """Return the columns of all but the person who is seen most, and a line where the file has several.
+
+    Each person has a prefix ("Anna:LASI") and a marker that others have too. frames: that hold a column.
+    """
+    people: dict[str, dict[int, int]] = {}
+    for column, (label, place) in enumerate(zip(labels, places, strict=True)):
+        if place is not None:
+            people.setdefault(label.rpartition(":")[0], {})[place] = column
+    people = {name: own for name, own in people.items() if len(own) >= MIN_MARKERS}
+    if len(people) < 2 or not set.intersection(*map(set, people.values())):
+        return set(), ()
+    seen = {name: int(frames[list(own.values())].sum()) for name, own in people.items()}
+    used = max(people, key=lambda name: seen[name])
+    others = {c for c, label in enumerate(labels) if label.rpartition(":")[0] in set(people) - {used}}
+    names = ", ".join(repr(name[:40]) for name in people)
+    return others, (f"the file holds {len(people)} people ({names}); {used[:40]!r} is used",)
+
+
+def _unit(positions: Float64, unit: str) -> tuple[str, tuple[str, ...]]:
+    """Return the unit of a file, and a line where the one it states is none or would make no person."""
+    span = _span(positions)
+    for name in (unit, "m", "cm", "mm"):
+        if name in UNITS_M and PERSON_M[0] <= span * UNITS_M[name] <= PERSON_M[1]:
+            stated = f"the unit {unit!r} does not fit a person" if unit else "no unit is stated"
+            return name, () if name == unit else (f"{stated}; {name} is assumed",)
+    raise CloudError(
+        f"the markers span {span:.3g} {unit or 'units'}, no person's size in m, cm or mm; scale them"
+    )
+
+
+def _span(positions: Float64) -> float:
+    """Median diagonal of the box around the markers, over the frames that hold most of them."""
+    count = np.isfinite(positions).all(axis=2).sum(axis=1)
+    full = positions[count >= max(4, 0.8 * count.max())]
+    if not len(full):
+        raise CloudError("no frame holds four known markers; record again")
+    return float(np.median(np.linalg.norm(np.nanmax(full, axis=1) - np.nanmin(full, axis=1), axis=1)))
+
+
+def check_same_person(trial: KnownMarkers, static: KnownMarkers, markerset: MarkerSet) -> None:
+    """Raises CloudError when distances between markers on one bone differ between a trial and its static."""
+    differences = []
+    for joint in np.unique(markerset.joint):
+        on_bone = np.flatnonzero(markerset.joint == joint)
+        for i, a in enumerate(on_bone):
+            for b in on_bone[i + 1 :]:
+                here, there = (_distance(t, int(a), int(b)) for t in (trial, static))
+                if min(here, there) > 0.08:
+                    differences.append(abs(here / there - 1))
+    if not differences:
+        raise CloudError(
+            "the static trial shares too few markers with the trial; give the static of this recording"
+        )
+    if np.median(differences) > SAME_PERSON / 2 or np.quantile(differences, 0.8) > SAME_PERSON:
+        raise CloudError(
+            f"the static trial is of another person or other markers: distances on one bone differ by "
+            f"{100 * np.median(differences):.0f} % (median); give the static of this recording"
+        )
+
+
+def _distance(trial: KnownMarkers, a: int, b: int) -> float:
+    """Median distance of two markers over the frames that hold both, NaN when none does."""
+    both = trial.seen[:, a] & trial.seen[:, b]
+    if not both.any():
+        return float("nan")
+    return float(np.median(np.linalg.norm(trial.positions_m[both, a] - trial.positions_m[both, b], axis=1)))

@@ -1,0 +1,266 @@
+"""The vertical axis of a recording: what the file states, checked against how the person stands and moves.
+
+Files state the axis wrongly or not at all: ezc3d and BTK write no Y_SCREEN, the zero pose of Bandai Namco's
+BVH files is no standing pose (Bandai-Namco-Research-Motiondataset issue 9), and some BVH files hold a z-up
+motion beside a y-up zero pose (bvhio issues 1 and 11). A person may lie, so a trunk along an axis is no proof
+that the axis is vertical. Proofs are: the person goes far without leaving the level; the pelvis moves along
+the trunk while both feet stay; the soles are flat on the lowest level.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from annotate.array_types import Bool, Float64, Int64
+from sensors.errors import CloudError
+from synth.body.skeleton import JOINTS
+from synth.motion_files.handedness import ends_of_foot
+
+AXES = ("x", "y", "z", "-x", "-y", "-z")
+"""Names of directions of a file."""
+GIVEN = "--up"
+"""Source of a vertical axis that is obeyed without a check."""
+UPRIGHT_DEG = 45.0
+"""Greatest angle between trunk and vertical of a person who is upright. Untuned."""
+MOST, SOME = 0.5, 0.25
+"""Share of frames in which a person is upright: most of a recording, and enough where the person walks."""
+FAR_M = 0.7
+"""Way of the pelvis beyond which a person walks; somebody in bed turns over within it. Untuned."""
+CLIMB = 0.6
+"""Rise of the pelvis at most, as a share of its way: stairs rise by 0.6. Untuned."""
+SQUAT_M, STAY_M = 0.12, 0.06
+"""Way of the pelvis along the trunk, at least, and of the ankles, at most, of who squats. Untuned."""
+FLAT_DEG = 20.0
+"""Greatest angle of a flat sole; feet at rest in bed hang by 30 and more. Untuned."""
+ANKLE_TO_TOE = (-25.0, 25.0)
+"""Rise from ankle to ball of a flat foot and how far skeletons stray from it, degrees. Untuned."""
+FLOOR_M = (-0.08, 0.2)
+"""Level of the lowest marker over a floor at 0: least and most. Untuned."""
+ORIGIN_M = 0.01
+"""Distance from the origin within which a pelvis stays that is the origin. Untuned."""
+_UPPER = (
+    ("head", "neck", "spine_upper", "left_clavicle", "right_clavicle"),
+    ("left_shoulder", "right_shoulder"),
+)
+_MIDDLE = (("pelvis",), ("left_hip", "right_hip"))
+_LOWER = (("left_ankle", "right_ankle", "left_knee", "right_knee"),)
+"""Joints of the parts of a person; the others where the first are not seen."""
+
+
+class Upward(NamedTuple):
+    """Direction that a file states. axis: one of ``AXES``, "" none; by: what states it; usual: direction of
+    such files where nothing else decides."""
+
+    axis: str = ""
+    by: str = ""
+    usual: str = "y"
+
+
+UNSTATED = Upward()
+"""Vertical axis of a file that states none."""
+
+
+def given(axis: str) -> Upward:
+    """Return a direction that is obeyed. Raises CloudError when it is none of ``AXES``."""
+    if axis not in AXES:
+        raise CloudError(f"vertical axis {axis!r} is none; give {', '.join(AXES)}")
+    return Upward(axis, GIVEN)
+
+
+def direction(axis: str) -> Float64:
+    """Return the unit vector (3,) of one of ``AXES``."""
+    return np.asarray(np.eye(3)["xyz".index(axis[-1])] * (-1.0 if axis[0] == "-" else 1.0))
+
+
+@dataclass(frozen=True)
+class _Person:
+    """Ways (F, 3) in metres along a person (the trunk; from legs to head), places (F, 3) of pelvis and
+    ankles, and of all markers (F, M, 3), and directions of the soles."""
+
+    rises: tuple[Float64, Float64]
+    pelvis: Float64
+    ankles: tuple[Float64, Float64]
+    points: Float64
+    soles: tuple[tuple[Float64, float, float], ...]
+
+    def upright(self, axis: str) -> float:
+        """Return the share of frames in which the trunk, or the person as a whole, stands along an axis."""
+        lengths = np.array([np.linalg.norm(rise, axis=1) for rise in self.rises])
+        along = np.array([rise @ direction(axis) for rise in self.rises])
+        known = lengths.max(axis=0) > 0
+        stands = (along > np.cos(np.radians(UPRIGHT_DEG)) * lengths).any(axis=0)
+        return float(stands[known].mean()) if known.any() else 0.0
+
+    def moves_upright(self, axis: str) -> bool:
+        """Return whether the person walks or squats with the trunk along an axis."""
+        up = direction(axis)
+        climb = _way(self.pelvis @ up)
+        across = self.pelvis[:, up == 0]
+        walked = float(np.linalg.norm([_way(column) for column in across.T]))
+        squats = climb > SQUAT_M and max(_way(ankle @ up) for ankle in self.ankles) < STAY_M
+        return (walked > FAR_M and climb < CLIMB * walked) or squats
+
+    def stands_flat(self, axis: str) -> bool | None:
+        """Return whether the soles are level in most frames, None without markers of heel and toes."""
+        if not self.soles:
+            return None
+        up = direction(axis)
+        flat = [np.abs(np.degrees(np.arcsin(way @ up)) - rest) < most for way, rest, most in self.soles]
+        return bool(np.concatenate(flat).mean() > MOST)
+
+    def on_floor(self, axis: str) -> bool:
+        """Return whether the lowest markers are at 0, where laboratories have their floor. Places about the
+        pelvis, as networks give them, say nothing of a floor."""
+        if np.nanmax(np.abs(self.pelvis), initial=0) < ORIGIN_M:
+            return False
+        heights = (self.points @ direction(axis)).ravel()
+        heights = heights[np.isfinite(heights)]
+        return bool(FLOOR_M[0] < np.quantile(heights, 0.02) < FLOOR_M[1]) if heights.size else False
+
+    def grounded(self, axis: str, instead: str) -> bool:
+        """Return whether the floor of the recording is rather below an axis than below another."""
+        return self.on_floor(axis) or not (instead and self.on_floor(instead))
+
+    def stands(self, axis: str, instead: str) -> bool:
+        """Return whether the person stands along an axis rather than lies on the ground across it."""
+        flat = self.stands_flat(axis)
+        if flat is None:
+            return self.on_floor(axis) and not (instead and self.on_floor(instead))
+        return flat and self.grounded(axis, instead)
+
+
+def find_vertical(
+    positions_m: Float64, joint: Int64, at_m: Float64, stated: Upward, standing: bool = False
+) -> tuple[str, tuple[str, ...]]:
+    """Return the vertical axis of markers (F, M, 3) in metres, and a line on each assumption.
+
+    joint, at_m: (M,) and (M, 3) of the marker set. standing: whether the recording is of a standing person.
+    """
+    if stated.by == GIVEN:
+        return stated.axis, ()
+    person = _person(positions_m, joint, at_m)
+    shares = {axis: person.upright(axis) for axis in AXES}
+    best = max(AXES, key=lambda axis: shares[axis])
+    if stated.axis and shares[stated.axis] >= MOST:
+        return stated.axis, _doubt(person, stated)
+    if standing and shares[best] >= MOST:
+        return best, (_stands(best, stated),)
+    moves = shares[best] >= SOME and person.moves_upright(best)
+    if not stated.axis:
+        return _unstated(person, shares, best, moves, stated.usual)
+    if not moves and shares[best] < MOST:
+        return stated.axis, ()
+    if person.grounded(best, stated.axis) and (moves or person.stands(best, stated.axis)):
+        doubt = f"; else give --up {_option(stated.axis)}" if person.on_floor(stated.axis) else ""
+        return best, (_stands(best, stated) + doubt,)
+    lies = f"by {stated.by} ({stated.axis} up) the person lies"
+    return stated.axis, (f"{lies}; if the person stands, give --up {_option(best)}",)
+
+
+def _stands(axis: str, stated: Upward) -> str:
+    """Return a line on the axis of a person who stands along no stated one."""
+    if stated.axis:
+        return f"{stated.by} states {stated.axis} up, but the person stands along {axis}, which is used"
+    return f"no vertical axis is stated; the person stands along {axis}, which is used"
+
+
+def _doubt(person: _Person, stated: Upward) -> tuple[str, ...]:
+    """Return a line where a person stands by the stated axis in the air, and lies by another on its floor."""
+    if person.on_floor(stated.axis) or person.moves_upright(stated.axis) or person.stands_flat(stated.axis):
+        return ()
+    across = [axis for axis in ("y", "z", "-y", "-z") if axis[-1] != stated.axis[-1]]
+    other = next((axis for axis in across if person.on_floor(axis)), "")
+    stands = f"by {stated.by} ({stated.axis} up) the person stands"
+    return (f"{stands}; if the person lies, give --up {_option(other)}",) if other else ()
+
+
+def zero_pose_axis(positions: Float64, joint: Int64) -> str:
+    """Return y or z where the zero pose (1, M, 3) of a skeleton stands along it, else "": the pose of others
+    (Xsens, Ubisoft's LAFAN1 along x) leaves the vertical open."""
+    rise = _person(positions, joint, np.zeros((len(joint), 3))).rises[1][0]
+    axis = int(np.argmax(rise))
+    return "xyz"[axis] if axis and rise[axis] > 0.7 * np.linalg.norm(rise) > 0 else ""
+
+
+def _unstated(
+    person: _Person, shares: dict[str, float], best: str, moves: bool, usual: str
+) -> tuple[str, tuple[str, ...]]:
+    """Return the likeliest axis of a file that states none, and a line on it. moves: whether the person walks
+    or squats along the best. Others lie where a usual axis has the floor and the best has none."""
+    grounds = [axis for axis in (usual, "y", "z") if person.on_floor(axis) and shares[axis] < MOST]
+    ground = "" if person.on_floor(best) else next(iter(grounds), "")
+    if moves or (shares[best] >= MOST and person.stands(best, ground)):
+        doubt = f"; else give --up {_option(grounds[0])}" if grounds else ""
+        return best, (_stands(best, UNSTATED) + doubt,)
+    stands = person.on_floor(best) and shares[best] >= MOST
+    lying = "" if stands else next(iter(grounds), usual if best[-1] == "x" else "")
+    used = lying or (best if shares[best] >= MOST else usual)
+    how = "lies" if shares[used] < MOST else "stands"
+    other = best if used != best else next(axis for axis in (usual, "z", "y") if axis != used)
+    line = (
+        f"no vertical axis is stated and the motion does not decide it: {used} is used, so the person {how}"
+    )
+    return used, (f"{line}; else give --up {_option(other)}",)
+
+
+def _option(axis: str) -> str:
+    """Return an axis as a value on the command line."""
+    return axis if axis[0] != "-" else f"'{axis}'"
+
+
+def _person(positions_m: Float64, joint: Int64, at_m: Float64) -> _Person:
+    names = np.array([JOINTS[int(j)].name for j in joint])
+
+    def middle(of: tuple[str, ...]) -> Float64:
+        return _mean(positions_m[:, np.isin(names, of)])
+
+    upper, pelvis, lower = (_first(*map(middle, of)) for of in (_UPPER, _MIDDLE, _LOWER))
+    upper, lower = _first(upper, pelvis), _first(lower, pelvis)
+    rises = np.nan_to_num(upper - pelvis), np.nan_to_num(upper - lower)
+    trunk = _first(pelvis, upper)
+    left, right = (middle((f"{side}_ankle",)) for side in ("left", "right"))
+    soles = [_sole(positions_m, names == f"{side}_ankle", at_m) for side in ("left", "right")]
+    return _Person(
+        rises, trunk, (left, right), positions_m, tuple(sole for sole in soles if sole is not None)
+    )
+
+
+def _sole(positions_m: Float64, on_foot: Bool, at_m: Float64) -> tuple[Float64, float, float] | None:
+    """Return directions (n, 3) from a foot's hindmost to its foremost marker, their rise on a flat foot and
+    how far a flat foot strays from it, degrees; None where there is only one marker."""
+    ends = ends_of_foot(positions_m, on_foot, at_m)
+    if ends is None:
+        return None
+    back, front = ends
+    rest = at_m[front] - at_m[back]
+    ways = positions_m[:, front] - positions_m[:, back]
+    length = np.linalg.norm(ways, axis=1)
+    usable = length > 0.02
+    if not usable.any():
+        return None
+    flat = (float(np.degrees(np.arcsin(rest[2] / np.linalg.norm(rest)))), FLAT_DEG)
+    return ways[usable] / length[usable, None], *(flat if at_m[back].any() else ANKLE_TO_TOE)
+
+
+def _first(*places: Float64) -> Float64:
+    """Return of several places (F, 3) the first that is finite."""
+    found = places[0]
+    for other in places[1:]:
+        found = np.where(np.isfinite(found), found, other)
+    return found
+
+
+def _way(values: Float64) -> float:
+    """Return the range of values (F,) without their outermost hundredths, 0 where there are none."""
+    finite = values[np.isfinite(values)]
+    return float(np.subtract(*np.quantile(finite, (0.99, 0.01)))) if finite.size else 0.0
+
+
+def _mean(positions: Float64) -> Float64:
+    """Return the mean over axis 1 of what is finite, NaN where nothing is."""
+    finite = np.isfinite(positions)
+    count = finite.sum(axis=1)
+    return np.asarray(
+        np.where(count > 0, np.where(finite, positions, 0).sum(axis=1) / np.maximum(count, 1), np.nan)
+    )

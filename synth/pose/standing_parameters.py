@@ -1,0 +1,77 @@
+"""Ways of standing: legs, trunk and hands as numbers, drawn as ``synth/data/poses/standing.toml`` says."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from annotate.array_types import Float64
+from synth.data_files import table
+from synth.pose.pose_parameters import Moment
+
+SIDES = ("left", "right")
+OTHER = {"left": "right", "right": "left"}
+GREATEST_TURN_DEG = 60.0
+"""The head turns no farther by itself."""
+ANKLES_M = (0.03, 0.9)
+"""Least and greatest lateral distance of the ankles."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How somebody stands. stance, hands: names in the data; stands: the side of the leg that carries more.
+
+    legs: the stance's numbers. arms: each side's, by side. sizes_m: (3,) of what is carried, by its kind.
+    """
+
+    stance: str
+    stands: str
+    legs: Moment
+    hands: Mapping[str, str]
+    arms: Mapping[str, Moment]
+    sizes_m: Mapping[str, Float64]
+
+
+@cache
+def stances() -> dict[str, dict[str, Any]]:
+    """Stances by name, each with all its numbers."""
+    known: dict[str, dict[str, Any]] = {}
+    for name, entry in table("poses/standing")["stances"].items():
+        known[name] = {**known.get(entry.get("like", ""), {}), **entry}
+    return known
+
+
+def _chosen(weights: Mapping[str, float], rng: np.random.Generator) -> str:
+    left = rng.random() * sum(weights.values())
+    for name, weight in weights.items():
+        left -= weight
+        if left < 0:
+            return name
+    return name
+
+
+def _numbers(entry: Mapping[str, Any], rng: np.random.Generator) -> dict[str, float]:
+    spreads = {name: spread for name, spread in entry.items() if isinstance(spread, list)}
+    means, deviations = np.array(list(spreads.values()), np.float64).T
+    return dict(zip(spreads, rng.normal(means, deviations).tolist(), strict=True))
+
+
+def draw_standing(rng: np.random.Generator) -> Standing:
+    """A random way of standing."""
+    data = table("poses/standing")
+    stance = _chosen({name: entry["share"] for name, entry in stances().items()}, rng)
+    entry = stances()[stance]
+    legs = _numbers(entry, rng)
+    median, deviation = entry["ankles"]
+    apart = float(np.clip(abs(median) * np.exp(deviation * rng.standard_normal()), *ANKLES_M))
+    legs["ankles"] = np.copysign(apart, median)
+    while abs(legs["turn"]) > GREATEST_TURN_DEG:
+        legs["turn"] = float(rng.normal(*entry["turn"]))
+    stands, first = (SIDES[int(rng.integers(2))] for _ in range(2))
+    pair = _chosen(data["arms"][entry["arms"]], rng).split("-")
+    hands = {first: pair[0], OTHER[first]: pair[1]}
+    arms = {side: _numbers(data["hands"][hands[side]], rng) for side in SIDES}
+    sizes = {kind: np.array([rng.uniform(*span) for span in spans]) for kind, spans in data["things"].items()}
+    return Standing(stance, stands, legs, hands, arms, sizes)

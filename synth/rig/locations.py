@@ -1,0 +1,121 @@
+"""Places of the virtual rig: sofa, chair, bed or floor, what people do there, and where the robot stands."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from annotate.array_types import Float64
+from sensors.rig.rig_calibration import Pose
+from synth import choices
+from synth.body.body import Body
+from synth.pose.on_floor import OnFloor
+from synth.pose.pose_parameters import Moment, Posed
+from synth.pose.postures import in_bed, on_seat
+from synth.rig.cushion import Cushion
+from synth.surface.furniture import Bed, Chair, Furniture, Ground, Seat, Sofa, Solid
+from synth.surface.rasterize import beside, look_at
+
+SOFA_GIVE_M = (0.015, 0.045)
+"""How deep a sitter sinks: from firm to soft foam; no source."""
+BED_AZIMUTH_RAD = (np.radians(25.0), np.radians(110.0))
+"""From the foot, to either side: the head of the bed stands at the wall, and from its very foot somebody who
+lies is mostly feet."""
+FLOOR_M = 2.4
+"""Side of the square that people on a floor reach: a lying one, arms up, about anywhere they roam."""
+Viewpoint = Callable[[np.random.Generator, float], tuple[Float64, Float64]]
+"""Draws a robot's eye and target (3,) each, world, metres; the float is how far its aim strays, 1 at best."""
+
+
+class Acting(Protocol):
+    """What somebody does in a place: a ``Behaviour``, or a recorded motion."""
+
+    def draw(self, rng: np.random.Generator) -> Moment:
+        """A moment of it."""
+        ...
+
+    def stream(self, rng: np.random.Generator, frames_per_second: float) -> Iterator[Moment]:
+        """An endless stream of moments, frame by frame."""
+        ...
+
+    @property
+    def pose(self) -> Callable[[Body, Moment], Posed]:
+        """Poses a body in a moment."""
+        ...
+
+
+@dataclass(frozen=True)
+class Place:
+    """A piece of furniture, or bare floor, before a wall, with a robot before it. World frame, metres.
+
+    wall_y: the wall behind it. behaviour: what is done there. lies: whether people lie there. view: where the
+    robot stands.
+    """
+
+    furniture: Furniture
+    wall_y: float
+    behaviour: Acting
+    lies: bool
+    view: Viewpoint
+
+    def cushions(self) -> list[Cushion]:
+        """What of it is soft and carries: seat and back rest, arm rests, mattress and pillow."""
+        solids, soft = self.furniture.solids(), self.furniture.soft
+        return [Cushion(solids[i], side, self.furniture.puff_m) for i, side in enumerate(soft)]
+
+    def hard_solids(self) -> list[Solid]:
+        """The rest of it."""
+        return self.furniture.solids()[len(self.furniture.soft) :]
+
+    def robot_eye(self, rng: np.random.Generator, stray: float) -> Pose:
+        """``camera_from_world`` of a robot that looks at the person, ``stray`` times as well as it can."""
+        roll = np.radians(rng.normal(0, 1.5))
+        return look_at(*self.view(rng, stray), roll)
+
+
+def _sofa(rng: np.random.Generator) -> Place:
+    return _seat(replace(Sofa.sample(rng), give_m=rng.uniform(*SOFA_GIVE_M)), rng)
+
+
+def _chair(rng: np.random.Generator) -> Place:
+    return _seat(Chair.sample(rng), rng)
+
+
+def _seat(seat: Seat, rng: np.random.Generator) -> Place:
+    return Place(seat, seat.footprint.back_y + rng.uniform(0.3, 1.1), on_seat(seat), False, _view_of_sitter)
+
+
+def _bed(rng: np.random.Generator) -> Place:
+    bed = Bed.sample(rng)
+
+    def view(rng: np.random.Generator, stray: float) -> tuple[Float64, Float64]:
+        azimuth, distance = rng.choice((-1, 1)) * rng.uniform(*BED_AZIMUTH_RAD), rng.uniform(1.7, 2.4)
+        eye = beside(np.zeros(3), azimuth, distance, bed.height + rng.uniform(0.7, 1.6))
+        return eye, np.array([0.0, 0.0, bed.height]) + stray * rng.normal(0, (0.08, 0.12, 0.05))
+
+    return Place(bed, bed.footprint.back_y + rng.uniform(0.02, 0.1), in_bed(bed), True, view)
+
+
+def _view_of_sitter(rng: np.random.Generator, stray: float) -> tuple[Float64, Float64]:
+    azimuth, distance = np.radians(rng.uniform(-40, 40)), rng.uniform(1.9, 2.5)
+    eye = beside(np.zeros(3), azimuth, distance, rng.uniform(1.0, 1.35))
+    return eye, np.array([0.0, 0.0, 0.68]) + stray * rng.normal(0, 0.06, 3)
+
+
+def _floor(rng: np.random.Generator) -> Place:
+    """Room for all that somebody does on a floor, far enough from the robot to be seen whole."""
+
+    def view(rng: np.random.Generator, stray: float) -> tuple[Float64, Float64]:
+        azimuth, distance = np.radians(rng.uniform(-40, 40)), rng.uniform(2.6, 3.2)
+        eye = beside(np.zeros(3), azimuth, distance, rng.uniform(0.9, 1.7))
+        return eye, np.array([0.0, 0.0, 0.8]) + stray * rng.normal(0, 0.06, 3)
+
+    wall_y = rng.uniform(0.5, 1.1)
+    return Place(Ground(length=FLOOR_M, width=FLOOR_M), wall_y, OnFloor(wall_y), False, view)
+
+
+SCENES: dict[str, Callable[[np.random.Generator], Place]] = dict(
+    zip(choices.SCENES, (_sofa, _chair, _bed, _floor), strict=True)
+)
+"""Places by name, drawn at random."""
