@@ -27,7 +27,7 @@ TABLES = (
         kind="synthetic",
         about="the shipped network; one seed a preset; intervals over people, 24 images of each "
         "(16 in sitting-test, recumbent, upright).",
-        pages=("eval/weights/compact.md", "docs/figures.md"),
+        pages=("docs/figures.md",),
         columns={
             "images": ".0f",
             "mean recall": ".3f",
@@ -45,7 +45,7 @@ TABLES = (
         "and on the other side where they carry such a part of that. Most of these lie at the seam of legs "
         "held together, so those farther than 3 pixels from their own side are counted too. Always the same "
         "frames, so joints have no interval.",
-        pages=("eval/weights/compact.md", "docs/figures.md"),
+        pages=("docs/figures.md",),
         columns={
             "images": ".0f",
             "joints right": ".3f",
