@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from annotate.live.rig_warnings import rig_complaints
+from annotate.live.rig_warnings import rig_warnings
 from cli.console import say
 from cli.rig_devices import check_infrared, open_rig
 from sensors.calibrate.bundle import Adjusted
@@ -141,23 +141,23 @@ def rig_frames(running: LiveRig, ending: Ending) -> Iterator[RigFrame]:
     running.start()
     seen, blind, told = 0, 0, set[str]()
     try:
-        while not running.moments.ended:
+        while not running.frames.ended:
             if ending.asked:
                 say("stopped by a signal")
                 break
-            if (newest := running.moments.after(seen, 0.5)) is None:
-                wrong = [one for one in rig_complaints(running.health()) if one.kind not in told]
+            if (latest := running.frames.after(seen, 0.5)) is None:
+                wrong = [one for one in rig_warnings(running.health()) if one.kind not in told]
                 told |= {one.kind for one in wrong}
                 for one in wrong:
                     say(one.text)
                 continue
-            seen, moment = newest
-            blind = 0 if moment.frame.infrared is not None else blind + 1
+            seen, synced = latest
+            blind = 0 if synced.frame.infrared is not None else blind + 1
             if blind == MOST_BLIND:
                 raise CalibrationError(
                     f"the depth camera of {running.name!r} gives no infrared, in which the plate is found"
                 )
-            yield moment.frame
+            yield synced.frame
     finally:
         running.close()
     if running.error is not None:

@@ -22,38 +22,38 @@ def show_lines(pipeline: LivePipeline, end_s: float, show: Show, ending: Ending)
     """
     seen, said = 0, set[str]()
     while not ending.asked and time.monotonic() < end_s and not pipeline.frames.ended:
-        seen = show_newest(pipeline, seen, show, 0.2)
+        seen = show_latest(pipeline, seen, show, 0.2)
         # Warnings of the rig, because a silent camera gives no frame.
-        standing = pipeline.complaints
-        for complaint in standing:
-            if complaint.kind not in said:
-                say(complaint.text)
-        said = {complaint.kind for complaint in standing}
+        active = pipeline.warnings
+        for warning in active:
+            if warning.kind not in said:
+                say(warning.text)
+        said = {warning.kind for warning in active}
     return seen
 
 
-def show_newest(pipeline: LivePipeline, seen: int, show: Show, timeout_s: float = 0.0) -> int:
+def show_latest(pipeline: LivePipeline, seen: int, show: Show, timeout_s: float = 0.0) -> int:
     """Show the newest frames after number ``seen``, if any come in time; return the last number, or ``seen``.
 
     Both threads that label may finish at once.
     """
-    newest = pipeline.frames.since(seen, timeout_s)
+    latest = pipeline.frames.since(seen, timeout_s)
     if show is not None:
-        for _, frame in newest:
+        for _, frame in latest:
             show(frame)
-    return newest[-1][0] if newest else seen
+    return latest[-1][0] if latest else seen
 
 
 def print_joints(frame: LiveFrame) -> None:
     """Print one JSON line: frame, time, and the person's joints, facing and posture where one is found."""
-    row: dict[str, Any] = {"frame": frame.labels.frame_id, "time_ns": frame.moment.host_ns}
-    if (stance := frame.stance) is not None:
+    row: dict[str, Any] = {"frame": frame.labels.frame_id, "time_ns": frame.synced.host_ns}
+    if (body_pose := frame.body_pose) is not None:
         row |= {
-            "facing_deg": round(stance.facing_deg, 1),
-            "facing_sure": round(stance.facing_sure, 3),
-            "posture": stance.posture,
-            "posture_sure": round(stance.posture_sure, 3),
-            "joints_mm": joint_row(stance.joints_m * 1000),
+            "facing_deg": round(body_pose.facing_deg, 1),
+            "facing_sure": round(body_pose.facing_sure, 3),
+            "posture": body_pose.posture,
+            "posture_sure": round(body_pose.posture_sure, 3),
+            "joints_mm": joint_row(body_pose.joints_m * 1000),
         }
-    row["complaints"] = {complaint.kind: complaint.text for complaint in frame.complaints}
+    row["complaints"] = {warning.kind: warning.text for warning in frame.warnings}
     print(json_text.dumps(row), flush=True)

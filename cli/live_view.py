@@ -15,13 +15,13 @@ import typer
 from annotate.cloud.coarse import CoarseCloud
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import SuitSurvey, suit_labeller
-from annotate.live.live_frame import Labelling, Rig, Stance
+from annotate.live.live_frame import BodyPose, Labelling, Rig
 from annotate.live.pipeline import LivePipeline
 from annotate.segmentation.suit_network import shipped_reader
 from annotate.suit.palette import Suit
 from cli.console import finish, say
 from cli.extras import needing
-from cli.live_lines import print_joints, show_lines, show_newest
+from cli.live_lines import print_joints, show_latest, show_lines
 from eval.network.body_state import Bearing
 from eval.network.joint_sides import sided
 from eval.network.onnx_network import OnnxNetwork
@@ -72,7 +72,7 @@ def _print(running: Rig, options: LiveOptions, ending: Ending, stream: "Stream")
     with run_pipeline(running, labelling_by(options.suit), stream) as pipeline:
         shown = show_lines(pipeline, time.monotonic() + (options.seconds or math.inf), show, ending)
     # The frame that was being labelled at the end.
-    show_newest(pipeline, shown, show)
+    show_latest(pipeline, shown, show)
     _finish(running, pipeline, options.json)
 
 
@@ -146,29 +146,29 @@ def labelling_by(suit: Suit | None) -> Labelling:
         return Labelling(
             lambda cloud: NetworkSurvey(CoarseCloud.of(cloud), network, glance=True),
             NetworkSurvey.labels,
-            _stance,
+            _body_pose,
         )
     survey: Callable[[Any], SuitSurvey] = partial(SuitSurvey.of, suit=suit)
     return Labelling(
-        survey, suit_labeller(suit, shipped_reader(), glance=True), partial(_stance_beside, network)
+        survey, suit_labeller(suit, shipped_reader(), glance=True), partial(_body_pose_beside, network)
     )
 
 
-def _stance_beside(network: OnnxNetwork, labels: FrameLabels, camera: Intrinsics) -> Stance | None:
+def _body_pose_beside(network: OnnxNetwork, labels: FrameLabels, camera: Intrinsics) -> BodyPose | None:
     """Stance by a network of a person whose parts, and so whose sides, are known."""
     assert labels.persons is not None
     note = network.segment(labels.depth_mm, labels.persons == 1).bearing
     bearing = Bearing.from_note(note)
-    return None if bearing is None else _as_stance(sided(bearing, labels.parts).seen_by(camera), camera)
+    return None if bearing is None else _as_body_pose(sided(bearing, labels.parts).seen_by(camera), camera)
 
 
-def _stance(labels: FrameLabels, camera: Intrinsics) -> Stance | None:
+def _body_pose(labels: FrameLabels, camera: Intrinsics) -> BodyPose | None:
     bearing = Bearing.from_note(labels.notes.get("bearing"))
-    return None if bearing is None else _as_stance(bearing, camera)
+    return None if bearing is None else _as_body_pose(bearing, camera)
 
 
-def _as_stance(bearing: Bearing, camera: Intrinsics) -> Stance:
-    return Stance(
+def _as_body_pose(bearing: Bearing, camera: Intrinsics) -> BodyPose:
+    return BodyPose(
         JOINT_NAMES,
         bearing.joints_mm(camera) / 1000,
         BONE_ENDS,
@@ -181,7 +181,7 @@ def _as_stance(bearing: Bearing, camera: Intrinsics) -> Stance:
 
 def _finish(running: Rig, pipeline: LivePipeline, json: bool) -> None:
     health, p95 = running.health(), pipeline.latency_ms(0.95)
-    frames, labelled = running.moments.count, pipeline.frames.count
+    frames, labelled = running.frames.count, pipeline.frames.count
     result = {
         "frames": frames,
         "labelled": labelled,

@@ -28,7 +28,7 @@ from annotate.live.pipeline import LivePipeline
 from annotate.parts import PART_ID
 from annotate.suit.palette import load_suit
 from cli.live_view import labelling_by
-from sensors.recording.frame_assembly import Moment
+from sensors.recording.frame_assembly import SyncedFrame
 from sensors.recording.playback import Playback
 from sensors.rig.frame import RigFrame
 from sensors.session.reader import Session
@@ -120,7 +120,7 @@ class Stepped(Playback):
 
     def show(self, frame: RigFrame) -> None:
         """Let a frame happen now."""
-        self.moments.put(Moment(frame, frame.stamp_ns, time.monotonic_ns()))
+        self.frames.put(SyncedFrame(frame, frame.stamp_ns, time.monotonic_ns()))
 
 
 def live(path: Path) -> None:
@@ -139,8 +139,8 @@ def live(path: Path) -> None:
             wait(0.05)
         wait(0.3)
         window._timer.stop()
-        stance = window._frame.stance
-        said = "nobody" if stance is None else f"{stance.posture}, facing {stance.facing_deg:+.0f}°"
+        body_pose = window._frame.body_pose
+        said = "nobody" if body_pose is None else f"{body_pose.posture}, facing {body_pose.facing_deg:+.0f}°"
         window.facts.setText(f"person: mia   ·   {said}")
         wait(0.05)
         film.take(PACE_MS)

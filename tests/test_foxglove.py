@@ -29,16 +29,16 @@ from annotate.foxglove.skeleton import BONES, skeleton_message
 from annotate.foxglove.topics import SCHEMAS, Shown, shown_messages
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.label_set import LabelSet
-from annotate.live.live_frame import LiveFrame, Stance
-from annotate.live.warning import Complaint
+from annotate.live.live_frame import BodyPose, LiveFrame
+from annotate.live.warning import LiveWarning
 from annotate.parts import PART_ID, PARTS, palette_rgb
 from eval.network.joint_files import noted_joints
 from eval.scores.joint_errors import true_joints_mm
 from eval.scores.joints import JOINT_NAMES
 from sensors.errors import CloudError
 from sensors.recording.device_readers import Event
-from sensors.recording.frame_assembly import Moment
-from sensors.recording.latest_value import Newest
+from sensors.recording.frame_assembly import SyncedFrame
+from sensors.recording.latest_value import LatestValue
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration, rotation_of
@@ -184,7 +184,7 @@ def test_without_the_recording_depth_parts_and_skeleton_are_shown(rig_session, t
     assert np.isnan(points(found[topics.HEAT_CLOUD][0][1])["temperature"]).all()
 
 
-def moment(shape=(4, 5), **fields) -> Shown:
+def synced(shape=(4, 5), **fields) -> Shown:
     depth = np.full(shape, 1500, np.uint16)
     depth[0, 0] = 0
     calibration = RigCalibration(CAMERA)
@@ -194,9 +194,9 @@ def moment(shape=(4, 5), **fields) -> Shown:
 
 def test_only_wanted_topics_are_made(monkeypatch):
     monkeypatch.setattr(topics, "heat_points", lambda *_: pytest.fail("nobody wants it"))
-    made = [topic for topic, *_ in shown_messages(moment(), lambda topic: topic == DEPTH)]
+    made = [topic for topic, *_ in shown_messages(synced(), lambda topic: topic == DEPTH)]
     assert made == [DEPTH]
-    assert not list(shown_messages(moment(), lambda topic: False))
+    assert not list(shown_messages(synced(), lambda topic: False))
 
 
 def test_a_skeleton_has_the_bones_whose_ends_are_known_and_goes_with_the_person():
@@ -246,7 +246,7 @@ def test_a_client_of_the_public_protocol_receives_every_topic():
     thermal = np.full((2, 3), 30, np.float32)
     whole = RigCalibration(CAMERA, CAMERA, Pose.identity(), Intrinsics(3, 2, 4, 4, 1, 0.5), Pose.identity())
     joints = {name: (0.0, 1.0 * i, 900.0) for i, name in enumerate(JOINT_NAMES)}
-    shown = moment(color_encoded=b"\xff\xd8\xff", thermal_c=thermal, joints_mm=joints, events=((5, "flag"),))
+    shown = synced(color_encoded=b"\xff\xd8\xff", thermal_c=thermal, joints_mm=joints, events=((5, "flag"),))
     shown = replace(shown, calibration=whole)
     sent = {topic: (stamp, m.SerializeToString()) for topic, stamp, m in shown_messages(shown)}
     assert sent.keys() == SCHEMAS.keys()
@@ -336,21 +336,21 @@ def test_live_streams_a_session_and_a_taken_port_ends_it_before_it_begins(annota
         args = ("live", rig_session, "--no-window", "--serve", "--port", server.port)
         assert_refused(annotate_cloud(*args), "cannot be served")
     running = SimpleNamespace(
-        frames=Newest(),
-        complaints=(),
+        frames=LatestValue(),
+        warnings=(),
         rig=SimpleNamespace(events=deque([(1, Event(5, "mark"))]), calibration=BARE),
     )
-    stance = Stance(JOINT_NAMES, np.ones((15, 3)), (), 0.0, 1.0, "sitting", 1.0)
-    labels = FrameLabels("000000", moment().cloud.depth_mm, moment().parts)
-    captured = Moment(RigFrame(0, 1, labels.depth_mm, b"no image"), 7, 9)
-    newest = LiveFrame(captured, moment().cloud, labels, stance, None, (), 1.0)
+    body_pose = BodyPose(JOINT_NAMES, np.ones((15, 3)), (), 0.0, 1.0, "sitting", 1.0)
+    labels = FrameLabels("000000", synced().cloud.depth_mm, synced().parts)
+    captured = SyncedFrame(RigFrame(0, 1, labels.depth_mm, b"no image"), 7, 9)
+    latest = LiveFrame(captured, synced().cloud, labels, body_pose, None, (), 1.0)
     with FoxgloveServer(0) as server, connect(server.address, subprotocols=[PROTOCOL]) as client:
         client.recv(timeout=60)
         topic_of, got = subscribed(client), {}
         with streamed(running, server):
             while not {EVENTS, topics.SKELETON} <= got.keys():
                 running.rig.events[0] = (running.rig.events[0][0] + 1, Event(5, "mark"))
-                running.frames.put(newest)
+                running.frames.put(latest)
                 with suppress(TimeoutError):
                     while isinstance(data := client.recv(timeout=0.2), bytes):
                         got[topic_of[struct.unpack("<I", data[1:5])[0]]] = data[13:]
@@ -366,9 +366,9 @@ def test_complaints_reach_a_client_that_comes_later_though_there_are_no_frames()
     from annotate.foxglove.server import FoxgloveServer
     from annotate.live.stream import streamed
 
-    silent, full = Complaint("silent", "depth: no image"), Complaint("disk", "little room")
+    silent, full = LiveWarning("silent", "depth: no image"), LiveWarning("disk", "little room")
     running = SimpleNamespace(
-        frames=Newest(), complaints=(silent,), rig=SimpleNamespace(events=deque(), calibration=BARE)
+        frames=LatestValue(), warnings=(silent,), rig=SimpleNamespace(events=deque(), calibration=BARE)
     )
     with (
         FoxgloveServer(0) as server,
@@ -385,5 +385,5 @@ def test_complaints_reach_a_client_that_comes_later_though_there_are_no_frames()
             return Log.FromString(data[13:]).message
 
         assert told() == silent.text
-        running.complaints = (silent, full)
+        running.warnings = (silent, full)
         assert told() == full.text  # and the first only once

@@ -17,7 +17,7 @@ from annotate.gui.live.live_tile import Tile
 from annotate.gui.live.live_window import LiveWindow
 from annotate.gui.widgets.theme import DARK, LIGHT
 from annotate.live.pipeline import LivePipeline
-from annotate.live.warning import Complaint
+from annotate.live.warning import LiveWarning
 from annotate.suit.palette import load_suit
 from cli.live_view import labelling_by
 from sensors.recording.playback import Playback
@@ -49,7 +49,7 @@ def window(display, rig_session):
 def test_the_newest_frame_is_shown_with_its_joints_and_facing(window):
     frame = window._frame
     assert window.shown and frame.labels.frame_id == window.pipeline.frames.after(0, 0)[1].labels.frame_id
-    assert frame.stance.posture in window.facts.text() and "person: anna" in window.facts.text()
+    assert frame.body_pose.posture in window.facts.text() and "person: anna" in window.facts.text()
     assert window.cloud_view.scene.labels is not None
     image = window.tiles["Parts"].grab().toImage()
     assert not image.isNull()
@@ -65,7 +65,7 @@ def test_parts_cover_the_person_and_joints_lie_on_them(window):
 
 
 def test_a_complaint_is_a_banner_until_it_is_mended(window):
-    window._show_banner((Complaint("dark", "it is <too> dark"),))
+    window._show_banner((LiveWarning("dark", "it is <too> dark"),))
     assert window.banner.isVisible() and "&lt;too&gt;" in window.banner.text()
     window._show_banner(())
     assert not window.banner.isVisible()

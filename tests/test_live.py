@@ -16,12 +16,12 @@ import pytest
 
 from annotate.cloud.fuse import Fuser
 from annotate.label_recording import SuitSurvey, suit_labeller
-from annotate.live.frame_warnings import color_complaint, person_complaints
+from annotate.live.frame_warnings import color_warning, person_warnings
 from annotate.live.live_frame import Labelling
 from annotate.live.pipeline import WORKERS, LivePipeline
-from annotate.live.rig_warnings import rig_complaints
+from annotate.live.rig_warnings import rig_warnings
 from annotate.live.shift_watch import EVERY_NS, FRAMES, ShiftWatch
-from annotate.live.warning import HOLD_S, Complaint, Standing
+from annotate.live.warning import HOLD_S, ActiveWarnings, LiveWarning
 from annotate.person.extract import PersonMask
 from annotate.segmentation.segmented_person import unlabelled
 from annotate.segmentation.suit_network import shipped_reader
@@ -31,9 +31,9 @@ from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, Flag,
 from sensors.errors import CloudError
 from sensors.interrupt import Ending
 from sensors.recording.arrival_times import Arrived
-from sensors.recording.frame_assembly import WAIT_NS, Moment, Moments
+from sensors.recording.frame_assembly import WAIT_NS, FrameAssembly, SyncedFrame
 from sensors.recording.host_clock import BIN_NS, HostClock
-from sensors.recording.latest_value import Newest
+from sensors.recording.latest_value import LatestValue
 from sensors.recording.stream_health import Health, StreamHealth, Watch
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import RigFrame
@@ -108,25 +108,25 @@ def watched(items, **changes) -> Health:
 
 
 def kinds(health: Health) -> set[str]:
-    return {complaint.kind for complaint in rig_complaints(health)}
+    return {warning.kind for warning in rig_warnings(health)}
 
 
 def test_the_newest_value_replaces_the_one_that_nobody_took():
-    newest = Newest[int]()
-    assert newest.after(0, 0.0) is None
-    newest.put(1)
-    newest.put(2)
-    assert newest.after(0, 0.0) == (2, 2) and newest.after(2, 0.0) is None
-    newest.end()
-    assert newest.after(2, 60.0) is None and newest.ended
+    latest = LatestValue[int]()
+    assert latest.after(0, 0.0) is None
+    latest.put(1)
+    latest.put(2)
+    assert latest.after(0, 0.0) == (2, 2) and latest.after(2, 0.0) is None
+    latest.end()
+    assert latest.after(2, 60.0) is None and latest.ended
 
 
 def test_every_depth_image_meets_the_images_taken_nearest_to_it():
-    pairing, watch, moments = Moments(RATES_HZ), Watch(DEVICES, {}), []
+    pairing, watch, frames = FrameAssembly(RATES_HZ), Watch(DEVICES, {}), []
     for item in running(2.0):
         pairing.add(item, watch.add(item))
-        moments.append(pairing.newest(item.arrival_ns))
-    frames = [moment.frame for moment in moments if moment is not None]
+        frames.append(pairing.latest(item.arrival_ns))
+    frames = [synced.frame for synced in frames if synced is not None]
     assert len(frames) > 55
     for frame in frames:
         number = int(frame.depth_mm[0, 0]) - 1000
@@ -136,12 +136,12 @@ def test_every_depth_image_meets_the_images_taken_nearest_to_it():
 
 
 def test_a_depth_image_waits_for_its_partners_only_so_long():
-    pairing = Moments(RATES_HZ)
+    pairing = FrameAssembly(RATES_HZ)
     item = reading("depth", 3, 1.0)
     pairing.add(item, item.arrival_ns)
-    assert pairing.newest(item.arrival_ns + WAIT_NS - 1) is None
-    moment = pairing.newest(item.arrival_ns + WAIT_NS)
-    assert moment is not None and moment.frame.color_encoded is None and moment.frame.thermal_c is None
+    assert pairing.latest(item.arrival_ns + WAIT_NS - 1) is None
+    synced = pairing.latest(item.arrival_ns + WAIT_NS)
+    assert synced is not None and synced.frame.color_encoded is None and synced.frame.thermal_c is None
 
 
 def test_nothing_is_said_of_a_good_rig_for_a_minute():
@@ -171,9 +171,9 @@ def test_nothing_is_said_of_a_good_rig_for_a_minute():
     ],
 )
 def test_what_is_wrong_with_a_rig_is_said_and_nothing_else(kind, says, health):
-    made = list(rig_complaints(health()))
-    assert {complaint.kind for complaint in made} == {kind}
-    assert any(says in complaint.text for complaint in made)
+    made = list(rig_warnings(health()))
+    assert {warning.kind for warning in made} == {kind}
+    assert any(says in warning.text for warning in made)
 
 
 @pytest.fixture(scope="module")
@@ -197,24 +197,24 @@ def in_light(frame, gains, most=255):
 
 def test_nothing_is_said_of_a_good_picture(seen):
     _, _, _, cloud, result, person = seen
-    assert not list(person_complaints(cloud, person.mask))
-    assert color_complaint(cloud, person.mask, result.light) is None
+    assert not list(person_warnings(cloud, person.mask))
+    assert color_warning(cloud, person.mask, result.light) is None
     watch = ShiftWatch()
-    assert not any(watch.complaint(cloud, person.mask, (i + 1) * EVERY_NS) for i in range(FRAMES + 1))
+    assert not any(watch.warning(cloud, person.mask, (i + 1) * EVERY_NS) for i in range(FRAMES + 1))
 
 
 @pytest.mark.parametrize(("kind", "gain"), [("dark", 0.05), ("glare", 6.0)])
 def test_bad_light_on_the_person_is_said(seen, kind, gain):
     frame, fuser, _, _, _, person = seen
     cloud = fuser.fuse_frame(in_light(frame, [gain] * 3))
-    assert [complaint.kind for complaint in person_complaints(cloud, person.mask)] == [kind]
+    assert [warning.kind for warning in person_warnings(cloud, person.mask)] == [kind]
 
 
 def test_suit_colours_that_a_sodium_lamp_makes_alike_are_named(seen):
     frame, fuser, suit, *_ = seen
     _, cloud, result, person = read_by(suit, fuser.fuse_frame(in_light(frame, (1, 0.55, 0.03))))
-    complaint = color_complaint(cloud, person.mask, result.light)
-    assert complaint is not None and " and " in complaint.text and "light" in complaint.text
+    warning = color_warning(cloud, person.mask, result.light)
+    assert warning is not None and " and " in warning.text and "light" in warning.text
 
 
 @pytest.mark.parametrize(("axis", "side"), [(0, "top"), (1, "left")])
@@ -227,15 +227,15 @@ def test_a_person_cut_off_by_the_picture_is_said_with_the_side(seen, axis, side)
     mask = np.roll(person.mask, -first - 20, axis)
     mask[-20:] &= axis == 1
     mask[:, -20:] &= axis == 0
-    (complaint,) = person_complaints(replace(cloud, **moved), mask)
-    assert complaint.kind == "cut off" and side in complaint.text
+    (warning,) = person_warnings(replace(cloud, **moved), mask)
+    assert warning.kind == "cut off" and side in warning.text
 
 
 def test_a_person_too_far_away_is_said_with_the_distance(seen):
     _, _, _, cloud, _, person = seen
     away_m = 1.5 + np.median(cloud.points_m[..., 2][person.mask])
-    (complaint,) = person_complaints(replace(cloud, points_m=cloud.points_m + np.float32(1.5)), person.mask)
-    assert complaint.kind == "far" and f"{away_m:.1f} m" in complaint.text
+    (warning,) = person_warnings(replace(cloud, points_m=cloud.points_m + np.float32(1.5)), person.mask)
+    assert warning.kind == "far" and f"{away_m:.1f} m" in warning.text
 
 
 @pytest.mark.parametrize(
@@ -245,7 +245,7 @@ def test_a_knocked_thermal_camera_is_said_with_way_and_angle(seen, down, right, 
     frame, fuser, _, _, _, person = seen
     cloud = fuser.fuse_frame(replace(frame, thermal_c=np.roll(frame.thermal_c, (down, right), (0, 1))))
     watch = ShiftWatch()
-    said = [watch.complaint(cloud, person.mask, (i + 1) * EVERY_NS) for i in range(FRAMES)]
+    said = [watch.warning(cloud, person.mask, (i + 1) * EVERY_NS) for i in range(FRAMES)]
     assert said[: FRAMES - 1] == [None] * (FRAMES - 1)
     assert said[-1].kind == "shifted" and says in said[-1].text
     degrees = np.degrees(np.arctan(np.hypot(down, right) / 110.1))
@@ -265,12 +265,12 @@ def test_a_machine_that_is_too_busy_is_no_clock_that_drifts(seed):
 
 
 def test_a_complaint_stands_while_it_is_made_and_a_second_after():
-    standing, dark = Standing(), Complaint("dark", "too dark")
-    assert standing.update([dark], 0.0) == ()
-    assert standing.update([dark], HOLD_S) == (dark,)
-    assert standing.update([], HOLD_S * 1.5) == (dark,)
-    assert standing.update([], HOLD_S * 2.1) == ()
-    assert standing.update([dark], HOLD_S * 3) == ()
+    active, dark = ActiveWarnings(), LiveWarning("dark", "too dark")
+    assert active.update([dark], 0.0) == ()
+    assert active.update([dark], HOLD_S) == (dark,)
+    assert active.update([], HOLD_S * 1.5) == (dark,)
+    assert active.update([], HOLD_S * 2.1) == ()
+    assert active.update([dark], HOLD_S * 3) == ()
 
 
 def test_a_stream_that_stays_silent_is_silent_for_as_long_as_it_is():
@@ -288,13 +288,15 @@ def test_it_is_said_why_frames_have_no_labels(monkeypatch, step):
     def fails(*_):
         raise CloudError("no person in the mask")
 
-    rig = SimpleNamespace(moments=Newest(), calibration=RigCalibration(Intrinsics(2, 2, 2.0, 2.0, 0.5, 0.5)))
+    rig = SimpleNamespace(
+        frames=LatestValue(), calibration=RigCalibration(Intrinsics(2, 2, 2.0, 2.0, 0.5, 0.5))
+    )
     rig.health = Health
     steps = {"survey": lambda cloud: cloud} | {step: fails}
     pipeline = LivePipeline(rig, Labelling(steps["survey"], fails, lambda *_: None))
     pipeline.start()
-    rig.moments.put(Moment(RigFrame(0, 1, DEPTH), 1, 1))
-    rig.moments.end()
+    rig.frames.put(SyncedFrame(RigFrame(0, 1, DEPTH), 1, 1))
+    rig.frames.end()
     end_s = time.monotonic() + 60
     while not pipeline.frames.ended and time.monotonic() < end_s:
         time.sleep(0.01)
@@ -303,7 +305,9 @@ def test_it_is_said_why_frames_have_no_labels(monkeypatch, step):
 
 
 def test_complaints_are_said_of_a_rig_that_gives_no_images(capsys):
-    silent = SimpleNamespace(frames=Newest(), complaints=(Complaint("silent", "depth: nothing for 3 s"),))
+    silent = SimpleNamespace(
+        frames=LatestValue(), warnings=(LiveWarning("silent", "depth: nothing for 3 s"),)
+    )
     show_lines(silent, time.monotonic() + 0.1, None, Ending())
     assert "depth: nothing for 3 s" in capsys.readouterr().err
 
@@ -329,12 +333,12 @@ def test_every_frame_that_was_labelled_has_its_line(annotate_cloud, rig_session,
 
 def test_all_streams_that_lose_images_are_named_and_all_devices_that_are_gone():
     """One warning stands for each kind, so the warning must name all of them."""
-    standing, health = Standing(), watched(running(8, drop=0.2), at_s=8, away=())
+    active, health = ActiveWarnings(), watched(running(8, drop=0.2), at_s=8, away=())
     for at_s in (0.0, HOLD_S):
-        stand = standing.update(rig_complaints(health), at_s)
+        stand = active.update(rig_warnings(health), at_s)
     (drops,) = stand
     assert all(f"{name}: " in drops.text for name in ("depth", "colour", "thermal"))
-    (away,) = rig_complaints(watched(running(8), at_s=8, away=("kinect", "optris")))
+    (away,) = rig_warnings(watched(running(8), at_s=8, away=("kinect", "optris")))
     assert "kinect is gone" in away.text and "optris is gone" in away.text
 
 
@@ -365,11 +369,11 @@ class ByHand:
     calibration = RigCalibration(Intrinsics(8, 6, 8.0, 8.0, 3.5, 2.5))
 
     def __init__(self):
-        self.moments = Newest[Moment]()
+        self.frames = LatestValue[SyncedFrame]()
 
     def put(self, number):
         frame = RigFrame(number, number, np.full((6, 8), number, np.uint16))
-        self.moments.put(Moment(frame, number, number))
+        self.frames.put(SyncedFrame(frame, number, number))
 
     def health(self):
         return Health({})
@@ -387,27 +391,27 @@ def test_whoever_is_free_labels_the_newest_moment_and_the_newest_is_shown_last(s
 
     pipeline = LivePipeline(rig, Labelling(lambda cloud: int(cloud.depth_mm.max()), label, lambda *_: None))
     pipeline.start()
-    busy, newest = [], 0
+    busy, latest = [], 0
     while len(busy) < WORKERS:
-        newest += 1
-        rig.put(newest)
+        latest += 1
+        rig.put(latest)
         busy.append(begun.get(timeout=60))
     assert busy == list(range(1, WORKERS + 1))
     for _ in range(5):
         for _ in range(rng.integers(1, 5)):
-            newest += 1
-            rig.put(newest)
+            latest += 1
+            rig.put(latest)
         may_end[busy.pop(rng.integers(len(busy)))].set()
         busy.append(begun.get(timeout=60))
-        assert busy[-1] == newest
+        assert busy[-1] == latest
     shown = pipeline.frames.count
-    may_end[newest].set()
-    assert pipeline.frames.after(shown, 60)[1].moment.frame.index == newest
+    may_end[latest].set()
+    assert pipeline.frames.after(shown, 60)[1].synced.frame.index == latest
     for number in busy:
         may_end[number].set()
-    rig.moments.end()
+    rig.frames.end()
     pipeline.close()
-    assert pipeline.error is None and pipeline.frames.after(0, 0)[1].moment.frame.index == newest
+    assert pipeline.error is None and pipeline.frames.after(0, 0)[1].synced.frame.index == latest
 
 
 def test_a_session_is_played_back_as_lines_of_joints(annotate_cloud, rig_session):
@@ -425,17 +429,17 @@ def test_a_computer_that_is_too_slow_is_named_and_neither_clocks_nor_cables():
     """While images are lost a clock looks slow; what all cameras do at once is no cable's fault."""
     good = StreamHealth(30.0, rate_hz=30.0, recent=150, silent_s=0.0, count=300, running_s=10.0)
     losing = replace(good, recent=100, lost=50, overrun=50, dropped=50)
-    assert {c.kind for c in rig_complaints(rig_of({"depth": good}, 20_000.0))} == {"clock"}
-    assert {c.kind for c in rig_complaints(rig_of({"depth": good, "color": losing}, 20_000.0))} == {"drops"}
+    assert {c.kind for c in rig_warnings(rig_of({"depth": good}, 20_000.0))} == {"clock"}
+    assert {c.kind for c in rig_warnings(rig_of({"depth": good, "color": losing}, 20_000.0))} == {"drops"}
     silent = replace(good, silent_s=3.0)
-    (all_of_them,) = rig_complaints(rig_of({"depth": silent, "color": silent}))
+    (all_of_them,) = rig_warnings(rig_of({"depth": silent, "color": silent}))
     assert "too slow" in all_of_them.text and "cable" not in all_of_them.text
-    (one,) = rig_complaints(rig_of({"depth": good, "color": silent}))
+    (one,) = rig_warnings(rig_of({"depth": good, "color": silent}))
     assert "cable" in one.text
 
 
 def test_the_newest_values_are_kept_and_read_once():
-    queue = Newest[str](keep=2)
+    queue = LatestValue[str](keep=2)
     assert queue.since(0, 0.0) == [] and queue.after(0, 0.0) is None
     for value in "abc":
         queue.put(value)

@@ -21,7 +21,7 @@ import sensors.recording.live_rig
 import sensors.recording.recorder
 from annotate.label_recording import run
 from annotate.live.live_frame import Labelling
-from annotate.live.rig_warnings import rig_complaints
+from annotate.live.rig_warnings import rig_warnings
 from annotate.person.extract import PersonMask
 from annotate.segmentation.segmented_person import unlabelled
 from sensors.device.protocol import DepthImage, DeviceReading, Spot
@@ -121,8 +121,8 @@ def test_what_is_recorded_from_key_to_key_has_no_gap(rig_of, tmp_path):
     rig = rig_of(Camera(), Pyrometer())
     for name in ("a.mcap", "b.mcap"):
         rig.record(tmp_path / name, subject="anna")
-        begun, measured = rig.moments.count, rig.health().streams["pyrometer"].count
-        wait_for(lambda begun=begun: rig.moments.count > begun + 20)
+        begun, measured = rig.frames.count, rig.health().streams["pyrometer"].count
+        wait_for(lambda begun=begun: rig.frames.count > begun + 20)
         wait_for(lambda measured=measured: rig.health().streams["pyrometer"].count > measured + 2)
         rig.mark("sits down")
         assert rig.end_recording() == tmp_path / name
@@ -161,7 +161,7 @@ def test_a_polite_kill_leaves_a_whole_recording(annotate_cloud, tmp_path, monkey
 
 def test_the_collector_passes_over_what_was_there_while_devices_are_read(rig_of, tmp_path):
     rig = rig_of(Camera())
-    wait_for(lambda: rig.moments.count > 0)
+    wait_for(lambda: rig.frames.count > 0)
     before = gc.get_freeze_count()
     loaded = [[] for _ in range(1000)]
     rig.record(tmp_path / "a.mcap")
@@ -173,7 +173,7 @@ def test_the_collector_passes_over_what_was_there_while_devices_are_read(rig_of,
 def test_labels_bear_the_name_that_was_recorded(rig_of, tmp_path):
     rig = rig_of(Camera())
     rig.record(tmp_path / "a.mcap", subject="anna")
-    wait_for(lambda: rig.moments.count > 3)
+    wait_for(lambda: rig.frames.count > 3)
     rig.close()
     nobody = np.zeros(CAMERA.shape, bool)
 
@@ -187,7 +187,7 @@ def test_labels_bear_the_name_that_was_recorded(rig_of, tmp_path):
 def test_info_shows_whom_and_when_a_recording_is_of(rig_of, tmp_path, annotate_cloud):
     rig, before = rig_of(Camera()), datetime.now().astimezone().replace(microsecond=0)
     rig.record(tmp_path / "a.mcap", subject="anna")
-    wait_for(lambda: rig.moments.count > 3)
+    wait_for(lambda: rig.frames.count > 3)
     rig.close()
     told = json.loads(annotate_cloud("info", tmp_path / "a.mcap", "--json").out)
     assert told["subject"] == "anna"
@@ -216,10 +216,10 @@ def test_an_unplugged_camera_is_missed_and_recorded_again_when_it_is_back(rig_of
     rig = rig_of(Camera(30, numbers), reopen=reopen)
     rig.record(tmp_path / "a.mcap")
     wait_for(lambda: bool(rig.health().away))
-    (complaint,) = rig_complaints(rig.health())
-    assert complaint.kind == "away" and "plug it in again" in complaint.text
+    (warning,) = rig_warnings(rig.health())
+    assert warning.kind == "away" and "plug it in again" in warning.text
     back.set()
-    wait_for(lambda: rig.moments.count > 40)
+    wait_for(lambda: rig.frames.count > 40)
     assert not rig.health().away
     rig.close()
     session, recorded = Session(tmp_path / "a.mcap"), numbers_in(tmp_path / "a.mcap")
@@ -242,11 +242,11 @@ def test_a_full_disk_ends_the_recording_keeps_what_came_and_the_rig_runs_on(rig_
     monkeypatch.setattr(sensors.recording.recorder, "write_item", full)
     rig.record(tmp_path / "a.mcap")
     wait_for(lambda: bool(rig.health().trouble))
-    (complaint,) = rig_complaints(rig.health())
-    assert "No space left" in complaint.text and "a.mcap.partial" in complaint.text
+    (warning,) = rig_warnings(rig.health())
+    assert "No space left" in warning.text and "a.mcap.partial" in warning.text
     assert rig.health().recording is None
-    seen = rig.moments.count
-    wait_for(lambda: rig.moments.count > seen + 3)
+    seen = rig.frames.count
+    wait_for(lambda: rig.frames.count > seen + 3)
     assert len(numbers_in(tmp_path / "a.mcap.partial")) == 10
 
 
@@ -280,10 +280,10 @@ def test_a_disk_of_20_mb_a_second_loses_nothing_or_it_is_said(
     rig.start()
     try:
         rig.record(tmp_path / "a.mcap")
-        wait_for(lambda: rig.moments.count > 12)
+        wait_for(lambda: rig.frames.count > 12)
         if too_slow:
-            wait_for(lambda: any(c.kind == "drops" for c in rig_complaints(rig.health())))
-        said = [complaint.text for complaint in rig_complaints(rig.health())]
+            wait_for(lambda: any(c.kind == "drops" for c in rig_warnings(rig.health())))
+        said = [warning.text for warning in rig_warnings(rig.health())]
     finally:
         rig.close()
     numbers, dropped = numbers_in(tmp_path / "a.mcap"), rig.health().dropped
@@ -297,8 +297,8 @@ def test_a_nearly_full_disk_ends_the_recording_in_time(rig_of, tmp_path, monkeyp
     monkeypatch.setattr(sensors.recording.live_rig, "LOOK_S", 0.05)
     rig = rig_of(Camera())
     rig.record(tmp_path / "a.mcap")
-    begun = rig.moments.count
-    wait_for(lambda: rig.moments.count > begun + 5)
+    begun = rig.frames.count
+    wait_for(lambda: rig.frames.count > begun + 5)
     monkeypatch.setattr(sensors.recording.recorder, "RESERVE_BYTES", 1 << 62)
     wait_for(lambda: bool(rig.health().trouble))
     rig.close()
@@ -308,7 +308,7 @@ def test_a_nearly_full_disk_ends_the_recording_in_time(rig_of, tmp_path, monkeyp
 def test_a_recording_that_cannot_be_finished_is_trouble(rig_of, tmp_path, monkeypatch):
     rig = rig_of(Camera())
     rig.record(tmp_path / "a.mcap")
-    wait_for(lambda: rig.moments.count > 3)
+    wait_for(lambda: rig.frames.count > 3)
 
     def full(number: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -322,7 +322,7 @@ def test_a_recording_that_cannot_be_finished_is_trouble(rig_of, tmp_path, monkey
 def test_what_a_device_sends_wrong_is_said_with_its_remedy(rig_of):
     camera = Camera()
     rig = rig_of(camera)
-    wait_for(lambda: rig.moments.count > 3)
+    wait_for(lambda: rig.frames.count > 3)
     assert not rig.health().faults
 
     def faulty(timeout_s: float) -> None:
@@ -331,7 +331,7 @@ def test_what_a_device_sends_wrong_is_said_with_its_remedy(rig_of):
 
     camera.read = faulty
     wait_for(lambda: bool(rig.health().faults))
-    said = {complaint.kind: complaint.text for complaint in rig_complaints(rig.health())}
+    said = {warning.kind: warning.text for warning in rig_warnings(rig.health())}
     assert said["fault"] == "its gain control is on; switch it off"
 
 
@@ -352,7 +352,7 @@ def test_a_camera_comes_back_whatever_its_library_raises_meanwhile(rig_of):
     gone = Camera(3)
     gone.close = lambda: reopen("")
     rig = rig_of(gone, reopen=reopen)
-    wait_for(lambda: rig.moments.count > 3)
+    wait_for(lambda: rig.frames.count > 3)
 
 
 def test_a_loss_comes_through_a_full_queue(monkeypatch):
@@ -372,7 +372,7 @@ def test_a_camera_in_another_mode_ends_the_rig_at_once_and_leaves_nothing(rig_of
     rig = LiveRig("ward", [Camera()], RigCalibration(Intrinsics(9, 6, 10.0, 10.0, 3.5, 2.5)), {}, never)
     rig.record(tmp_path / "a.mcap")
     rig.start()
-    wait_for(lambda: rig.moments.ended)
+    wait_for(lambda: rig.frames.ended)
     rig.close()
     assert isinstance(rig.error, CloudError) and "8x6 instead of 9x6" in str(rig.error)
     assert rig.health().recording is None and not list(tmp_path.iterdir())

@@ -17,8 +17,8 @@ from sensors.calibrate.hole_plate import HolePlate
 from sensors.calibrate.plate_view import CAMERAS, PlateView, view_plate
 from sensors.errors import CalibrationError
 from sensors.interrupt import Ending
-from sensors.recording.frame_assembly import Moment
-from sensors.recording.latest_value import Newest
+from sensors.recording.frame_assembly import SyncedFrame
+from sensors.recording.latest_value import LatestValue
 from sensors.recording.rig_templates import REFERENCE, TEMPLATES
 from sensors.recording.stream_health import Health
 from sensors.rig.camera import project
@@ -150,16 +150,16 @@ def test_a_frame_that_came_cut_off_is_passed_over(held, monkeypatch, tmp_path, c
 def test_a_rig_that_shows_no_plate_says_why(capsys):
     depth = np.full((2, 2), 900, np.uint16)
 
-    class Blind(Newest):
+    class Blind(LatestValue):
         waits = 2
 
         def after(self, seen, timeout_s):
             self.waits -= 1
-            return None if self.waits >= 0 else (seen + 1, Moment(RigFrame(seen, 1, depth), 1, 1))
+            return None if self.waits >= 0 else (seen + 1, SyncedFrame(RigFrame(seen, 1, depth), 1, 1))
 
     silent = Health(away=("kinect2:1",))
     rig = SimpleNamespace(
-        name="ward", moments=Blind(), error=None, start=str, close=str, health=lambda: silent
+        name="ward", frames=Blind(), error=None, start=str, close=str, health=lambda: silent
     )
     with pytest.raises(CalibrationError, match="'ward' gives no infrared"):
         list(cli.guided.rig_frames(rig, Ending()))

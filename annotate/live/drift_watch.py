@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sensors.recording.frame_assembly import Moment
+from sensors.recording.frame_assembly import SyncedFrame
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.rig.thermal_reference import ThermalReference
@@ -23,14 +23,14 @@ class DriftWatch:
         self._spot: int | None = None
         self._added_s = self._located_s = -np.inf
 
-    def corrected(self, moment: Moment, frame: RigFrame) -> RigFrame:
+    def corrected(self, synced: SyncedFrame, frame: RigFrame) -> RigFrame:
         """A moment's frame with its temperatures corrected, or as it is. Moments only get later."""
-        reference, now_s = self._reference, moment.arrival_ns * 1e-9
+        reference, now_s = self._reference, synced.arrival_ns * 1e-9
         if reference is None or frame.thermal_c is None:
             return frame
         if now_s - self._added_s >= EVERY_S:
             self._added_s = now_s
-            reference.add(now_s, moment.spot_c, frame.thermal_c)
+            reference.add(now_s, synced.spot_c, frame.thermal_c)
         if now_s - self._located_s >= AGAIN_S:
             self._located_s = now_s
             self._spot = reference.spot()

@@ -6,7 +6,7 @@ import numpy as np
 
 from annotate.array_types import Bool, Float64
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.live.warning import Complaint
+from annotate.live.warning import LiveWarning
 from annotate.parts import PARTS
 from annotate.person.subject import cut_borders
 from annotate.suit.color_model import CLIPPED, DARK, ColorModel, blur
@@ -26,13 +26,13 @@ the colour alone takes a quarter of the pixels for the other. Untuned: it is 1.7
 rig's `normal` light, up to 1.05 there by a sodium lamp (12 frames of six people, seeds 9341 and 9352)."""
 
 
-def person_complaints(cloud: ThermalCloud, person: Bool) -> Iterator[Complaint]:
+def person_warnings(cloud: ThermalCloud, person: Bool) -> Iterator[LiveWarning]:
     """Complaints about the light on a person and their place; person: mask (h, w)."""
     if np.count_nonzero(person) < LEAST_PIXELS:
         return
     yield from _light(cloud, person)
     if borders := cut_borders(person):
-        yield Complaint(
+        yield LiveWarning(
             "cut off",
             f"the person is cut off at the {' and the '.join(borders)} of the picture: "
             "move the camera back, or turn it",
@@ -40,12 +40,12 @@ def person_complaints(cloud: ThermalCloud, person: Bool) -> Iterator[Complaint]:
     far_m = LIMB_M * cloud.camera.fx / LEAST_LIMB_PX
     away_m = float(np.median(cloud.points_m[..., 2][person]))
     if away_m > far_m:
-        yield Complaint(
+        yield LiveWarning(
             "far", f"the person is {away_m:.1f} m away: more than {far_m:.1f} m is too far for this camera"
         )
 
 
-def shift_complaint(shift_px: tuple[float, float], camera: Intrinsics, tolerable_deg: float) -> Complaint:
+def shift_warning(shift_px: tuple[float, float], camera: Intrinsics, tolerable_deg: float) -> LiveWarning:
     """The thermal image lies ``shift_px`` (right, down) off the depth image."""
     right, down = (float(np.degrees(np.arctan2(px, camera.fx))) for px in shift_px)
     ways = [
@@ -53,14 +53,14 @@ def shift_complaint(shift_px: tuple[float, float], camera: Intrinsics, tolerable
         for angle, words in ((right, ("right", "left")), (down, ("down", "up")))
         if abs(angle) > tolerable_deg / 3
     ]
-    return Complaint(
+    return LiveWarning(
         "shifted",
         f"the thermal camera has moved: temperatures lie {' and '.join(ways)}; "
         "put it back, or calibrate again",
     )
 
 
-def color_complaint(cloud: ThermalCloud, person: Bool, model: ColorModel) -> Complaint | None:
+def color_warning(cloud: ThermalCloud, person: Bool, model: ColorModel) -> LiveWarning | None:
     """The pair of suit colours that are hardest to tell apart in this light, if that is too hard.
 
     person: mask (h, w), read by the suit. model: its colours in the light of this frame. Pairs that are alike
@@ -79,7 +79,7 @@ def color_complaint(cloud: ThermalCloud, person: Bool, model: ColorModel) -> Com
     if now[i, j] >= APART:
         return None
     one, other = (PARTS[int(part_of[k])].name.replace("_", " ") for k in (i, j))
-    return Complaint(
+    return LiveWarning(
         "colours",
         f"the suit's colours of {one} and {other} cannot be told apart in this light: "
         "use more light, or whiter light",
@@ -92,17 +92,17 @@ def _apart(chroma: Float64, variance: Float64) -> Float64:
     return np.asarray(away / np.sqrt(variance[:, None] + variance[None]))
 
 
-def _light(cloud: ThermalCloud, person: Bool) -> Iterator[Complaint]:
+def _light(cloud: ThermalCloud, person: Bool) -> Iterator[LiveWarning]:
     rgb = cloud.color_rgb[person & cloud.color_valid]
     if len(rgb) < LEAST_PIXELS:
         return
     dark, glare = (rgb.max(axis=1) < DARK).mean(), ((rgb >= CLIPPED).sum(axis=1) > 1).mean()
     if dark > LOST_SHARE:
-        yield Complaint(
+        yield LiveWarning(
             "dark",
             f"{dark:.0%} of the person is too dark to read colours: light the room, or expose for longer",
         )
     if glare > LOST_SHARE:
-        yield Complaint(
+        yield LiveWarning(
             "glare", f"{glare:.0%} of the person is over-exposed: use less light, or a shorter exposure"
         )

@@ -10,17 +10,17 @@ from annotate.array_types import Float64
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import Labeller
-from annotate.live.warning import Complaint
+from annotate.live.warning import LiveWarning
 from sensors.recording.arrival_times import Event
-from sensors.recording.frame_assembly import Moment
-from sensors.recording.latest_value import Newest
+from sensors.recording.frame_assembly import SyncedFrame
+from sensors.recording.latest_value import LatestValue
 from sensors.recording.stream_health import Health
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 
 
 @dataclass(frozen=True, eq=False)
-class Stance:
+class BodyPose:
     """Stance of the labelled person, in the frame of the undistorted depth camera.
 
     names: of the joints (J,). joints_m: float64 (J, 3) metres. bones: pairs of indices of joints. facing_deg:
@@ -46,7 +46,7 @@ class Labelling:
 
     survey: Callable[[ThermalCloud], Any]
     label: Labeller
-    stance: Callable[[FrameLabels, Intrinsics], Stance | None]
+    body_pose: Callable[[FrameLabels, Intrinsics], BodyPose | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +56,12 @@ class LiveFrame:
     latency_ms: from the depth image's arrival until all of this was there. complaints: those that stand.
     """
 
-    moment: Moment
+    synced: SyncedFrame
     cloud: ThermalCloud
     labels: FrameLabels
-    stance: Stance | None
+    body_pose: BodyPose | None
     health: Health
-    complaints: tuple[Complaint, ...]
+    warnings: tuple[LiveWarning, ...]
     latency_ms: float
 
 
@@ -70,7 +70,7 @@ class Rig(Protocol):
 
     name: str
     calibration: RigCalibration
-    moments: Newest[Moment]
+    frames: LatestValue[SyncedFrame]
     events: deque[tuple[int, Event]]
     error: Exception | None
 

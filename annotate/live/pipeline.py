@@ -17,16 +17,16 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import calibrated, labels_of
 from annotate.live.drift_watch import DriftWatch
-from annotate.live.frame_warnings import color_complaint, person_complaints
-from annotate.live.live_frame import Labelling, LiveFrame, Rig, Stance
-from annotate.live.rig_warnings import rig_complaints
+from annotate.live.frame_warnings import color_warning, person_warnings
+from annotate.live.live_frame import BodyPose, Labelling, LiveFrame, Rig
+from annotate.live.rig_warnings import rig_warnings
 from annotate.live.shift_watch import ShiftWatch
-from annotate.live.warning import Complaint, Standing
+from annotate.live.warning import ActiveWarnings, LiveWarning
 from annotate.person.extract import PersonMask
 from annotate.segmentation.segmented_person import Segmentation
 from sensors.errors import CloudError, FormatError
-from sensors.recording.frame_assembly import Moment
-from sensors.recording.latest_value import Newest
+from sensors.recording.frame_assembly import SyncedFrame
+from sensors.recording.latest_value import LatestValue
 from sensors.rig.frame import RigFrame
 
 WAIT_S = 0.1
@@ -44,7 +44,7 @@ LATENCIES = 1000
 class _Fused:
     """A fused moment. left_out: notes on what its cloud lacks; unreadable: what could not be read, or ""."""
 
-    moment: Moment
+    synced: SyncedFrame
     cloud: ThermalCloud
     left_out: list[str]
     unreadable: str = ""
@@ -59,9 +59,9 @@ class LivePipeline:
     """
 
     def __init__(self, rig: Rig, labelling: Labelling) -> None:
-        self.rig, self.frames = rig, Newest[LiveFrame](keep=WORKERS)
+        self.rig, self.frames = rig, LatestValue[LiveFrame](keep=WORKERS)
         self.latencies_ms = deque[float](maxlen=LATENCIES)
-        self.complaints: tuple[Complaint, ...] = ()
+        self.warnings: tuple[LiveWarning, ...] = ()
         self.said: dict[str, str] = {}
         self.error: Exception | None = None
         self._labelling, self._fuser = labelling, Fuser(rig.calibration)
@@ -70,7 +70,7 @@ class LivePipeline:
         self._before: FrameLabels | None = None
         self._shown_ns = 0
         self._stop = threading.Event()
-        self._standing, self._shift = Standing(), ShiftWatch()
+        self._active, self._shift = ActiveWarnings(), ShiftWatch()
         self._drift = DriftWatch(rig.calibration)
         self._threads = [
             threading.Thread(target=self._work, name=f"label {i}", daemon=True) for i in range(WORKERS)
@@ -99,7 +99,7 @@ class LivePipeline:
                     begun_s = time.monotonic()
                     self._label(self._fused(*taken))
                     self._each_s = time.monotonic() - begun_s
-                elif self.rig.moments.ended:
+                elif self.rig.frames.ended:
                     break
         except Exception as error:  # the reader raises it: here it would die with the thread
             self.error = self.error or error
@@ -110,76 +110,76 @@ class LivePipeline:
                 if not self._working:
                     self.frames.end()
 
-    def _take(self) -> tuple[Moment, RigFrame, list[str]] | None:
+    def _take(self) -> tuple[SyncedFrame, RigFrame, list[str]] | None:
         """The newest moment that nobody has taken, its frame and notes on what is left out of it.
 
         Frames begin evenly spaced, so that they are shown evenly. None when there is none for some time.
         """
         with self._taking:
             self._stop.wait(max(0.0, self._next_s - time.monotonic()))
-            newest = self.rig.moments.after(self._taken, WAIT_S)
-            if newest is not None:
-                self._taken, moment = newest
+            latest = self.rig.frames.after(self._taken, WAIT_S)
+            if latest is not None:
+                self._taken, synced = latest
                 self._next_s = time.monotonic() + min(self._each_s / WORKERS, MOST_APART_S)
-                frame, left_out = calibrated(moment.frame, self._fuser.calibration)
-                return moment, self._drift.corrected(moment, frame), left_out
+                frame, left_out = calibrated(synced.frame, self._fuser.calibration)
+                return synced, self._drift.corrected(synced, frame), left_out
         with self._showing:
-            self._stand(rig_complaints(self.rig.health()))
+            self._stand(rig_warnings(self.rig.health()))
         return None
 
-    def _fused(self, moment: Moment, frame: RigFrame, left_out: list[str]) -> _Fused:
+    def _fused(self, synced: SyncedFrame, frame: RigFrame, left_out: list[str]) -> _Fused:
         try:
-            return _Fused(moment, self._fuser.fuse_frame(frame), left_out)
+            return _Fused(synced, self._fuser.fuse_frame(frame), left_out)
         except FormatError as error:
             # A colour image that was cut off on its way.
             cloud = self._fuser.fuse_frame(replace(frame, color_encoded=None))
-            return _Fused(moment, cloud, left_out, str(error))
+            return _Fused(synced, cloud, left_out, str(error))
 
     def _label(self, fused: _Fused) -> None:
         """Label a frame, by the labels shown last, and show it; where it fails, say why."""
-        moment, cloud = fused.moment, fused.cloud
+        synced, cloud = fused.synced, fused.cloud
         try:
             result, person = self._labelling.label(self._labelling.survey(cloud), self._before)
         except CloudError as error:
             with self._showing:
                 self._before = None
-                self._stand([*rig_complaints(self.rig.health()), Complaint("frame", str(error))])
+                self._stand([*rig_warnings(self.rig.health()), LiveWarning("frame", str(error))])
             return
-        labels = labels_of(f"{moment.frame.index:06d}", cloud.depth_mm, result, person, fused.left_out)
-        stance = self._labelling.stance(labels, cloud.camera)
+        labels = labels_of(f"{synced.frame.index:06d}", cloud.depth_mm, result, person, fused.left_out)
+        body_pose = self._labelling.body_pose(labels, cloud.camera)
         with self._showing:
-            if moment.arrival_ns >= self._shown_ns:
-                self._show(fused, labels, stance, person, result)
+            if synced.arrival_ns >= self._shown_ns:
+                self._show(fused, labels, body_pose, person, result)
 
     def _show(
         self,
         fused: _Fused,
         labels: FrameLabels,
-        stance: Stance | None,
+        body_pose: BodyPose | None,
         person: PersonMask,
         result: Segmentation,
     ) -> None:
-        moment, cloud, health = fused.moment, fused.cloud, self.rig.health()
-        self._stand([*rig_complaints(health), *self._of_frame(fused, person, result)])
-        self._before, self._shown_ns = labels, moment.arrival_ns
-        latency_ms = (time.monotonic_ns() - moment.arrival_ns) * 1e-6
+        synced, cloud, health = fused.synced, fused.cloud, self.rig.health()
+        self._stand([*rig_warnings(health), *self._of_frame(fused, person, result)])
+        self._before, self._shown_ns = labels, synced.arrival_ns
+        latency_ms = (time.monotonic_ns() - synced.arrival_ns) * 1e-6
         self.latencies_ms.append(latency_ms)
-        self.frames.put(LiveFrame(moment, cloud, labels, stance, health, self.complaints, latency_ms))
+        self.frames.put(LiveFrame(synced, cloud, labels, body_pose, health, self.warnings, latency_ms))
 
-    def _stand(self, made: Iterable[Complaint]) -> None:
+    def _stand(self, made: Iterable[LiveWarning]) -> None:
         """Take the complaints of a moment: of a rig that gives no images, too."""
-        self.complaints = self._standing.update(made, time.monotonic())
-        self.said |= {complaint.kind: complaint.text for complaint in self.complaints}
+        self.warnings = self._active.update(made, time.monotonic())
+        self.said |= {warning.kind: warning.text for warning in self.warnings}
 
-    def _of_frame(self, fused: _Fused, person: PersonMask, result: Segmentation) -> list[Complaint]:
+    def _of_frame(self, fused: _Fused, person: PersonMask, result: Segmentation) -> list[LiveWarning]:
         cloud = fused.cloud
-        made = list(person_complaints(cloud, person.mask))
+        made = list(person_warnings(cloud, person.mask))
         if fused.unreadable:
-            made.append(Complaint("frame", fused.unreadable))
-        lit = not {"dark", "glare"} & {complaint.kind for complaint in made}
+            made.append(LiveWarning("frame", fused.unreadable))
+        lit = not {"dark", "glare"} & {warning.kind for warning in made}
         if lit and result.light is not None:
-            made += filter(None, [color_complaint(cloud, person.mask, result.light)])
-        made += filter(None, [self._shift.complaint(cloud, person.mask, fused.moment.arrival_ns)])
+            made += filter(None, [color_warning(cloud, person.mask, result.light)])
+        made += filter(None, [self._shift.warning(cloud, person.mask, fused.synced.arrival_ns)])
         return made
 
     def latency_ms(self, share: float) -> float:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from annotate.live.warning import Complaint, Kind
+from annotate.live.warning import Kind, LiveWarning
 from sensors.recording.image_check import NAMES
 from sensors.recording.stream_health import Health, StreamHealth
 from sensors.rig.clock import LIMIT_SKEW
@@ -26,18 +26,18 @@ REMEDIES = {"color": "light the room: in the dark a camera exposes for longer", 
 """Remedies for a slow stream, by its name; "" for all others."""
 
 
-def rig_complaints(health: Health) -> Iterator[Complaint]:
+def rig_warnings(health: Health) -> Iterator[LiveWarning]:
     """Yield all warnings about a rig at one moment."""
     if health.trouble:
-        yield Complaint("trouble", health.trouble)
+        yield LiveWarning("trouble", health.trouble)
     if health.faults:
-        yield Complaint("fault", "; ".join(health.faults))
+        yield LiveWarning("fault", "; ".join(health.faults))
     if health.away:
         gone = ", ".join(f"{address} is gone" for address in health.away)
-        yield Complaint("away", f"{gone}: plug it in again; it is opened as soon as it is back")
+        yield LiveWarning("away", f"{gone}: plug it in again; it is opened as soon as it is back")
     yield from _of_streams(health)
     if health.flag_closed_s > FLAG_S:
-        yield Complaint(
+        yield LiveWarning(
             "flag",
             f"the thermal camera's flag has been closed for {health.flag_closed_s:.0f} s: "
             "there are no temperatures; unplug the camera and plug it in again",
@@ -50,9 +50,9 @@ def rig_complaints(health: Health) -> Iterator[Complaint]:
     ]
     # A busy computer reads images later and later, which looks like a slow clock.
     if clocks and not any(_is_losing(state) for state in health.streams.values()):
-        yield Complaint("clock", "; ".join(clocks))
+        yield LiveWarning("clock", "; ".join(clocks))
     if health.disk_minutes < LEAST_DISK_MINUTES:
-        yield Complaint(
+        yield LiveWarning(
             "disk", f"the disk has room for {health.disk_minutes:.1f} minutes of recording: free some space"
         )
 
@@ -67,7 +67,7 @@ def _is_silent(state: StreamHealth) -> bool:
     return state.silent_s > max(SILENT_S, SILENT_PERIODS * period_s)
 
 
-def _of_streams(health: Health) -> Iterator[Complaint]:
+def _of_streams(health: Health) -> Iterator[LiveWarning]:
     """Yield warnings about streams of present devices, one for each kind, with all streams of each remedy."""
     found = dict[tuple[Kind, str], list[str]]()
     for stream, state in health.streams.items():
@@ -78,7 +78,7 @@ def _of_streams(health: Health) -> Iterator[Complaint]:
     for (kind, remedy), what_is in found.items():
         texts.setdefault(kind, []).append(f"{', '.join(what_is)}; {remedy}")
     for kind, each in texts.items():
-        yield Complaint(kind, "; ".join(each))
+        yield LiveWarning(kind, "; ".join(each))
 
 
 def _of_stream(stream: str, state: StreamHealth, health: Health) -> tuple[Kind, str, str] | None:

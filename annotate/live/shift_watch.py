@@ -6,8 +6,8 @@ import numpy as np
 
 from annotate.array_types import Bool, Float64
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.live.frame_warnings import shift_complaint
-from annotate.live.warning import Complaint
+from annotate.live.frame_warnings import shift_warning
+from annotate.live.warning import LiveWarning
 from annotate.person.alignment import TOLERABLE_DEG, is_warmer, misplacement_px, warm_contrasts
 from annotate.person.warmth import WINDOW_C, find_window, warmth
 
@@ -22,9 +22,9 @@ class ShiftWatch:
     def __init__(self) -> None:
         self._surfaces = deque[Float64](maxlen=FRAMES)
         self._looked_ns = 0
-        self._complaint: Complaint | None = None
+        self._complaint: LiveWarning | None = None
 
-    def complaint(self, cloud: ThermalCloud, person: Bool, now_ns: int) -> Complaint | None:
+    def warning(self, cloud: ThermalCloud, person: Bool, now_ns: int) -> LiveWarning | None:
         """The complaint as of the last frame that was looked at. person: mask (h, w)."""
         if now_ns - self._looked_ns >= EVERY_NS and np.isfinite(cloud.temperature_c).any():
             self._looked_ns = now_ns
@@ -34,7 +34,7 @@ class ShiftWatch:
             self._complaint = self._judged(cloud, person)
         return self._complaint
 
-    def _judged(self, cloud: ThermalCloud, person: Bool) -> Complaint | None:
+    def _judged(self, cloud: ThermalCloud, person: Bool) -> LiveWarning | None:
         """A complaint about the shift that the last frames together tell, if it is far."""
         if len(self._surfaces) < FRAMES:
             return None
@@ -44,4 +44,4 @@ class ShiftWatch:
         warm = warmth(cloud.temperature_c, find_window(cloud, cloud.valid) or WINDOW_C).clip(0, 1)
         if not is_warmer(warm, person, shift_px):
             return None
-        return shift_complaint(shift_px, cloud.camera, TOLERABLE_DEG)
+        return shift_warning(shift_px, cloud.camera, TOLERABLE_DEG)

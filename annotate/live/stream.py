@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from annotate.foxglove.server import FoxgloveServer
 from annotate.foxglove.topics import Shown
-from annotate.live.live_frame import LiveFrame, Stance
+from annotate.live.live_frame import BodyPose, LiveFrame
 from annotate.live.pipeline import WAIT_S, LivePipeline
 from sensors.errors import FormatError
 from sensors.rig.rig_calibration import RigCalibration
@@ -42,16 +42,16 @@ def streamed(pipeline: LivePipeline, server: FoxgloveServer) -> Iterator[None]:
 def _stream(pipeline: LivePipeline, server: FoxgloveServer, stop: threading.Event) -> None:
     seen, told = 0, _Told()
     while not stop.is_set():
-        newest = pipeline.frames.after(seen, WAIT_S)
+        latest = pipeline.frames.after(seen, WAIT_S)
         texts = told.news(pipeline) if server.heard else []
-        if newest is None:
+        if latest is None:
             # No frame comes of a camera that is silent, or where labelling fails: this is when to say so.
             for text in texts:
                 server.tell(time.time_ns(), text)
             if pipeline.frames.ended:
                 return
             continue
-        seen, frame = newest
+        seen, frame = latest
         shown = shown_of(frame, pipeline.rig.calibration, texts)
         try:
             server.show(shown)
@@ -64,21 +64,21 @@ class _Told:
     """What a stream's clients have been told: events by their numbers, complaints by their kinds."""
 
     def __init__(self) -> None:
-        self._number, self._standing = 0, set[str]()
+        self._number, self._active = 0, set[str]()
 
     def news(self, pipeline: LivePipeline) -> list[str]:
         """Events that are kept, then complaints that stand, as far as they are new since the last call."""
         happened = [(number, event) for number, event in pipeline.rig.events.copy() if number > self._number]
         self._number = max((number for number, _ in happened), default=self._number)
-        complaints = pipeline.complaints
-        new = [complaint.text for complaint in complaints if complaint.kind not in self._standing]
-        self._standing = {complaint.kind for complaint in complaints}
+        warnings = pipeline.warnings
+        new = [warning.text for warning in warnings if warning.kind not in self._active]
+        self._active = {warning.kind for warning in warnings}
         return [event.text for _, event in happened] + new
 
 
 def shown_of(frame: LiveFrame, calibration: RigCalibration, texts: list[str]) -> Shown:
     """A live frame as Foxglove gets it, stamped by the host's clock. texts: what happened since the last."""
-    recorded, stamp_ns = frame.moment.frame, frame.moment.host_ns
+    recorded, stamp_ns = frame.synced.frame, frame.synced.host_ns
     return Shown(
         stamp_ns,
         frame.cloud,
@@ -86,12 +86,12 @@ def shown_of(frame: LiveFrame, calibration: RigCalibration, texts: list[str]) ->
         calibration,
         recorded.color_encoded if calibration.color else None,
         recorded.thermal_c if calibration.thermal else None,
-        _joints_mm(frame.stance),
+        _joints_mm(frame.body_pose),
         tuple((stamp_ns, text) for text in texts),
     )
 
 
-def _joints_mm(stance: Stance | None) -> dict[str, list[float]] | None:
-    if stance is None:
+def _joints_mm(body_pose: BodyPose | None) -> dict[str, list[float]] | None:
+    if body_pose is None:
         return None
-    return dict(zip(stance.names, (1000 * stance.joints_m).tolist(), strict=True))
+    return dict(zip(body_pose.names, (1000 * body_pose.joints_m).tolist(), strict=True))

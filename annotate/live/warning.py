@@ -15,25 +15,25 @@ eye: somebody walks through the picture in that time."""
 
 
 @dataclass(frozen=True)
-class Complaint:
+class LiveWarning:
     """kind: what it is about. text: what is wrong, the value, and the remedy, in one line."""
 
     kind: Kind
     text: str
 
 
-class Standing:
+class ActiveWarnings:
     """The complaints that stand: those that were made for ``HOLD_S``, in the order in which they arose."""
 
     def __init__(self) -> None:
         self._since: dict[Kind, float] = {}
-        self._last: dict[Kind, tuple[float, Complaint]] = {}
+        self._last: dict[Kind, tuple[float, LiveWarning]] = {}
 
-    def update(self, made: Iterable[Complaint], now_s: float) -> tuple[Complaint, ...]:
+    def update(self, made: Iterable[LiveWarning], now_s: float) -> tuple[LiveWarning, ...]:
         """The complaints that stand after those of a moment; now_s: seconds on a clock that only rises."""
-        for complaint in made:
-            self._since.setdefault(complaint.kind, now_s)
-            self._last[complaint.kind] = now_s, complaint
+        for warning in made:
+            self._since.setdefault(warning.kind, now_s)
+            self._last[warning.kind] = now_s, warning
         for kind, (at_s, _) in list(self._last.items()):
             if now_s - at_s > HOLD_S:
                 del self._last[kind], self._since[kind]

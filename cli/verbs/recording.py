@@ -73,21 +73,21 @@ def record(
 
 def _run(running: "LiveRig", end_s: float, ending: Ending) -> str:
     """Record until the time is over, a signal comes, or the recording ends; return the reason."""
-    from annotate.live.rig_warnings import rig_complaints
-    from annotate.live.warning import Standing
+    from annotate.live.rig_warnings import rig_warnings
+    from annotate.live.warning import ActiveWarnings
 
-    standing, said = Standing(), set[str]()
+    active, said = ActiveWarnings(), set[str]()
     with _preview() as show:
         running.start()
         looked_s = time.monotonic()
-        while not ending.asked and time.monotonic() < end_s and not running.moments.ended:
+        while not ending.asked and time.monotonic() < end_s and not running.frames.ended:
             time.sleep(0.02)
             if time.monotonic() - looked_s < LOOK_S:
                 continue
             looked_s, health = time.monotonic(), running.health()
             if health.recording is None:
                 break
-            warnings = standing.update(rig_complaints(health), looked_s)
+            warnings = active.update(rig_warnings(health), looked_s)
             for warning in warnings:
                 if warning.kind not in said:
                     say(warning.text)

@@ -21,7 +21,7 @@ KEPT = 64
 
 
 @dataclass(frozen=True)
-class Moment:
+class SyncedFrame:
     """A frame as it happens. host_ns: when its depth was taken, on the host's clock since 1970.
 
     arrival_ns: when that arrived, on ``time.monotonic_ns``. spot_c: the pyrometer's target, Celsius, NaN =
@@ -34,7 +34,7 @@ class Moment:
     spot_c: float = float("nan")
 
 
-class Moments:
+class FrameAssembly:
     """Pairs readings as ``sensors.rig.pairing`` does, but with those that have come by now.
 
     rates_hz: nominal rates of the streams that there are.
@@ -66,22 +66,22 @@ class Moments:
             case Spot(target_c):
                 self._spot = (host_ns, target_c)
 
-    def newest(self, now_ns: int) -> Moment | None:
+    def latest(self, now_ns: int) -> SyncedFrame | None:
         """The newest moment that is complete, or has waited long enough; those before it are passed over.
 
         now_ns: on the clock of the arrivals.
         """
-        moment = None
+        synced = None
         while self._depth and self._is_due(*self._depth[0], now_ns):
-            moment = self._depth.popleft()
+            synced = self._depth.popleft()
             self._index += 1
-        return self._paired(*moment) if moment else None
+        return self._paired(*synced) if synced else None
 
     def _is_due(self, host_ns: int, item: Arrived, now_ns: int) -> bool:
         passed = all(self._reached_ns[stream] >= host_ns for stream in self._others)
         return passed or now_ns - item.arrival_ns >= WAIT_NS
 
-    def _paired(self, host_ns: int, item: Arrived) -> Moment:
+    def _paired(self, host_ns: int, item: Arrived) -> SyncedFrame:
         depth = item.reading.value
         assert isinstance(depth, DepthImage)
         frame = RigFrame(
@@ -94,7 +94,7 @@ class Moments:
         )
         spot_ns, spot_c = self._spot
         near = abs(spot_ns - host_ns) < SPOT_WINDOW_NS
-        return Moment(frame, host_ns, item.reading.arrival_ns, spot_c if near else float("nan"))
+        return SyncedFrame(frame, host_ns, item.reading.arrival_ns, spot_c if near else float("nan"))
 
 
 Image = TypeVar("Image")

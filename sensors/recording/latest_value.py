@@ -7,7 +7,7 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 
-class Newest(Generic[T]):
+class LatestValue(Generic[T]):
     """Queue of the newest values, for any number of threads; older ones are replaced, read or not.
 
     keep: number of values that ``since`` may still return. count: how many values there have been.

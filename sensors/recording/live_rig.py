@@ -13,10 +13,10 @@ from sensors.device.protocol import Device
 from sensors.errors import CalibrationError, CloudError, ExistsError, one_line
 from sensors.recording.arrival_times import Arrived, Event
 from sensors.recording.device_readers import Intake
-from sensors.recording.frame_assembly import Moment, Moments
+from sensors.recording.frame_assembly import FrameAssembly, SyncedFrame
 from sensors.recording.garbage_collection import QuietCollector
 from sensors.recording.image_check import ImageJudge
-from sensors.recording.latest_value import Newest
+from sensors.recording.latest_value import LatestValue
 from sensors.recording.recorder import LOOK_S, RESERVE_BYTES, Recorder, Take, clock_metadata
 from sensors.recording.stream_health import FAULT_NS, Health, Watch
 from sensors.rig.rig_calibration import RigCalibration
@@ -48,12 +48,12 @@ class LiveRig:
     ) -> None:
         rates_hz = {stream: hz for device in devices for stream, hz in device.rates_hz.items()}
         self.name, self.calibration = name, calibration
-        self.moments = Newest[Moment]()
+        self.frames = LatestValue[SyncedFrame]()
         self.events = deque[tuple[int, Event]](maxlen=EVENTS_KEPT)
         self.error: Exception | None = None
         self._intake = Intake(devices, reopen)
         self._watch = Watch(devices, {address: round(ms * 1e6) for address, ms in latency_ms.items()})
-        self._pairing = Moments(rates_hz)
+        self._pairing = FrameAssembly(rates_hz)
         self._recorder = Recorder(name, calibration, clock_metadata(devices, latency_ms))
         self._judge, self._left_out = ImageJudge(calibration), dict[str, Event]()
         self._collector = QuietCollector()
@@ -92,7 +92,7 @@ class LiveRig:
         """
 
         def begin() -> None:
-            if self.moments.ended:
+            if self.frames.ended:
                 why = self.error or "closed"
                 raise CloudError(f"{self.name} has stopped, there is nothing to record: {why}")
             self._recorder.begin(path, subject, overwrite, infrared)
@@ -179,7 +179,7 @@ class LiveRig:
         finally:
             with suppress(OSError, ExistsError):
                 self._recorder.end()
-            self.moments.end()
+            self.frames.end()
             with self._asking:
                 self._serving = False
             self._do_asked()
@@ -196,9 +196,9 @@ class LiveRig:
         while not self._stop.is_set():
             self._do_asked()
             self._take_in()
-            moment = self._pairing.newest(self._intake.now_ns())
-            if moment is not None:
-                self.moments.put(moment)
+            synced = self._pairing.latest(self._intake.now_ns())
+            if synced is not None:
+                self.frames.put(synced)
             if time.monotonic() - looked_s >= LOOK_S:
                 looked_s = time.monotonic()
                 self._recorder.look_at_disk(self._intake.now_ns())

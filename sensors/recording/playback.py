@@ -7,8 +7,8 @@ from pathlib import Path
 
 from sensors.errors import CloudError
 from sensors.recording.arrival_times import Event
-from sensors.recording.frame_assembly import Moment
-from sensors.recording.latest_value import Newest
+from sensors.recording.frame_assembly import SyncedFrame
+from sensors.recording.latest_value import LatestValue
 from sensors.recording.stream_health import Health, StreamHealth
 from sensors.rig.frame import FrameSource
 
@@ -24,7 +24,7 @@ class Playback:
 
     def __init__(self, source: FrameSource) -> None:
         self.name, self.calibration = source.name, source.calibration
-        self.moments = Newest[Moment]()
+        self.frames = LatestValue[SyncedFrame]()
         self.events = deque[tuple[int, Event]](maxlen=100)
         self.error: Exception | None = None
         self._source = source
@@ -58,7 +58,7 @@ class Playback:
 
     def health(self) -> Health:
         """The pace of the frames."""
-        count, running_s = self.moments.count, time.monotonic() - self._started_s
+        count, running_s = self.frames.count, time.monotonic() - self._started_s
         return Health({"depth": StreamHealth(0.0, count / max(running_s, 1e-9), silent_s=0.0, count=count)})
 
     def _run(self) -> None:
@@ -73,8 +73,8 @@ class Playback:
                 while self._coming and self._coming[0][1][0] <= frame.stamp_ns:
                     number, (stamp_ns, text) = self._coming.popleft()
                     self.events.append((number, Event(stamp_ns, text)))
-                self.moments.put(Moment(frame, frame.stamp_ns, time.monotonic_ns()))
+                self.frames.put(SyncedFrame(frame, frame.stamp_ns, time.monotonic_ns()))
         except Exception as error:  # the reader raises it: here it would die with the thread
             self.error = error
         finally:
-            self.moments.end()
+            self.frames.end()

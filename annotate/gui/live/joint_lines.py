@@ -4,7 +4,7 @@ import numpy as np
 import pyvista as pv
 from pyvistaqt import QtInteractor
 
-from annotate.live.live_frame import Stance
+from annotate.live.live_frame import BodyPose
 
 WIDTH_PX = 4.0
 """Width of a bone in logical pixels. Untuned."""
@@ -12,7 +12,7 @@ IN_FRONT = -66_000.0
 """Offset of the lines' depth, in the depth buffer's least steps: before all else in 16 bits and more."""
 
 
-class StanceLines:
+class PoseLines:
     """One VTK actor of lines, drawn before the body that they lie in."""
 
     def __init__(self, plotter: QtInteractor) -> None:
@@ -27,9 +27,9 @@ class StanceLines:
         self.actor.mapper.SetRelativeCoincidentTopologyLineOffsetParameters(0.0, IN_FRONT)
         self.actor.SetVisibility(False)
 
-    def show(self, stance: Stance | None) -> None:
+    def show(self, body_pose: BodyPose | None) -> None:
         """Show how the person is now, or nobody."""
-        self.actor.SetVisibility(stance is not None)
-        if stance is not None:
-            lines = np.array([(2, a, b) for a, b in stance.bones]).ravel()
-            self.actor.mapper.dataset = pv.PolyData(stance.joints_m, lines=lines)
+        self.actor.SetVisibility(body_pose is not None)
+        if body_pose is not None:
+            lines = np.array([(2, a, b) for a, b in body_pose.bones]).ravel()
+            self.actor.mapper.dataset = pv.PolyData(body_pose.joints_m, lines=lines)

@@ -41,9 +41,9 @@ def pictures(frame: LiveFrame) -> dict[str, UInt8]:
 
 def joints_px(frame: LiveFrame) -> Float64 | None:
     """Joints (J, 2) in the pixels of the pictures, None where there is nobody."""
-    if frame.stance is None:
+    if frame.body_pose is None:
         return None
-    return project(frame.cloud.camera, frame.stance.joints_m) / STEP
+    return project(frame.cloud.camera, frame.body_pose.joints_m) / STEP
 
 
 def live_scene(frame: LiveFrame) -> FrameScene:

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QWidget
 from annotate.array_types import Float64, UInt8
 from annotate.gui.widgets.overlay import draw_title
 from annotate.gui.widgets.theme import Theme
-from annotate.live.live_frame import Stance
+from annotate.live.live_frame import BodyPose
 
 DIAL_PX, DIAL_MARGIN_PX = 22.0, 10.0
 """Radius of the dial of the facing, and its distance from the edge, in logical pixels. Untuned."""
@@ -30,11 +30,11 @@ class Tile(QWidget):
         self.title, self.theme = title, theme
         self._rgb: UInt8 | None = None
         self._joints_px: Float64 | None = None
-        self._stance: Stance | None = None
+        self._body_pose: BodyPose | None = None
 
-    def load(self, rgb: UInt8, joints_px: Float64 | None = None, stance: Stance | None = None) -> None:
+    def load(self, rgb: UInt8, joints_px: Float64 | None = None, body_pose: BodyPose | None = None) -> None:
         """Show another picture (h, w, 3), with joints (J, 2) in its pixels and the facing, where given."""
-        self._rgb, self._joints_px, self._stance = np.ascontiguousarray(rgb), joints_px, stance
+        self._rgb, self._joints_px, self._body_pose = np.ascontiguousarray(rgb), joints_px, body_pose
         self.update()
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
@@ -48,9 +48,9 @@ class Tile(QWidget):
             image = QImage(self._rgb.data, width, height, 3 * width, QImage.Format.Format_RGB888)
             painter.drawImage(QRectF(corner, corner + QPointF(width, height) * scale), image)
             painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-            if self._stance is not None and self._joints_px is not None:
-                self._draw_bones(painter, corner, scale, self._stance.bones, self._joints_px)
-                self._draw_dial(painter, self._stance)
+            if self._body_pose is not None and self._joints_px is not None:
+                self._draw_bones(painter, corner, scale, self._body_pose.bones, self._joints_px)
+                self._draw_dial(painter, self._body_pose)
         draw_title(painter, self.title)
 
     def _draw_bones(
@@ -70,7 +70,7 @@ class Tile(QWidget):
         for place in places:
             painter.drawEllipse(place, JOINT_PX, JOINT_PX)
 
-    def _draw_dial(self, painter: QPainter, stance: Stance) -> None:
+    def _draw_dial(self, painter: QPainter, body_pose: BodyPose) -> None:
         """The person from above: the arrow points where the chest does; down is towards the camera."""
         margin = DIAL_PX + DIAL_MARGIN_PX
         middle = QPointF(self.width() - margin, margin)
@@ -79,7 +79,7 @@ class Tile(QWidget):
         painter.drawEllipse(middle, DIAL_PX, DIAL_PX)
         # The azimuth counts from the chest to the camera: a camera on the person's left sees them face to
         # their right, which is the left of the picture.
-        angle = np.radians(stance.facing_deg)
+        angle = np.radians(body_pose.facing_deg)
         tip = QPointF(-np.sin(angle), np.cos(angle)) * DIAL_PX
-        painter.setPen(QPen(QColor("white"), 3 if stance.facing_sure > 0.5 else 1))
+        painter.setPen(QPen(QColor("white"), 3 if body_pose.facing_sure > 0.5 else 1))
         painter.drawLine(middle, middle + tip)

@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
 )
 
 from annotate.gui.key_repeat import HeldKeys
-from annotate.gui.live.joint_lines import StanceLines
+from annotate.gui.live.joint_lines import PoseLines
 from annotate.gui.live.live_commands import COMMANDS
 from annotate.gui.live.live_pictures import TITLES, joints_px, live_scene, pictures
 from annotate.gui.live.live_tile import Tile
@@ -35,7 +35,7 @@ from annotate.gui.widgets.dialogs import show_keys
 from annotate.gui.widgets.theme import DARK, LIGHT, Theme, scaled, style_app
 from annotate.live.live_frame import LiveFrame
 from annotate.live.pipeline import LivePipeline
-from annotate.live.warning import Complaint
+from annotate.live.warning import LiveWarning
 from sensors.errors import CloudError
 
 LOOK_MS = 15
@@ -79,7 +79,7 @@ class LiveWindow(QMainWindow):
         self.banner.setWordWrap(True)
         self.tiles = {title: Tile(title, theme) for title in TITLES}
         self.cloud_view: CloudView | None = None
-        self._bones: StanceLines | None = None
+        self._bones: PoseLines | None = None
         self._large = QSplitter(Qt.Orientation.Horizontal)
         self._lay_out()
         self.buttons: dict[str, QToolButton] = {}
@@ -130,20 +130,20 @@ class LiveWindow(QMainWindow):
 
     def look(self) -> None:
         """Show the newest frame if there is one, and what stands."""
-        newest = self.pipeline.frames.after(self._seen, 0.0)
-        if newest is not None:
-            self._seen, frame = newest
+        latest = self.pipeline.frames.after(self._seen, 0.0)
+        if latest is not None:
+            self._seen, frame = latest
             self._show(frame)
-        self._show_banner(self.pipeline.complaints)
+        self._show_banner(self.pipeline.warnings)
         self._show_state()
 
     def _show(self, frame: LiveFrame) -> None:
         self._frame, self.shown = frame, self.shown + 1
-        self._recent_ns = [*self._recent_ns[-RATE_FRAMES:], frame.moment.arrival_ns]
+        self._recent_ns = [*self._recent_ns[-RATE_FRAMES:], frame.synced.arrival_ns]
         places = joints_px(frame)
         for title, rgb in pictures(frame).items():
             on_body = title in ("Parts", "Heat")
-            self.tiles[title].load(rgb, places if on_body else None, frame.stance if on_body else None)
+            self.tiles[title].load(rgb, places if on_body else None, frame.body_pose if on_body else None)
         now_ns = time.monotonic_ns()
         if self.cloud_view is None or now_ns - self._cloud_ns >= CLOUD_MS * 1e6:
             self._cloud_ns = now_ns
@@ -157,7 +157,7 @@ class LiveWindow(QMainWindow):
         assert self.cloud_view is not None and self._bones is not None
         colouring = self._colouring if self._colouring in colourings(scene) else "part"
         look, everything = Look(colouring, outlines=False), np.ones(frame.labels.depth_mm.size, np.bool_)
-        self._bones.show(frame.stance)
+        self._bones.show(frame.body_pose)
         painting = Painting(scene, frame.labels.parts, look, {}, self.theme.ground_rgb)
         self.cloud_view.load(scene, painting, everything, keep=opened)
 
@@ -166,13 +166,13 @@ class LiveWindow(QMainWindow):
         self.cloud_view = CloudView(scene, Hand())
         self.cloud_view.pointing.hide()
         self.cloud_view.set_ground(self.theme.ground_rgb)
-        self._bones = StanceLines(self.cloud_view.plotter)
+        self._bones = PoseLines(self.cloud_view.plotter)
         self._large.insertWidget(0, self.cloud_view)
         self._large.setSizes([self.width() * 11 // 20, self.width() * 9 // 20])
 
-    def _show_banner(self, complaints: tuple[Complaint, ...]) -> None:
+    def _show_banner(self, warnings: tuple[LiveWarning, ...]) -> None:
         error = self.pipeline.error or self.pipeline.rig.error
-        texts = ([str(error)] if error else []) + [complaint.text for complaint in complaints]
+        texts = ([str(error)] if error else []) + [warning.text for warning in warnings]
         self.banner.setVisible(bool(texts))
         text = "<br>".join(escape(text) for text in texts)
         if text != self.banner.text():
@@ -197,8 +197,8 @@ class LiveWindow(QMainWindow):
         self.buttons["record"].setText(_button_text(record, self.actions_by_name["record"]))
         facts = [self._said, f"person: {self.subject}" if self.subject else ""]
         if frame is not None:
-            if (stance := frame.stance) is not None:
-                facts.append(f"{stance.posture}, facing {stance.facing_deg:+.0f}°")
+            if (body_pose := frame.body_pose) is not None:
+                facts.append(f"{body_pose.posture}, facing {body_pose.facing_deg:+.0f}°")
             rate = f"{self.rate_hz:.0f} labelled frames a second, {frame.latency_ms:.0f} ms old"
             facts.append(f"{self.shown} frames shown" if ended else rate)
         if not ended:
