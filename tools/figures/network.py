@@ -97,5 +97,5 @@ def _row(found: real_people.People) -> dict[str, Figure]:
         "on the other side": Figure(found.scored["swap_rate"]),
         "by more than 3 px": Figure(found.far_swaps),
         "facing to 30 degrees": share(int((off <= real_people.NEAR_DEG).sum()), len(off)),
-        "said to stand": share(found.postures["standing"], len(off)),
+        "posture standing": share(found.postures["standing"], len(off)),
     }

@@ -54,10 +54,10 @@ def sources_block(tables: Iterable[Table], all_measured: dict[str, Measured]) ->
         pages = ", ".join(f"`{page}`" for page in table.pages)
         minutes = f"{found.cpu_s / 60:.0f}" if found and found.cpu_s else "-"
         when = [origin(found), minutes] if found else ["not yet", "-"]
-        return [f"`{table.name}`", table.kind, table.about.rstrip("."), pages, *when]
+        return [f"`{table.name}`", table.kind, pages, *when]
 
     order = sorted(tables, key=lambda table: list(KINDS).index(table.kind))
-    return markdown(("table", "kind", "what", "stands in", "measured", "CPU minutes"), map(row, order))
+    return markdown(("table", "kind", "stands in", "measured", "CPU minutes"), map(row, order))
 
 
 def moved_block(tables: Iterable[Table], all_measured: dict[str, Measured]) -> str:

@@ -63,7 +63,7 @@ def labelled(rig: VirtualRig, folder: Path) -> dict[str, dict[str, Figure]]:
     works = {
         "suit": partial(label_source, session, rig.suit, folder / "suit"),
         "network": partial(predict_source, session, OnnxNetwork(), folder / "network"),
-        "network, read again": partial(
+        "network, refined": partial(
             predict_source, session, OnnxNetwork(), folder / "again", readers=[shipped_again()]
         ),
     }

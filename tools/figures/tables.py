@@ -16,8 +16,8 @@ TABLES = (
     Table(
         name="labels",
         kind="virtual",
-        about="40 frames of each of eight people on a sofa; seed for `normal`, the next for `hard`; "
-        "intervals over people. Found first: wrong pixels in the 30 % least confident supervoxels.",
+        about="40 frames of each of eight people on a sofa; intervals over people. Found first: wrong pixels in "
+        "the 30 % least confident supervoxels.",
         pages=("README.md",),
         columns=PLACES | {"calibration error": ".3f", "found first": ".2f", "CPU seconds a frame": ".2f"},
         measure=rig.labels,
@@ -25,8 +25,7 @@ TABLES = (
     Table(
         name="network",
         kind="synthetic",
-        about="the shipped network; one seed a preset; intervals over people, 24 images of each "
-        "(16 in sitting-test, recumbent, upright).",
+        about="intervals over people, 24 images of each (16 in sitting-test, recumbent, upright).",
         pages=("docs/figures.md",),
         columns={
             "images": ".0f",
@@ -40,11 +39,8 @@ TABLES = (
     Table(
         name="real-people",
         kind="real",
-        about="the shipped network on four people before a Kinect v1, cut out (UTD-MHAD, for research; never "
-        "trained on). A tracker's joint is right where the pixels around it carry a part that meets there, "
-        "and on the other side where they carry such a part of that. Most of these lie at the seam of legs "
-        "held together, so those farther than 3 pixels from their own side are counted too. Always the same "
-        "frames, so joints have no interval.",
+        about="four people, Kinect v1, cut out (UTD-MHAD, for research; development data). A joint is right if "
+        "pixels around the tracker's joint have a part that meets there.",
         pages=("docs/figures.md",),
         columns={
             "images": ".0f",
@@ -52,7 +48,7 @@ TABLES = (
             "on the other side": ".1%",
             "by more than 3 px": ".1%",
             "facing to 30 degrees": ".3f",
-            "said to stand": ".3f",
+            "posture standing": ".3f",
         },
         measure=network.real,
         seeded=False,
@@ -61,8 +57,7 @@ TABLES = (
     Table(
         name="cameras",
         kind="virtual",
-        about="the same eight people on a sofa before every rig, two frames each, `normal`; intervals over "
-        "people.",
+        about="the same eight people on a sofa, every rig, two frames each, `normal`; intervals over people.",
         pages=("docs/devices.md",),
         columns={"frames": ".0f", "person IoU": ".3f", "recall, suit": ".3f", "recall, network": ".3f"},
         measure=rig.cameras,
@@ -70,8 +65,8 @@ TABLES = (
     Table(
         name="effort",
         kind="virtual",
-        about="a simulated annotator corrects labels by the suit to 99 % within 2 px, eight frames of each "
-        "of eight people; intervals over frames.",
+        about="simulated annotator, suit labels to 99 % within 2 px, eight frames of each of eight people; "
+        "intervals over frames.",
         pages=("docs/figures.md",),
         columns={
             "frames": ".0f",
@@ -85,8 +80,7 @@ TABLES = (
     Table(
         name="pyrometer",
         kind="virtual",
-        about="two people at `hard`, the thermal camera drifts by up to 2 K, four recordings of 30 frames; "
-        "the person looked for in each frame alone; intervals over frames.",
+        about="two people at `hard`, thermal drift up to 2 K, four recordings of 30 frames; intervals over frames.",
         pages=("docs/devices.md",),
         columns={
             "frames": ".0f",
@@ -99,8 +93,7 @@ TABLES = (
     Table(
         name="inputs",
         kind="virtual",
-        about="the reader of suits without each of its inputs, 24 frames of eight people a difficulty; "
-        "intervals over people.",
+        about="the suit network without each input, 24 frames of eight people a difficulty; intervals over people.",
         pages=("docs/ablation.md",),
         columns=PLACES | {"annotator, s": ".1f"},
         measure=rig.inputs,
