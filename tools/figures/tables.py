@@ -16,8 +16,8 @@ TABLES = (
     Table(
         name="labels",
         kind="virtual",
-        about="40 frames of each of eight people on a sofa; intervals over people. Found first: wrong pixels in "
-        "the 30 % least confident supervoxels.",
+        about="40 frames of each of eight people on a sofa; intervals over people. "
+        "Found first: wrong pixels in the 30 % least confident supervoxels.",
         pages=("README.md",),
         columns=PLACES | {"calibration error": ".3f", "found first": ".2f", "CPU seconds a frame": ".2f"},
         measure=rig.labels,
@@ -39,8 +39,8 @@ TABLES = (
     Table(
         name="real-people",
         kind="real",
-        about="four people, Kinect v1, cut out (UTD-MHAD, for research; development data). A joint is right if "
-        "pixels around the tracker's joint have a part that meets there.",
+        about="four people, Kinect v1, cut out (UTD-MHAD, for research; development data). "
+        "A joint is right if pixels around the tracker's joint have a part that meets there.",
         pages=("docs/figures.md",),
         columns={
             "images": ".0f",
@@ -80,7 +80,8 @@ TABLES = (
     Table(
         name="pyrometer",
         kind="virtual",
-        about="two people at `hard`, thermal drift up to 2 K, four recordings of 30 frames; intervals over frames.",
+        about="two people at `hard`, thermal drift up to 2 K, four recordings of 30 frames; "
+        "intervals over frames.",
         pages=("docs/devices.md",),
         columns={
             "frames": ".0f",
@@ -93,7 +94,8 @@ TABLES = (
     Table(
         name="inputs",
         kind="virtual",
-        about="the suit network without each input, 24 frames of eight people a difficulty; intervals over people.",
+        about="the suit network without each input, 24 frames of eight people a difficulty; "
+        "intervals over people.",
         pages=("docs/ablation.md",),
         columns=PLACES | {"annotator, s": ".1f"},
         measure=rig.inputs,
