@@ -38,7 +38,7 @@ SHOWN = {
 }
 """Scores shown: heading, factor, digits."""
 SECONDS = "annotator, s"
-ALL, WINDOW = "nothing: all inputs", "the window found by itself (25 to 35 °C)"
+ALL, WINDOW = "all inputs", "the paper's window (25 to 35 °C)"
 MIDDLE, FAR = 127, 255
 """Bytes of a scaled channel that say nothing: the middle of its range; far from every plane."""
 
@@ -67,7 +67,7 @@ INPUTS = {
     "temperature": Silence(flags=FELT),
     "planes of the room": Silence(("off_plane",), FAR),
     "depth against the person's": Silence(("depth",), MIDDLE),
-    "depth against what is around": Silence(("local",), MIDDLE),
+    "depth against the surroundings": Silence(("local",), MIDDLE),
     "the rough outline": Silence(flags=SUBJECT | OTHER),
     "parts of the frame before": Silence(("before",)),
 }
