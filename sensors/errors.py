@@ -1,56 +1,49 @@
-"""The one tree of errors that a user can cause or meet."""
+"""The tree of errors that a user can cause or meet."""
 
-LONGEST = 1000
-"""Characters of a message: what it quotes may have millions."""
+LONGEST = 1000  # characters of a message, because a file may be quoted at any length
 
 
 def one_line(text: str) -> str:
-    """Text that may quote data from outside, for a terminal: line ends as spaces, what steers it escaped."""
+    """Return text for a terminal: line ends as spaces, other control characters escaped."""
     return "".join(
         c if c.isprintable() else " " if c.isspace() else c.encode("unicode_escape").decode() for c in text
     )
 
 
 class CloudError(Exception):
-    """Root of all expected errors.
-
-    The message is one line: what is wrong, the value, and the remedy. Only ``cli`` prints it.
-    """
+    """Root of all expected errors. The message is one line: the fault, the value, the remedy."""
 
     def __str__(self) -> str:
-        text = super().__str__()
-        # What is wrong stands at the beginning, the remedy at the end.
-        return one_line(
-            text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} ... {text[-LONGEST // 2 :]}"
-        )
+        text, half = super().__str__(), LONGEST // 2
+        return one_line(text if len(text) <= LONGEST else f"{text[:half]} ... {text[-half:]}")
 
 
 class FormatError(CloudError):
-    """Data from outside is not what it claims to be: corrupt, truncated, or of impossible size."""
+    """Data from outside is corrupt, truncated, of impossible size or of another format."""
 
 
 class CalibrationError(CloudError):
-    """Calibration is missing, or contradicts the images it comes with."""
+    """Calibration is missing or contradicts its images."""
 
 
 class ExistsError(CloudError):
-    """A result already exists and is not to be replaced."""
+    """A result exists already."""
 
 
 class DeviceError(CloudError):
-    """A device cannot do what it should."""
+    """A device fails."""
 
 
 class DeviceNotFoundError(DeviceError):
-    """No such device, or the library that drives it is not installed."""
+    """The device or the library that drives it is missing."""
 
 
 class DeviceAccessError(DeviceError):
-    """The device is there, but the system's permissions keep this user from it."""
+    """The system's permissions refuse the device to this user."""
 
 
 class DeviceBusyError(DeviceError):
-    """Somebody else, or another part of this program, has the device open."""
+    """The device is open elsewhere."""
 
 
 class DeviceLostError(DeviceError):
@@ -58,4 +51,4 @@ class DeviceLostError(DeviceError):
 
 
 class DeviceFaultError(DeviceError):
-    """The device answers, but not what its protocol allows; the next read may be well again."""
+    """The device breaks its protocol; the next reading may be sound."""

@@ -8,14 +8,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 CODE = frozenset({".py", ".toml", ".npz", ".json", ".onnx", ".safetensors", ".cpp"})
-"""Suffixes of code and data."""
 
 
 def versions(packages: Iterable[str]) -> dict[str, str]:
-    """Return the version of each package; "none" where it is not installed under this name.
-
-    OpenCV, for one, comes in four packages that hold the same module.
-    """
+    """Return the version of each package; "none" where it is not installed under this name."""
     found = {}
     for name in packages:
         try:
@@ -29,8 +25,7 @@ def versions(packages: Iterable[str]) -> dict[str, str]:
 def code_digest(*packages: str) -> str:
     """Return 16 hexadecimal digits of the SHA-256 of the packages' code and data.
 
-    Two checkouts may have the same version and other code. Compiled extensions are left out, because each
-    machine compiles its own.
+    Compiled extensions are left out, because each machine compiles its own.
     """
     digest = hashlib.sha256()
     for package in packages:

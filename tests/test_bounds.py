@@ -23,8 +23,8 @@ from sensors.calibration_files.intrinsics_file import read_intrinsics
 from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
 from sensors.errors import CalibrationError, CloudError, DeviceError, FormatError
 from sensors.files.bounded import MAX_IMAGE_BYTES, MAX_IMAGE_SIDE, read_bounded
+from sensors.files.images import decode_grey
 from sensors.files.npz import array_sizes
-from sensors.files.png import decode_grey
 from sensors.importers.ebml import MAX_ELEMENT_BYTES, EbmlFile, Element
 from sensors.recording.rig_file import RecordingRig
 from sensors.rig.pairing import MAX_LATENCY_MS
@@ -67,8 +67,7 @@ HONEST: dict[str, float] = {
     "eval.report.training_history.MAX_BYTES": 10_000 * 5000,  # epochs
     "sensors.files.bounded.MAX_IMAGE_BYTES": 8192 * 8192 * 2,  # 16 bits a pixel, not compressed
     "sensors.files.bounded.MAX_IMAGE_SIDE": 7680,  # 8K
-    "sensors.files.flir_records.MAX_RECORDS": 30,  # of an image: raw data, photograph, camera, palette, GPS
-    "sensors.files.weights_file.MAX_HEADER_BYTES": 10_000 * 120,  # tensors
+    "sensors.files.flir_jpeg.MAX_RECORDS": 30,  # of an image: raw data, photograph, camera, palette, GPS
     "sensors.importers.arrays.MAX_UNPACKED_BYTES": 30
     * 30
     * 640

@@ -55,7 +55,7 @@ def modules_of_extras() -> list[str]:
     """Top-level modules that only extras bring."""
     base = names_of(PROJECT["dependencies"])
     brought = set().union(*map(names_of, PROJECT["optional-dependencies"].values())) - base
-    assert {"scipy", "open3d-cpu", "pyvista", "torch", "scikit-image"} <= brought
+    assert {"open3d-cpu", "pyvista", "torch", "scikit-image"} <= brought
     found = {
         module
         for module, packages in packages_distributions().items()

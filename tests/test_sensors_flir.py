@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from sensors.errors import FormatError
-from sensors.files.flir_jpeg import read_flir
-from sensors.files.flir_records import has_flir
+from sensors.files.flir_jpeg import has_flir, read_flir
 from sensors.importers.flir_images import FlirImages
 from sensors.importers.open_source import open_source
 from sensors.session.reader import Session

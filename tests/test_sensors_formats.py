@@ -10,7 +10,7 @@ import pytest
 
 from sensors.calibration_files.intrinsics_file import read_intrinsics
 from sensors.errors import CalibrationError, FormatError
-from sensors.files.png import decode_grey
+from sensors.files.images import decode_grey
 from sensors.importers import arrays, tum_lists
 from sensors.importers.azure_mkv import AzureRecording
 from sensors.importers.open_source import open_source

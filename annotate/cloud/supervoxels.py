@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from annotate import _pcl
 from annotate.array_types import Bool, Float32, Float64, Int32, Int64, UInt8
-from sensors.rig.nearest import Nearest
 
 VOXEL_M = 0.012
 """Metres between the points of the grid on which the surface is followed. Chosen by eye."""
@@ -89,7 +89,7 @@ def _assign_rest(points: Float32, ids: Int32, seed_m: float) -> tuple[int, Int32
     assigned, count = ids >= 0, int(ids.max(initial=-1)) + 1
     rest = np.flatnonzero(~assigned)
     if rest.size and count:
-        away_m, nearest = Nearest(points[assigned]).query(points[rest], within=seed_m)
+        away_m, nearest = cKDTree(points[assigned]).query(points[rest], distance_upper_bound=seed_m)
         near = np.isfinite(away_m)
         ids[rest[near]] = ids[assigned][nearest[near]]
         rest = rest[~near]

@@ -1,6 +1,7 @@
 """Parts of one frame moved with the body onto another."""
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from annotate.array_types import Float64, UInt8
 from annotate.correction.propagate import CorrectedFrame
@@ -8,7 +9,6 @@ from annotate.correction.rigid import LabelledPoints, part_motions
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BACKGROUND, UNDEFINED, on_body
 from sensors.rig.camera import Intrinsics, unproject
-from sensors.rig.nearest import Nearest
 
 REACH_M = 0.06
 """Largest distance of a point from the moved one whose part it gets, in metres. Untuned."""
@@ -32,7 +32,7 @@ def followed(previous: CorrectedFrame, target: FrameLabels, camera: Intrinsics) 
     for part in np.unique(given).tolist():
         own = given == part
         moved[own] = motions[part].apply(source.points_m[own])
-    away_m, nearest = Nearest(moved).query(body.points_m)
+    away_m, nearest = cKDTree(moved).query(body.points_m)
     parts[here] = np.where(away_m <= REACH_M, given[nearest], UNDEFINED)
     return parts
 

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from annotate.array_types import Float64, UInt8
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
-from sensors.rig.nearest import Nearest
 from sensors.rig.rig_calibration import Pose
 
 PARENTS = ((2, 2), (1, 2), (3, 2), (4, 2), (5, 3), (6, 4), (7, 2), (8, 7), (9, 7), (10, 8), (11, 9))
@@ -43,7 +43,7 @@ def part_motions(
     known: approximate motions to refine instead.
     """
     trees = {
-        int(label): Nearest(target.points_m[target.automatic == label])
+        int(label): cKDTree(target.points_m[target.automatic == label])
         for label in np.unique(target.automatic)
         if label not in (BACKGROUND, UNDEFINED)
     }
@@ -64,17 +64,17 @@ def part_motions(
     return motions
 
 
-def _median_shift(body: LabelledPoints, part: int, trees: dict[int, Nearest]) -> list[Pose]:
+def _median_shift(body: LabelledPoints, part: int, trees: dict[int, cKDTree]) -> list[Pose]:
     """Shift of the median of the points labelled as this part, where both frames have enough of them."""
     own = body.automatic == part
-    if part not in trees or len(trees[part].points) < LEAST_POINTS or own.sum() < LEAST_POINTS:
+    if part not in trees or len(trees[part].data) < LEAST_POINTS or own.sum() < LEAST_POINTS:
         return []
-    shift = np.median(trees[part].points, axis=0) - np.median(body.points_m[own], axis=0)
+    shift = np.median(trees[part].data, axis=0) - np.median(body.points_m[own], axis=0)
     return [Pose(np.eye(3), shift)]
 
 
 def _register(
-    body: LabelledPoints, trees: dict[int, Nearest], start: Pose, gates_m: tuple[float, ...]
+    body: LabelledPoints, trees: dict[int, cKDTree], start: Pose, gates_m: tuple[float, ...]
 ) -> tuple[float, Pose]:
     """Mean distance in metres, limited to the last gate, and the motion."""
     pose = start
@@ -88,13 +88,13 @@ def _register(
     return float(np.minimum(away_m, gates_m[-1]).mean()), pose
 
 
-def _nearest(points_m: Float64, labels: UInt8, trees: dict[int, Nearest]) -> tuple[Float64, Float64]:
+def _nearest(points_m: Float64, labels: UInt8, trees: dict[int, cKDTree]) -> tuple[Float64, Float64]:
     """Distance (n,) and position (n, 3) of the nearest point of the same label."""
     away_m, matched = np.empty(len(points_m)), np.empty_like(points_m)
     for label in np.unique(labels):
         own, tree = labels == label, trees[int(label)]
         away_m[own], index = tree.query(points_m[own])
-        matched[own] = tree.points[index]
+        matched[own] = tree.data[index]
     return away_m, matched
 
 

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from annotate.array_types import Float32, Float64, Index, Int64, UInt8
 from annotate.correction.appearance import N_COLORS, Appearance
 from annotate.correction.rigid import LabelledPoints
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
-from sensors.rig.nearest import Nearest
 from sensors.rig.rig_calibration import Pose
 
 VOTERS = 15
@@ -119,7 +119,9 @@ def winners(votes: Float64, automatic: UInt8) -> UInt8:
 
 def _neighbours(voters: Voters, candidates: Candidates) -> tuple[Float64, Index, Float64]:
     """Weights and indices (n, VOTERS) of the voters beside each candidate, and nearest distances (n,)."""
-    away_m, index = Nearest(voters.points_m).query(candidates.body.points_m, VOTERS, within=REACH_M)
+    away_m, index = cKDTree(voters.points_m).query(
+        candidates.body.points_m, VOTERS, distance_upper_bound=REACH_M
+    )
     found = np.isfinite(away_m)
     index, nearest_m = np.where(found, index, 0), np.where(found[:, :1], away_m[:, :1], REACH_M)
     weight = np.exp(-0.5 * (np.where(found, away_m, np.inf) ** 2 - nearest_m**2) / SPREAD_M**2)

@@ -16,7 +16,7 @@ from annotate.crop import SIZE, Crop, crop_from_note
 from annotate.parts import N_CLASSES, palette_rgb
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
-from sensors.files.png import PNG_MAGIC, decode_grey, png_shape
+from sensors.files.images import PNG_MAGIC, decode_grey, png_shape
 
 V = TypeVar("V")
 

@@ -12,11 +12,11 @@ from importlib.resources import files
 import cv2
 import numpy as np
 from numba import njit
+from scipy.spatial import cKDTree
 
 from annotate.array_types import Bool, Float32, Float64, Index, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.onnx_session import Network, onnx_session
-from sensors.rig.nearest import Nearest
 
 FOCAL_PX = 183.0
 """Focal length in pixels of the images that the network is trained on, half of a Kinect v2's: a person at
@@ -177,7 +177,7 @@ def _by_votes(votes_m: Float32, surface_m2: Float32, odds: Float32) -> UInt8:
     # Votes that are no person by themselves are the nearest person's if one is near.
     among = np.flatnonzero(np.isin(person, kept))
     number = np.searchsorted(kept, person[among]) + 1
-    _, nearest = Nearest(some[among]).query(votes_m, within=STRAY_M)
+    _, nearest = cKDTree(some[among]).query(votes_m, distance_upper_bound=STRAY_M)
     return np.append(number, 0)[nearest].astype(np.uint8)
 
 

@@ -178,7 +178,7 @@ def _import_images(source: Path, out: Path, options: ImportOptions, overwrite: b
 
 def _without_broken_color(faults: Counter[str], frame: "RigFrame") -> "RigFrame":
     """Return a frame without its colour image where that is broken, and count the fault."""
-    from sensors.files.encoded_image import size_of_encoded
+    from sensors.files.images import size_of_encoded
 
     if frame.color_encoded is None:
         return frame

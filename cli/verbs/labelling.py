@@ -15,7 +15,6 @@ from cli.console import Json, Overwrite, check_room, clear, finish, finish_run, 
 from cli.extras import check_extra, needing
 from cli.sessions import Scheduler, label_each, sessions_in
 from sensors.files.atomic import check_free, check_there, write_bytes
-from sensors.files.weights_file import check_onnx
 from sensors.importers.open_source import doubts_of, open_source, opener_at
 
 if TYPE_CHECKING:
@@ -70,8 +69,6 @@ def label(
     source = None if sessions else open_source(session)
     given = [path for path in (suit, weights) if path]
     check_there(*given)
-    if weights is not None:
-        check_onnx(weights)
     if source is not None:
         check_room(out, store.MANIFEST, overwrite, session, *given)
     from annotate.segmentation.suit_network import Reader, shipped_reader
@@ -192,8 +189,6 @@ def predict(
         raise typer.BadParameter("one person is read again; leave --probabilities and --everybody out")
     given = [path for path in (weights, learnt) if path]
     check_there(*given)
-    for path in given:
-        check_onnx(path)
     how = _Prediction(weights, window, probabilities, everybody, again, learnt)
     if sessions := sessions_in(source, scheduler):
         if joints is not None:

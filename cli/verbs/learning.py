@@ -10,7 +10,6 @@ from typer import Argument, Option
 from cli.console import Json, finish, progress, say
 from cli.extras import check_extra, needing
 from sensors.files.atomic import check_there
-from sensors.files.weights_file import check_onnx
 
 LOW = 10
 """Niceness of the learning process: other work has priority. Untuned."""
@@ -45,8 +44,6 @@ def learn(
     check_extra("train", "torch", "onnx", "safetensors")
     known = LabelSet.open(labels)
     check_there(*(given for given in (session, weights) if given))
-    if weights is not None:
-        check_onnx(weights)
     from eval.fine_tuning.folder import check_own
 
     check_own(out)

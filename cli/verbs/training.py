@@ -14,7 +14,6 @@ from cli.console import Json, Overwrite, check_room, clear, finish, progress, sa
 from cli.extras import check_extra, needing
 from sensors.errors import CloudError
 from sensors.files.atomic import check_there
-from sensors.files.weights_file import check_safetensors
 from sensors.importers.open_source import opener_at
 
 if TYPE_CHECKING:
@@ -124,8 +123,6 @@ def _checked(frames: list[Path], init: Path | None) -> list[Path]:
         open_frames(path)
     inputs = [*frames, init] if init else frames
     check_there(*inputs)
-    if init is not None:
-        check_safetensors(init)
     return inputs
 
 

@@ -1,4 +1,4 @@
-"""Files that are either there in full or not at all."""
+"""Files that are there in full or not at all."""
 
 import os
 import shutil
@@ -8,15 +8,11 @@ from pathlib import Path
 
 from sensors.errors import ExistsError, FormatError
 
-# Nobody can put a link to another file where this process will write.
-_TOKEN = os.urandom(4).hex()
+_TOKEN = os.urandom(4).hex()  # unpredictable, so that no link can wait at a temporary name
 
 
 def check_free(path: Path, overwrite: bool, *, folder: bool = False) -> None:
-    """Raise ExistsError when something is there and may not be replaced: before long work, not after it.
-
-    folder: the result is a folder. A file never replaces a folder.
-    """
+    """Raise ExistsError where a result exists, or is a folder and ``folder`` is False."""
     if path.exists() and not overwrite:
         raise ExistsError(f"{path} already exists; choose another name or pass --overwrite")
     if path.is_dir() and not folder:
@@ -24,12 +20,12 @@ def check_free(path: Path, overwrite: bool, *, folder: bool = False) -> None:
 
 
 def is_taken(folder: Path) -> bool:
-    """Whether a new folder has no room there: something lies in it already, or it is a file."""
+    """Return whether the name of a new folder is a file or a folder with content."""
     return folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
 
 
 def check_there(*paths: Path) -> None:
-    """Raise FormatError for the first that is not there: before what reads it is imported, not after it."""
+    """Raise FormatError for the first path that does not exist."""
     for path in paths:
         if not path.exists():
             raise FormatError(f"{path} cannot be read (No such file or directory); check the path")
@@ -37,11 +33,10 @@ def check_there(*paths: Path) -> None:
 
 @contextmanager
 def replacing(path: Path, overwrite: bool = True) -> Iterator[Path]:
-    """Yield a temporary path beside ``path``; on success it takes its place, on error it is removed.
+    """Yield a temporary path beside ``path`` and rename it on success, remove it on error.
 
-    The bytes are flushed to the disk before the rename, so a power cut leaves the old or the new file.
-    Raises OSError, e.g. when the disk is full, and ExistsError where a file has come to that name meanwhile
-    and ``overwrite`` is False.
+    The bytes are flushed first, so a power cut leaves the old or the new file. Raises OSError, and
+    ExistsError where ``path`` has come to exist and ``overwrite`` is False.
     """
     temporary = temporary_of(path)
     temporary.unlink(missing_ok=True)
@@ -62,12 +57,12 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 
 def temporary_of(path: Path) -> Path:
-    """Name of ``path`` while this process writes it: hidden, beside it, not predictable."""
+    """Return the hidden name beside ``path`` under which this process writes it."""
     return path.with_name(f".{path.name}{_ending()}")
 
 
 def sweep(folder: Path, pattern: str = "**/.*.partial") -> None:
-    """Remove the files and folders below ``folder`` that killed processes were making (``temporary_of``)."""
+    """Remove the temporary files and folders of killed processes below ``folder``."""
     for path in list(folder.glob(pattern)):
         if _is_left_over(path.name):
             with suppress(OSError):
@@ -75,13 +70,11 @@ def sweep(folder: Path, pattern: str = "**/.*.partial") -> None:
 
 
 def _ending() -> str:
-    # A forked process has the token of the one it came from.
     return f".{_TOKEN}.{os.getpid()}.partial"
 
 
 def _is_left_over(name: str) -> bool:
     pid = name.split(".")[-2]
-    if pid == str(os.getpid()):
-        # In a container the next process often has the number of the killed one.
+    if pid == str(os.getpid()):  # in a container the next process often has the number of the killed one
         return not name.endswith(_ending())
     return pid.isdigit() and not Path("/proc", pid).exists()

@@ -2,15 +2,14 @@
 
 import os
 import stat
+import tomllib
 from pathlib import Path
 from typing import Any
 
 from sensors.errors import CloudError, FormatError
 
-MAX_IMAGE_SIDE = 8192
-"""Pixels of an image's side, which bound the memory a header can ask for; chosen by eye, twice a 4K image."""
-MAX_IMAGE_BYTES = 1 << 28
-"""Bytes of an image file: room for the largest image, 16 bits a pixel, twice over; chosen by eye."""
+MAX_IMAGE_SIDE = 8192  # pixels; bounds the memory that a header can claim; twice a 4K image
+MAX_IMAGE_BYTES = 1 << 28  # twice the largest image of 16 bits a pixel
 
 
 def read_bounded(
@@ -19,7 +18,7 @@ def read_bounded(
     remedy: str = "restore it from a copy",
     error: type[CloudError] = FormatError,
 ) -> bytes:
-    """A file's bytes. Raises ``error`` when it cannot be read, is no file, or is larger than ``limit``."""
+    """Return a file's bytes. Raises ``error`` where the path is not a readable file of ``limit`` bytes."""
     try:
         data = _read(path, limit)
     except (OSError, ValueError) as cause:
@@ -33,26 +32,21 @@ def read_bounded(
 
 
 def _read(path: Path, limit: int) -> bytes | None:
-    """At most ``limit`` + 1 bytes; None of what is no file: pipes may block and devices never end."""
+    """Return at most ``limit`` + 1 bytes; None for pipes, which may block, and devices, which never end."""
     with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
         found = os.fstat(file.fileno())
         if not stat.S_ISREG(found.st_mode):
             return None
-        # As much memory as the file needs, not as it may need.
         data = file.read(min(found.st_size, limit) + 1)
-        if len(data) > found.st_size:
-            # It has grown since, or is one of /proc, whose sizes are 0.
+        if len(data) > found.st_size:  # the file has grown, or states a size of 0 (/proc)
             data += file.read(limit + 1 - len(data))
         return data
 
 
 def read_toml(path: Path, limit: int, remedy: str, error: type[CloudError] = FormatError) -> dict[str, Any]:
-    """A TOML file's content. Raises ``error`` where it cannot be read, or is larger than ``limit`` bytes."""
-    import tomllib
-
+    """Return a TOML file's content. Raises ``error`` where it is malformed or over ``limit`` bytes."""
     data = read_bounded(path, limit, remedy, error)
     try:
         return tomllib.loads(data.decode())
     except (ValueError, RecursionError) as cause:
-        # A key that stands twice is among these: tomllib says in which line.
         raise error(f"{path} cannot be read ({cause}); {remedy}") from cause

@@ -1,4 +1,4 @@
-"""The order of names as people count: frame 2 before frame 10."""
+"""Natural order of names: frame 2 before frame 10."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -7,11 +7,10 @@ from natsort import natsorted
 
 
 def in_order(names: Iterable[str]) -> list[str]:
-    """Return the names in natural order; those that count alike (1, 01) as text."""
+    """Return the names in natural order; equal numbers (1, 01) in the order of their text."""
     plain = sorted(names)
-    # Numbers of one length, as this program pads them, are in order already: natsort takes ten times as long.
     padded = len({len(name) for name in plain}) <= 1 and all(map(str.isdecimal, plain))
-    return plain if padded else natsorted(plain)
+    return plain if padded else natsorted(plain)  # natsort takes ten times as long
 
 
 def paths_in_order(paths: Iterable[Path]) -> list[Path]:

@@ -1,7 +1,6 @@
-"""Temperatures of a thermal camera's words: Planck's law by five constants, as FLIR's cameras use it.
+"""Temperatures of a FLIR camera's words: Planck's law with five constants (ExifTool's FLIR tables).
 
-Formulas: Minkina and Dudzik, "Infrared Thermography" (2009), and Thermimage (gtatters, ``raw2temp``). Their
-constants are those that ExifTool's FLIR tables name.
+Formulas: Minkina and Dudzik, "Infrared Thermography" (2009), and Thermimage (gtatters, ``raw2temp``).
 """
 
 from typing import NamedTuple
@@ -10,15 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 ZERO_C_K = 273.15
-HOTTEST_K = 4000.0
-"""Kelvin above the range of every thermal camera: such temperatures become NaN. Untuned."""
-ROOM_K = 293.15
-"""Kelvin in place of a temperature that a file states as 0 K or less: 20 degrees Celsius. Untuned."""
+HOTTEST_K = 4000.0  # K; hotter is NaN; above the range of every thermal camera
+ROOM_K = 293.15  # K; replaces a stated temperature of 0 K or less
 
 
 class Radiometry(NamedTuple):
-    """Numbers of a file on its camera and scene. Temperatures in kelvin, distance in metres, emissivity,
-    humidity and transmission as shares, b in kelvin; alphas, betas and x: of the air."""
+    """A camera's constants and its scene. Temperatures and b in kelvin; emissivity, window transmission and
+    humidity as shares; alphas, betas and x: of the air."""
 
     emissivity: float
     distance_m: float
@@ -44,7 +41,6 @@ class Radiometry(NamedTuple):
     def _celsius(self, words: NDArray[np.float64]) -> NDArray[np.float32]:
         emissivity, window = _share(self.emissivity), _share(self.window_transmission)
         air = self._transmission()
-        # Radiation from elsewhere: reflections, the window, and the air on both sides of the window.
         reflected = (1 - emissivity) / emissivity * self._words_of(self.reflected_k)
         before = (1 - air) / emissivity / air * self._words_of(self.air_k)
         lens = (1 - window) / emissivity / air / window * self._words_of(self.window_k)
@@ -59,11 +55,10 @@ class Radiometry(NamedTuple):
         return float(self.r1 / (self.r2 * (np.exp(self.b / kelvin) - self.f)) - self.o)
 
     def _transmission(self) -> float:
-        """Return the share that half of the air lets through."""
+        """Return the transmission of half of the air."""
         air_c = (self.air_k if self.air_k > 0 else ROOM_K) - ZERO_C_K
-        water = self.humidity * np.exp(
-            1.5587 + air_c * (0.06939 + air_c * (-0.00027816 + air_c * 0.00000068455))
-        )
+        exponent = 1.5587 + air_c * (0.06939 + air_c * (-0.00027816 + air_c * 0.00000068455))
+        water = self.humidity * np.exp(exponent)
         way = np.sqrt(max(self.distance_m, 0.0) / 2)
         first, second = (
             np.exp(-way * (alpha + beta * np.sqrt(max(water, 0.0))))
@@ -73,5 +68,5 @@ class Radiometry(NamedTuple):
 
 
 def _share(number: float) -> float:
-    """Return a share in (0, 1]; 1, which changes nothing, for what a file leaves at 0 or spoils."""
+    """Return a share in (0, 1]; 1, which is neutral, for other numbers."""
     return number if 0 < number <= 1 else 1.0

@@ -8,8 +8,8 @@ import numpy as np
 from sensors.calibration_files.intrinsics_file import read_intrinsics
 from sensors.checks.depth_check import judge_depth, spread
 from sensors.checks.upright_check import UPSIDE_DOWN
-from sensors.files.jpeg import JPEG_MAGIC, encoded_jpeg, mirrored_jpeg
-from sensors.files.png import PNG_MAGIC
+from sensors.files.images import JPEG_MAGIC, PNG_MAGIC
+from sensors.files.jpeg import encoded_jpeg, mirrored_jpeg
 from sensors.importers.options import ImportOptions
 from sensors.rig.frame import FrameSource, RigFrame, mm_from_units, regular_times_ns
 from sensors.rig.turn import Turn

@@ -8,8 +8,7 @@ import numpy as np
 
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
-from sensors.files.flir_jpeg import FlirImage, read_flir
-from sensors.files.flir_records import has_flir
+from sensors.files.flir_jpeg import FlirImage, has_flir, read_flir
 from sensors.importers.folder_files import JPEGS, files_of
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns

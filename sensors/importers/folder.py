@@ -28,7 +28,7 @@ from sensors.checks.depth_check import judge_depth, spread
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.files.flir_jpeg import read_flir
-from sensors.files.grey_image import decode_depth
+from sensors.files.images import decode_depth
 from sensors.importers.folder_cameras import cameras_of
 from sensors.importers.folder_files import (
     JPEGS,

@@ -9,7 +9,7 @@ from sensors.checks.depth_check import spread
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.files.flir_jpeg import read_flir
-from sensors.files.grey_image import image_shape
+from sensors.files.images import image_shape
 from sensors.importers.folder_files import JPEGS, THERMAL, Files
 from sensors.rig.rig_calibration import Pose, RigCalibration, load_calibration
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sensors.errors import FormatError
-from sensors.files.grey_image import SUFFIXES
+from sensors.files.images import SUFFIXES
 from sensors.files.natural_order import paths_in_order
 from sensors.importers.name_times import stamps_of
 from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps

@@ -150,7 +150,7 @@ def _bag(path: Path, options: ImportOptions) -> Opener:
 
 def _other(path: Path, head: bytes, options: ImportOptions) -> Opener:
     """What opens the source of a file that is no recording of messages."""
-    from sensors.files.jpeg import JPEG_MAGIC
+    from sensors.files.images import JPEG_MAGIC
     from sensors.importers.arrays import NPY_MAGIC, ZIP_MAGIC, DepthArrays
     from sensors.importers.azure_mkv import AzureRecording
     from sensors.importers.flir_images import FlirImages, is_flir_alone

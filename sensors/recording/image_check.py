@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sensors.device.protocol import ColorImage, DepthImage, Spot, ThermalCounts, ThermalImage, Value
 from sensors.errors import CalibrationError, FormatError
-from sensors.files.encoded_image import size_of_encoded
+from sensors.files.images import size_of_encoded
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 

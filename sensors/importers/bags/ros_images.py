@@ -15,8 +15,7 @@ from PIL import Image
 
 from sensors.errors import FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE
-from sensors.files.jpeg import JPEG_MAGIC
-from sensors.files.png import PNG_MAGIC, decode_grey
+from sensors.files.images import JPEG_MAGIC, PNG_MAGIC, decode_grey
 from sensors.importers.bags.ros_messages import Picture
 
 Depth = NDArray[np.uint16] | NDArray[np.float32]

@@ -2,13 +2,13 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.importers.clouds.axes import WIDEST
 from sensors.importers.clouds.pixel_lattice import Line, find_line
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FARTHEST_MM
-from sensors.rig.nearest import Nearest
 
 Float64 = NDArray[np.float64]
 
@@ -190,7 +190,7 @@ def beside(points_m: Float64, pixels: NDArray[np.intp], within_m: float) -> NDAr
     shown = np.flatnonzero(pixels >= 0)
     if not len(lost) or not len(shown):
         return pixels
-    _, nearest = Nearest(points_m[shown]).query(points_m[lost], within=min(within_m, BESIDE_M))
+    _, nearest = cKDTree(points_m[shown]).query(points_m[lost], distance_upper_bound=min(within_m, BESIDE_M))
     found = nearest < len(shown)
     filled = pixels.copy()
     filled[lost[found]] = pixels[shown[nearest[found]]]
@@ -206,7 +206,7 @@ def spacing_m(points_m: Float64) -> float:
     if len(points) < 6:
         return 0.0
     sample = points[:: max(1, len(points) // 5000)]
-    distances, _ = Nearest(points).query(sample, k=5)
+    distances, _ = cKDTree(points).query(sample, k=5)
     return float(np.percentile(distances[:, 4], 95))
 
 
