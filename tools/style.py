@@ -28,7 +28,7 @@ BANNED = """
 """
 """Phrases that a reader has to decode."""
 BANNED_WORDS = re.compile(r"\b(" + "|".join(map(str.strip, BANNED.split("\n")[1:-1])) + r")\b", re.I)
-RELATIVE = re.compile(r"(what|who|whose|which|where|whether|how|that|those|whoever)\b", re.IGNORECASE)
+RELATIVE = re.compile(r"(what|who|whose|which|where|whether|how|that|those|whoever)\b", re.I)
 """First words of a docstring that stand for a missing noun."""
 PYTHON_FOLDERS_APART = {"tests"}
 """Folders whose files have flat names by decision (docs/adr/0001)."""
@@ -120,12 +120,13 @@ def page_faults(path: Path) -> Iterator[tuple[int, str]]:
                 count = len(re.findall(r"[\w'/-]+", re.sub(r"`[^`]*`", "code", cell)))
                 if count > MAX_CELL_WORDS:
                     yield number, f"cell of {count} words: {cell.strip()[:50]} ..."
-            yield from ((number, f"banned: {found[0]}") for found in BANNED_WORDS.finditer(line))
+            plain = re.sub(r"`[^`]*`", "", line)
+            yield from ((number, f"banned: {found[0]}") for found in BANNED_WORDS.finditer(plain))
             line = ""
         prose.append("" if line.startswith("#") else line)
-    prose_text = "\n".join(prose)
-    for block in re.finditer(r"(?:.+\n?)+", prose_text):
-        line_number = 1 + prose_text.count("\n", 0, block.start())
+    joined = "\n".join(prose)
+    for block in re.finditer(r"(?:.+\n?)+", joined):
+        line_number = 1 + joined.count("\n", 0, block.start())
         yield from ((line_number, fault) for fault in prose_faults(block[0]))
 
 
