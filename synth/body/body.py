@@ -1,4 +1,4 @@
-"""A baked body: mesh, parts, skeleton and skinning weights, in numpy alone."""
+"""Baked body: mesh, parts, skeleton and skinning weights."""
 
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
@@ -16,25 +16,20 @@ from sensors.rig.camera import FloatArray
 from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, alignment, kinematics
 from synth.data_files import shipped
 
-REFERENCE_BODY = 4
-"""Index of the shipped body of 1.70 m on which marker sets are stated."""
-BONES_PER_VERTEX = 4
-"""Joints that may move a vertex; the strongest of anny's."""
-DENSITY_KG_M3 = 980.0
-"""Mean density of a body, as anny's Anthropometry takes it."""
-MAX_BYTES = 50_000_000
-"""Of a body unpacked, or the crowd: a shipped one has 0.8 MB, the crowd 3 MB."""
+REFERENCE_BODY = 4  # index of the shipped body of 1.70 m on which marker sets are stated
+BONES_PER_VERTEX = 4  # strongest joints of anny that move a vertex
+DENSITY_KG_M3 = 980.0  # as in anny's Anthropometry
+MAX_BYTES = 50_000_000  # of an unpacked body or crowd: a shipped body has 0.8 MB, the crowd 3 MB
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """One person's shape at rest, ready to be posed; equal to itself alone.
+    """Shape of one person at rest, equal to itself alone.
 
-    vertices_m: float32 (V, 3) rest pose, x to the person's left, y back, z up, soles at z = 0.
-    faces: int32 (F, 3). face_parts: uint8 (F,) part ids. joints_m: float64 (J, 3) at rest.
-    bones: uint8 (V, 4) joint per influence. weights: float32 (V, 4), rows sum to 1.
-    waist: int32 (n,) vertices of the waist ring. firm_m: float32 (V, 3) what does not give way where limbs
-    touch, under thick cloth; None: the skin itself. Raises FormatError when shapes disagree.
+    vertices_m: float32 (V, 3) rest pose, x to the person's left, y back, z up, soles at z = 0. faces: int32
+    (F, 3). face_parts: uint8 (F,) part ids. joints_m: float64 (J, 3) at rest. bones: uint8 (V, 4) joint per
+    influence. weights: float32 (V, 4), rows sum to 1. waist: int32 (n,) vertices of the waist ring. firm_m:
+    float32 (V, 3) firm surface under thick cloth; None: the skin. Raises FormatError when shapes disagree.
     """
 
     name: str
@@ -71,19 +66,18 @@ class Body:
 
     @property
     def vertex_parts(self) -> UInt8:
-        """Part id of each vertex (V,); where parts meet, that of its last face."""
+        """Return the part id of each vertex (V,); on a border, the part of the last face."""
         parts = np.zeros(len(self.vertices_m), np.uint8)
         parts[self.faces.ravel()] = np.repeat(self.face_parts, 3)
         return parts
 
     @property
     def strongest_joints(self) -> UInt8:
-        """The joint that moves each vertex (V,) most."""
+        """Joint of the largest weight of each vertex (V,)."""
         return np.asarray(self.bones[np.arange(len(self.bones)), self.weights.argmax(axis=1)])
 
     @property
     def height_cm(self) -> float:
-        """Standing height at rest."""
         return 100 * float(np.ptp(self.vertices_m[:, 2]))
 
     @property
@@ -93,12 +87,11 @@ class Body:
 
     @property
     def waist_breadth_cm(self) -> float:
-        """Breadth from left to right of the waist ring."""
         return 100 * float(np.ptp(self.vertices_m[self.waist, 0]))
 
 
 def hair_faces(body: Body) -> Bool:
-    """Faces (F,) where hair grows: the head above the brow, and its back down to the neck."""
+    """Return flags (F,) of the faces with hair: the head above the brow, and its back down to the neck."""
     on_head: Bool = body.face_parts == PART_ID["head"]
     _, y, z = body.vertices_m[body.faces[on_head]].mean(axis=1).T
     head = body.joints_m[JOINT_ID["head"]]
@@ -110,15 +103,15 @@ def hair_faces(body: Body) -> Bool:
 
 
 def volume_m3(vertices_m: FloatArray, faces: Int32) -> float:
-    """Volume enclosed by a triangle mesh: the sum of signed tetrahedra to the origin."""
+    """Return the volume enclosed by a triangle mesh (signed tetrahedra to the origin)."""
     a, b, c = (vertices_m[faces[:, i]].astype(np.float64) for i in range(3))
     return abs(float(np.einsum("ij,ij->", np.cross(a, b), c))) / 6
 
 
 def pose(body: Body, posture: Posture, only: Int64 | None = None) -> tuple[Float32, Float64]:
-    """Skin a body by linear blending. Returns vertices float32 (V, 3) and joints (J, 3), world, metres.
+    """Skin a body by linear blending: vertices float32 (V, 3) and joints (J, 3), world, metres.
 
-    only: (n,) indices of the vertices that are wanted, for (n, 3) of them; default all.
+    only: indices (n,) of the wanted vertices, for (n, 3) of them; default all.
     """
     matrices, joints = _matrices(posture.angles_rad, posture.pelvis_m, body.joints_m, _aligned(body))
     own = slice(None) if only is None else only
@@ -134,7 +127,7 @@ def _aligned(body: Body) -> Float64:
 def _matrices(
     angles_rad: Float64, pelvis_m: Float64, rest_joints_m: Float64, aligned: Float64
 ) -> tuple[Float32, Float64]:
-    """Transforms float32 (J, 3, 4) of what follows each joint, rest to world, and the joints (J, 3)."""
+    """Return transforms float32 (J, 3, 4) from rest to world, and the joints (J, 3)."""
     _, frames, joints = kinematics(angles_rad, pelvis_m, rest_joints_m, aligned)
     matrices = np.empty((N_JOINTS, 3, 4), np.float32)
     for j in range(N_JOINTS):
@@ -170,7 +163,7 @@ def save_body(path: Path, body: Body) -> None:
 
 
 def load_body(path: Path) -> Body:
-    """Read a baked body. Raises FormatError when the file is not one."""
+    """Read a baked body. Raises FormatError when the file is damaged."""
     remedy = "bake it with 'synth bodies'"
     arrays = load_arrays(path, MAX_BYTES, remedy)
     try:
@@ -181,17 +174,16 @@ def load_body(path: Path) -> Body:
 
 @cache
 def shipped_bodies() -> tuple[Body, ...]:
-    """The paper's eight bodies (Table 1), baked from anny and shipped with the package."""
+    """Return the paper's eight bodies (Table 1), baked from anny."""
     return tuple(load_body(path) for path in sorted(shipped().glob("body_*.npz")))
 
 
 def reference_body() -> Body:
-    """Return the shipped body on which marker sets are stated."""
     return shipped_bodies()[REFERENCE_BODY]
 
 
 def blend(a: Body, b: Body, share: float) -> Body:
-    """The naked body a share in [0, 1] of the way from ``a`` to ``b``, with ``a``'s parts; one topology."""
+    """Return the naked body a share in [0, 1] of the way from ``a`` to ``b``; one topology, parts of ``a``."""
     return replace(
         a,
         vertices_m=np.float32(1 - share) * a.vertices_m + np.float32(share) * b.vertices_m,

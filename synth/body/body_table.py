@@ -1,4 +1,4 @@
-"""Tables of bodies: the measures asked for, read from CSV, and those of the fitted bodies."""
+"""Tables of bodies: measures read from CSV, and measures of fitted bodies."""
 
 import csv
 import re
@@ -12,14 +12,13 @@ if TYPE_CHECKING:
     from synth.body.body import Body
 
 MEASURES = ("height_cm", "weight_kg", "waist_breadth_cm")
-MOST_BODIES = 1000
-"""One command bakes no more."""
+MOST_BODIES = 1000  # bodies of one command
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 
 @dataclass(frozen=True)
 class BodySize:
-    """Measures asked of a body. Raises CloudError for a name that no file can have, or an impossible size."""
+    """Wanted measures of a body. Raises CloudError for an impossible file name or size."""
 
     name: str
     height_cm: float
@@ -40,6 +39,7 @@ class BodySize:
                 raise CloudError(f"body {self.name}: {what} {value} is impossible; give {low} to {high}")
 
 
+# Nishi & Miura 2017, table 1
 PAPER_BODIES = tuple(
     BodySize(f"body_{i}", *row)
     for i, row in enumerate(
@@ -55,11 +55,10 @@ PAPER_BODIES = tuple(
         )
     )
 )
-"""Table 1 of Nishi & Miura 2017."""
 
 
 def read_sizes(path: Path) -> tuple[BodySize, ...]:
-    """Bodies of a CSV with columns name, height_cm, weight_kg, waist_breadth_cm.
+    """Read a CSV with columns name, height_cm, weight_kg, waist_breadth_cm.
 
     Raises CloudError for anything else, for two bodies of one name, and for none or too many.
     """
@@ -84,7 +83,7 @@ def read_sizes(path: Path) -> tuple[BodySize, ...]:
 
 
 def describe(body: "Body", size: BodySize | None) -> dict[str, str | float]:
-    """A body's measures, and, under ``asked_*``, those it should have."""
+    """Return a body's measures, and the wanted ones as ``asked_*``."""
     row: dict[str, str | float] = {"model": body.name}
     row |= {measure: round(getattr(body, measure), 2) for measure in MEASURES}
     if size is not None:

@@ -1,4 +1,4 @@
-"""The shipped crowd: adults of both sexes, all ages and builds, on one mesh, so that any of them blend."""
+"""Shipped crowd: adults of both sexes, all ages and builds, on one mesh, so that any two blend."""
 
 from dataclasses import replace
 from functools import cache
@@ -12,19 +12,16 @@ from sensors.files.npz import load_arrays
 from synth.body.body import MAX_BYTES, Body, shipped_bodies
 from synth.data_files import shipped
 
-STEP_M = 1e-4
-"""Vertices of the crowd are stored in steps of 0.1 mm: far below what a depth camera sees."""
-BASE_VERTICES = 19_158
-"""Vertices of MakeHuman's base mesh hm08, helpers included."""
+STEP_M = 1e-4  # m; stored vertices are quantised to 0.1 mm, far below a depth camera's resolution
+BASE_VERTICES = 19_158  # of MakeHuman's base mesh hm08, helpers included
 
 
-EVERY = 40
-"""Of the skin's vertices so many make one that a mixture of bodies is fitted to. Chosen by eye."""
+EVERY = 40  # every 40th skin vertex takes part in the fit of a mixture of bodies; untuned
 
 
 @cache
 def crowd() -> tuple[Body, ...]:
-    """28 adults, women and men in turn, ages 16 to 80, 1.50 to 1.91 m, body mass index 17 to 38.
+    """Return 28 adults, women and men in turn, ages 16 to 80, 1.50 to 1.91 m, body mass index 17 to 38.
 
     Baked from anny by ``python -m tools.fit.crowd``, on the mesh of the paper's bodies.
     """
@@ -36,10 +33,10 @@ def crowd() -> tuple[Body, ...]:
 
 
 def base_mesh_m(body: Body) -> Float32:
-    """Vertices (19158, 3) of MakeHuman's base mesh hm08 around a body at rest, metres, body frame.
+    """Return vertices (19158, 3) of MakeHuman's base mesh hm08 around a body at rest, metres, body frame.
 
-    Those of the skin are the body's own. Helpers, which garments are fitted to, are the crowd's, in the
-    mixture that comes nearest to the body's skin: exact for two of the crowd blended.
+    Skin vertices are the body's own. Helpers, to which garments are fitted, come from the crowd, in the
+    mixture nearest to the body's skin: exact for two blended bodies of the crowd.
     """
     skin, vertices = _arrays()["skin"], _vertices_m()
     some = vertices[:, : len(skin) : EVERY].reshape(len(vertices), -1).T
@@ -53,7 +50,7 @@ def base_mesh_m(body: Body) -> Float32:
 
 
 def covered_skin(body: Body, hidden: Bool) -> Bool:
-    """Flags (V,) of a body's vertices for (19158,) of hm08's; on a cut, where all around are flagged."""
+    """Map flags (19158,) of hm08 to a body's vertices (V,); a cut vertex is flagged where all around are."""
     skin = _arrays()["skin"]
     flags = np.ones(len(body.vertices_m), np.bool_)
     flags[: len(skin)] = hidden[skin]
@@ -70,7 +67,7 @@ def _arrays() -> dict[str, NDArray[Any]]:
 
 @cache
 def _vertices_m() -> Float32:
-    """Skin, and behind it the helpers, of everybody at rest (28, V + H, 3)."""
+    """Return skin, then helpers, of everyone at rest (28, V + H, 3)."""
     arrays = _arrays()
     whole = arrays["mean"].astype(np.float32) + arrays["differences"].swapaxes(1, 2)
     return np.ascontiguousarray(np.float32(STEP_M) * whole, np.float32)

@@ -16,16 +16,13 @@ from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, Joint
 from synth.data_files import table
 
 PHENOTYPES = ("gender", "age", "muscle", "weight", "height", "proportions")
-ADULT_AGE = 0.5
-"""anny's age runs from newborn at 0 over 2/3 (25 years) to old at 1; below 0.5 are children."""
-AVERAGE = np.array([0.5, 0.67, 0.5, 0.5, 0.5, 0.5])
-"""Phenotypes of a young adult of no sex, in the middle of everything."""
-_NEAR = 0.5
-"""Largest misfit of a measure, cm and kg; Table 1 is met far better. Chosen by eye."""
+ADULT_AGE = 0.5  # anny's age: newborn 0, 25 years 2/3, old 1; below 0.5 are children
+AVERAGE = np.array([0.5, 0.67, 0.5, 0.5, 0.5, 0.5])  # young adult of no sex
+_NEAR = 0.5  # cm and kg; largest misfit of a measure, far above Table 1's; untuned
 
 
 class BodyModel:
-    """anny's blend shapes at rest, as a function of its six phenotypes; loads in seconds."""
+    """anny's blend shapes at rest, as a function of its six phenotypes."""
 
     def __init__(self) -> None:
         try:
@@ -56,13 +53,12 @@ class BodyModel:
         return vertices.numpy().astype(np.float64), heads.numpy().astype(np.float64)
 
     def measure(self, phenotype: Float64) -> Float64:
-        """(height cm, weight kg, waist breadth cm)."""
+        """Return height cm, weight kg, waist breadth cm."""
         vertices, _ = self.shape(phenotype)
         height, breadth = np.ptp(vertices[:, 2]), np.ptp(vertices[self.waist, 0])
         return np.array([100 * height, DENSITY_KG_M3 * volume_m3(vertices, self.faces), 100 * breadth])
 
     def bake(self, name: str, phenotype: Float64) -> Body:
-        """Everything a worker needs of one body."""
         vertices, joints = self._standing(phenotype)
         bones, weights = self._influences
         recipe, faces, face_parts = self._skin
@@ -71,7 +67,7 @@ class BodyModel:
 
     @cached_property
     def _influences(self) -> tuple[UInt8, Float32]:
-        """The strongest joints of every vertex of the cut skin, and their weights: the same on all bodies."""
+        """Strongest joints and weights of every vertex of the cut skin, the same on all bodies."""
         by_joint = self._skin.recipe @ self._weights_by_joint(self._skin.recipe.shape[1])
         bones = np.argsort(-by_joint, axis=1, kind="stable")[:, :BONES_PER_VERTEX]
         weights = np.take_along_axis(by_joint, bones, axis=1)
@@ -80,7 +76,7 @@ class BodyModel:
 
     @cached_property
     def _skin(self) -> PartSkin:
-        """The cut of the average body, repeated on all, so that any two blend."""
+        """Cut of the average body, repeated on all, so that any two blend."""
         vertices, joints = self._standing(AVERAGE)
         return cut_into_parts(vertices, self.faces, joints, self._weights_by_joint(len(vertices)))
 
@@ -107,16 +103,16 @@ def _joint_of(bone: str) -> int:
 
 
 def _head_bone(joint: Joint) -> str:
-    """anny's bone whose head is a joint."""
+    """Return anny's bone whose head is a joint."""
     bone: str = table("joints")[joint.kind]["head"]
     return bone if joint.kind == joint.name else f"{bone}.{joint.name[0].upper()}"
 
 
 def fit(model: BodyModel, size: BodySize, starts: int = 8) -> Float64:
-    """Phenotypes (6,) of a body with these measures, by bounded least squares from several starts.
+    """Fit phenotypes (6,) to measures by bounded least squares from several starts.
 
-    The three measures leave freedom: a weak pull to the middle of every phenotype decides. Raises
-    CloudError when no adult measures so.
+    A weak pull to the middle of every phenotype decides the freedom that the measures leave. Raises
+    CloudError when no adult has these measures.
     """
     asked = np.array([size.height_cm, size.weight_kg, size.waist_breadth_cm])
     low = np.array([0.0, ADULT_AGE, 0.0, 0.0, 0.0, 0.0])
@@ -141,10 +137,10 @@ def fit(model: BodyModel, size: BodySize, starts: int = 8) -> Float64:
 
 
 def random_adult(rng: np.random.Generator) -> Float64:
-    """Phenotypes (6,) of a random adult: either sex, any adult age, and a build.
+    """Draw phenotypes (6,) of an adult of either sex.
 
-    anny's middle is tall and light: spread about 0.4 and 0.72 instead, heights come to 170 +- 10 cm and
-    body mass indices to 22 +- 3, about as adults' are.
+    anny's middle is tall and light. Spread about 0.4 and 0.72, heights come to 170 +- 10 cm and body mass
+    indices to 22 +- 3, about as adults' are.
     """
     gender = np.clip(rng.choice((0.1, 0.9)) + rng.normal(0, 0.08), 0, 1)
     age = rng.uniform(0.6, 0.97)

@@ -1,7 +1,7 @@
-"""A body's flesh as chains of spheres about the bones: what contact is computed on, fitted in about a ms.
+"""Flesh of a body as chains of spheres about the bones, on which contact is computed; fitted in about a ms.
 
-A chain is a row of stations (centre, radius), and the flesh between two neighbours is the round cone over
-them. Limbs are chains along a bone; the trunk is a pile of short chains from right to left, one a height.
+A chain is a row of stations (centre, radius); the flesh between two neighbours is the round cone over them.
+Limbs are chains along a bone. The trunk is a pile of short chains from right to left, one a height.
 """
 
 from dataclasses import replace
@@ -15,8 +15,8 @@ from annotate.array_types import Float32, Float64, Int64
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID, N_JOINTS, alignment
 
-_TRUNK_SLICES = 7
-"""Chains from the hips up to the neck. Chosen by eye."""
+_TRUNK_SLICES = 7  # chains from the hips up to the neck; untuned
+# Stations of a limb's chain, its joint, and the joint at its other end, if there is one.
 _LIMBS = {
     "upper_arm": (4, "shoulder", "elbow"),
     "forearm": (4, "elbow", "wrist"),
@@ -27,12 +27,9 @@ _LIMBS = {
     "foot": (4, "ankle", ""),
     "foot_outside": (4, "ankle", ""),
 }
-"""Stations of a limb's chain, the joint it follows, and the joint at its other end, if there is one."""
 _HEAD_STATIONS = 3
-SOLE_M = 0.008
-"""The edge of a sole stands out from the spheres under it when the foot rolls."""
-FINGERS_M = 0.007
-"""Fingers stand out from the mean of a hand."""
+SOLE_M = 0.008  # m; the edge of a rolling sole stands out from the spheres under it
+FINGERS_M = 0.007  # m; fingers stand out from the mean of a hand
 
 
 def _chains() -> dict[str, slice]:
@@ -43,16 +40,15 @@ def _chains() -> dict[str, slice]:
     return {name: slice(int(ends[i]), int(ends[i + 1])) for i, name in enumerate(sizes)}
 
 
-CHAINS = _chains()
-"""Stations that follow one part of the body, by its name."""
+CHAINS = _chains()  # Stations of each part of the body.
 N_STATIONS = max(chain.stop for chain in CHAINS.values())
 
 
 class Flesh(NamedTuple):
-    """What of a body does not change with its posture (a named tuple, which compiled code takes).
+    """Constants of a body in every posture (a named tuple, which compiled code takes).
 
     rest_joints_m, aligned: as ``kinematics`` takes them. centres_m: (S, 3) stations at rest; radii_m: (S,);
-    joints: (S,) the joint each station follows. trunk: indices of the vertices that pelvis and spine carry.
+    joints: (S,) the joint each station follows. trunk: indices of the vertices of pelvis and spine.
     """
 
     rest_joints_m: Float64
@@ -65,7 +61,7 @@ class Flesh(NamedTuple):
 
 @lru_cache(maxsize=16)
 def flesh_of(body: Body) -> Flesh:
-    """The flesh of a body, or what under its clothes is firm; that of the last few is remembered."""
+    """Return the flesh of a body, or of the firm surface under its clothes; the last few are cached."""
     if body.firm_m is not None:
         return flesh_of(replace(body, vertices_m=body.firm_m, firm_m=None))
     centres, radii, joints = np.zeros((N_STATIONS, 3)), np.zeros(N_STATIONS), np.zeros(N_STATIONS, np.int64)
@@ -89,7 +85,7 @@ def flesh_of(body: Body) -> Flesh:
 
 
 def _carried(body: Body, owned: list[Int64]) -> Int64:
-    """What a lying or sitting body rests on first: pelvis, spine, buttocks and the bulk of the shoulders."""
+    """Return the vertices that first touch a seat or bed: pelvis, spine, buttocks and bulk of the shoulders."""
     parts = [owned[j] for name, j in JOINT_ID.items() if j <= JOINT_ID["spine_upper"] or "clavicle" in name]
     for side in ("left", "right"):
         shoulder, hip = JOINT_ID[f"{side}_shoulder"], JOINT_ID[f"{side}_hip"]
@@ -103,7 +99,7 @@ _FRONT = np.array([0.0, -1.0, 0.0])
 
 
 def _half(own: Float32, start: Float64, along: Float64, towards: Float64) -> Float32:
-    """The vertices of a hand or foot on that side of the line along it, across its breadth."""
+    """Return the vertices of a hand or foot on one side of the line along it, across its breadth."""
     line = along.astype(np.float32)
     off = own - start.astype(np.float32)
     off -= (off @ line)[:, None] * line
@@ -165,9 +161,9 @@ def _fit_head(body: Body, owned: list[Int64], centres: Float64, radii: Float64, 
 
 
 def _vertices_of_joints(body: Body) -> list[Int64]:
-    """Return by joint the numbers of the vertices that it moves most.
+    """Return, by joint, the vertices that it moves most.
 
-    Those on a border between parts are left out: they stand in a dense row and would weigh in every mean.
+    Vertices on a border between parts are left out: they stand in a dense row and would weigh in every mean.
     """
     parts, corners = body.vertex_parts, body.faces.ravel()
     inner = parts > 0
@@ -212,7 +208,7 @@ def _fit_chain(own: Float32, axis: Float64, centres: Float64, radii: Float64) ->
 
 
 def _slices(own: Float32, heights: Float64, half: float) -> Float64:
-    """(n, 4) left, right, front and back of the vertices (n, 3) about each height."""
+    """Return left, right, front and back (n, 4) of the vertices (n, 3) about each height."""
     near = [own[np.abs(own[:, 2] - height) < half, :2].T for height in heights]
     return np.array(
         [(x.max(initial=-1e3), x.min(initial=1e3), y.min(initial=1e3), y.max(initial=-1e3)) for x, y in near],

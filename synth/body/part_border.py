@@ -1,7 +1,7 @@
-"""Where one part of the body ends and the next begins: smooth curves on the skin, along which faces are cut.
+"""Borders between the parts of a body: smooth curves on the skin, along which faces are cut.
 
 Skinning weights give roughly the part of each face; landmarks of the skeleton give the exact course of a
-border. The cut is decided once, on one body, and repeated on every other: all keep one topology.
+border. The cut is decided on one body and repeated on all others, so all keep one topology.
 """
 
 from collections.abc import Callable
@@ -17,8 +17,7 @@ from synth.body.skeleton import JOINT_ID, JOINTS
 from synth.data_files import table
 
 Level = Callable[[Float64], Float64]
-SNAP_M = 0.001
-"""A border passing a vertex nearer than this goes through it: no slivers."""
+SNAP_M = 0.001  # m; a border that passes a vertex nearer than this goes through it: no slivers
 _BISECTIONS = 24
 
 # Share of the femur's length by which the iliac crest lies above the hip joint.
@@ -42,8 +41,8 @@ _CROTCH_M = 0.006
 class PartSkin(NamedTuple):
     """Faces cut at the borders of the parts.
 
-    recipe: sparse (W, V), rows sum to 1: a vertex of the cut skin as a mixture of a model's, whose own V
-    come first. faces: int32 (F, 3) among the W. face_parts: uint8 (F,) part ids.
+    recipe: sparse (W, V), rows sum to 1: a vertex of the cut skin as a mixture of a model's V, which come
+    first. faces: int32 (F, 3) among the W. face_parts: uint8 (F,) part ids.
     """
 
     recipe: csr_array
@@ -52,7 +51,7 @@ class PartSkin(NamedTuple):
 
 
 class Border(NamedTuple):
-    """Between two parts (ids): the zero of a level over points (n, 3), positive in ``beyond``."""
+    """Border between two parts (ids): the zero of a level over points (n, 3), positive in ``beyond``."""
 
     before: int
     beyond: int
@@ -71,7 +70,7 @@ def cut_into_parts(vertices_m: Float64, faces: Int32, joints_m: Float64, by_join
 
 
 def borders(vertices_m: Float64, joints_m: Float64) -> tuple[Border, ...]:
-    """The ten borders of a body at rest, from its joints (J, 3) and the lowest skin of its midline."""
+    """Return the ten borders of a body at rest, from its joints (J, 3) and the lowest skin of its midline."""
     at = {name: joints_m[i] for name, i in JOINT_ID.items()}
     up = np.array([0.0, 0.0, 1.0])
     crest = at["left_hip"] + _CREST * (at["left_hip"][2] - at["left_knee"][2]) * up
@@ -106,26 +105,26 @@ def _plane(point_m: Float64, normal: Float64) -> Level:
 
 
 def _bisector(start: Float64, bend: Float64, end: Float64) -> Float64:
-    """Normal of the plane that halves the bend between two bones, towards the second."""
+    """Return the normal of the plane that halves the bend between two bones, towards the second."""
     first, second = bend - start, end - bend
     return np.asarray(first / np.linalg.norm(first) + second / np.linalg.norm(second))
 
 
 def _crotch_z(vertices_m: Float64, hip_z: float) -> float:
-    """Height of the lowest skin at the midline below the hip joints."""
+    """Return the height of the lowest skin at the midline below the hip joints."""
     x, z = np.abs(vertices_m[:, 0]), vertices_m[:, 2]
     return float(z[(x < 0.002) & (z < hip_z)].min())
 
 
 def _thigh_m(vertices_m: Float64, hip: Float64) -> float:
-    """How far from the midline the thighs reach below the hip joint."""
+    """Return the thighs' distance from the midline below the hip joint."""
     beside = np.abs(vertices_m[:, 2] - (hip[2] - 0.08)) < 0.02
     x = np.abs(vertices_m[beside, 0])
     return float(x[x < 2.5 * abs(hip[0])].max())
 
 
 def _groin(hip: Float64, sign: int, crotch_z: float, thigh_m: float, points: Float64) -> Float64:
-    """From the crotch up and outwards to the trochanter in front, level along the gluteal fold behind."""
+    """Rise from the crotch outwards to the trochanter in front, and level along the gluteal fold behind."""
     x, y, z = points.T
     outwards = np.clip(sign * x / thigh_m, 0, 1)
     front = np.clip(0.5 - (y - hip[1]) / _SIDE_M, 0, 1)
@@ -135,7 +134,7 @@ def _groin(hip: Float64, sign: int, crotch_z: float, thigh_m: float, points: Flo
 
 
 def _roughly(faces: Int32, by_joint: Float32) -> UInt8:
-    """Part (F,) whose joints weigh most at a face's centre."""
+    """Return the part (F,) whose joints weigh most at a face's centre."""
     by_part = np.zeros((len(by_joint), len(PART_ID)), np.float32)
     for joint, weights in zip(JOINTS, by_joint.T, strict=True):
         part = table("joints")[joint.kind]["part"]
@@ -145,7 +144,7 @@ def _roughly(faces: Int32, by_joint: Float32) -> UInt8:
 
 
 def _cut(skin: PartSkin, vertices_m: Float64, border: Border) -> PartSkin:
-    """Split the faces of the border's two parts where its level is zero, and share them out anew."""
+    """Split the faces of the border's two parts where its level is zero, and assign the parts."""
     points = skin.recipe @ vertices_m
     ours = np.isin(skin.face_parts, (border.before, border.beyond))
     inside = np.ones(len(points), bool)
@@ -175,7 +174,7 @@ def _cut(skin: PartSkin, vertices_m: Float64, border: Border) -> PartSkin:
 
 
 def _zero(level: Level, start: Float64, end: Float64) -> Float64:
-    """Share (n,) of the way between points (n, 3) of opposite levels at which the level is zero."""
+    """Return the share (n,) of the way between points (n, 3) of opposite levels at which the level is zero."""
     low, high = np.zeros(len(start)), np.ones(len(start))
     first = level(start) > 0
     for _ in range(_BISECTIONS):
@@ -186,10 +185,10 @@ def _zero(level: Level, start: Float64, end: Float64) -> Float64:
 
 
 def _split(faces: Int32, edges: Int64, points: Float64) -> tuple[Int32, Int64]:
-    """Faces with a new vertex on some edges, each new triangle's old face beside it.
+    """Split faces at new vertices on some edges; return them with each triangle's old face.
 
-    edges: (n, 2) sorted rows, low vertex first; their new vertices are the last n of the points. No face
-    has three of them.
+    edges: (n, 2) sorted rows, low vertex first; their new vertices are the last n of the points. No face has
+    three of them.
     """
     n = len(points)
     keys = edges[:, 0].astype(np.int64) * n + edges[:, 1]
@@ -215,7 +214,7 @@ def _split(faces: Int32, edges: Int64, points: Float64) -> tuple[Int32, Int64]:
 
 
 def _turned(faces: Int32, new: Int64, chosen: Int64, first: Int64) -> tuple[Int64, ...]:
-    """Corners of chosen faces from ``first`` on, and the new vertices on their first and last edges."""
+    """Return corners of chosen faces from ``first`` on, and the new vertices on their first and last edges."""
     turn = (first[:, None] + np.arange(3)) % 3
     a, b, c = np.take_along_axis(faces[chosen].astype(np.int64), turn, axis=1).T
     m, _, k = np.take_along_axis(new[chosen], turn, axis=1).T

@@ -1,10 +1,10 @@
 """The paper's skeleton: joints, their limits and forward kinematics.
 
-Body frame of a posture in anatomical zero (standing, arms hanging): x to the person's left, y to the
-back, z up, metres. An angle triple of a joint is (flexion, abduction, axial rotation) in radians:
-a limb turns by Rx(-flexion) Ry(-side * abduction) Rz(side * rotation), the trunk by Rx(+flexion), so
-that flexion is forwards everywhere (a knee's is negative) and the same numbers mean the same
-movement on both sides (side is +1 left, -1 right; trunk joints count as left).
+Body frame in anatomical zero (standing, arms hanging): x to the person's left, y back, z up, metres. A
+joint's angle triple is (flexion, abduction, axial rotation), radians. A limb turns by Rx(-flexion) Ry(-side *
+abduction) Rz(side * rotation), the trunk by Rx(+flexion). So flexion is forwards everywhere (a knee's is
+negative), and equal numbers are equal movements on both sides. side is +1 left, -1 right; trunk joints count
+as left.
 """
 
 from dataclasses import dataclass
@@ -17,10 +17,7 @@ from annotate.array_types import Float64
 
 @dataclass(frozen=True)
 class Joint:
-    """One joint: its parent's index (-1 root), side, and limits in degrees.
-
-    limits_deg: ((low, high) flexion, (low, high) abduction, (low, high) rotation).
-    """
+    """Joint with its parent's index (-1 root), side, and limits in degrees of its three angles."""
 
     name: str
     parent: int
@@ -29,7 +26,7 @@ class Joint:
 
     @property
     def kind(self) -> str:
-        """Its name without the side: a key of ``synth/data/joints.toml``."""
+        """Name without the side: a key of ``synth/data/joints.toml``."""
         return self.name.removeprefix("left_").removeprefix("right_")
 
 
@@ -76,12 +73,11 @@ JOINT_ID = {joint.name: i for i, joint in enumerate(JOINTS)}
 N_JOINTS = len(JOINTS)
 PARENTS = np.array([joint.parent for joint in JOINTS])
 SIDES = np.array([joint.side for joint in JOINTS])
-LIMITS_RAD = np.radians([joint.limits_deg for joint in JOINTS])
-"""(J, 3, 2): low and high per angle."""
+LIMITS_RAD = np.radians([joint.limits_deg for joint in JOINTS])  # (J, 3, 2): low and high of each angle
 
 _TRUNK = ("pelvis", "spine_lower", "spine_middle", "spine_upper", "neck", "head")
+# (J, 3): the sense in which each angle of a joint turns about its axis
 SIGNS = np.stack([np.where([j.name in _TRUNK for j in JOINTS], 1, -1), -SIDES, SIDES], axis=1)
-"""(J, 3): the sense in which each angle of a joint turns about its axis."""
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -94,39 +90,36 @@ _FOLLOWS = np.array([joint.name.endswith(("elbow", "knee", "wrist")) for joint i
 
 @dataclass(frozen=True)
 class Posture:
-    """Where the skeleton is: joint angles and the pelvis in the world.
-
-    angles_rad: float64 (J, 3), see the module; the pelvis' own row is its orientation.
-    pelvis_m: float64 (3,) position of the pelvis joint, world frame (z up).
-    """
+    """Joint angles float64 (J, 3), the pelvis' own row its orientation, and its place float64 (3,), world, z
+    up."""
 
     angles_rad: Float64
     pelvis_m: Float64
 
     @staticmethod
     def zero() -> "Posture":
-        """Anatomical zero with the pelvis at the origin."""
+        """Return anatomical zero with the pelvis at the origin."""
         return Posture(np.zeros((N_JOINTS, 3)), np.zeros(3))
 
 
 def rotations(angles_rad: Float64) -> Float64:
-    """Joint rotations (J, 3, 3) of angle triples (J, 3)."""
+    """Return joint rotations (J, 3, 3) of angle triples (J, 3)."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_euler("XYZ", angles_rad * SIGNS).as_matrix())
 
 
 def clamp(angles_rad: Float64) -> Float64:
-    """Angles (J, 3) brought inside the joints' limits."""
+    """Clip angles (J, 3) to the joints' limits."""
     return np.clip(angles_rad, LIMITS_RAD[..., 0], LIMITS_RAD[..., 1])
 
 
 @numba.njit(cache=True)
 def alignment(rest_joints_m: Float64) -> Float64:
-    """Rotations (J, 3, 3) that bring a body's rest limbs to anatomical zero, limbs hanging down.
+    """Return rotations (J, 3, 3) that bring a body's rest limbs to anatomical zero, limbs hanging down.
 
-    rest_joints_m: (J, 3) joint positions in the rest pose. Feet and trunk stay as they rest; a
-    forearm follows its upper arm first, so that the elbow straightens about its own hinge.
+    rest_joints_m: (J, 3) joints in the rest pose. Feet and trunk stay as they rest. A forearm follows its
+    upper arm first, so that the elbow straightens about its own hinge.
     """
     result = np.empty((N_JOINTS, 3, 3))
     for i in range(N_JOINTS):
@@ -140,8 +133,8 @@ def alignment(rest_joints_m: Float64) -> Float64:
 def forward(posture: Posture, rest_joints_m: Float64, aligned: Float64) -> tuple[Float64, Float64]:
     """Place the skeleton of one body in the world.
 
-    rest_joints_m: (J, 3); aligned: ``alignment`` of them. Returns (frames, positions): frames (J, 3, 3)
-    turn rest-pose directions of a segment to the world, positions (J, 3) are the joints, metres.
+    rest_joints_m: (J, 3); aligned: ``alignment`` of them. Returns frames (J, 3, 3), which turn rest-pose
+    directions of a segment to the world, and the joints (J, 3), metres.
     """
     _, frames, positions = kinematics(posture.angles_rad, posture.pelvis_m, rest_joints_m, aligned)
     return frames, positions
@@ -151,7 +144,7 @@ def forward(posture: Posture, rest_joints_m: Float64, aligned: Float64) -> tuple
 def kinematics(
     angles_rad: Float64, pelvis_m: Float64, rest_joints_m: Float64, aligned: Float64
 ) -> tuple[Float64, Float64, Float64]:
-    """Compiled ``forward``, callable from compiled code. Returns (axes, frames, positions).
+    """Return axes, frames and positions: compiled ``forward``, callable from compiled code.
 
     axes (J, 3, 3): row a of a joint is the world direction about which its angle a turns all beyond it.
     """
@@ -184,9 +177,9 @@ def kinematics(
 
 @numba.njit(cache=True)
 def place(where: Float64, origin: Float64, frame: Float64, point: Float64, rest: Float64) -> None:
-    """Write into ``where`` (3,) the place of a point (3,) at rest that follows a joint.
+    """Write into ``where`` (3,) the place of a rest point (3,) that follows a joint.
 
-    origin: (3,) the joint's place; frame: (3, 3) its turn; rest: (3,) its place at rest.
+    origin: (3,) the joint's place; frame: (3, 3) its rotation; rest: (3,) its place at rest.
     """
     x, y, z = point[0] - rest[0], point[1] - rest[1], point[2] - rest[2]
     for r in range(3):
@@ -195,7 +188,7 @@ def place(where: Float64, origin: Float64, frame: Float64, point: Float64, rest:
 
 @numba.njit(cache=True)
 def turn(axis: int, angle: float) -> Float64:
-    """Rotation matrix about one coordinate axis."""
+    """Return the rotation matrix about one coordinate axis."""
     result = np.zeros((3, 3))
     b, c = (axis + 1) % 3, (axis + 2) % 3
     result[axis, axis] = 1.0
@@ -207,7 +200,7 @@ def turn(axis: int, angle: float) -> Float64:
 
 @numba.njit(cache=True)
 def shortest_arc(source: Float64, target: Float64) -> Float64:
-    """Rotation matrix of least angle that turns the direction ``source`` to ``target``."""
+    """Return the rotation matrix of least angle that turns ``source`` to ``target``."""
     a, b = source / np.linalg.norm(source), target / np.linalg.norm(target)
     cosine, axis = np.dot(a, b), np.cross(a, b)
     if cosine < -1 + 1e-9:

@@ -1,4 +1,4 @@
-"""Three numbers at a time, compiled: vectors, and what a triangle's corners make between them."""
+"""Compiled vectors of three numbers, barycentric coordinates and smooth noise."""
 
 from functools import cache
 
@@ -13,7 +13,7 @@ Triple = tuple[float, float, float]
 
 @numba.njit(cache=True, fastmath=EXACT)
 def shares(vertices: Float32, faces: Int32, f: int, p: Triple) -> Triple:
-    """Barycentric coordinates of a point in a face's plane, kept inside the face."""
+    """Return a point's barycentric coordinates in a face's plane, clamped to the face."""
     a = faces[f, 0]
     e, g = edge(vertices, a, faces[f, 1]), edge(vertices, a, faces[f, 2])
     d = (p[0] - vertices[a, 0], p[1] - vertices[a, 1], p[2] - vertices[a, 2])
@@ -28,7 +28,7 @@ def shares(vertices: Float32, faces: Int32, f: int, p: Triple) -> Triple:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def mix(values: Float32, faces: Int32, f: int, s: Triple) -> Triple:
-    """What three corners' values (V, 3) make at barycentric coordinates s."""
+    """Interpolate the corners' values (V, 3) of face f at barycentric coordinates s."""
     a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
     return (
         s[0] * values[a, 0] + s[1] * values[b, 0] + s[2] * values[c, 0],
@@ -39,7 +39,7 @@ def mix(values: Float32, faces: Int32, f: int, s: Triple) -> Triple:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def mix_column(fields: Float32, n: int, faces: Int32, f: int, s: Triple) -> float:
-    """``mix`` of column n alone of values (V, n)."""
+    """Interpolate column n of values (V, n) as ``mix`` does."""
     value: float = (
         s[0] * fields[faces[f, 0], n] + s[1] * fields[faces[f, 1], n] + s[2] * fields[faces[f, 2], n]
     )
@@ -48,7 +48,6 @@ def mix_column(fields: Float32, n: int, faces: Int32, f: int, s: Triple) -> floa
 
 @numba.njit(cache=True, fastmath=EXACT)
 def edge(vertices: Float32, a: int, b: int) -> Triple:
-    """From vertex a to vertex b."""
     return (
         np.float64(vertices[b, 0]) - vertices[a, 0],
         np.float64(vertices[b, 1]) - vertices[a, 1],
@@ -58,32 +57,28 @@ def edge(vertices: Float32, a: int, b: int) -> Triple:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def cross(a: Triple, b: Triple) -> Triple:
-    """Cross product."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def dot(a: Triple, b: Triple) -> float:
-    """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def unit(a: Triple) -> Triple:
-    """The same direction with length 1; a vector of length 0 stays."""
+    """Return the direction with length 1; a vector of length 0 stays."""
     length = np.sqrt(dot(a, a)) + 1e-12
     return (a[0] / length, a[1] / length, a[2] / length)
 
 
-TILE_CELLS = 64
-"""Cells a side of the tile, a power of two."""
-CORRELATION_CELLS = 2.0
-"""Sigma of the filter that makes the noise smooth: wide enough that interpolation takes no variance away."""
+TILE_CELLS = 64  # a power of two
+CORRELATION_CELLS = 2.0  # sigma of the noise's filter; interpolation lowers the variance of finer noise
 
 
 @cache
 def noise_tile() -> Float32:
-    """Noise float32 (64, 64, 64) of mean 0 and standard deviation 1 that repeats without a seam."""
+    """Return periodic noise float32 (64, 64, 64) of mean 0 and standard deviation 1."""
     from scipy.ndimage import gaussian_filter
 
     rng = np.random.default_rng(64)
@@ -94,13 +89,13 @@ def noise_tile() -> Float32:
 
 
 def wavelength_cells(wavelength_m: float) -> float:
-    """Cells of the tile per metre for bumps that are about ``wavelength_m`` apart."""
+    """Return the tile's cells per metre for bumps ``wavelength_m`` apart."""
     return 5 * CORRELATION_CELLS / wavelength_m
 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def smooth_noise(tile: Float32, x: float, y: float, z: float) -> float:
-    """Noise at a place given in cells, trilinear between them."""
+    """Interpolate the noise trilinearly at a place in cells."""
     i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
     a, b, c = x - i, y - j, z - k
     i0, j0, k0 = i & (TILE_CELLS - 1), j & (TILE_CELLS - 1), k & (TILE_CELLS - 1)

@@ -1,4 +1,7 @@
-"""Furniture and room. World frame: z up, metres; the person faces -y towards the robot."""
+"""Furniture and room. World frame: z up, metres; the person faces -y towards the robot.
+
+Constants are untuned unless a source is given.
+"""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
@@ -13,32 +16,30 @@ from annotate.array_types import Float32, Float64
 from synth.data_files import table
 from synth.surface.rasterize import Mesh, box, merge, sheet
 
-ROOM_HALF_WIDTH_M, ROOM_FRONT_Y_M = 3.0, -3.6
-"""Side walls, and the wall behind the robot. No source: chosen by eye."""
-Side = Literal["top", "front"]
-"""Of a box: the side upwards, or towards -y."""
+ROOM_HALF_WIDTH_M, ROOM_FRONT_Y_M = 3.0, -3.6  # m; side walls, and the wall behind the robot
+Side = Literal["top", "front"]  # side of a box: upwards, or towards -y
 
 
+# Tags of rendered faces other than body parts (body faces carry their part id, 1 to 11).
 Surface = IntEnum(
     "Surface",
     "FLOOR WALL SOFA BED TABLE RADIATOR MUG HAIR LAPTOP KEYBOARD SCREEN WINDOW SUNLIT BLANKET PILLOW "
     "OTHER_PERSON",
     start=16,
 )
-"""Tags of rendered faces that are no body part (body faces carry their part id, 1 to 11)."""
+# Looks and temperatures (``synth/data/surfaces.toml``).
 SURFACES: dict[Surface, dict[str, Any]] = {
     Surface[k.upper()]: entry for k, entry in table("surfaces").items()
 }
-"""Looks and temperatures of surfaces, described in ``synth/data/surfaces.toml``."""
 
 
 @dataclass(frozen=True)
 class Solid:
-    """A box that carries or stops a body. low, high: its corners, metres, before it is turned and moved.
+    """Box that carries or stops a body.
 
-    rotation: (3, 3), about the box's own origin, then translation: (3,), to the world. give_m: how deep a
-    body sinks into it. tag: ``Surface`` of its faces. carries_m: a limb inside leaves by the top where that
-    is no more than this much farther than by a side.
+    low, high: corners, metres, before rotation (3, 3) about the box's origin and translation (3,) to the
+    world. give_m: depth to which a body sinks into it. tag: ``Surface``. carries_m: a limb inside leaves by
+    the top where that is at most this much farther than by a side.
     """
 
     low: tuple[float, float, float]
@@ -50,11 +51,10 @@ class Solid:
     carries_m: float = 0.0
 
     def mesh(self) -> Mesh:
-        """Its twelve triangles in the world."""
         return box(self.low, self.high, self.tag).placed(self.rotation, self.translation)
 
     def packed(self) -> Float64:
-        """(17,) for compiled code: centre, half sizes, give, bias to the top, rotation row by row."""
+        """Return (17,) for compiled code: centre, half sizes, give, bias to the top, rotation row by row."""
         low, high = np.array(self.low), np.array(self.high)
         centre = self.rotation @ ((low + high) / 2) + self.translation
         return np.concatenate(
@@ -62,19 +62,19 @@ class Solid:
         )
 
     def depth_m(self, points_m: Float32) -> Float64:
-        """(...,) how deep world points (..., 3) lie under its surface; 0 outside, give not yet taken off."""
+        """Return the depth (...,) of world points (..., 3) under the surface; 0 outside, give included."""
         local = (points_m - self.translation) @ self.rotation
         x, y, z = np.moveaxis(np.minimum(local - np.array(self.low), np.array(self.high) - local), -1, 0)
         inside = np.minimum(np.minimum(x, y), z)  # in a third of the time that ``min`` takes
         return np.asarray(np.maximum(inside, 0.0), np.float64)
 
 
+# give: half a centimetre for socks and carpet
 FLOOR = Solid((-10.0, -10.0, -1.0), (10.0, 10.0, 0.0), 0.005, Surface.FLOOR, carries_m=2.0)
-"""The floor every piece of furniture stands on; half a centimetre for socks and carpet."""
 
 
 class Footprint(NamedTuple):
-    """Where a piece of furniture stands, metres: half its width about x = 0, and its y from front to back."""
+    """Floor area of a piece of furniture, metres: half its width about x = 0, and its y from front to back."""
 
     half_width_m: float
     front_y: float
@@ -83,11 +83,10 @@ class Footprint(NamedTuple):
 
 @dataclass(frozen=True)
 class Furniture(ABC):
-    """What carries a person. Metres.
+    """Support of a person. Metres.
 
-    height: of what carries, over the floor. give_m: how deep a body sinks in. puff_m: how far cushions
-    bulge in their middle (no source: upholstery looks like it). soft: the soft side of each of the
-    first solids.
+    height: of the supporting surface. give_m: depth to which a body sinks in. puff_m: bulge of cushions in
+    their middle. soft: the soft side of each of the first solids.
     """
 
     height: float
@@ -97,27 +96,26 @@ class Furniture(ABC):
 
     @classmethod
     def sample(cls, rng: np.random.Generator) -> Self:
-        """One of common dimensions."""
+        """Draw common dimensions (``synth/data/furniture.toml``)."""
         ranges = table("furniture")[cls.__name__.lower()]
         return cls(**{name: rng.uniform(*between) for name, between in ranges.items()})
 
     @property
     @abstractmethod
     def footprint(self) -> Footprint:
-        """The floor it takes."""
+        """Floor area."""
 
     @abstractmethod
     def solids(self) -> list[Solid]:
-        """Boxes it is made of; the first one carries."""
+        """Return the boxes; the first one supports the person."""
 
     def mesh(self) -> Mesh:
-        """The solids' faces."""
         return merge([solid.mesh() for solid in self.solids()])
 
 
 @dataclass(frozen=True)
 class Seat(Furniture):
-    """Where a person sits; the seat's front edge is at y = 0, the back rest starts at y = depth."""
+    """Seat; its front edge is at y = 0, the back rest starts at y = depth."""
 
     depth: float
     width: float
@@ -125,7 +123,7 @@ class Seat(Furniture):
     back_tilt_rad: float
 
     def back_y(self, z_m: Float32) -> Float64:
-        """Where the back rest's front face lies at height z (world)."""
+        """Return y of the back rest's front face at world heights z."""
         above = np.maximum(z_m.astype(np.float64) - self.height, 0)
         return np.asarray(self.depth + np.tan(self.back_tilt_rad) * above, np.float64)
 
@@ -138,7 +136,7 @@ class Seat(Furniture):
 
 @dataclass(frozen=True)
 class Sofa(Seat):
-    """A sofa or arm-chair, of common furniture dimensions."""
+    """Sofa or arm-chair."""
 
     height: float = 0.42
     depth: float = 0.56
@@ -154,11 +152,9 @@ class Sofa(Seat):
 
     @property
     def footprint(self) -> Footprint:
-        """With its arms, and the back rest behind the seat."""
         return Footprint(self.width / 2 + self.arm_width, 0.0, self.depth + 0.3)
 
     def solids(self) -> list[Solid]:
-        """Seat, back rest and arm rests."""
         half, h, give, tag = self.width / 2, self.height, self.give_m, Surface.SOFA
         arms = [
             Solid((x, 0, 0.05), (x + self.arm_width, self.depth + 0.1, h + self.arm_height), give, tag)
@@ -170,7 +166,7 @@ class Sofa(Seat):
 
 @dataclass(frozen=True)
 class Chair(Seat):
-    """A kitchen or ward chair without arms."""
+    """Kitchen or ward chair without arms."""
 
     height: float = 0.45
     depth: float = 0.42
@@ -181,11 +177,9 @@ class Chair(Seat):
 
     @property
     def footprint(self) -> Footprint:
-        """The seat, and the back rest behind it."""
         return Footprint(self.width / 2, 0.0, self.depth + 0.12)
 
     def solids(self) -> list[Solid]:
-        """Seat, back rest and four legs."""
         half, h, leg, tag = self.width / 2, self.height, 0.04, Surface.SOFA
         legs = [
             Solid((x, y, 0), (x + leg, y + leg, h - 0.05), 0.0, tag)
@@ -198,10 +192,9 @@ class Chair(Seat):
 
 @dataclass(frozen=True)
 class Bed(Furniture):
-    """A single, double or nursing bed; centred on the world's z axis, its length along y, the pillow at +y.
+    """Single, double or nursing bed, centred on the world's z axis, its length along y, the pillow at +y.
 
-    give_m: how deep a body sinks into mattress and pillow, 4 cm: between a firm and a soft foam mattress
-    under a back (a stated simplification: the mattress is drawn flat).
+    give_m: between a firm and a soft foam mattress under a back; the mattress is drawn flat.
     """
 
     height: float = 0.50
@@ -216,11 +209,9 @@ class Bed(Furniture):
 
     @property
     def footprint(self) -> Footprint:
-        """The mattress, and the board at its head."""
         return Footprint(self.width / 2, -self.length / 2, self.length / 2 + 0.05)
 
     def solids(self) -> list[Solid]:
-        """Mattress on its base, pillow and head board."""
         x, y, h, tag = self.width / 2, self.length / 2, self.height, Surface.BED
         half = min(0.33, x - 0.05)
         low, high = (-half, y - 0.37, h - 0.1), (half, y - 0.02, h + self.pillow_height)
@@ -233,7 +224,7 @@ class Bed(Furniture):
 
 @dataclass(frozen=True)
 class Ground(Furniture):
-    """The bare floor as a place to be; ``mesh`` is what a camera sees of it."""
+    """Bare floor as a place; ``mesh`` is its visible part."""
 
     height: float = 0.0
     give_m: float = 0.0
@@ -244,15 +235,13 @@ class Ground(Furniture):
 
     @property
     def footprint(self) -> Footprint:
-        """What people use of it, about the world's z axis."""
         return Footprint(self.width / 2, -self.length / 2, self.length / 2)
 
     def solids(self) -> list[Solid]:
-        """None but the floor, which is always there."""
+        """Return no box: the floor is always there."""
         return []
 
     def mesh(self) -> Mesh:
-        """Three metres of floor to each side."""
         return _floor()
 
 
@@ -262,7 +251,7 @@ def _floor() -> Mesh:
 
 
 def empty_room(back_wall_y: float) -> Mesh:
-    """Floor and four walls; sheets nearer to a camera than it can see are not drawn."""
+    """Return floor and four walls; sheets nearer than a camera's range are not drawn."""
     depth = np.array([0, back_wall_y - ROOM_FRONT_Y_M, 0])
     width, up = np.array([2 * ROOM_HALF_WIDTH_M, 0, 0]), np.array([0, 0, 2.5])
     corner = np.array([-ROOM_HALF_WIDTH_M, ROOM_FRONT_Y_M, 0])

@@ -1,4 +1,4 @@
-"""The rasteriser: triangle meshes in the camera frame to a z-buffer and the face seen at each pixel."""
+"""Rasteriser: triangle meshes in the camera frame to a z-buffer with the visible face of each pixel."""
 
 import math
 from dataclasses import dataclass
@@ -14,13 +14,10 @@ from sensors.rig.rig_calibration import Pose
 
 T = TypeVar("T", bound=np.floating[Any])
 
-NEAR_M = 0.05
-"""Triangles reaching nearer than this to the camera plane are dropped: nothing useful is that close."""
+NEAR_M = 0.05  # m; triangles that reach nearer to the camera plane are dropped
+# compiler flags that change no bit: reassociation or fused steps would depend on the processor
 EXACT = {"nnan", "nsz"}
-"""Compiler liberties of all kernels that change no bit: reassociation or fused steps would depend on the
-processor."""
-WIDE_PX = 8
-"""A triangle wider than this is filled from span to span, a smaller one over its bounding box."""
+WIDE_PX = 8  # a wider triangle is filled by spans, a smaller one over its bounding box
 
 
 @dataclass(frozen=True)
@@ -32,13 +29,13 @@ class Mesh:
     tags: Int32
 
     def placed(self, rotation: Float64, translation_m: Float64) -> "Mesh":
-        """Turned by a rotation (3, 3), then moved by (3,)."""
+        """Rotate the mesh by (3, 3), then move it by (3,)."""
         vertices = self.vertices_m @ rotation.T + translation_m
         return Mesh(vertices.astype(np.float32), self.faces, self.tags)
 
 
 def merge(meshes: list[Mesh]) -> Mesh:
-    """One mesh of many; tags stay."""
+    """Concatenate meshes; tags stay."""
     offsets = np.cumsum([0] + [len(m.vertices_m) for m in meshes[:-1]])
     return Mesh(
         np.concatenate([m.vertices_m for m in meshes]),
@@ -49,9 +46,9 @@ def merge(meshes: list[Mesh]) -> Mesh:
 
 @dataclass(frozen=True)
 class ZBuffer:
-    """What a pinhole camera sees.
+    """Image of a pinhole camera.
 
-    depth_m: float32 (h, w) along z, NaN where nothing is hit. face: int32 (h, w), -1 where nothing.
+    depth_m: float32 (h, w) along z, NaN without a hit. face: int32 (h, w), -1 without one.
     """
 
     depth_m: Float32
@@ -61,10 +58,10 @@ class ZBuffer:
 def rasterize(camera: Intrinsics, vertices_m: Float32, faces: Int32, closed: bool = False) -> ZBuffer:
     """Render triangles given in the camera frame (x right, y down, z forward, metres).
 
-    Lens distortion is ignored: pass the undistorted camera. A pixel belongs to a triangle when its
-    centre lies inside; depth is interpolated with perspective (1/z is linear on the image). Both sides
-    of a face are seen; ``closed`` promises surfaces without holes, faces outwards, whose far sides
-    nobody can see: the same image in half the time. Source: Pineda 1988, edge functions.
+    Lens distortion is ignored: pass the undistorted camera. A pixel belongs to a triangle that contains its
+    centre. Depth is interpolated with perspective (1/z is linear on the image). Both sides of a face are
+    drawn; ``closed`` promises surfaces without holes and faces outwards: the same image in half the time.
+    Source: Pineda 1988, edge functions.
     """
     pinhole = camera.fx, camera.fy, camera.cx, camera.cy
     return ZBuffer(*_rasterize(vertices_m, faces, camera.width, camera.height, *pinhole, closed))
@@ -87,7 +84,7 @@ def _rasterize(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _project(vertices: Float32, fx: float, fy: float, cx: float, cy: float) -> Float32:
-    """Pixel coordinates and nearness 1/z (V, 3); nearness 0 in front of the near plane."""
+    """Return pixel coordinates and nearness 1/z (V, 3); nearness 0 in front of the near plane."""
     points = np.empty((len(vertices), 3), np.float32)
     for i in range(len(vertices)):
         z = vertices[i, 2]
@@ -100,7 +97,7 @@ def _project(vertices: Float32, fx: float, fy: float, cx: float, cy: float) -> F
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _candidates(points: Float32, faces: Int32, width: int, height: int, closed: bool) -> Int32:
-    """Faces whose bounding box holds a pixel centre; without branches, as most hold none."""
+    """Return the faces whose bounding box holds a pixel centre; branch-free because most hold none."""
     kept = np.empty(len(faces), np.int32)
     right, bottom = np.float32(width - 1), np.float32(height - 1)
     n = 0
@@ -121,7 +118,7 @@ def _candidates(points: Float32, faces: Int32, width: int, height: int, closed: 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _fill(points: Float32, faces: Int32, candidates: Int32, nearness: Float32, face: Int32) -> None:
-    """Nearness and index of the nearest candidate at every pixel, written into the last two arguments."""
+    """Write nearness and index of the nearest candidate at every pixel into the last two arguments."""
     height, width = nearness.shape
     for f in candidates:
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -163,7 +160,7 @@ def _fill(points: Float32, faces: Int32, candidates: Int32, nearness: Float32, f
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _narrow(start: int, end: int, u0: int, value: float, step: float) -> tuple[int, int]:
-    """The part of [start, end] where ``value + step (u - u0) >= 0``, and a pixel more for rounding."""
+    """Clip [start, end] to ``value + step (u - u0) >= 0``, with a pixel's margin for rounding."""
     if step > 0:
         start = max(start, u0 + int(min(max(-value / step, 0.0), 1e6)) - 1)
     elif step < 0:
@@ -174,18 +171,17 @@ def _narrow(start: int, end: int, u0: int, value: float, step: float) -> tuple[i
 
 
 def tagged(vertices_m: Float32, faces: Int32, tag: int) -> Mesh:
-    """A mesh of one tag."""
     return Mesh(vertices_m, faces, np.full(len(faces), tag, np.int32))
 
 
 def face_means(by_vertex: NDArray[T], faces: Int32) -> NDArray[T]:
-    """Means (F, ...) of the values (V, ...) at each face's vertices: in a tenth of the time of ``mean``."""
+    """Return the means (F, ...) of values (V, ...) over each face's vertices, ten times faster than ``mean``."""
     a, b, c = (np.take(by_vertex, faces[:, k], axis=0) for k in range(3))
     return np.asarray((a + b + c) / by_vertex.dtype.type(3))
 
 
 def box(low: tuple[float, float, float], high: tuple[float, float, float], tag: int) -> Mesh:
-    """Axis-aligned box as 12 triangles."""
+    """Return an axis-aligned box as 12 triangles."""
     x, y, z = zip(low, high, strict=True)
     corners = np.array([(a, b, c) for a in x for b in y for c in z], np.float32)
     quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
@@ -194,7 +190,7 @@ def box(low: tuple[float, float, float], high: tuple[float, float, float], tag: 
 
 
 def sheet(origin: Float64, along: Float64, across: Float64, tag: int) -> Mesh:
-    """Rectangle cut into quarter-metre cells, so that a cell behind the camera can be dropped alone."""
+    """Return a rectangle of quarter-metre cells, so that a cell behind the camera is dropped alone."""
     n, m = (max(1, int(np.ceil(np.linalg.norm(side) / 0.25))) for side in (along, across))
     i, j = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1), indexing="ij")
     vertices = (origin + i[..., None] * along + j[..., None] * across).reshape(-1, 3).astype(np.float32)
@@ -202,7 +198,7 @@ def sheet(origin: Float64, along: Float64, across: Float64, tag: int) -> Mesh:
 
 
 def grid_faces(rows: int, columns: int) -> Int32:
-    """Triangles (2 (rows - 1) (columns - 1), 3) between the nodes of a grid, numbered row by row."""
+    """Return the triangles (2 (rows - 1) (columns - 1), 3) of a grid of nodes numbered row by row."""
     a = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     b = a + columns
     halves = [np.stack([a, a + 1, b + 1], axis=1), np.stack([a, b + 1, b], axis=1)]
@@ -210,7 +206,8 @@ def grid_faces(rows: int, columns: int) -> Int32:
 
 
 def look_at(eye_m: Float64, target_m: Float64, roll_rad: float = 0.0) -> Pose:
-    """``camera_from_world`` of a camera at ``eye_m`` looking at ``target_m``; x is level but for roll."""
+    """Return ``camera_from_world`` of a camera at ``eye_m`` that looks at ``target_m``, x level but for the
+    roll."""
     forward = (target_m - eye_m) / np.linalg.norm(target_m - eye_m)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     if np.linalg.norm(right) < 1e-6:
@@ -224,7 +221,7 @@ def look_at(eye_m: Float64, target_m: Float64, roll_rad: float = 0.0) -> Pose:
 
 
 def beside(centre_m: Float64, azimuth_rad: float, distance_m: float, height_m: float) -> Float64:
-    """A place (3,) so far from a centre (3,) on the level, at a height; azimuth 0 is before the person."""
+    """Return the place (3,) at a distance and height from a centre (3,); azimuth 0 is in front of the person."""
     place = centre_m + distance_m * np.array([np.sin(azimuth_rad), -np.cos(azimuth_rad), 0.0])
     place[2] = height_m
     return place
