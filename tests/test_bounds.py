@@ -40,8 +40,7 @@ from synth.clothes import makehuman_garments
 from synth.clothes.makehuman_garments import read_garment
 from synth.motion_files import joint_file as joint_files
 from synth.motion_files.joint_file import read_joint_file
-from synth.motion_files.marker_files import read_markers
-from synth.motion_files.trc_file import MAX_HEAD_LINES
+from synth.motion_files.marker_files import MAX_HEAD_LINES, read_markers
 from tests.helpers.marker_samples import positions, write_trc
 
 PACKAGES = ("sensors", "annotate", "synth", "eval", "cli")
@@ -99,7 +98,7 @@ HONEST: dict[str, float] = {
     "synth.motion_files.marker_files.MAX_POSITIONS": HOUR_S * 120 * 100,
     "synth.motion_files.marker_set.MAX_FILE_BYTES": 1000 * 200,  # markers
     "synth.markers.motion_file.MAX_BYTES": 3 * HOUR_S * 60 * 40 * 12,  # 40 markers
-    "synth.motion_files.trc_file.MAX_HEAD_LINES": 30,  # five, and comments
+    "synth.motion_files.marker_files.MAX_HEAD_LINES": 30,  # five, and comments
 }
 """By bound: the largest honest value known."""
 

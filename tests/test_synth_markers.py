@@ -20,9 +20,9 @@ from synth.markers.solve import solve
 from synth.motion_files import bvh, marker_files
 from synth.motion_files.bvh import read_bvh
 from synth.motion_files.marker_files import Markers, read_markers
-from synth.motion_files.marker_names import key_of
 from synth.motion_files.marker_set import (
     choose_marker_set,
+    key_of,
     known_markers,
     load_marker_set,
     shipped_marker_sets,
@@ -122,7 +122,7 @@ TRC_DEFECTS = {
     "spaces for tabs": (lambda t: t.replace("\t", "  ").replace("Anna:", ""), ""),
     "words in cells": (
         lambda t: t[: t.index("\n2\t")] + t[t.index("\n2\t") :].replace("\t\t\t", "\tnone\tnan\t"),
-        "cells are no numbers",
+        "cells are not numbers",
     ),
     "more frames": (
         lambda t: t.replace("100\t100\t5", "100\t100\t4"),
@@ -137,7 +137,7 @@ TRC_DEFECTS = {
         lambda t: t.replace("\n1\t0.0", "\n1\t0.0", 1).rstrip("\n") + "\t7\n",
         "1 frames have more",
     ),
-    "text behind": (lambda t: t + "end of recording\n", "1 lines are no frames"),
+    "text behind": (lambda t: t + "end of recording\n", "1 lines are not frames"),
     "cut": (lambda t: t + t.rstrip("\n").rpartition("\n")[2][:40], "cut off and was left out"),
     "commas for tabs": (lambda t: t.replace("\t", ","), ""),
     "semicolons for tabs": (lambda t: t.replace("\t", ";"), ""),

@@ -5,10 +5,9 @@ import pytest
 
 from synth.markers.solve import solve
 from synth.motion_files.bvh import read_bvh
-from synth.motion_files.handedness import feet_ahead, is_mirrored
 from synth.motion_files.marker_files import Markers, read_markers
 from synth.motion_files.marker_set import MarkerSet, known_markers
-from synth.motion_files.vertical_axis import Upward
+from synth.motion_files.vertical_axis import Upward, feet_ahead, is_mirrored
 from tests.helpers.c3d_bytes import C3d
 from tests.helpers.marker_truth import plug_in_gait, synthesise
 from tests.helpers.walker import bvh_of

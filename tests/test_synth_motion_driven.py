@@ -18,16 +18,13 @@ from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Posture, fo
 from synth.images.generate import Order, make_shard
 from synth.images.presets import preset_of
 from synth.markers.motion_file import MarkerReport, Motion, save_motion
-from synth.markers.person_body import bones_of_leg, person_body
-from synth.markers.person_fit import zero_bones
+from synth.markers.person_fit import bones_of_leg, person_body, zero_bones
 from synth.markers.solve import solve_takes
-from synth.motion.files import motion_files
-from synth.motion.grounded import ground
-from synth.motion.library import read_motions, read_take
+from synth.motion.grounded import ground, resampled
+from synth.motion.library import motion_files, read_motions, read_take
 from synth.motion.performance import perform
 from synth.motion.placed import stand, take_seat
 from synth.motion.repertoire import read_repertoire
-from synth.motion.resample import resampled
 from synth.motion_files.joint_file import read_joint_file
 from synth.rig.film import FilmRig
 from synth.rig.paths import truth_path

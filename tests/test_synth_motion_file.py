@@ -15,7 +15,7 @@ from sensors.files.npz import array_sizes
 from synth.body.skeleton import JOINT_ID, N_JOINTS
 from synth.markers import motion_file
 from synth.markers.motion_file import MarkerReport, Motion, load_motion, save_motion
-from synth.markers.person_body import bones_of_leg
+from synth.markers.person_fit import bones_of_leg
 
 
 def motion(frames: int = 5, names: tuple[str, ...] = ("LASI", "größer")) -> Motion:

@@ -15,8 +15,7 @@ from synth.body.skeleton import N_JOINTS
 from synth.images.presets import PRESETS, preset_named, sample
 from synth.images.view import cut, occluder, visibility
 from synth.images.viewpoints import inside_image
-from synth.pose.pose_parameters import NEARLY_THERE, PoseFamily
-from synth.pose.posture_classes import posture_of
+from synth.pose.pose_parameters import NEARLY_THERE, PoseFamily, posture_class
 from synth.pose.postures import IN_BED, SITTING, UPRIGHT
 from synth.pose.standing_parameters import stances
 from synth.surface.rasterize import NEAR_M
@@ -205,7 +204,7 @@ def test_a_person_between_two_postures_has_none_and_else_that_of_the_nearer():
         nearer = "kneeling" if moment["x"] <= 0.5 else "standing"
         between = NEARLY_THERE < moment["x"] < 1 - NEARLY_THERE
         assert activities[0] == nearer and len(activities) == 1 + between
-        assert posture_of(*activities) == (None if between else nearer)
+        assert posture_class(*activities) == (None if between else nearer)
         seen.add(activities)
     assert len(seen) == 4
-    assert posture_of("kneeling", "half_kneeling_left") == "kneeling" and posture_of("juggling") is None
+    assert posture_class("kneeling", "half_kneeling_left") == "kneeling" and posture_class("juggling") is None

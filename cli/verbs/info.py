@@ -60,7 +60,7 @@ def _motion(path: Path) -> Shown | None:
     if path.suffix != ".npz":
         return None
     from cli.verbs.motion import motion_info
-    from synth.motion_files.archives import is_motion
+    from synth.motion.library import is_motion
 
     return motion_info(path) if is_motion(path) else None
 

@@ -119,7 +119,7 @@ def _bake(names: list[str], sizes: "Sequence[BodySize | None]", rng: "np.random.
 def _preset(name: str | None, motion: Path | None, garments: Path | None) -> "Preset":
     """The preset of that name, or of a recorded motion's poses; in the garments of a folder, if any."""
     from synth.images.presets import dressed_from, preset_named, preset_of
-    from synth.motion.files import motion_files
+    from synth.motion.library import motion_files
     from synth.motion.repertoire import read_repertoire
 
     if motion is None:
@@ -150,7 +150,7 @@ def _check_order(
     if preset is not None:
         check_choice("preset", preset, PRESETS)
     if motion is not None:
-        from synth.motion.files import motion_files
+        from synth.motion.library import motion_files
 
         motion_files(motion)
     if garments is not None:
@@ -271,12 +271,11 @@ def film(
     """Record a motion with the virtual rig, 30 frames a second; the true labels go to out.truth/."""
     check_choice("difficulty", difficulty, DIFFICULTIES)
     check_free(out, overwrite)
-    from synth.motion.files import check_motion
+    from synth.motion.library import check_motion
 
     check_motion(motion)
     with needing("synth"):
-        from synth.motion.library import read_take
-        from synth.motion_files.archives import is_motion
+        from synth.motion.library import is_motion, read_take
         from synth.rig.film import FilmRig
         from synth.rig.paths import suit_path, truth_path
         from synth.rig.simulate import simulate

@@ -9,7 +9,7 @@ from annotate.labelset.labelled_frames import LabelledFrames, camera_of, pinhole
 from annotate.posture import POSTURES
 from eval.scores.joints import IN_SKELETON, N_JOINTS, TWIN
 from synth.body.skeleton import N_JOINTS as N_SKELETON
-from synth.pose.posture_classes import posture_of
+from synth.pose.pose_parameters import posture_class
 
 FACING, POSTURE, JOINTS = slice(0, 2), 2, slice(3, 3 + 3 * N_JOINTS)
 """Of a row: cosine and sine of the camera's azimuth about the trunk; index of the posture; joints (J, 3) as
@@ -28,7 +28,7 @@ def whole_person(frames: LabelledFrames, frame: FrameLabels) -> Float32:
     from synth.images.standing_statistics import facing_deg
 
     row = nothing_known()
-    posture = frame.notes.get("posture", posture_of(str(frame.notes.get("activity", ""))))
+    posture = frame.notes.get("posture", posture_class(str(frame.notes.get("activity", ""))))
     if posture in POSTURES:
         row[POSTURE] = POSTURES.index(posture)
     joints_mm = np.array(frame.notes.get("joints_mm", ()), np.float64)

@@ -183,7 +183,7 @@ def reference_body() -> Body:
 
 
 def blend(a: Body, b: Body, share: float) -> Body:
-    """Return the naked body a share in [0, 1] of the way from ``a`` to ``b``; one topology, parts of ``a``."""
+    """Interpolate two naked bodies of one topology, with the parts of ``a``; share in [0, 1]."""
     return replace(
         a,
         vertices_m=np.float32(1 - share) * a.vertices_m + np.float32(share) * b.vertices_m,

@@ -174,7 +174,7 @@ def _cut(skin: PartSkin, vertices_m: Float64, border: Border) -> PartSkin:
 
 
 def _zero(level: Level, start: Float64, end: Float64) -> Float64:
-    """Return the share (n,) of the way between points (n, 3) of opposite levels at which the level is zero."""
+    """Return the share (n,) of the way between points (n, 3) at which the level is zero."""
     low, high = np.zeros(len(start)), np.ones(len(start))
     first = level(start) > 0
     for _ in range(_BISECTIONS):
@@ -214,7 +214,7 @@ def _split(faces: Int32, edges: Int64, points: Float64) -> tuple[Int32, Int64]:
 
 
 def _turned(faces: Int32, new: Int64, chosen: Int64, first: Int64) -> tuple[Int64, ...]:
-    """Return corners of chosen faces from ``first`` on, and the new vertices on their first and last edges."""
+    """Return corners of faces from ``first`` on, and the new vertices on their first and last edges."""
     turn = (first[:, None] + np.arange(3)) % 3
     a, b, c = np.take_along_axis(faces[chosen].astype(np.int64), turn, axis=1).T
     m, _, k = np.take_along_axis(new[chosen], turn, axis=1).T

@@ -7,7 +7,9 @@ negative), and equal numbers are equal movements on both sides. side is +1 left,
 as left.
 """
 
+import warnings
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
@@ -214,3 +216,18 @@ def shortest_arc(source: Float64, target: Float64) -> Float64:
     skew = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
     matrix: Float64 = np.eye(3) + skew + skew @ skew / (1 + cosine)
     return matrix
+
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+
+def euler_rad(turn: "Rotation") -> Float64:
+    """Return angles (..., 3) about x, y, z, in this order, of a scipy ``Rotation``.
+
+    Where the second is a right angle (somebody who lies on the side), the first and the third are one turn;
+    the third is 0 then, without scipy's warning.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return np.asarray(turn.as_euler("XYZ"))

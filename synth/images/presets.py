@@ -25,7 +25,7 @@ from synth.images.standing_statistics import facing_deg
 from synth.images.view import PersonView, cut, occluder, render_view, visibility
 from synth.images.viewpoints import Shot, inside_image
 from synth.motion.repertoire import Repertoire
-from synth.pose.posture_classes import posture_of
+from synth.pose.pose_parameters import posture_class
 from synth.surface.rasterize import merge
 
 MIN_PIXELS, MIN_VISIBLE = 400, 0.4
@@ -100,7 +100,7 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
         raise AssertionError(f"sample {preset.name}/{seed}/{index} shows no person")
     notes = {
         "activity": stage.activities[0],
-        "posture": posture_of(*stage.activities),
+        "posture": posture_class(*stage.activities),
         "crop": [crop.top + view.corner[0], crop.left + view.corner[1], crop.side],
         **_geometry(stage, shot, joints),
         "visible": _rounded(visibility(np.where(mask, view.parts, np.uint8(0)), view.whole)),

@@ -11,13 +11,12 @@ from sensors.files.atomic import check_free, replacing
 from sensors.files.npz import load_arrays
 from synth.body.body import Body
 from synth.body.skeleton import N_JOINTS, Posture
-from synth.markers.person_body import bones_of_leg
-from synth.markers.person_fit import leg_length_m, zero_bones
-from synth.motion_files.archives import MOTION_REMEDY
+from synth.markers.person_fit import bones_of_leg, leg_length_m, zero_bones
 
 SEEN, BRIDGED, MISSING, GHOST, SWAPPED = range(5)
 """Status of a marker in a frame: as it is; bridged over a short gap; missing; thrown out; relabelled."""
 VERSION = 1
+REMEDY = "write it with 'solve'"
 MAX_BYTES = 500_000_000
 """Of a motion unpacked: three hours of 40 markers at 60 frames/s."""
 _TYPES = {"angles_rad": "f8", "pelvis_m": "f8", "error_m": "f4", "status": "u1"}
@@ -132,7 +131,7 @@ def save_motion(path: Path, motion: Motion, *, overwrite: bool = False) -> None:
 
 def load_motion(path: Path) -> Motion:
     """Read a motion. Raises FormatError when the file is not one, damaged or too large."""
-    arrays = load_arrays(path, MAX_BYTES, MOTION_REMEDY)
+    arrays = load_arrays(path, MAX_BYTES, REMEDY)
     try:
         if int(arrays["version"]) != VERSION:
             raise ValueError(f"it is of version {int(arrays['version'])}")
@@ -148,4 +147,4 @@ def load_motion(path: Path) -> Motion:
     except FormatError as error:
         raise FormatError(f"{path}: {error}") from error
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise FormatError(f"motion {path} cannot be read ({error}); {MOTION_REMEDY}") from error
+        raise FormatError(f"motion {path} cannot be read ({error}); {REMEDY}") from error

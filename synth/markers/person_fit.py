@@ -1,14 +1,23 @@
 """A person for the solver: bone lengths and places of markers, fitted to recorded frames."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
 from annotate.array_types import Bool, Float64, Int64
-from synth.body.body import reference_body
-from synth.body.euler import euler_rad
-from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Joint, Posture, alignment, forward
+from synth.body.body import Body, reference_body
+from synth.body.skeleton import (
+    JOINT_ID,
+    JOINTS,
+    N_JOINTS,
+    PARENTS,
+    Joint,
+    Posture,
+    alignment,
+    euler_rad,
+    forward,
+)
 from synth.data_files import table
 from synth.markers.kinematics import State, Subject, markers_at, solve_positive
 from synth.markers.posture_fit import Basis, Observed, Prior, fit_posture, shape_normal
@@ -37,14 +46,28 @@ SHAPE_STEPS = 12
 """Gauss-Newton steps at most. Untuned."""
 LENIENT_M = 10.0
 """Robust residual while a posture is sought from nothing: every marker pulls. Untuned."""
+_LEG = [JOINT_ID["left_knee"], JOINT_ID["left_ankle"]]
+_TRUNK = [JOINT_ID[name] for name in ("pelvis", "spine_lower", "spine_middle", "spine_upper")]
+_ARMS: tuple[dict[str, tuple[float, float, float]], ...] = (
+    {"elbow": (20, 0, 0)},
+    {"shoulder": (0, 80, 0), "elbow": (20, 0, 0)},
+    {"shoulder": (80, 10, 0), "elbow": (30, 0, 0)},
+)
+_LEGS: tuple[dict[str, tuple[float, float, float]], ...] = (
+    {"hip": (5, 0, 0), "knee": (-10, 0, 0)},
+    {"hip": (80, 10, 0), "knee": (-80, 0, 0)},
+)
+_CHILD = {
+    JOINT_ID[f"{side}_{joint}"]: JOINT_ID[f"{side}_{child}"]
+    for side in ("left", "right")
+    for joint, child in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
+}
+"""Where a limb's segment ends."""
 
 
 def leg_length_m(bones_m: Float64) -> float:
     """Length from hip to ankle of bones (J, 3)."""
     return float(np.linalg.norm(bones_m[_LEG], axis=1).sum())
-
-
-_LEG = [JOINT_ID["left_knee"], JOINT_ID["left_ankle"]]
 
 
 def zero_bones(rest_joints_m: Float64) -> Float64:
@@ -159,18 +182,6 @@ def _spans_a_plane(points_m: Float64) -> bool:
     return bool(np.linalg.svd(points_m - points_m.mean(axis=0), compute_uv=False)[1] > FLAT_M)
 
 
-_TRUNK = [JOINT_ID[name] for name in ("pelvis", "spine_lower", "spine_middle", "spine_upper")]
-_ARMS: tuple[dict[str, tuple[float, float, float]], ...] = (
-    {"elbow": (20, 0, 0)},
-    {"shoulder": (0, 80, 0), "elbow": (20, 0, 0)},
-    {"shoulder": (80, 10, 0), "elbow": (30, 0, 0)},
-)
-_LEGS: tuple[dict[str, tuple[float, float, float]], ...] = (
-    {"hip": (5, 0, 0), "knee": (-10, 0, 0)},
-    {"hip": (80, 10, 0), "knee": (-80, 0, 0)},
-)
-
-
 def fit_from_nothing(
     subject: Subject, observed_m: Float64, weights: Float64, prior: Prior
 ) -> tuple[State, float]:
@@ -212,3 +223,38 @@ def fit_shape(
         if np.abs(step).max() < 1e-3:
             break
     return shape, states
+
+
+def bones_of_leg(leg_m: float) -> Float64:
+    """Bones (J, 3) of a person of whom only the leg's length is known: the reference body's proportions."""
+    bones = zero_bones(reference_body().joints_m)
+    return np.asarray(leg_m / leg_length_m(bones) * bones)
+
+
+def person_body(bones_m: Float64) -> Body:
+    """A body whose bones have these lengths (J, 3), joint from parent in anatomical zero.
+
+    Limbs are stretched along their bones; trunk, hands, feet and all thicknesses grow with the whole.
+    """
+    reference = reference_body()
+    rest, aligned = reference.joints_m, alignment(reference.joints_m)
+    size = float(np.linalg.norm(bones_m, axis=1).sum() / np.linalg.norm(zero_bones(rest), axis=1).sum())
+    joints, stretch = rest.copy(), np.tile(size * np.eye(3), (N_JOINTS, 1, 1))
+    for j, parent in enumerate(PARENTS):
+        if parent >= 0:
+            joints[j] = joints[parent] + aligned[parent].T @ bones_m[j]
+    for j, child in _CHILD.items():
+        before, after = rest[child] - rest[j], joints[child] - joints[j]
+        along = before / np.linalg.norm(before)
+        longer = np.linalg.norm(after) / np.linalg.norm(before) - size
+        stretch[j] += longer * np.outer(along, along)
+    local = reference.vertices_m[:, None] - rest[reference.bones]
+    moved = joints[reference.bones] + np.einsum("vkij,vkj->vki", stretch[reference.bones], local)
+    vertices = np.einsum("vk,vki->vi", reference.weights, moved)
+    floor = np.array([0.0, 0.0, vertices[:, 2].min()])
+    return replace(
+        reference,
+        name="person",
+        vertices_m=(vertices - floor).astype(np.float32),
+        joints_m=joints - floor,
+    )

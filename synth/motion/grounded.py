@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from annotate.array_types import Bool, Float64
-from synth.body.euler import euler_rad
 from synth.body.flesh import flesh_of
-from synth.body.skeleton import JOINT_ID, rotations
+from synth.body.skeleton import JOINT_ID, euler_rad, rotations
 from synth.markers.motion_file import Motion
-from synth.markers.person_body import person_body
+from synth.markers.person_fit import person_body
 from synth.motion.floor import LIMP_M, Traces, clearance_m, lasting, runs
 
 _SEGMENTS = [(JOINT_ID["head"], JOINT_ID["head"], 6.9), (JOINT_ID["pelvis"], JOINT_ID["neck"], 43.5)] + [
@@ -40,6 +39,8 @@ FREE_FALL_M_S2 = (-16.0, -4.0)
 SKIP_M = 0.12
 """Lifted no higher, feet shuffle, and nobody need fall. Untuned."""
 GRAVITY_M_S2 = 9.81
+FLIP_RAD = 1.5
+"""Angles that differ by more between two frames are the same rotation spelled otherwise. Untuned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,3 +154,40 @@ def mass_centre(joints_m: Float64) -> Float64:
         percent * (joints_m[..., start, :] + joints_m[..., end, :]) / 2 for start, end, percent in _SEGMENTS
     ]
     return np.asarray(sum(middles) / sum(percent for _, _, percent in _SEGMENTS))
+
+
+def resampled(motion: Motion, frames_per_second: float) -> Motion:
+    """The motion at these frames a second, between its own frames by linear angles, the pelvis by slerp."""
+    from scipy.spatial.transform import Rotation, Slerp
+
+    frames = max(1, round((len(motion) - 1) / motion.frames_per_second * frames_per_second) + 1)
+    at = np.minimum(np.arange(frames) * motion.frames_per_second / frames_per_second, len(motion) - 1)
+    before = np.minimum(at.astype(int), max(0, len(motion) - 2))
+    after = np.minimum(before + 1, len(motion) - 1)
+    share = at - before
+
+    def between(values: Float64) -> Float64:
+        s = share.reshape(-1, *[1] * (values.ndim - 1))
+        return np.asarray((1 - s) * values[before] + s * values[after])
+
+    angles = between(motion.angles_rad)
+    flips = np.abs(motion.angles_rad[after] - motion.angles_rad[before]) > FLIP_RAD
+    nearest = np.where(share < 0.5, before, after)
+    angles = np.where(flips.any(axis=2, keepdims=True), motion.angles_rad[nearest], angles)
+    if len(motion) > 1:
+        turns = Rotation.from_matrix(np.array([rotations(a)[0] for a in motion.angles_rad]))
+        angles[:, 0] = euler_rad(Slerp(np.arange(len(motion)), turns)(at)) * (1, -1, 1)
+    # Markers have no part in a resampled motion.
+    report = replace(
+        motion.report,
+        names=(),
+        error_m=np.empty((frames, 0), np.float32),
+        status=np.empty((frames, 0), np.uint8),
+    )
+    return replace(
+        motion,
+        angles_rad=angles,
+        pelvis_m=between(motion.pelvis_m),
+        frames_per_second=frames_per_second,
+        report=report,
+    )

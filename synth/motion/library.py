@@ -1,25 +1,75 @@
-"""Motions in files and folders: solved ones, BVH, C3D, TRC, and files of joint positions."""
+"""Motions in files and folders: solved ones, BVH, C3D, TRC, and files of joint positions.
+
+Solvers are imported where they run: recognising a file needs no compiled code.
+"""
 
 import hashlib
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sensors.errors import CloudError
-from synth.markers.motion_file import Motion, load_motion
-from synth.markers.solve import solve, solve_takes
-from synth.motion.files import check_motion
-from synth.motion_files.archives import is_joint_file
-from synth.motion_files.bvh import read_bvh
-from synth.motion_files.joint_file import read_joint_file
-from synth.motion_files.marker_files import read_markers
+from sensors.files.npz import array_sizes
+
+if TYPE_CHECKING:
+    from synth.markers.motion_file import Motion
+
+SUFFIXES = (".npz", ".bvh", ".c3d", ".trc")
 
 
-def read_motions(path: Path) -> dict[str, Motion]:
-    """Motions of one file by name, solved where they are not yet: those of takes by the takes' names.
+def is_motion(path: Path) -> bool:
+    """Return whether a file is an archive of joint angles. Raises FormatError for a damaged .npz."""
+    if path.suffix != ".npz" or not path.is_file():
+        return False
+    return "angles_rad" in array_sizes(path, "write it with 'solve'")
 
-    Raises CloudError when the file holds none.
+
+def _is_joint_file(path: Path) -> bool:
+    from synth.motion_files.joint_file import JOINT_ARRAYS, REMEDY
+
+    return path.suffix == ".npz" and path.is_file() and bool(JOINT_ARRAYS & {*array_sizes(path, REMEDY)})
+
+
+def check_motion(path: Path) -> None:
+    """Raise CloudError for a folder, and for a file of another kind than motions."""
+    if path.is_dir():
+        raise CloudError(f"{path} is a folder; give one motion of it")
+    motion_files(path)
+
+
+def motion_files(path: Path) -> list[Path]:
+    """Return the motion file, or the motion files in a folder and its folders, sorted by name.
+
+    Raises CloudError when there are none.
     """
+
+    def known(file: Path) -> bool:
+        return file.suffix.lower() != ".npz" or is_motion(file) or _is_joint_file(file)
+
+    if not path.is_dir():
+        if not path.exists():
+            raise CloudError(f"{path} does not exist; give a motion, or a folder of them")
+        if path.suffix.lower() not in SUFFIXES or not known(path):
+            raise CloudError(f"{path} is not a motion; give .npz, .bvh, .c3d or .trc")
+        return [path]
+    inside = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
+    if not (found := list(filter(known, inside))):
+        raise CloudError(f"{path} holds no motions; give a folder with .npz, .bvh, .c3d or .trc files")
+    return found
+
+
+def read_motions(path: Path) -> dict[str, "Motion"]:
+    """Read the motions of a file by name, takes by their names, and solve unsolved ones.
+
+    Raises CloudError for another kind of file.
+    """
+    from synth.markers.motion_file import load_motion
+    from synth.markers.solve import solve, solve_takes
+    from synth.motion_files.bvh import read_bvh
+    from synth.motion_files.joint_file import read_joint_file
+    from synth.motion_files.marker_files import read_markers
+
     kind = path.suffix.lower()
-    if kind == ".npz" and is_joint_file(path):
+    if kind == ".npz" and _is_joint_file(path):
         return solve_takes(*read_joint_file(path))
     if kind == ".npz":
         return {path.stem: load_motion(path)}
@@ -29,10 +79,13 @@ def read_motions(path: Path) -> dict[str, Motion]:
     return {path.stem: solve(read_markers(path))}
 
 
-def read_take(path: Path, take: str | None) -> tuple[str, Motion]:
-    """Name and motion of a file's take. Raises CloudError where it has several and none of them is named."""
+def read_take(path: Path, take: str | None) -> tuple[str, "Motion"]:
+    """Return name and motion of a file's take. Raises CloudError for several takes and no such name."""
     check_motion(path)
-    if path.suffix.lower() == ".npz" and is_joint_file(path):
+    if path.suffix.lower() == ".npz" and _is_joint_file(path):
+        from synth.markers.solve import solve
+        from synth.motion_files.joint_file import read_joint_file
+
         takes, places = read_joint_file(path)
         if take is None and len(takes) == 1:
             take = next(iter(takes))
@@ -47,7 +100,7 @@ def read_take(path: Path, take: str | None) -> tuple[str, Motion]:
 
 
 def digest(files: list[Path]) -> str:
-    """SHA-256 of the contents of files, in order."""
+    """Return the SHA-256 of the contents of files, in order."""
     whole = hashlib.sha256()
     for path in files:
         whole.update(hashlib.sha256(path.read_bytes()).digest())

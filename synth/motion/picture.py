@@ -13,7 +13,7 @@ from sensors.rig.camera import Intrinsics
 from synth.body.body import pose
 from synth.body.skeleton import Posture
 from synth.markers.motion_file import Motion
-from synth.markers.person_body import person_body
+from synth.markers.person_fit import person_body
 from synth.motion.placed import heading_rad
 from synth.surface.rasterize import rasterize
 

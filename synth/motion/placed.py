@@ -7,9 +7,8 @@ import numpy as np
 
 from annotate.array_types import Float64, Int64
 from synth.body.body import Body, pose
-from synth.body.euler import euler_rad
 from synth.body.flesh import Flesh, flesh_of
-from synth.body.skeleton import JOINT_ID, JOINTS, LIMITS_RAD, Posture, clamp, forward, rotations
+from synth.body.skeleton import JOINT_ID, JOINTS, LIMITS_RAD, Posture, clamp, euler_rad, forward, rotations
 from synth.markers.person_fit import leg_length_m, zero_bones
 from synth.motion.floor import lowest_m
 from synth.motion.grounded import Grounded

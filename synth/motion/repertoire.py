@@ -10,10 +10,8 @@ import numpy as np
 
 from annotate.array_types import Int64
 from sensors.errors import CloudError
-from synth.motion.files import motion_files
 from synth.motion.grounded import Grounded, ground
-from synth.motion.library import digest, read_motions
-from synth.motion_files.archives import is_motion
+from synth.motion.library import digest, is_motion, motion_files, read_motions
 
 POSES_PER_SECOND = 10.0
 """Frames of a motion nearer to each other than this differ too little. Untuned."""

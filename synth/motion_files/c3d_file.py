@@ -1,13 +1,16 @@
-"""C3D files from laboratories, including those whose header and parameters disagree.
+"""C3D files from laboratories, including files whose header and parameters disagree.
 
-After the parameters come, frame after frame, four numbers a point (x, y, z, residual) and the analog samples.
-What the header and the parameters both state is compared; where they differ, the statement that fits the data
-is used.
+Layout after the C3D user guide (Motion Lab Systems, c3d.org): blocks of 512 bytes. The first block is a
+header, whose first byte is the block of the parameters, which are in groups. Behind them follow, frame after
+frame, four numbers a point (x, y, z, residual) and the analog samples. Where statements of header and
+parameters differ, the statement that fits the data is used; the library ``c3d`` refuses such files.
 """
 
 import itertools
 import math
+import struct
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,28 +18,25 @@ from numpy.typing import NDArray
 
 from annotate.array_types import Float64
 from sensors.errors import FormatError
-from synth.motion_files.c3d_parameters import BLOCK, DEC, MIPS, RATES, C3dFile, floats_of
 from synth.motion_files.vertical_axis import AXES
 
-IMPLAUSIBLE = 0.02
-"""Share of points that cannot be any beyond which a layout is wrong. Measured on five recordings: 0 where
-it is right, 0.11 to 0.3 where one analog value too many is counted."""
-SAMPLE = 64
-"""Frames, and points of each, that a layout is judged by. Untuned."""
-DEFAULT_RATE = 100.0
-"""Frames a second where none are stated: the commonest rate of motion capture."""
-_ALL = 2**31
-"""Frames where no number of them is stated: as many as there are."""
+BLOCK = 512  # bytes
+INTEL, DEC, MIPS = 84, 85, 86  # processors, by which numbers are written
+RATES = (1.0, 10_000.0)  # least and most frames a second
+DEFAULT_RATE = 100.0  # frames a second of a file without a rate: the commonest of motion capture
+IMPLAUSIBLE = 0.02  # share of impossible points; in five recordings 0 if the layout fits, else 0.11 to 0.3
+SAMPLE = 64  # frames, and points of each, by which a layout is judged; untuned
+_ALL = 2**31  # frames where no number of them is stated
 _MOST_16 = 0xFFFF
-"""Largest count of 16 bits."""
-_MOST_STATEMENTS = 4
-"""Different values of one number that are tried. Untuned."""
+_MOST_STATEMENTS = 4  # different values of one number that are tried; untuned
 
 
 class C3dPoints(NamedTuple):
-    """Points of a C3D file: labels, M names; positions, float64 (F, M, 3) in its unit and axes, NaN where not
-    seen; frames_per_second; unit, "" if none is stated; up, a direction of ``vertical.AXES`` or ""; assumed,
-    one line each."""
+    """Points of a C3D file.
+
+    labels: M names. positions: float64 (F, M, 3) in the file's unit and axes, NaN where not seen. unit: "" if
+    none is stated. up: a direction of ``AXES`` or "". assumed: a line for each assumption.
+    """
 
     labels: tuple[str, ...]
     positions: Float64
@@ -47,14 +47,14 @@ class C3dPoints(NamedTuple):
 
 
 def parse_c3d(data: bytes, most: int) -> C3dPoints:
-    """Points of a C3D file's bytes.
+    """Read the points of a C3D file's bytes.
 
-    Raises FormatError when they are no C3D, or frames times points are none or more than ``most``.
+    Raises FormatError for another format, and when frames times points are 0 or more than ``most``.
     """
     if len(data) < BLOCK or data[1] != 0x50:
         raise FormatError("no C3D header; give a C3D file")
     assumed: list[str] = []
-    file = C3dFile.of(data, assumed)
+    file = _File.of(data, assumed)
     layout = _layout(file, assumed)
     if layout.frames * layout.points > most:
         claim = f"{layout.frames} frames of {layout.points} points"
@@ -74,9 +74,130 @@ def parse_c3d(data: bytes, most: int) -> C3dPoints:
     )
 
 
+class _Value(NamedTuple):
+    """Content of a parameter, as far as it is there; words are unsigned."""
+
+    numbers: list[float]
+    texts: list[str]
+
+
+@dataclass(frozen=True)
+class _File:
+    """Bytes of a file, its parameters as "GROUP:NAME" with every value, and the byte behind them."""
+
+    data: bytes
+    processor: int
+    parameters: dict[str, list[_Value]]
+    behind: int
+
+    @staticmethod
+    def of(data: bytes, assumed: list[str]) -> "_File":
+        stated = max(data[0], 1)
+        blocks = (stated, *range(2, min(len(data) // BLOCK, 20) + 1))
+        block = next((b for b in blocks if _begins_parameters(data, b)), 0)
+        if not block:
+            assumed.append("no parameters were found; what the header states is used")
+            processors = (INTEL, MIPS, DEC)
+            rates = [_File(data, p, {}, BLOCK).header_float(20) for p in processors]
+            usable = (p for p, r in zip(processors, rates, strict=True) if RATES[0] <= r <= RATES[1])
+            return _File(data, next(usable, INTEL), {}, BLOCK)
+        if block != stated:
+            assumed.append(f"the parameters begin at block {block}, where the header states {data[0]}")
+        begin = (block - 1) * BLOCK
+        size, processor = data[begin + 2] or 255, data[begin + 3]
+        section = data[begin : begin + size * BLOCK]
+        parameters = _parameters(section, processor)
+        for name, values in parameters.items():
+            if len(values) > 1 and name.startswith(("POINT:", "ANALOG:USED", "ANALOG:RATE")):
+                assumed.append(f"{name} is there {len(values)} times; the one that fits is used")
+        return _File(data, processor, parameters, begin + len(section))
+
+    def header_word(self, at: int) -> int:
+        return int(_words(self.data[at : at + 2], self.processor)[0]) & 0xFFFF
+
+    def header_float(self, at: int) -> float:
+        return float(_floats(self.data[at : at + 4], self.processor)[0])
+
+    def numbers(self, name: str) -> list[float]:
+        """Return the first number of each value of a parameter."""
+        return [value.numbers[0] for value in self.parameters.get(name, []) if value.numbers]
+
+    def wide_number(self, name: str) -> list[float]:
+        """Return the numbers of a parameter that is written as two words, the lower one first."""
+        values = [value.numbers for value in self.parameters.get(name, [])]
+        return [v[0] + 65536 * v[1] if len(v) == 2 else v[0] for v in values if v]
+
+    def texts(self, name: str) -> list[str]:
+        """Return the texts of a parameter: the value with most names."""
+        found = [value.texts for value in self.parameters.get(name, [])]
+        return max(found, key=lambda texts: len(set(texts) - {""}), default=[])
+
+
+def _begins_parameters(data: bytes, block: int) -> bool:
+    head = data[(block - 1) * BLOCK :][:6]
+    return len(head) == 6 and block > 1 and head[3] in (INTEL, DEC, MIPS) and head[4] != 0
+
+
+def _parameters(section: bytes, processor: int) -> dict[str, list[_Value]]:
+    """Parse the entries: length of the name, group (negative in its description), name, step, content."""
+    groups: dict[int, str] = {}
+    found: list[tuple[int, str, _Value]] = []
+    at = 4
+    while at + 4 < len(section):
+        length, group = struct.unpack_from("bb", section, at)
+        behind = at + 2 + abs(length)
+        if not length or not group or behind + 2 > len(section):
+            break
+        name = section[at + 2 : behind].decode("latin-1").strip().upper()
+        step = int(_words(section[behind : behind + 2], processor)[0])
+        if group < 0:
+            groups[-group] = name
+        else:
+            body = section[behind + 2 : behind + step if step > 2 else None]
+            found.append((group, name, _value(body, processor)))
+        if step <= 2:
+            break
+        at = behind + step
+    result: dict[str, list[_Value]] = {}
+    for group, name, value in found:
+        result.setdefault(f"{groups.get(group, group)}:{name}", []).append(value)
+    return result
+
+
+def _value(body: bytes, processor: int) -> _Value:
+    if len(body) < 2:
+        return _Value([], [])
+    kind, rank = struct.unpack_from("bB", body)
+    shape = tuple(body[2 : 2 + rank])
+    content = body[2 + rank :][: abs(kind) * math.prod(shape)]
+    if kind == -1:
+        width = shape[0] if shape else 1
+        pieces = [content[i : i + width] for i in range(0, len(content), width)] if width else []
+        return _Value([], [piece.decode("utf-8", "replace").strip(" \0") for piece in pieces])
+    if kind not in (1, 2, 4):
+        return _Value([], [])
+    whole = content[: len(content) // kind * kind]
+    if kind == 1:
+        return _Value([float(v) for v in whole], [])
+    if kind == 2:
+        return _Value([float(v & 0xFFFF) for v in _words(whole, processor).tolist()], [])
+    return _Value([float(v) for v in _floats(whole, processor)], [])
+
+
+def _words(data: bytes, processor: int) -> NDArray[np.int16]:
+    return np.frombuffer(data, ">i2" if processor == MIPS else "<i2")
+
+
+def _floats(data: bytes, processor: int) -> NDArray[np.float32]:
+    """Decode numbers; DEC's are IEEE's times four with the two words exchanged."""
+    if processor == DEC:
+        swapped = np.frombuffer(data, "<u2").reshape(-1, 2)[:, ::-1].copy()
+        return np.asarray(swapped.view("<f4")[:, 0] / 4, np.float32)
+    return np.frombuffer(data, ">f4" if processor == MIPS else "<f4")
+
+
 class _Layout(NamedTuple):
-    """How frames lie in the file: byte where they start, points and analog values a frame, whether numbers
-    are floats or words, and how many frames there are."""
+    """Frames in the file: first byte, points and analog values a frame, number format, count of frames."""
 
     start: int
     points: int
@@ -89,11 +210,8 @@ class _Layout(NamedTuple):
         return (4 * self.points + self.analogs) * (4 if self.floats else 2)
 
 
-def _layout(file: C3dFile, assumed: list[str]) -> _Layout:
-    """Layout that the data fit best, of all that header and parameters state; frames: those that are there.
-
-    A layout is judged by whether its points can be any, then by how near to the file's end it ends.
-    """
+def _layout(file: _File, assumed: list[str]) -> _Layout:
+    """Return the stated layout that fits best: plausible points, then an end near the file's."""
     statements = _statements(file)
     choices = itertools.product(*(dict.fromkeys(stated + other) for stated, other in statements.values()))
     ranked = []
@@ -124,8 +242,7 @@ def _layout(file: C3dFile, assumed: list[str]) -> _Layout:
 
 
 def _unwrapped(frames: int, spare: int, frame_bytes: int) -> int:
-    """Return the frames that a count of 16 bits stands for, where so many fill the ``spare`` bytes: ezc3d
-    writes 65535 for more, others leave multiples of 65536 out."""
+    """Return the frames of a 16-bit count: ezc3d writes 65535 for more, others drop multiples of 65536."""
     there = spare // frame_bytes
     if frames == _MOST_16:
         return max(there, frames)
@@ -133,11 +250,11 @@ def _unwrapped(frames: int, spare: int, frame_bytes: int) -> int:
     return full if spare - full * frame_bytes < BLOCK else frames
 
 
-def _statements(file: C3dFile) -> dict[str, tuple[list[int], list[int]]]:
-    """For each field of ``_Layout`` what the file states, best first, and what else may be meant."""
+def _statements(file: _File) -> dict[str, tuple[list[int], list[int]]]:
+    """Return the statements for each field of ``_Layout``, best first, and further possible values."""
     first, last, per_frame = (file.header_word(at) for at in (6, 8, 18))
     used, rates = file.numbers("ANALOG:USED"), file.numbers("ANALOG:RATE")
-    point_rate = _whole_rate([*file.numbers("POINT:RATE"), file.header_float(20)])
+    point_rate = _usable_rate([*file.numbers("POINT:RATE"), file.header_float(20)])
     analogs = [u * round(r / point_rate) for u in used for r in rates[:2] if math.isfinite(r)]
     more_analogs = [u * per_frame for u in used] + used + [0]
     scales = [s for s in (*file.numbers("POINT:SCALE"), file.header_float(12)) if s]
@@ -155,28 +272,25 @@ def _statements(file: C3dFile) -> dict[str, tuple[list[int], list[int]]]:
 
 
 def _usable(values: Sequence[float], least: int) -> list[int]:
-    """The first different whole numbers among ``values`` that can be a count or a place."""
+    """Return the first different whole numbers that can be a count or a place."""
     whole = (int(value) for value in values if math.isfinite(value) and least <= value < _ALL)
     return list(dict.fromkeys(whole))[:_MOST_STATEMENTS]
 
 
-def _raw(file: C3dFile, layout: _Layout) -> NDArray[Any]:
-    """View (F, M, 4) of the points' numbers as they are written; DEC's floats as unsigned integers."""
+def _raw(file: _File, layout: _Layout) -> NDArray[Any]:
+    """Return a view (F, M, 4) of the points' numbers as written; DEC's floats as unsigned integers."""
     kind = ("u4" if file.processor == DEC else "f4") if layout.floats else "i2"
     dtype = np.dtype(kind).newbyteorder(">" if file.processor == MIPS else "<")
     shape, step = (layout.frames, layout.points, 4), dtype.itemsize
-    strides = (layout.frame_bytes, 4 * step, step)
-    return np.ndarray(shape, dtype, file.data, layout.start, strides)
+    return np.ndarray(shape, dtype, file.data, layout.start, (layout.frame_bytes, 4 * step, step))
 
 
 def _decoded(raw: NDArray[Any]) -> NDArray[Any]:
-    """Numbers (F, M, 4) of what ``_raw`` shows."""
-    return floats_of(raw.tobytes(), DEC).reshape(raw.shape) if raw.dtype.kind == "u" else raw
+    return _floats(raw.tobytes(), DEC).reshape(raw.shape) if raw.dtype.kind == "u" else raw
 
 
-def _implausible(file: C3dFile, layout: _Layout) -> bool:
-    """Whether too many of a layout's points cannot be any: their residual is no -1 and negative, or they are
-    farther off than a kilometre in micrometres, or nearer than anybody measures."""
+def _implausible(file: _File, layout: _Layout) -> bool:
+    """Return whether too many points are impossible: by their residual, or too far or too near."""
     raw = _raw(file, layout)
     rows, columns = (np.unique(np.linspace(0, n - 1, SAMPLE).astype(int)) for n in raw.shape[:2])
     numbers = _decoded(raw[np.ix_(rows, columns)])
@@ -184,18 +298,18 @@ def _implausible(file: C3dFile, layout: _Layout) -> bool:
         numbers = numbers.astype(np.float64)
     place, residual = np.abs(numbers[..., :3]), numbers[..., 3]
     wrong = ~((residual == -1) | ((residual >= 0) & (residual <= 0xFFFF)))
-    wrong |= ((place > 1e9) | ((place > 0) & (place < 1e-20))).any(axis=2)
+    wrong |= ((place > 1e9) | ((place > 0) & (place < 1e-20))).any(axis=2)  # a kilometre in micrometres
     wrong &= np.isfinite(numbers).all(axis=2)
     return bool(wrong.mean() > IMPLAUSIBLE)
 
 
-def _whole_rate(rates: list[float]) -> float:
+def _usable_rate(rates: list[float]) -> float:
     return next((rate for rate in rates if RATES[0] <= rate <= RATES[1]), math.inf)
 
 
-def _rate(file: C3dFile, assumed: list[str]) -> float:
+def _rate(file: _File, assumed: list[str]) -> float:
     rates = [*file.numbers("POINT:RATE"), file.header_float(20)]
-    rate = _whole_rate(rates)
+    rate = _usable_rate(rates)
     if not math.isfinite(rate):
         assumed.append(f"no rate is stated; {DEFAULT_RATE:g} frames a second are assumed")
         return DEFAULT_RATE
@@ -205,8 +319,8 @@ def _rate(file: C3dFile, assumed: list[str]) -> float:
     return rate
 
 
-def _scale(file: C3dFile, assumed: list[str]) -> float:
-    """Factor of positions that are written as words."""
+def _scale(file: _File, assumed: list[str]) -> float:
+    """Return the factor of positions that are written as words."""
     scales = [abs(s) for s in (*file.numbers("POINT:SCALE"), file.header_float(12))]
     scale = next((s for s in scales if s and math.isfinite(s)), 1.0)
     if not all(math.isclose(other, scale, rel_tol=1e-4) for other in scales):
@@ -215,8 +329,7 @@ def _scale(file: C3dFile, assumed: list[str]) -> float:
     return scale
 
 
-def _labels(file: C3dFile, points: int, assumed: list[str]) -> tuple[str, ...]:
-    """Name of each point; a number from 1 where it has none."""
+def _labels(file: _File, points: int, assumed: list[str]) -> tuple[str, ...]:
     names = [name for more in ("", *"23456789") for name in file.texts(f"POINT:LABELS{more}")][:points]
     names += [""] * (points - len(names))
     if unnamed := names.count(""):

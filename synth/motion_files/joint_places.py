@@ -1,8 +1,8 @@
-"""Joints of other skeletons as a marker set: every joint of a known name is a point at a joint of ours.
+"""Joints of other skeletons as a marker set: every joint of a known name is a point at one of our joints.
 
-Bone lengths, rest poses and axes of skeletons differ from tool to tool; what they share is where the joints
-are. Head and hands have a point at the bone's end too. What turns about a bone without moving a joint (the
-forearm, the head on its axis) is lost.
+Tools differ in bone lengths, rest poses and axes, and agree on the places of joints. Head and hands have a
+point at the bone's end too. Rotations about a bone that move no joint (the forearm, the head on its axis) are
+lost.
 """
 
 import re
@@ -14,41 +14,36 @@ from annotate.array_types import Bool, Float64, Int64
 from sensors.errors import CloudError, FormatError
 from synth.body.skeleton import JOINT_ID
 from synth.data_files import table
-from synth.motion_files.marker_names import without_prefix
-from synth.motion_files.marker_set import MIN_MARKERS, MarkerSet
+from synth.motion_files.marker_set import MIN_MARKERS, MarkerSet, without_prefix
 
+# names of joints, the best first, by our kind of joint, in the order of filling
 _NAMES = table("joint_names")
-"""Names of joints, the best first, by our kind of joint, in the order in which kinds are filled."""
 _KINDS = {name for names in _NAMES.values() for name in names}
 _TRUNK = ("pelvis", "neck", "head", "head_end", "nose")
-_FACE = ("nose", "eye", "ear")
-"""Points by which a head is known that has no joint of its own."""
+_FACE = ("nose", "eye", "ear")  # points of a head that has no joint of its own
 _SIDES = (
     re.compile(r"(?P<side>left|right|l|r)[ _.-]*(?P<rest>.+)"),
     re.compile(r"(?P<rest>.+?)[ _.-]*(?P<side>left|right)"),
     re.compile(r"(?P<rest>.+?)[ _.-](?P<side>l|r)"),
 )
+# names without a side in VRM ("C_Hips") and AdvancedSkeleton ("Root_M")
 _MIDDLE = re.compile(r"[cm][ _.-](.+)|(.+)[ _.-][cm]")
-"""Names of VRM ("C_Hips") and AdvancedSkeleton ("Root_M") for what has no side."""
-_JOINT = re.compile(r"[ _.-](jnt|joint|bone)$")
-"""Ending of DeepMotion's names ("l_upleg_JNT")."""
+_JOINT = re.compile(r"[ _.-](jnt|joint|bone)$")  # ending of DeepMotion's names ("l_upleg_JNT")
+# Least length of a hand by the leg's: with ASF's shorter bones the hand is the wrist. SMPL's hand has 0.1.
 KNUCKLES = 0.06
-"""Least length of a hand, wrist to knuckles, as a share of the leg: of ASF skeletons' short bones the hand is
-the wrist. SMPL's hand has 0.1."""
-_BEASTS = re.compile(r"tail|paw|hoof|wing|snout", re.IGNORECASE)
-"""Joints that no person has."""
+_BEASTS = re.compile(r"tail|paw|hoof|wing|snout", re.IGNORECASE)  # joints of animals
+# Least and greatest share of the leg's length of any person (Pheasant & Haslegrave 2005), with room for
+# cartoon figures; a dog's trunk has 1.5.
 _PROPORTIONS = {"thigh": (0.35, 0.65), "arm": (0.4, 1.1), "trunk": (0.3, 1.0)}
-"""Of the leg's length: least and most of any person (Pheasant & Haslegrave 2005), with room for cartoon
-figures; a dog's trunk has 1.5."""
 
 
 def marker_set_of_joints(
     names: Sequence[str], parents: Int64, centres: Float64
 ) -> tuple[list[int], MarkerSet, float]:
-    """Columns of the joints that are known, their marker set, and the leg's length in the file's unit.
+    """Return the columns of the known joints, their marker set, and the leg's length in the file's unit.
 
-    parents: (J,) index of each joint's parent, -1 for the root. centres: (F, J, 3). Raises CloudError when
-    too few are known or the skeleton is no person's.
+    parents: (J,) index of each joint's parent, -1 for the root. centres: (F, J, 3). Raises CloudError for too
+    few known joints or another skeleton than a person's.
     """
     places = _places(names, parents, centres)
     legs = [f"left_{joint}" in places for joint in ("hip", "knee", "ankle")]
@@ -65,7 +60,7 @@ def marker_set_of_joints(
 
 
 def _places(names: Sequence[str], parents: Int64, centres: Float64) -> dict[str, int]:
-    """Index of the best joint for each of our places ("left_knee", "head", "left_toe")."""
+    """Return the index of the best joint for each of our places ("left_knee", "head", "left_toe")."""
     apart = _apart(parents, centres)
     plain = without_prefix(names)
     named: dict[tuple[str, str], int] = {}
@@ -107,13 +102,13 @@ def _length(centres: Float64, a: int, b: int) -> float:
 
 
 def _apart(parents: Int64, centres: Float64) -> Bool:
-    """Joints (J,) that are not where their parent is: those that are have no place of their own."""
+    """Return flags (J,) of the joints away from their parent; the others have no place of their own."""
     away = np.nan_to_num(np.linalg.norm(centres - centres[:, parents], axis=2)).max(axis=0)
     return np.asarray((away > 1e-3 * away.max()) | (parents < 0), np.bool_)
 
 
 def _readings(name: str) -> list[tuple[str, str]]:
-    """Return sides ("left_", "right_" or "") and known names of joints that a joint's name may mean."""
+    """Return sides ("left_", "right_" or "") and known names that a joint's name may mean."""
     label = _JOINT.sub("", name.casefold())
     found = [("", label)]
     if match := _MIDDLE.fullmatch(label):
@@ -126,7 +121,7 @@ def _readings(name: str) -> list[tuple[str, str]]:
 
 
 def _check_person(names: Sequence[str], places: dict[str, int], centres: Float64) -> float:
-    """The leg's length. Raises CloudError, FormatError for the skeleton of no person."""
+    """Return the leg's length. Raises CloudError or FormatError for another skeleton than a person's."""
     beast = next((name for name in names if _BEASTS.search(name)), None)
     if beast is not None:
         raise CloudError(f"its joint {beast[:40]!r} is not a person's; give the motion of a person")
@@ -149,16 +144,16 @@ def _check_person(names: Sequence[str], places: dict[str, int], centres: Float64
     return leg
 
 
+# Joint, and place in metres from it, of points of the left half of a face.
 _POINTS = {
     "nose": ("head", (0.0, -0.11, 0.03)),
     "eye": ("head", (0.032, -0.085, 0.06)),
     "ear": ("head", (0.075, 0.0, 0.05)),
 }
-"""Joint and place in metres from it of points of the left half of a face."""
 
 
 def _row(place: str) -> tuple[int, tuple[float, float, float], float]:
-    """Joint, place in metres from it and spread of one point."""
+    """Return joint, place in metres from it and spread of one point."""
     side, _, kind = place.partition("_") if "_" in place else ("", "", place)
     if kind == "toe":
         return JOINT_ID[f"{side}_ankle"], (0.0, -0.15, -0.05), 0.05

@@ -1,5 +1,10 @@
-"""Marker sets: which place on the body a marker's name stands for."""
+"""Marker sets: the place on the body of each marker's name, and a recording's markers by a set.
 
+Constants are untuned unless a source is given.
+"""
+
+import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
@@ -12,26 +17,26 @@ from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import read_toml
 from synth.body.skeleton import JOINT_ID, shortest_arc
 from synth.data_files import shipped
-from synth.motion_files.handedness import MIRROR_LINE, is_mirrored
 from synth.motion_files.marker_files import UNITS_M, Markers
-from synth.motion_files.marker_names import key_of, without_prefix
-from synth.motion_files.vertical_axis import direction, find_vertical
+from synth.motion_files.vertical_axis import MIRROR_LINE, direction, find_vertical, is_mirrored
 
-MIN_MARKERS = 8
-"""Known names without which a set does not fit a recording. Untuned."""
-MAX_FILE_BYTES = 1_000_000
-"""A shipped set has 5 kB at most."""
+MIN_MARKERS = 8  # a set fits a recording with at least so many known names
+MAX_FILE_BYTES = 1_000_000  # shipped sets have 5 kB at most
 DEFAULT_SPREAD_MM = 30.0
-"""Standard deviation of a marker's place where the file has none. Untuned."""
+PERSON_M = (0.5, 3.0)  # least and greatest diagonal of the box about a person's markers
+SAME_PERSON = 0.12  # share by which distances of markers on one bone differ between two people
+FAR_M = 100.0  # farthest coordinate in a capture room
+SHARED = 0.8  # share of names with one beginning, the file's prefix; a root or force plate may lack it
+_SIDE = re.compile(r"(left|right|l|r)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class MarkerSet:
-    """Places of markers on a body 1.70 m tall in anatomical zero.
+    """Places of M markers on a body 1.70 m tall in anatomical zero.
 
-    names: of the M markers. joint: int64 (M,) the joint each moves with. at_m: (M, 3) metres from it,
-    x to the person's left, y back, z up. spread_m: (M,) standard deviation of that place. weight: (M,).
-    also: other names of markers, by the key of the name (see ``key_of``). note: what to know of a solution.
+    joint: int64 (M,) the joint of each marker. at_m: (M, 3) metres from it, x to the person's left, y back, z
+    up. spread_m: (M,) standard deviation of that place. weight: (M,). also: other names of markers, by the
+    key of the name (see ``key_of``). note: remark on solutions.
     """
 
     name: str
@@ -51,13 +56,13 @@ class MarkerSet:
         return others | known
 
     def columns(self, labels: Sequence[str]) -> list[int | None]:
-        """Return the index of the marker that each label of a file names, None for labels of no marker."""
+        """Return the index of the marker of each label, None for labels of no marker."""
         keys = zip(map(key_of, labels), map(key_of, without_prefix(labels, "_- .")), strict=True)
         return [self.places.get(whole, self.places.get(short)) for whole, short in keys]
 
 
 def load_marker_set(path: Path) -> MarkerSet:
-    """Read a marker-set file (TOML). Raises FormatError naming the entry that is wrong."""
+    """Read a marker-set file (TOML). Raises FormatError with the name of the wrong entry."""
     content = read_toml(path, MAX_FILE_BYTES, "give a marker-set file (TOML)")
     markers = content.get("markers")
     if not isinstance(markers, dict) or not markers:
@@ -85,7 +90,9 @@ def load_marker_set(path: Path) -> MarkerSet:
 def _also(path: Path, name: str, entry: dict[str, object]) -> tuple[str, ...]:
     also = entry["also"]
     if not isinstance(also, list) or not all(isinstance(other, str) for other in also):
-        raise FormatError(f'marker set {path}: other names of {name} are no list; give also = ["LeftKnee"]')
+        raise FormatError(
+            f'marker set {path}: other names of {name} are not a list; give also = ["LeftKnee"]'
+        )
     return tuple(also)
 
 
@@ -105,12 +112,12 @@ def _place(path: Path, name: str, entry: object) -> tuple[int, list[float], floa
 
 @cache
 def shipped_marker_sets() -> tuple[MarkerSet, ...]:
-    """Return the sets that come with the package (``synth/data/markersets``)."""
+    """Return the sets of ``synth/data/markersets``."""
     return tuple(load_marker_set(path) for path in sorted(shipped("markersets").glob("*.toml")))
 
 
 def choose_marker_set(labels: tuple[str, ...]) -> MarkerSet:
-    """The shipped set with most of the labels. Raises CloudError when none has enough."""
+    """Return the shipped set with most of the labels. Raises CloudError when no set has enough."""
 
     def known(markers: MarkerSet) -> int:
         return len(set(markers.columns(labels)) - {None})
@@ -122,19 +129,14 @@ def choose_marker_set(labels: tuple[str, ...]) -> MarkerSet:
     return best
 
 
-PERSON_M = (0.5, 3.0)
-"""Diagonal of the box about a person's markers in any posture, metres: least and most. Untuned."""
-SAME_PERSON = 0.12
-"""Share by which distances of markers on one bone differ between two people. Untuned."""
-FAR_M = 100.0
-"""Farthest coordinate of a marker in a capture room, metres. Untuned."""
-
-
 @dataclass(frozen=True)
 class KnownMarkers:
-    """positions_m: float64 (F, M, 3) world, z up, NaN where not seen, one column per marker of the set;
-    unknown: labels that the set does not know; up: the file's axis that became z, of ``vertical.AXES``;
-    unit: the file's; assumed: lines on the unit, the axes and labels that occur twice."""
+    """Markers of a set in a recording.
+
+    positions_m: float64 (F, M, 3) world, z up, NaN where not seen, one column per marker of the set. unknown:
+    labels outside the set. up: the file's axis that became z. unit: the file's. assumed: lines on unit, axes
+    and repeated labels.
+    """
 
     positions_m: Float64
     unknown: tuple[str, ...]
@@ -144,17 +146,16 @@ class KnownMarkers:
 
     @property
     def seen(self) -> Bool:
-        """Flags (F, M) of the markers that a frame holds."""
+        """Flags (F, M) of seen markers."""
         return np.asarray(np.isfinite(self.positions_m).all(axis=2))
 
 
 def known_markers(markers: Markers, markerset: MarkerSet, standing: bool = False) -> KnownMarkers:
-    """Pick the set's markers out of a recording and bring them to metres, z up.
+    """Select the set's markers of a recording, in metres, z up.
 
-    standing: whether the recording is of a standing person. A unit that contradicts the size of a person is
-    replaced by the one that fits, a vertical axis that contradicts the motion likewise (``vertical``); a
-    mirror image is mirrored back (``handedness``). Raises CloudError when too few markers are known or seen,
-    or when no unit fits.
+    standing: the person is known to stand. A unit that contradicts a person's size is replaced by the one
+    that fits, and a vertical axis that contradicts the motion likewise. A mirror image is mirrored back.
+    Raises CloudError for too few known or seen markers, or without a fitting unit.
     """
     picked, unknown, twice = _picked(markers, markerset)
     unit, unit_line = _unit(picked, markers.unit)
@@ -170,8 +171,10 @@ def known_markers(markers: Markers, markerset: MarkerSet, standing: bool = False
 
 
 def _picked(markers: Markers, markerset: MarkerSet) -> tuple[Float64, tuple[str, ...], tuple[str, ...]]:
-    """Return positions (F, M, 3) of the set's markers in the file's unit, labels of no marker, and lines on
-    several people and on labels that occur twice: the one that is seen most is used."""
+    """Return positions (F, M, 3) in the file's unit, labels of no marker, and lines.
+
+    The lines name several people, and labels that occur twice, of which the one seen most is used.
+    """
     places = markerset.columns(markers.labels)
     frames = np.isfinite(markers.positions).all(axis=2).sum(axis=0)
     others, lines = _other_people(markers.labels, places, frames)
@@ -205,9 +208,10 @@ def _picked(markers: Markers, markerset: MarkerSet) -> tuple[Float64, tuple[str,
 def _other_people(
     labels: Sequence[str], places: Sequence[int | None], frames: Int64
 ) -> tuple[set[int], tuple[str, ...]]:
-    """Return the columns of all but the person who is seen most, and a line where the file has several.
+    """Return the columns of all but the person seen most, and a line on several people.
 
-    Each person has a prefix ("Anna:LASI") and a marker that others have too. frames: that hold a column.
+    Each person has a prefix ("Anna:LASI") and a marker that others have too. frames: count of each column's
+    frames.
     """
     people: dict[str, dict[int, int]] = {}
     for column, (label, place) in enumerate(zip(labels, places, strict=True)):
@@ -224,7 +228,7 @@ def _other_people(
 
 
 def _unit(positions: Float64, unit: str) -> tuple[str, tuple[str, ...]]:
-    """Return the unit of a file, and a line where the one it states is none or would make no person."""
+    """Return the unit of a file, and a line where the stated one is missing or fits no person."""
     span = _span(positions)
     for name in (unit, "m", "cm", "mm"):
         if name in UNITS_M and PERSON_M[0] <= span * UNITS_M[name] <= PERSON_M[1]:
@@ -236,7 +240,7 @@ def _unit(positions: Float64, unit: str) -> tuple[str, tuple[str, ...]]:
 
 
 def _span(positions: Float64) -> float:
-    """Median diagonal of the box around the markers, over the frames that hold most of them."""
+    """Return the median diagonal of the box around the markers, over the frames with most of them."""
     count = np.isfinite(positions).all(axis=2).sum(axis=1)
     full = positions[count >= max(4, 0.8 * count.max())]
     if not len(full):
@@ -245,7 +249,7 @@ def _span(positions: Float64) -> float:
 
 
 def check_same_person(trial: KnownMarkers, static: KnownMarkers, markerset: MarkerSet) -> None:
-    """Raises CloudError when distances between markers on one bone differ between a trial and its static."""
+    """Raise CloudError when distances between markers on one bone differ between trial and static."""
     differences = []
     for joint in np.unique(markerset.joint):
         on_bone = np.flatnonzero(markerset.joint == joint)
@@ -266,8 +270,43 @@ def check_same_person(trial: KnownMarkers, static: KnownMarkers, markerset: Mark
 
 
 def _distance(trial: KnownMarkers, a: int, b: int) -> float:
-    """Median distance of two markers over the frames that hold both, NaN when none does."""
+    """Return the median distance of two markers over the frames with both, NaN without any."""
     both = trial.seen[:, a] & trial.seen[:, b]
     if not both.any():
         return float("nan")
     return float(np.median(np.linalg.norm(trial.positions_m[both, a] - trial.positions_m[both, b], axis=1)))
+
+
+def key_of(label: str) -> str:
+    """Return the key of all spellings of a name: no prefix up to the last colon, no punctuation, one case."""
+    return re.sub(r"[^0-9a-z]", "", label.rpartition(":")[2].casefold())
+
+
+def without_prefix(labels: Sequence[str], ending: str = "") -> list[str]:
+    """Return labels without the part up to a colon and without the beginning that most of them share.
+
+    ending: characters one of which ends the prefix; "" for any prefix but a side ("mixamorig").
+    """
+    plain = [label.rpartition(":")[2].strip() for label in labels]
+    prefix = _shared(plain, ending)
+    return [label.removeprefix(prefix) or label for label in plain]
+
+
+def _shared(labels: Sequence[str], ending: str) -> str:
+    """Return the longest beginning of at least ``SHARED`` of the labels that may be a prefix, or ""."""
+    beginning, most = "", max(2, SHARED * len(labels))
+    while True:
+        following = Counter(
+            label[: len(beginning) + 1]
+            for label in labels
+            if len(label) > len(beginning) and label.startswith(beginning)
+        )
+        longer, count = max(following.items(), key=lambda pair: pair[1], default=("", 0))
+        if count < most:
+            break
+        beginning = longer
+    marks = ending or "_- ."
+    prefix = beginning[: 1 + max(beginning.rfind(mark) for mark in marks)]
+    if not prefix and not ending and len(beginning) >= 4:
+        prefix = beginning
+    return "" if _SIDE.fullmatch(prefix.strip(marks)) else prefix

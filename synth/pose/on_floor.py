@@ -21,7 +21,7 @@ from synth.pose.postures import (
     UPRIGHT,
     height_to_rest,
     lain,
-    posture_of,
+    posture_of_moment,
     pulls_of,
     risen,
 )  # fmt: skip
@@ -114,7 +114,7 @@ def _posture(body: Body, wall_y: float, kind: float, seed: float) -> Posture:
 
 def slumped(body: Body, moment: Moment) -> Posture:
     """The posture of a body that sits on the floor, its back at a wall at y = 0."""
-    flesh, posture = flesh_of(body), posture_of(moment)
+    flesh, posture = flesh_of(body), posture_of_moment(moment)
     trunk, _ = pose(body, posture, flesh.trunk)
     place = np.array([0.0, -OFF_WALL_M - float(trunk[:, 1].max()), height_to_rest(trunk, [FLOOR])])
     return settle(flesh, Posture(posture.angles_rad, place), [FLOOR, _wall(0.0)], pulls_of(moment), HEAVE)

@@ -7,7 +7,7 @@ into a posed body; drawing, gliding and the stream of moments are here, once.
 from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -33,6 +33,19 @@ NEARLY_THERE = 0.25
 """Share of the way to another activity up to which a moment is one of the first. No source: chosen by eye."""
 _TO_THE_LEFT = {"heading", "roll", "off", "lean", "twist", "turn", "hand_x"}
 """Numbers that change their sign when left and right are exchanged."""
+_ON_THE_FLOOR = {
+    "standing": "standing",
+    "stooping": "standing",
+    "crouching": "crouching",
+    "cowering": "crouching",
+    "squatting": "crouching",
+    "kneeling": "kneeling",
+    "kneeling_on_heels": "kneeling",
+    "half_kneeling_left": "kneeling",
+    "half_kneeling_right": "kneeling",
+    "all_fours": "on all fours",
+}
+"""Upright and standing people; somebody who gets up is between two postures and has none."""
 
 
 @dataclass(frozen=True)
@@ -132,3 +145,20 @@ def _spreads(entry: dict[str, list[float]]) -> Spreads:
         else:
             result[name] = spread
     return result
+
+
+def posture_class(*activities: str) -> str | None:
+    """Posture that activities of ``synth/data/poses`` share; None between two, or of one not known."""
+    postures = {_postures().get(activity) for activity in activities}
+    return postures.pop() if len(postures) == 1 else None
+
+
+@lru_cache(maxsize=1)
+def _postures() -> dict[str, str]:
+    recumbent = table("poses/recumbent")
+    return {
+        **dict.fromkeys(table("poses/sitting")["sitting"], "sitting"),
+        **dict.fromkeys([*recumbent["in_bed"], *recumbent["fallen"]], "lying"),
+        **dict.fromkeys(table("poses/standing")["stances"], "standing"),
+        **_ON_THE_FLOOR,
+    }

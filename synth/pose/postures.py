@@ -109,7 +109,7 @@ def lie(body: Body, support: Bed | Ground, moment: Moment) -> Posed:
 
 def lain(body: Body, support: Bed | Ground, moment: Moment) -> Posture:
     """Its posture, up to a lift onto the support."""
-    flesh, posture = flesh_of(body), posture_of(moment)
+    flesh, posture = flesh_of(body), posture_of_moment(moment)
     trunk, joints = pose(body, posture, flesh.trunk)
     place = _place(support, moment, joints)
     place[2] = height_to_rest(trunk + place.astype(np.float32), _carriers(support))
@@ -155,7 +155,7 @@ def rise(body: Body, seat: Seat | None, moment: Moment) -> Posed:
 
 def risen(body: Body, seat: Seat | None, moment: Moment) -> Posture:
     """Its posture, up to a small shift onto the floor and off the seat."""
-    flesh, posture = flesh_of(body), posture_of(_soles_level(moment))
+    flesh, posture = flesh_of(body), posture_of_moment(_soles_level(moment))
     vertices, _ = pose(body, posture)
     place = np.array([moment["off"] / 2, -moment["along"], height_to_rest(vertices, [FLOOR])])
     solids = [FLOOR]
@@ -180,7 +180,7 @@ def _soles_level(moment: Moment) -> Moment:
     return {**moment, **level}
 
 
-def posture_of(moment: Moment) -> Posture:
+def posture_of_moment(moment: Moment) -> Posture:
     """Posture of a moment inside all joint limits, the pelvis at the origin, nothing yet carried."""
     angles = np.zeros((N_JOINTS, 3))
     angles[_SPINE] = np.array([moment["bend"], moment["lean"], moment["twist"]]) / 3

@@ -17,9 +17,8 @@ from synth.body.flesh import CHAINS, N_STATIONS, Flesh, flesh_of
 from synth.body.inverse import place_hand, plant
 from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp, forward, turn
 from synth.data_files import table
-from synth.pose.carried import carried
 from synth.pose.settle import Pull, settle
-from synth.pose.standing_parameters import OTHER, SIDES, Standing
+from synth.pose.standing_parameters import OTHER, SIDES, Standing, carried
 from synth.surface.furniture import FLOOR
 from synth.surface.rasterize import Mesh
 

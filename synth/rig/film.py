@@ -10,10 +10,9 @@ from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
 from synth.body.body import Body, pose
 from synth.markers.motion_file import Motion
-from synth.markers.person_body import person_body
-from synth.motion.grounded import ground
+from synth.markers.person_fit import person_body
+from synth.motion.grounded import ground, resampled
 from synth.motion.performance import Performance, perform
-from synth.motion.resample import resampled
 from synth.pose.pose_parameters import Moment, Posed
 from synth.rig.difficulty import Clutter
 from synth.rig.episode import Stay

@@ -74,7 +74,7 @@ FLOOR = Solid((-10.0, -10.0, -1.0), (10.0, 10.0, 0.0), 0.005, Surface.FLOOR, car
 
 
 class Footprint(NamedTuple):
-    """Floor area of a piece of furniture, metres: half its width about x = 0, and its y from front to back."""
+    """Floor area of furniture, metres: half its width about x = 0, and its y from front to back."""
 
     half_width_m: float
     front_y: float

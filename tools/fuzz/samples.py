@@ -38,7 +38,7 @@ from sensors.session.repair import Copier, repair
 from sensors.session.writer import SessionWriter
 from synth.body.skeleton import N_JOINTS
 from synth.markers.motion_file import MarkerReport, Motion, load_motion, save_motion
-from synth.markers.person_body import bones_of_leg
+from synth.markers.person_fit import bones_of_leg
 from synth.motion_files.bvh import read_bvh
 from synth.motion_files.joint_file import read_joint_file
 from synth.motion_files.marker_files import read_markers

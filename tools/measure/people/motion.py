@@ -15,9 +15,8 @@ import numpy as np
 from synth.body.body import Body, shipped_bodies
 from synth.body.crowd import crowd
 from synth.markers.person_fit import leg_length_m, zero_bones
-from synth.motion.files import motion_files
 from synth.motion.grounded import Grounded, ground
-from synth.motion.library import read_motions
+from synth.motion.library import motion_files, read_motions
 from synth.motion.placed import hovering, stand, take_seat
 from synth.surface.furniture import FLOOR, Chair
 from tests.helpers.penetration import furniture_penetration_m, self_penetration_m
