@@ -24,7 +24,7 @@ class Figure(NamedTuple):
         if math.isnan(self.value):
             return "-"
         value, low, high = (format(number, spec).replace("%", " %") for number in self)
-        return value if self.certain else f"{value} ({low} to {high})"
+        return value if self.certain else f"{value} ({low.removesuffix(' %')}\u2013{high})"
 
 
 Rows: TypeAlias = Mapping[str, Mapping[str, Figure]]
