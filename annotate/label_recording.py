@@ -1,4 +1,4 @@
-"""Label set of a source: every frame fused, its person extracted, its suit read, and kept."""
+"""Label the frames of a recording: fuse each, detect its persons, label its parts, and store the result."""
 
 import shutil
 from collections import deque
@@ -7,37 +7,73 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
-from typing import Any, TypeAlias, cast
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 
 from annotate.array_types import UInt16
-from annotate.cloud.coarse import CoarseCloud, CoarseFuser
+from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.claim import Claim, login
-from annotate.labelset.images import Probabilities
 from annotate.labelset.label_set import LabelSet, as_read
 from annotate.labelset.source_recording import recording_entry
 from annotate.parts import BACKGROUND
-from annotate.person.extract import PersonMask, Survey
-from annotate.segmentation.segment import LIGHT, View, read, view_of
+from annotate.person.extract import PersonDetection, PersonMask
+from annotate.segmentation.segment import ILLUMINANT, SuitSegmenter, View, view_of
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
-from annotate.segmentation.suit_network import Reader, shipped_reader
+from annotate.segmentation.suit_network import SuitNetwork, shipped_suit_network
 from annotate.suit.palette import Suit, suit_to_toml
 from sensors.errors import CloudError, ExistsError
+from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import RigCalibration, calibration_to_json
 
 NO_SUIT = "no --suit: only the person is extracted, its parts stay undefined"
-"""Note of frames labelled without a suit."""
-WRITERS, MOST_UNWRITTEN = 2, 6
-"""Frames written at once, beside the work on the next ones, since each waits for the disk; labelled frames
-that are not written yet. Chosen by eye."""
-SURVEYORS, AHEAD = 2, 3
-"""Frames that are surveyed at once, and that are read and surveyed ahead of the one that is labelled. Chosen
-by eye, for two cores."""
+WRITERS, MOST_UNWRITTEN = 2, 6  # threads; labelled frames that wait for the disk; untuned
+DETECTORS, AHEAD = 2, 3  # threads; frames read before their turn; untuned, for two cores
+
+
+class DepthCloud(Protocol):
+    """Whole or coarse cloud of an undistorted depth image (h, w)."""
+
+    @property
+    def depth_mm(self) -> UInt16: ...
+
+
+C = TypeVar("C", bound=DepthCloud)
+C_co = TypeVar("C_co", bound=DepthCloud, covariant=True)
+S = TypeVar("S")
+
+
+class FrameFuser(Protocol[C_co]):
+    """Fusion of frames to clouds: ``Fuser`` or ``CoarseFuser``."""
+
+    @property
+    def calibration(self) -> RigCalibration: ...
+    @property
+    def camera(self) -> Intrinsics: ...
+    def fuse(self, depth_mm: UInt16, /) -> C_co: ...
+    def fuse_frame(self, frame: RigFrame) -> C_co: ...
+
+
+class Labeller(Protocol[C, S]):
+    """Steps that label a frame. ``detect`` does all work that needs no other frame.
+
+    ``label`` takes the labels of the previous frame as stored; None at first and after a failed frame.
+    """
+
+    def fuser(self, calibration: RigCalibration) -> FrameFuser[C]: ...
+    def detect(self, cloud: C) -> S: ...
+    def label(self, detection: S, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]: ...
+
+
+def label_cloud(
+    labeller: Labeller[C, S], cloud: C, before: FrameLabels | None
+) -> tuple[Segmentation, PersonMask]:
+    """Label one cloud after the labels of the previous frame."""
+    return labeller.label(labeller.detect(cloud), before)
 
 
 @dataclass(frozen=True)
@@ -48,11 +84,11 @@ class Run:
     failed: tuple[tuple[str, str], ...]
 
     def review_order(self) -> list[str]:
-        """Frame ids, the least certain first."""
+        """Return the frame ids, the least certain first."""
         return sorted(self.labels.frame_ids, key=lambda i: float(self.labels.notes(i).get("confidence", 0.0)))
 
     def remarks(self) -> dict[str, list[str]]:
-        """Notes on omissions and defects, each with the ids of its frames."""
+        """Return the notes on omissions and defects, each with the ids of its frames."""
         remarks: dict[str, list[str]] = {}
         for frame_id in self.labels.frame_ids:
             for note in self.labels.notes(frame_id)["notes"]:
@@ -60,134 +96,121 @@ class Run:
         return remarks
 
 
-Labeller: TypeAlias = Callable[[Any, FrameLabels | None], tuple[Segmentation, PersonMask]]
-"""Labels and mask of a frame, from its survey (or its cloud) and the labels of the previous frame."""
-
-
-def label_source(
-    source: FrameSource,
-    suit: Suit | None,
-    out: Path,
-    progress: Callable[[int], None],
-    window_c: tuple[float, float] | None = None,
-    reader: Reader | None = None,
-) -> Run:
-    """Labels of every frame of ``source`` in the label set ``out``; frames already there are kept.
-
-    Without a suit the person is extracted and its parts stay undefined. progress: called with 1 for each
-    frame that is on the disk or has failed. window_c: surface temperatures of a person, degrees Celsius;
-    None = found in each frame. reader: of suits, None = the shipped one. Raises the errors of ``run``.
-    """
-    reader = reader or shipped_reader()
-    step = {
-        "suit": suit_to_toml(suit) if suit else None,
-        "window_c": list(window_c) if window_c else None,
-        "weights_sha256": reader.sha256,
-    }
-
-    return run(
-        source,
-        {"label": step},
-        out,
-        suit_labeller(suit, reader),
-        progress,
-        lambda cloud: SuitSurvey.of(cloud, suit, window_c),
-    )
-
-
 @dataclass(frozen=True)
-class SuitSurvey:
-    """A cloud, and the persons in it, with all that needs no other frame.
+class SuitDetection:
+    """Cloud of a frame with its persons.
 
-    likely: the subject if no other frame tells; seen: what the reader sees of them, if they wear a suit.
+    likely: the subject, judged by this frame alone. seen: view of the likely subject; None without a suit.
     """
 
     cloud: ThermalCloud
-    persons: Survey
+    persons: PersonDetection
     likely: PersonMask
     seen: View | None
 
-    @classmethod
-    def of(
-        cls, cloud: ThermalCloud, suit: Suit | None, window_c: tuple[float, float] | None = None
-    ) -> "SuitSurvey":
-        """Survey of a cloud, made coarse; arguments as of ``Survey``."""
-        # Who wears a suit is outlined by its reader: a glance is enough.
-        persons = Survey(CoarseCloud.of(cloud), window_c, suit, glance=suit is not None)
-        likely = persons.person(None)
-        read = suit is not None and likely.trusted
-        return cls(cloud, persons, likely, view_of(cloud, persons, likely) if read else None)
-
     def view(self, person: PersonMask) -> View | None:
-        """What the reader sees of a trusted person of the frame; None where their colours cannot be read."""
-        # Which number another person has is not seen.
+        """Return the view of a trusted person; None where its colours are unreadable."""
+        # The network distinguishes the subject from other persons, not these from one another.
         own, likely = (np.minimum(one.persons, 2) for one in (person, self.likely))
         if self.likely.trusted and np.array_equal(own, likely):
             return self.seen
         return view_of(self.cloud, self.persons, person)
 
 
-def suit_labeller(suit: Suit | None, reader: Reader, *, glance: bool = False) -> Labeller:
-    """Labeller of surveys by a suit; without one, parts stay undefined. glance: as of ``read``."""
+@dataclass(frozen=True)
+class SuitLabeller:
+    """Labeller by the colours of a suit; without a suit, parts stay undefined.
 
-    def labeller(survey: SuitSurvey, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
-        person = survey.persons.person(before)
+    network: None = the shipped one. window_c: least and most surface temperature of a person; None = from
+    each frame. single_pass: label every second pixel or so, for a live picture.
+    """
+
+    suit: Suit | None
+    network: SuitNetwork | None = None
+    window_c: tuple[float, float] | None = None
+    single_pass: bool = False
+
+    def fuser(self, calibration: RigCalibration) -> Fuser:
+        """Return the fusion of whole clouds."""
+        return Fuser(calibration)
+
+    def detect(self, cloud: ThermalCloud) -> SuitDetection:
+        """Detect the persons of a cloud."""
+        # The suit network redraws the outline, so one pass of the person network suffices.
+        passes = self.suit is not None
+        persons = PersonDetection(CoarseCloud.of(cloud), self.window_c, self.suit, single_pass=passes)
+        likely = persons.person(None)
+        seen = view_of(cloud, persons, likely) if self.suit is not None and likely.trusted else None
+        return SuitDetection(cloud, persons, likely, seen)
+
+    def label(
+        self, detection: SuitDetection, before: FrameLabels | None = None
+    ) -> tuple[Segmentation, PersonMask]:
+        """Label the subject of a frame."""
+        person = detection.persons.person(before)
         if not person.trusted:
             return unlabelled(person.mask), person
-        if suit is None:
+        if self.suit is None:
             return unlabelled(person.mask, NO_SUIT), person
-        return read(survey.cloud, survey.view(person), person, suit, before, reader, glance=glance)
+        network = self.network or shipped_suit_network()
+        segmenter = SuitSegmenter(self.suit, network, self.single_pass)
+        return segmenter.segment(detection.cloud, detection.view(person), person, before)
 
-    return labeller
+
+def label_source(
+    source: FrameSource, labeller: SuitLabeller, out: Path, progress: Callable[[int], None]
+) -> Run:
+    """Label every frame of ``source`` into the label set ``out``; arguments and errors of ``run``."""
+    suit, window_c = labeller.suit, labeller.window_c
+    step = {
+        "suit": suit_to_toml(suit) if suit else None,
+        "window_c": list(window_c) if window_c else None,
+        "weights_sha256": (labeller.network or shipped_suit_network()).sha256,
+    }
+    return run(source, {"label": step}, out, labeller, progress)
 
 
 def run(
     source: FrameSource,
     steps: dict[str, Any],
     out: Path,
-    labeller: Labeller,
+    labeller: Labeller[C, S],
     progress: Callable[[int], None],
-    survey: Callable[[Any], Any] = lambda cloud: cloud,
-    fuser: Callable[[RigCalibration], Fuser | CoarseFuser] = Fuser,
 ) -> Run:
-    """Labels of every frame of a source, fused; an interrupted run resumes, and bad frames are listed.
+    """Label every frame of a source into ``out``; resume an interrupted run with the same bytes.
 
-    labeller: labels a survey, given the labels of the previous frame exactly as stored, None at first and
-    after a failed frame, so that a resumed run ends with the same bytes. survey: everything about a cloud
-    that needs no other frame, computed beside the work on the previous frame. fuser: what makes the clouds,
-    whole or coarse ones. Frames are written beside the work on the next ones. Raises ExistsError when ``out``
-    holds anything but the beginning of this very run, ClaimedError while another process writes it,
-    CloudError when every frame is bad: then ``out`` is removed.
+    progress: called with 1 for each frame that is stored or has failed. Raises ExistsError when ``out`` holds
+    anything but the beginning of this run, ClaimedError while another process writes it, and CloudError,
+    after removing ``out``, when every frame fails.
     """
-    fusion = fuser(source.calibration)
+    fuser = labeller.fuser(source.calibration)
     info = {"source": source.name, "calibration": calibration_to_json(source.calibration), "steps": steps}
     if source.sha256:
         info["sha256"] = source.sha256
     info |= recording_entry(source.path)
-    labels = LabelSet.resume(out, fusion.camera, info)
+    labels = LabelSet.resume(out, fuser.camera, info)
     with Claim.take(out, login()):
-        return finished(labels, _run(source, fusion, labels, labeller, progress, survey))
+        return finished(labels, _run(source, fuser, labels, labeller, progress))
 
 
 def _run(
     source: FrameSource,
-    fuser: Fuser | CoarseFuser,
+    fuser: FrameFuser[C],
     labels: LabelSet,
-    labeller: Labeller,
+    labeller: Labeller[C, S],
     progress: Callable[[int], None],
-    survey: Callable[[Any], Any],
 ) -> list[tuple[str, str]]:
-    """(frame id, reason) of the failed frames, after all frames without labels have been labelled."""
+    """Label all frames without labels; return (frame id, reason) of the failed ones."""
     done = set(labels.frame_ids)
     failed: list[tuple[str, str]] = []
     before: FrameLabels | None = None
 
-    def fuse(frame: RigFrame) -> _Fused:
+    def fuse(frame: RigFrame) -> _Fused[S]:
         if _id(frame.index) in done:
             return _Fused(fuser.fuse(frame.depth_mm).depth_mm, None, [])
         frame, left_out = calibrated(frame, fuser.calibration)
         cloud = fuser.fuse_frame(frame)
-        return _Fused(cloud.depth_mm, survey(cloud), left_out)
+        return _Fused(cloud.depth_mm, labeller.detect(cloud), left_out)
 
     with ThreadPoolExecutor(WRITERS, "write") as writers:
         unwritten: deque[Future[None]] = deque()
@@ -197,14 +220,16 @@ def _run(
                 progress(1)
             else:
                 try:
-                    labelled, probabilities = _labelled(frame_id, fused.result(), labeller, before)
+                    depth_mm, detection, left_out = fused.result()
+                    result, person = labeller.label(cast(S, detection), before)
+                    labelled = labels_of(frame_id, depth_mm, result, person, left_out)
                 except CloudError as error:
                     failed.append((frame_id, str(error)))
                     before = None
                     progress(1)
                 else:
                     labelled = replace(labelled, subject=source.subject)
-                    unwritten.append(writers.submit(labels.write, labelled, probabilities))
+                    unwritten.append(writers.submit(labels.write, labelled, result.probabilities))
                     before = as_read(labelled)
             while unwritten and (len(unwritten) > MOST_UNWRITTEN or unwritten[0].done()):
                 unwritten.popleft().result()
@@ -216,33 +241,31 @@ def _run(
 
 
 def _id(index: int) -> str:
-    """Id of a frame's labels."""
     return f"{index:06d}"
 
 
-@dataclass(frozen=True)
-class _Fused:
-    """A fused frame. depth_mm: (h, w), undistorted. survey: the labeller's input; left_out: notes."""
+class _Fused(NamedTuple, Generic[S]):
+    """Fused frame. detection: None where its labels are stored. left_out: notes."""
 
     depth_mm: UInt16
-    survey: Any
+    detection: S | None
     left_out: list[str]
 
 
 def _fused_ahead(
-    source: FrameSource, fuse: Callable[[RigFrame], _Fused]
-) -> Iterator[tuple[str, Future[_Fused]]]:
-    """Ids of a source's frames, some of them read, fused and surveyed beside the work on those before.
+    source: FrameSource, fuse: Callable[[RigFrame], _Fused[S]]
+) -> Iterator[tuple[str, Future[_Fused[S]]]]:
+    """Yield the frames of a source, some of them read and fused ahead.
 
-    CloudErrors of the source, which cost one frame, and errors of ``fuse`` are raised by the future; other
-    errors of the source in the frame's turn.
+    The future raises the errors of ``fuse`` and CloudErrors of the source, which cost one frame. Other errors
+    of the source are raised in the frame's turn.
     """
     frames = iter(source)
-    with ThreadPoolExecutor(1, "read") as reader, ThreadPoolExecutor(SURVEYORS, "fuse") as surveyors:
+    with ThreadPoolExecutor(1, "read") as reader, ThreadPoolExecutor(DETECTORS, "fuse") as detectors:
 
-        def start() -> tuple[Future[RigFrame | None], Future[_Fused]]:
+        def start() -> tuple[Future[RigFrame | None], Future[_Fused[S]]]:
             read = reader.submit(next, frames, None)
-            return read, surveyors.submit(lambda: fuse(cast(RigFrame, read.result())))
+            return read, detectors.submit(lambda: fuse(cast(RigFrame, read.result())))
 
         coming = deque(start() for _ in range(AHEAD))
         for index in count():
@@ -254,7 +277,7 @@ def _fused_ahead(
 
 
 def check_same(labels: LabelSet, frame_id: str, depth_mm: UInt16) -> FrameLabels:
-    """Labels of a frame from an earlier run. Raises ExistsError if of another depth image (h, w)."""
+    """Read the labels of a frame from an earlier run. Raises ExistsError if of another depth image."""
     kept = labels.read(frame_id)
     if not np.array_equal(kept.depth_mm, depth_mm):
         raise ExistsError(
@@ -265,7 +288,7 @@ def check_same(labels: LabelSet, frame_id: str, depth_mm: UInt16) -> FrameLabels
 
 
 def finished(labels: LabelSet, failed: list[tuple[str, str]]) -> Run:
-    """Run with its failed frames. Raises CloudError when all failed, and removes the empty label set."""
+    """Return a run; when all frames failed, remove the label set and raise CloudError."""
     if failed and not len(labels):
         shutil.rmtree(labels.path)
         raise CloudError(
@@ -275,7 +298,7 @@ def finished(labels: LabelSet, failed: list[tuple[str, str]]) -> Run:
 
 
 def notes_of(result: Segmentation, remarks: Sequence[str] = ()) -> dict[str, Any]:
-    """Notes of a frame's labels: mean confidence on the person, remarks, stored probabilities."""
+    """Return a frame's notes: mean confidence on the person, remarks, place of stored probabilities."""
     on_person = result.confidence[result.parts != BACKGROUND]
     return {
         "confidence": round(float(on_person.mean()), 4) if on_person.size else 0.0,
@@ -285,27 +308,19 @@ def notes_of(result: Segmentation, remarks: Sequence[str] = ()) -> dict[str, Any
     }
 
 
-def _labelled(
-    frame_id: str, fused: _Fused, labeller: Labeller, before: FrameLabels | None
-) -> tuple[FrameLabels, Probabilities | None]:
-    """Labels of a fused frame, and their probabilities if kept."""
-    result, person = labeller(fused.survey, before)
-    return labels_of(frame_id, fused.depth_mm, result, person, fused.left_out), result.probabilities
-
-
 def labels_of(
     frame_id: str, depth_mm: UInt16, result: Segmentation, person: PersonMask, left_out: Sequence[str] = ()
 ) -> FrameLabels:
-    """Labels of a frame from what was found in it. depth_mm: (h, w), undistorted; left_out: notes."""
+    """Assemble the labels of a frame. depth_mm: (h, w), undistorted."""
     notes = notes_of(result, [*left_out, *person.notes]) | {"extraction": person.method}
-    notes |= {"people": person.known} if person.known else {}
-    notes |= {LIGHT: result.light.log_gain.round(3).tolist()} if result.light else {}
+    notes |= {"people": person.tracks} if person.tracks else {}
+    notes |= {ILLUMINANT: result.illuminant.log_gain.round(3).tolist()} if result.illuminant else {}
     persons = np.where(person.mask, np.uint8(1), np.where(person.others, person.persons, np.uint8(0)))
     return FrameLabels(frame_id, depth_mm, result.parts, result.confidence, notes=notes, persons=persons)
 
 
 def calibrated(frame: RigFrame, calibration: RigCalibration) -> tuple[RigFrame, list[str]]:
-    """Frame without the images of uncalibrated cameras, and notes on these."""
+    """Drop the images of uncalibrated cameras; return the frame and notes on the dropped ones."""
     notes = []
     if frame.color_encoded is not None and calibration.color is None:
         frame = replace(frame, color_encoded=None)

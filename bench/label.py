@@ -8,9 +8,9 @@ import numpy as np
 from scipy import ndimage
 
 from annotate.cloud.fuse import Fuser
-from annotate.label_recording import SuitSurvey, suit_labeller
+from annotate.label_recording import SuitLabeller
 from annotate.parts import N_CLASSES, UNDEFINED
-from annotate.segmentation.suit_network import shipped_reader
+from annotate.segmentation.suit_network import shipped_suit_network
 from annotate.suit.palette import chromaticity
 from bench.fuse import fuse_naive
 from eval.scores.confusion import confusion_matrix, mean_recall
@@ -34,14 +34,14 @@ def label_naive(calibration, suit, depth_mm, color_rgb, thermal_c):
 def bench():
     """Rows (what, seconds a frame, naive seconds a frame); medians over frames."""
     rig = VirtualRig(FRAMES, 2, "normal", 77)
-    fuser, labeller = Fuser(rig.calibration), suit_labeller(rig.suit, shipped_reader())
+    fuser, labeller = Fuser(rig.calibration), SuitLabeller(rig.suit, shipped_suit_network())
     times = {"ours": [], "naive": []}
     scores = {"ours": np.zeros((N_CLASSES, N_CLASSES), int), "naive": np.zeros((N_CLASSES, N_CLASSES), int)}
     for frame, known in rig.with_truth():
         color, truth = frame.decode_color(), truth_labels(frame, known).parts
         start = time.perf_counter()
         cloud = fuser.fuse(frame.depth_mm, color, frame.thermal_c)
-        parts = labeller(SuitSurvey.of(cloud, rig.suit), None)[0].parts
+        parts = labeller.label(labeller.detect(cloud))[0].parts
         times["ours"].append(time.perf_counter() - start)
         start = time.perf_counter()
         naive = label_naive(rig.calibration, rig.suit, frame.depth_mm, color, frame.thermal_c)

@@ -16,7 +16,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, sha256
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import N_CLASSES
-from annotate.person.extract import Survey
+from annotate.person.extract import PersonDetection
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import BATCH, predict_frames
 from eval.network.predict_source import predict_source
@@ -126,7 +126,7 @@ def recording_seconds(folder, rig, network, again):
     labels = LabelSet.create(folder / "singly", fuser.camera, {})
     for frame in frames[:FRAMES]:
         cloud = fuser.fuse_frame(frame)
-        found = network.segment(cloud.depth_mm, Survey(CoarseCloud.of(cloud)).person().mask)
+        found = network.segment(cloud.depth_mm, PersonDetection(CoarseCloud.of(cloud)).person().mask)
         first = FrameLabels(str(frame.index), cloud.depth_mm, found.parts, found.confidence)
         labels.write(read_again(fuser.camera, first, again) if again else first)
     return ours, (time.perf_counter() - start) / FRAMES

@@ -27,7 +27,7 @@ def compile_(json: Json = False) -> None:
 
 def _label() -> None:
     """A recording of the virtual rig, labelled and compared with its truth."""
-    from annotate.label_recording import label_source
+    from annotate.label_recording import SuitLabeller, label_source
     from annotate.labelset.label_set import LabelSet
     from eval.compare.compare import compare_sets
     from sensors.session.reader import Session
@@ -39,7 +39,7 @@ def _label() -> None:
         path, rig = Path(folder) / "rig.mcap", VirtualRig(2, 1, "hard", 0)
         simulate(rig, path, _nothing)
         session = Session(path)
-        found = label_source(session, rig.suit, Path(folder) / "labels", _nothing).labels
+        found = label_source(session, SuitLabeller(rig.suit), Path(folder) / "labels", _nothing).labels
         compare_sets(found, LabelSet.open(truth_path(path)))
 
 

@@ -8,7 +8,6 @@ from contextlib import AbstractContextManager, closing, contextmanager, nullcont
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import typer
 
@@ -17,7 +16,6 @@ from annotate.frame_labels import FrameLabels
 from annotate.label_recording import SuitSurvey, suit_labeller
 from annotate.live.live_frame import BodyPose, Labelling, Rig
 from annotate.live.pipeline import LivePipeline
-from annotate.segmentation.suit_network import shipped_reader
 from annotate.suit.palette import Suit
 from cli.console import finish, say
 from cli.extras import needing

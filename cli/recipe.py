@@ -11,7 +11,7 @@ from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.correction import Correction
 from annotate.effort.annotator import WHO, Annotator, correct_set
-from annotate.label_recording import label_source
+from annotate.label_recording import SuitLabeller, label_source
 from annotate.labelset.label_set import LabelSet
 from cli.console import progress
 from eval.compare.compare import compare_sets
@@ -37,7 +37,7 @@ def whole_path(out: Path, frames: int, seed: int) -> dict[str, Any]:
         # The network needs no labels: it works while these are made and corrected.
         predicting = beside.submit(_predict, session_path, out / "network")
         with progress("label", frames) as advance:
-            automatic = label_source(session, rig.suit, out / "automatic", advance).labels
+            automatic = label_source(session, SuitLabeller(rig.suit), out / "automatic", advance).labels
         corrected, seconds = _correct_all(automatic, truth, session, out / "corrected")
         predicted = predicting.result()
 

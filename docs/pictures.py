@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from annotate.cloud.fuse import Fuser
 from annotate.frame_labels import FrameLabels
-from annotate.label_recording import SuitSurvey, suit_labeller
+from annotate.label_recording import SuitLabeller
 from annotate.parts import palette_rgb
-from annotate.segmentation.suit_network import shipped_reader
+from annotate.segmentation.suit_network import shipped_suit_network
 from eval.network.onnx_network import OnnxNetwork
 from eval.report.gallery import cloud_picture, make_frame
 from synth.body.body import shipped_bodies
@@ -34,12 +34,12 @@ COLUMNS = ("Thermal cloud", "Extracted depth", "Target labels", "Predicted label
 def frame_picture() -> NDArray[np.uint8]:
     """One row a subject: thermal cloud, depth, truth, parts from the suit, parts from the network (RGB)."""
     rig, network = VirtualRig(SUBJECTS, SUBJECTS, "normal", 12), OnnxNetwork()
-    fuser, labeller = Fuser(rig.calibration), suit_labeller(rig.suit, shipped_reader())
+    fuser, labeller = Fuser(rig.calibration), SuitLabeller(rig.suit, shipped_suit_network())
     rows = []
     for frame, known in rig.with_truth():
         cloud = fuser.fuse_frame(frame)
-        truth, survey = truth_labels(frame, known), SuitSurvey.of(cloud, rig.suit)
-        suit = FrameLabels(truth.frame_id, truth.depth_mm, labeller(survey, None)[0].parts)
+        truth, survey = truth_labels(frame, known), labeller.detect(cloud)
+        suit = FrameLabels(truth.frame_id, truth.depth_mm, labeller.label(survey)[0].parts)
         person = survey.persons.person().mask
         net = FrameLabels(truth.frame_id, truth.depth_mm, network.segment(cloud.depth_mm, person).parts)
         by_suit, by_net = (

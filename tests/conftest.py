@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from annotate.label_recording import label_source
+from annotate.label_recording import SuitLabeller, label_source
 from annotate.labelset.label_set import LabelSet
 from annotate.suit.palette import DEFAULT_SUIT
 from cli.main import main
@@ -87,7 +87,7 @@ def rig_labels(rig_session, tmp_path_factory) -> LabelSet:
     """What an uninterrupted ``label`` makes of ``rig_session``."""
 
     def label(out: Path) -> None:
-        label_source(Session(rig_session), DEFAULT_SUIT, out, lambda n: None)
+        label_source(Session(rig_session), SuitLabeller(DEFAULT_SUIT), out, lambda n: None)
 
     return LabelSet.open(made_once(tmp_path_factory, "labels", label))
 

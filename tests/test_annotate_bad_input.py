@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from annotate.label_recording import label_source
+from annotate.label_recording import SuitLabeller, label_source
 from annotate.parts import UNDEFINED
 from annotate.suit.palette import DEFAULT_SUIT
 from sensors.rig.frame import FrameSource, RigFrame
@@ -50,7 +50,9 @@ def cold(frame: RigFrame) -> RigFrame:
     ],
 )
 def test_a_bad_frame_is_named_and_its_parts_stay_undefined(tmp_path, rig_session, change, said):
-    done = label_source(Changed(Session(rig_session), change), DEFAULT_SUIT, tmp_path / "l", lambda n: None)
+    done = label_source(
+        Changed(Session(rig_session), change), SuitLabeller(DEFAULT_SUIT), tmp_path / "l", lambda n: None
+    )
     notes = [note for note, frames in done.remarks().items() if frames == ["000001"]]
     assert any(all(word in note for word in said) for note in notes), done.remarks()
     parts = {frame.frame_id: np.unique(frame.parts) for frame in done.labels}
@@ -71,7 +73,7 @@ def turned(calibration: RigCalibration, degrees: float, axis: int) -> RigCalibra
 def test_a_thermal_camera_3_degrees_off_in_its_extrinsics_is_found_out(tmp_path, rig_session, axis):
     session = Session(rig_session)
     source = Changed(session, calibration=turned(session.calibration, 3.0, axis))
-    done = label_source(source, DEFAULT_SUIT, tmp_path / "l", lambda n: None)
+    done = label_source(source, SuitLabeller(DEFAULT_SUIT), tmp_path / "l", lambda n: None)
     (frames,) = ({i for n, ids in done.remarks().items() if "calibrate the thermal" in n for i in ids},)
     assert len(frames) >= 2
     for frame in done.labels:

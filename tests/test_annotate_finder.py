@@ -10,9 +10,9 @@ from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.frame_labels import FrameLabels
 from annotate.person import finder
-from annotate.person.extract import Survey
+from annotate.person.extract import PersonDetection
 from annotate.person.finder import Person
-from annotate.person.tracking import numbers_of
+from annotate.person.tracking import assign_track_ids
 from sensors.rig.camera import Intrinsics
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import VirtualRig
@@ -20,7 +20,7 @@ from tests.helpers.furnished_room import CAMERA, celsius_of, cloud_of, seen
 
 
 def survey_of(cloud):
-    return Survey(CoarseCloud.of(cloud))
+    return PersonDetection(CoarseCloud.of(cloud))
 
 
 def iou(found, truth):
@@ -38,7 +38,7 @@ def test_somebody_in_a_furnished_room_is_found_and_nothing_else():
 def test_at_a_glance_the_same_person_is_found():
     depth, whose = seen([(1, 0.0)])
     coarse = CoarseCloud.of(cloud_of(depth))
-    whole, glance = (Survey(coarse, glance=quick).person().mask for quick in (False, True))
+    whole, glance = (PersonDetection(coarse, single_pass=quick).person().mask for quick in (False, True))
     assert iou(glance, whose == 1) > 0.9 and iou(glance, whole) > 0.95 and (glance != whole).any()
 
 
@@ -105,9 +105,9 @@ def test_on_the_virtual_rig_without_temperatures():
 
 def test_an_image_without_any_reading_or_of_one_pixel_shows_nobody():
     nothing = np.full(CAMERA.shape, np.nan, np.float32)
-    assert finder.people_in(cloud_of(nothing), nothing) == []
+    assert finder.find_people(cloud_of(nothing), nothing) == []
     speck = Intrinsics(1, 1, 300.0, 300.0, 0.0, 0.0)
-    assert finder.people_in(cloud_of(np.ones((1, 1)), speck), nothing[:1, :1]) == []
+    assert finder.find_people(cloud_of(np.ones((1, 1)), speck), nothing[:1, :1]) == []
 
 
 def test_votes_for_two_middles_are_two_persons_and_stray_ones_the_nearer_ones():
@@ -124,7 +124,7 @@ def test_votes_for_two_middles_are_two_persons_and_stray_ones_the_nearer_ones():
 def walked(places, before, *, subject_first):
     """Numbers of persons at places (x), and labels that keep them."""
     people = [Person(np.ones((1, 1), np.bool_), 0.5, np.array([x, 0.0, 2.0])) for x in places]
-    numbers, known = numbers_of(people, before, subject_first=subject_first)
+    numbers, known = assign_track_ids(people, before, subject_first=subject_first)
     image = np.zeros((1, 1), np.uint8)
     return numbers, FrameLabels("0", image.astype(np.uint16), image, notes={"people": known})
 

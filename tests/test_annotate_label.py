@@ -12,7 +12,7 @@ from conftest import tree
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.label_recording import SuitSurvey, label_source, run
+from annotate.label_recording import SuitDetection, SuitLabeller, label_source, run
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import UNDEFINED
 from annotate.person.extract import PersonMask
@@ -71,7 +71,7 @@ def test_every_frame_is_labelled_and_kept(session, rig_labels):
 
 
 def test_without_a_suit_only_the_person_is_found(tmp_path, session, rig_labels):
-    run = label_source(session, None, tmp_path / "l", silent)
+    run = label_source(session, SuitLabeller(None), tmp_path / "l", silent)
     for bare, dressed in zip(run.labels, rig_labels, strict=True):
         assert set(np.unique(bare.parts)) == {0, UNDEFINED}
         # The suit's reader finds a little of the body that its warmth does not, and drops what lies loose.
@@ -81,7 +81,9 @@ def test_without_a_suit_only_the_person_is_found(tmp_path, session, rig_labels):
 
 def test_progress_counts_every_frame_bad_ones_too(tmp_path, session):
     told = []
-    run = label_source(Altered(session, broken_color({1})), DEFAULT_SUIT, tmp_path / "l", told.append)
+    run = label_source(
+        Altered(session, broken_color({1})), SuitLabeller(DEFAULT_SUIT), tmp_path / "l", told.append
+    )
     assert told == [1, 1, 1]
     assert [frame_id for frame_id, _ in run.failed] == ["000001"]
     assert run.labels.frame_ids == ["000000", "000002"]
@@ -97,15 +99,15 @@ def test_a_run_that_broke_off_goes_on_to_the_same_bytes(tmp_path, session, rig_l
     out, whole = tmp_path / "l", Session.frame
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
         patched.setattr(Session, "frame", stop)
-        label_source(session, DEFAULT_SUIT, out, silent)
+        label_source(session, SuitLabeller(DEFAULT_SUIT), out, silent)
     assert len(LabelSet.open(out)) == stops_at
-    label_source(session, DEFAULT_SUIT, out, silent)
+    label_source(session, SuitLabeller(DEFAULT_SUIT), out, silent)
     assert tree(out) == tree(rig_labels.path)
 
 
 def test_what_is_done_is_not_done_again(session, labelled):
     files = {p: p.stat().st_mtime_ns for p in labelled.rglob("*")}
-    label_source(session, DEFAULT_SUIT, labelled, silent)
+    label_source(session, SuitLabeller(DEFAULT_SUIT), labelled, silent)
     assert {p: p.stat().st_mtime_ns for p in labelled.rglob("*")} == files
 
 
@@ -118,7 +120,7 @@ def test_other_settings_or_another_recording_are_refused(session, labelled):
         (other, DEFAULT_SUIT, None),
     ):
         with pytest.raises(ExistsError, match="choose another folder"):
-            label_source(source, suit, labelled, silent, window)
+            label_source(source, SuitLabeller(suit, None, window), labelled, silent)
         assert tree(labelled) == before
 
 
@@ -126,13 +128,15 @@ def test_when_all_fail_it_says_why_and_leaves_nothing(tmp_path, session):
     with pytest.raises(
         CloudError, match="none of the 3 frames could be labelled; frame 000000: colour image"
     ):
-        label_source(Altered(session, broken_color({0, 1, 2})), DEFAULT_SUIT, tmp_path / "l", silent)
+        label_source(
+            Altered(session, broken_color({0, 1, 2})), SuitLabeller(DEFAULT_SUIT), tmp_path / "l", silent
+        )
     assert not list(tmp_path.iterdir())
 
 
 def test_images_of_uncalibrated_cameras_are_left_out_and_said(tmp_path, session):
     depth_only = Altered(session, calibration=RigCalibration(session.calibration.depth))
-    run = label_source(depth_only, DEFAULT_SUIT, tmp_path / "l", silent)
+    run = label_source(depth_only, SuitLabeller(DEFAULT_SUIT), tmp_path / "l", silent)
     assert not run.failed
     for frame in run.labels:
         notes = " ".join(frame.notes["notes"])
@@ -143,7 +147,7 @@ def test_images_of_uncalibrated_cameras_are_left_out_and_said(tmp_path, session)
 
 def test_the_least_certain_frame_comes_first(tmp_path, session):
     empty = Altered(session, lambda f: replace(f, depth_mm=np.zeros_like(f.depth_mm)) if f.index == 1 else f)
-    run = label_source(empty, DEFAULT_SUIT, tmp_path / "l", silent)
+    run = label_source(empty, SuitLabeller(DEFAULT_SUIT), tmp_path / "l", silent)
     assert run.review_order()[0] == "000001"
     assert sorted(run.review_order()) == run.labels.frame_ids
 
@@ -153,7 +157,7 @@ def test_a_corrupt_frame_blocks_resuming_and_is_left_alone(session, labelled):
     spoilt.write_bytes(spoilt.read_bytes()[:900])
     before = tree(labelled)
     with pytest.raises(CloudError, match=r"000001\.depth\.png"):
-        label_source(session, DEFAULT_SUIT, labelled, silent)
+        label_source(session, SuitLabeller(DEFAULT_SUIT), labelled, silent)
     assert tree(labelled) == before
 
 
@@ -187,10 +191,10 @@ def test_every_frame_is_given_the_one_before_as_it_is_stored(tmp_path, session):
 
 def test_a_frame_that_cannot_be_relied_on_is_not_labelled(tmp_path, session, monkeypatch):
     monkeypatch.setattr(
-        "annotate.label_recording.Survey.person",
+        "annotate.label_recording.PersonDetection.person",
         lambda survey, before: stripes(survey.cloud.depth_mm.shape, False),
     )
-    for frame in label_source(session, DEFAULT_SUIT, tmp_path / "l", silent).labels:
+    for frame in label_source(session, SuitLabeller(DEFAULT_SUIT), tmp_path / "l", silent).labels:
         np.testing.assert_array_equal(frame.parts == UNDEFINED, frame.persons == 1)
         assert not frame.confidence.any()
         assert frame.notes["notes"] == ["thermal: off"]
@@ -203,7 +207,7 @@ def test_a_spoilt_colour_image_is_named_with_its_frame_and_a_remedy(tmp_path, se
     camera = session.calibration.color
     spoilt = cv2.imencode(".png", np.full((*camera.shape, 3), value, np.uint8))[1].tobytes()
     one = Altered(session, lambda f: replace(f, color_encoded=spoilt) if f.index == 1 else f)
-    run = label_source(one, DEFAULT_SUIT, tmp_path / "l", silent)
+    run = label_source(one, SuitLabeller(DEFAULT_SUIT), tmp_path / "l", silent)
     told = {note: frames for note, frames in run.remarks().items() if note.startswith("colour is")}
     assert list(told.values()) == [["000001"]]
     assert says in next(iter(told))
@@ -214,12 +218,12 @@ def test_a_spoilt_colour_image_is_named_with_its_frame_and_a_remedy(tmp_path, se
 
 def test_remarks_name_the_frames(tmp_path, session):
     empty = Altered(session, lambda f: replace(f, depth_mm=np.zeros_like(f.depth_mm)) if f.index == 1 else f)
-    remarks = label_source(empty, DEFAULT_SUIT, tmp_path / "l", silent).remarks()
+    remarks = label_source(empty, SuitLabeller(DEFAULT_SUIT), tmp_path / "l", silent).remarks()
     assert ["000001"] in remarks.values()
 
 
 def test_what_the_reader_sees_is_gathered_ahead_of_the_frames_turn(rig_session):
     """Once: in its turn the same subject is not looked at again."""
     source = Session(rig_session)
-    survey = SuitSurvey.of(Fuser(source.calibration).fuse_frame(next(iter(source))), DEFAULT_SUIT)
+    survey = SuitDetection.of(Fuser(source.calibration).fuse_frame(next(iter(source))), DEFAULT_SUIT)
     assert survey.seen is not None and survey.view(survey.persons.person(None)) is survey.seen

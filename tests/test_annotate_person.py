@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.frame_labels import FrameLabels
-from annotate.person.extract import Survey
+from annotate.person.extract import PersonDetection
 from annotate.person.planes import MOST_PLANES, find_planes
 from annotate.person.subject import cloths_shown
 from annotate.person.warmth import WINDOW_C
@@ -24,7 +24,7 @@ from tests.helpers.furnished_room import CAMERA, celsius_of, cloud_of, seen
 
 
 def survey_of(cloud, window_c=None):
-    return Survey(CoarseCloud.of(cloud), window_c)
+    return PersonDetection(CoarseCloud.of(cloud), window_c)
 
 
 def warm(people=((1, 0.0),), **how):

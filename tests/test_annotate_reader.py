@@ -11,22 +11,29 @@ from hypothesis import strategies as st
 from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.parts import N_CLASSES, PART_ID, swap_left_right
-from annotate.person.extract import Survey
+from annotate.person.extract import PersonDetection
 from annotate.segmentation import split_network as halves
 from annotate.segmentation.border_refinement import with_borders
-from annotate.segmentation.flip_averaging import mirrored, read_twice
 from annotate.segmentation.input_channels import (
     CHANNELS,
-    LIKENESS,
+    LIKELIHOODS,
     RANGES,
     Rectangle,
     channels,
-    in_light,
     network_input,
     rectangle,
+    with_likelihoods,
 )
-from annotate.segmentation.suit_network import CLASSES, MULTIPLE, SHIPPED_READER, Reader, shipped_reader
-from annotate.suit.illuminant import fitted_to
+from annotate.segmentation.suit_network import (
+    CLASSES,
+    MULTIPLE,
+    SHIPPED_SUIT_NETWORK,
+    SuitNetwork,
+    flip_averaged,
+    flipped,
+    shipped_suit_network,
+)
+from annotate.suit.color_model import fit_illuminant
 from annotate.suit.palette import DEFAULT_SUIT
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics, rays
@@ -68,7 +75,7 @@ def test_what_is_not_known_is_nothing_to_the_network(seed):
     rng = np.random.default_rng(seed)
     planes = rng.integers(0, 256, (len(CHANNELS), 8, 8)).astype(np.uint8)
     planes[0], planes[1] = 0, 0
-    planes[-len(LIKENESS) + 2 :] = 0
+    planes[-len(LIKELIHOODS) + 2 :] = 0
     assert not network_input(planes).any()
 
 
@@ -76,24 +83,24 @@ def test_every_channel_keeps_its_range():
     worn = np.zeros(CAMERA.shape, np.uint8)
     worn[10:50, 30:60] = TORSO
     cloud = wall(worn)
-    survey = Survey(CoarseCloud.of(cloud))
+    survey = PersonDetection(CoarseCloud.of(cloud))
     person = replace(survey.person(None), mask=worn > 0, persons=(worn > 0).astype(np.uint8))
-    light = fitted_to(DEFAULT_SUIT, cloud.color_rgb[worn > 0])
+    light = fit_illuminant(DEFAULT_SUIT, cloud.color_rgb[worn > 0])
     where = rectangle(cloud, worn > 0)[0]
     bare = channels(cloud, survey, person, where)
-    planes = in_light(bare, cloud.color_rgb[where], light)
+    planes = with_likelihoods(bare, cloud.color_rgb[where], light)
     assert planes.shape[0] == len(CHANNELS) and planes.dtype == np.uint8
     torso, arm = (planes[CHANNELS.index(name)] for name in ("torso", "left_upper_arm"))
     own = worn[where] > 0
     assert torso[own].min() > arm[own].max() and set(RANGES) <= set(CHANNELS)
-    assert not bare[-len(LIKENESS) :].any()
-    np.testing.assert_array_equal(planes[: -len(LIKENESS)], bare[: -len(LIKENESS)])
+    assert not bare[-len(LIKELIHOODS) :].any()
+    np.testing.assert_array_equal(planes[: -len(LIKELIHOODS)], bare[: -len(LIKELIHOODS)])
 
 
 def test_colour_moves_a_border_that_the_network_leaves_open():
     worn = np.where(np.arange(96) < 50, TORSO, ARM)[None].repeat(64, 0).astype(np.uint8)
     cloud = wall(worn)
-    light = fitted_to(DEFAULT_SUIT, cloud.color_rgb.reshape(-1, 3))
+    light = fit_illuminant(DEFAULT_SUIT, cloud.color_rgb.reshape(-1, 3))
     chance = np.full((CLASSES, *CAMERA.shape), 1e-3, np.float32)
     chance[TORSO, :, :44], chance[ARM, :, 56:] = 0.9, 0.9
     chance[[TORSO, ARM], :, 44:56] = 0.5
@@ -105,23 +112,26 @@ def test_colour_moves_a_border_that_the_network_leaves_open():
 
 
 def test_the_network_takes_any_size_and_damage_is_named(tmp_path):
-    reader = shipped_reader()
+    reader = shipped_suit_network()
     for shape, step in (((MULTIPLE, 3 * MULTIPLE), 1), ((37, 50), 1), ((37, 50), 3)):
         found = reader.probabilities(np.zeros((len(CHANNELS), *shape), np.uint8), step)
         assert found.shape == (N_CLASSES + 1, *shape)
         np.testing.assert_allclose(found.sum(axis=0), 1, atol=1e-5)
-    whole, outline = SHIPPED_READER.read_bytes(), halves._model()
+    whole, outline = SHIPPED_SUIT_NETWORK.read_bytes(), halves._model()
     blind = outline.FromString(whole)
     del blind.graph.input[:]
     others = b"no network", whole[:-1000], blind.SerializeToString(), outline().SerializeToString()
-    for other in (*others, SHIPPED_READER.parents[1].joinpath("person", "finder.onnx").read_bytes()):
+    for other in (*others, SHIPPED_SUIT_NETWORK.parents[1].joinpath("person", "finder.onnx").read_bytes()):
         (tmp_path / "w.onnx").write_bytes(other)
         with pytest.raises(FormatError, match="train-labels"):
-            Reader(tmp_path / "w.onnx")
+            SuitNetwork(tmp_path / "w.onnx")
 
 
 def test_a_pixel_is_seen_among_every_step_th():
-    reader, planes = shipped_reader(), np.random.default_rng(7).integers(0, 256, (len(CHANNELS), 33, 50))
+    reader, planes = (
+        shipped_suit_network(),
+        np.random.default_rng(7).integers(0, 256, (len(CHANNELS), 33, 50)),
+    )
     planes = planes.astype(np.uint8)
     found = reader.probabilities(planes, 3)
     np.testing.assert_allclose(found[:, ::3, ::3], reader.probabilities(planes[:, ::3, ::3], 1), atol=1e-6)
@@ -137,9 +147,9 @@ def test_a_part_of_an_image_is_read_as_in_the_whole(top, left, height, width, st
     planes = np.random.default_rng(9).integers(0, 256, (len(CHANNELS), 48, 80)).astype(np.uint8)
     near = Rectangle(slice(top, min(top + height, 48)), slice(left, min(left + width, 80)))
     wide = Rectangle(*(slice(max(s.start - 32 * step, 0), s.stop + 32 * step) for s in near))
-    whole = shipped_reader().probabilities(planes, step)
+    whole = shipped_suit_network().probabilities(planes, step)
     wide = Rectangle(*(slice(s.start, min(s.stop, side)) for s, side in zip(wide, (48, 80), strict=True)))
-    found = shipped_reader().probabilities(planes, step, wide)
+    found = shipped_suit_network().probabilities(planes, step, wide)
     inner = (slice(n.start - w.start, n.stop - w.start) for n, w in zip(near, wide, strict=True))
     np.testing.assert_allclose(found[:, *inner], whole[:, *near], atol=1e-4)
 
@@ -150,11 +160,11 @@ def test_a_frame_and_its_mirror_image_are_read_alike(width, step):
     planes = np.random.default_rng(11).integers(0, 256, (len(CHANNELS), 36, width)).astype(np.uint8)
     near, twins = Rectangle(slice(3, 30), slice(7, 29)), [*swap_left_right(np.arange(12, dtype=np.uint8)), 12]
     there = Rectangle(near.rows, slice(width - 29, width - 7))
-    assert (mirrored(mirrored(planes)) == planes).all() and (mirrored(planes) != planes).any()
-    found = read_twice(shipped_reader(), planes, step, near)
+    assert (flipped(flipped(planes)) == planes).all() and (flipped(planes) != planes).any()
+    found = flip_averaged(shipped_suit_network(), planes, step, near)
     assert found.shape == (N_CLASSES + 1, 27, 22)
     if (width - 1) % step == 0:
-        other = read_twice(shipped_reader(), mirrored(planes), step, there)
+        other = flip_averaged(shipped_suit_network(), flipped(planes), step, there)
         np.testing.assert_allclose(other[twins][:, :, ::-1], found, atol=1e-6)
 
 
@@ -169,13 +179,16 @@ def test_around_a_place_the_mirror_shows_the_same_pixels(width):
             return np.zeros((CLASSES, *planes[0, *near].shape), np.float32)
 
     planes = np.random.default_rng(12).integers(0, 256, (len(CHANNELS), 20, width)).astype(np.uint8)
-    read_twice(Watched(), planes, 3, Rectangle(slice(4, 9), slice(8, width)))
+    flip_averaged(Watched(), planes, 3, Rectangle(slice(4, 9), slice(8, width)))
     for one, other in zip(*seen, strict=True):
-        np.testing.assert_array_equal(mirrored(one), other)
+        np.testing.assert_array_equal(flipped(one), other)
 
 
 def test_a_reader_sent_to_another_process_says_the_same():
-    reader, planes = shipped_reader(), np.random.default_rng(5).integers(0, 256, (len(CHANNELS), 32, 48))
+    reader, planes = (
+        shipped_suit_network(),
+        np.random.default_rng(5).integers(0, 256, (len(CHANNELS), 32, 48)),
+    )
     sent = pickle.loads(pickle.dumps(reader))
     assert sent.sha256 == reader.sha256
     here, there = (one.probabilities(planes.astype(np.uint8), 2) for one in (reader, sent))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from annotate.cloud.coarse import CoarseFuser
 from annotate.cloud.fuse import Fuser
 from annotate.foxglove.topics import Shown, shown_messages
-from annotate.label_recording import label_source
+from annotate.label_recording import SuitLabeller, label_source
 from annotate.labelset.source_recording import Recorded
 from sensors.calibration_files.calibration_yaml import open_calibration, read_yaml, write_yaml
 from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
@@ -119,7 +119,7 @@ def test_a_camera_that_reads_wrongly_is_right_after_calibration(annotate_cloud, 
     session = Session(tmp_path / "wall.mcap")
     cloud = Fuser(session.calibration).fuse_frame(session.frame(0))
     assert np.nanmax(np.abs(cloud.points_m[..., 2] - 2.0)) < 0.002
-    labels = label_source(session, None, tmp_path / "labels", lambda n: None).labels
+    labels = label_source(session, SuitLabeller(None), tmp_path / "labels", lambda n: None).labels
     frame = labels.read("000000")
     np.testing.assert_array_equal(frame.depth_mm, cloud.depth_mm)
     beside = Recorded(labels, session.path).fused(frame)

@@ -7,8 +7,8 @@ import pytest
 
 from annotate.crop import person_of
 from annotate.labelset.label_set import LabelSet
-from annotate.segmentation.input_channels import CHANNELS, LIKENESS
-from annotate.segmentation.suit_network import Reader
+from annotate.segmentation.input_channels import CHANNELS, LIKELIHOODS
+from annotate.segmentation.suit_network import SuitNetwork
 from eval.compare.compare import compare_sets
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import predict_frames
@@ -34,8 +34,8 @@ class CutOut(Cold):
 
 
 @pytest.fixture(scope="module")
-def learnt() -> Reader:
-    return Reader(SHIPPED_AGAIN)
+def learnt() -> SuitNetwork:
+    return SuitNetwork(SHIPPED_AGAIN)
 
 
 @pytest.fixture(scope="module")
@@ -102,5 +102,5 @@ def test_nobody_stays_nobody_and_no_colour_is_seen(first, learnt):
     nobody = replace(frame, parts=np.zeros_like(frame.parts))
     assert read_again(first.intrinsics, nobody, learnt) is nobody
     _, view = depth_view(frame, first.intrinsics)
-    dark = [CHANNELS.index(name) for name in ("shade", "red", "green", "room", *LIKENESS)]
+    dark = [CHANNELS.index(name) for name in ("shade", "red", "green", "room", *LIKELIHOODS)]
     assert not view.planes[dark].any() and len(view.colors) == 0

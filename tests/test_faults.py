@@ -24,7 +24,7 @@ import sensors.recording.device_readers
 from annotate.correction.correction import Correction
 from annotate.correction.edit import IDLE_S, ActiveTime, steady_time
 from annotate.frame_labels import FrameLabels
-from annotate.label_recording import label_source
+from annotate.label_recording import SuitLabeller, label_source
 from annotate.labelset.atomic_folder import appearing, claimed_to_replace, moved_aside
 from annotate.labelset.claim import CLAIM, Claim, ClaimedError
 from annotate.labelset.journal import JOURNAL
@@ -383,7 +383,7 @@ def test_two_labels_of_one_set_take_turns(annotate_cloud, tmp_path, rig_session,
             Correction.open(out)
         seen.append(len(Correction.open(out, read_only=True).labels))
 
-    label_source(Session(rig_session), DEFAULT_SUIT, out, meanwhile)
+    label_source(Session(rig_session), SuitLabeller(DEFAULT_SUIT), out, meanwhile)
     assert len(seen) == 3
     assert all(on_disk >= told for told, on_disk in enumerate(seen, 1))
     assert tree(out) == tree(rig_labels.path)
@@ -502,5 +502,5 @@ def test_a_claim_is_given_back_when_a_run_fails(tmp_path, rig_session):
         raise OSError(28, "No space left on device")
 
     with pytest.raises(OSError, match="No space"):
-        label_source(Session(rig_session), DEFAULT_SUIT, out, fails)
+        label_source(Session(rig_session), SuitLabeller(DEFAULT_SUIT), out, fails)
     Claim.take(out, "bob").release()

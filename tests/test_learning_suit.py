@@ -14,7 +14,7 @@ from conftest import tree  # noqa: E402
 from annotate.correction.correction import Correction  # noqa: E402
 from annotate.correction.relabel import relabel, take_back  # noqa: E402
 from annotate.labelset.label_set import LabelSet  # noqa: E402
-from annotate.segmentation.suit_network import SHIPPED_READER, Reader  # noqa: E402
+from annotate.segmentation.suit_network import SHIPPED_SUIT_NETWORK, SuitNetwork  # noqa: E402
 from eval.fine_tuning import by_suit  # noqa: E402
 from eval.fine_tuning import fine_tune as learning  # noqa: E402
 from eval.fine_tuning import run as practice  # noqa: E402
@@ -60,7 +60,7 @@ def test_frames_left_are_read_again_the_same_way_twice_and_after_a_kill(
     done = learning.learn(taught, tmp_path / "model", learner(taught, rig_session), silent)
     assert tree(taught) == before and (done.frames, done.held_out) == (2, 1)
     assert LabelSet.open(done.labels).frame_ids == [LEFT]
-    assert Reader(done.weights).sha256 != Reader(SHIPPED_READER).sha256
+    assert SuitNetwork(done.weights).sha256 != SuitNetwork(SHIPPED_SUIT_NETWORK).sha256
 
     def killed(*given):
         raise KeyboardInterrupt

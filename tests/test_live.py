@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from annotate.cloud.fuse import Fuser
-from annotate.label_recording import SuitSurvey, suit_labeller
 from annotate.live.frame_warnings import color_warning, person_warnings
 from annotate.live.live_frame import Labelling
 from annotate.live.pipeline import WORKERS, LivePipeline
@@ -24,7 +23,6 @@ from annotate.live.shift_watch import EVERY_NS, FRAMES, ShiftWatch
 from annotate.live.warning import HOLD_S, ActiveWarnings, LiveWarning
 from annotate.person.extract import PersonMask
 from annotate.segmentation.segmented_person import unlabelled
-from annotate.segmentation.suit_network import shipped_reader
 from annotate.suit.palette import load_suit
 from cli.live_lines import show_lines
 from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, Flag, ThermalImage
@@ -40,6 +38,7 @@ from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.reader import Session
 from synth.rig.paths import suit_path
+from tests.helpers.labellers import no_person
 
 RATES_HZ = {"depth": 30.0, "color": 30.0, "thermal": 128.0}
 DEVICE = {"depth": "kinect", "color": "kinect", "thermal": "optris"}
@@ -185,7 +184,7 @@ def seen(rig_session):
 
 
 def read_by(suit, cloud):
-    result, person = suit_labeller(suit, shipped_reader())(SuitSurvey.of(cloud, suit), None)
+    result, person = label_cloud(SuitLabeller(suit), cloud, None)
     return suit, cloud, result, person
 
 
@@ -281,8 +280,7 @@ def test_a_stream_that_stays_silent_is_silent_for_as_long_as_it_is():
         assert watch.streams(EPOCH_NS + at_s * 10**9)["depth"].silent_s == pytest.approx(at_s - 2, abs=0.05)
 
 
-@pytest.mark.parametrize("step", ["survey", "label"])
-def test_it_is_said_why_frames_have_no_labels(monkeypatch, step):
+def test_it_is_said_why_frames_have_no_labels(monkeypatch):
     monkeypatch.setattr("annotate.live.warning.HOLD_S", 0.0)
 
     def fails(*_):
@@ -292,8 +290,7 @@ def test_it_is_said_why_frames_have_no_labels(monkeypatch, step):
         frames=LatestValue(), calibration=RigCalibration(Intrinsics(2, 2, 2.0, 2.0, 0.5, 0.5))
     )
     rig.health = Health
-    steps = {"survey": lambda cloud: cloud} | {step: fails}
-    pipeline = LivePipeline(rig, Labelling(steps["survey"], fails, lambda *_: None))
+    pipeline = LivePipeline(rig, Labelling(fails, lambda *_: None))
     pipeline.start()
     rig.frames.put(SyncedFrame(RigFrame(0, 1, DEPTH), 1, 1))
     rig.frames.end()
@@ -315,15 +312,11 @@ def test_complaints_are_said_of_a_rig_that_gives_no_images(capsys):
 def test_every_frame_that_was_labelled_has_its_line(annotate_cloud, rig_session, monkeypatch):
     """The one that was being labelled when the time was over, too."""
 
-    def slow(cloud):
+    def slow(cloud, before):
         time.sleep(0.5)
-        return cloud
+        return no_person(cloud)
 
-    def label(cloud, before):
-        nobody = np.zeros(cloud.depth_mm.shape, bool)
-        return unlabelled(nobody), PersonMask(nobody, "depth", nobody.astype(np.uint8))
-
-    monkeypatch.setattr("cli.live_view.labelling_by", lambda suit: Labelling(slow, label, lambda *_: None))
+    monkeypatch.setattr("cli.live_view.labelling_by", lambda suit: Labelling(slow, lambda *_: None))
     done = annotate_cloud("live", rig_session, "--no-window", "--seconds", 0.3)
     lines = [json.loads(line) for line in done.out.splitlines()]
     frames, labelled, skipped = map(int, re.findall(r"(\d+) (?:frames|labelled|skipped)", done.err))
@@ -384,12 +377,13 @@ def test_whoever_is_free_labels_the_newest_moment_and_the_newest_is_shown_last(s
     rig, begun, rng = ByHand(), queue.Queue(), np.random.default_rng(seed)
     may_end, nobody = [threading.Event() for _ in range(40)], np.zeros((6, 8), bool)
 
-    def label(number, before):
+    def label(cloud, before):
+        number = int(cloud.depth_mm.max())
         begun.put(number)
         assert may_end[number].wait(60)
         return unlabelled(nobody), PersonMask(nobody, "depth", nobody.astype(np.uint8))
 
-    pipeline = LivePipeline(rig, Labelling(lambda cloud: int(cloud.depth_mm.max()), label, lambda *_: None))
+    pipeline = LivePipeline(rig, Labelling(label, lambda *_: None))
     pipeline.start()
     busy, latest = [], 0
     while len(busy) < WORKERS:

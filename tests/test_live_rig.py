@@ -22,8 +22,6 @@ import sensors.recording.recorder
 from annotate.label_recording import run
 from annotate.live.live_frame import Labelling
 from annotate.live.rig_warnings import rig_warnings
-from annotate.person.extract import PersonMask
-from annotate.segmentation.segmented_person import unlabelled
 from sensors.device.protocol import DepthImage, DeviceReading, Spot
 from sensors.errors import (
     CloudError,
@@ -39,6 +37,7 @@ from sensors.recording.playback import Playback
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.reader import Session
+from tests.helpers.labellers import CloudLabeller, no_person
 from tests.helpers.slow_disk import on_disk_of
 
 CAMERA = Intrinsics(8, 6, 10.0, 10.0, 3.5, 2.5)
@@ -137,7 +136,7 @@ def test_what_is_recorded_from_key_to_key_has_no_gap(rig_of, tmp_path):
 
 @pytest.mark.parametrize("verb", [["record"], ["live", "--no-window", "--record"]])
 def test_a_polite_kill_leaves_a_whole_recording(annotate_cloud, tmp_path, monkeypatch, verb):
-    def fail(cloud):
+    def fail(*_):
         raise CloudError("nobody is in view")
 
     def terminate() -> None:
@@ -147,7 +146,7 @@ def test_a_polite_kill_leaves_a_whole_recording(annotate_cloud, tmp_path, monkey
 
     monkeypatch.setattr(Camera, "calibration", RigCalibration(CAMERA))
     monkeypatch.setattr("cli.rig_devices.open_device", lambda address, shown: Camera())
-    monkeypatch.setattr("cli.live_view.labelling_by", lambda suit: Labelling(fail, fail, fail))
+    monkeypatch.setattr("cli.live_view.labelling_by", lambda suit: Labelling(fail, fail))
     path, partial, handled = tmp_path / "a.mcap", tmp_path / "a.mcap.partial", []
     killer = threading.Thread(target=terminate)
     killer.start()
@@ -175,11 +174,7 @@ def test_labels_bear_the_name_that_was_recorded(rig_of, tmp_path):
     rig.record(tmp_path / "a.mcap", subject="anna")
     wait_for(lambda: rig.frames.count > 3)
     rig.close()
-    nobody = np.zeros(CAMERA.shape, bool)
-
-    def labeller(cloud, before):
-        return unlabelled(nobody), PersonMask(nobody, "depth", nobody.astype(np.uint8))
-
+    labeller = CloudLabeller(no_person)
     made = run(Session(tmp_path / "a.mcap"), {}, tmp_path / "labels", labeller, lambda n: None)
     assert len(made.labels) and {frame.subject for frame in made.labels} == {"anna"}
 

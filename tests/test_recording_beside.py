@@ -4,28 +4,20 @@ import json
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from annotate.frame_labels import FrameLabels
 from annotate.label_recording import run
 from annotate.labelset.label_set import MANIFEST, LabelSet
 from annotate.labelset.source_recording import Recorded, find_session
-from annotate.person.extract import PersonMask
-from annotate.segmentation.segmented_person import unlabelled
 from sensors.errors import ExistsError
 from sensors.importers.open_source import open_source
 from tests.helpers.depth_files import NUMBERS, depth_image, png, write
+from tests.helpers.labellers import CloudLabeller, no_person
 from tests.test_sensors_session import frames, record
 
 
-def nobody(cloud, before: FrameLabels | None):
-    mask = np.zeros(cloud.depth_mm.shape, bool)
-    return unlabelled(mask), PersonMask(mask, "depth", mask.astype(np.uint8))
-
-
 def labelled(source: Path, out: Path) -> LabelSet:
-    return run(open_source(source), {"label": {}}, out, nobody, lambda n: None).labels
+    return run(open_source(source), {"label": {}}, out, CloudLabeller(no_person), lambda n: None).labels
 
 
 @pytest.fixture

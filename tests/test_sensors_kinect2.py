@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from annotate.cloud.fuse import Fuser, undistortion_index
-from annotate.label_recording import label_source
+from annotate.label_recording import SuitLabeller, label_source
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import UNDEFINED, swap_left_right
 from annotate.suit.palette import DEFAULT_SUIT
@@ -256,7 +256,7 @@ def test_left_stays_left_from_the_library_to_the_labels(rig_session, tmp_path):
             writer.write(shown)
     assert factory.depth.cx == pytest.approx(511 - (511 - session.calibration.depth.cx), abs=1e-4)
     recorded = Session(tmp_path / "k.mcap")
-    labels = label_source(recorded, DEFAULT_SUIT, tmp_path / "l", lambda n: None).labels
+    labels = label_source(recorded, SuitLabeller(DEFAULT_SUIT), tmp_path / "l", lambda n: None).labels
     network = predict_source(recorded, OnnxNetwork(), tmp_path / "p", lambda n: None).labels
     for found, least in ((labels, 0.85), (network, 0.6)):
         for frame in found:

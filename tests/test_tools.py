@@ -8,7 +8,7 @@ import pytest
 
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.segmentation.input_channels import CHANNELS, network_input
-from annotate.segmentation.suit_network import shipped_reader
+from annotate.segmentation.suit_network import shipped_suit_network
 from tools.measure.ablation import INPUTS, Without, labelled, row
 from tools.measure.labels import print_figures, worst_first
 
@@ -33,7 +33,7 @@ def test_the_engine_is_measured_against_a_simulated_session(rig_session, capsys)
 
 
 def test_without_a_difference_the_interval_of_a_row_is_empty(rig_session):
-    whole = labelled(rig_session, shipped_reader())
+    whole = labelled(rig_session, shipped_suit_network())
     cells = row("nothing", whole, whole).strip("| ").split(" | ")
     assert cells[0] == "nothing" and len(cells) == 6
     assert all(cell.endswith("]") and "+0.0" in cell for cell in cells[1:6])
@@ -49,7 +49,9 @@ def test_an_input_that_is_left_out_says_nothing(name):
     other[rows] = rng.integers(0, 256, other[rows].shape)
     np.testing.assert_array_equal(silence.over(planes), silence.over(other))
     assert (network_input(silence.over(planes)) != network_input(planes)).any()
-    assert (Without(silence).probabilities(planes, 1) != shipped_reader().probabilities(planes, 1)).any()
+    assert (
+        Without(silence).probabilities(planes, 1) != shipped_suit_network().probabilities(planes, 1)
+    ).any()
 
 
 def test_worst_first_counts_the_wrong_pixels_to_be_expected():

@@ -11,7 +11,12 @@ from hypothesis import strategies as st
 
 from annotate.parts import LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
 from annotate.segmentation.input_channels import CHANNELS, FELT, SEEN, SUBJECT, VALID, network_input
-from annotate.segmentation.suit_network import CLASSES, SHIPPED_READER, Reader, shipped_reader
+from annotate.segmentation.suit_network import (
+    CLASSES,
+    SHIPPED_SUIT_NETWORK,
+    SuitNetwork,
+    shipped_suit_network,
+)
 from eval.network.refine import SHIPPED_AGAIN
 from eval.training.segmentation import fit as fitting
 from eval.training.segmentation import train
@@ -165,13 +170,13 @@ def test_a_file_is_the_network_and_reads_back(tmp_path):
     for height, width in ((32, 48), (64, 16)):
         planes = example(rng, height, width).planes
         for name in ("w.onnx", "again.onnx"):
-            found = Reader(tmp_path / name).probabilities(planes, 1)
+            found = SuitNetwork(tmp_path / name).probabilities(planes, 1)
             np.testing.assert_allclose(found, chances(network, planes, 2.0), atol=1e-4)
 
 
 def test_the_shipped_file_reads_back_and_others_are_refused_in_one_line(tmp_path):
     planes = example(np.random.default_rng(2), 32, 32).planes
-    found = Reader(FULL_READER).probabilities(planes, 1)
+    found = SuitNetwork(FULL_READER).probabilities(planes, 1)
     np.testing.assert_allclose(found, chances(load_reader(FULL_READER), planes), atol=1e-4)
     (tmp_path / "w.onnx").write_bytes(b"no network")
     with pytest.raises(FormatError, match="train-labels"):
@@ -258,7 +263,9 @@ def test_frames_of_the_rig_are_learnt_from_without_encoding_them():
     assert 0.003 < one.pixel_m < 0.012
 
 
-@pytest.mark.parametrize(("shipped", "full"), [(SHIPPED_READER, FULL_READER), (SHIPPED_AGAIN, FULL_AGAIN)])
+@pytest.mark.parametrize(
+    ("shipped", "full"), [(SHIPPED_SUIT_NETWORK, FULL_READER), (SHIPPED_AGAIN, FULL_AGAIN)]
+)
 def test_a_shipped_reader_in_eight_bits_says_what_it_says_in_full_precision(shipped, full):
     (one,) = rig_examples(VirtualRig(1, 1, "clean", 3, draft=True))
     if full == FULL_AGAIN:
@@ -266,7 +273,7 @@ def test_a_shipped_reader_in_eight_bits_says_what_it_says_in_full_precision(ship
         one.planes[0] &= np.uint8(255 ^ SEEN ^ FELT)
         one.planes[CHANNELS.index("before")] = np.where(one.target < CLASSES - 1, one.target, 0)
     seen = as_labelling(one, 0.012).planes
-    few, all_ = (Reader(path).probabilities(seen, 1) for path in (shipped, full))
+    few, all_ = (SuitNetwork(path).probabilities(seen, 1) for path in (shipped, full))
     assert (few.argmax(axis=0) == all_.argmax(axis=0)).mean() > 0.995 and np.abs(few - all_).mean() < 0.005
     with pytest.raises(FormatError, match="full precision"):
         load_reader(shipped)
@@ -277,7 +284,7 @@ def test_eight_bits_leave_the_layers_that_are_named_and_no_other_name_passes(tmp
     planes = example(np.random.default_rng(5), 48, 64).planes
     inputs = [{"channels": network_input(planes)[None]}]
     eight_bits(tmp_path / "w.onnx", inputs, tmp_path / "few.onnx", ["leave"])
-    full, few = (Reader(tmp_path / name).probabilities(planes, 1) for name in ("w.onnx", "few.onnx"))
+    full, few = (SuitNetwork(tmp_path / name).probabilities(planes, 1) for name in ("w.onnx", "few.onnx"))
     assert 0 < np.abs(full - few).mean() < 0.02
     with pytest.raises(ValueError, match="leaf"):
         eight_bits(tmp_path / "w.onnx", inputs, tmp_path / "none.onnx", ["leave", "leaf"])
@@ -304,7 +311,7 @@ def test_the_verb_goes_on_and_labels_are_made_by_what_it_writes(
         patch.setattr(Recording, "examples", None)  # they are there already
         done = annotate_cloud(*verb).result
     assert done["frames"] == done["frames_held_out"] == 3 and not (out / "examples").exists()
-    assert done["sha256"] == Reader(out / "reader.onnx").sha256 != shipped_reader().sha256
+    assert done["sha256"] == SuitNetwork(out / "reader.onnx").sha256 != shipped_suit_network().sha256
     assert "another training" in annotate_cloud(*verb).err
     suit = suit_path(rig_session)
     assert not annotate_cloud(

@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from annotate.array_types import Float64
 from annotate.cloud.thermal_cloud import ThermalCloud
@@ -39,8 +39,9 @@ class BodyPose:
 
 @dataclass(frozen=True)
 class Labelling:
-    """Functions that label a cloud: ``survey`` needs no other frame, ``label`` has that of the frame before.
+    """Functions of the live pipeline.
 
+    label: a cloud, after the labels of the previous frame, as ``label_cloud``.
     stance: joints, facing and posture of the labelled person, None where they cannot be known.
     """
 

@@ -139,7 +139,7 @@ class LivePipeline:
         """Label a frame, by the labels shown last, and show it; where it fails, say why."""
         synced, cloud = fused.synced, fused.cloud
         try:
-            result, person = self._labelling.label(self._labelling.survey(cloud), self._before)
+            result, person = self._labelling.label(cloud, self._before)
         except CloudError as error:
             with self._showing:
                 self._before = None

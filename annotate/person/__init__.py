@@ -1,1 +1,1 @@
-"""Who is in the cloud: the person apart from the room, the furniture and other people."""
+"""Persons in a cloud: detection, tracking, the subject, and checks of the thermal image."""

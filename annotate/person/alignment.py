@@ -1,9 +1,9 @@
-"""Shift of the thermal image against the depth image, of one frame and of a session: the calibration's drift.
+"""Shift of the thermal image against the depth image, in a frame and over a session (calibration drift).
 
-At a person's silhouette depth jumps, and temperature with it. Points just inside and just outside of the
-jumps are looked up in the temperatures under every shift of a grid; the shift with the largest difference
-between inside and outside is the error of the thermal camera's calibration. Over a session the contrasts of
-all frames add up to a peak that a parabola places between the shifts tried.
+At a person's silhouette depth and temperature jump together. Points inside and outside of depth jumps are
+compared in temperature under a grid of shifts; the shift with the largest contrast is the error of the
+calibration. A parabola refines the peak of a session's mean contrasts. Constants are untuned unless a source
+is given.
 """
 
 from collections.abc import Iterable
@@ -23,32 +23,27 @@ from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 
-SILHOUETTE_JUMP = 0.08
-"""Depth difference across a silhouette as a share of the nearer depth: 16 cm at 2 m. Chosen by eye."""
-SEARCHED = 0.115
-"""Farthest shift tried to each side as a share of the focal length, 6.5 degrees, and how far from warm pixels
-silhouettes count. Chosen by eye."""
-SHIFT_PX = 3
-"""Spacing of the shifts in pixels, and distance of the points compared from the jump between them: a thermal
-pixel of a PI200 on a Kinect v2."""
-LEAST_EDGES, OFF_PX = 80, 8.0
-"""Pairs of points below which the contrast counts as unknown; least shift in pixels that counts as off.
-Chosen by eye."""
-LEAST_GAIN, WARMER = 0.1, 0.04
-"""Least gain by that shift in contrast, and in the warmth of persons' pixels, a share. Of 713 frames of the
-virtual rig they take none for moved, and 446 of them moved by 5 to 8 thermal pixels; 0.1, 0.05: none, 425."""
-GROUPS = 8
-"""Groups of frames that give the standard deviation; least number of frames. Chosen by eye."""
-TOLERABLE_DEG = 0.5
-"""Largest drift in degrees that fusion and extraction bear: a pixel of a PI200 with its 72 degree lens."""
+SILHOUETTE_JUMP = 0.08  # depth difference across a silhouette, share of the nearer depth
+SEARCHED = 0.115  # farthest shift tried, share of the focal length; also how far from warm pixels edges count
+SHIFT_PX = (
+    3  # spacing of the shifts, and distance of compared points from the jump: a PI200's pixel on a Kinect
+)
+LEAST_EDGES = 80  # pairs of points below which the contrast is unknown
+OFF_PX = 8.0  # least shift that counts as off
+LEAST_GAIN = 0.1  # of the contrast by that shift
+WARMER = (
+    0.04  # least gain in warmth of persons' pixels, share; 0 of 713 aligned frames alarm, 446 shifted ones do
+)
+GROUPS = 8  # groups of frames that give the standard deviation; least number of frames
+TOLERABLE_DEG = 0.5  # drift that fusion and extraction tolerate: a pixel of a PI200 with its 72 degree lens
 
 
 @dataclass(frozen=True)
 class ThermalDrift:
     """Shift (right, down) of the thermal image over the depth image, in depth pixels.
 
-    sd_px: its standard deviations by groups of frames. degrees: the angle of the shift in the depth camera.
-    frames: number of frames with enough silhouettes.
+    sd_px: standard deviations by groups of frames. degrees: angle of the shift in the depth camera. frames:
+    number of frames with enough silhouettes.
     """
 
     shift_px: tuple[float, float]
@@ -58,21 +53,20 @@ class ThermalDrift:
 
     @property
     def is_tolerable(self) -> bool:
-        """Whether the calibration can go on being used."""
+        """Return whether the calibration is still usable."""
         return self.degrees <= TOLERABLE_DEG
 
 
 def degrees(shift_px: tuple[float, float], camera: Intrinsics) -> float:
-    """Angle in degrees of a shift (right, down) over the image of a depth camera."""
+    """Return the angle of a shift (right, down) over a depth camera's image."""
     return float(np.degrees(np.arctan2(np.hypot(*shift_px), camera.fx)))
 
 
 def contrasts(cloud: ThermalCloud, window_c: tuple[float, float], warm: Bool) -> Float64 | None:
-    """Contrast (n, n) of every shift, down by rows and right by columns; None for lack of silhouettes.
+    """Return the contrast (n, n) of shifts, down by rows, right by columns; None with few silhouettes.
 
-    A contrast is the mean warmth inside silhouettes less that outside: 1 between a person and the room. The
-    middle is no shift; steps are ``SHIFT_PX`` pixels. window_c: a person's (least, most) degrees Celsius.
-    warm: bool (h, w), near which silhouettes count.
+    Contrast: mean warmth inside silhouettes less outside, 1 between a person and the room. The middle is no
+    shift. window_c: a person's (least, most). warm: bool (h, w), near which silhouettes count.
     """
     reach_px = SEARCHED * cloud.camera.fx
     inside, outside = _sides(cloud.points_m[..., 2], grown(warm, reach_px))
@@ -84,15 +78,15 @@ def contrasts(cloud: ThermalCloud, window_c: tuple[float, float], warm: Bool) ->
 
 
 def warm_contrasts(cloud: ThermalCloud) -> Float64 | None:
-    """Contrasts at the silhouettes of all that is as warm as a person, found from the cloud itself."""
+    """Return the contrasts at silhouettes of everything as warm as a person."""
     window = find_window(cloud, cloud.valid) or WINDOW_C
     return contrasts(cloud, window, cloud.valid & is_warm(cloud.temperature_c, window))
 
 
 def misplacement_px(surface: Float64) -> tuple[float, float] | None:
-    """Shift (right, down) in pixels by which contrasts (n, n) say that the calibration is wrong, or None.
+    """Return the shift (right, down) by which contrasts (n, n) show a wrong calibration, or None.
 
-    That is a far shift with a larger contrast: somebody in bed has few silhouettes, and a bed has long ones.
+    Only large shifts count, because the long edges of a bed resemble a person's silhouette.
     """
     gain = surface.max() - surface[len(surface) // 2, len(surface) // 2]
     shift_px = peak_px(surface)
@@ -100,16 +94,19 @@ def misplacement_px(surface: Float64) -> tuple[float, float] | None:
 
 
 def is_warmer(warmth: Float32, persons: Bool, shift_px: tuple[float, float]) -> bool:
-    """Whether persons (h, w), if any, gain known warmth (h, w) by a shift: else furniture tells it."""
+    """Return whether a shift raises the warmth (h, w) on persons (h, w), or their warmth is unknown.
+
+    Without a gain the contrast comes from furniture.
+    """
     moved = np.roll(warmth, [-round(px) for px in shift_px[::-1]], axis=(0, 1))
     gain = (moved - warmth)[persons & np.isfinite(warmth)]
     return not np.isfinite(gain).any() or bool(np.nansum(gain) > WARMER * gain.size)
 
 
 def measure_drift(frames: Iterable[RigFrame], calibration: RigCalibration) -> ThermalDrift:
-    """Drift over all frames that have temperatures.
+    """Measure the drift over all frames with temperatures.
 
-    Raises CalibrationError where fewer than ``GROUPS`` frames show a warm person's silhouette.
+    Raises CalibrationError if fewer than ``GROUPS`` frames show a warm person's silhouette.
     """
     fuser = Fuser(calibration)
     surfaces = []
@@ -133,7 +130,7 @@ def measure_drift(frames: Iterable[RigFrame], calibration: RigCalibration) -> Th
 
 
 def peak_px(surface: Float64) -> tuple[float, float]:
-    """Shift (right, down) in pixels of the highest of contrasts (n, n), between the shifts by a parabola."""
+    """Return the shift (right, down) of the highest contrast (n, n), refined by a parabola."""
     rows, columns = surface.shape
     row, column = np.unravel_index(int(surface.argmax()), surface.shape)
     down = row + _vertex(surface[max(row - 1, 0) : row + 2, column]) - (rows - 1) / 2
@@ -142,14 +139,14 @@ def peak_px(surface: Float64) -> tuple[float, float]:
 
 
 def _vertex(three: Float64) -> float:
-    """Place of the maximum of a parabola through three values at -1, 0, 1; 0 at the border."""
+    """Return the maximum's place of a parabola through three values at -1, 0, 1; 0 at the border."""
     if len(three) < 3 or (bend := three[0] - 2 * three[1] + three[2]) >= 0:
         return 0.0
     return float(0.5 * (three[0] - three[2]) / bend)
 
 
 def _sides(depth_m: Float32, around: Bool) -> tuple[Int64, Int64]:
-    """Pixels [v, u] (n, 2) just inside and just outside of depth jumps; the near side is inside."""
+    """Return pixels [v, u] (n, 2) just inside and just outside of depth jumps; the near side is inside."""
     insides, outsides = [], []
     slices: tuple[Any, ...] = (np.s_[:-2], np.s_[2:]), (np.s_[:, :-2], np.s_[:, 2:])
     for axis, (before, after) in enumerate(slices):
@@ -167,7 +164,7 @@ def _sides(depth_m: Float32, around: Bool) -> tuple[Int64, Int64]:
 
 @njit(cache=True, nogil=True)
 def _contrasts(warmth: Float32, inside: Int64, outside: Int64, shifts: Int64) -> Float64:
-    """Mean difference (n, n) of warmth inside less outside, by shifts down (rows) and right (columns)."""
+    """Return the mean warmth inside less outside (n, n), by shifts down (rows) and right (columns)."""
     height, width = warmth.shape
     contrast = np.zeros((shifts.size, shifts.size))
     for i in range(shifts.size):

@@ -1,7 +1,7 @@
-"""Mask (h, w) of the person in a cloud: found by a network in depth and warmth, with a number that lasts.
+"""Person detection in one frame, and the mask of its subject with track ids.
 
-Nishi & Miura 2017, section 4.2.1, take every point of 25 to 35 degrees Celsius. Here the window of
-temperatures is the frame's own, and only what the finder makes of it and of the shape counts.
+Nishi & Miura 2017, section 4.2.1, take every point of 25 to 35 degrees Celsius. Here each frame has its own
+window, and a network weighs warmth and shape.
 """
 
 from collections.abc import Sequence
@@ -15,25 +15,23 @@ from annotate.array_types import Bool, Float32, UInt8
 from annotate.cloud.coarse import CoarseCloud
 from annotate.frame_labels import FrameLabels
 from annotate.person.alignment import contrasts, degrees, is_warmer, misplacement_px
-from annotate.person.finder import Person, people_in
+from annotate.person.finder import Person, find_people
 from annotate.person.planes import TOLERANCE, Plane, distance_m, find_planes
 from annotate.person.subject import cloths_shown, crowd_warnings, cut_warnings, subject_score
-from annotate.person.tracking import numbers_of
+from annotate.person.tracking import assign_track_ids
 from annotate.person.warmth import WINDOW_C, find_window, is_warm, warmth, warmth_share
 from annotate.suit.palette import Suit
 
-LOCAL_M = 0.3
-"""Metres in which temperatures are compared, to each side. Chosen by eye."""
+LOCAL_M = 0.3  # to each side, within which temperatures are compared; untuned
 
 
 @dataclass(frozen=True)
 class PersonMask:
-    """Pixels (h, w) of the person in the undistorted depth image, all with a reading.
+    """Pixels (h, w) of the subject in the undistorted depth image, all with a reading.
 
-    method: "thermal", or "depth" where the frame has no temperature. persons: uint8 (h, w), 0 nobody, 1 the
-    subject, 2 and on others, whose numbers last over a recording; known: those seen so far, as of
-    ``numbers_of``. notes: remarks for the user, e.g. why the mask is empty. trusted: False where the frame is
-    unreliable; a note then names the stream and the remedy.
+    method: "depth" where the frame has no temperature. persons: uint8 (h, w), 0 = no person, 1 the subject, 2
+    and on others by track id. tracks: of ``assign_track_ids``. notes: for the user, e.g. the reason for an
+    empty mask. trusted: False for an unreliable frame; a note then names the stream and the remedy.
     """
 
     mask: Bool
@@ -41,21 +39,20 @@ class PersonMask:
     persons: UInt8
     notes: tuple[str, ...] = ()
     trusted: bool = True
-    known: list[list[int]] = field(default_factory=list)
+    tracks: list[list[int]] = field(default_factory=list)
 
     @property
     def others(self) -> Bool:
-        """Pixels (h, w) of other persons."""
+        """Return the pixels (h, w) of other persons."""
         return np.asarray(self.persons > 1, np.bool_)
 
 
-class Survey:
-    """Everything about the persons of one frame that needs no other frame, for work ahead of its turn.
+class PersonDetection:
+    """Persons of one frame, detected in the coarse cloud, without any other frame.
 
-    Persons are found in the coarse cloud, and their outlines enlarged. window_c: surface temperatures of a
-    person, degrees Celsius; None = found from the frame itself; where nothing is as warm there is nobody.
-    suit: of the subject, if they wear one, whose colours then tell them from others. everybody: all persons
-    are labelled: the earlier subject keeps number 1, none has to stand out. glance: as of ``people_in``.
+    window_c: least and most surface temperature of a person; None = from the frame. Without such warmth there
+    is no person. suit: of the subject, distinguishes it from others. everybody: label all persons; the
+    earlier subject keeps number 1, and none has to stand out. single_pass: of ``find_people``.
     """
 
     def __init__(
@@ -65,7 +62,7 @@ class Survey:
         suit: Suit | None = None,
         *,
         everybody: bool = False,
-        glance: bool = False,
+        single_pass: bool = False,
     ) -> None:
         self.cloud, self._coarse, self._everybody = cloud, cloud.cloud, everybody
         self._suit = suit
@@ -76,27 +73,27 @@ class Survey:
         self.warmth = warmth(self._coarse.temperature_c, self.window_c)
         """Warmth (h, w) of the coarse cloud's points."""
         is_cold = self._is_felt and not self._warm.any()
-        self._persons = [] if is_cold else people_in(self._coarse, self.warmth, glance=glance)
+        self._persons = [] if is_cold else find_people(self._coarse, self.warmth, single_pass=single_pass)
         self._misaligned = self._misalignment() if self._is_felt else ()
 
     @cached_property
     def planes(self) -> tuple[Plane, ...]:
-        """Planes of the room."""
+        """Return the planes of the room."""
         return find_planes(self._coarse)
 
     @cached_property
     def _loose(self) -> Bool:
-        """Points (h, w) off the planes: a sunlit wall is no person."""
+        """Return points (h, w) off the planes, because a sunlit wall is not a person."""
         points_m = self._coarse.points_m
         return self._coarse.valid & (distance_m(self.planes, points_m) > TOLERANCE * points_m[..., 2])
 
     @cached_property
     def _warm(self) -> Bool:
-        """Points (h, w) off the planes and as warm as a person."""
+        """Return points (h, w) off the planes and as warm as a person."""
         return self._loose & is_warm(self._coarse.temperature_c, self.window_c)
 
     def _misalignment(self) -> tuple[str, ...]:
-        """Warning where the thermal image does not lie on the depth image."""
+        """Return a warning if the thermal image is shifted against the depth image."""
         surface = contrasts(self._coarse, self.window_c, self._warm)
         shift_px = None if surface is None else misplacement_px(surface)
         persons = self._numbered(self._persons, None).persons > 0
@@ -110,61 +107,60 @@ class Survey:
         )
 
     def person(self, before: FrameLabels | None = None) -> PersonMask:
-        """The subject; before: labels of the previous frame of the same source.
+        """Return the subject, given the labels of the previous frame.
 
-        Without a person the mask is empty and a note gives the reason; that is no error.
+        Without a person the mask is empty and a note gives the reason.
         """
         found = self._person(None if before is None else self.cloud.coarse(before))
         persons = self.cloud.enlarged(found.persons)
         return replace(found, mask=persons == 1, persons=persons)
 
     def _person(self, before: FrameLabels | None) -> PersonMask:
-        """The person in the coarse cloud; before: coarse, too."""
+        """Return the subject in the coarse cloud; before: coarse labels."""
         ranked = self._ranked(before)
         scores, persons = [score for score, _ in ranked], [person for _, person in ranked]
         found = self._numbered(persons, before)
         notes = () if self._is_felt else ("found by depth alone: record temperature for a surer outline",)
         if not persons:
-            return replace(found, notes=(self._nobody(), *self._misaligned), trusted=not self._misaligned)
+            return replace(found, notes=(self._no_person(), *self._misaligned), trusted=not self._misaligned)
         crowded = [] if self._everybody else crowd_warnings(scores)
         warnings = (*self._misaligned, *crowded, *cut_warnings(persons[0].mask))
         return replace(found, notes=(*notes, *warnings), trusted=not warnings)
 
-    def _nobody(self) -> str:
-        """Note of a frame without a person."""
+    def _no_person(self) -> str:
         if not self._is_felt:
-            return "no person in the depth image; let somebody step into the view"
+            return "the depth image shows no person; let a person step into the view"
         low_c, high_c = self.window_c
         return (
-            f"no person in the thermal and depth images: nothing of human shape and size is {low_c:.1f} to "
-            f"{high_c:.1f} degrees warm; let somebody step into the view, or give the window of temperatures"
+            f"the thermal and depth images show no person: nothing of human shape and size is {low_c:.1f} to "
+            f"{high_c:.1f} degrees warm; let a person step into the view, or give the window of temperatures"
         )
 
     def _ranked(self, before: FrameLabels | None) -> list[tuple[float, Person]]:
-        """Persons with their scores, best first; the subject is the first."""
+        """Return persons with their scores, best first; the subject is the first."""
         if len(self._persons) < 2:
             return [(1.0, person) for person in self._persons]
-        shown = zip(self._persons, self._shown, strict=True)
+        shown = zip(self._persons, self._cloths, strict=True)
         scored = [(subject_score(one, before, cloths), one) for one, cloths in shown]
         return sorted(scored, key=lambda pair: -pair[0])
 
     @cached_property
-    def _shown(self) -> list[float]:
-        """Cloths of the suit that each person shows, which take time to count; 1 where there is no suit."""
+    def _cloths(self) -> list[float]:
+        """Return the number of the suit's cloths on each person; 1 without a suit."""
         suit = self._suit if self._coarse.color_valid.any() else None
         return [cloths_shown(suit, self._coarse, one.mask) if suit else 1.0 for one in self._persons]
 
     def _numbered(self, persons: Sequence[Person], before: FrameLabels | None) -> PersonMask:
-        """Masks and numbers of persons, the subject first."""
-        numbers, known = numbers_of(persons, before, subject_first=not self._everybody)
+        """Return masks and track ids of persons, the subject first."""
+        numbers, tracks = assign_track_ids(persons, before, subject_first=not self._everybody)
         whose = np.zeros(self._coarse.valid.shape, np.uint8)
         for person, number in zip(reversed(persons), reversed(numbers), strict=True):
             whose[person.mask] = number
-        return PersonMask(whose == 1, "thermal" if self._is_felt else "depth", whose, known=known)
+        return PersonMask(whose == 1, "thermal" if self._is_felt else "depth", whose, tracks=tracks)
 
     @cached_property
     def share(self) -> Float32:
-        """Share (h, w) of the way from what is around to a person's temperature; NaN = not felt."""
+        """Return the share (h, w) from the surroundings' to a person's temperature, or NaN."""
         if not self._warm.any():
             return np.full(self.cloud.depth_mm.shape, np.nan, np.float32)
         middle_m = float(np.median(self._coarse.points_m[..., 2][self._warm]))

@@ -1,13 +1,14 @@
-"""People in a cloud: a small network gives each pixel log odds and a vote for its person's middle.
+"""Person detection in a cloud: a small network gives each pixel log odds and a vote for its person's middle.
 
-It sees depth and, where there is any, warmth. Pixels whose votes meet are one person, so that people who
-touch are told apart. The image is brought to one focal length first, whatever the camera. How the network was
-trained: `annotate/person/finder.md`.
+Its input is depth and, if recorded, warmth, resampled to one focal length. Pixels whose votes meet are one
+person, so people who touch stay apart. Training: `annotate/person/finder.md`. Constants are untuned unless a
+source is given.
 """
 
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,58 +19,43 @@ from annotate.array_types import Bool, Float32, Float64, Index, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.onnx_session import Network, onnx_session
 
-FOCAL_PX = 183.0
-"""Focal length in pixels of the images that the network is trained on, half of a Kinect v2's: a person at
-2.5 m is 125 pixels tall. Truth brought to it and back has an IoU of 0.98 (measured on the virtual rig)."""
-MULTIPLE = 64
-"""The network halves an image six times: its sides are padded to multiples of this."""
-LOCAL_GAINS, MOST_LOCAL = {61: 8.0, 15: 40.0}, 4.0
-"""Factors of the input's channels of log depth less its mean, by the sides in pixels of the mean's windows;
-bound of these channels. Chosen by eye; the network is trained on them."""
-WARMTH = (-1.0, 2.0)
-"""Least and most warmth that is told apart: a window pane, a radiator. Chosen by eye."""
-VOTE_M, MIDDLES_M = 0.1, 0.25
-"""Metres by which votes for one middle scatter; least distance of the middles of two persons. Measured on
-training scenes: of 134 persons 8 fall apart and 9 are joined; 0.35 m: 6 and 12, 0.45 m: 4 and 13."""
-STRAY_M = 0.7
-"""Metres from a person's votes within which stray ones are theirs, by eye; 0.25 finds 1 % less cut out."""
-MOST_VOTES = 500
-"""Votes that decide on the middles, for speed. Chosen by eye."""
-CUT_OUT_ODDS = 4.0
-"""Added log odds where the whole image shows no more surface than a person has: the background has been cut
-away, and what was kept is the person. Chosen by eye; without it 0.99 of them is found instead of 0.997."""
-SURE_ODDS = 1.0
-"""Mean log odds of a person's pixels below which it is a thing. Chosen by eye."""
-SAME_SURFACE = 0.03
-"""Depth difference, as a share of the depth, at which a pixel of the small image counts 1/e for one of the
-whole image. Chosen by eye."""
-MIN_PERSON_M2, MOST_PERSON_M2 = 0.03, 2.5
-"""Least and largest visible surface of a person in m2: a head with a shoulder, and twice the front of a tall
-adult. Chosen by eye."""
-MOST_PERSONS = 255
-"""Most persons of one frame, and their highest number: an image of persons has eight bits."""
+FOCAL_PX = 183.0  # of the images that the network is trained on, half of a Kinect v2's
+MULTIPLE = 64  # sides are padded to multiples, because the network halves an image six times
+LOCAL_GAINS = {61: 8.0, 15: 40.0}  # factors of log depth less its local mean, by side of the mean's window
+MOST_LOCAL = 4.0  # bound of these channels
+WARMTH = (-1.0, 2.0)  # range of the channel: from a cold pane to a radiator
+VOTE_M = 0.1  # scatter of votes for one middle
+MIDDLES_M = 0.25  # least distance of two persons' middles; of 134 persons 8 split, 9 merge (0.45: 4, 13)
+STRAY_M = 0.7  # reach of a person's votes for stray ones; 0.25 finds 1 % fewer persons that are cut out
+MOST_VOTES = 500  # that decide on the middles, for speed
+CUT_OUT_ODDS = 4.0  # added where the background is cut away; finds 0.997 of these persons instead of 0.99
+SURE_ODDS = 1.0  # mean log odds of a person's pixels, below which it is a thing
+BESIDE_SURFACE = 0.03  # share of the depth at which a neighbour's weight falls to 1/e
+MIN_PERSON_M2 = 0.03  # visible surface: a head with a shoulder
+MOST_PERSON_M2 = 2.5  # visible surface: twice the front of a tall adult
+MOST_PERSONS = 255  # in a frame, because an image of persons is 8-bit
 
 
 @dataclass(frozen=True)
 class Person:
-    """One person: mask (h, w), visible surface in m2, mean of the points (3,) in the depth camera's frame."""
+    """Detected person: mask (h, w), visible surface, mean of the points (3,) in the depth camera's frame."""
 
     mask: Bool
     area_m2: float
     centre_m: Float64
 
 
-def people_in(cloud: ThermalCloud, warmth: Float32, *, glance: bool = False) -> list[Person]:
-    """All people of a cloud, in no order.
+def find_people(cloud: ThermalCloud, warmth: Float32, *, single_pass: bool = False) -> list[Person]:
+    """Detect all people of a cloud, in no order.
 
-    warmth: (h, w), of the way from the room's temperature, 0, to a person's, 1; NaN = not felt. glance: the
-    network is asked once, where time counts, and not for the mirror image as well.
+    warmth: (h, w), share of the way from the room's temperature to a person's; NaN = no reading. single_pass:
+    skip the flipped image, which halves the time.
     """
     v, u = map(_grid, cloud.depth_mm.shape, (cloud.camera.fy, cloud.camera.fx))
     rows, columns = (np.rint(grid).astype(np.intp) for grid in (v, u))
     small_m, felt = (plane.take(rows, axis=0).take(columns, axis=1) for plane in (cloud.points_m, warmth))
     small_m = np.nan_to_num(small_m, copy=False)
-    odds, votes_m = _found(small_m, felt, glance)
+    odds, votes_m = _found(small_m, felt, single_pass)
     z = np.ascontiguousarray(small_m[..., 2])
     surface_m2 = z**2 * np.float32(_spacing(v) * _spacing(u) / (cloud.camera.fx * cloud.camera.fy))
     if surface_m2.sum() <= MOST_PERSON_M2:
@@ -79,24 +65,23 @@ def people_in(cloud: ThermalCloud, warmth: Float32, *, glance: bool = False) -> 
     whose = np.zeros(odds.shape, np.uint8)
     some = (votes_m, 4 * surface_m2[::2, ::2], odds[::2, ::2])
     whose[::2, ::2][voting] = _by_votes(*(values[voting] for values in some))
-    # Every second pixel votes; those between are whose their neighbours are.
+    # Every second pixel votes; pixels between take their neighbours' person.
     between = cv2.dilate(whose, np.ones((3, 3), np.uint8))
     whose = np.where(whose > 0, whose, np.where(likely, between, 0)).astype(np.uint8)
     odds[likely & (whose == 0)] = -1
-    owner = _enlarged(cloud.points_m, z, odds, whose, v, u)
+    owner = _enlarged(cloud.points_m, _Small(z, odds, whose, v, u))
     people = (owner == number for number in range(1, int(whose.max(initial=0)) + 1))
     return [_person(cloud, mask) for mask in people if mask.any()]
 
 
 def _person(cloud: ThermalCloud, mask: Bool) -> Person:
-    """The person of a mask (h, w)."""
     points = cloud.points_m[mask].astype(np.float64)
     area_m2 = float(np.sum(points[:, 2] ** 2)) / (cloud.camera.fx * cloud.camera.fy)
     return Person(mask, area_m2, points.mean(axis=0))
 
 
 def _grid(side: int, focal_px: float) -> Float64:
-    """Pixels (n,) of an image's side whose distance makes ``FOCAL_PX`` of its focal length, at least one."""
+    """Return the pixels (n,) of an image's side at a spacing that makes ``FOCAL_PX`` of its focal length."""
     step = max(focal_px / FOCAL_PX, 1.0)
     count = max(1, round(side / step))
     return np.asarray(((np.arange(count) + 0.5) * step - 0.5).clip(0, side - 1), np.float64)
@@ -107,10 +92,10 @@ def _spacing(grid: Float64) -> float:
 
 
 def network_input(depth_m: Float32, warmth: Float32) -> Float32:
-    """Input (24, h / 2, w / 2) of the network for depth (h, w) in metres, 0 = no reading; h, w even.
+    """Return the input (24, h / 2, w / 2) for depth (h, w) in metres, 0 = no reading; h, w even.
 
-    warmth: (h, w), as of ``people_in``. Six channels (valid, log depth, log depth less its mean in a wide and
-    in a narrow window, felt, warmth), each as the four images of every second pixel.
+    Six channels (valid, log depth, log depth less its mean in a wide and in a narrow window, thermal reading,
+    warmth), each as the four images of every second pixel.
     """
     valid = (depth_m > 0).astype(np.float32)
     log = np.where(depth_m > 0, np.log(np.maximum(depth_m, 0.1)), 0).astype(np.float32)
@@ -128,29 +113,28 @@ def network_input(depth_m: Float32, warmth: Float32) -> Float32:
 
 @cache
 def _network() -> Network:
-    """The shipped network."""
     return onnx_session(files("annotate").joinpath("person/finder.onnx").read_bytes())
 
 
-def _found(points_m: Float32, warmth: Float32, glance: bool = False) -> tuple[Float32, Float32]:
-    """Log odds (h, w) in the camera's frame of points (h, w, 3) in metres, 0 = none, and of warmth (h, w).
+def _found(points_m: Float32, warmth: Float32, single_pass: bool = False) -> tuple[Float32, Float32]:
+    """Return log odds (h, w) of points (h, w, 3), and votes (h', w', 3) of every second point.
 
-    With votes (ceil(h / 2), ceil(w / 2), 3) of every second point. glance: as of ``people_in``.
+    Metres in the camera's frame, 0 = no reading; h' = ceil(h / 2).
     """
     height, width = points_m.shape[:2]
     more = ((0, -height % MULTIPLE), (0, -width % MULTIPLE))
-    seen = network_input(np.pad(points_m[..., 2], more), np.pad(warmth, more))
+    given = network_input(np.pad(points_m[..., 2], more), np.pad(warmth, more))
     voters = points_m[::2, ::2]
-    # In a mirror columns change places two by two, and votes to the right go to the left.
-    images = [seen] if glance else [seen, seen[np.arange(len(seen)) ^ 1, :, ::-1]]
-    answers = [_network().run(None, {"image": image[None]})[0][0] for image in images]
-    for turned in answers[1:]:
+    # A flip swaps the columns' parity channels and negates the votes to the right.
+    images = [given] if single_pass else [given, given[np.arange(len(given)) ^ 1, :, ::-1]]
+    outputs = [_network().run(None, {"image": image[None]})[0][0] for image in images]
+    for turned in outputs[1:]:
         turned[:] = turned[[1, 0, 3, 2, 4, 5, 6], :, ::-1]
         turned[4] *= -1
-    found: Float32 = sum(answers) / len(answers)
-    odds = found[:4].reshape(2, 2, *found.shape[1:]).transpose(2, 0, 3, 1).reshape(2 * seen.shape[1], -1)
+    found: Float32 = sum(outputs) / len(outputs)
+    odds = found[:4].reshape(2, 2, *found.shape[1:]).transpose(2, 0, 3, 1).reshape(2 * given.shape[1], -1)
     right, down, away = found[4:, : voters.shape[0], : voters.shape[1]]
-    # The network's votes lie beside the point at its depth, and behind or before that on the ray.
+    # A vote lies beside the point at its depth, moved along the ray.
     z = np.maximum(voters[..., 2], 0.1)
     ray = (z + away) / z
     x, y = voters[..., 0] + right, voters[..., 1] + down
@@ -158,10 +142,10 @@ def _found(points_m: Float32, warmth: Float32, glance: bool = False) -> tuple[Fl
 
 
 def _by_votes(votes_m: Float32, surface_m2: Float32, odds: Float32) -> UInt8:
-    """Person (n,) of pixels, 1 and on, 0 = nobody, by votes (n, 3), surfaces (n,) and log odds (n,).
+    """Return the person (n,) of pixels, 0 = no person, by votes (n, 3), surfaces (n,) and log odds (n,).
 
-    A middle is a vote where votes are denser than anywhere within ``MIDDLES_M``; each other vote goes with
-    the nearest denser one. Source: Rodriguez & Laio 2014, clustering by density peaks.
+    A middle is a vote with the densest votes within ``MIDDLES_M``; each other vote joins the nearest denser
+    one (Rodriguez & Laio 2014, clustering by density peaks).
     """
     step = 1 + len(votes_m) // MOST_VOTES
     some, weight = votes_m[::step], surface_m2[::step] * step
@@ -174,7 +158,7 @@ def _by_votes(votes_m: Float32, surface_m2: Float32, odds: Float32) -> UInt8:
     kept = np.flatnonzero(sure & (area >= MIN_PERSON_M2))[:MOST_PERSONS]
     if not len(kept):
         return np.zeros(len(votes_m), np.uint8)
-    # Votes that are no person by themselves are the nearest person's if one is near.
+    # Votes of rejected clusters go to the nearest person, if near.
     among = np.flatnonzero(np.isin(person, kept))
     number = np.searchsorted(kept, person[among]) + 1
     _, nearest = cKDTree(some[among]).query(votes_m, distance_upper_bound=STRAY_M)
@@ -183,7 +167,7 @@ def _by_votes(votes_m: Float32, surface_m2: Float32, odds: Float32) -> UInt8:
 
 @njit(cache=True, nogil=True)
 def _leaders(votes: Float32, weight: Float32) -> Index:
-    """Index (n,) of the nearest denser one of votes (n, 3) within ``MIDDLES_M``; its own for a middle."""
+    """Return the index (n,) of the nearest denser vote within ``MIDDLES_M``; its own for a middle."""
     density, leader = np.zeros(len(votes), np.float32), np.arange(len(votes))
     for i in range(len(votes)):
         for j in range(len(votes)):
@@ -204,15 +188,20 @@ def _leaders(votes: Float32, weight: Float32) -> Index:
     return leader
 
 
-@njit(cache=True, nogil=True)
-def _enlarged(
-    points_m: Float32, small_m: Float32, odds: Float32, whose: UInt8, rows: Float64, columns: Float64
-) -> UInt8:
-    """Person (h, w) of the pixels of a cloud by those of a small image, neighbours on one surface first.
+class _Small(NamedTuple):
+    """Small image: metres, log odds and person (h', w') at pixels (rows, columns) of the whole image."""
 
-    points_m: (h, w, 3), NaN = no reading. small_m, odds, whose: depth, log odds and person at the pixels
-    (rows, columns) of the whole image.
-    """
+    depth_m: Float32
+    odds: Float32
+    whose: UInt8
+    rows: Float64
+    columns: Float64
+
+
+@njit(cache=True, nogil=True)
+def _enlarged(points_m: Float32, small: _Small) -> UInt8:
+    """Return the person (h, w) of a cloud's points (h, w, 3), by neighbours on the same surface first."""
+    small_m, odds, whose, rows, columns = small
     height, width = points_m.shape[:2]
     owner = np.zeros((height, width), np.uint8)
     row_step = (rows[-1] - rows[0]) / max(len(rows) - 1, 1) or 1.0
@@ -222,13 +211,13 @@ def _enlarged(
         above = int(np.floor(y))
         for u in range(width):
             x = (u - columns[0]) / column_step
-            before, nobody = int(np.floor(x)), True
+            before, empty = int(np.floor(x)), True
             for k in range(4):
                 r = min(max(above + k // 2, 0), len(rows) - 1)
                 c = min(max(before + k % 2, 0), len(columns) - 1)
-                nobody &= whose[r, c] == 0
+                empty &= whose[r, c] == 0
             z = points_m[v, u, 2]
-            if nobody or not z > 0:
+            if empty or not z > 0:
                 continue
             total, most = 0.0, 0.0
             for k in range(4):
@@ -236,7 +225,7 @@ def _enlarged(
                 share = (1.001 - abs(y - r)) * (1.001 - abs(x - c))
                 r, c = min(max(r, 0), len(rows) - 1), min(max(c, 0), len(columns) - 1)
                 if small_m[r, c] > 0:
-                    weight = share * np.exp(-abs(small_m[r, c] - z) / (SAME_SURFACE * z))
+                    weight = share * np.exp(-abs(small_m[r, c] - z) / (BESIDE_SURFACE * z))
                     total += weight * odds[r, c]
                     if whose[r, c] > 0 and weight > most:
                         most, owner[v, u] = weight, whose[r, c]

@@ -1,4 +1,7 @@
-"""Planes of a cloud (walls, floors, seats, table tops), found from its points and their normals."""
+"""Planes of a cloud (walls, floors, seats, table tops), from its points and their normals.
+
+Constants are untuned unless a source is given.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,24 +13,20 @@ from annotate.array_types import Bool, Float32, Float64, Index
 from annotate.cloud.grid import JUMP
 from annotate.cloud.thermal_cloud import ThermalCloud
 
-MIN_PLANE_M2 = 0.12
-"""Least visible surface in m2 of a plane: flat patches of a body (back, thigh) are smaller. Chosen by eye."""
-TOLERANCE = 0.006
-"""Distance to a plane as a share of the depth: 12 mm at 2 m, three times a Kinect v2's measured noise
-(Fankhauser et al. 2015)."""
-LEAST_COSINE = 0.94
-"""Least cosine between a point's and its plane's normals: a limb on a seat is turned. Chosen by eye."""
-PLANE_STRIDE = 3
-"""Pixels between the rows and the columns in which planes are sought. Chosen by eye."""
-TRIALS, MOST_PLANES = 40, 16
-"""Points tried as the next plane; most planes, as a rough surface falls into a hundred. Chosen by eye."""
+MIN_PLANE_M2 = 0.12  # visible surface; flat patches of a body are smaller
+TOLERANCE = (
+    0.006  # distance to a plane, share of the depth: three times a Kinect v2's noise (Fankhauser 2015)
+)
+LEAST_COSINE = 0.94  # between a point's and its plane's normals, because a limb on a seat is turned
+PLANE_STRIDE = 3  # pixels between the rows and columns in which planes are sought
+TRIALS, MOST_PLANES = 40, 16  # points tried as the next plane; bound for rough surfaces
 
 
 @dataclass(frozen=True)
 class Plane:
-    """A plane normal . p = offset_m of points p in metres, depth camera's frame.
+    """Plane normal . p = offset_m of points p in metres, depth camera's frame.
 
-    normal: float32 (3,), unit, towards the camera. area_m2: visible surface, taken as seen head-on.
+    normal: float32 (3,), unit, towards the camera. area_m2: visible surface, as if seen head-on.
     """
 
     normal: Float32
@@ -36,10 +35,9 @@ class Plane:
 
 
 def find_planes(cloud: ThermalCloud) -> tuple[Plane, ...]:
-    """Planes of at least ``MIN_PLANE_M2`` visible surface, ``MOST_PLANES`` at most, the best supported first.
+    """Find planes of at least ``MIN_PLANE_M2``, ``MOST_PLANES`` at most, the largest first.
 
-    One-point RANSAC, since a point with its normal is a plane, then least squares on the inliers; the same
-    cloud gives the same planes.
+    One-point RANSAC (a point with its normal is a plane), then least squares on the inliers. Deterministic.
     """
     some = slice(1, None, PLANE_STRIDE)
     rows, columns = (1 + PLANE_STRIDE * at for at in np.nonzero(cloud.valid[some, some]))
@@ -63,15 +61,15 @@ def find_planes(cloud: ThermalCloud) -> tuple[Plane, ...]:
 
 
 def distance_m(planes: Sequence[Plane], points_m: Float32) -> Float32:
-    """Metres (h, w) from points (h, w, 3) to the nearest of planes; infinite for lack of either."""
+    """Return the metres (h, w) from points (h, w, 3) to the nearest plane; infinite without any."""
     rows = [(*plane.normal, plane.offset_m) for plane in planes]
     return _nearest_m(points_m, np.array(rows, np.float32).reshape(-1, 4))
 
 
 def _fitted(lines: Float32, pixel_m2: Float32, start: int) -> tuple[Plane, Bool]:
-    """Least-squares plane around one of points, and flags (n,) of the points of its fit.
+    """Fit a plane by least squares around a start point; return it and flags (n,) of its points.
 
-    lines: (6, n), points in metres and normals; pixel_m2: (n,), their surface; start: index of the one.
+    lines: (6, n), points in metres and normals. pixel_m2: (n,), their surface.
     """
     normal = np.ascontiguousarray(lines[3:, start])
     plane = Plane(normal, float(normal @ lines[:3, start]), 0.0)
@@ -90,7 +88,7 @@ def _fitted(lines: Float32, pixel_m2: Float32, start: int) -> tuple[Plane, Bool]
 
 
 def _on(plane: Plane, lines: Float32) -> Bool:
-    """Flags (n,) of points with normals (6, n) that are close to a plane and parallel to it."""
+    """Return flags (n,) of points with normals (6, n) that are close to a plane and parallel to it."""
     distance_m = np.abs(plane.normal @ lines[:3] - np.float32(plane.offset_m))
     along = plane.normal @ lines[3:] >= np.float32(LEAST_COSINE)
     return np.asarray((distance_m <= np.float32(TOLERANCE) * lines[2]) & along, np.bool_)
@@ -98,7 +96,7 @@ def _on(plane: Plane, lines: Float32) -> Bool:
 
 @njit(cache=True, nogil=True)
 def _nearest_m(points_m: Float32, planes: Float32) -> Float32:
-    """Metres (h, w) to the nearest of planes (k, 4), normals and offsets."""
+    """Return the metres (h, w) to the nearest of planes (k, 4), normals and offsets."""
     found_m: Float32 = np.full(points_m.shape[:2], np.float32(np.inf))
     for v in range(found_m.shape[0]):
         for k in range(len(planes)):
@@ -113,7 +111,7 @@ def _nearest_m(points_m: Float32, planes: Float32) -> Float32:
 
 @njit(cache=True, nogil=True)
 def _best(lines: Float32, tried: Index) -> int:
-    """Index of the point, among those tried (k,), with the most surface on its plane.
+    """Return the index, among those tried (k,), of the point with the most surface on its plane.
 
     lines: (6, n), points in metres and normals.
     """
@@ -135,10 +133,10 @@ def _best(lines: Float32, tried: Index) -> int:
 
 @njit(cache=True, nogil=True)
 def _normals(depth_m: Float32, lens: Float64, rows: Index, columns: Index) -> Float32:
-    """Unit normals (n, 3) of the surface at pixels, towards the camera; NaN for lack of readings.
+    """Return unit normals (n, 3) of the surface at pixels, towards the camera; NaN with few readings.
 
-    Least squares over 5 x 5 pixels two apart. 1/z is fitted, which is linear over the image of a plane.
-    lens: (fx, fy, cx, cy) in pixels.
+    Least squares of 1/z, which is linear over the image of a plane, on 5 x 5 pixels two apart. lens: (fx, fy,
+    cx, cy).
     """
     fx, fy, cx, cy = lens
     height, width = depth_m.shape

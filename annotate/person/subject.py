@@ -1,4 +1,7 @@
-"""The subject among the persons of a frame, and warnings where the frame does not show them well enough."""
+"""The subject among the persons of a frame, and warnings about its visibility.
+
+Constants are untuned unless a source is given.
+"""
 
 from collections.abc import Sequence
 
@@ -9,25 +12,22 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BACKGROUND
 from annotate.person.finder import Person
-from annotate.suit.color_model import STRAY, blur, evenly, readable
-from annotate.suit.illuminant import fitted_to
+from annotate.suit.color_model import STRAY, blur, evenly, fit_illuminant, readable
 from annotate.suit.palette import Suit, chromaticity
 
-OFF_CENTRE = 0.3
-"""Tangent of the angle off the view's middle column at which a score falls to 1/e. Chosen by eye; without it
-and without a suit the subject is right in 10 of 38 frames of several people instead of in all (measured)."""
-BEFORE_GAIN, CLEAR_LEAD = 4.0, 2.0
-"""Factor less one by which standing where the subject stood before raises a score, and least ratio of the
-best to the next among three persons and more. Chosen by eye."""
-EDGE_PX = 4
-"""Width in pixels of an image's rim; who fills as much of a side as a square is cut by it. Chosen by eye."""
+OFF_CENTRE = (
+    0.3  # tangent off the middle column at which a score falls to 1/e; measured: 38 of 38, without 10
+)
+BEFORE_GAIN = 4.0  # factor less one for the place of the previous subject
+CLEAR_LEAD = 2.0  # least ratio of the best score to the next among three persons and more
+EDGE_PX = 4  # width of an image's rim; EDGE_PX^2 pixels on a rim count as cut there
 
 
 def cloths_shown(suit: Suit, cloud: ThermalCloud, person: Bool) -> float:
-    """Number of the suit's cloths that a person's (bool (h, w)) colours show, less one; not whole.
+    """Return the number of the suit's cloths in a person's colours (mask (h, w)), less one; not whole.
 
-    The exponential of the mutual information of colour and swatch, in the light that explains them best: many
-    for a suit, few for clothes and for things, none for colours lost in noise, each of which fits everything.
+    The exponential of the mutual information of colour and swatch in the best illuminant: high for a suit,
+    low for clothes and things, 0 for colours lost in noise.
     """
     mask = person & cloud.valid
     rgb = cloud.color_rgb[mask]
@@ -35,21 +35,21 @@ def cloths_shown(suit: Suit, cloud: ThermalCloud, person: Bool) -> float:
     if not len(rgb):
         return 0.0
     rgb = rgb[evenly(len(rgb))]
-    match = np.exp(fitted_to(suit, rgb).match(chromaticity(rgb), blur(rgb)))
+    match = np.exp(fit_illuminant(suit, rgb).match(chromaticity(rgb), blur(rgb)))
     share = np.concatenate([match, np.full((1, len(rgb)), STRAY)])
     share /= share.sum(axis=0)
     return float(np.exp(_entropy(share.mean(axis=1)) - _entropy(share).mean()) - 1)
 
 
 def _entropy(share: Float64) -> Float64:
-    """Entropy (...) in nats of shares (K, ...)."""
+    """Return the entropy (...) in nats of shares (K, ...)."""
     return np.asarray(-(share * np.log(np.maximum(share, np.finfo(np.float64).tiny))).sum(axis=0))
 
 
 def subject_score(person: Person, before: FrameLabels | None, shown: float = 1.0) -> float:
-    """Score in m2 of a person as the one to label: surface, near the middle, there before, in the suit.
+    """Return a person's score in m2 as the subject, by surface, place, previous subject and suit.
 
-    before: labels of the previous frame. shown: of ``cloths_shown``, 1 without a suit.
+    shown: of ``cloths_shown``, 1 without a suit.
     """
     x, _, z = person.centre_m
     score = person.area_m2 * float(np.exp(-np.square(x / z / OFF_CENTRE)))
@@ -59,12 +59,12 @@ def subject_score(person: Person, before: FrameLabels | None, shown: float = 1.0
 
 
 def persons_before(before: FrameLabels) -> UInt8:
-    """Persons uint8 (h, w) of a frame's labels: 0 nobody, 1 the labelled person, 2 and on others."""
+    """Return the persons uint8 (h, w) of a frame's labels: 0 = no person, 1 the subject."""
     return np.asarray(before.parts != BACKGROUND, np.uint8) if before.persons is None else before.persons
 
 
 def crowd_warnings(scores: Sequence[float]) -> list[str]:
-    """A warning where none of three or more persons is clearly the subject; scores: best first."""
+    """Return a warning if none of three or more persons is clearly the subject; scores: best first."""
     if len(scores) < 3 or scores[0] >= CLEAR_LEAD * scores[1]:
         return []
     return [
@@ -74,14 +74,14 @@ def crowd_warnings(scores: Sequence[float]) -> list[str]:
 
 
 def cut_borders(mask: Bool) -> list[str]:
-    """Borders of the image that cut a person's mask (h, w)."""
+    """Return the borders of the image that cut a person's mask (h, w)."""
     first, last = slice(EDGE_PX), slice(-EDGE_PX, None)
     strips = {"left": mask[:, first], "right": mask[:, last], "top": mask[first], "bottom": mask[last]}
     return [name for name, strip in strips.items() if np.count_nonzero(strip) >= EDGE_PX**2]
 
 
 def cut_warnings(mask: Bool) -> list[str]:
-    """A warning where three or four borders of the image cut the person's mask (h, w)."""
+    """Return a warning if three or four borders of the image cut the person's mask (h, w)."""
     borders = cut_borders(mask)
     if len(borders) < 3:
         return []

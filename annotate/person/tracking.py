@@ -1,4 +1,4 @@
-"""Persons' numbers over a recording: a person near an earlier person's place gets the same number."""
+"""Track ids of persons over a recording, by the distance of their middles."""
 
 from collections.abc import Sequence
 from itertools import count
@@ -8,33 +8,32 @@ import numpy as np
 from annotate.frame_labels import FrameLabels
 from annotate.person.finder import MOST_PERSONS, Person
 
-REACH_M = 0.8
-"""Most metres between a person's middles in two frames: half a second of walking. Chosen by eye."""
+REACH_M = 0.8  # between a person's middles in two frames: half a second of walking; untuned
 
 
-def numbers_of(
+def assign_track_ids(
     people: Sequence[Person], before: FrameLabels | None, *, subject_first: bool
 ) -> tuple[list[int], list[list[int]]]:
-    """Number of each person of a frame, 1 and on, and everybody seen so far.
+    """Return the track id of each person of a frame, 1 and on, and all tracks so far.
 
-    Of everybody: [number, x, y, z], the middle when last seen, millimetres, depth camera. before: labels of
-    the previous frame. subject_first: the first person gets number 1 in any case.
+    A track is [id, x, y, z]: the middle when last seen, millimetres, depth camera. before: labels of the
+    previous frame. subject_first: the first person gets id 1.
     """
-    known = {number: at_mm for number, *at_mm in before.notes.get("people", ())} if before else {}
+    tracks = {number: at_mm for number, *at_mm in before.notes.get("people", ())} if before else {}
     middles_mm = [np.rint(person.centre_m * 1000).astype(int).tolist() for person in people]
     numbers = {0: 1} if subject_first and people else {}
     away_mm = sorted(
-        (float(np.linalg.norm(np.subtract(at_mm, known[number]))), i, number)
+        (float(np.linalg.norm(np.subtract(at_mm, tracks[number]))), i, number)
         for i, at_mm in enumerate(middles_mm)
-        for number in known
+        for number in tracks
     )
     for far_mm, i, number in away_mm:
         if far_mm < 1000 * REACH_M and i not in numbers and number not in numbers.values():
             numbers[i] = number
-    taken = known.keys() | set(numbers.values())
+    taken = tracks.keys() | set(numbers.values())
     fresh = (number for number in count(1) if number not in taken)
     for i in range(len(people)):
         if i not in numbers:
             numbers[i] = min(next(fresh), MOST_PERSONS)
-    known |= {numbers[i]: at_mm for i, at_mm in enumerate(middles_mm)}
-    return [numbers[i] for i in range(len(people))], [[number, *known[number]] for number in sorted(known)]
+    tracks |= {numbers[i]: at_mm for i, at_mm in enumerate(middles_mm)}
+    return [numbers[i] for i in range(len(people))], [[number, *tracks[number]] for number in sorted(tracks)]

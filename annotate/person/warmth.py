@@ -1,4 +1,7 @@
-"""Warmth (h, w) of each pixel between the room's temperature and a person's, whatever the two are."""
+"""Warmth (h, w) of each pixel: 0 at the room's temperature, 1 at a person's.
+
+Temperatures are in degrees Celsius. Constants are untuned unless a source is given.
+"""
 
 import cv2
 import numpy as np
@@ -6,30 +9,20 @@ import numpy as np
 from annotate.array_types import Bool, Float32
 from annotate.cloud.thermal_cloud import ThermalCloud
 
-WINDOW_C = (25.0, 35.0)
-"""Least and most surface temperature in degrees Celsius of a dressed person in a room, where the frame itself
-gives none (Nishi & Miura 2017, section 4.2.1)."""
-SPREAD_C, REACH_C = 1.0, 40.0
-"""Smoothing of the histograms of room and person in degrees Celsius, as a dressed person is uneven, and their
-reach to both sides of the median. Chosen by eye."""
-CONTRAST_C, CONTRAST_SPREAD_C = 9.0, 3.0
-"""Expected degrees Celsius of clothes above the room, 20 and 29 degrees for most, and their standard
-deviation: 6 above a hot room, 14 for skin in a cold one; a blanket or a sofa near a radiator is some 3 above.
-Chosen by eye."""
-LEAST_M2 = 0.02
-"""Warm surface in m2, weighted by its contrast, below which no window is found. Chosen by eye."""
-ABOVE_C = 5.0
-"""End of the window above the person's commonest temperature in degrees Celsius: bare skin is 3 to 4 degrees
-warmer than clothes (ISO 7933), plus a camera's noise."""
-LEAST_CONTRAST_C = 1.0
-"""Least difference in degrees Celsius between person and background that a share is taken of: a camera's
-noise and a room's unevenness are 0.3 each. Chosen by eye."""
+WINDOW_C = (25.0, 35.0)  # surface of a dressed person, where a frame gives none (Nishi & Miura 2017, 4.2.1)
+SPREAD_C, REACH_C = 1.0, 40.0  # smoothing of the histograms; their reach to both sides of the median
+CONTRAST_C, CONTRAST_SPREAD_C = 9.0, 3.0  # clothes above the room: 6 in a hot one, 14 for skin in a cold one
+LEAST_M2 = 0.02  # warm surface, weighted by its contrast, below which no window is found
+ABOVE_C = (
+    5.0  # end of the window above the person's commonest temperature: skin 3 to 4 (ISO 7933), plus noise
+)
+LEAST_CONTRAST_C = 1.0  # between person and background; noise and unevenness are 0.3 each
 
 
 def warmth(celsius: Float32, window_c: tuple[float, float]) -> Float32:
-    """Share (h, w) of the way from the room's temperature, 0, to a person's, 1; NaN = no reading.
+    """Return the warmth (h, w) of temperatures (h, w), NaN = no reading.
 
-    celsius: float32 (h, w) degrees. window_c: a person's least and most degrees, as ``find_window`` gives.
+    window_c: a person's least and most, of ``find_window``.
     """
     low_c, hottest_c = window_c
     person_c = hottest_c - ABOVE_C
@@ -38,18 +31,17 @@ def warmth(celsius: Float32, window_c: tuple[float, float]) -> Float32:
 
 
 def is_warm(celsius: Float32, window_c: tuple[float, float]) -> Bool:
-    """Flags (h, w) of degrees Celsius (h, w) in a person's window (least, most); False for no reading."""
+    """Return flags (h, w) of temperatures (h, w) in a person's window; False without a reading."""
     low_c, high_c = window_c
     return np.asarray((celsius >= low_c) & (celsius <= high_c), np.bool_)
 
 
 def find_window(cloud: ThermalCloud, loose: Bool) -> tuple[float, float] | None:
-    """Least and most degrees Celsius of a person in this frame, or None where nothing stands out.
+    """Return a person's least and most temperature in this frame, or None without any contrast.
 
-    loose: bool (h, w), pixels off the room's planes: a sunlit wall is no person. The room has the commonest
-    temperature of all pixels, the person the commonest of the loose and warmer ones, by surface; the window
-    begins halfway, at the paper's 25 degrees for a room of 20 and a person of 30. An offset of all
-    temperatures moves it by as much.
+    loose: bool (h, w), pixels off the room's planes. The room has the commonest temperature of all pixels,
+    the person the commonest of the loose and warmer ones, by surface. The window begins halfway: at the
+    paper's 25 degrees for a room of 20 and a person of 30.
     """
     known = cloud.valid & np.isfinite(cloud.temperature_c)
     if not known.any():
@@ -67,7 +59,7 @@ def find_window(cloud: ThermalCloud, loose: Bool) -> tuple[float, float] | None:
 
 
 def _mode(celsius: Float32, weight: Float32) -> float:
-    """Commonest temperature in degrees Celsius of temperatures (n,) with weights (n,), histogram smoothed."""
+    """Return the commonest of temperatures (n,) with weights (n,), by a smoothed histogram."""
     # Bins around the median: a common offset of all temperatures moves them along.
     middle, bin_c = float(np.median(celsius)), SPREAD_C / 4
     bins, around = round(2 * REACH_C / bin_c), (-REACH_C, REACH_C)
@@ -77,11 +69,10 @@ def _mode(celsius: Float32, weight: Float32) -> float:
 
 
 def warmth_share(celsius: Float32, warm: Bool, window_c: tuple[float, float], size_px: int) -> Float32:
-    """Share (h, w) of the way from the background's temperature (0) to the person's (1); NaN = no reading.
+    """Return the share (h, w) from the local background to the local person; NaN = no reading.
 
-    celsius: float32 (h, w) degrees, NaN = no reading. warm: bool (h, w). window_c: a person's least and most
-    degrees. Both ends are local means, of warm and of colder pixels, over windows of ``size_px`` pixels:
-    rooms and clothes are uneven.
+    warm: bool (h, w). window_c: a person's least and most. Both ends are means over windows of ``size_px``
+    pixels, because rooms and clothes are uneven.
     """
     cold = np.isfinite(celsius) & ~warm & (celsius < window_c[1])
     background_c = _local_mean(celsius, cold, size_px)
@@ -90,7 +81,7 @@ def warmth_share(celsius: Float32, warm: Bool, window_c: tuple[float, float], si
 
 
 def _local_mean(values: Float32, mask: Bool, size: int) -> Float32:
-    """Mean (h, w) over the masked pixels of a square window, ``size`` pixels wide; else over all masked."""
+    """Return the mean (h, w) of masked pixels in a square window, or of all masked pixels."""
     kept, window, border = np.where(mask, values, np.float32(0)), (size, size), cv2.BORDER_CONSTANT
     total, count = (
         cv2.boxFilter(plane, cv2.CV_32F, window, normalize=False, borderType=border)

@@ -1,4 +1,7 @@
-"""Borders at the depth image's resolution: what the network leaves open, each pixel's own colour decides."""
+"""Borders of parts at the depth image's resolution, refined by each pixel's colour.
+
+Constants are untuned unless a source is given.
+"""
 
 import numpy as np
 from numba import njit
@@ -10,30 +13,26 @@ from annotate.parts import N_CLASSES
 from annotate.segmentation.input_channels import Rectangle
 from annotate.suit.color_model import ColorModel, readable
 
-SURELY_ROOM = 0.98
-"""Probability from which on a pixel stays the room's. Chosen by eye."""
-OWN_COLOR = 0.5
-"""Weight of the log likelihood of a pixel's colour beside the network's log probability. Of 0, 0.5, 1 and 2
-fitted to 48 frames of the virtual rig, with an early network."""
-NEIGHBOUR, ROUNDS = 0.5, 4
-"""Log score that each of the eight neighbours on its surface adds to its own class at a pixel, and most
-rounds. Chosen by eye."""
+SURELY_ROOM = 0.98  # probability from which a pixel stays background
+OWN_COLOR = 0.5  # weight of the colour's log likelihood; best of 0, 0.5, 1, 2 on 48 virtual frames
+NEIGHBOUR = 0.5  # log score that each of eight neighbours on the surface adds to its own class
+ROUNDS = 4
 
 
-def with_borders(
-    cloud: ThermalCloud, where: Rectangle, chance: Float32, light: ColorModel | None
+def refine_borders(
+    cloud: ThermalCloud, where: Rectangle, chance: Float32, illuminant: ColorModel | None
 ) -> tuple[UInt8, Float32]:
-    """Likeliest class uint8 (h, w) of the pixels of a rectangle, and its probability by the network (h, w).
+    """Label the pixels of a rectangle; return class uint8 (h, w) and the network's probability (h, w).
 
-    chance: float32 (13, h, w), of the network. light: the suit's colours in the frame's light, None = no
-    suit; the classes that are no part count as of the usual colour of the parts. By iterated conditional
-    modes (Besag 1986).
+    chance: float32 (13, h, w), of the network. illuminant: the suit's colours in the frame's illuminant; None
+    = no suit. Background and other person take the parts' mean likelihood. By iterated conditional modes
+    (Besag 1986).
     """
     undecided = cloud.valid[where] & (chance[0] < SURELY_ROOM)
     own = chance[:, undecided]
     scores = np.log(np.maximum(own, np.finfo(np.float32).tiny))
-    if light is not None:
-        scores += np.float32(OWN_COLOR) * _by_color(cloud, where, undecided, scores, light)
+    if illuminant is not None:
+        scores += np.float32(OWN_COLOR) * _by_color(cloud, where, undecided, scores, illuminant)
     index = np.full(undecided.shape, -1, np.int32)
     index[undecided] = np.arange(scores.shape[1])
     named, sure = np.zeros(undecided.shape, np.uint8), np.zeros(undecided.shape, np.float32)
@@ -45,13 +44,13 @@ def with_borders(
 
 
 def _by_color(
-    cloud: ThermalCloud, where: Rectangle, undecided: Bool, scores: Float32, light: ColorModel
+    cloud: ThermalCloud, where: Rectangle, undecided: Bool, scores: Float32, illuminant: ColorModel
 ) -> Float32:
-    """Log likelihood (13, n) of the n undecided pixels' colours under each class; 0 without a colour."""
+    """Return the log likelihood (13, n) of the undecided pixels' colours; 0 without a colour."""
     found, parts = np.zeros_like(scores), slice(1, N_CLASSES)
     rgb = cloud.color_rgb[where][undecided]
     usable = readable(rgb, cloud.color_valid[where][undecided])
-    of_parts, weight = light.evidence(rgb[usable]), np.exp(scores[parts, usable])
+    of_parts, weight = illuminant.evidence(rgb[usable]), np.exp(scores[parts, usable])
     found[parts, usable] = of_parts
     found[0, usable] = found[N_CLASSES, usable] = (weight * of_parts).sum(axis=0) / weight.sum(axis=0)
     return found
@@ -59,7 +58,7 @@ def _by_color(
 
 @njit(cache=True, nogil=True)
 def _modes(scores: Float32, depth_m: Float32, index: Int32) -> UInt8:
-    """Classes (n,); index: (h, w), place of each pixel in ``scores`` (n, k), -1 elsewhere."""
+    """Return classes (n,); index: (h, w), place of each pixel in ``scores`` (n, k), -1 elsewhere."""
     height, width = index.shape
     chosen, total = np.empty(len(scores), np.uint8), np.empty(scores.shape[1], np.float32)
     for i in range(len(scores)):

@@ -1,7 +1,7 @@
-"""What the reader of suits sees of a frame: bytes (24, h, w) over the rectangle around the subject.
+"""Input channels of the suit network: bytes (24, h, w) over a rectangle around the subject.
 
-Nothing here knows a colour of a suit: a channel says how well a pixel's colour fits a part's cloth in the
-frame's light, whatever that cloth is. So one network reads any suit.
+A channel holds how well a pixel's colour fits a part's cloth under the frame's illuminant, so one network
+serves any suit. Constants are untuned unless a source is given.
 """
 
 from typing import NamedTuple, Protocol
@@ -21,14 +21,12 @@ from annotate.person.planes import Plane, distance_m
 from annotate.suit.color_model import ColorModel, blur, evenly, readable
 from annotate.suit.palette import chromaticity
 
-MARGIN_M, ARM_M = 0.35, 1.1
-"""Metres around the subject's rough outline that are looked at (a cold lower leg, a hand on the arm rest),
-and to each side of its middle at least: feet seen below a blanket belong to no outline. Chosen by eye."""
-LOCAL_PX = 31
-"""Side in pixels of the window that a depth is compared with. Chosen by eye."""
+MARGIN_M = 0.35  # m around the subject's rough outline: a cold lower leg, a hand on the arm rest
+ARM_M = 1.1  # least m to each side of the outline's middle, because feet under a blanket are missing from it
+LOCAL_PX = 31  # side of the window that a depth is compared with
 RANGES = {
     "depth": (-1.0, 1.0),  # metres behind the subject's median
-    "local": (-0.12, 0.12),  # metres behind what is around
+    "local": (-0.12, 0.12),  # metres behind its surroundings
     "off_plane": (-0.2, 0.2),  # metres from the nearest plane of the room
     "share": (-0.5, 1.5),  # of the way from the background's temperature to the person's
     "celsius": (-10.0, 10.0),  # degrees above the beginning of the person's window
@@ -37,17 +35,15 @@ RANGES = {
     "green": (-0.3, 0.3),
     "room": (-2.5, 2.5),  # log odds of the person by colours learnt in the frame
 }
-"""Channels on a scale, with the values of their bytes 0 and 255. Chosen by eye."""
-LOG_LIKELIHOOD = (-7.0, 2.0)
-"""Values of the bytes 0 and 255 of a colour's log likelihood. Chosen by eye."""
-SURE = np.float32(2.0)
-"""Log odds of the rough outline, from which the colours of person and room are learnt. Chosen by eye."""
+"""Channels on a scale, with the values of their bytes 0 and 255."""
+LOG_LIKELIHOOD = (-7.0, 2.0)  # values of the bytes 0 and 255 of a colour's log likelihood
+SURE = np.float32(2.0)  # log odds of the rough outline, from which colours of person and room are learnt
 VALID, FELT, SEEN, SUBJECT, OTHER = 1, 2, 4, 8, 16
-"""Bits of the channel ``flags``: depth, temperature, readable colour; roughly the subject's, another's."""
-LIKENESS = ("skin", "dark", *(part.name for part in BODY_PARTS))
-"""Channels of a colour's log likelihood: as skin, as hair or shoe, as what each part shows; 0 = not read."""
-CHANNELS = ("flags", "before", *RANGES, *LIKENESS)
-"""All channels; ``before`` holds the parts of the frame before."""
+"""Bits of the channel ``flags``: depth, temperature, readable colour, rough subject, other person."""
+LIKELIHOODS = ("skin", "dark", *(part.name for part in BODY_PARTS))
+"""Channels of a colour's log likelihood: as skin, as hair or shoe, as each part; 0 = unknown."""
+CHANNELS = ("flags", "before", *RANGES, *LIKELIHOODS)
+"""All channels; ``before`` holds the parts of the previous frame."""
 
 
 class Rectangle(NamedTuple):
@@ -57,14 +53,13 @@ class Rectangle(NamedTuple):
     columns: slice
 
     def part(self, inner: "Rectangle") -> "Rectangle":
-        """Rows and columns of a rectangle within this one, in the image."""
+        """Return a rectangle within this one in pixels of the image."""
         sides = ((out.start, own) for out, own in zip(self, inner, strict=True))
         return Rectangle(*(slice(start + own.start, start + own.stop) for start, own in sides))
 
 
 class Room(Protocol):
-    """What is known of a frame's room: its planes, the share (h, w) of the way from the background's
-    temperature to the person's, and the temperatures of a person, degrees Celsius."""
+    """Room of a frame. share: (h, w) of the way from the background's temperature to the person's."""
 
     @property
     def planes(self) -> tuple[Plane, ...]: ...
@@ -75,7 +70,7 @@ class Room(Protocol):
 
 
 def rectangle(cloud: ThermalCloud, subject: Bool) -> tuple[Rectangle, float]:
-    """What is around a subject's rough outline (h, w), not empty; pixels per metre there."""
+    """Return the rectangle around a subject's rough outline (h, w), not empty, and its pixels per metre."""
     pixels_per_m = cloud.camera.fx / float(np.median(cloud.points_m[..., 2][subject]))
     margin, arm = round(MARGIN_M * pixels_per_m), round(ARM_M * pixels_per_m)
     sides = []
@@ -89,10 +84,9 @@ def rectangle(cloud: ThermalCloud, subject: Bool) -> tuple[Rectangle, float]:
 
 
 def channels(cloud: ThermalCloud, room: Room, person: PersonMask, where: Rectangle) -> UInt8:
-    """Channels uint8 (24, h, w) in the order of ``CHANNELS``, of a rectangle's pixels around the subject.
+    """Return the channels uint8 (24, h, w) of a rectangle around the subject.
 
-    room, person: of the same frame, found without the suit. The likeness is 0: it is ``in_light``; so are
-    the parts before: they are ``with_before``.
+    Likelihoods and previous parts are left 0; see ``with_likelihoods`` and ``with_before``.
     """
     z, own = cloud.points_m[where][..., 2], person.mask[where]
     valid, celsius = cloud.valid[where], cloud.temperature_c[where]
@@ -121,30 +115,30 @@ def channels(cloud: ThermalCloud, room: Room, person: PersonMask, where: Rectang
 
 
 def with_before(planes: UInt8, before: FrameLabels, where: Rectangle) -> UInt8:
-    """Channels (24, h, w) of a rectangle with the parts of the frame before; the others as in ``planes``."""
+    """Return the channels (24, h, w) with the parts of the previous frame."""
     made = planes.copy()
     made[CHANNELS.index("before")] = before.parts[where]
     return made
 
 
-def in_light(planes: UInt8, rgb: UInt8, light: ColorModel, among: Bool | bool = True) -> UInt8:
-    """Channels (24, h, w) with the likeness of colours (h, w, 3) in a light; the others as in ``planes``.
+def with_likelihoods(planes: UInt8, rgb: UInt8, illuminant: ColorModel, among: Bool | bool = True) -> UInt8:
+    """Return the channels (24, h, w) with the likelihoods of colours (h, w, 3).
 
-    among: bool (h, w), pixels whose likeness is wanted.
+    among: bool (h, w), pixels whose likelihood is wanted.
     """
     depth = planes[CHANNELS.index("depth")]
     wanted = np.flatnonzero(((planes[0] & SEEN) > 0) & (depth > 0) & (depth < 255) & among)
     own = rgb.reshape(-1, 3).take(wanted, axis=0)
-    match = light.match(chromaticity(own), blur(own))
+    match = illuminant.match(chromaticity(own), blur(own))
     made = planes.copy()
-    rows = (*match[light.bare], *light.by_part(match))
-    for plane, likeness in zip(made[-len(LIKENESS) :], rows, strict=True):
-        _put(plane.reshape(-1), wanted, _bytes(likeness, *LOG_LIKELIHOOD))
+    rows = (*match[illuminant.bare], *illuminant.by_part(match))
+    for plane, likelihood in zip(made[-len(LIKELIHOODS) :], rows, strict=True):
+        _put(plane.reshape(-1), wanted, _bytes(likelihood, *LOG_LIKELIHOOD))
     return made
 
 
 def _around_m(z: Float32, near: Bool) -> Float32:
-    """Mean depth (h, w) around each pixel, of what is near."""
+    """Return the mean depth (h, w) of the near pixels around each pixel."""
     total, count = (
         cv2.blur(np.where(near, plane, np.float32(0)), (LOCAL_PX, LOCAL_PX)) for plane in (z, np.ones_like(z))
     )
@@ -152,7 +146,7 @@ def _around_m(z: Float32, near: Bool) -> Float32:
 
 
 def _colors(rgb: UInt8, seen: Bool) -> dict[str, Float64]:
-    """Shade and chromaticity (h, w) of colours (h, w, 3) against the median of those seen, any."""
+    """Return shade and chromaticity (h, w) of colours (h, w, 3) against the median of the seen ones."""
     brightest, chroma = np.maximum(np.maximum(rgb[..., 0], rgb[..., 1]), rgb[..., 2]), chromaticity(rgb)
     some = np.flatnonzero(seen)
     some = some[evenly(len(some))]
@@ -168,14 +162,14 @@ def _colors(rgb: UInt8, seen: Bool) -> dict[str, Float64]:
 
 
 def _bytes(values: NDArray[np.floating], low: float, high: float) -> UInt8:
-    """Values (...) as bytes, those from ``low`` to ``high`` as 0 to 255, NaN in the middle."""
+    """Scale values (...) from ``low`` to ``high`` to bytes 0 to 255; NaN becomes 128."""
     flat = np.ascontiguousarray(values, np.float32).ravel()
     return _scaled(flat, np.float32(low), np.float32(255 / (high - low))).reshape(values.shape)
 
 
 @njit(cache=True, nogil=True)
 def _scaled(values: Float32, low: np.float32, scale: np.float32) -> UInt8:
-    """Bytes (n,) of values (n,): (value - low) * scale, rounded and bounded; NaN in the middle."""
+    """Return (values - low) * scale (n,), rounded and bounded to bytes; NaN becomes 128."""
     made = np.empty(len(values), np.uint8)
     for i in range(len(values)):
         byte = (values[i] - low) * scale + np.float32(0.5)
@@ -192,15 +186,15 @@ def _put(made: UInt8, places: Index, values: UInt8) -> None:
 
 @njit(cache=True, nogil=True)
 def network_input(planes: UInt8) -> Float32:
-    """Input float32 (38, h, w) of the network from channels (24, h, w): flags and parts one by one.
+    """Expand channels (24, h, w) to the network's input float32 (38, h, w): flags and parts one by one.
 
-    What is not known is 0: temperature where none is felt, colour where none is readable.
+    Unknown values are 0: temperature without a reading, unreadable colour.
     """
     count, height, width = planes.shape
     low, high = LOG_LIKELIHOOD
     neutral = np.float32(round(255 * low / (low - high)))
     bits = (VALID, FELT, SEEN, SUBJECT, OTHER)
-    # The flag without which a channel of ``RANGES`` says nothing.
+    # The flag that makes each channel of ``RANGES`` valid.
     needed = (VALID, VALID, VALID, FELT, FELT, SEEN, SEEN, SEEN, SEEN)
     first, unit = len(bits) + N_CLASSES - 1, np.float32(1 / 64)
     made = np.empty((first + count - 2, height, width), np.float32)

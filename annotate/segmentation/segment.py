@@ -1,57 +1,63 @@
-"""Labels of a subject by the reader of suits: one way from the cloud to parts, persons and confidence."""
+"""Label a subject by the suit network: from the cloud to parts, persons and confidence.
 
-from dataclasses import replace
+Constants are untuned unless a source is given.
+"""
+
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from annotate.array_types import Bool, Float32, Float64, UInt8
-from annotate.cloud.coarse import enlarged
+from annotate.cloud.coarse import nearest_labels
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BACKGROUND, N_CLASSES
-from annotate.person.extract import PersonMask, Survey
-from annotate.segmentation.border_refinement import with_borders
-from annotate.segmentation.flip_averaging import read_twice
+from annotate.person.extract import PersonDetection, PersonMask
+from annotate.segmentation.border_refinement import refine_borders
 from annotate.segmentation.input_channels import (
     SEEN,
     VALID,
     Rectangle,
     channels,
-    in_light,
     rectangle,
     with_before,
+    with_likelihoods,
 )
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
-from annotate.segmentation.suit_network import Reader
-from annotate.suit.color_model import CLIPPED, ColorModel, readable, refit_colors, under, unfitted
-from annotate.suit.illuminant import fitted_to
+from annotate.segmentation.suit_network import SuitNetwork, flip_averaged
+from annotate.suit.color_model import (
+    CLIPPED,
+    ColorModel,
+    fit_illuminant,
+    readable,
+    refit_colors,
+    under,
+    unfitted,
+)
 from annotate.suit.palette import Suit
 
-MIN_READABLE_SHARE, BAD_SHARE = 0.05, 0.3
-"""Share of a person's points with a readable colour up to which the frame is not read, and share of colours
-lost to darkness or glare from which on a note is given. Chosen by eye."""
-SAMPLE_M, MOST_SAMPLES = 0.012, 256
-"""Metres between two samples of what the network sees, as in its training, so that people have the same size
-before every camera; samples along the longer side at most. Chosen by eye, for borders and for speed."""
-ROUGH_M, ROUGH_MARGIN_M = 0.018, 0.1
-"""Metres between two samples of a rough reading in a light that is known, and around the parts that it shows.
-Of 0.012, 0.018 and 0.024 the last costs 0.001 of the recall of 128 frames; by colours alone it costs 0.01."""
-SAME_LIGHT, WORN_SHARE = 0.1, 0.7
-"""Difference of log gains up to which it is the light of the frame before, and least share of the colours
-that their parts wear in it. Chosen by eye."""
-LIGHT, MOST_GAIN = "light", 2.0
-"""Name of the note of a frame's log gains of red and blue, and the highest one that is believed."""
+MIN_READABLE_SHARE = 0.05  # of a person's points have a readable colour, or the frame is not segmented
+BAD_SHARE = 0.3  # of colours lost to darkness or glare, from which a note is given
+SAMPLE_M = 0.012  # between samples; the network's training uses the same
+MOST_SAMPLES = 256  # along the longer side
+ROUGH_M = 0.018  # between samples of the coarse pass; 0.024 costs 0.001 of the recall of 128 frames
+ROUGH_MARGIN_M = 0.1  # around the parts found by the coarse pass
+SAME_ILLUMINANT = 0.1  # largest difference of log gains to the previous frame's illuminant
+WORN_SHARE = 0.7  # least share of the colours that their parts wear in the previous illuminant
+ILLUMINANT = "light"
+"""Name of the note of a frame's log gains of red and blue."""
+MOST_GAIN = 2.0  # largest log gain accepted from a note
 OTHER_PERSON = N_CLASSES
 """The network's class of another person."""
 
 
 class View(NamedTuple):
-    """What is seen of a subject, in a rectangle around them.
+    """Network input of a subject, in a rectangle around it.
 
-    planes: channels uint8 (24, h, w), the likeness still 0. rgb: uint8 (h, w, 3). pixels_per_m: at the
-    subject. colors: readable ones uint8 (n, 3) of the rough outline. kept: the suit's colours in the light of
-    the frame before, if that was read.
+    planes: channels uint8 (24, h, w), likelihoods still 0. rgb: uint8 (h, w, 3). pixels_per_m: at the
+    subject. colors: readable ones uint8 (n, 3) of the rough outline. kept: the suit's colours in the previous
+    frame's illuminant, if that is known.
     """
 
     where: Rectangle
@@ -62,137 +68,135 @@ class View(NamedTuple):
     kept: ColorModel | None = None
 
     def after(self, before: FrameLabels | None, suit: Suit) -> "View":
-        """The same with the labels of the frame before, if any, and the suit's colours in its light."""
+        """Add the labels and the illuminant of the previous frame, if any."""
         if before is None:
             return self
         planes = with_before(self.planes, before, self.where)
         return self._replace(planes=planes, kept=_kept(suit, before))
 
     def step(self, sample_m: float) -> int:
-        """Pixels between two samples of images that the network sees, ``sample_m`` metres or more apart."""
+        """Return the pixels between two samples that are ``sample_m`` metres or more apart."""
         longest = max(self.planes.shape[1:])
         return max(1, round(sample_m * self.pixels_per_m), -(-int(longest) // MOST_SAMPLES))
 
 
-def view_of(cloud: ThermalCloud, survey: Survey, person: PersonMask) -> View | None:
-    """View of the subject before any other frame; None where hardly a colour of theirs is readable.
-
-    survey, person: of the same frame, found without the suit.
-    """
+def view_of(cloud: ThermalCloud, detection: PersonDetection, person: PersonMask) -> View | None:
+    """Return the view of a frame's subject by this frame alone; None where hardly a colour is readable."""
     mask = person.mask & cloud.valid
     rgb = cloud.color_rgb[mask]
     usable = readable(rgb, cloud.color_valid[mask])
     if usable.sum() <= MIN_READABLE_SHARE * len(usable):
         return None
     where, pixels_per_m = rectangle(cloud, mask)
-    planes = channels(cloud, survey, person, where)
+    planes = channels(cloud, detection, person, where)
     return View(where, planes, cloud.color_rgb[where], pixels_per_m, rgb[usable])
 
 
 def _kept(suit: Suit, before: FrameLabels) -> ColorModel | None:
-    """The suit's colours in the light that a frame's labels tell, if they do."""
-    gains = before.notes.get(LIGHT)
+    """Return the suit's colours in the illuminant that a frame's note gives, if valid."""
+    gains = before.notes.get(ILLUMINANT)
     if not isinstance(gains, list) or [type(gain) for gain in gains] != [float, float]:
         return None
     return under(unfitted(suit), np.array(gains)) if all(abs(gain) <= MOST_GAIN for gain in gains) else None
 
 
-def read(
-    cloud: ThermalCloud,
-    view: View | None,
-    person: PersonMask,
-    suit: Suit,
-    before: FrameLabels | None,
-    reader: Reader,
-    *,
-    glance: bool = False,
-) -> tuple[Segmentation, PersonMask]:
-    """Labels of the subject, and the person with the mask that follows from them.
+@dataclass(frozen=True)
+class SuitSegmenter:
+    """Segmentation of people in one suit. single_pass: without the fine pass, for live pictures."""
 
-    view: of the person, who was found without the suit. before: labels of the previous frame. All points of a
-    frame without readable colours stay undefined; a note gives the reason. Colours alone may fit a wrong
-    light, and the rectangle is large; so a frame is read roughly first, and then again around the parts that
-    this shows, in their light. glance: every second pixel or so alone, for a live picture.
-    """
-    mask = person.mask & cloud.valid
-    notes = diagnosis(cloud.color_rgb[mask], cloud.color_valid[mask])
-    if view is None:
-        return unlabelled(mask, *notes), person
-    view = view.after(before, suit)
-    near, light = looked_over(view, suit, reader)
-    where, named, sure = (_at_a_glance if glance else finely)(cloud, view, near, light, reader)
-    own = (named != BACKGROUND) & (named != OTHER_PERSON)
-    parts, confidence = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
-    parts[where] = np.where(own, named, BACKGROUND)
-    confidence[where] = np.where(own, sure, 0)
-    on_body = parts != BACKGROUND
-    persons = np.where(on_body, np.uint8(1), np.where(person.mask, np.uint8(0), person.persons))
-    found = Segmentation(parts, confidence, notes, light=light)
-    return found, replace(person, mask=on_body, persons=persons)
+    suit: Suit
+    network: SuitNetwork
+    single_pass: bool = False
+
+    def segment(
+        self, cloud: ThermalCloud, view: View | None, person: PersonMask, before: FrameLabels | None
+    ) -> tuple[Segmentation, PersonMask]:
+        """Label a person, and return the mask that follows from the labels.
+
+        before: labels of the previous frame. Without readable colours (``view`` None) all points stay
+        undefined, and a note gives the reason.
+        """
+        mask = person.mask & cloud.valid
+        notes = diagnosis(cloud.color_rgb[mask], cloud.color_valid[mask])
+        if view is None:
+            return unlabelled(mask, *notes), person
+        view = view.after(before, self.suit)
+        near, illuminant = coarse_pass(view, self.suit, self.network)
+        label = _single_pass if self.single_pass else fine_pass
+        where, named, sure = label(cloud, view, near, illuminant, self.network)
+        own = (named != BACKGROUND) & (named != OTHER_PERSON)
+        parts, confidence = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
+        parts[where] = np.where(own, named, BACKGROUND)
+        confidence[where] = np.where(own, sure, 0)
+        on_body = parts != BACKGROUND
+        persons = np.where(on_body, np.uint8(1), np.where(person.mask, np.uint8(0), person.persons))
+        found = Segmentation(parts, confidence, notes, illuminant=illuminant)
+        return found, replace(person, mask=on_body, persons=persons)
 
 
-def finely(
-    cloud: ThermalCloud, view: View, near: Rectangle, light: ColorModel | None, reader: Reader
+def fine_pass(
+    cloud: ThermalCloud, view: View, near: Rectangle, illuminant: ColorModel | None, network: SuitNetwork
 ) -> tuple[Rectangle, UInt8, Float32]:
-    """Where a view was read; the class (h, w) of each pixel there, and its probability (h, w).
+    """Label every pixel of ``near`` in a view; return the place, the class (h, w) and its probability (h, w).
 
-    near: what is read of the view. light: the suit's colours in the frame's light; None = no suit.
+    illuminant: the suit's colours in the frame's illuminant; None = no suit.
     """
     where, step, planes = view.where.part(near), view.step(SAMPLE_M), view.planes
-    if light is not None:
+    if illuminant is not None:
         seen = np.zeros(view.rgb.shape[:2], np.bool_)
         seen[::step, ::step], seen[near] = True, True
-        planes = in_light(planes, view.rgb, light, seen)
-    return where, *with_borders(cloud, where, read_twice(reader, planes, step, near), light)
+        planes = with_likelihoods(planes, view.rgb, illuminant, seen)
+    return where, *refine_borders(cloud, where, flip_averaged(network, planes, step, near), illuminant)
 
 
-def _at_a_glance(
-    cloud: ThermalCloud, view: View, near: Rectangle, light: ColorModel, reader: Reader
+def _single_pass(
+    cloud: ThermalCloud, view: View, near: Rectangle, illuminant: ColorModel, network: SuitNetwork
 ) -> tuple[Rectangle, UInt8, Float32]:
-    """As ``finely``, of one image of samples: other pixels are as the nearest sample of their surface."""
+    """Label samples as ``fine_pass``; other pixels take the nearest sample of their surface."""
     step = view.step(SAMPLE_M)
     some = slice(None, None, step), slice(None, None, step)
     samples = Rectangle(*(slice(own.start // step, -(-own.stop // step)) for own in near))
-    chance = reader.probabilities(in_light(view.planes[:, *some], view.rgb[some], light), 1, samples)
+    planes = with_likelihoods(view.planes[:, *some], view.rgb[some], illuminant)
+    chance = network.probabilities(planes, 1, samples)
     near = Rectangle(*(slice(own.start - own.start % step, own.stop) for own in near))
     where = view.where.part(near)
     depth_mm = np.ascontiguousarray(cloud.depth_mm[where])
     pixel = np.arange(depth_mm.size).reshape(depth_mm.shape)[some]
     pixel = np.where(depth_mm[some] > 0, pixel, -1)
-    named = enlarged(depth_mm, pixel, chance.argmax(axis=0).astype(np.uint8), step)
+    named = nearest_labels(depth_mm, pixel, chance.argmax(axis=0).astype(np.uint8), step)
     sure = chance.max(axis=0).repeat(step, axis=0).repeat(step, axis=1)
     return where, named, sure[: named.shape[0], : named.shape[1]]
 
 
-def looked_over(view: View, suit: Suit, reader: Reader) -> tuple[Rectangle, ColorModel]:
-    """Where in a view parts are, read roughly, with some margin, and the suit's colours in their light.
+def coarse_pass(view: View, suit: Suit, network: SuitNetwork) -> tuple[Rectangle, ColorModel]:
+    """Return the place of the parts in a view, with a margin, and the suit's colours in their illuminant.
 
-    The light of the frame before is kept where the parts seen in it tell the same one and wear its colours.
-    Else they are read in the light that fits all colours of the outline.
+    The previous illuminant is kept if the parts found under it give nearly the same one and wear its colours.
+    Otherwise the parts are found in the illuminant that fits all colours of the outline.
     """
     if view.kept is not None:
-        near, rgb, belief = _rough(view, view.kept, ROUGH_M, reader)
+        near, rgb, belief = _find_parts(view, view.kept, ROUGH_M, network)
         if len(rgb):
-            light = refit_colors(view.kept, rgb, belief)
-            moved = np.abs(light.log_gain - view.kept.log_gain).max()
-            if moved < SAME_LIGHT and light.worn(rgb, belief) > WORN_SHARE:
-                return near, light
-    light = fitted_to(suit, view.colors)
-    near, rgb, belief = _rough(view, light, SAMPLE_M, reader)
-    return near, fitted_to(suit, rgb, belief) if len(rgb) else light
+            illuminant = refit_colors(view.kept, rgb, belief)
+            moved = np.abs(illuminant.log_gain - view.kept.log_gain).max()
+            if moved < SAME_ILLUMINANT and illuminant.worn(rgb, belief) > WORN_SHARE:
+                return near, illuminant
+    illuminant = fit_illuminant(suit, view.colors)
+    near, rgb, belief = _find_parts(view, illuminant, SAMPLE_M, network)
+    return near, fit_illuminant(suit, rgb, belief) if len(rgb) else illuminant
 
 
-def _rough(
-    view: View, light: ColorModel, sample_m: float, reader: Reader
+def _find_parts(
+    view: View, illuminant: ColorModel, sample_m: float, network: SuitNetwork
 ) -> tuple[Rectangle, UInt8, Float64]:
-    """Where parts are by one image of samples in a light; their colours (n, 3), and beliefs in parts (n, 11).
+    """Return the place of the parts by one image of samples, or the whole view if there are none.
 
-    All of the view where no part is seen.
+    With it the colours (n, 3) of the parts, and their beliefs in parts (n, 11).
     """
     step = view.step(sample_m)
     some = slice(None, None, step), slice(None, None, step)
     planes, rgb = view.planes[:, *some], view.rgb[some]
-    chance = reader.probabilities(in_light(planes, rgb, light), 1)
+    chance = network.probabilities(with_likelihoods(planes, rgb, illuminant), 1)
     own = ((planes[0] & VALID) > 0) & (chance[0] + chance[OTHER_PERSON] < 0.5)
     shape, margin = view.rgb.shape[:2], round(ROUGH_MARGIN_M * view.pixels_per_m)
     near = Rectangle(*(slice(0, side) for side in shape))
@@ -205,13 +209,13 @@ def _rough(
 
 
 def _grown(seen: Bool, step: int, margin: int, side: int) -> slice:
-    """Pixels of a side from the first to the last of samples seen (n,), any, and a margin on both ends."""
+    """Return the pixels from the first to the last true sample (n,), with a margin on both ends."""
     first, last = (int(at) for at in np.flatnonzero(seen)[[0, -1]])
     return slice(max(first * step - margin, 0), min((last + 1) * step + margin, side))
 
 
 def diagnosis(rgb: UInt8, seen: Bool) -> tuple[str, ...]:
-    """Note on colours uint8 (n, 3), defect and remedy; seen: bool (n,), by the camera."""
+    """Return a note on the defect of colours uint8 (n, 3), with its remedy; seen: bool (n,)."""
     if not len(rgb):
         return ("no person: nothing to label",)
     if seen.mean() < MIN_READABLE_SHARE:

@@ -1,4 +1,4 @@
-"""Parts and confidence (h, w) of a frame's subject, whoever named them."""
+"""Parts and confidence (h, w) of a frame's subject."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,20 +15,19 @@ from annotate.suit.color_model import ColorModel
 class Segmentation:
     """Parts uint8 (h, w) over the depth image, and their confidence float32 (h, w), 0 off the person.
 
-    notes: remarks for the reviewer. probabilities: of all classes, if a network's are to be kept. light: the
-    suit's colours in the frame's light, if read from a suit. bearing: what a network says of the whole
-    person, as a frame's note.
+    notes: for the reviewer. probabilities: of all classes, if they are to be stored. illuminant: the suit's
+    colours in the frame's illuminant. bearing: joints, facing and posture, as a frame's note.
     """
 
     parts: UInt8
     confidence: Float32
     notes: tuple[str, ...] = ()
     probabilities: Probabilities | None = None
-    light: ColorModel | None = None
+    illuminant: ColorModel | None = None
     bearing: dict[str, Any] | None = None
 
 
 def unlabelled(mask: Bool, *notes: str) -> Segmentation:
-    """Undefined parts on a person's mask (bool (h, w)); notes: the reasons."""
+    """Return undefined parts on a person's mask (bool (h, w)); notes: the reasons."""
     parts = np.where(mask, UNDEFINED, BACKGROUND).astype(np.uint8)
     return Segmentation(parts, np.zeros(mask.shape, np.float32), notes)

@@ -1,16 +1,14 @@
-"""The reader's network in two halves: features of what is around a place, and scores from these and pixels.
+"""Split the suit network into a half that sees an image whole and a half that scores its pixels.
 
-The first half sees an image whole and gives features of every square of ``PLACE`` x ``PLACE`` samples; from
-them the second gives the scores of the samples of any part of an image. Of files few fields are read.
+The first half gives features of every square of ``PLACE`` x ``PLACE`` samples. The second half gives the
+scores of any part of an image from these features and the part's samples (docs/adr/0023).
 """
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.message import DecodeError, Message
 
 PLACE = 4
-"""Samples along a side of the squares that the first half gives features of."""
 INPUT, OUTPUT = "channels", "scores"
-"""Names of the network's input and output."""
 _FIELDS: dict[str, list[tuple[str, int, str, bool]]] = {
     "Model": [("graph", 7, "Graph", False)],
     "Graph": [("node", 1, "Node", True), ("initializer", 5, "Tensor", True),
@@ -22,19 +20,19 @@ _FIELDS: dict[str, list[tuple[str, int, str, bool]]] = {
     "TensorType": [("shape", 2, "Shape", False)],
     "Shape": [],
 }  # fmt: skip
-"""Messages of onnx.proto3 with the fields used: name, number, message or text, repeated. Others are kept."""
+"""Fields used of onnx.proto3: name, number, message ("" = text), repeated."""
 
 
-def halves(file: bytes) -> tuple[bytes, bytes, str]:
-    """The ONNX files of both halves, and the name of what the first gives to the second.
+def split_network(file: bytes) -> tuple[bytes, bytes, str]:
+    """Return the ONNX files of both halves, and the name of the features between them.
 
-    Raises ValueError where the file is no such network.
+    Raises ValueError for another network.
     """
     try:
         model = _model().FromString(file)
     except DecodeError as error:
         raise ValueError("no ONNX file") from error
-    # What is enlarged last joins an image's own samples.
+    # The last enlarged features join an image's own samples.
     enlargements = [node for node in model.graph.node if node.kind == "Resize"]
     if not enlargements or not enlargements[-1].input or not model.graph.input:
         raise ValueError("no input, or nothing is enlarged")
@@ -43,7 +41,7 @@ def halves(file: bytes) -> tuple[bytes, bytes, str]:
 
 
 def _part(model: Message, given: set[str], wanted: str) -> bytes:
-    """File of the nodes that make ``wanted`` of what is given."""
+    """Return the file of the nodes that compute ``wanted`` from ``given``."""
     part = type(model)()
     part.CopyFrom(model)
     graph, needed, kept = part.graph, {wanted}, []
@@ -52,7 +50,7 @@ def _part(model: Message, given: set[str], wanted: str) -> bytes:
             needed |= set(node.input)
             kept.append(node)
     size = graph.input[0].type
-    size.tensor.ClearField("shape")  # that of the two inputs differs
+    size.tensor.ClearField("shape")  # because the two inputs differ in shape
     for listed, new in (
         (graph.node, kept[::-1]),
         (graph.initializer, [tensor for tensor in model.graph.initializer if tensor.name in needed]),
@@ -65,7 +63,6 @@ def _part(model: Message, given: set[str], wanted: str) -> bytes:
 
 
 def _model() -> type[Message]:
-    """Class of the message of a whole file."""
     field = descriptor_pb2.FieldDescriptorProto
     file = descriptor_pb2.FileDescriptorProto(name="outline.proto", package="outline")
     for name, fields in _FIELDS.items():

@@ -1,6 +1,6 @@
-"""The reader of suits: a small U-Net that names every pixel's part from the channels of a frame.
+"""Suit segmentation network: a small U-Net that labels every pixel with its part.
 
-How it was trained: `annotate/segmentation/suit_network.md`.
+Its training: `annotate/segmentation/suit_network.md`.
 """
 
 import hashlib
@@ -12,28 +12,25 @@ import numpy as np
 
 from annotate.array_types import Float32, UInt8
 from annotate.onnx_session import onnx_session
-from annotate.parts import N_CLASSES
+from annotate.parts import N_CLASSES, TWIN_PARTS, swap_left_right
 from annotate.segmentation.input_channels import CHANNELS, Rectangle, network_input
-from annotate.segmentation.split_network import INPUT, PLACE, halves
+from annotate.segmentation.split_network import INPUT, PLACE, split_network
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 
 CLASSES = N_CLASSES + 1
 """The parts, the background first, and another person last."""
-MULTIPLE = 16
-"""The network halves an image four times: its sides are padded to multiples of this."""
-MAX_BYTES = 1 << 26
-"""Largest file of weights that is read; the shipped one has 1.0 MB, in full precision 2.1."""
-SHIPPED_READER = Path(str(files("annotate").joinpath("segmentation", "suit_network.onnx")))
-"""The reader that comes with the package."""
+MULTIPLE = 16  # sides are padded to multiples, because the network halves an image four times
+MAX_BYTES = 1 << 26  # of a weights file
+SHIPPED_SUIT_NETWORK = Path(str(files("annotate").joinpath("segmentation", "suit_network.onnx")))
 REMEDY = "give a file that `annotate-cloud train-labels` wrote"
-"""End of the messages about a file that is no reader."""
+"""End of the messages about an invalid weights file."""
 
 
-class Reader:
-    """A trained network. sha256: of its file. Several threads may call it at once.
+class SuitNetwork:
+    """Trained network. sha256: of its file. Safe to call from several threads.
 
-    Raises FormatError where the file is no network for these channels.
+    Raises FormatError for a file of another network.
     """
 
     def __init__(self, path: Path) -> None:
@@ -44,23 +41,22 @@ class Reader:
         except SystemError:  # Numba's, interrupted
             raise
         except Exception as error:  # ONNX Runtime's own errors share no public base
-            raise FormatError(f"weights {path} are no network for labels; {REMEDY}") from error
+            raise FormatError(f"weights {path} hold another network; {REMEDY}") from error
 
     def __getstate__(self) -> bytes:
-        """The file, since a loaded network cannot be sent to another process."""
+        # A loaded network cannot be pickled.
         return self._file
 
     def __setstate__(self, file: bytes) -> None:
-        """Load the network from its file."""
         self._file, self.sha256 = file, hashlib.sha256(file).hexdigest()
-        first, second, self._context = halves(file)
+        first, second, self._context = split_network(file)
         self._around, self._fine = onnx_session(first), onnx_session(second)
 
     def probabilities(self, planes: UInt8, step: int, near: Rectangle | None = None) -> Float32:
-        """Probabilities (13, h, w) of the classes from channels (24, h', w'); near: (h, w) of these, or all.
+        """Return class probabilities (13, h, w) of a rectangle of channels (24, h', w'); near: None = all.
 
-        The network sees images of every ``step``-th pixel; each pixel is in one of them, with its own depth,
-        colour and temperature. What is around is seen in one image alone, and moved for the others.
+        The network takes images of every ``step``-th pixel; each pixel is in one of them, with its own depth,
+        colour and temperature. Context comes from one image alone, and is shifted for the others.
         """
         near = near or Rectangle(*(slice(0, side) for side in planes.shape[1:]))
         place = PLACE * step
@@ -80,14 +76,14 @@ class Reader:
         return _softmax(found[:, *inner])
 
     def _of_all(self, planes: UInt8) -> Float32:
-        """What the first half says of an image's places (k, h / 4, w / 4), some more at the ends."""
+        """Return the features of the first half, (k, h / 4, w / 4), padded at the end."""
         height, width = planes.shape[1:]
         padded = np.pad(planes, ((0, 0), (0, -height % MULTIPLE), (0, -width % MULTIPLE)))
         found: Float32 = self._around.run(None, {INPUT: network_input(padded)[None]})[0][0]
         return found
 
     def _of_own(self, planes: UInt8, around: Float32) -> Float32:
-        """Scores (13, h, w) by channels (24, h, w), and what is around (k, h / 4, w / 4)."""
+        """Return the scores (13, h, w) of channels (24, h, w) with context (k, h / 4, w / 4)."""
         given = {INPUT: network_input(planes)[None], self._context: around[None]}
         scores: Float32 = self._fine.run(None, given)[0][0]
         if scores.shape != (CLASSES, *planes.shape[1:]):
@@ -96,18 +92,37 @@ class Reader:
 
 
 @cache
-def shipped_reader() -> Reader:
-    """The reader that comes with the package."""
-    return Reader(SHIPPED_READER)
+def shipped_suit_network() -> SuitNetwork:
+    """Load the network of the package."""
+    return SuitNetwork(SHIPPED_SUIT_NETWORK)
+
+
+def flipped(planes: UInt8) -> UInt8:
+    """Flip channels (24, h, w) left to right; swap left and right parts in labels and likelihoods."""
+    turned = planes[:, :, ::-1].copy()
+    before, of_parts = CHANNELS.index("before"), slice(1 - N_CLASSES, None)
+    turned[before] = swap_left_right(turned[before])
+    turned[of_parts] = turned[of_parts][TWIN_PARTS[1:] - 1]
+    return turned
+
+
+def flip_averaged(network: SuitNetwork, planes: UInt8, step: int, near: Rectangle) -> Float32:
+    """Average the probabilities of channels and of their flipped copy (docs/adr/0026)."""
+    # Context is sampled every ``step`` columns; the padding makes a flip keep the phase.
+    if more := (1 - planes.shape[2]) % step:
+        planes = np.pad(planes, ((0, 0), (0, 0), (0, more)))
+    left, right = (planes.shape[2] - end for end in (near.columns.stop, near.columns.start))
+    there = Rectangle(near.rows, slice(left, right))
+    other = network.probabilities(flipped(planes), step, there)[np.append(TWIN_PARTS, N_CLASSES), :, ::-1]
+    return np.float32(0.5) * (network.probabilities(planes, step, near) + other)
 
 
 def _between(around: Float32, down: float, right: float) -> Float32:
-    """Values (k, h, w) between places (k, h + 1, w + 1), shares of a place's side further down and right."""
+    """Interpolate features (k, h + 1, w + 1) by shares of a place's side; return (k, h, w)."""
     rows = around[:, :-1] + np.float32(down) * (around[:, 1:] - around[:, :-1])
     return np.ascontiguousarray(rows[..., :-1] + np.float32(right) * (rows[..., 1:] - rows[..., :-1]))
 
 
 def _softmax(scores: Float32) -> Float32:
-    """Probabilities (k, h, w) from log scores."""
     raised = np.exp(scores - scores.max(axis=0))
     return np.asarray(raised / raised.sum(axis=0), np.float32)

@@ -1,12 +1,12 @@
-"""Colour model of a suit in the light of one frame, and the log likelihood of colours under its parts.
+"""Colour model of a suit under the illuminant of one frame, and the likelihood of colours under its parts.
 
-The light of a frame (lamp, white balance) multiplies red, green and blue each by a gain, von Kries' model;
-exposure multiplies all three and leaves the chromaticity alone. The two gains, each swatch's remaining
-shift (worn cloth, colour thrown by its neighbours) and its spread are fitted to the person's points by
-expectation maximisation, held near the palette by priors.
+The illuminant multiplies red, green and blue each by a gain (von Kries); exposure leaves the chromaticity
+unchanged. Expectation maximisation fits the two gains and each swatch's shift (wear, reflections) and spread,
+with priors near the palette. Constants are untuned unless a source is given.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,45 +15,37 @@ from annotate.array_types import Bool, Float32, Float64, UInt8
 from annotate.parts import BODY_PARTS, PARTS
 from annotate.suit.palette import Suit, chromaticity
 
-CLIPPED, DARK = 250, 20
-"""8-bit value from which on a channel has lost its upper end, and that of the brightest channel below which a
-colour is noise. Chosen by eye."""
-NOISE_RGB = 4.0
-"""Noise of an 8-bit channel, which blurs the chromaticity of dark pixels. Chosen by eye."""
-SIGMA, SIGMA_POINTS = 0.05, 60.0
-"""Expected standard deviation of a swatch's chromaticity, on folds and under several lamps, and the number of
-points that it is worth. Chosen by eye."""
-FADE, FADE_SIGMA, HUE_SIGMA = 0.1, 0.2, 0.03
-"""Expected fading, a share of the way from a cloth's chromaticity to the light's, and its standard deviation;
-that of a swatch's chromaticity beside fading. Chosen by eye."""
+CLIPPED = 250  # 8-bit value from which a channel has lost its upper end
+DARK = 20  # 8-bit value of the brightest channel below which a colour is noise
+NOISE_RGB = 4.0  # of an 8-bit channel; blurs the chromaticity of dark pixels
+SIGMA = 0.05  # expected standard deviation of a swatch's chromaticity, on folds and under several lamps
+SIGMA_POINTS = 60.0  # points that SIGMA is worth
+FADE, FADE_SIGMA = (
+    0.1,
+    0.2,
+)  # share of the way from a cloth's chromaticity to the illuminant's, mean and spread
+HUE_SIGMA = 0.03  # standard deviation of a swatch's chromaticity beside fading
 BARE = (((176, 135, 105), ("head", "left_forearm", "right_forearm")),
         ((70, 62, 58), ("head", "left_lower_leg", "right_lower_leg")))  # fmt: skip
-"""sRGB colours that are no cloth of the suit, and the parts that show them: skin of face and hands (the
-middle of the Monk Skin Tone scale); dark hair and shoes (chosen by eye)."""
-BARE_COST = 0.7
-"""Log cost of explaining a colour by something bare instead of the suit. Chosen by eye."""
-GAIN, GAIN_SIGMA = np.array([0.0, 0.25]), 0.3
-"""Expected log gains (2,) of red and blue against green between a palette and any light, and the standard
-deviation of each. Chosen by eye."""
-GAIN_STEPS = np.linspace(-0.7, 0.7, 11)
-"""Offsets from them tried at first, in both; incandescent lamp to blue sky is about -0.6 to 0.6."""
-POINT_WORTH = 0.2
-"""Worth of a point's colour against the priors, as neighbours share their light and fold. Chosen by eye."""
-STRAY = 0.02
-"""Likelihood of any colour on any part, against a swatch's best: reflections, toys. Chosen by eye."""
-FIT_ROUNDS, MOST_COLORS = 3, 2000
-"""Rounds of expectation maximisation; colours that stand for all of a person or of a picture, an even sample,
-for speed. Chosen by eye."""
+"""sRGB of skin (the middle of the Monk Skin Tone scale), of dark hair and shoes; the parts that show them."""
+BARE_COST = 0.7  # log cost of explaining a colour by BARE instead of the suit
+GAIN, GAIN_SIGMA = np.array([0.0, 0.25]), 0.3  # log gains of red and blue against green: mean and spread
+GAIN_STEPS = np.linspace(-0.7, 0.7, 11)  # offsets from GAIN tried first; incandescent to sky is -0.6 to 0.6
+POINT_WORTH = 0.2  # of a point's colour against the priors, because neighbours share illuminant and fold
+STRAY = 0.02  # likelihood of any colour on any part, against a swatch's best: reflections, toys
+FIT_ROUNDS = 3  # of expectation maximisation
+MOST_COLORS = 2000  # of the even sample that stands for a person or a picture, for speed
+GRID_COLORS, REFINED = 300, 2  # colours that every illuminant of the grid is tried on; best ones refined
 
 
 @dataclass(frozen=True)
 class ColorModel:
-    """K swatches in the light of one frame.
+    """K swatches in the illuminant of one frame.
 
-    palette: (K, 2), chromaticities in white light. shift: (K, 2), offset from the palette under the gains;
+    palette: (K, 2), chromaticities in white light. shift: (K, 2), offset from the palette under the gains.
     unknown: (K, 2, 2), its covariance. variance: (K,), of a swatch's colours along one axis. wears: bool (K,
-    11), parts that show a swatch. bare: bool (K,), no cloth of the suit. log_gain: (2,), of red and blue
-    against green, natural logarithm.
+    11), parts that show a swatch. bare: bool (K,), not cloth. log_gain: (2,), natural logarithms of red and
+    blue against green.
     """
 
     palette: Float64
@@ -66,40 +58,41 @@ class ColorModel:
 
     @property
     def lit(self) -> Float64:
-        """Chromaticities (K, 2) of the palette in the frame's light."""
+        """Return the palette's chromaticities (K, 2) in the illuminant."""
         return _lit(self.palette, self.log_gain)[0]
 
     @property
     def fading(self) -> Float64:
-        """Offset (K, 2) from the lit palette to the light's own chromaticity."""
-        lit, light = _lit(self.palette, self.log_gain)
-        return np.asarray(light - lit)
+        """Return the offset (K, 2) from the lit palette to the illuminant's own chromaticity."""
+        lit, white = _lit(self.palette, self.log_gain)
+        return np.asarray(white - lit)
 
     def match(self, chroma: Float64, noise: Float64) -> Float32:
-        """Log likelihood (K, n) of colours under each swatch, 0 at the middle of one as wide as SIGMA.
+        """Return the log likelihood (K, n) of colours, 0 at the middle of a swatch as wide as SIGMA.
 
-        chroma (n, 2), noise (n,): chromaticities and their standard deviations.
+        chroma: (n, 2). noise: (n,), standard deviations of the chromaticities.
         """
-        return _match(chroma, noise, self.lit + self.shift, self.variance, self.unknown, self._cost)
+        swatches = _Swatches(self.lit + self.shift, self.variance, self.unknown, self._cost)
+        return _match(chroma, noise, swatches)
 
     def match_under(self, log_gains: Float64, chroma: Float64, noise: Float64) -> Float32:
-        """Log likelihood (L, K, n) by ``match`` of the unfitted model under log gains (L, 2)."""
-        lit, light = _lit(self.palette, log_gains)
-        fading, lights = light - lit, len(log_gains)
+        """Return the log likelihood (L, K, n) by ``match`` of the unfitted model under log gains (L, 2)."""
+        lit, white = _lit(self.palette, log_gains)
+        fading, count = white - lit, len(log_gains)
         middle, unknown = (lit + FADE * fading).reshape(-1, 2), _strays(fading).reshape(-1, 2, 2)
-        variance, cost = np.tile(self.variance, lights), np.tile(self._cost, lights)
-        return _match(chroma, noise, middle, variance, unknown, cost).reshape(lights, -1, len(chroma))
+        swatches = _Swatches(middle, np.tile(self.variance, count), unknown, np.tile(self._cost, count))
+        return _match(chroma, noise, swatches).reshape(count, -1, len(chroma))
 
     @property
     def _cost(self) -> Float64:
         return np.where(self.bare, BARE_COST, 0.0)
 
     def evidence(self, rgb: UInt8) -> Float32:
-        """Log likelihood (11, n) of colours uint8 (n, 3) under every part; flat where no swatch is near."""
+        """Return the log likelihood (11, n) of colours uint8 (n, 3) under every part."""
         return np.asarray(np.log(self._likelihood(rgb) + np.float32(STRAY)), np.float32)
 
     def worn(self, rgb: UInt8, belief: Float64) -> float:
-        """Share of colours uint8 (n, 3), n > 0, that parts with beliefs (n, 11) wear."""
+        """Return the share of colours uint8 (n, 3), n > 0, that parts with beliefs (n, 11) wear."""
         likely = self._likelihood(rgb)
         return float((belief.T * likely / (likely + STRAY)).sum() / len(rgb))
 
@@ -107,21 +100,29 @@ class ColorModel:
         return np.exp(self.by_part(self.match(chromaticity(rgb), blur(rgb))))
 
     def by_part(self, match: Float32) -> Float32:
-        """Log likelihood (11, n) of each part's best swatch, from that of all swatches (K, n)."""
+        """Return the log likelihood (11, n) of each part's best swatch, from all (K, n)."""
         return np.stack([match[worn].max(axis=0) for worn in self.wears.T])
 
 
 def _lit(palette: Float64, log_gain: Float64) -> tuple[Float64, Float64]:
-    """Chromaticities (..., K, 2) of a palette (K, 2) in lights (..., 2), and of the lights (..., 1, 2)."""
-    light = np.exp(log_gain[..., [0, 0, 1]] * (1, 0, 1))[..., None, :]
-    rgb = np.column_stack([palette, 1 - palette.sum(axis=1)]) * light
-    return rgb[..., :2] / rgb.sum(axis=-1, keepdims=True), light[..., :2] / light.sum(axis=-1, keepdims=True)
+    """Light a palette (K, 2) by log gains (..., 2); return it (..., K, 2), and white (..., 1, 2)."""
+    white = np.exp(log_gain[..., [0, 0, 1]] * (1, 0, 1))[..., None, :]
+    rgb = np.column_stack([palette, 1 - palette.sum(axis=1)]) * white
+    return rgb[..., :2] / rgb.sum(axis=-1, keepdims=True), white[..., :2] / white.sum(axis=-1, keepdims=True)
 
 
-def _match(
-    chroma: Float64, noise: Float64, middle: Float64, variance: Float64, unknown: Float64, cost: Float64
-) -> Float32:
-    """Log density (K, n) of normal distributions less each one's cost; as ``ColorModel.match``."""
+class _Swatches(NamedTuple):
+    """Normal distributions of K swatches. middle: (K, 2). unknown: (K, 2, 2), of the middle. cost: (K,)."""
+
+    middle: Float64
+    variance: Float64
+    unknown: Float64
+    cost: Float64
+
+
+def _match(chroma: Float64, noise: Float64, swatches: _Swatches) -> Float32:
+    """Return the log density (K, n) of swatches less their cost, as ``ColorModel.match``."""
+    middle, variance, unknown, cost = swatches
     of_colors = chroma[:, 0], chroma[:, 1], noise**2
     of_swatches = *middle.T, variance + unknown[:, 0, 0], unknown[:, 0, 1], variance + unknown[:, 1, 1]
     away, area = _away(np.array(of_colors, np.float32), np.array(of_swatches, np.float32))
@@ -131,7 +132,7 @@ def _match(
 
 @njit(cache=True, nogil=True)
 def _away(colors: Float32, swatches: Float32) -> tuple[Float32, Float32]:
-    """Squared distances (K, n) in standard deviations, and determinants (K, n) of the covariances.
+    """Return squared distances (K, n) in standard deviations, and determinants (K, n) of the covariances.
 
     colors: (3, n), chromaticities and variances. swatches: (5, K), chromaticities and covariances (xx, xy,
     yy). In single precision and along the colours, so that loops vectorise.
@@ -149,13 +150,13 @@ def _away(colors: Float32, swatches: Float32) -> tuple[Float32, Float32]:
 
 
 def readable(rgb: UInt8, seen: Bool) -> Bool:
-    """Flags (n,) of readable colours uint8 (n, 3): seen (bool (n,)), neither too dark nor clipped."""
+    """Return flags (n,) of colours uint8 (n, 3) that are seen (n,), not too dark and not clipped."""
     red, green, blue = ((rgb[:, i] >= CLIPPED).view(np.uint8) for i in range(3))
     return np.asarray(seen & (_brightest(rgb) >= DARK) & (red + green + blue < 2))
 
 
 def unfitted(suit: Suit) -> ColorModel:
-    """Model of a palette in the expected light, before any colour has been seen."""
+    """Return the model of a palette in the expected illuminant."""
     names = [part.name for part in BODY_PARTS]
     wears = [np.isin(names, PARTS[part].name) for part in suit.parts]
     wears += [np.isin(names, worn) for _, worn in BARE]
@@ -169,14 +170,14 @@ def unfitted(suit: Suit) -> ColorModel:
 
 
 def under(model: ColorModel, log_gain: Float64) -> ColorModel:
-    """Model of a palette in the light of log gains (2,), before any colour has been seen."""
+    """Return the unfitted model of a palette under log gains (2,)."""
     model = replace(model, log_gain=log_gain)
     fading = model.fading
     return replace(model, shift=FADE * fading, unknown=_strays(fading))
 
 
 def refit_colors(model: ColorModel, rgb: UInt8, belief: Float64) -> ColorModel:
-    """Model fitted by expectation maximisation to colours uint8 (n, 3) of parts with beliefs (n, 11)."""
+    """Fit a model to colours uint8 (n, 3) of parts with beliefs (n, 11) by expectation maximisation."""
     some = evenly(len(rgb))
     rgb, prior = rgb[some], (model.wears @ belief[some].T).astype(np.float32)
     chroma, noise = chromaticity(rgb), blur(rgb)
@@ -190,22 +191,22 @@ def refit_colors(model: ColorModel, rgb: UInt8, belief: Float64) -> ColorModel:
 
 
 def evenly(count: int) -> slice:
-    """Every how many-th of ``count`` colours are an even sample, ``MOST_COLORS`` at most."""
+    """Return the slice that samples at most ``MOST_COLORS`` of ``count`` colours evenly."""
     return slice(None, None, -(-count // MOST_COLORS))
 
 
 def blur(rgb: UInt8) -> Float64:
-    """Standard deviation (n,) of the chromaticity of colours uint8 (n, 3), by darkness."""
+    """Return the standard deviation (n,) of the chromaticity of colours uint8 (n, 3), by darkness."""
     return np.asarray(NOISE_RGB / np.maximum(_brightest(rgb), 1.0))
 
 
 def _brightest(rgb: UInt8) -> UInt8:
-    """Highest channel (n,) of colours (n, 3); written out, as numpy is slow along short axes."""
+    # Written out, because numpy is slow along short axes.
     return np.maximum(np.maximum(rgb[:, 0], rgb[:, 1]), rgb[:, 2])
 
 
 def _fitted_gain(model: ColorModel, chroma: Float64, weight: Float64) -> Float64:
-    """Log gains (2,) after one Gauss-Newton step; weight: (K, n), responsibility over variance."""
+    """Return log gains (2,) after one Gauss-Newton step; weight: (K, n), responsibility over variance."""
     x, y = model.lit.T
     z = 1 - x - y
     jacobian = np.stack([np.stack([x * (1 - x), -x * z], 1), np.stack([-x * y, -y * z], 1)], 1)
@@ -218,9 +219,9 @@ def _fitted_gain(model: ColorModel, chroma: Float64, weight: Float64) -> Float64
 
 
 def _fitted_swatches(model: ColorModel, chroma: Float64, share: Float64) -> ColorModel:
-    """Model with each swatch's shift and spread fitted to its share (K, n) of the colours (n, 2).
+    """Fit each swatch's shift and spread to its share (K, n) of colours (n, 2).
 
-    A shift's prior is a normal distribution drawn out towards the light's chromaticity, for cloth fades.
+    The prior of a shift is drawn out towards the illuminant's chromaticity, because cloth fades.
     """
     prior = np.linalg.inv(_strays(model.fading))
     mass, total = share.sum(axis=1), share @ chroma
@@ -236,5 +237,31 @@ def _fitted_swatches(model: ColorModel, chroma: Float64, share: Float64) -> Colo
 
 
 def _strays(fading: Float64) -> Float64:
-    """Covariance (..., 2, 2) of the swatches' shifts of fading (..., 2) before any colour is seen."""
+    """Return the prior covariance (..., 2, 2) of the swatches' shifts, by their fading (..., 2)."""
     return FADE_SIGMA**2 * fading[..., :, None] * fading[..., None, :] + HUE_SIGMA**2 * np.eye(2)
+
+
+def fit_illuminant(suit: Suit, rgb: UInt8, belief: Float64 | None = None) -> ColorModel:
+    """Fit the illuminant that explains readable colours uint8 (n, 3) best, n > 0.
+
+    Return the suit's colours in it. belief: (n, 11), of each colour's part; None = all equally likely. The
+    most likely of a grid of illuminants are refined by expectation maximisation.
+    """
+    palette = unfitted(suit)
+    if belief is None:
+        belief = np.full((len(rgb), len(BODY_PARTS)), 1 / len(BODY_PARTS))
+    every = slice(None, None, -(-len(rgb) // GRID_COLORS))
+    some, prior = rgb[every], (palette.wears @ belief[every].T).astype(np.float32)
+    chroma, noise = chromaticity(some), blur(some)
+    red, green = np.meshgrid(GAIN[0] + GAIN_STEPS, GAIN[1] + GAIN_STEPS, indexing="ij")
+    illuminants = np.stack([red.ravel(), green.ravel()], axis=1)
+    order = np.argsort(-_score(palette.match_under(illuminants, chroma, noise), prior, illuminants))
+    found = [refit_colors(under(palette, illuminants[i]), rgb, belief) for i in order[:REFINED]]
+    scores = [_score(model.match(chroma, noise)[None], prior, model.log_gain[None])[0] for model in found]
+    return found[int(np.argmax(scores))]
+
+
+def _score(match: Float32, prior: Float32, illuminants: Float64) -> Float64:
+    """Return the log likelihood (L,) of illuminants (L, 2); match: (L, K, n), prior: (K, n)."""
+    mixed = np.log((np.exp(match) * prior).sum(axis=1) + STRAY).sum(axis=1)
+    return np.asarray(mixed - 0.5 * np.square((illuminants - GAIN) / GAIN_SIGMA).sum(axis=1))

@@ -1,12 +1,6 @@
-"""Palette of the colour-coded clothing: the colours that each part wears, as a TOML file.
+"""Palette of the colour-coded suit: the colours of each part, as a TOML file.
 
-A palette file names every part once, with every colour it shows; bare hands go without saying::
-
-    name = "ten-colour suit"
-    [colors]
-    head = ["#d8d8d8", "#c98f73"]   # hood and face
-    torso = "#e6c814"
-    ...
+A file names every part once, with all its colours except bare skin::
 """
 
 import json
@@ -26,11 +20,8 @@ from sensors.errors import CloudError
 from sensors.files.bounded import read_toml
 
 MAX_TOML_BYTES = 100_000
-"""Largest palette file read, bytes."""
-MAX_SWATCHES = 200
-"""Most colours of a palette: memory of labelling grows with it."""
-MIN_CHROMA_DISTANCE = 0.06
-"""Distance in chromaticity below which two swatches look alike in a shaded image. Chosen by eye."""
+MAX_SWATCHES = 200  # memory of labelling grows with it
+MIN_CHROMA_DISTANCE = 0.06  # below it two swatches look alike in a shaded image; untuned
 
 
 @dataclass(frozen=True)
@@ -51,29 +42,29 @@ class Suit:
 
     @cached_property
     def look_alikes(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of part ids, low id first, with all colours of one also on the other, but for shade."""
+        """Return pairs of part ids, low id first, where one part's colours all look like the other's."""
         chroma = chromaticity(self.colors_rgb)
         near = np.linalg.norm(chroma[:, None] - chroma[None], axis=2) < MIN_CHROMA_DISTANCE
         ids = [part.id for part in BODY_PARTS]
         return tuple((a, b) for a in ids for b in ids if a < b and self._covers(near, a, b))
 
     def _covers(self, near: Bool, a: int, b: int) -> bool:
-        """Whether all swatches of one part are near one of the other's; near: bool (K, K)."""
+        """Return whether all swatches of one part are near one of the other's; near: bool (K, K)."""
         both = near[np.ix_(self.parts == a, self.parts == b)]
         return bool(both.any(axis=1).all() or both.any(axis=0).all())
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Warnings for the wearer: parts that look alike."""
+        """Return warnings for the wearer: parts that look alike."""
         return tuple(
-            f"suit {self.name!r}: {PARTS[a].name} and {PARTS[b].name} have the same colour but for "
-            "brightness, so shape and place alone tell them apart: give one another hue"
+            f"suit {self.name!r}: {PARTS[a].name} and {PARTS[b].name} differ only in brightness; "
+            "choose another hue for one of them"
             for a, b in self.look_alikes
         )
 
 
 def chromaticity(rgb: NDArray[Any]) -> Float64:
-    """Chromaticity (..., 2) of sRGB colours (..., 3), 8-bit values, independent of shade.
+    """Return the chromaticity (..., 2) of sRGB colours (..., 3), 8-bit values, independent of shade.
 
     Shares of red and green in linear light: x = R / (R + G + B). Gamma: IEC 61966-2-1, taken as 2.2.
     """
@@ -84,7 +75,6 @@ def chromaticity(rgb: NDArray[Any]) -> Float64:
 
 
 def _linear(rgb: NDArray[Any]) -> Float64:
-    """Linear light (...) of 8-bit sRGB values (...), all above 0."""
     return np.asarray(np.power(np.asarray(rgb, np.float64) / 255, 2.2) + 1e-6)
 
 
@@ -95,7 +85,7 @@ def load_suit(path: Path) -> Suit:
 
 
 def suit_from_toml(text: str, what: str) -> Suit:
-    """The palette that ``suit_to_toml`` wrote into ``what``. Raises CloudError naming what is wrong."""
+    """Read a palette from text that ``suit_to_toml`` wrote into ``what``. Raises CloudError."""
     try:
         return _suit(tomllib.loads(text), what, "suit")
     except (ValueError, RecursionError) as error:
@@ -103,7 +93,6 @@ def suit_from_toml(text: str, what: str) -> Suit:
 
 
 def _suit(fields: dict[str, Any], what: str, name: str) -> Suit:
-    """The palette of a file's fields. Raises CloudError naming the part or value that is wrong."""
     colors = fields.get("colors")
     if not isinstance(colors, dict):
         raise CloudError(f"{what} has no [colors] table; list the eleven parts there")
@@ -119,7 +108,6 @@ def _suit(fields: dict[str, Any], what: str, name: str) -> Suit:
 
 
 def _swatch(what: str, part: str, color: object) -> tuple[int, tuple[int, ...]]:
-    """Part id and sRGB of one entry of a palette file. Raises CloudError."""
     if part not in PART_ID or part == "background":
         raise CloudError(f"{what}: {part!r} is not a part; use {', '.join(p.name for p in BODY_PARTS)}")
     if not isinstance(color, str) or not re.fullmatch("#[0-9a-fA-F]{6}", color):
@@ -128,7 +116,7 @@ def _swatch(what: str, part: str, color: object) -> tuple[int, tuple[int, ...]]:
 
 
 def suit_to_toml(suit: Suit) -> str:
-    """A palette as TOML text; inverse of ``load_suit``."""
+    """Write a palette as TOML text; inverse of ``load_suit``."""
     # A JSON string is a TOML string, except that TOML forbids DEL.
     name = json.dumps(suit.name, ensure_ascii=False).replace("\x7f", "\\u007f")
     lines = [f"name = {name}", "[colors]"]
@@ -147,4 +135,4 @@ DEFAULT_SUIT = Suit(
              np.uint8),
     np.array([1, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11], np.uint8),
 )  # fmt: skip
-"""Palette of the virtual rig's people: neighbours and twins far apart in chromaticity. Chosen by eye."""
+"""Palette of the virtual rig's people: neighbours and twins far apart in chromaticity."""

@@ -1,4 +1,4 @@
-"""Palettes learnt from corrected frames of a session, or from a photograph of the cloths."""
+"""Palettes fitted to corrected frames of a session, or to a photograph of the cloths."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -20,16 +20,16 @@ from annotate.suit.palette import MIN_CHROMA_DISTANCE, Suit, chromaticity
 from sensors.errors import CloudError
 from sensors.rig.frame import FrameSource
 
-SEAM_PX, LEAST_COLORS, LEAST_SECOND_SHARE = 2, 30, 0.15
-"""Pixels from another part within which a colour may be that part's; readable points of a part that a swatch
-needs; least share of a part that a second colour, its skin, covers. Chosen by eye."""
-CONTRAST, LEAST_PATCH = 12.0, 0.002
-"""CIELAB distance of a patch from the paper, where 2.3 is just noticeable (Sharma 2003), and the share of the
-photograph below which a spot is no patch. Chosen by eye."""
+SEAM_PX = 2  # distance from another part from which a colour counts
+LEAST_COLORS = 30  # readable points of a part that a swatch needs
+LEAST_SECOND_SHARE = 0.15  # of a part that a second colour, its skin, covers
+CONTRAST = 12.0  # CIELAB distance of a patch from the paper; 2.3 is just noticeable (Sharma 2003)
+LEAST_PATCH = 0.002  # share of the photograph below which a spot is noise
+# All untuned.
 
 
 def corrected_frames(labels: LabelSet) -> list[str]:
-    """Ids of the frames with checked labels. Raises CloudError where there is none."""
+    """Return the ids of the frames with checked labels. Raises CloudError where there are none."""
     ids = [i for i in labels.frame_ids if labels.read(i).status != "auto"]
     if not ids:
         raise CloudError(
@@ -41,7 +41,7 @@ def corrected_frames(labels: LabelSet) -> list[str]:
 def clouds_with(
     labels: LabelSet, frame_ids: list[str], source: FrameSource
 ) -> Iterator[tuple[ThermalCloud, FrameLabels]]:
-    """Clouds and labels of a source's frames ``frame_ids``. Raises CloudError when either lacks one."""
+    """Yield clouds and labels of a source's frames ``frame_ids``. Raises CloudError when either lacks one."""
     wanted = set(frame_ids)
     if missing := sorted(wanted - set(labels.frame_ids)):
         raise CloudError(f"{labels.path} has no frame {missing[0]!r}; give one of its ids")
@@ -55,10 +55,9 @@ def clouds_with(
 
 
 def suit_from_labels(frames: Iterable[tuple[ThermalCloud, FrameLabels]], name: str) -> Suit:
-    """Palette of the suit in clouds, by the right labels of their depth images.
+    """Fit the palette of a suit, one or two main colours a part, to clouds with correct labels.
 
-    Every part takes its one or two main colours. Raises CloudError when labels are of another depth image,
-    or no frame shows enough of a part.
+    Raises CloudError when labels are of another depth image, or no frame shows enough of a part.
     """
     beside = np.ones((2 * SEAM_PX + 1,) * 2, np.uint8)
     seen: dict[int, list[UInt8]] = {part.id: [] for part in BODY_PARTS}
@@ -78,10 +77,10 @@ def suit_from_labels(frames: Iterable[tuple[ThermalCloud, FrameLabels]], name: s
 
 
 def suit_from_photo(path: Path, name: str) -> Suit:
-    """Palette of a photograph (PNG or JPEG) of eleven patches of cloth on plain paper.
+    """Fit a palette to a photograph (PNG or JPEG) of eleven patches of cloth on plain paper.
 
-    The patches lie apart, row by row in the order of the parts: head, torso, left upper arm and so on.
-    Raises CloudError when the picture cannot be read or shows another number of patches.
+    The patches lie apart, row by row in the order of the parts: head, torso, left upper arm and so on. Raises
+    CloudError for an unreadable picture or another number of patches.
     """
     rgb = _read(path)
     lab = cv2.cvtColor(rgb.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
@@ -105,7 +104,6 @@ def suit_from_photo(path: Path, name: str) -> Suit:
 
 
 def _suit(colors: dict[int, UInt8], name: str) -> Suit:
-    """Palette of the parts' colours uint8 (n, 3) by part id, with one or two swatches a part."""
     swatches = []
     for part in BODY_PARTS:
         own = colors.get(part.id, np.zeros((0, 3), np.uint8))
@@ -120,7 +118,7 @@ def _suit(colors: dict[int, UInt8], name: str) -> Suit:
 
 
 def _main_colors(rgb: UInt8) -> list[tuple[int, ...]]:
-    """Typical sRGB colour of a part's colours (n, 3), or two where they fall apart; the commoner first."""
+    """Return the typical sRGB colour of a part's colours (n, 3), or two, the commoner first."""
     rgb = rgb[evenly(len(rgb))]
     chroma = chromaticity(rgb)
     # Starts from the median and the point farthest from it: the same points give the same swatches.
@@ -139,7 +137,7 @@ def _main_colors(rgb: UInt8) -> list[tuple[int, ...]]:
 
 
 def _typical(rgb: UInt8) -> tuple[int, ...]:
-    """Median chromaticity of colours (n, 3) at their upper brightness, as sRGB."""
+    """Return the median chromaticity of colours (n, 3) at their upper brightness, as sRGB."""
     x, y = np.median(chromaticity(rgb), axis=0)
     shares = np.maximum([x, y, 1 - x - y], 0)
     level = np.quantile(rgb.max(axis=1), 0.9)
@@ -147,7 +145,7 @@ def _typical(rgb: UInt8) -> tuple[int, ...]:
 
 
 def _row_by_row(stats: NDArray[Any]) -> list[int]:
-    """Indices of patches in reading order; a row ends where the next patch starts below its middle."""
+    """Return patch indices in reading order; a row ends where the next patch starts below its middle."""
     top, height = stats[:, cv2.CC_STAT_TOP], stats[:, cv2.CC_STAT_HEIGHT]
     middle, row = top + height / 2, np.zeros(len(stats), int)
     order = np.argsort(middle)
@@ -156,10 +154,7 @@ def _row_by_row(stats: NDArray[Any]) -> list[int]:
 
 
 def _read(path: Path) -> UInt8:
-    """Photograph uint8 (h, w, 3), at most 1,000 pixels a side; Pillow itself bounds what it decodes.
-
-    An EXIF orientation is obeyed, as by the viewer in which a person counts the rows of cloths.
-    """
+    """Read a photograph uint8 (h, w, 3), at most 1,000 pixels a side, turned by its EXIF orientation."""
     try:
         with Image.open(path, formats=("JPEG", "PNG")) as image:
             image.thumbnail((1000, 1000))

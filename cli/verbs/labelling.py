@@ -20,7 +20,7 @@ from sensors.importers.open_source import doubts_of, open_source, opener_at
 if TYPE_CHECKING:
     from annotate.label_recording import Run
     from annotate.labelset.labelled_frames import LabelledFrames
-    from annotate.segmentation.suit_network import Reader
+    from annotate.segmentation.suit_network import SuitNetwork
     from annotate.suit.palette import Suit
     from sensors.importers.open_source import Source
 
@@ -71,9 +71,9 @@ def label(
     check_there(*given)
     if source is not None:
         check_room(out, store.MANIFEST, overwrite, session, *given)
-    from annotate.segmentation.suit_network import Reader, shipped_reader
+    from annotate.segmentation.suit_network import SuitNetwork, shipped_suit_network
 
-    reader = Reader(weights) if weights else shipped_reader()
+    reader = SuitNetwork(weights) if weights else shipped_suit_network()
     if source is None:
         one = partial(_label, palette, window, reader)
         label_each("label", one, sessions, out, scheduler, overwrite, json)
@@ -82,11 +82,11 @@ def label(
     notes = [*source.notes, *doubts_of(source), *(palette.notes if palette else ())]
     for note in notes:
         say(note)
-    from annotate.label_recording import label_source
+    from annotate.label_recording import SuitLabeller, label_source
 
     started = time.monotonic()
     with progress("label", len(source)) as advance:
-        run = label_source(source, palette, out, advance, window, reader)
+        run = label_source(source, SuitLabeller(palette, reader, window), out, advance)
     seconds = (time.monotonic() - started) / max(1, len(source))
     frames, review = len(run.labels), run.review_order()
     result = {"frames": frames, "seconds_per_frame": round(seconds, 4), "review": review, "notes": notes}
@@ -95,12 +95,12 @@ def label(
 
 
 def _label(
-    suit: "Suit | None", window_c: tuple[float, float] | None, reader: "Reader", session: Path, out: Path
+    suit: "Suit | None", window_c: tuple[float, float] | None, reader: "SuitNetwork", session: Path, out: Path
 ) -> "Run":
     """Labels of one session of a folder, on any machine that sees it."""
-    from annotate.label_recording import label_source
+    from annotate.label_recording import SuitLabeller, label_source
 
-    return label_source(open_source(session), suit, out, lambda _: None, window_c, reader)
+    return label_source(open_source(session), SuitLabeller(suit, reader, window_c), out, lambda _: None)
 
 
 @suit_app.command()
@@ -171,7 +171,8 @@ def predict(
         Option(help="Read them again in the room's depth: better outlines.", show_default="recordings alone"),
     ] = None,
     learnt: Annotated[
-        Path | None, Option(help="Reader (.onnx) from learn that reads them again, of this person and room.")
+        Path | None,
+        Option(help="Reader (.onnx) from learn that reads them again, of this person and room."),
     ] = None,
     scheduler: Scheduler = None,
     overwrite: Overwrite = False,
@@ -233,14 +234,14 @@ def _work(
 ) -> "Callable[[Callable[[int], None]], Run]":
     """What labels frames or a recording by the network, given the progress."""
     from annotate.labelset.labelled_frames import LabelledFrames
-    from annotate.segmentation.suit_network import Reader
+    from annotate.segmentation.suit_network import SuitNetwork
     from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
     from eval.network.predict import predict_frames
     from eval.network.predict_source import predict_source
     from eval.network.refine import shipped_again
 
     network = OnnxNetwork(how.weights or SHIPPED_WEIGHTS)
-    readers = [Reader(how.learnt)] if how.learnt else []
+    readers = [SuitNetwork(how.learnt)] if how.learnt else []
     if isinstance(opened, LabelledFrames):
         readers = [shipped_again(), *readers] if how.again else readers
         return partial(predict_frames, opened, network, out, probabilities=how.probabilities, readers=readers)

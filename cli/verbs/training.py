@@ -290,14 +290,14 @@ def train_labels(
     inputs = [path for triple in triples for path in triple]
     check_room(out, PLAN, overwrite, *inputs)
     with needing("train", "synth"):
-        from annotate.segmentation.suit_network import Reader
+        from annotate.segmentation.suit_network import SuitNetwork
         from eval.training.segmentation.examples import Recording
         from eval.training.segmentation.fit import train_labels
     clear(out, PLAN, overwrite, *inputs)
     done = train_labels([Recording.open(*triple) for triple in triples], out, steps, seed, progress)
     result = {
         "weights": str(done.path),
-        "sha256": Reader(done.path).sha256,
+        "sha256": SuitNetwork(done.path).sha256,
         "frames": done.frames,
         "frames_held_out": done.frames_held_out,
         "mean_recall": done.after.recall,

@@ -12,7 +12,7 @@ from annotate.correction.relabel import untouched
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import sha256
 from annotate.labelset.label_set import LabelSet
-from annotate.segmentation.suit_network import Reader
+from annotate.segmentation.suit_network import SuitNetwork
 from eval.fine_tuning.run import Practice
 from eval.fine_tuning.training_split import Taught
 from eval.network.refine import camera_in, depth_view, read_again
@@ -49,20 +49,20 @@ class DepthLearner:
 
     def parts(self, held: Sequence[Taught], weights: Path) -> list[UInt8]:
         """Parts (h, w) of frames by saved weights."""
-        reader = Reader(weights)
+        reader = SuitNetwork(weights)
         return [self._again(one.first, reader).parts for one in held]
 
     def step(self, weights: Path) -> dict[str, Any]:
         """Entry of a label set's manifest about saved weights."""
-        return {"predict": {"readers": [Reader(weights).sha256]}}
+        return {"predict": {"readers": [SuitNetwork(weights).sha256]}}
 
     def labels(self, correction: Correction, weights: Path) -> Iterator[FrameLabels]:
         """Labels of the frames that nobody has worked on, by saved weights."""
-        reader, labels = Reader(weights), correction.labels
+        reader, labels = SuitNetwork(weights), correction.labels
         for frame_id in untouched(correction):
             yield self._again(labels.read(frame_id, original=labels.has_original(frame_id)), reader)
 
-    def _again(self, first: FrameLabels, reader: Reader) -> FrameLabels:
+    def _again(self, first: FrameLabels, reader: SuitNetwork) -> FrameLabels:
         return read_again(camera_in(self._labels, first), first, reader)
 
 

@@ -11,11 +11,11 @@ from annotate.cloud.fuse import Fuser
 from annotate.correction.correction import Correction
 from annotate.correction.relabel import untouched
 from annotate.frame_labels import FrameLabels
-from annotate.label_recording import SuitSurvey, calibrated, labels_of, suit_labeller
+from annotate.label_recording import SuitDetection, SuitLabeller, calibrated, labels_of
 from annotate.labelset.dataset import sha256
 from annotate.labelset.label_set import LabelSet, as_read
 from annotate.labelset.source_recording import find_session
-from annotate.segmentation.suit_network import Reader, shipped_reader
+from annotate.segmentation.suit_network import SuitNetwork, shipped_suit_network
 from annotate.suit.palette import suit_from_toml
 from eval.fine_tuning.run import Practice
 from eval.fine_tuning.training_split import Taught
@@ -41,9 +41,9 @@ class SuitLearner:
         self._labels, self._source = labels, open_source(session)
         self._suit = suit_from_toml(how["suit"], f"the suit in {labels.path}")
         self._window_c = tuple(how["window_c"]) if how.get("window_c") else None
-        self._reader = Reader(start) if start else shipped_reader()
+        self._reader = SuitNetwork(start) if start else shipped_suit_network()
         self._network = load_reader(start or FULL_READER)
-        if self._reader.sha256 != how.get("weights_sha256", shipped_reader().sha256):
+        if self._reader.sha256 != how.get("weights_sha256", shipped_suit_network().sha256):
             raise CloudError(
                 f"{labels.path} was not labelled by {start or 'the shipped reader'}; give its weights with "
                 "--weights"
@@ -65,24 +65,24 @@ class SuitLearner:
 
     def parts(self, held: Sequence[Taught], weights: Path) -> list[UInt8]:
         """Parts (h, w) of frames by saved weights, after the first labels of the frames before."""
-        label = suit_labeller(self._suit, Reader(weights))
+        labeller = SuitLabeller(self._suit, SuitNetwork(weights))
         seen = self._surveys([one.first.frame_id for one in held])
-        return [label(survey, self._first_before(frame_id))[0].parts for frame_id, survey in seen]
+        return [labeller.label(survey, self._first_before(frame_id))[0].parts for frame_id, survey in seen]
 
     def step(self, weights: Path) -> dict[str, Any]:
         """Entry of a label set's manifest about saved weights."""
-        return {"label": suit_step(self._labels) | {"weights_sha256": Reader(weights).sha256}}
+        return {"label": suit_step(self._labels) | {"weights_sha256": SuitNetwork(weights).sha256}}
 
     def labels(self, correction: Correction, weights: Path) -> Iterator[FrameLabels]:
         """Labels of the frames that nobody has worked on, by saved weights, each after the labels that the
         frame before has by now."""
-        label = suit_labeller(self._suit, Reader(weights))
+        labeller = SuitLabeller(self._suit, SuitNetwork(weights))
         made: FrameLabels | None = None
         for frame_id, survey in self._surveys(untouched(correction)):
             earlier = self._before(frame_id)
             if made is None or made.frame_id != earlier:
                 made = correction.frame(earlier) if earlier else None
-            labelled = labels_of(frame_id, survey.cloud.depth_mm, *label(survey, made))
+            labelled = labels_of(frame_id, survey.cloud.depth_mm, *labeller.label(survey, made))
             made = as_read(labelled)
             yield labelled
 
@@ -114,9 +114,10 @@ class SuitLearner:
         earlier = f"{max(int(frame_id) - 1, 0):06d}"
         return earlier if earlier in self._ids and earlier != frame_id else None
 
-    def _surveys(self, wanted: Collection[str]) -> Iterator[tuple[str, SuitSurvey]]:
+    def _surveys(self, wanted: Collection[str]) -> Iterator[tuple[str, SuitDetection]]:
         """Frames of the recording, by id, in its order. Raises CloudError where it is another one."""
         fuser, left = Fuser(self._source.calibration), set(wanted)
+        labeller = SuitLabeller(self._suit, window_c=self._window_c)
         for frame in self._source:
             frame_id = f"{frame.index:06d}"
             if frame_id not in left:
@@ -125,7 +126,7 @@ class SuitLearner:
             cloud = fuser.fuse_frame(calibrated(frame, fuser.calibration)[0])
             if not np.array_equal(cloud.depth_mm, self._labels.read(frame_id).depth_mm):
                 break
-            yield frame_id, SuitSurvey.of(cloud, self._suit, self._window_c)
+            yield frame_id, labeller.detect(cloud)
             if not left:
                 return
         raise CloudError(

@@ -15,7 +15,7 @@ from annotate.labelset.claim import Claim, login
 from annotate.labelset.label_set import LabelSet
 from annotate.labelset.labelled_frames import LabelledFrames
 from annotate.segmentation.segmented_person import Segmentation
-from annotate.segmentation.suit_network import Reader
+from annotate.segmentation.suit_network import SuitNetwork
 from eval.network.body_state import Bearing
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.refine import camera_in, read_again
@@ -38,7 +38,7 @@ def predict_frames(
     *,
     probabilities: bool = False,
     batch: int = BATCH,
-    readers: Sequence[Reader] = (),
+    readers: Sequence[SuitNetwork] = (),
 ) -> Run:
     """Label the persons of a label set or a dataset by the network, within the same outlines; resumes.
 
@@ -67,7 +67,7 @@ def _predict(
     progress: Callable[[int], None],
     probabilities: bool,
     batch: int,
-    readers: Sequence[Reader],
+    readers: Sequence[SuitNetwork],
 ) -> list[tuple[str, str]]:
     """Label the frames that are not done yet; (frame id, why) of those that failed."""
     failed: list[tuple[str, str]] = []
@@ -93,7 +93,7 @@ def check_alone(frames: LabelledFrames) -> None:
         raise CloudError(f"{frames.path} labels everybody; give the labels of one person, or the recording")
 
 
-def step_of(network: OnnxNetwork, probabilities: bool, readers: Sequence[Reader] = ()) -> dict[str, Any]:
+def step_of(network: OnnxNetwork, probabilities: bool, readers: Sequence[SuitNetwork] = ()) -> dict[str, Any]:
     """Entry of a label set's manifest about what labels it."""
     again = {"readers": [reader.sha256 for reader in readers]} if readers else {}
     return {"weights": network.sha256, "probabilities": probabilities} | again
@@ -124,7 +124,7 @@ def _todo(
 def _write(
     frames: LabelledFrames,
     predicted: LabelSet,
-    readers: Sequence[Reader],
+    readers: Sequence[SuitNetwork],
     frame: FrameLabels,
     result: Segmentation,
 ) -> None:

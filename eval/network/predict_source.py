@@ -1,7 +1,7 @@
 """Prediction on recordings by a trained network: the people of every frame are found, then labelled."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial, reduce
 from pathlib import Path
 
@@ -11,9 +11,9 @@ from annotate.array_types import Bool, UInt16
 from annotate.cloud.coarse import CoarseCloud, CoarseFuser
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import Run, run
-from annotate.person.extract import PersonMask, Survey
+from annotate.person.extract import PersonDetection, PersonMask
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
-from annotate.segmentation.suit_network import Reader
+from annotate.segmentation.suit_network import SuitNetwork
 from eval.network.body_state import Bearing
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import ONE_PERSON, step_of
@@ -23,6 +23,7 @@ from eval.network.support import by_height, floor_of, support_of
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FrameSource
+from sensors.rig.rig_calibration import RigCalibration
 
 
 def predict_source(
@@ -34,13 +35,13 @@ def predict_source(
     *,
     probabilities: bool = False,
     everybody: bool = False,
-    again: Reader | None = None,
-    readers: Sequence[Reader] = (),
+    again: SuitNetwork | None = None,
+    readers: Sequence[SuitNetwork] = (),
 ) -> Run:
     """Extract the person of every frame of a source and label it by the network; resumes.
 
     everybody: label all persons, not the subject alone. again: reads the labels again where a frame shows the
-    room. readers: what reads them again everywhere, in turn. Raises what ``label_source.run`` raises;
+    room. readers: what reads them again everywhere, in turn. Raises what ``label_recording.run`` raises;
     CloudError where these do not go together.
     """
     if everybody and probabilities:
@@ -50,19 +51,30 @@ def predict_source(
         raise CloudError(ONE_PERSON)
     camera = source.calibration.depth.undistorted()
 
-    def survey(cloud: CoarseCloud) -> NetworkSurvey:
-        return NetworkSurvey(cloud, network, window_c, probabilities=probabilities, everybody=everybody)
-
     step = step_of(network, probabilities, every) | {"window_c": list(window_c) if window_c else None}
     step |= {"everybody": True} if everybody else {}
-    labeller = partial(_labels_again, again, readers, camera) if every else NetworkSurvey.labels
-    return run(source, {"predict": step}, out, labeller, progress, survey, CoarseFuser)
+    detect = partial(
+        NetworkSurvey, network=network, window_c=window_c, probabilities=probabilities, everybody=everybody
+    )
+    label = partial(_labels_again, again, readers, camera) if every else NetworkSurvey.labels
+    return run(source, {"predict": step}, out, _NetworkLabeller(detect, label), progress)
+
+
+@dataclass(frozen=True)
+class _NetworkLabeller:
+    """Labeller of coarse clouds (``annotate.label_recording.Labeller``)."""
+
+    detect: Callable[[CoarseCloud], "NetworkSurvey"]
+    label: Callable[["NetworkSurvey", FrameLabels | None], tuple[Segmentation, PersonMask]]
+
+    def fuser(self, calibration: RigCalibration) -> CoarseFuser:
+        return CoarseFuser(calibration)
 
 
 class NetworkSurvey:
     """A surveyed frame with its likely subject labelled: all the work that needs no other frame.
 
-    Arguments as of ``predict_source``; glance: as of ``Survey``.
+    Arguments as of ``predict_source``; single_pass: as of ``PersonDetection``.
     """
 
     def __init__(
@@ -73,9 +85,9 @@ class NetworkSurvey:
         *,
         probabilities: bool = False,
         everybody: bool = False,
-        glance: bool = False,
+        single_pass: bool = False,
     ) -> None:
-        self._survey = survey = Survey(cloud, window_c, everybody=everybody, glance=glance)
+        self._survey = survey = PersonDetection(cloud, window_c, everybody=everybody, single_pass=single_pass)
         self._network, self._probabilities, self._everybody = network, probabilities, everybody
         self.depth_mm, self.planes = cloud.depth_mm, survey.planes
         self._known: dict[bytes, Segmentation] = {}
@@ -123,8 +135,8 @@ class NetworkSurvey:
 
 
 def _labels_again(
-    again: Reader | None,
-    readers: Sequence[Reader],
+    again: SuitNetwork | None,
+    readers: Sequence[SuitNetwork],
     camera: Intrinsics,
     survey: NetworkSurvey,
     before: FrameLabels | None,

@@ -23,8 +23,8 @@ from annotate.parts import BACKGROUND
 from annotate.person.extract import PersonMask
 from annotate.person.planes import Plane, find_planes
 from annotate.segmentation.input_channels import SUBJECT, Rectangle, channels, rectangle, with_before
-from annotate.segmentation.segment import OTHER_PERSON, View, finely
-from annotate.segmentation.suit_network import Reader
+from annotate.segmentation.segment import OTHER_PERSON, View, fine_pass
+from annotate.segmentation.suit_network import SuitNetwork
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 
@@ -36,9 +36,9 @@ NEAR_M = 0.1
 
 
 @cache
-def shipped_again() -> Reader:
+def shipped_again() -> SuitNetwork:
     """The reader that comes with the package."""
-    return Reader(SHIPPED_AGAIN)
+    return SuitNetwork(SHIPPED_AGAIN)
 
 
 class DepthRoom(NamedTuple):
@@ -75,7 +75,7 @@ def depth_view(
 
 
 def read_again(
-    camera: Intrinsics, first: FrameLabels, reader: Reader, planes: tuple[Plane, ...] | None = None
+    camera: Intrinsics, first: FrameLabels, reader: SuitNetwork, planes: tuple[Plane, ...] | None = None
 ) -> FrameLabels:
     """A frame with a reader's labels of its person; the same where it shows nobody.
 
@@ -86,7 +86,7 @@ def read_again(
     if seen is None:
         return first
     cloud, view = seen
-    where, named, sure = finely(cloud, view, _near(view), None, reader)
+    where, named, sure = fine_pass(cloud, view, _near(view), None, reader)
     own = (named != BACKGROUND) & (named != OTHER_PERSON)
     if first.persons is not None:
         own &= first.persons[where] <= 1

@@ -14,7 +14,7 @@ from annotate.cloud.fuse import Fuser
 from annotate.crop import SIZE, crop_around, crop_from_note, person_of, window_of
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.label_set import MANIFEST, LabelSet
-from annotate.person.extract import Survey
+from annotate.person.extract import PersonDetection
 from sensors.errors import CloudError, FormatError
 from sensors.importers.open_source import Source, open_source
 from synth.body.skeleton import N_JOINTS
@@ -142,7 +142,7 @@ def _persons(source: Source) -> Iterator[Bool]:
         if cut_out(depth_mm):
             yield depth_mm > 0
         else:
-            yield Survey(CoarseCloud.of(fuser.fuse_frame(frame))).person().mask
+            yield PersonDetection(CoarseCloud.of(fuser.fuse_frame(frame))).person().mask
 
 
 def cut_out(depth_mm: UInt16) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from annotate.correction.correction import Correction
 from annotate.effort.annotator import AGREEMENT, WHO, Annotator, correct_set
-from annotate.label_recording import Run, label_source
+from annotate.label_recording import Run, SuitLabeller, label_source
 from annotate.labelset.label_set import LabelSet
 from eval.compare.compare import Comparison, compare_sets
 from eval.network.onnx_network import OnnxNetwork
@@ -61,7 +61,7 @@ def labelled(rig: VirtualRig, folder: Path) -> dict[str, dict[str, Figure]]:
     simulate(rig, path, lambda n: None)
     session, truth = Session(path), LabelSet.open(truth_path(path))
     works = {
-        "suit": partial(label_source, session, rig.suit, folder / "suit"),
+        "suit": partial(label_source, session, SuitLabeller(rig.suit), folder / "suit"),
         "network": partial(predict_source, session, OnnxNetwork(), folder / "network"),
         "network, refined": partial(
             predict_source, session, OnnxNetwork(), folder / "again", readers=[shipped_again()]
@@ -105,7 +105,9 @@ def effort(seed: int) -> Rows:
             path = Path(folder) / "session.mcap"
             rig = VirtualRig(64, 8, difficulty, seed + number)
             simulate(rig, path, lambda n: None)
-            found = label_source(Session(path), rig.suit, Path(folder) / "l", lambda n: None).labels
+            found = label_source(
+                Session(path), SuitLabeller(rig.suit), Path(folder) / "l", lambda n: None
+            ).labels
             truth = LabelSet.open(truth_path(path))
             for name, propagating in (("each frame alone", False), ("carried over", True)):
                 copied, annotator = copy_of(found, Path(folder) / name, None), Annotator()

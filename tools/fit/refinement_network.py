@@ -22,10 +22,9 @@ from annotate.label_recording import labels_of
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.labelled_frames import open_frames
 from annotate.parts import BACKGROUND
-from annotate.segmentation.flip_averaging import read_twice
 from annotate.segmentation.input_channels import CHANNELS, VALID, Rectangle
 from annotate.segmentation.segment import OTHER_PERSON, SAMPLE_M
-from annotate.segmentation.suit_network import Reader
+from annotate.segmentation.suit_network import SuitNetwork, flip_averaged
 from eval.fine_tuning.by_depth import example_of
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import NetworkSurvey
@@ -120,14 +119,14 @@ def _store(path: Path, maker: Maker) -> Path:
 
 def _store_again(weights: Path, path: Path) -> Path:
     """Make a file's examples with the labels that a reader gives, in the place of the network's."""
-    reader, first = Reader(weights), Stock([path.with_stem(path.stem.removesuffix("-again"))])
+    reader, first = SuitNetwork(weights), Stock([path.with_stem(path.stem.removesuffix("-again"))])
 
     def seen() -> Iterator[Example]:
         for n in range(len(first)):
             example = first[n]
             step = max(1, round(SAMPLE_M / example.pixel_m))
             everywhere = Rectangle(*(slice(0, side) for side in example.target.shape))
-            named = read_twice(reader, example.planes, step, everywhere).argmax(axis=0).astype(np.uint8)
+            named = flip_averaged(reader, example.planes, step, everywhere).argmax(axis=0).astype(np.uint8)
             there = (example.planes[0] & VALID > 0) & (named != OTHER_PERSON)
             example.planes[CHANNELS.index("before")] = np.where(there, named, np.uint8(BACKGROUND))
             yield example

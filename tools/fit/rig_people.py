@@ -17,7 +17,7 @@ from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import BACKGROUND
-from annotate.person.extract import Survey
+from annotate.person.extract import PersonDetection
 from eval.training.segmentation.scenes import training_rig
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import VirtualRig
@@ -32,7 +32,7 @@ def store_people(rig: VirtualRig, out: Path) -> int:
     labels = LabelSet.create(out, fuser.camera, {"source": rig.name})
     for frame, known in rig.with_truth():
         truth = truth_labels(frame, known, rig.calibration.depth)
-        person = Survey(CoarseCloud.of(fuser.fuse_frame(frame)), suit=rig.suit).person()
+        person = PersonDetection(CoarseCloud.of(fuser.fuse_frame(frame)), suit=rig.suit).person()
         parts = np.where(person.mask, truth.parts, np.uint8(BACKGROUND))
         if parts.any():
             notes = truth.notes | {"posture": RESTING.get(rig.scene)}

@@ -17,11 +17,11 @@ import numpy as np
 from annotate.array_types import Float32, Float64, UInt8
 from annotate.correction.correction import Correction
 from annotate.effort.annotator import WHO, Annotator, correct_set
-from annotate.label_recording import label_source
+from annotate.label_recording import SuitLabeller, label_source
 from annotate.labelset.label_set import LabelSet
 from annotate.person.warmth import WINDOW_C
-from annotate.segmentation.input_channels import CHANNELS, FELT, LIKENESS, OTHER, SEEN, SUBJECT, Rectangle
-from annotate.segmentation.suit_network import Reader, shipped_reader
+from annotate.segmentation.input_channels import CHANNELS, FELT, LIKELIHOODS, OTHER, SEEN, SUBJECT, Rectangle
+from annotate.segmentation.suit_network import SuitNetwork, shipped_suit_network
 from annotate.suit.palette import load_suit
 from eval.compare.compare import Comparison, compare_sets
 from eval.compare.paired import difference
@@ -60,8 +60,8 @@ class Silence:
 
 
 INPUTS = {
-    "likeness to the suit's colours": Silence(LIKENESS),
-    "all colour": Silence(LIKENESS, flags=SEEN),
+    "likeness to the suit's colours": Silence(LIKELIHOODS),
+    "all colour": Silence(LIKELIHOODS, flags=SEEN),
     "shade and hue": Silence(("shade", "red", "green"), MIDDLE),
     "colours learnt of the room": Silence(("room",), MIDDLE),
     "temperature": Silence(flags=FELT),
@@ -74,11 +74,11 @@ INPUTS = {
 """The table's rows, and what the network is not told in them."""
 
 
-class Without(Reader):
+class Without(SuitNetwork):
     """The shipped reader without an input."""
 
     def __init__(self, silence: Silence) -> None:
-        self.__setstate__(shipped_reader().__getstate__())
+        self.__setstate__(shipped_suit_network().__getstate__())
         self._silence = silence
 
     def probabilities(self, planes: UInt8, step: int, near: Rectangle | None = None) -> Float32:
@@ -94,11 +94,13 @@ class Found:
     seconds: Float64
 
 
-def labelled(path: Path, reader: Reader, window_c: tuple[float, float] | None = None) -> Found:
+def labelled(path: Path, reader: SuitNetwork, window_c: tuple[float, float] | None = None) -> Found:
     """Labels of a simulated session by a reader."""
     with tempfile.TemporaryDirectory() as folder:
         suit, truth = load_suit(suit_path(path)), LabelSet.open(truth_path(path))
-        run = label_source(Session(path), suit, Path(folder) / "l", lambda n: None, window_c, reader)
+        run = label_source(
+            Session(path), SuitLabeller(suit, reader, window_c), Path(folder) / "l", lambda n: None
+        )
         for frame_id, why in run.failed:
             print(f"frame {frame_id}: {why}", file=sys.stderr)
         scored, annotator = compare_sets(run.labels, truth), Annotator()
@@ -136,10 +138,10 @@ def row(name: str, whole: Found, without: Found) -> str:
 
 def measured(path: Path) -> Iterator[tuple[str, Found]]:
     """Name of a row and what was found for it, with all inputs first."""
-    yield ALL, labelled(path, shipped_reader())
+    yield ALL, labelled(path, shipped_suit_network())
     for name, silence in INPUTS.items():
         yield name, labelled(path, Without(silence))
-    yield WINDOW, labelled(path, shipped_reader(), WINDOW_C)
+    yield WINDOW, labelled(path, shipped_suit_network(), WINDOW_C)
 
 
 def print_table(path: Path) -> None:

@@ -24,7 +24,7 @@ import cli.live_view
 import cli.main
 import cli.rig_devices
 from annotate.live.live_frame import Labelling
-from annotate.segmentation.suit_network import shipped_reader
+from annotate.segmentation.suit_network import shipped_suit_network
 from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
 from sensors.device.protocol import DepthImage, DeviceReading
 from sensors.errors import CloudError
@@ -151,7 +151,7 @@ def busy() -> None:
 def main(count: int, folder: Path) -> None:
     # Loaded before anything forks.
     swinging_ball()
-    shipped_reader()
+    shipped_suit_network()
     cli.rig_devices.Shown = Shown  # type: ignore[assignment,misc]
     cli.live_view.labelling_by = nothing_labelled
     load = multiprocessing.get_context("fork").Process(target=busy, daemon=True)

@@ -14,7 +14,7 @@ import numpy as np
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.supervoxels import Supervoxels, supervoxels
 from annotate.effort.agreement import Agreement
-from annotate.label_recording import label_source
+from annotate.label_recording import SuitLabeller, label_source
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import BACKGROUND, UNDEFINED
 from annotate.suit.palette import load_suit
@@ -75,7 +75,7 @@ def label_timed(session: Session, out: Path, window_c: tuple[float, float] | Non
     """The session's labels, and the median of seconds a frame (the first compiles or loads kernels)."""
     ends = [time.perf_counter()]
     suit = load_suit(suit_path(session.path))
-    run = label_source(session, suit, out, lambda _: ends.append(time.perf_counter()), window_c)
+    run = label_source(session, SuitLabeller(suit), out, lambda _: ends.append(time.perf_counter()), window_c)
     for frame_id, why in run.failed:
         print(f"frame {frame_id}: {why}", file=sys.stderr)
     return run.labels, float(np.median(np.diff(ends)))

@@ -12,7 +12,7 @@ import numpy as np
 
 from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
-from annotate.person.extract import Survey
+from annotate.person.extract import PersonDetection
 from annotate.person.warmth import WINDOW_C
 from annotate.suit.palette import DEFAULT_SUIT
 from sensors.rig.frame import RigFrame
@@ -35,7 +35,7 @@ def corrections_k(pairs: list[tuple[RigFrame, Truth]], focal_px: float) -> np.nd
 
 def iou(fuser: Fuser, frame: RigFrame, truth: np.ndarray, window_c: tuple[float, float] | None) -> float:
     """Of the person found in one frame alone, by warmth and suit."""
-    mask = Survey(CoarseCloud.of(fuser.fuse_frame(frame)), window_c, DEFAULT_SUIT).person().mask
+    mask = PersonDetection(CoarseCloud.of(fuser.fuse_frame(frame)), window_c, DEFAULT_SUIT).person().mask
     return float((mask & truth).sum() / max(1, (mask | truth).sum()))
 
 

@@ -7,7 +7,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from annotate.label_recording import label_source
+from annotate.label_recording import SuitLabeller, label_source
 from annotate.labelset.label_set import LabelSet
 from eval.compare.compare import Comparison, compare_sets
 from eval.network.onnx_network import OnnxNetwork
@@ -25,7 +25,7 @@ def measured(rig: VirtualRig) -> tuple[Comparison, Comparison]:
         path = Path(folder) / "session.mcap"
         simulate(rig, path, lambda _: None)
         session, truth = Session(path), LabelSet.open(truth_path(path))
-        suit = label_source(session, rig.suit, Path(folder) / "suit", lambda _: None).labels
+        suit = label_source(session, SuitLabeller(rig.suit), Path(folder) / "suit", lambda _: None).labels
         net = predict_source(session, OnnxNetwork(), Path(folder) / "net", lambda _: None).labels
         return compare_sets(suit, truth), compare_sets(net, truth)
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from annotate.array_types import Float32, Float64, UInt8, UInt16
 from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
-from annotate.person.extract import Survey
+from annotate.person.extract import PersonDetection
 from annotate.person.subject import persons_before
 from eval.training.finder.rooms import surroundings
 from eval.training.segmentation.scenes import training_rig
@@ -65,7 +65,7 @@ def rig_scenes(number: int) -> Iterator[Scene]:
     rig = training_rig(number)
     fuser = Fuser(rig.calibration)
     for frame, known in rig.with_truth():
-        survey = Survey(CoarseCloud.of(fuser.fuse_frame(frame)))
+        survey = PersonDetection(CoarseCloud.of(fuser.fuse_frame(frame)))
         truth = survey.cloud.coarse(truth_labels(frame, known, rig.calibration.depth))
         yield Scene(survey.cloud.cloud.camera, truth.depth_mm, survey.warmth, persons_before(truth))
 

@@ -9,15 +9,15 @@ import numpy as np
 
 from annotate.array_types import Index, UInt8
 from annotate.parts import BACKGROUND, BODY_PARTS, NEIGHBOURS, UNDEFINED, swap_left_right
-from annotate.segmentation.flip_averaging import mirrored as mirrored_channels
-from annotate.segmentation.input_channels import CHANNELS, FELT, LIKENESS, SEEN, SUBJECT, VALID
+from annotate.segmentation.input_channels import CHANNELS, FELT, LIKELIHOODS, SEEN, SUBJECT, VALID
 from annotate.segmentation.suit_network import MULTIPLE
+from annotate.segmentation.suit_network import flipped as flipped_channels
 from eval.training.segmentation.examples import Example
 
 FLAGS, BEFORE = CHANNELS.index("flags"), CHANNELS.index("before")
 WARMTH = slice(CHANNELS.index("share"), CHANNELS.index("celsius") + 1)
 COLORS = slice(CHANNELS.index("shade"), CHANNELS.index("room") + 1)
-LIKE, LIKE_PARTS = slice(-len(LIKENESS), None), slice(-len(BODY_PARTS), None)
+LIKE, LIKE_PARTS = slice(-len(LIKELIHOODS), None), slice(-len(BODY_PARTS), None)
 """Places among the channels: flags, labels before, temperatures, colours, the likeness to every cloth and to
 those of the parts."""
 JOINED = [tuple(sorted(pair)) for pair in sorted(map(sorted, NEIGHBOURS))]
@@ -77,7 +77,7 @@ def known(sample: Sample) -> Sample:
 
 def mirrored(sample: Sample) -> Sample:
     """The sample as a mirror shows it."""
-    return Sample(mirrored_channels(sample.planes), swap_left_right(sample.target[:, ::-1]))
+    return Sample(flipped_channels(sample.planes), swap_left_right(sample.target[:, ::-1]))
 
 
 def taken(example: Example, rows: Index, columns: Index) -> Sample:

@@ -14,13 +14,13 @@ from annotate.array_types import Float64, UInt8
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.label_recording import SuitSurvey, calibrated
+from annotate.label_recording import SuitDetection, SuitLabeller, calibrated
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import BACKGROUND
-from annotate.segmentation.input_channels import in_light
-from annotate.segmentation.segment import OTHER_PERSON, looked_over
-from annotate.segmentation.suit_network import Reader, shipped_reader
-from annotate.suit.illuminant import fitted_to
+from annotate.segmentation.input_channels import with_likelihoods
+from annotate.segmentation.segment import OTHER_PERSON, coarse_pass
+from annotate.segmentation.suit_network import SuitNetwork, shipped_suit_network
+from annotate.suit.color_model import fit_illuminant
 from annotate.suit.palette import Suit, load_suit, suit_to_toml
 from sensors.errors import CloudError, FormatError
 from sensors.files.atomic import replacing
@@ -58,11 +58,17 @@ def example_of(
 
     rough: in the light of all colours, as labelling reads first, and not in that of the parts.
     """
-    return example_in(SuitSurvey.of(cloud, suit), truth, before, suit, None if rough else shipped_reader())
+    return example_in(
+        SuitLabeller(suit).detect(cloud), truth, before, suit, None if rough else shipped_suit_network()
+    )
 
 
 def example_in(
-    survey: SuitSurvey, truth: FrameLabels, before: FrameLabels | None, suit: Suit, reader: Reader | None
+    survey: SuitDetection,
+    truth: FrameLabels,
+    before: FrameLabels | None,
+    suit: Suit,
+    reader: SuitNetwork | None,
 ) -> Example | None:
     """Example of a surveyed frame as ``example_of``; reader: finds the parts' light, None = that of all
     colours."""
@@ -74,8 +80,8 @@ def example_in(
     target = truth.parts[view.where].copy()
     if truth.persons is not None:
         target[(truth.persons[view.where] > 1) & (target == BACKGROUND)] = OTHER_PERSON
-    light = looked_over(view, suit, reader)[1] if reader else fitted_to(suit, view.colors)
-    planes = in_light(view.planes, view.rgb, light)
+    light = coarse_pass(view, suit, reader)[1] if reader else fit_illuminant(suit, view.colors)
+    planes = with_likelihoods(view.planes, view.rgb, light)
     distance_m = np.median(cloud.points_m[..., 2][person.mask & cloud.valid])
     return Example(planes, target, np.array([cloud.camera.fx, distance_m]))
 
