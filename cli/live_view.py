@@ -13,9 +13,10 @@ import typer
 
 from annotate.cloud.coarse import CoarseCloud
 from annotate.frame_labels import FrameLabels
-from annotate.label_recording import SuitSurvey, suit_labeller
+from annotate.label_recording import SuitLabeller, label_cloud
 from annotate.live.live_frame import BodyPose, Labelling, Rig
 from annotate.live.pipeline import LivePipeline
+from annotate.segmentation.suit_network import shipped_suit_network
 from annotate.suit.palette import Suit
 from cli.console import finish, say
 from cli.extras import needing
@@ -141,15 +142,10 @@ def labelling_by(suit: Suit | None) -> Labelling:
     """
     network = OnnxNetwork(mirrored=False)
     if suit is None:
-        return Labelling(
-            lambda cloud: NetworkSurvey(CoarseCloud.of(cloud), network, glance=True),
-            NetworkSurvey.labels,
-            _body_pose,
-        )
-    survey: Callable[[Any], SuitSurvey] = partial(SuitSurvey.of, suit=suit)
-    return Labelling(
-        survey, suit_labeller(suit, shipped_reader(), glance=True), partial(_body_pose_beside, network)
-    )
+        detect = partial(NetworkSurvey, network=network, single_pass=True)
+        return Labelling(lambda cloud, before: detect(CoarseCloud.of(cloud)).labels(before), _body_pose)
+    labeller = SuitLabeller(suit, shipped_suit_network(), single_pass=True)
+    return Labelling(partial(label_cloud, labeller), partial(_body_pose_beside, network))
 
 
 def _body_pose_beside(network: OnnxNetwork, labels: FrameLabels, camera: Intrinsics) -> BodyPose | None:

@@ -12,7 +12,7 @@ from conftest import tree
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.label_recording import SuitDetection, SuitLabeller, label_source, run
+from annotate.label_recording import SuitLabeller, label_source, run
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import UNDEFINED
 from annotate.person.extract import PersonMask
@@ -22,6 +22,7 @@ from sensors.errors import CloudError, ExistsError
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.reader import Session
+from tests.helpers.labellers import CloudLabeller
 
 
 class Altered(FrameSource):
@@ -177,9 +178,9 @@ def test_every_frame_is_given_the_one_before_as_it_is_stored(tmp_path, session):
         sure = np.random.default_rng(len(seen)).random(cloud.valid.shape).astype(np.float32)
         return replace(unlabelled(person.mask), confidence=sure), person
 
-    labels = run(Altered(session, broken_color({1})), {}, tmp_path / "l", one, silent).labels
+    labels = run(Altered(session, broken_color({1})), {}, tmp_path / "l", CloudLabeller(one), silent).labels
     assert seen == [None, None]  # at first, and after a frame that failed
-    kept = run(session, {}, tmp_path / "m", one, silent).labels
+    kept = run(session, {}, tmp_path / "m", CloudLabeller(one), silent).labels
     assert seen[2] is None
     for before, frame_id in zip(seen[3:], kept.frame_ids, strict=False):
         stored = kept.read(frame_id)
@@ -225,5 +226,5 @@ def test_remarks_name_the_frames(tmp_path, session):
 def test_what_the_reader_sees_is_gathered_ahead_of_the_frames_turn(rig_session):
     """Once: in its turn the same subject is not looked at again."""
     source = Session(rig_session)
-    survey = SuitDetection.of(Fuser(source.calibration).fuse_frame(next(iter(source))), DEFAULT_SUIT)
+    survey = SuitLabeller(DEFAULT_SUIT).detect(Fuser(source.calibration).fuse_frame(next(iter(source))))
     assert survey.seen is not None and survey.view(survey.persons.person(None)) is survey.seen

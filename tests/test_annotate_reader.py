@@ -13,7 +13,7 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.parts import N_CLASSES, PART_ID, swap_left_right
 from annotate.person.extract import PersonDetection
 from annotate.segmentation import split_network as halves
-from annotate.segmentation.border_refinement import with_borders
+from annotate.segmentation.border_refinement import refine_borders
 from annotate.segmentation.input_channels import (
     CHANNELS,
     LIKELIHOODS,
@@ -105,10 +105,10 @@ def test_colour_moves_a_border_that_the_network_leaves_open():
     chance[TORSO, :, :44], chance[ARM, :, 56:] = 0.9, 0.9
     chance[[TORSO, ARM], :, 44:56] = 0.5
     everywhere = Rectangle(slice(0, 64), slice(0, 96))
-    named, sure = with_borders(cloud, everywhere, chance, light)
+    named, sure = refine_borders(cloud, everywhere, chance, light)
     assert (named == worn).mean() > 0.999 and (sure[named == worn] >= 0.5).all()
     chance[0], chance[1:] = 0.99, 1e-3
-    assert not with_borders(cloud, everywhere, chance, light)[0].any()
+    assert not refine_borders(cloud, everywhere, chance, light)[0].any()
 
 
 def test_the_network_takes_any_size_and_damage_is_named(tmp_path):

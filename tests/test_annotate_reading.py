@@ -10,11 +10,10 @@ from annotate.cloud.fuse import Fuser
 from annotate.cloud.supervoxels import supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.label_recording import SuitDetection, labels_of, suit_labeller
+from annotate.label_recording import SuitLabeller, label_cloud, labels_of
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import BACKGROUND, LEFT_RIGHT, PART_ID, UNDEFINED, swap_left_right
 from annotate.segmentation.segmented_person import Segmentation
-from annotate.segmentation.suit_network import shipped_suit_network
 from annotate.suit.palette import DEFAULT_SUIT, Suit
 from eval.scores.confusion import confusion_matrix, left_right_swap_rate, recall
 from sensors.session.reader import Session
@@ -31,7 +30,7 @@ def color_of(part: int) -> np.ndarray:
 def read_in(
     cloud: ThermalCloud, suit: Suit = DEFAULT_SUIT, before: FrameLabels | None = None
 ) -> Segmentation:
-    return label(cloud, suit, before)[0]
+    return label_cloud(SuitLabeller(suit), cloud, before)[0]
 
 
 def body_of(truth: np.ndarray) -> np.ndarray:
@@ -132,9 +131,7 @@ def test_a_frame_without_readable_colours_is_diagnosed_and_not_guessed(seen, val
 def test_an_empty_room_gets_no_part(seen):
     cloud, _ = seen[0]
     empty = replace(cloud, temperature_c=np.where(cloud.valid, np.float32(20), np.float32(np.nan)))
-    result, person = suit_labeller(DEFAULT_SUIT, shipped_suit_network())(
-        SuitDetection.of(empty, DEFAULT_SUIT), None
-    )
+    result, person = label_cloud(SuitLabeller(DEFAULT_SUIT), empty, None)
     assert not result.parts.any() and not person.mask.any()
     assert "no person" in (*person.notes, *result.notes)[0]
 
@@ -208,8 +205,7 @@ def test_the_frame_before_does_no_harm_whoever_s_it_is(seen, read):
 
 def test_while_the_flag_is_closed_the_suit_is_read_all_the_same(seen):
     cloud, truth = seen[0]
-    labeller = suit_labeller(DEFAULT_SUIT, shipped_suit_network())
-    before = labels_of("x", cloud.depth_mm, *labeller(SuitDetection.of(cloud, DEFAULT_SUIT), None))
+    before = labels_of("x", cloud.depth_mm, *label_cloud(SuitLabeller(DEFAULT_SUIT), cloud, None))
     blind = replace(cloud, temperature_c=np.full_like(cloud.temperature_c, np.nan))
     for known in (before, None):
         assert right(read_in(blind, before=known), truth) > 0.9
@@ -244,22 +240,20 @@ def test_confidence_is_lower_along_seams_and_silhouettes(seen, read):
 )
 def test_a_light_that_the_frame_before_tells_is_kept_or_found_anew(seen, read, told):
     cloud = seen[0][0]
-    survey = SuitDetection.of(cloud, DEFAULT_SUIT).persons.person(None)
+    survey = SuitLabeller(DEFAULT_SUIT).detect(cloud).persons.person(None)
     before = labels_of("0", cloud.depth_mm, read[0], survey)
-    assert before.notes["light"] == read[0].light.log_gain.round(3).tolist()
+    assert before.notes["light"] == read[0].illuminant.log_gain.round(3).tolist()
     if told is not None:
         before = replace(before, notes=before.notes | {"light": told})
     again = read_in(cloud, before=before)
-    assert np.abs(again.light.log_gain - read[0].light.log_gain).max() < 0.05
+    assert np.abs(again.illuminant.log_gain - read[0].illuminant.log_gain).max() < 0.05
     assert (again.parts != read[0].parts)[body_of(read[0].parts)].mean() < 0.03
 
 
 def test_a_glance_names_what_a_reading_names(seen, read):
     """But for borders; and only where there is depth."""
     for (cloud, truth), whole in zip(seen[:3], read, strict=False):
-        found = suit_labeller(DEFAULT_SUIT, shipped_suit_network(), single_pass=True)(
-            SuitDetection.of(cloud, DEFAULT_SUIT), None
-        )[0]
+        found = label_cloud(SuitLabeller(DEFAULT_SUIT, single_pass=True), cloud, None)[0]
         assert right(found, truth) > right(whole, truth) - 0.03 and not found.parts[~cloud.valid].any()
         assert ((found.parts > 0) == (whole.parts > 0)).mean() > 0.99
         assert (found.confidence[found.parts > 0] > 0).all()

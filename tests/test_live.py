@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from annotate.cloud.fuse import Fuser
+from annotate.label_recording import SuitLabeller, label_cloud
 from annotate.live.frame_warnings import color_warning, person_warnings
 from annotate.live.live_frame import Labelling
 from annotate.live.pipeline import WORKERS, LivePipeline
@@ -197,7 +198,7 @@ def in_light(frame, gains, most=255):
 def test_nothing_is_said_of_a_good_picture(seen):
     _, _, _, cloud, result, person = seen
     assert not list(person_warnings(cloud, person.mask))
-    assert color_warning(cloud, person.mask, result.light) is None
+    assert color_warning(cloud, person.mask, result.illuminant) is None
     watch = ShiftWatch()
     assert not any(watch.warning(cloud, person.mask, (i + 1) * EVERY_NS) for i in range(FRAMES + 1))
 
@@ -212,7 +213,7 @@ def test_bad_light_on_the_person_is_said(seen, kind, gain):
 def test_suit_colours_that_a_sodium_lamp_makes_alike_are_named(seen):
     frame, fuser, suit, *_ = seen
     _, cloud, result, person = read_by(suit, fuser.fuse_frame(in_light(frame, (1, 0.55, 0.03))))
-    warning = color_warning(cloud, person.mask, result.light)
+    warning = color_warning(cloud, person.mask, result.illuminant)
     assert warning is not None and " and " in warning.text and "light" in warning.text
 
 

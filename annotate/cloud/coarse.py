@@ -61,7 +61,7 @@ class CoarseCloud:
 
     def enlarged(self, whose: UInt8) -> UInt8:
         """Numbers (h, w) of the whole image's pixels by those of the points, 0 where there is no reading."""
-        return enlarged(self.depth_mm, self.pixel, whose, self.stride)
+        return nearest_labels(self.depth_mm, self.pixel, whose, self.stride)
 
     def coarse(self, labels: FrameLabels) -> FrameLabels:
         """Labels of a whole image of this camera as those of a coarse one."""
@@ -105,7 +105,7 @@ class CoarseFuser:
         return CoarseCloud(self.camera, whole, cloud, pixel, self._stride)
 
 
-def enlarged(depth_mm: UInt16, pixel: Index, whose: UInt8, stride: int) -> UInt8:
+def nearest_labels(depth_mm: UInt16, pixel: Index, whose: UInt8, stride: int) -> UInt8:
     """Numbers (h, w) of an image's pixels by those of points (rows, columns), 0 where there is no reading.
 
     pixel: flat index of each point's pixel, -1 = none; one in every square of ``stride`` pixels.

@@ -9,8 +9,9 @@ from typing import Protocol
 from annotate.array_types import Float64
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.label_recording import Labeller
 from annotate.live.warning import LiveWarning
+from annotate.person.extract import PersonMask
+from annotate.segmentation.segmented_person import Segmentation
 from sensors.recording.arrival_times import Event
 from sensors.recording.frame_assembly import SyncedFrame
 from sensors.recording.latest_value import LatestValue
@@ -45,8 +46,7 @@ class Labelling:
     stance: joints, facing and posture of the labelled person, None where they cannot be known.
     """
 
-    survey: Callable[[ThermalCloud], Any]
-    label: Labeller
+    label: Callable[[ThermalCloud, FrameLabels | None], tuple[Segmentation, PersonMask]]
     body_pose: Callable[[FrameLabels, Intrinsics], BodyPose | None]
 
 

@@ -177,8 +177,8 @@ class LivePipeline:
         if fused.unreadable:
             made.append(LiveWarning("frame", fused.unreadable))
         lit = not {"dark", "glare"} & {warning.kind for warning in made}
-        if lit and result.light is not None:
-            made += filter(None, [color_warning(cloud, person.mask, result.light)])
+        if lit and result.illuminant is not None:
+            made += filter(None, [color_warning(cloud, person.mask, result.illuminant)])
         made += filter(None, [self._shift.warning(cloud, person.mask, fused.synced.arrival_ns)])
         return made
 

@@ -162,7 +162,7 @@ def _by_votes(votes_m: Float32, surface_m2: Float32, odds: Float32) -> UInt8:
     among = np.flatnonzero(np.isin(person, kept))
     number = np.searchsorted(kept, person[among]) + 1
     _, nearest = cKDTree(some[among]).query(votes_m, distance_upper_bound=STRAY_M)
-    return np.append(number, 0)[nearest].astype(np.uint8)
+    return np.asarray(np.append(number, 0)[nearest], np.uint8)
 
 
 @njit(cache=True, nogil=True)
