@@ -32,14 +32,15 @@ BLENDER_S = 1 / 6.6
 pass to EXR, 512 x 424, two cores; measured once."""
 
 
-def scenes(stage, people=paper_person, number=24):
-    """Somebody posed before a camera: (who, draped vertices, things around, shot) of each scene."""
+def scenes(sample, people=paper_person, number=24):
+    """Return (dressed person, draped vertices, things around, camera pose) of each scene."""
     rng = np.random.default_rng(0)
-    who, made = people(rng).who, []
+    dressed, made = people(rng).dressed, []
     for _ in range(number):
-        drawn = stage(rng, who.body)
+        drawn = sample(rng, dressed.body)
         shot = drawn.view(rng, drawn.vertices_m, drawn.joints_m, KINECT2_PINHOLE)
-        made.append((who, who.drape(drawn.vertices_m, drawn.joints_m), drawn.around, shot.camera_from_world))
+        draped = dressed.drape(drawn.vertices_m, drawn.joints_m)
+        made.append((dressed, draped, drawn.around, shot.camera_from_world))
     return made
 
 

@@ -31,8 +31,7 @@ def _label() -> None:
     from annotate.labelset.label_set import LabelSet
     from eval.compare.compare import compare_sets
     from sensors.session.reader import Session
-    from synth.rig.paths import truth_path
-    from synth.rig.simulate import simulate
+    from synth.rig.simulate import simulate, truth_path
     from synth.rig.virtual_rig import VirtualRig
 
     with tempfile.TemporaryDirectory() as folder:

@@ -21,8 +21,7 @@ from eval.network.predict_source import predict_source
 from eval.report.build import write_report
 from eval.report.gather import gather
 from sensors.session.reader import Session
-from synth.rig.paths import truth_path
-from synth.rig.simulate import simulate
+from synth.rig.simulate import simulate, truth_path
 from synth.rig.virtual_rig import VirtualRig
 
 

@@ -45,13 +45,15 @@ class Shown:
     def _rig(self) -> "VirtualRig | PlateViews":
         with needing("synth"):
             from synth.rig.plate_views import PlateViews
-            from synth.rig.virtual_rig import VirtualRig
+            from synth.rig.virtual_rig import RigOptions, VirtualRig
         if self._plate is not None:
             from sensors.recording.rig_templates import REFERENCE, TEMPLATES
 
             template = replace(TEMPLATES[REFERENCE], plate=self._plate)
             return PlateViews(template, VIRTUAL_VIEWS, VIRTUAL_SEED, bad_share=0.0)
-        return VirtualRig(VIRTUAL_FRAMES, 1, "normal", VIRTUAL_SEED, frames_per_second=VIRTUAL_FRAMES)
+        return VirtualRig(
+            VIRTUAL_FRAMES, 1, "normal", VIRTUAL_SEED, RigOptions(frames_per_second=VIRTUAL_FRAMES)
+        )
 
     @property
     def calibration(self) -> RigCalibration:

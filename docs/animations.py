@@ -32,7 +32,7 @@ from sensors.recording.frame_assembly import SyncedFrame
 from sensors.recording.playback import Playback
 from sensors.rig.frame import RigFrame
 from sensors.session.reader import Session
-from synth.rig.paths import suit_path
+from synth.rig.simulate import suit_path
 
 SHOWN = (900, 562)
 """Size of an animation, pixels: readable on a page, and small."""

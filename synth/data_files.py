@@ -1,18 +1,27 @@
-"""Data files that come with the package: ``synth/data``."""
+"""Data files of the package (``synth/data``), and the choices that they name."""
 
 import tomllib
+from collections.abc import Collection
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from sensors.errors import CloudError
+
 
 def shipped(*names: str) -> Path:
-    """Path of a file or folder in ``synth/data``."""
+    """Return the path of a file or folder in ``synth/data``."""
     return Path(str(files("synth").joinpath("data", *names)))
 
 
 @cache
 def table(name: str) -> dict[str, Any]:
-    """Content of ``synth/data/NAME.toml``; its comments state units and sources."""
+    """Return the content of ``synth/data/NAME.toml``; its comments state units and sources."""
     return tomllib.loads(shipped(f"{name}.toml").read_text(encoding="utf-8"))
+
+
+def check_choice(kind: str, name: str, known: Collection[str]) -> None:
+    """Raise CloudError, listing the known names, for an unknown name."""
+    if name not in known:
+        raise CloudError(f"{kind} {name!r} is unknown; use {', '.join(known)}")

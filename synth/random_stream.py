@@ -6,9 +6,9 @@ import numpy as np
 
 
 def stream(seed: int, name: str, *keys: int) -> np.random.Generator:
-    """Return a generator that depends on the seed, the name and the keys, and on nothing else.
+    """Return a generator that depends on seed, name and keys alone.
 
-    ``default_rng((seed, 3))`` is also the stream of subject 3 of that seed, and of ``(seed, 3, 0)``. A name
-    in the spawn key cannot meet such a tuple (numpy.random.SeedSequence).
+    The streams of two tuples can be equal, as of ``(seed, 3)`` and ``(seed, 3, 0)``; a name in the spawn key
+    prevents that (numpy.random.SeedSequence).
     """
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(crc32(name.encode()), *keys)))

@@ -15,7 +15,7 @@ from annotate.person.finder import Person
 from annotate.person.tracking import assign_track_ids
 from sensors.rig.camera import Intrinsics
 from synth.rig.truth import truth_labels
-from synth.rig.virtual_rig import VirtualRig
+from synth.rig.virtual_rig import RigOptions, VirtualRig
 from tests.helpers.furnished_room import CAMERA, celsius_of, cloud_of, seen
 
 
@@ -95,7 +95,7 @@ def test_a_camera_of_another_size_sees_the_same_person():
 
 
 def test_on_the_virtual_rig_without_temperatures():
-    rig = VirtualRig(2, 2, "normal", 8104, draft=True)
+    rig = VirtualRig(2, 2, "normal", 8104, RigOptions(draft=True))
     for frame, truth in rig.with_truth():
         labels = truth_labels(frame, truth)
         found = survey_of(Fuser(rig.calibration).fuse(frame.depth_mm)).person()

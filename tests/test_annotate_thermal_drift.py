@@ -9,14 +9,14 @@ from scipy.spatial.transform import Rotation
 from annotate.person.alignment import measure_drift
 from sensors.errors import CalibrationError
 from sensors.rig.rig_calibration import Pose
-from synth.rig.virtual_rig import VirtualRig
+from synth.rig.virtual_rig import RigOptions, VirtualRig
 
 FRAMES = 8
 
 
 @pytest.fixture(scope="module")
 def session():
-    rig = VirtualRig(FRAMES, 2, "clean", 3, draft=True)
+    rig = VirtualRig(FRAMES, 2, "clean", 3, RigOptions(draft=True))
     return rig.calibration, list(rig)
 
 

@@ -19,7 +19,7 @@ from eval.network.refine import SHIPPED_AGAIN
 from sensors.session.messages import COLOR, THERMAL, color_message, thermal_message
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
-from synth.rig.paths import suit_path, truth_path
+from synth.rig.simulate import suit_path, truth_path
 
 SCRIPT = Path(sys.executable).with_name("annotate-cloud")
 SCORES = {

@@ -22,7 +22,7 @@ from annotate.suit.palette import DEFAULT_SUIT, suit_to_toml
 from eval.network.onnx_network import SHIPPED_WEIGHTS
 from sensors.session.messages import DEPTH, image_message
 from sensors.session.reader import Session
-from synth.rig.paths import suit_path, truth_path
+from synth.rig.simulate import suit_path, truth_path
 
 
 @pytest.fixture

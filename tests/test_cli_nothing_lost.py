@@ -16,7 +16,7 @@ import synth.rig.simulate
 from annotate.labelset.label_set import LabelSet
 from annotate.suit.palette import DEFAULT_SUIT, suit_to_toml
 from sensors.session.reader import Session
-from synth.rig.paths import suit_path, truth_path
+from synth.rig.simulate import suit_path, truth_path
 
 PALETTE = suit_to_toml(DEFAULT_SUIT)
 TORSO = next(line for line in PALETTE.splitlines() if line.startswith("torso"))

@@ -87,17 +87,13 @@ record AT/out --device virtual:kinect2?crumbs=1
 record AT/taken.mcap --device virtual:kinect2
 record AT/out --preview --device toaster
 simulate AT/out --rig none
-simulate AT/out --scene moon
 simulate AT/out --difficulty easy
 simulate AT/out --suit AT/nowhere
-simulate AT/out --frames 2 --subjects 3
 simulate AT/notes.txt
 synth generate --out AT/out
-synth generate --out AT/out --preset unheard-of
 synth generate --out AT/out --motion AT/nowhere
 synth generate --out AT/out --preset people --motion AT/nowhere
 synth generate --out AT/out --preset people --garments AT/nowhere
-synth generate --out AT/out --preset people --garments AT/empty
 synth generate --out AT/out --preset people --beside AT/notes.txt
 synth generate --out AT/filled --preset people
 synth bodies --table AT/notes.txt --out AT/out
@@ -162,15 +158,6 @@ def test_help_imports_no_numbers_and_info_and_refusals_no_compiler(rig_session, 
         if command in shown[:2]:
             # No image of a session is decoded, and of labels only the parts: by Pillow.
             assert not modules & ({"cv2", "PIL.Image"} if command == shown[0] else {"cv2"}), command
-
-
-def test_names_of_choices_are_those_of_what_they_choose():
-    pytest.importorskip("scipy", reason="people need the extra synth")
-    from synth import choices
-    from synth.images.presets import PRESETS
-    from synth.rig.difficulty import DIFFICULTIES
-
-    assert tuple(PRESETS) == choices.PRESETS and tuple(DIFFICULTIES) == choices.DIFFICULTIES
 
 
 def test_every_augmentation_can_be_left_out():

@@ -18,7 +18,7 @@ from eval.compare.results import load_result
 from sensors.errors import CloudError
 from synth.images.generate import generate
 from synth.images.workers import cluster
-from synth.rig.paths import suit_path, truth_path
+from synth.rig.simulate import suit_path, truth_path
 from tests.conftest import assert_refused, tree
 from tests.test_synth_generate import SHARD, contents, order, run
 

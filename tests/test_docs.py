@@ -26,7 +26,7 @@ from cli.main import app
 from sensors.recording.rig_templates import REFERENCE, TEMPLATES
 from sensors.session.reader import Session
 from synth.images.workers import Workers
-from synth.rig.paths import suit_path, truth_path
+from synth.rig.simulate import suit_path, truth_path
 
 ROOT = Path(__file__).parent.parent
 PAGES = ["README.md", *(f"docs/{p.name}" for p in sorted((ROOT / "docs").glob("*.md")))]

@@ -20,7 +20,7 @@ from sensors.rig.camera import rays
 from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
 from sensors.rig.rig_calibration import RigCalibration
 from synth.rig.truth import truth_labels
-from synth.rig.virtual_rig import VirtualRig
+from synth.rig.virtual_rig import RigOptions, VirtualRig
 from tests.helpers.furnished_room import CAMERA, cloud_of, seen
 
 ROOM = RigCalibration(CAMERA)
@@ -92,7 +92,7 @@ def test_an_empty_room_has_nobody(tmp_path, network):
 
 def test_whoever_sits_still_does_not_fade(tmp_path, network):
     """A frame of the virtual rig over and over, its noise fresh each time."""
-    rig = VirtualRig(1, 1, "normal", 8105, draft=True)
+    rig = VirtualRig(1, 1, "normal", 8105, RigOptions(draft=True))
     ((frame, truth),) = rig.with_truth()
     person = truth_labels(frame, truth).persons == 1
     rng, depth_m = np.random.default_rng(0), np.where(frame.depth_mm > 0, frame.depth_mm / 1000, np.nan)
@@ -135,7 +135,7 @@ def test_support_is_the_height_of_the_lowest_part(height_m, slab_m, carried):
 
 @pytest.mark.parametrize("scene", ["sofa", "bed"])
 def test_on_the_rig_furniture_carries_them(scene):
-    rig = VirtualRig(1, 1, "normal", 8106, scene, draft=True)
+    rig = VirtualRig(1, 1, "normal", 8106, RigOptions(scene, draft=True))
     ((frame, truth),) = rig.with_truth()
     labels = truth_labels(frame, truth)
     camera = rig.calibration.depth.undistorted()

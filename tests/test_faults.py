@@ -41,7 +41,7 @@ from sensors.session.reader import Session
 from synth.images.generate import Order, generate
 from synth.images.presets import PRESETS
 from synth.images.workers import Workers, processes
-from synth.rig.paths import suit_path
+from synth.rig.simulate import suit_path
 from tests.helpers.swinging_ball import swinging_ball
 
 ORDER = Order(PRESETS["sitting-test"], 12, 3, shard_frames=4)

@@ -44,7 +44,7 @@ from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration, rotation_of
 from sensors.session.messages import CALIBRATIONS, COLOR, DEPTH, EVENTS, TF, THERMAL, thermal_from_uint16
 from sensors.session.reader import Session
-from synth.rig.paths import truth_path
+from synth.rig.simulate import truth_path
 
 CAMERA = Intrinsics(5, 4, 6.0, 6.0, 2.0, 1.5)
 BARE = RigCalibration(CAMERA)

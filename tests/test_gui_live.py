@@ -22,7 +22,7 @@ from annotate.suit.palette import load_suit
 from cli.live_view import labelling_by
 from sensors.recording.playback import Playback
 from sensors.session.reader import Session
-from synth.rig.paths import suit_path
+from synth.rig.simulate import suit_path
 
 
 @pytest.fixture(scope="module")

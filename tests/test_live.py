@@ -38,7 +38,7 @@ from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.reader import Session
-from synth.rig.paths import suit_path
+from synth.rig.simulate import suit_path
 from tests.helpers.labellers import no_person
 
 RATES_HZ = {"depth": 30.0, "color": 30.0, "thermal": 128.0}

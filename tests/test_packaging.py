@@ -15,7 +15,7 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 
 from annotate import _pcl
-from synth.rig.paths import suit_path, truth_path
+from synth.rig.simulate import suit_path, truth_path
 from tests.helpers.cloud_files import camera_points, ply, room
 from tests.helpers.flir_files import flir_jpeg
 

@@ -23,9 +23,9 @@ from sensors.recording.rig_file import load_rig
 from sensors.recording.rig_templates import TEMPLATES
 from sensors.rig.camera import Intrinsics, project
 from sensors.rig.rig_calibration import Pose, RigCalibration
-from synth.rig.rig_variants import TWINS
+from synth.rig.rig_variants import VARIANTS
 from synth.rig.truth import truth_labels
-from synth.rig.virtual_rig import VirtualRig
+from synth.rig.virtual_rig import RigOptions, VirtualRig
 from tests.helpers.swinging_ball import swinging_ball
 
 ROOT = Path(__file__).parent.parent
@@ -33,7 +33,7 @@ ROOT = Path(__file__).parent.parent
 
 @pytest.mark.parametrize("rig", TEMPLATES.values(), ids=str)
 def test_every_camera_sees_the_whole_plate_and_its_holes(rig):
-    assert rig.name in TWINS
+    assert rig.name in VARIANTS
     width, height = rig.plate.size_m.T
     corners = np.array([[*xy, 0.0] for xy in product(width - width.mean(), height - height.mean())])
     for distance in rig.plate_m:
@@ -66,7 +66,7 @@ def test_rigs_are_listed_and_an_unknown_one_refused():
 @pytest.mark.parametrize("name", ["d455-lepton", "azure-boson"])
 def test_a_twins_cameras_agree_on_the_person(name):
     """Away from silhouettes, which mix, temperatures of the person lie where depth has the person."""
-    rig = VirtualRig(1, 1, "normal", 11, rig=name, draft=True)
+    rig = VirtualRig(1, 1, "normal", 11, RigOptions(rig=name, draft=True))
     ((frame, known),) = rig.with_truth()
     assert frame.depth_mm.shape == rig.calibration.depth.shape
     labels, cloud = (

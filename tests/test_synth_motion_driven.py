@@ -27,8 +27,7 @@ from synth.motion.placed import stand, take_seat
 from synth.motion.repertoire import read_repertoire
 from synth.motion_files.joint_file import read_joint_file
 from synth.rig.film import FilmRig
-from synth.rig.paths import truth_path
-from synth.rig.simulate import simulate
+from synth.rig.simulate import simulate, truth_path
 from synth.surface.furniture import FLOOR, Chair
 from tests.helpers.penetration import self_penetration_m
 

@@ -16,10 +16,9 @@ from sensors.session.reader import Session
 from synth.cameras.sensor import Reading
 from synth.cameras.time_of_flight import TimeOfFlight
 from synth.rig.difficulty import DIFFICULTIES
-from synth.rig.paths import suit_path, truth_path
-from synth.rig.simulate import simulate
+from synth.rig.simulate import simulate, suit_path, truth_path
 from synth.rig.truth import FLYING_MM, Truth, truth_labels, whose_readings
-from synth.rig.virtual_rig import FLAG_CLOSED, VirtualRig
+from synth.rig.virtual_rig import FLAG_CLOSED, RigOptions, VirtualRig
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import ZBuffer
 
@@ -133,18 +132,18 @@ def test_subjects_take_turns(rig_session):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("counts", "difficulty", "options", "says"),
     [
-        ((0, 1, "clean", 0), "at least one frame"),
-        ((1, 2, "clean", 0), "at least one frame"),
-        ((1, 1, "easy", 0), "'easy' is unknown; use clean, normal, hard"),
-        ((1, 1, "clean", 0, "pool"), "'pool' is unknown; use sofa, chair, bed, floor"),
-        ((1, 1, "clean", 0, "sofa", 0.0), "0.0 frames a second are impossible; give 0.1 to 30"),
+        ((0, 1), "clean", {}, "at least one frame"),
+        ((1, 2), "clean", {}, "at least one frame"),
+        ((1, 1), "easy", {}, "'easy' is unknown; use clean, normal, hard"),
+        ((1, 1), "clean", {"scene": "pool"}, "'pool' is unknown; use sofa, chair, bed, floor"),
+        ((1, 1), "clean", {"frames_per_second": 0.0}, "give 0.1 to 30"),
     ],
 )
-def test_impossible_rigs_are_refused(arguments, says):
+def test_impossible_rigs_are_refused(counts, difficulty, options, says):
     with pytest.raises(CloudError, match=says):
-        VirtualRig(*arguments)
+        VirtualRig(*counts, difficulty, 0, RigOptions(**options))
 
 
 def test_what_is_recorded_is_what_was_shot(rig_session):
@@ -165,7 +164,7 @@ def test_what_is_recorded_is_what_was_shot(rig_session):
 
 @pytest.mark.parametrize("scene", ["chair", "bed", "floor"])
 def test_every_scene_shows_a_person(scene):
-    frame, known = next(VirtualRig(1, 1, "clean", 3, scene, draft=True).with_truth())
+    frame, known = next(VirtualRig(1, 1, "clean", 3, RigOptions(scene, draft=True)).with_truth())
     assert ((known.parts > 0) & (known.parts < N_CLASSES)).sum() > 3000
     assert set(known.hard) <= {"motion blur", "out of view"}
     assert (frame.depth_mm > 0).mean() > 0.7
@@ -173,7 +172,7 @@ def test_every_scene_shows_a_person(scene):
 
 def test_persons_are_the_subject_where_parts_are_named_and_others_elsewhere(shot):
     others = 0
-    for frame, known in [*shot["hard"], *VirtualRig(1, 1, "hard", 2, draft=True).with_truth()]:
+    for frame, known in [*shot["hard"], *VirtualRig(1, 1, "hard", 2, RigOptions(draft=True)).with_truth()]:
         labels = truth_labels(frame, known)
         named = (labels.parts > 0) & (labels.parts < UNDEFINED)
         np.testing.assert_array_equal(labels.persons == 1, named)
@@ -186,7 +185,9 @@ def test_persons_are_the_subject_where_parts_are_named_and_others_elsewhere(shot
 
 
 def test_time_goes_as_fast_as_asked():
-    slow, fast = (VirtualRig(2, 1, "clean", 5, frames_per_second=rate, draft=True) for rate in (2.0, 10.0))
+    slow, fast = (
+        VirtualRig(2, 1, "clean", 5, RigOptions(frames_per_second=rate, draft=True)) for rate in (2.0, 10.0)
+    )
     (_, a), (late, b) = slow.with_truth()
     (first, c), (soon, d) = fast.with_truth()
     assert (first.stamp_ns, late.stamp_ns, soon.stamp_ns) == (0, 500_000_000, 100_000_000)
@@ -196,7 +197,7 @@ def test_time_goes_as_fast_as_asked():
 
 def test_a_closed_flag_leaves_no_temperatures_and_an_event(tmp_path):
     path = tmp_path / "flag.mcap"
-    simulate(VirtualRig(2, 1, "normal", FLAG_SEED, draft=True), path, lambda n: None)
+    simulate(VirtualRig(2, 1, "normal", FLAG_SEED, RigOptions(draft=True)), path, lambda n: None)
     session, truth = Session(path), LabelSet.open(truth_path(path))
     assert [session.frame(i).thermal_c is None for i in range(2)] == [False, True]
     assert session.events == ((500_000_000, FLAG_CLOSED),)

@@ -38,8 +38,8 @@ from eval.training.segmentation.scenes import rig_examples
 from eval.training.segmentation.train import Stage, weights_of
 from eval.training.segmentation.validation import outcome
 from sensors.errors import CloudError, FormatError
-from synth.rig.paths import suit_path
-from synth.rig.virtual_rig import DRAFT_PX, VirtualRig
+from synth.rig.simulate import suit_path
+from synth.rig.virtual_rig import DRAFT_PX, RigOptions, VirtualRig
 from tools.fit.quantise import eight_bits
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -255,7 +255,7 @@ def test_labels_drawn_at_a_temperature_give_it_back(tmp_path):
 
 
 def test_frames_of_the_rig_are_learnt_from_without_encoding_them():
-    rig = VirtualRig(1, 1, "clean", 3, draft=True)
+    rig = VirtualRig(1, 1, "clean", 3, RigOptions(draft=True))
     assert rig.calibration.color.width == DRAFT_PX
     (one,) = rig_examples(rig)
     own = (one.planes[0] & SUBJECT) > 0
@@ -267,7 +267,7 @@ def test_frames_of_the_rig_are_learnt_from_without_encoding_them():
     ("shipped", "full"), [(SHIPPED_SUIT_NETWORK, FULL_READER), (SHIPPED_AGAIN, FULL_AGAIN)]
 )
 def test_a_shipped_reader_in_eight_bits_says_what_it_says_in_full_precision(shipped, full):
-    (one,) = rig_examples(VirtualRig(1, 1, "clean", 3, draft=True))
+    (one,) = rig_examples(VirtualRig(1, 1, "clean", 3, RigOptions(draft=True)))
     if full == FULL_AGAIN:
         one.planes[LIKE], one.planes[COLORS] = 0, 0
         one.planes[0] &= np.uint8(255 ^ SEEN ^ FELT)

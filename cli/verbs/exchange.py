@@ -13,7 +13,7 @@ from sensors.errors import FormatError
 from sensors.files.atomic import check_free
 from sensors.importers.open_source import KINDS, judged_notes, open_source, opener_at
 from sensors.importers.options import ImportOptions
-from synth.choices import check_choice
+from synth.data_files import check_choice
 
 if TYPE_CHECKING:
     from annotate.labelset.label_set import LabelSet

@@ -1,4 +1,4 @@
-"""The verb ``simulate``: people, or the plate for calibration, before the virtual rig."""
+"""The verb ``simulate``: people, or the plate for calibration, on the virtual rig."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,26 +9,28 @@ from cli.console import Json, Overwrite, finish, progress
 from cli.extras import needing
 from cli.verbs.rigs import names
 from sensors.files.atomic import check_free
-from synth.choices import DIFFICULTIES, SCENES, check_rig
+from synth.data_files import check_choice, table
 
 if TYPE_CHECKING:
     from annotate.suit.palette import Suit
-    from sensors.recording.rig_templates import RigTemplate
 
-PLATE = "plate"
-"""In place of a scene: the target of calibrate."""
-RANDOM = "random"
-"""In place of a palette file: a suit drawn by the seed."""
+PLATE = "plate"  # in place of a scene: the target of calibrate
+RANDOM = "random"  # in place of a palette file: a suit drawn by the seed
 
 
 def scenes() -> list[str]:
-    """Scenes of the virtual rig, and the plate for calibration."""
+    """Return the scenes of the virtual rig, and the plate."""
+    from synth.rig.locations import SCENES
+
     return [*SCENES, PLATE]
 
 
 def difficulties() -> list[str]:
-    """Difficulties of the virtual rig."""
-    return list(DIFFICULTIES)
+    """Return the difficulties of the virtual rig."""
+    return list(table("difficulties"))
+
+
+Difficulty = Annotated[str, Option(help="clean, normal or hard.", autocompletion=difficulties)]
 
 
 def simulate(
@@ -44,12 +46,9 @@ def simulate(
     ] = None,
     scene: Annotated[
         str,
-        Option(
-            help="sofa, chair, bed or floor; or plate, the target for calibrate.",
-            autocompletion=scenes,
-        ),
+        Option(help="sofa, chair, bed or floor; or plate, the target for calibrate.", autocompletion=scenes),
     ] = "sofa",
-    difficulty: Annotated[str, Option(help="clean, normal or hard.", autocompletion=difficulties)] = "normal",
+    difficulty: Difficulty = "normal",
     rig: Annotated[
         str | None,
         Option(
@@ -74,17 +73,21 @@ def simulate(
 
     cameras = template_named(rig or REFERENCE)
     check_free(out, overwrite)
+    check_choice("difficulty", difficulty, difficulties())
     if scene == PLATE:
-        _simulate_plate(out, frames, seed, cameras, overwrite, json)
+        with needing("synth"):
+            from synth.rig.plate_views import PlateViews, record_plate
+        with progress("simulate", frames) as advance:
+            truth = record_plate(PlateViews(cameras, frames, seed), out, advance, overwrite=overwrite)
+        result = {"frames": frames, "truth": str(truth), "suit": None}
+        finish(result, json, f"{frames} views of the hole plate in {out}, the true calibration in {truth}")
         return
-    count = subjects or min(4, frames)
-    check_rig(frames, count, scene, difficulty)
     worn = _worn(suit, seed)
     with needing("synth"):
-        from synth.rig.paths import suit_path, truth_path
-        from synth.rig.simulate import simulate
-        from synth.rig.virtual_rig import VirtualRig
-    virtual = VirtualRig(frames, count, difficulty, seed, scene, rig=cameras.name, suit=worn)
+        from synth.rig.simulate import simulate, suit_path, truth_path
+        from synth.rig.virtual_rig import RigOptions, VirtualRig
+    options = RigOptions(scene, rig=cameras.name, suit=worn)
+    virtual = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, options)
     with progress("simulate", frames) as advance:
         simulate(virtual, out, advance, overwrite=overwrite)
     result = {"frames": frames, "truth": str(truth_path(out)), "suit": str(suit_path(out))}
@@ -92,7 +95,7 @@ def simulate(
 
 
 def _worn(suit: str | None, seed: int) -> "Suit":
-    """The palette of a file, drawn by the seed, or the virtual rig's own."""
+    """Return the palette of a file, drawn by the seed, or the virtual rig's own."""
     from annotate.suit.palette import DEFAULT_SUIT, load_suit
 
     if suit != RANDOM:
@@ -100,15 +103,3 @@ def _worn(suit: str | None, seed: int) -> "Suit":
     with needing("synth"):
         from synth.appearance.random_suit import random_suit
     return random_suit(seed)
-
-
-def _simulate_plate(
-    out: Path, frames: int, seed: int, rig: "RigTemplate", overwrite: bool, json: bool
-) -> None:
-    with needing("synth"):
-        from synth.rig.plate_views import PlateViews, record_plate
-
-    with progress("simulate", frames) as advance:
-        truth = record_plate(PlateViews(rig, frames, seed), out, advance, overwrite=overwrite)
-    result = {"frames": frames, "truth": str(truth), "suit": None}
-    finish(result, json, f"{frames} views of the hole plate in {out}, the true calibration in {truth}")

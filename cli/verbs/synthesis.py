@@ -13,34 +13,32 @@ from typer import Argument, Option
 
 from cli.console import Json, Overwrite, check_room, clear, finish, progress, say, table
 from cli.extras import needing
-from cli.verbs.simulation import difficulties
+from cli.verbs.simulation import Difficulty, difficulties
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free, check_there
 from sensors.importers.open_source import opener_at
-from synth.choices import DIFFICULTIES, PRESETS, check_choice
+from synth.data_files import check_choice
 
 if TYPE_CHECKING:
     import numpy as np
 
     from synth.body.body import Body
     from synth.body.body_table import BodySize
-    from synth.images.generate import Made
     from synth.images.presets import Preset
 
 PICTURE = "bodies.png"
 Beside = Annotated[
     Path | None,
-    Option(
-        metavar="RECORDING",
-        help="Real people whose distributions the page shows beside the dataset's: a recording of any kind, "
-        "or a label set.",
-    ),
+    Option(metavar="RECORDING", help="Recording or label set of real people to compare on the page."),
 ]
+Motion = "Motion of solve, BVH, C3D, TRC, or a file of joint positions (.npz)"
 app = typer.Typer(help="Synthetic bodies and datasets of depth images.", no_args_is_help=True)
 
 
 def presets() -> list[str]:
-    """Presets of `synth generate`."""
+    """Return the presets of `synth generate`."""
+    from synth.images.presets import PRESETS
+
     return list(PRESETS)
 
 
@@ -49,17 +47,11 @@ def bodies(
     out: Annotated[Path, Option(help=f"Folder for the bodies and their picture, {PICTURE}.")],
     table: Annotated[
         Path | None,
-        Option(
-            help="CSV file: name,height_cm,weight_kg,waist_breadth_cm. Default: the paper's eight bodies."
-        ),
+        Option(help="CSV file: name,height_cm,weight_kg,waist_breadth_cm. Default: the paper's bodies."),
     ] = None,
     sample: Annotated[
         int | None,
-        Option(
-            help="Number of random adults of both sexes, all ages and builds, instead of a table.",
-            min=1,
-            max=1000,
-        ),
+        Option(help="Number of random adults of all ages and builds, instead of a table.", min=1, max=1000),
     ] = None,
     seed: Annotated[int, Option(help="The same seed gives the same random adults.", min=0)] = 0,
     overwrite: Overwrite = False,
@@ -77,7 +69,6 @@ def bodies(
     names = [f"sample_{i:03}" if size is None else size.name for i, size in enumerate(sizes)]
     for path in (out / PICTURE, *(out / f"{name}.npz" for name in names)):
         check_free(path, overwrite)
-    # All bodies are fitted before the first is written.
     made = _bake(names, sizes, np.random.default_rng(seed))
     from synth.body.body import save_body
     from synth.body.body_picture import save_picture
@@ -91,7 +82,7 @@ def bodies(
 
 
 def _sizes(rows: Sequence[dict[str, str | float]]) -> str:
-    """A table of the measured sizes, beside the requested ones where there are any."""
+    """Return a table of the measured sizes, beside the requested ones if there are any."""
     from synth.body.body_table import MEASURES
 
     columns = [key for m in MEASURES for key in (m, f"asked_{m}") if key in rows[0]]
@@ -100,11 +91,11 @@ def _sizes(rows: Sequence[dict[str, str | float]]) -> str:
 
 
 def _bake(names: list[str], sizes: "Sequence[BodySize | None]", rng: "np.random.Generator") -> "list[Body]":
-    """Bodies fitted to their sizes, random where the size is None."""
+    """Return bodies fitted to their sizes; random for None."""
     with needing("bodies"):
         from synth.body.fit import BodyModel, fit, random_adult
 
-    # Libraries under anny print to stdout, where only the result belongs.
+    # Libraries under anny print to stdout.
     with redirect_stdout(sys.stderr):
         model = BodyModel()
     made = []
@@ -117,7 +108,7 @@ def _bake(names: list[str], sizes: "Sequence[BodySize | None]", rng: "np.random.
 
 
 def _preset(name: str | None, motion: Path | None, garments: Path | None) -> "Preset":
-    """The preset of that name, or of a recorded motion's poses; in the garments of a folder, if any."""
+    """Return the preset of a name or a motion; dressed in the garments of a folder, if any."""
     from synth.images.presets import dressed_from, preset_named, preset_of
     from synth.motion.library import motion_files
     from synth.motion.repertoire import read_repertoire
@@ -134,7 +125,7 @@ def _preset(name: str | None, motion: Path | None, garments: Path | None) -> "Pr
 
 
 def _check_beside(recording: Path) -> None:
-    """Check that people can be shown beside a dataset's: a label set, or what ``import`` reads."""
+    """Raise CloudError for a path that is neither a label set nor an importable recording."""
     from annotate.labelset.label_set import MANIFEST
 
     if not (recording / MANIFEST).is_file():
@@ -144,20 +135,15 @@ def _check_beside(recording: Path) -> None:
 def _check_order(
     preset: str | None, motion: Path | None, garments: Path | None, beside: Path | None
 ) -> list[Path]:
-    """The files that a dataset is to be made of. Raises CloudError for what is unknown or not there."""
+    """Return the input files of a dataset. Raises CloudError for a missing one."""
     if (preset is None) == (motion is None):
         raise CloudError("give either --preset or --motion")
-    if preset is not None:
-        check_choice("preset", preset, PRESETS)
     if motion is not None:
         from synth.motion.library import motion_files
 
         motion_files(motion)
     if garments is not None:
-        from synth.clothes.garment_files import garment_files
-
         check_there(garments)
-        garment_files(garments)
     if beside is not None:
         _check_beside(beside)
     return [path for path in (motion, garments, beside) if path]
@@ -175,10 +161,7 @@ def generate_(
     ] = None,
     motion: Annotated[
         Path | None,
-        Option(
-            help="Instead of a preset: poses of recorded people. A motion of solve, BVH, C3D, TRC, a file of "
-            "joint positions (.npz), or a folder of such files."
-        ),
+        Option(help=f"Instead of a preset: poses of recorded people. {Motion}, or a folder of these."),
     ] = None,
     count: Annotated[
         int | None, Option(help="Number of images. Default: the preset's own.", min=1, max=1_000_000_000)
@@ -219,13 +202,10 @@ def generate_(
         cluster(scheduler) if scheduler else processes(workers) as hands,
         progress("generate", order.count) as advance,
     ):
-        # Only once the workers have started: an unreachable scheduler must not cost the old dataset.
+        # After the start of the workers, so that an unreachable scheduler keeps the old dataset.
         clear(out, ORDER, overwrite, *inputs)
         made = generate(order, out, hands, advance, recording)
-    _say_made(made, out, made.images / (time.monotonic() - started), json)
-
-
-def _say_made(made: "Made", out: Path, rate: float, json: bool) -> None:
+    rate = made.images / (time.monotonic() - started)
     count, shards = len(made.dataset), len(made.dataset.shards)
     result = {"images": count, "images_per_second": round(rate, 1), "shards": shards}
     finish(result, json, f"{count} images in {shards} shards in {out}, {rate:.0f} a second")
@@ -256,20 +236,18 @@ def page(
 
 @app.command()
 def film(
-    motion: Annotated[
-        Path, Argument(help="Motion of solve, BVH, C3D, TRC, or a file of joint positions (.npz).")
-    ],
+    motion: Annotated[Path, Argument(help=f"{Motion}.")],
     out: Annotated[Path, Argument(metavar="out.mcap", help="Session to write.")],
     take: Annotated[
         str | None, Option(help="Name of the take, for a file of several.", show_default="the only one")
     ] = None,
-    difficulty: Annotated[str, Option(help="clean, normal or hard.", autocompletion=difficulties)] = "normal",
+    difficulty: Difficulty = "normal",
     seed: Annotated[int, Option(help="The same seed gives the same session.", min=0)] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Record a motion with the virtual rig, 30 frames a second; the true labels go to out.truth/."""
-    check_choice("difficulty", difficulty, DIFFICULTIES)
+    check_choice("difficulty", difficulty, difficulties())
     check_free(out, overwrite)
     from synth.motion.library import check_motion
 
@@ -277,8 +255,7 @@ def film(
     with needing("synth"):
         from synth.motion.library import is_motion, read_take
         from synth.rig.film import FilmRig
-        from synth.rig.paths import suit_path, truth_path
-        from synth.rig.simulate import simulate
+        from synth.rig.simulate import simulate, suit_path, truth_path
 
     name, moved = read_take(motion, take)
     for line in () if is_motion(motion) else moved.report.assumed:

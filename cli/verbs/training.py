@@ -245,7 +245,7 @@ def _lessons(
     """Each recording with its labels and palette. Raises CloudError for too few, or what is none."""
     from annotate.labelset.label_set import LabelSet
     from annotate.suit.palette import load_suit
-    from synth.rig.paths import suit_path, truth_path
+    from synth.rig.simulate import suit_path, truth_path
 
     if len(sessions) < 2:
         raise CloudError("one recording is too few: confidence is fitted to another; give two or more")

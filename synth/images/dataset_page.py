@@ -1,4 +1,4 @@
-"""A dataset's own page: pictures like the paper's Figs. 4 and 13, and statistics, in one HTML file."""
+"""HTML page of a dataset: sample images as in the paper's Figs. 4 and 13, and statistics."""
 
 import base64
 from collections import Counter
@@ -25,14 +25,13 @@ from synth.images.distributions import Distributions, figures_of_labels
 
 PAGE = "index.html"
 SHEET_COLUMNS, SHEET_ROWS = 8, 3
-COUNTED_SHARDS = 4
-"""Shards that the statistics are over, evenly spread: images are independent, and a thousand suffice."""
-DOTS = 150
-"""Frames whose joints are drawn."""
+COUNTED_SHARDS = 4  # a thousand images, evenly spread, suffice for statistics
+DOTS = 150  # frames whose joints are drawn
 DRAWN = {"head": 1, "left_wrist": 5, "right_wrist": 6, "left_knee": 8, "right_knee": 9, "left_ankle": 10,
-         "right_ankle": 11}  # fmt: skip
-"""Joints in the picture of poses, and the part whose colour they have."""
-
+         "right_ankle": 11}  # fmt: skip  # drawn joints, and the parts whose colours they have
+DEPTH_EDGES_MM = np.arange(500, 4501, 100)
+AZIMUTH_EDGES_DEG = np.arange(-180, 181, 15)
+HEIGHT_EDGES_M = np.arange(0.0, 3.01, 0.1)
 _PAGES = Environment(
     loader=FileSystemLoader(Path(__file__).parent / "templates"),
     autoescape=True,
@@ -42,23 +41,14 @@ _PAGES = Environment(
 )
 
 
-DEPTH_EDGES_MM = np.arange(500, 4501, 100)
-AZIMUTH_EDGES_DEG = np.arange(-180, 181, 15)
-HEIGHT_EDGES_M = np.arange(0.0, 3.01, 0.1)
-"""Edges of the histograms of depth, and of the camera's azimuth and height."""
-
-
 @dataclass(frozen=True)
 class Statistics:
-    """Counts over some frames.
+    """Counts over some frames; arrays (12,) by part, [0] for the background or the whole person.
 
-    pixels: (12,) in each part, [0] background. shown: (12,) share of the frames that show the part at
-    all, [0] all frames. depth: pixels between DEPTH_EDGES_MM. visible: (12,) mean share that nothing but
-    the person's own body hides, [0] of the whole person. azimuth, height: frames between the edges.
-    joints_mm: (n, J, 3), camera frame, relative to the pelvis. activities: frames by name, most first.
-    sensors, clothes: frames by what their notes name, empty where they name nothing.
-    occluded, cut: share of the frames with occluders, and with holes in the extraction. people: figures of
-    the persons.
+    pixels: of each part. shown: share of frames that show the part. depth: pixels between DEPTH_EDGES_MM.
+    visible: mean share that furniture, occluders and extraction leave. azimuth, height: frames between the
+    edges. joints_mm: (n, J, 3), camera frame, relative to the pelvis. activities, sensors, clothes: frames by
+    name, most first. occluded, cut: share of frames with occluders, and with holes in the extraction.
     """
 
     frames: int
@@ -84,12 +74,12 @@ class Statistics:
 
 
 def write_page(dataset: Dataset, beside: Distributions | None = None) -> None:
-    """Write ``index.html`` into the dataset's folder; beside: of the people of a real recording."""
+    """Write ``index.html`` into the dataset's folder; beside: distributions of real people."""
     write_bytes(dataset.path / PAGE, render(dataset, beside).encode())
 
 
 def render(dataset: Dataset, beside: Distributions | None = None) -> str:
-    """The page as a string. Raises FormatError when a shard is corrupt."""
+    """Return the page as HTML. Raises FormatError for a corrupt shard."""
     step = max(1, len(dataset.shards) // COUNTED_SHARDS)
     paths = [dataset.path / name for name, _ in dataset.shards[::step][:COUNTED_SHARDS]]
     statistics = statistics_of(frame for path in paths for frame in read_shard(path))
@@ -117,7 +107,7 @@ def render(dataset: Dataset, beside: Distributions | None = None) -> str:
 
 
 def contact_sheet(frames: list[FrameLabels]) -> UInt8:
-    """Frames as RGB (h, w, 3), labels above their depth, near bright: the layout of the paper's Fig. 4."""
+    """Return an RGB image (h, w, 3) of labels above their depth, near bright, as the paper's Fig. 4."""
     pairs = [np.vstack([palette_rgb()[frame.parts], _grey(frame)]) for frame in frames]
     blank = np.zeros((2 * SIZE, SIZE, 3), np.uint8)
     pairs += [blank] * (-len(pairs) % SHEET_COLUMNS)
@@ -139,7 +129,7 @@ def _data_uri(image: UInt8) -> str:
 
 
 def _bars(counts: Int64, edges: NDArray[Any]) -> list[tuple[float, float, float]]:
-    """(left edge, right edge, share of the highest) of a histogram, empty ends left off."""
+    """Return (left edge, right edge, share of the highest) of the bins, without empty ends."""
     filled = np.flatnonzero(counts)
     first, last = (int(filled[0]), int(filled[-1])) if filled.size else (0, 0)
     top = max(1, int(counts.max()))
@@ -147,7 +137,7 @@ def _bars(counts: Int64, edges: NDArray[Any]) -> list[tuple[float, float, float]
 
 
 def statistics_of(frames: Iterable[FrameLabels]) -> Statistics:
-    """Go through generated frames once; their notes are those of ``presets``, one frame at least."""
+    """Return the statistics of generated frames, at least one, with the notes of ``presets.sample``."""
     pixels, shown = np.zeros(N_CLASSES, np.int64), np.zeros(N_CLASSES, np.int64)
     depth = np.zeros(len(DEPTH_EDGES_MM) - 1, np.int64)
     notes, persons = [], []
@@ -178,5 +168,4 @@ def statistics_of(frames: Iterable[FrameLabels]) -> Statistics:
 
 
 def _counted(names: Iterable[str]) -> dict[str, int]:
-    """How often each name comes, most first."""
     return dict(Counter(names).most_common())

@@ -1,4 +1,4 @@
-"""Distributions of figures of people, in a dataset, a label set or a recording of any kind."""
+"""Distributions of people's statistics in a dataset, a label set or a recording."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -21,26 +21,20 @@ from synth.body.skeleton import N_JOINTS
 from synth.images.silhouette_statistics import LEVELS, height_px, holes, roughness, widths
 from synth.images.standing_statistics import ankles_m, arms_deg, facing_deg
 
-FRAMES = 500
-"""Frames of a recording that are measured at most, evenly spread."""
-CUT_OUT_SHARE, CUT_OUT_BORDER = 0.5, 0.25
-"""A depth image shows a person cut out where a smaller share of its pixels has depth, and of those along its
-left, top and right. Chosen by eye: a room fills most of both."""
-
+FRAMES = 500  # measured frames of a recording at most, evenly spread
+CUT_OUT_SHARE, CUT_OUT_BORDER = 0.5, 0.25  # of pixels with depth, below which a person is cut out; untuned
 BUILD = ("height_cm", "bmi")
-"""Figures of a body, in a dataset's note ``body``."""
 T = TypeVar("T")
 Figures = dict[str, Float64]
-"""Figures by name, (k,) of one person or (n, k) of n; NaN where unknown."""
+"""Statistics by name, (k,) of one person or (n, k) of n; NaN where unknown."""
 
 
 @dataclass(frozen=True)
 class Distributions:
-    """Figures of the people of some frames.
+    """Statistics of the people of some frames: (frames, k) by name, NaN where unknown.
 
-    frames: with a person. figures: (frames, k) by name: holes and roughness of the silhouette (``figures``),
-    height_px, widths (k = 12); where joints are known, ankles_m, arms_deg (k = 2), facing_deg (``stance``);
-    where a dataset's notes have them, bmi, height_cm.
+    holes, roughness, height_px, widths (k = 12); from joints ankles_m, arms_deg (k = 2), facing_deg; from a
+    dataset's notes bmi and height_cm.
     """
 
     name: str
@@ -49,7 +43,7 @@ class Distributions:
 
     @staticmethod
     def of(name: str, persons: Iterable[Figures | None]) -> "Distributions":
-        """Those of the figures of single persons. Raises CloudError without any."""
+        """Stack the statistics of single persons. Raises CloudError without any."""
         rows = [figures for figures in persons if figures is not None]
         if not rows:
             raise CloudError(f"{name} shows no person; give a recording of people")
@@ -57,11 +51,11 @@ class Distributions:
 
 
 def figures_of(person: Bool, joints_mm: Float64 | None = None) -> Figures | None:
-    """Figures of a person in an image; None of one that is too small to be measured.
+    """Return the statistics of a person in an image; None if the person is too small.
 
-    person: (h, w), pixels with depth. joints_mm: (J, 3), camera frame. The silhouette is that of the crop
-    which networks see, so that images of any size compare; height_px counts rows of the image itself.
-    height_px and widths are unknown of who is cut by the image's border.
+    person: (h, w), pixels with depth. joints_mm: (J, 3), camera frame. Silhouettes are measured in the
+    networks' crop, so that images of any size compare; height_px counts rows of the image. height_px and
+    widths are NaN for a person cut by the image's border.
     """
     if not person.any():
         return None
@@ -70,7 +64,7 @@ def figures_of(person: Bool, joints_mm: Float64 | None = None) -> Figures | None
 
 
 def figures_of_labels(frame: FrameLabels) -> Figures | None:
-    """Figures of a frame's labelled person, its joints and build those of the notes. See ``figures_of``.
+    """Return ``figures_of`` a frame's labelled person, joints and build from its notes.
 
     Raises FormatError for malformed notes.
     """
@@ -104,7 +98,7 @@ def _figures(crop: Bool, rows: float, whole: bool, joints_mm: Float64 | None) ->
 
 
 def _numbers(frame: FrameLabels, note: str, shape: tuple[int, ...], key: str | None = None) -> Float64:
-    """Numbers of a frame's note, or of one of its entries. Raises FormatError for those of another shape."""
+    """Return the numbers of a frame's note, or of one of its entries."""
     try:
         value = frame.notes[note]
         numbers = np.array(value if key is None else [value[key]], np.float64)
@@ -116,9 +110,9 @@ def _numbers(frame: FrameLabels, note: str, shape: tuple[int, ...], key: str | N
 
 
 def distributions_at(path: Path) -> Distributions:
-    """Distributions of a recording of any kind, or of a label set.
+    """Return the distributions of a recording or a label set.
 
-    Raises CloudError where nobody is found, FormatError where nothing can be read.
+    Raises CloudError if no person is found, FormatError for an unreadable file.
     """
     name = path.resolve().name
     if (path / MANIFEST).is_file():
@@ -129,16 +123,14 @@ def distributions_at(path: Path) -> Distributions:
 
 
 def _spread(frames: Iterable[T], count: int) -> Iterator[T]:
-    """``FRAMES`` of the frames at most, evenly spread."""
     return islice(frames, 0, None, max(1, -(-count // FRAMES)))
 
 
 def _persons(source: Source) -> Iterator[Bool]:
-    """Masks (h, w) of the person in frames of a source: its depth where that is cut out, else as found."""
+    """Yield masks (h, w) of the person: a cut-out image's depth, else the person found in the frame alone."""
     fuser = Fuser(source.calibration)
     for frame in _spread(source, len(source)):
         depth_mm = fuser.fuse(frame.depth_mm).depth_mm
-        # Every frame for itself: frames that lie apart tell nothing about each other's persons.
         if cut_out(depth_mm):
             yield depth_mm > 0
         else:
@@ -146,7 +138,7 @@ def _persons(source: Source) -> Iterator[Bool]:
 
 
 def cut_out(depth_mm: UInt16) -> bool:
-    """Whether the depth image (h, w) shows a person alone, as trackers cut one out of the room."""
+    """Return True if the depth image (h, w) shows a person without a room."""
     seen = depth_mm > 0
     border = np.concatenate([seen[0], seen[:, 0], seen[:, -1]])
     return bool(seen.mean() < CUT_OUT_SHARE and border.mean() < CUT_OUT_BORDER)

@@ -1,4 +1,4 @@
-"""Seeds to shards on any executor; the bytes do not depend on the workers, and a broken run resumes."""
+"""Generation of dataset shards on any executor, resumable; bytes do not depend on the workers."""
 
 import hashlib
 import json
@@ -15,21 +15,21 @@ from sensors.files.atomic import is_taken, write_bytes
 from sensors.versions import code_digest, versions
 from synth.images.dataset_page import write_page
 from synth.images.distributions import Distributions
-from synth.images.motion_scenes import Moved
 from synth.images.people import Wardrobe
+from synth.images.posed_scenes import MotionScenes
 from synth.images.presets import Preset, sample
 from synth.images.workers import Workers
 
 
 def _versions() -> dict[str, str]:
-    """Return versions and code, which decide the bytes of a dataset beside its order."""
+    """Return versions of libraries and code, which affect the bytes of a dataset."""
     decisive = ("annotate-cloud", "numpy", "numba", "opencv-contrib-python-headless")
     return versions(decisive) | {"code": code_digest("sensors", "annotate", "synth")}
 
 
 @dataclass(frozen=True)
 class Order:
-    """Order of a dataset: these fields determine every byte."""
+    """Order of a dataset; its fields determine every byte."""
 
     preset: Preset
     count: int
@@ -45,20 +45,20 @@ class Order:
 
     @property
     def shards(self) -> int:
-        """Number of shards, the last one perhaps shorter."""
+        """Number of shards."""
         return -(-self.count // self.shard_frames)
 
     def frames(self, shard: int) -> range:
-        """Indices of the images in a shard."""
+        """Return the indices of the images in a shard."""
         first = shard * self.shard_frames
         return range(first, min(first + self.shard_frames, self.count))
 
     def manifest(self) -> dict[str, Any]:
-        """The order as JSON values."""
-        stage = self.preset.stage
+        """Return the order as JSON values."""
+        scene = self.preset.scene
         return {
             "preset": self.preset.name,
-            **({"motion": stage.repertoire.manifest()} if isinstance(stage, Moved) else {}),
+            **({"motion": scene.repertoire.manifest()} if isinstance(scene, MotionScenes) else {}),
             "occluders": self.preset.occluders,
             "cut": self.preset.cut,
             "images": self.count,
@@ -70,17 +70,14 @@ class Order:
 
 
 class Made(NamedTuple):
-    """A finished dataset, and how many of its images this run made; earlier ones made the others."""
+    """Finished dataset, and the number of images that this run made."""
 
     dataset: Dataset
     images: int
 
 
 def make_shard(order: Order, shard: int) -> bytes:
-    """One shard's bytes: the pure function that workers run.
-
-    Raises CloudError on a worker whose versions are not the order's: its bytes might differ.
-    """
+    """Return one shard's bytes. Raises CloudError on a worker whose versions differ from the order's."""
     if (here := _versions()) != order.versions:
         raise CloudError(
             f"a worker has {here}, the order {order.versions}; install the same versions everywhere"
@@ -97,9 +94,8 @@ def generate(
 ) -> Made:
     """Write the missing shards, then manifest and page, into ``out``; ``progress`` gets images done.
 
-    beside: distributions of real people, for the page.
-    Raises ExistsError when ``out`` holds something else than the beginning of this very order, ClaimedError
-    while another process makes it.
+    beside: distributions of real people, for the page. Raises ExistsError if ``out`` does not hold the
+    beginning of this order, ClaimedError while another process generates it.
     """
     _begin(order, out)
     with Claim.take(out, login()):
@@ -113,19 +109,19 @@ def generate(
 def _make(
     order: Order, out: Path, missing: list[int], workers: Workers, progress: Callable[[int], None]
 ) -> dict[int, str]:
-    """Make and write these shards; SHA-256 by shard."""
+    """Write the missing shards and return their SHA-256 by number."""
     hashes: dict[int, str] = {}
     futures: dict[Future[bytes], int] = {}
     queue = iter(missing)
     try:
         while True:
-            # Two tasks a worker keep it busy, and the parent's memory flat.
+            # Two tasks a worker keep the worker busy and the parent's memory small.
             while len(futures) < 2 * workers.parallel and (shard := next(queue, None)) is not None:
                 futures[workers.executor.submit(make_shard, order, shard)] = shard
             if not futures:
                 return hashes
             finished = wait(futures, return_when=FIRST_COMPLETED).done
-            # What is whole first: a worker that was lost must not take another's shard along.
+            # Finished shards first, because a lost worker raises.
             for done in sorted(finished, key=lambda future: future.exception() is not None):
                 shard, data = futures.pop(done), done.result()
                 write_bytes(out / _file(shard), data)
@@ -137,21 +133,18 @@ def _make(
 
 
 def _begin(order: Order, out: Path) -> None:
-    """Start or resume: the order file identifies a half-finished folder."""
+    """Write the order file, or check that a half-finished folder has the same one."""
     started = out / ORDER
     text = (json.dumps(order.manifest(), sort_keys=True) + "\n").encode()
     if is_taken(out):
         if not started.is_file() or started.read_bytes() != text:
-            raise ExistsError(
-                f"{out} already holds something else; choose another folder or pass --overwrite"
-            )
+            raise ExistsError(f"{out} holds something else; choose another folder or pass --overwrite")
         return
     out.mkdir(parents=True, exist_ok=True)
     write_bytes(started, text)
 
 
 def _finish(order: Order, out: Path, hashes: dict[int, str], beside: Distributions | None) -> Dataset:
-    """Write manifest and page; shards of an earlier run are hashed from the disk."""
     shards = [
         {"file": _file(i), "sha256": hashes.get(i) or sha256(out / _file(i))} for i in range(order.shards)
     ]

@@ -1,10 +1,10 @@
-"""Presets, datasets by name; and one image of a preset: a pure function of (preset, seed, index)."""
+"""Presets of datasets, and one image of a preset: a pure function of (preset, seed, index)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -17,10 +17,19 @@ from sensors.rig.camera import Intrinsics
 from synth.cameras.random_sensor import draw_sensor
 from synth.cameras.sensor import CleanDepth, Reading, Sensor
 from synth.cameras.time_of_flight import TimeOfFlight
-from synth.choices import check_choice
-from synth.images.motion_scenes import Moved
-from synth.images.people import Casting, Person, Wardrobe, crowd_person, paper_person
-from synth.images.posed_scenes import Stage, Staging, everybody, recumbent, sitting, standing, upright
+from synth.clothes.dressed import Dressed
+from synth.data_files import check_choice
+from synth.images.people import Person, PersonSampler, Wardrobe, crowd_person, paper_person
+from synth.images.posed_scenes import (
+    MotionScenes,
+    PosedScene,
+    SceneSampler,
+    everybody,
+    recumbent,
+    sitting,
+    standing,
+    upright,
+)
 from synth.images.standing_statistics import facing_deg
 from synth.images.view import PersonView, cut, occluder, render_view, visibility
 from synth.images.viewpoints import Shot, inside_image
@@ -28,29 +37,24 @@ from synth.motion.repertoire import Repertoire
 from synth.pose.pose_parameters import posture_class
 from synth.surface.rasterize import merge
 
-MIN_PIXELS, MIN_VISIBLE = 400, 0.4
-"""Of a person's pixels, and their share that furniture leaves: with less it is no example. What hides it is
-left out, or another one is drawn."""
-TRIES = 50
-"""Stages drawn at most until one shows the person. Chosen by eye."""
+MIN_PIXELS, MIN_VISIBLE = 400, 0.4  # of a person, and their share that furniture leaves, in an image
+TRIES = 50  # scenes drawn at most until one shows the person
 
 
 @dataclass(frozen=True)
 class Preset:
-    """A dataset by name: how many images by default, which random stream it draws from, and what it shows.
+    """Dataset by name. count: images by default. stream: number of the random stream, unique.
 
-    stage: poses and furniture. people: bodies and clothes. sensor: the camera of an image. joints: least
-    share of the joints inside the image. each: images in a row that show one person, whose cost they share;
-    views: those of them that show one pose, each from its own place through its own sensor.
-    occluders, cut: share of images with things in front of the person, and with holes in its extraction.
-    described: whether notes describe person and sensor; the first sets, whose bytes are fixed, are older.
+    joints: least share of joints inside the image. each: successive images of one person, views: of one
+    pose, because drawing a person is slow. occluders, cut: share of images with things in front of the
+    person, and with holes in the extraction. described: True if notes describe person and sensor.
     """
 
     name: str
     count: int
     stream: int
-    stage: Staging
-    people: Casting = crowd_person
+    scene: SceneSampler
+    people: PersonSampler = crowd_person
     sensor: Callable[[np.random.Generator], Sensor] = draw_sensor
     joints: float = 0.1
     each: int = 24
@@ -60,32 +64,32 @@ class Preset:
     described: bool = True
 
     def __post_init__(self) -> None:
-        for what, share in (("occluders", self.occluders), ("cut", self.cut)):
+        for name, share in (("occluders", self.occluders), ("cut", self.cut)):
             if not 0 <= share <= 1:
-                raise CloudError(f"{what} {share} is not a share of the images; give 0 to 1")
+                raise CloudError(f"{name} {share} is not a share of the images; give 0 to 1")
 
 
 def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
-    """Image ``index`` of a preset: the person's crop, 212 x 212, depth in millimetres, parts, provenance.
+    """Return image ``index`` of a preset: the person's crop, 212 x 212, depth in millimetres, and parts.
 
-    Notes: activity, the nearer of two; posture, None on the way between two; crop (top, left, side) in the
-    sensor's image; joints_mm, camera frame; camera (azimuth_deg from the sofa's front, the bed's foot or the
-    pelvis of who stands, height_m, distance_m); visible, the share of the person that furniture, occluders
-    and extraction left, whole and per part; occluders, how many things stand in front; cut, the share of the
-    person's pixels that the extraction lost. ``described`` presets add those of ``_description``.
+    Notes: activity, the nearer of two; posture, None between two; crop (top, left, side) in the image;
+    joints_mm, camera frame; camera (azimuth_deg from the front of sofa, bed or pelvis, height_m, distance_m);
+    visible, share left by furniture, occluders and extraction, whole and by part; occluders, their number;
+    cut, share of pixels that the extraction lost; and ``_description``.
     """
     rng = np.random.default_rng((preset.stream, seed, index))
     person = _person(preset.people, preset.stream, seed, index // preset.each)
     sensor = preset.sensor(rng)
     for attempt in range(TRIES):
         if preset.views > 1:
-            stage = _shared_stage(preset, seed, index - index % preset.views, attempt)
+            scene = _shared_scene(preset, seed, index - index % preset.views, attempt)
         else:
-            stage = preset.stage(rng, person.who.body)
-        shown = person if stage.bags else person.without_bag
-        shot = stage.view(rng, stage.vertices_m, stage.joints_m, sensor.camera)
-        things, view = _rendered(preset, stage, shot, shown, sensor.camera, rng)
-        joints = shot.camera_from_world.apply(stage.joints_m)
+            scene = preset.scene(rng, person.dressed.body)
+        shown = person if scene.bags else person.without_bag
+        shot = scene.view(rng, scene.vertices_m, scene.joints_m, sensor.camera)
+        share = preset.occluders
+        things, view = _rendered(scene, shown.dressed, Camera(shot, sensor.camera), share, rng)
+        joints = shot.camera_from_world.apply(scene.joints_m)
         inside = float(inside_image(joints, sensor.camera).mean())
         if not _shows(view) or inside < preset.joints:
             continue
@@ -99,16 +103,16 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
     else:
         raise AssertionError(f"sample {preset.name}/{seed}/{index} shows no person")
     notes = {
-        "activity": stage.activities[0],
-        "posture": posture_class(*stage.activities),
+        "activity": scene.activities[0],
+        "posture": posture_class(*scene.activities),
         "crop": [crop.top + view.corner[0], crop.left + view.corner[1], crop.side],
-        **_geometry(stage, shot, joints),
+        **_geometry(scene, shot, joints),
         "visible": _rounded(visibility(np.where(mask, view.parts, np.uint8(0)), view.whole)),
         "occluders": things,
         "cut": round(1 - np.count_nonzero(mask) / np.count_nonzero(view.parts), 3),
     }
     if preset.described:
-        notes |= _description(stage, joints, view, sensor, inside) | shown.notes
+        notes |= _description(scene, joints, view, sensor, inside) | shown.notes
     return FrameLabels(f"{index:08d}", depth, labels, subject=person.subject, status="truth", notes=notes)
 
 
@@ -117,29 +121,36 @@ def _rounded(values: Float64) -> list[float]:
 
 
 @lru_cache(maxsize=2)
-def _person(people: Casting, stream: int, seed: int, number: int) -> Person:
+def _person(people: PersonSampler, stream: int, seed: int, number: int) -> Person:
     return people(np.random.default_rng((stream, seed, number, 1)))
 
 
 @lru_cache(maxsize=4)
-def _shared_stage(preset: Preset, seed: int, first: int, attempt: int) -> Stage:
-    """The stage that several images show from ``first`` on, where their first attempts did not show it."""
+def _shared_scene(preset: Preset, seed: int, first: int, attempt: int) -> PosedScene:
+    """Return the scene of ``preset.views`` images from ``first`` on, at an attempt."""
     person = _person(preset.people, preset.stream, seed, first // preset.each)
-    return preset.stage(np.random.default_rng((preset.stream, seed, first, 2, attempt)), person.who.body)
+    return preset.scene(np.random.default_rng((preset.stream, seed, first, 2, attempt)), person.dressed.body)
+
+
+class Camera(NamedTuple):
+    """Camera of an image: its place, and the pinhole of the whole image."""
+
+    shot: Shot
+    pinhole: Intrinsics
 
 
 def _rendered(
-    preset: Preset, stage: Stage, shot: Shot, person: Person, camera: Intrinsics, rng: np.random.Generator
+    scene: PosedScene, dressed: Dressed, camera: Camera, share: float, rng: np.random.Generator
 ) -> tuple[int, PersonView]:
-    """Number of occluders, and the view: in a share of the images some stand there, unless they hide all."""
-    who, draped = person.who, person.who.drape(stage.vertices_m, stage.joints_m)
-    if rng.random() < preset.occluders:
-        seen = rng.choice(stage.vertices_m, int(rng.integers(1, 3))).astype(np.float64)
+    """Return the number of occluders and the view; occluders that hide the person are left out."""
+    draped, (shot, pinhole) = dressed.drape(scene.vertices_m, scene.joints_m), camera
+    if rng.random() < share:
+        seen = rng.choice(scene.vertices_m, int(rng.integers(1, 3))).astype(np.float64)
         things = [occluder(shot.eye_m, point, rng) for point in seen]
-        view = render_view(who, draped, merge([stage.around, *things]), shot.camera_from_world, camera)
+        view = render_view(dressed, draped, merge([scene.around, *things]), shot.camera_from_world, pinhole)
         if _shows(view):
             return len(things), view
-    return 0, render_view(who, draped, stage.around, shot.camera_from_world, camera)
+    return 0, render_view(dressed, draped, scene.around, shot.camera_from_world, pinhole)
 
 
 def _shows(view: PersonView) -> bool:
@@ -150,7 +161,7 @@ def _shows(view: PersonView) -> bool:
 def _read(
     view: PersonView, mask: Bool, crop: Crop, sensor: Sensor, rng: np.random.Generator
 ) -> tuple[UInt16, UInt8]:
-    """The crop's depth and parts through a sensor; only the pixels that the crop reads are computed."""
+    """Return the crop's depth and parts as read by a sensor."""
     clean = CleanDepth(view.camera, view.depth_m, view.dark, crop.reads(mask.shape), mask)
     reading = sensor.read(clean, rng)
     return _cropped(*reading, view.parts, *crop.pixels())
@@ -160,7 +171,7 @@ def _read(
 def _cropped(
     depth_mm: UInt16, source: Int32, parts: UInt8, rows: Index, columns: Index
 ) -> tuple[UInt16, UInt8]:
-    """Depth and parts (n, n) of a reading at these rows and columns (n,); parts are those of its sources."""
+    """Return depth and parts (n, n) of a reading at rows and columns (n,), parts by its sources."""
     height, width = depth_mm.shape
     depth = np.zeros((len(rows), len(columns)), np.uint16)
     labels = np.zeros((len(rows), len(columns)), np.uint8)
@@ -175,8 +186,8 @@ def _cropped(
     return depth, labels
 
 
-def _geometry(stage: Stage, shot: Shot, joints_m: Float64) -> dict[str, Any]:
-    centre = stage.joints_m.mean(axis=0)
+def _geometry(scene: PosedScene, shot: Shot, joints_m: Float64) -> dict[str, Any]:
+    centre = scene.joints_m.mean(axis=0)
     x, y, _ = (shot.eye_m - centre).tolist()
     return {
         "joints_mm": np.rint(joints_m * 1000).astype(int).tolist(),
@@ -189,13 +200,13 @@ def _geometry(stage: Stage, shot: Shot, joints_m: Float64) -> dict[str, Any]:
 
 
 def _description(
-    stage: Stage, joints_m: Float64, view: PersonView, sensor: Sensor, inside: float
+    scene: PosedScene, joints_m: Float64, view: PersonView, sensor: Sensor, inside: float
 ) -> dict[str, Any]:
-    """Notes of a described preset.
+    """Return the notes of a described preset.
 
-    facing_deg: azimuth of the camera about the pelvis, 0 before it, positive on the person's left. height_px:
-    rows of the image that show the person. beyond: share of the joints outside the image. sensor: its kind
-    and model. intrinsics: width, height, fx, fy, cx, cy of the whole image, undistorted.
+    facing_deg: azimuth of the camera about the pelvis, 0 in front, positive on the person's left. height_px:
+    rows that show the person. beyond: share of joints outside the image. intrinsics: width, height, fx, fy,
+    cx, cy of the whole image, undistorted.
     """
     rows, _ = window_of(view.parts > 0)
     c = sensor.camera
@@ -205,64 +216,57 @@ def _description(
         "beyond": round(1 - inside, 3),
         "sensor": {"kind": sensor.kind, "model": sensor.model},
         "intrinsics": [c.width, c.height, *(round(value, 3) for value in (c.fx, c.fy, c.cx, c.cy))],
-        **stage.notes,
+        **scene.notes,
     }
 
 
 class FreshKinect2(TimeOfFlight):
-    """A Kinect v2 whose faults are drawn with each image, after everything else; labels stay at their pixels.
-
-    So were the images of the first presets made.
-    """
+    """Kinect v2 of the paper's presets: faults are drawn with each image, labels stay at their pixels."""
 
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
-        """What the sensor makes of a clean depth image; see ``Sensor.read``."""
+        """Return a reading, as ``Sensor.read``."""
         wanted = replace(clean, only=clean.wanted(0), person=None)
         depth_mm, _ = TimeOfFlight.kinect2(rng).read(wanted, rng)
         return Reading(depth_mm, np.arange(depth_mm.size, dtype=np.int32).reshape(depth_mm.shape))
 
 
 def fresh_kinect2(rng: np.random.Generator) -> Sensor:
-    """A ``FreshKinect2``; nothing is drawn yet."""
+    """Return a ``FreshKinect2``."""
     return FreshKinect2()
 
 
-def _first(name: str, count: int, stream: int, stage: Staging) -> Preset:
-    """A preset of naked builds between the paper's bodies before a Kinect v2, whole in its image."""
-    return Preset(name, count, stream, stage, paper_person, fresh_kinect2, 0.9, 16, 1, described=False)
+def _paper(name: str, count: int, stream: int, scene: SceneSampler) -> Preset:
+    """Return a preset of the paper (sections 3.2, 4.1, 4.3): naked bodies, whole in a Kinect v2's image."""
+    return Preset(name, count, stream, scene, paper_person, fresh_kinect2, 0.9, 16, 1, described=False)
 
 
 PRESETS = {
     preset.name: preset
     for preset in (
-        _first("sitting-train", 10_076, 1, sitting),
-        _first("sitting-test", 4_984, 2, sitting),
-        _first("recumbent", 326_984, 3, recumbent),
-        _first("upright", 20_000, 4, upright),
+        _paper("sitting-train", 10_076, 1, sitting),
+        _paper("sitting-test", 4_984, 2, sitting),
+        _paper("recumbent", 326_984, 3, recumbent),
+        _paper("upright", 20_000, 4, upright),
         Preset("standing", 20_000, 5, standing),
         Preset("people", 200_000, 6, everybody),
     )
 }
-"""The paper's sets (sections 3.2, 4.1 and 4.3), and people on their own legs, as first drawn: naked, before a
-Kinect v2; and dressed people of all ages and builds before all kinds of sensors. Their streams never meet."""
 
 
 def preset_of(repertoire: Repertoire) -> Preset:
-    """A preset of poses of recorded motions: all else is as in ``standing``."""
-    return Preset("motion", 20_000, 7, Moved(repertoire))
+    """Return a preset like ``standing`` of poses of recorded motions."""
+    return Preset("motion", 20_000, 7, MotionScenes(repertoire))
 
 
 def preset_named(name: str) -> Preset:
-    """The preset of that name. Raises CloudError naming those there are."""
+    """Return the preset of that name. Raises CloudError for an unknown one."""
     check_choice("preset", name, PRESETS)
     return PRESETS[name]
 
 
 def dressed_from(preset: Preset, garments: Path) -> Preset:
-    """A preset whose people wear garments of a folder. Raises CloudError where they are naked."""
+    """Return a preset whose people wear garments of a folder. Raises CloudError for a naked preset."""
     if preset.people is not crowd_person:
         dressed = ", ".join(name for name, other in PRESETS.items() if other.people is crowd_person)
-        raise CloudError(
-            f"people of {preset.name} are naked, like the paper's; use --garments with {dressed}"
-        )
+        raise CloudError(f"people of {preset.name} are naked; use --garments with {dressed}")
     return replace(preset, people=Wardrobe.of(garments))

@@ -1,4 +1,7 @@
-"""Figures of a person's silhouette that depend on the sensor and its filters."""
+"""Statistics of a person's silhouette that depend on the sensor and its filters.
+
+Masks are bool (h, w): the pixels of one person with depth.
+"""
 
 import cv2
 import numpy as np
@@ -6,18 +9,13 @@ import numpy as np
 from annotate.array_types import Bool, Float64
 from annotate.crop import window_of
 
-LEVELS = 12
-"""Heights at which a silhouette's width is measured."""
-GAP = 0.015
-"""An enclosed place without depth that is larger than this share of the person is a gap between limbs, not a
-hole. Chosen by eye: between legs and beside arms on hips there is more, holes of sensors are smaller."""
-SMOOTHED_PX = 1.5
-"""Standard deviation of the Gaussian that smooths a silhouette before its rim is compared. Chosen so that
-filtered structured light comes to about 1.1 at some 200 pixels of height."""
+LEVELS = 12  # heights at which widths are measured
+GAP = 0.015  # share of the person above which an enclosed place is a gap between limbs; untuned
+SMOOTHED_PX = 1.5  # filtered structured light then has a roughness of 1.1 at a height of 200 pixels
 
 
 def largest_piece(person: Bool) -> Bool:
-    """The largest of the connected pieces (8 neighbours) of a mask (h, w); empty where the mask is."""
+    """Return the largest connected piece (8 neighbours) of a mask."""
     count, pieces, sizes, _ = cv2.connectedComponentsWithStats(person.astype(np.uint8), connectivity=8)
     if count == 1:
         return person
@@ -25,10 +23,9 @@ def largest_piece(person: Bool) -> Bool:
 
 
 def holes(person: Bool) -> float:
-    """Share of the pixels inside the outline of the largest piece that have no depth, in [0, 1].
+    """Return the share of pixels without depth inside the outline of the largest piece.
 
-    person: (h, w) pixels of one person with depth. Enclosed means: no way outside over the four neighbours.
-    Places larger than ``GAP`` of the person count as outside.
+    A hole is enclosed over the four neighbours and at most ``GAP`` of the person.
     """
     piece = np.pad(largest_piece(person), 1)
     empty = ~piece & ~np.pad(person, 1)
@@ -41,11 +38,10 @@ def holes(person: Bool) -> float:
 
 
 def roughness(person: Bool) -> float:
-    """Length of the rims of the largest piece over that of the smoothed piece; 1 is as smooth as can be.
+    """Return the length of the largest piece's rims over the smoothed piece's; 1 is smoothest.
 
-    person: (h, w) pixels of one person with depth. Rims of holes count. A length is the number of neighbours,
-    one in and one out, along rows and columns: unlike a chain code's it is the same for a slanted edge before
-    and after smoothing. Smoothed: Gaussian of ``SMOOTHED_PX``, then a half.
+    Length: the number of neighbours along rows and columns of which one is outside. A smoothed slanted edge
+    keeps that length, unlike a chain code's.
     """
     piece = np.pad(largest_piece(person), 8).astype(np.float32)
     smooth = cv2.GaussianBlur(piece, (0, 0), SMOOTHED_PX) > 0.5
@@ -53,16 +49,16 @@ def roughness(person: Bool) -> float:
 
 
 def height_px(person: Bool) -> int:
-    """Rows from the highest to the lowest pixel of a person (h, w); 0 without any."""
+    """Return the number of rows from the highest to the lowest pixel."""
     rows, _ = window_of(person)
     return int(rows.stop - rows.start)
 
 
 def widths(person: Bool) -> Float64:
-    """Mean number (12,) of a person's pixels in a row, over its height, in ``LEVELS`` bands from the top.
+    """Return the mean pixels a row over the height (12,), in ``LEVELS`` bands from the top.
 
-    person: (h, w), ``LEVELS`` rows high at least. Gaps between limbs do not count: it is how wide limbs and
-    trunk are that clothes and builds change, not how far arms are stretched.
+    Gaps between limbs do not count, because clothes and builds change the width of limbs. At least
+    ``LEVELS`` rows.
     """
     rows, _ = window_of(person)
     counts = np.count_nonzero(person[rows], axis=1)

@@ -1,4 +1,4 @@
-"""Figures of how somebody stands, from the joints of ``synth.body.skeleton`` before a camera."""
+"""Statistics of a standing person's joints (J, 3) of ``synth.body.skeleton``, millimetres."""
 
 import numpy as np
 
@@ -6,16 +6,12 @@ from annotate.array_types import Float64
 from synth.body.skeleton import JOINT_ID
 from synth.surface.facets import cross
 
-STRAIGHT_DEG = 30.0
-"""Knees bent less are those of somebody who stands. Chosen by eye: a tracker's noise reaches 20 degrees."""
+STRAIGHT_DEG = 30.0  # knees bent less are straight; a tracker's noise reaches 20 degrees; untuned
 _SIDES = ("left", "right")
 
 
 def ankles_m(joints_mm: Float64) -> float:
-    """Distance of the ankles, metres; NaN unless both knees are straight to ``STRAIGHT_DEG``.
-
-    joints_mm: (J, 3), any frame.
-    """
+    """Return the distance of the ankles, metres; NaN if a knee is bent by ``STRAIGHT_DEG`` or more."""
     for side in _SIDES:
         thigh, shank = _bone(joints_mm, f"{side}_hip", f"{side}_knee", f"{side}_ankle")
         if not _angle_deg(thigh, shank) < STRAIGHT_DEG:
@@ -25,20 +21,16 @@ def ankles_m(joints_mm: Float64) -> float:
 
 
 def arms_deg(joints_mm: Float64) -> Float64:
-    """Angles (2,) of the left and the right upper arm with the trunk, degrees; 0 hangs along it.
-
-    joints_mm: (J, 3), any frame. The trunk points from neck to pelvis.
-    """
+    """Return the angles (2,) of left and right upper arm with the line from neck to pelvis."""
     (trunk,) = _bone(joints_mm, "neck", "pelvis")
     arms = [_bone(joints_mm, f"{side}_shoulder", f"{side}_elbow")[0] for side in _SIDES]
     return np.array([_angle_deg(arm, trunk) for arm in arms])
 
 
 def facing_deg(joints_mm: Float64, across: tuple[str, ...] = ("shoulder", "hip")) -> float:
-    """Azimuth of the camera about the trunk's axis, degrees: 0 before the chest, 90 on the person's left.
+    """Return the azimuth of the camera about the trunk: 0 in front of the chest, 90 on the person's left.
 
-    joints_mm: (J, 3), camera frame. across: pairs of joints from right to left; the hips alone
-    give the pelvis' azimuth.
+    joints_mm: camera frame. across: pairs of joints that give the direction from right to left.
     """
     pelvis = joints_mm[JOINT_ID["pelvis"]]
     up = joints_mm[JOINT_ID["neck"]] - pelvis
@@ -50,7 +42,7 @@ def facing_deg(joints_mm: Float64, across: tuple[str, ...] = ("shoulder", "hip")
 
 
 def _bone(joints_mm: Float64, *names: str) -> Float64:
-    """Vectors (n - 1, 3) from each of n joints to the next."""
+    """Return the vectors (n - 1, 3) from each of n joints to the next."""
     return np.diff(joints_mm[[JOINT_ID[name] for name in names]], axis=0)
 
 

@@ -1,4 +1,4 @@
-"""A depth camera's view of a person among furniture: parts, depth, and what hides them."""
+"""Depth camera's view of a person among furniture: parts, depth and occlusion."""
 
 from dataclasses import dataclass, replace
 
@@ -14,20 +14,16 @@ from synth.clothes.dressed import Dressed
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import NEAR_M, Mesh, box, rasterize
 
-BORDER_PX = 4
-"""Kept around the person, so that edges and slopes there have neighbours."""
-THING_M = (0.04, 0.45)
-"""Edge lengths of an occluder: from a pole to a chair's back."""
+BORDER_PX = 4  # around the person, so that edges and slopes have neighbours
+THING_M = (0.04, 0.45)  # edge lengths of an occluder, from a pole to a chair's back
 
 
 @dataclass(frozen=True)
 class PersonView:
-    """The window of the depth image that holds the person, before any noise.
+    """Window (h, w) of the depth image around the person, without noise.
 
-    camera: pinhole of the window. corner: (top, left) of the window in the whole image. depth_m: float32
-    (h, w) along z, NaN where nothing is hit, furniture included. parts: uint8 (h, w) part ids, 0 where
-    the person is not. whole: the same if nothing stood before the person. dark: float32 (h, w) share of
-    infrared that is lost.
+    camera: pinhole of the window. corner: (top, left) in the whole image. depth_m: along z, NaN without a
+    hit. parts: ids, 0 outside the person. whole: parts without anything in front. dark: lost infrared share.
     """
 
     camera: Intrinsics
@@ -41,9 +37,9 @@ class PersonView:
 def render_view(
     who: Dressed, vertices_m: Float32, around: Mesh, camera_from_world: Pose, whole_image: Intrinsics
 ) -> PersonView:
-    """See a posed person and the furniture around with an undistorted camera; meshes in the world frame.
+    """Render the person's window of an undistorted image.
 
-    vertices_m: float32 (V', 3), draped. Only the person's window of the whole image is rendered.
+    vertices_m: float32 (V', 3), draped; world frame as ``around``.
     """
     points = _to_camera(camera_from_world, vertices_m)
     camera, corner = _window(points, whole_image)
@@ -57,7 +53,7 @@ def render_view(
 def _layers(
     depth: Float32, face: Int32, other: Float32, face_parts: UInt8, face_dark: Float32
 ) -> tuple[Float32, UInt8, UInt8, Float32]:
-    """Depth, parts, whole parts and darkness (h, w) of a person's and the other things' z-buffers."""
+    """Return depth, parts, whole parts and darkness (h, w) of the z-buffers of person and other things."""
     height, width = depth.shape
     nearest, dark = other.copy(), np.zeros((height, width), np.float32)
     parts, whole = np.zeros((height, width), np.uint8), np.zeros((height, width), np.uint8)
@@ -72,17 +68,14 @@ def _layers(
 
 
 def visibility(parts: UInt8, whole: UInt8) -> Float64:
-    """Share (12,) of each part's pixels in ``whole`` that ``parts`` still has; 1 for a part without any.
-
-    Entry 0 is over all parts together.
-    """
+    """Return the share (12,) of each part's pixels in ``whole`` that ``parts`` has; [0] of all, 1 of none."""
     shown, there = _tally(parts).tolist(), _tally(whole).tolist()
     return np.array([s / t if t else 1.0 for s, t in zip(shown, there, strict=True)])
 
 
 @numba.njit(cache=True)
 def _tally(parts: UInt8) -> Int64:
-    """Pixels (12,) of each part, and of all together at 0."""
+    """Return the pixels (12,) of each part, [0] of all."""
     pixels = np.zeros(N_CLASSES, np.int64)
     for row in parts:
         for part in row:
@@ -109,7 +102,7 @@ def _move(vertices: Float32, rotation: Float32, translation: Float32) -> Float32
 
 
 def _window(points_m: Float32, whole_image: Intrinsics) -> tuple[Intrinsics, tuple[int, int]]:
-    """The part of the image that the points cover, with a border: its camera and its corner (top, left)."""
+    """Return camera and corner (top, left) of the points' window of the image."""
     x0, y0, x1, y1 = _slopes(points_m)
     c = whole_image
     left, right = _clip(c.fx * x0 + c.cx, c.fx * x1 + c.cx, c.width)
@@ -120,7 +113,7 @@ def _window(points_m: Float32, whole_image: Intrinsics) -> tuple[Intrinsics, tup
 
 @numba.njit(cache=True)
 def _slopes(points: Float32) -> tuple[float, float, float, float]:
-    """Least and greatest x / z and y / z, in the order x, y, x, y, of the points before the near plane."""
+    """Return least x / z and y / z, then the greatest, of the points beyond the near plane."""
     x0, y0, x1, y1 = np.float32(1e6), np.float32(1e6), np.float32(-1e6), np.float32(-1e6)
     for i in range(len(points)):
         if points[i, 2] > NEAR_M:
@@ -130,16 +123,15 @@ def _slopes(points: Float32) -> tuple[float, float, float, float]:
 
 
 def _clip(low: float, high: float, size: int) -> tuple[int, int]:
-    """First pixel, and the one after the last, between two coordinates and inside an image's side."""
+    """Return first and end pixel between two coordinates inside an image's side."""
     start = int(min(max(low - BORDER_PX, 0), size - 1))
     return start, int(min(max(high + BORDER_PX + 1, start + 1), size))
 
 
 def occluder(eye_m: Float64, seen_m: Float64, rng: np.random.Generator) -> Mesh:
-    """A box at any angle between the camera and the point ``seen_m`` of the person, world frame.
+    """Return a box at any angle at 50 to 85 % of the way from the camera to a point of the person, world.
 
-    It stands at 50 to 85 % of the way. Random occluders help occluded and unoccluded tests alike
-    (Sarandi et al. 2018).
+    Random occluders improve occluded and unoccluded results (Sarandi et al. 2018).
     """
     half = np.exp(rng.uniform(np.log(THING_M[0]), np.log(THING_M[1]), 3)) / 2
     mesh = box(tuple(-half), tuple(half), Surface.TABLE)
@@ -149,9 +141,9 @@ def occluder(eye_m: Float64, seen_m: Float64, rng: np.random.Generator) -> Mesh:
 
 
 def cut(person: Bool, rng: np.random.Generator) -> Bool:
-    """Take one to three ellipses out of a person's mask (h, w), as an extraction by temperature may.
+    """Return a person's mask (h, w) without one to three ellipses.
 
-    Cold hands and feet, wet clothes and warm furniture leave such holes: Nishi & Miura 2017, Fig. 12.
+    Extraction by temperature leaves such holes (Nishi & Miura 2017, Fig. 12).
     """
     v, u = np.nonzero(person)
     extent = max(np.ptp(v), np.ptp(u)) + 1

@@ -1,4 +1,7 @@
-"""Viewpoints: where the camera stands that sees a person, drawn at random; world frame, metres."""
+"""Viewpoints: places of the camera, drawn at random; world frame, metres.
+
+Constants are untuned unless a source is given.
+"""
 
 import math
 from collections.abc import Callable
@@ -16,20 +19,34 @@ from synth.surface.rasterize import NEAR_M, beside, look_at
 
 
 class Shot(NamedTuple):
-    """A camera in the world. eye_m: (3,) its place."""
+    """Place (3,) and pose of a camera in the world."""
 
     eye_m: Float64
     camera_from_world: Pose
 
 
 Viewpoint = Callable[[np.random.Generator, Float32, Float64, Intrinsics], Shot]
-"""Draws a camera's place for posed vertices (V, 3), joints (J, 3) and the pinhole of the whole image."""
-Place = Callable[[np.random.Generator, Float64], tuple[Float64, Float64]]
-"""Draws a camera's eye and target (3,) each about a person's middle (3,)."""
+"""Sampler of a camera for posed vertices (V, 3), joints (J, 3) and the pinhole of the whole image."""
+PlaceSampler = Callable[[np.random.Generator, Float64], tuple[Float64, Float64]]
+"""Sampler of a camera's eye and target (3,) for a person's middle (3,)."""
+
+PERSON_PX = (90.0, 420.0)  # extent of a whole person in the image, log-uniform
+DISTANCE_M = (0.75, 4.3)  # from camera to the person's middle: the range of depth cameras
+NEAREST_M = 0.6  # of a visible point: depth cameras are blind nearer
+HEIGHT_M = (0.4, 2.6)  # of the camera over the floor
+COMMON_HEIGHT_M = (1.2, 0.35)  # mean and deviation of half of the heights: tables, tripods, robots
+CUT_SHARE = 0.15  # of images whose border cuts the person
+PORTRAIT, HALF = 0.3, 0.35  # of these, head and shoulders, and half figures
+PORTRAIT_M, HALF_M = (0.45, 0.9), (0.9, 1.5)  # vertical span of the image at such a person
+LEAST_IN_VIEW, MOST_IN_VIEW = 0.12, 0.97  # share of a cut person's skin inside the image
+STEEPEST = (-0.35, 0.9)  # sine of the camera's elevation over the person's middle
+ROLL_DEG = 2.0  # standard deviation of the camera's roll
+ATTEMPTS = 30  # views drawn at most
+EVERY = 19  # stride of the skin's vertices by which a view is planned
 
 
-def looking(place: Place) -> Viewpoint:
-    """The viewpoint of a camera at a drawn place, its roll drawn too; its image does not matter."""
+def unplanned(place: PlaceSampler) -> Viewpoint:
+    """Return a viewpoint at a drawn place with a drawn roll, which does not depend on the image."""
 
     def view(rng: np.random.Generator, vertices_m: Float32, joints_m: Float64, camera: Intrinsics) -> Shot:
         eye, target = place(rng, joints_m.mean(axis=0))
@@ -38,23 +55,20 @@ def looking(place: Place) -> Viewpoint:
     return view
 
 
-def before(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64]:
-    """Eye and target of a camera within 65 degrees of the front, at a robot's chest to head height."""
+def frontal_place(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64]:
+    """Draw eye and target within 65 degrees of the front, at a robot's chest to head height."""
     azimuth, distance, height = np.radians(rng.uniform(-65, 65)), rng.uniform(1.3, 3.0), rng.uniform(0.6, 1.7)
     return beside(centre_m, azimuth, distance, height), centre_m + rng.normal(0, (0.12, 0.12, 0.10))
 
 
-def all_round(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64]:
-    """Eye and target of a camera anywhere around somebody upright."""
+def surrounding_place(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64]:
+    """Draw eye and target anywhere around an upright person."""
     azimuth, distance, height = rng.uniform(-np.pi, np.pi), rng.uniform(1.4, 3.5), rng.uniform(0.6, 1.8)
     return beside(centre_m, azimuth, distance, height), centre_m + rng.normal(0, (0.12, 0.12, 0.10))
 
 
-def above(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64]:
-    """Eye and target of a camera anywhere around a lying person (the paper's 360 degrees).
-
-    Heights from a robot's bumper camera (0.4 m over the person) to a ceiling's (2.6 m over the floor).
-    """
+def overhead_place(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64]:
+    """Draw eye and target anywhere around a lying person, from bumper to ceiling height (the paper)."""
     azimuth = rng.uniform(-np.pi, np.pi)
     level = rng.choice((0.7, 1.1, 1.5, 2.1)) + rng.uniform(-0.2, 0.2)
     distance = rng.uniform(1.2, 2.6)
@@ -62,40 +76,12 @@ def above(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64
     return eye, centre_m + rng.normal(0, (0.12, 0.12, 0.05))
 
 
-PERSON_PX = (90.0, 420.0)
-"""Least and greatest extent of a whole person in the image, log-uniform."""
-DISTANCE_M = (0.75, 4.3)
-"""Between camera and the person's middle: what depth cameras read."""
-NEAREST_M = 0.6
-"""Nothing of a person in view is nearer: depth cameras are blind there."""
-HEIGHT_M = (0.4, 2.6)
-"""Of the camera over the floor."""
-COMMON_HEIGHT_M = (1.2, 0.35)
-"""Mean and deviation of half of the cameras' heights: tables, tripods, robots. Chosen by eye."""
-CUT_SHARE = 0.15
-"""Of images whose border cuts the person."""
-PORTRAIT, HALF = 0.3, 0.35
-"""Of these, head and shoulders, and half figures; the others are cut by any border. Chosen by eye."""
-PORTRAIT_M, HALF_M = (0.45, 0.9), (0.9, 1.5)
-"""What the image spans vertically at such a person. Chosen by eye."""
-LEAST_IN_VIEW, MOST_IN_VIEW = 0.12, 0.97
-"""Share of a cut person's skin inside the image."""
-STEEPEST = (-0.35, 0.9)
-"""Sine of the camera's elevation over the person's middle, least and greatest. Chosen by eye."""
-ROLL_DEG = 2.0
-"""Standard deviation of the camera's roll."""
-ATTEMPTS = 30
-"""Views drawn at most until one shows what it should."""
-EVERY = 19
-"""Vertices of the skin by which a view is planned."""
-
-
 @dataclass(frozen=True)
-class Around:
-    """A viewpoint that plans its image: whole people of any size in it, some cut by its borders.
+class PlannedViewpoint:
+    """Viewpoint planned by the image: whole people of any size, some cut by the borders.
 
-    front, side: shares of the views within 45 degrees of the person's front and up to 135, the others are
-    from behind. over_m: least height of the camera over the person's middle.
+    front, side: shares of views within 45 degrees of the front, and up to 135. over_m: least height of the
+    camera over the person's middle.
     """
 
     front: float = 0.55
@@ -105,14 +91,14 @@ class Around:
     def __call__(
         self, rng: np.random.Generator, vertices_m: Float32, joints_m: Float64, camera: Intrinsics
     ) -> Shot:
-        """A shot that shows the person, or the last of some attempts."""
+        """Draw a shot that shows the person, or the last of ``ATTEMPTS``."""
         points, c = vertices_m[::EVERY].astype(np.float64), camera
         pinhole = np.array([c.width, c.height, c.fx, c.fy, c.cx, c.cy])
         is_cut = rng.random() < CUT_SHARE
         for _ in range(ATTEMPTS):
             azimuth, height = self._azimuth(rng), self._height(rng, points)
             if is_cut:
-                eye, target = _cut(rng, points, joints_m, camera, azimuth, height)
+                eye, target = _cut(rng, (points, joints_m), camera, azimuth, height)
             else:
                 eye, target = _whole(rng.random(3), points, pinhole, azimuth, height)
             share, nearest = _in_view(points, eye, target, pinhole)
@@ -136,7 +122,7 @@ class Around:
 
 @numba.njit(cache=True)
 def _eye(middle: Float64, azimuth: float, distance: float, height: float) -> Float64:
-    """Place (3,) so far from a middle (3,), at the height where that is possible; see ``beside``."""
+    """Return a place (3,) at a distance from a middle (3,), at the height if possible; see ``beside``."""
     sine = min(max((height - middle[2]) / distance, STEEPEST[0]), STEEPEST[1])
     level = distance * np.sqrt(1 - sine * sine)
     eye: Float64 = middle + level * np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
@@ -146,7 +132,7 @@ def _eye(middle: Float64, azimuth: float, distance: float, height: float) -> Flo
 
 @numba.njit(cache=True)
 def _axes(eye: Float64, target: Float64) -> Float64:
-    """Directions (3, 3) across, down and along the view of a level camera at ``eye``; see ``look_at``."""
+    """Return the directions (3, 3) across, down and along a level camera's view; see ``look_at``."""
     axes = np.zeros((3, 3))
     axes[2] = (target - eye) / np.sqrt(np.sum((target - eye) ** 2))
     axes[0, 0], axes[0, 1] = axes[2, 1], -axes[2, 0]
@@ -157,7 +143,7 @@ def _axes(eye: Float64, target: Float64) -> Float64:
 
 @numba.njit(cache=True)
 def _extent(points: Float64, middle: Float64, axes: Float64) -> tuple[Float64, Float64]:
-    """Least and greatest coordinates (2,) of points (n, 3) across and down a view, from its middle."""
+    """Return least and greatest coordinates (2,) of points (n, 3) across and down a view."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for i in range(len(points)):
         x, y, z = points[i, 0] - middle[0], points[i, 1] - middle[1], points[i, 2] - middle[2]
@@ -171,14 +157,14 @@ def _extent(points: Float64, middle: Float64, axes: Float64) -> tuple[Float64, F
 def _whole(
     shares: Float64, points: Float64, pinhole: Float64, azimuth: float, height: float
 ) -> tuple[Float64, Float64]:
-    """Eye and target (3,) of a camera with all of a person anywhere in its image.
+    """Return eye and target (3,) of a camera with the whole person in its image.
 
-    shares: (3,) random numbers in [0, 1): of the size, and of the free room across and down.
+    shares: (3,) in [0, 1), of the size, and of the free room across and down.
     """
     middle = _middle(points)
     size, focal, centre = pinhole[:2], pinhole[2], pinhole[4:]
     low, high = _extent(points, middle, _axes(_eye(middle, azimuth, 3.0, height), middle))
-    # What fits into the image with a little room; and what the sensor can read.
+    # Sizes that fit into the image and the sensor's range.
     largest = np.max(high - low)
     fits = np.min(0.94 * size / (high - low)) * largest
     least = max(PERSON_PX[0], focal * largest / DISTANCE_M[1])
@@ -194,20 +180,22 @@ def _whole(
 
 @numba.njit(cache=True)
 def _middle(points: Float64) -> Float64:
-    """Middle (3,) of the box about points (n, 3)."""
+    """Return the middle (3,) of the points' box."""
     return np.array([(points[:, a].min() + points[:, a].max()) / 2 for a in range(3)])
 
 
 def _cut(
     rng: np.random.Generator,
-    points: Float64,
-    joints_m: Float64,
+    person: tuple[Float64, Float64],
     camera: Intrinsics,
     azimuth: float,
     height: float,
 ) -> tuple[Float64, Float64]:
-    """Eye and target (3,) of a camera whose image cuts the person: a portrait, a half figure, any border."""
-    kind = rng.random()
+    """Draw eye and target (3,) of an image that cuts the person: a portrait, a half figure, any border.
+
+    person: points (n, 3) and joints (J, 3).
+    """
+    kind, (points, joints_m) = rng.random(), person
     if kind < PORTRAIT + HALF:
         span = rng.uniform(*(PORTRAIT_M if kind < PORTRAIT else HALF_M))
         head, pelvis = joints_m[JOINT_ID["head"]], joints_m[JOINT_ID["pelvis"]]
@@ -221,7 +209,7 @@ def _cut(
     off = (points - middle) @ axes.T
     half = np.array([camera.width, camera.height]) / 2 * np.linalg.norm(eye - middle) / camera.fx
     side, sign = int(rng.integers(2)), rng.choice((-1.0, 1.0))
-    # A border at this quantile of the skin; on the other axis the person is about the middle.
+    # The border lies at this quantile of the skin; on the other axis the person is near the middle.
     lost = rng.uniform(0.08, 0.6)
     aim = np.median(off, axis=0) + rng.normal(0, 0.15, 2)
     aim[side] = sign * (np.quantile(sign * off[:, side], 1 - lost) - half[side])
@@ -230,7 +218,7 @@ def _cut(
 
 @numba.njit(cache=True)
 def _in_view(points: Float64, eye: Float64, target: Float64, pinhole: Float64) -> tuple[float, float]:
-    """Share of points (n, 3) inside the image of a level camera, and the nearest one's distance along z.
+    """Return the share of points (n, 3) inside a level camera's image, and the least distance along z.
 
     pinhole: (6,) width, height, fx, fy, cx, cy.
     """
@@ -250,7 +238,7 @@ def _in_view(points: Float64, eye: Float64, target: Float64, pinhole: Float64) -
 
 
 def inside_image(points_m: Float64, camera: Intrinsics) -> Bool:
-    """Flags (n,) of the points (n, 3) of the camera frame that the whole image covers."""
+    """Return True (n,) for the points (n, 3), camera frame, inside the whole image."""
     x, y, z = points_m.T
     near = np.maximum(z, NEAR_M)
     u, v = camera.fx * x / near + camera.cx, camera.fy * y / near + camera.cy

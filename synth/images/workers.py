@@ -1,4 +1,4 @@
-"""Workers that make the shards: processes of this machine, or a dask.distributed cluster."""
+"""Workers: processes of this machine, or a dask.distributed cluster."""
 
 import logging
 import os
@@ -14,12 +14,11 @@ import cv2
 
 from sensors.errors import CloudError
 
-CONNECT_SECONDS = 10
-"""Seconds to wait for a scheduler, and for its first worker. Chosen by eye."""
+CONNECT_SECONDS = 10  # to a scheduler, and to its first worker
 
 
 class Workers(NamedTuple):
-    """An executor and how many tasks it can work on at once."""
+    """Executor, and the number of its parallel tasks."""
 
     executor: Executor
     parallel: int
@@ -27,31 +26,30 @@ class Workers(NamedTuple):
 
 @contextmanager
 def processes(count: int) -> Iterator[Workers]:
-    """``count`` processes of this machine, each on one core. Raises CloudError when one is killed."""
+    """Start ``count`` processes, each on one core. Raises CloudError when a process is killed."""
     check_semaphores()
     try:
         with ProcessPoolExecutor(count, get_context("spawn"), _begin) as pool:
             yield Workers(pool, count)
     except BrokenExecutor as error:
         raise CloudError(
-            "a worker process was killed, perhaps because memory ran out; give the same command again to "
-            "continue, with fewer --workers if it has that option"
+            "a worker process was killed, perhaps because memory ran out; run the same command again to "
+            "continue, with fewer --workers if possible"
         ) from error
 
 
 def check_semaphores() -> None:
-    """Raise CloudError where processes cannot wait for each other: a container without /dev/shm."""
+    """Raise CloudError on a machine without semaphores, e.g. a container without /dev/shm."""
     try:
         get_context("spawn").Lock()
     except (OSError, ImportError) as error:
         raise CloudError(
-            f"worker processes need semaphores, which this machine refuses ({error}); mount /dev/shm, e.g. "
-            "docker run --shm-size 1g"
+            f"semaphores are missing on this machine ({error}); mount /dev/shm, e.g. docker run --shm-size 1g"
         ) from error
 
 
 def _begin() -> None:
-    """In a worker: one core, and no life after its parent's. A pool's workers do not notice that one dies."""
+    """Limit a worker to one core, and end it with its parent, because a pool's workers do not."""
     cv2.setNumThreads(1)
     if (parent := parent_process()) is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
@@ -64,20 +62,18 @@ def _end_with(parent: BaseProcess) -> None:
 
 @contextmanager
 def cluster(address: str) -> Iterator[Workers]:
-    """The workers of a dask scheduler, e.g. ``tcp://host:8786``; tasks of one that dies go to another.
+    """Connect to the workers of a dask scheduler, e.g. ``tcp://host:8786``.
 
-    Raises CloudError when the extra is missing, nobody answers, nobody works there, or it is lost.
+    Raises CloudError for a missing extra, a scheduler that does not answer, has no workers or is lost.
     """
     try:
         from distributed import Client, KilledWorker
     except ImportError as error:
         raise CloudError("--scheduler needs dask; pip install 'annotate-cloud[cluster]'") from error
-    # What distributed logs about a lost connection is said in one line by the error below.
+    # The errors below replace distributed's log of a lost connection.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
-        client: Any = Client(  # type: ignore[no-untyped-call]
-            address, timeout=CONNECT_SECONDS, set_as_default=False
-        )
+        client: Any = Client(address, timeout=CONNECT_SECONDS, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
         raise CloudError(
             f"scheduler {address} does not answer; start one with 'dask scheduler', or leave out --scheduler"
@@ -93,8 +89,8 @@ def cluster(address: str) -> Iterator[Workers]:
             yield Workers(client.get_executor(pure=False), sum(client.nthreads().values()))
         except KilledWorker as error:
             raise CloudError(
-                "workers were killed again and again at one task, perhaps because memory ran out; give each "
-                "more of it, then the same command again to continue"
+                "workers were killed repeatedly at one task, perhaps because memory ran out; give each more "
+                "memory and run the same command again to continue"
             ) from error
         except CancelledError as error:
             raise CloudError(

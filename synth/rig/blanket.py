@@ -1,4 +1,4 @@
-"""A blanket over the legs: cloth as a height over a grid, which lies on what is highest under it."""
+"""Blanket over the legs: cloth as a height over a grid that lies on the highest point below."""
 
 import cv2
 import numpy as np
@@ -7,31 +7,25 @@ from annotate.array_types import Float32, Float64, Int64
 from annotate.parts import PART_ID
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
-from synth.rig.locations import Place
-from synth.rig.objects_nearby import Thing, Where
+from synth.rig.locations import Location
+from synth.rig.objects_nearby import Thing, ThingPose
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import grid_faces, tagged
 
-CELL_M = 0.03
-"""Distance of the cloth's nodes. Chosen by eye."""
-THICK_M = 0.015
-"""A fleece blanket."""
-HALF_WIDTH_M, BEFORE_KNEES_M, LAP_M = 0.48, 0.42, (0.05, 0.2)
-"""A throw over a lap: its half width, how far it reaches in front of the knees and stays before the hips."""
-HEM_M = (0.12, 0.32)
-"""Height over the floor to which it hangs."""
-BED_TOP_Y_M, OVER_EDGE_M, BED_HANG_M = (-0.35, 0.1), 0.05, 0.3
-"""A bed's blanket: where its upper end lies, how far it stands out at the sides and hangs there."""
-CARRIED_M = 0.06
-"""Cloth so far above its hem is carried by something."""
-STIFF_CELLS = 5
-"""Hollows narrower than this many cells it spans."""
+CELL_M = 0.03  # distance of the cloth's nodes; untuned
+THICK_M = 0.015  # of fleece
+HALF_WIDTH_M, BEFORE_KNEES_M, LAP_M = 0.48, 0.42, (0.05, 0.2)  # a throw: reach in front of knees and hips
+HEM_M = (0.12, 0.32)  # height of the throw's hem over the floor
+BED_TOP_Y_M, OVER_EDGE_M, BED_HANG_M = (-0.35, 0.1), 0.05, 0.3  # a bed's blanket: upper end, overhang
+CARRIED_M = 0.06  # height over the hem of supported cloth
+STIFF_CELLS = 5  # width of hollows that the cloth spans
+_SIDES = ("left", "right")
 
 
-def lap_blanket(place: Place, body: Body, rng: np.random.Generator) -> Thing:
-    """A throw over the lap of somebody who sits; it goes with the legs and hangs down before them."""
-    hem, short, height = rng.uniform(*HEM_M), rng.uniform(*LAP_M), place.furniture.height
-    width = place.furniture.footprint.half_width_m
+def lap_blanket(location: Location, body: Body, rng: np.random.Generator) -> Thing:
+    """Return a throw over a sitting person's lap, which follows the legs and hangs in front of them."""
+    hem, short, height = rng.uniform(*HEM_M), rng.uniform(*LAP_M), location.furniture.height
+    width = location.furniture.footprint.half_width_m
     half = min(HALF_WIDTH_M, width)
     n, m = (round(length / CELL_M) for length in (2 * half, 0.9))
     legs = _vertices_of(body, ("upper_leg", "lower_leg"))
@@ -47,9 +41,9 @@ def lap_blanket(place: Place, body: Body, rng: np.random.Generator) -> Thing:
     return _thing(n, m, where)
 
 
-def bed_blanket(place: Place, body: Body, rng: np.random.Generator) -> Thing:
-    """A blanket over the lower end of a bed and the person in it."""
-    height, (half, front_y, _) = place.furniture.height, place.furniture.footprint
+def bed_blanket(location: Location, body: Body, rng: np.random.Generator) -> Thing:
+    """Return a blanket over the lower end of a bed and the person in it."""
+    height, (half, front_y, _) = location.furniture.height, location.furniture.footprint
     x = np.arange(-half - OVER_EDGE_M, half + OVER_EDGE_M + CELL_M, CELL_M)
     y = np.arange(front_y - OVER_EDGE_M, rng.uniform(*BED_TOP_Y_M), CELL_M)
     on_bed = (np.abs(x)[:, None] <= half) & (y >= front_y)
@@ -62,17 +56,14 @@ def bed_blanket(place: Place, body: Body, rng: np.random.Generator) -> Thing:
     return _thing(len(x), len(y), where)
 
 
-_SIDES = ("left", "right")
-
-
 def _vertices_of(body: Body, names: tuple[str, ...]) -> Int64:
-    """Return the numbers of the vertices, int64 (n,), of these parts, or of these limbs on both sides."""
+    """Return the vertices (n,) of parts, or of limbs on both sides."""
     ids = [PART_ID[p] for name in names for p in (name, *(f"{s}_{name}" for s in _SIDES)) if p in PART_ID]
     return np.unique(body.faces[np.isin(body.face_parts, ids)]).astype(np.int64)
 
 
 def _drape(under_m: Float32, x: Float64, y: Float64, base_m: Float64) -> Float32:
-    """Grid vertices float32 (n, m, 3) of cloth over points (N, 3) and, elsewhere, a base height (n, m)."""
+    """Return the grid's vertices (n, m, 3) over points (N, 3) and, elsewhere, a base height (n, m)."""
     i = np.rint((under_m[:, 0] - x[0]) / (x[1] - x[0])).astype(np.intp)
     j = np.rint((under_m[:, 1] - y[0]) / (y[1] - y[0])).astype(np.intp)
     inside = (i >= 0) & (i < len(x)) & (j >= 0) & (j < len(y))
@@ -87,11 +78,10 @@ def _drape(under_m: Float32, x: Float64, y: Float64, base_m: Float64) -> Float32
 
 
 def _hang(cloth_m: Float32, hem_m: float) -> Float32:
-    """Where cloth (n, m, 3) comes down to its hem in front, it hangs straight from the last support."""
+    """Let cloth (n, m, 3) hang straight from the foremost support down to its hem."""
     n, m = cloth_m.shape[:2]
     carried = cloth_m[..., 2] > hem_m + THICK_M + CARRIED_M
     first = np.where(carried.any(axis=1), carried.argmax(axis=1), m - 1)
-    # A fold does not jump from one column to the next.
     edge = cv2.blur(cloth_m[np.arange(n), first, 1][:, None], (1, 5))[:, 0]
     edge = np.minimum(edge, cloth_m[np.arange(n), first, 1])
     columns = np.arange(m)
@@ -104,6 +94,6 @@ def _hang(cloth_m: Float32, hem_m: float) -> Float32:
     return hung
 
 
-def _thing(rows: int, columns: int, where: Where) -> Thing:
+def _thing(rows: int, columns: int, where: ThingPose) -> Thing:
     still = np.zeros((rows * columns, 3), np.float32)
     return Thing("blanket", tagged(still, grid_faces(rows, columns), Surface.BLANKET), where)

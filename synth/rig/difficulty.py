@@ -1,4 +1,4 @@
-"""Difficulties of the virtual rig: no faults, a good living room, or everything at once."""
+"""Difficulties of the virtual rig, from ``synth/data/difficulties.toml``."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +12,7 @@ from synth.data_files import table
 
 @dataclass(frozen=True)
 class Clutter:
-    """Share of the subjects about whom something stands. No source: chosen by eye, after living rooms."""
+    """Share of the subjects with each thing nearby; untuned."""
 
     company: float = 0.0
     radiator: float = 0.0
@@ -27,15 +27,12 @@ class Clutter:
 
 @dataclass(frozen=True)
 class Difficulty:
-    """How hard the rig makes it.
+    """Strengths of the rig's faults.
 
-    color: clothes, light and the colour camera. depth, stereo: one frame's faults by kind of depth camera.
-    reflectance: the room's, in the
-    infrared, for light that bounces twice (0: none does). unit_mm, unit_scale: standard deviations of the
-    unit's own offset and scale. warmth: how unevenly warm people and things are, 1 as in a good room.
-    room_c: air and walls, least and most. clutter: what stands about. stray: how far the robot's aim is off,
-    1 as well as it can. loose: share of people whose clothes, the suit too, are cut as everyday clothes are
-    and fold; the others' follow the skin.
+    color: clothes, illuminants and colour camera. depth, stereo: faults by kind of depth camera. reflectance:
+    of the room in the infrared, for multipath. unit_mm, unit_scale: standard deviations of the unit's offset
+    and scale. warmth: unevenness of temperatures, 1 in a good room. room_c: least and greatest. stray:
+    error of the robot's aim, 1 at best. loose: share of people with loose clothes, also of the suit.
     """
 
     name: str
@@ -60,5 +57,4 @@ def _difficulty(name: str, entry: dict[str, Any]) -> Difficulty:
 
 _PARTS = {"depth": TimeOfFlight, "stereo": Stereo, "thermal": ThermalNoise, "clutter": Clutter}
 DIFFICULTIES = {name: _difficulty(name, entry) for name, entry in table("difficulties").items()}
-"""Clean, normal and hard, described in ``synth/data/difficulties.toml``."""
 CLEAN, NORMAL, HARD = DIFFICULTIES.values()

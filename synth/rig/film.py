@@ -1,4 +1,4 @@
-"""A recorded motion before the virtual rig: one person in a suit does it in a room, 30 frames a second."""
+"""Recorded motion on the virtual rig: a person in a suit in a room, 30 frames a second."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -15,36 +15,30 @@ from synth.motion.grounded import ground, resampled
 from synth.motion.performance import Performance, perform
 from synth.pose.pose_parameters import Moment, Posed
 from synth.rig.difficulty import Clutter
-from synth.rig.episode import Stay
-from synth.rig.locations import Place
-from synth.rig.virtual_rig import VirtualRig
+from synth.rig.locations import Location
+from synth.rig.virtual_rig import RigOptions, VirtualRig
 from synth.surface.furniture import ROOM_FRONT_Y_M, Ground
 from synth.surface.rasterize import beside, look_at
 
-FRAMES_PER_SECOND = 30.0
-"""Of a film: a Kinect's."""
-SHORTEST_S = 0.3
-"""Of a motion worth filming. Chosen by eye."""
-DISTANCES_M = (1.9, 2.2, 2.5, 2.8, 3.1)
-"""Of the camera from the middle of what happens; the first from which all of it is in view. Chosen by eye."""
-IN_VIEW = 0.84
-"""Share of the depth image that holds everything: the colour camera sees less above and below."""
-BEHIND_M = 0.6
-"""Between the rearmost of what happens and the wall. Chosen by eye."""
+FRAMES_PER_SECOND = 30.0  # of a Kinect
+SHORTEST_S = 0.3  # of a motion; untuned
+DISTANCES_M = (1.9, 2.2, 2.5, 2.8, 3.1)  # of the camera; the first with the whole motion in view; untuned
+IN_VIEW = 0.84  # share of the depth image that holds the motion: the colour camera's view is flatter
+BEHIND_M = 0.6  # between the motion and the wall; untuned
 
 
 @dataclass(frozen=True, eq=False)
-class Played:
-    """A performance as what somebody does in a place; a moment is the number of a frame."""
+class PlayedActivity:
+    """Performance as an activity; its pose parameter is the number of a frame."""
 
     performance: Performance
 
     def draw(self, rng: np.random.Generator) -> Moment:
-        """Any frame."""
+        """Draw a frame."""
         return {"frame": float(rng.integers(len(self.performance.postures)))}
 
     def stream(self, rng: np.random.Generator, frames_per_second: float) -> Iterator[Moment]:
-        """All frames in order, then the last for ever."""
+        """Yield all frames in order, then repeat the last."""
         last = len(self.performance.postures) - 1
         frame = 0
         while True:
@@ -52,44 +46,33 @@ class Played:
             frame += 1
 
     def pose(self, body: Body, moment: Moment) -> Posed:
-        """The performer in a frame."""
+        """Pose the performer in a frame."""
         return pose(body, self.performance.postures[int(moment["frame"])])
 
 
 class FilmRig(VirtualRig):
-    """The frames of one motion, done by somebody of the recorded person's size; deterministic in the seed.
+    """Frames of one motion by a body of the recorded person's size; deterministic in the seed.
 
-    Raises CloudError for a motion too short, or an unknown difficulty.
+    Raises CloudError for a short motion or an unknown difficulty.
     """
 
     def __init__(self, name: str, motion: Motion, difficulty: str, seed: int) -> None:
         seconds = len(motion) / motion.frames_per_second
         if seconds < SHORTEST_S or len(motion) < 3:
-            raise CloudError(
-                f"{name} has {len(motion)} frames, {seconds:.2f} s; a film needs {SHORTEST_S} s or more"
-            )
+            raise CloudError(f"{name} has {seconds:.2f} s; give {SHORTEST_S} s or more")
         body = person_body(motion.bones_m)
-        self._played = Played(perform(body, ground(resampled(motion, FRAMES_PER_SECOND))))
+        self._played = PlayedActivity(perform(body, ground(resampled(motion, FRAMES_PER_SECOND))))
         frames = len(self._played.performance.postures)
-        super().__init__(frames, 1, difficulty, seed, frames_per_second=FRAMES_PER_SECOND)
+        super().__init__(frames, 1, difficulty, seed, RigOptions(frames_per_second=FRAMES_PER_SECOND))
         self.name, self.scene = f"film-{name}-{difficulty}-{seed}", "motion"
         calm = Clutter(radiator=self.difficulty.clutter.radiator, window=self.difficulty.clutter.window)
         self.difficulty = replace(self.difficulty, clutter=calm)
-
-    def _stay(self, number: int) -> Stay:
-        performance = self._played.performance
-        return Stay(
-            self._place,
-            self.difficulty,
-            self.suit,
-            self.seed,
-            number,
-            self.frames_per_second,
-            performance.body,
+        self._setup = self._setup._replace(
+            location=self._location, difficulty=self.difficulty, body=self._played.performance.body
         )
 
-    def _place(self, rng: np.random.Generator) -> Place:
-        """The room: wall behind, the robot before all that happens."""
+    def _location(self, rng: np.random.Generator) -> Location:
+        """Draw a room with the wall behind the motion and the robot in front."""
         performance = self._played.performance
         joints = np.concatenate([pose(performance.body, p)[1] for p in performance.postures[::5]])
         azimuth = float(np.radians(rng.uniform(-30, 30)))
@@ -100,13 +83,13 @@ class FilmRig(VirtualRig):
 
         furniture = performance.seat or Ground(length=0.0, width=0.0)
         behind = max(float(joints[:, 1].max()), furniture.footprint.back_y)
-        return Place(furniture, behind + BEHIND_M, self._played, False, view)
+        return Location(furniture, behind + BEHIND_M, self._played, False, view)
 
 
 def _eye(
     camera: Intrinsics, joints_m: Float64, azimuth_rad: float, height_m: float
 ) -> tuple[Float64, Float64]:
-    """Place and target (3,) of the nearest camera that sees all joints (n, 3), inside the room."""
+    """Return eye and target (3,) of the nearest camera in the room with all joints (n, 3) in view."""
     target = (joints_m.min(axis=0) + joints_m.max(axis=0)) / 2
     half = np.array([camera.width, camera.height]) / 2 * IN_VIEW
     for distance in DISTANCES_M:

@@ -1,4 +1,4 @@
-"""Places of the virtual rig: sofa, chair, bed or floor, what people do there, and where the robot stands."""
+"""Locations of the virtual rig: sofa, chair, bed or floor, behaviour, and the robot's viewpoint."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -8,7 +8,6 @@ import numpy as np
 
 from annotate.array_types import Float64
 from sensors.rig.rig_calibration import Pose
-from synth import choices
 from synth.body.body import Body
 from synth.pose.on_floor import OnFloor
 from synth.pose.pose_parameters import Moment, Posed
@@ -17,76 +16,70 @@ from synth.rig.cushion import Cushion
 from synth.surface.furniture import Bed, Chair, Furniture, Ground, Seat, Sofa, Solid
 from synth.surface.rasterize import beside, look_at
 
-SOFA_GIVE_M = (0.015, 0.045)
-"""How deep a sitter sinks: from firm to soft foam; no source."""
-BED_AZIMUTH_RAD = (np.radians(25.0), np.radians(110.0))
-"""From the foot, to either side: the head of the bed stands at the wall, and from its very foot somebody who
-lies is mostly feet."""
-FLOOR_M = 2.4
-"""Side of the square that people on a floor reach: a lying one, arms up, about anywhere they roam."""
+SOFA_GIVE_M = (0.015, 0.045)  # depth of a sitter, from firm to soft foam; untuned
+BED_AZIMUTH_RAD = (np.radians(25.0), np.radians(110.0))  # from the foot: not head-on, not behind the wall
+FLOOR_M = 2.4  # side of the square that people on a floor reach
 Viewpoint = Callable[[np.random.Generator, float], tuple[Float64, Float64]]
-"""Draws a robot's eye and target (3,) each, world, metres; the float is how far its aim strays, 1 at best."""
+"""Sampler of a robot's eye and target (3,), world, metres; the float scales the error of the aim."""
 
 
-class Acting(Protocol):
-    """What somebody does in a place: a ``Behaviour``, or a recorded motion."""
+class Activity(Protocol):
+    """Behaviour of a person at a location, or a recorded motion."""
 
     def draw(self, rng: np.random.Generator) -> Moment:
-        """A moment of it."""
+        """Draw pose parameters."""
         ...
 
     def stream(self, rng: np.random.Generator, frames_per_second: float) -> Iterator[Moment]:
-        """An endless stream of moments, frame by frame."""
+        """Yield pose parameters frame by frame, without end."""
         ...
 
     @property
     def pose(self) -> Callable[[Body, Moment], Posed]:
-        """Poses a body in a moment."""
+        """Function that poses a body."""
         ...
 
 
 @dataclass(frozen=True)
-class Place:
-    """A piece of furniture, or bare floor, before a wall, with a robot before it. World frame, metres.
-
-    wall_y: the wall behind it. behaviour: what is done there. lies: whether people lie there. view: where the
-    robot stands.
-    """
+class Location:
+    """Furniture or bare floor in front of a wall, with a robot in front; world frame, metres."""
 
     furniture: Furniture
     wall_y: float
-    behaviour: Acting
+    behaviour: Activity
     lies: bool
     view: Viewpoint
 
     def cushions(self) -> list[Cushion]:
-        """What of it is soft and carries: seat and back rest, arm rests, mattress and pillow."""
+        """Return the soft sides: seat and back rest, arm rests, mattress and pillow."""
         solids, soft = self.furniture.solids(), self.furniture.soft
         return [Cushion(solids[i], side, self.furniture.puff_m) for i, side in enumerate(soft)]
 
     def hard_solids(self) -> list[Solid]:
-        """The rest of it."""
+        """Return the solids without a soft side."""
         return self.furniture.solids()[len(self.furniture.soft) :]
 
     def robot_eye(self, rng: np.random.Generator, stray: float) -> Pose:
-        """``camera_from_world`` of a robot that looks at the person, ``stray`` times as well as it can."""
+        """Draw ``camera_from_world`` of a robot whose aim at the person has an error of ``stray``."""
         roll = np.radians(rng.normal(0, 1.5))
         return look_at(*self.view(rng, stray), roll)
 
 
-def _sofa(rng: np.random.Generator) -> Place:
+def _sofa(rng: np.random.Generator) -> Location:
     return _seat(replace(Sofa.sample(rng), give_m=rng.uniform(*SOFA_GIVE_M)), rng)
 
 
-def _chair(rng: np.random.Generator) -> Place:
+def _chair(rng: np.random.Generator) -> Location:
     return _seat(Chair.sample(rng), rng)
 
 
-def _seat(seat: Seat, rng: np.random.Generator) -> Place:
-    return Place(seat, seat.footprint.back_y + rng.uniform(0.3, 1.1), on_seat(seat), False, _view_of_sitter)
+def _seat(seat: Seat, rng: np.random.Generator) -> Location:
+    return Location(
+        seat, seat.footprint.back_y + rng.uniform(0.3, 1.1), on_seat(seat), False, _view_of_sitter
+    )
 
 
-def _bed(rng: np.random.Generator) -> Place:
+def _bed(rng: np.random.Generator) -> Location:
     bed = Bed.sample(rng)
 
     def view(rng: np.random.Generator, stray: float) -> tuple[Float64, Float64]:
@@ -94,7 +87,7 @@ def _bed(rng: np.random.Generator) -> Place:
         eye = beside(np.zeros(3), azimuth, distance, bed.height + rng.uniform(0.7, 1.6))
         return eye, np.array([0.0, 0.0, bed.height]) + stray * rng.normal(0, (0.08, 0.12, 0.05))
 
-    return Place(bed, bed.footprint.back_y + rng.uniform(0.02, 0.1), in_bed(bed), True, view)
+    return Location(bed, bed.footprint.back_y + rng.uniform(0.02, 0.1), in_bed(bed), True, view)
 
 
 def _view_of_sitter(rng: np.random.Generator, stray: float) -> tuple[Float64, Float64]:
@@ -103,8 +96,7 @@ def _view_of_sitter(rng: np.random.Generator, stray: float) -> tuple[Float64, Fl
     return eye, np.array([0.0, 0.0, 0.68]) + stray * rng.normal(0, 0.06, 3)
 
 
-def _floor(rng: np.random.Generator) -> Place:
-    """Room for all that somebody does on a floor, far enough from the robot to be seen whole."""
+def _floor(rng: np.random.Generator) -> Location:
 
     def view(rng: np.random.Generator, stray: float) -> tuple[Float64, Float64]:
         azimuth, distance = np.radians(rng.uniform(-40, 40)), rng.uniform(2.6, 3.2)
@@ -112,10 +104,12 @@ def _floor(rng: np.random.Generator) -> Place:
         return eye, np.array([0.0, 0.0, 0.8]) + stray * rng.normal(0, 0.06, 3)
 
     wall_y = rng.uniform(0.5, 1.1)
-    return Place(Ground(length=FLOOR_M, width=FLOOR_M), wall_y, OnFloor(wall_y), False, view)
+    return Location(Ground(length=FLOOR_M, width=FLOOR_M), wall_y, OnFloor(wall_y), False, view)
 
 
-SCENES: dict[str, Callable[[np.random.Generator], Place]] = dict(
-    zip(choices.SCENES, (_sofa, _chair, _bed, _floor), strict=True)
-)
-"""Places by name, drawn at random."""
+SCENES: dict[str, Callable[[np.random.Generator], Location]] = {
+    "sofa": _sofa,
+    "chair": _chair,
+    "bed": _bed,
+    "floor": _floor,
+}

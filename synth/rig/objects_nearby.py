@@ -1,7 +1,4 @@
-"""Things about a person: tables, a mug, a laptop, a radiator, a window; and where the movable ones are.
-
-A thing's mesh is given in the world where it stands still; what moves is placed by the person's pose.
-"""
+"""Things near a person: tables, a mug, a laptop, a radiator, a window; world frame, metres."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,50 +6,51 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from annotate.array_types import Float32, Float64, Int64
+from annotate.array_types import Float32, Float64
 from annotate.parts import PART_ID
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import Mesh, box, merge, tagged
 
-Where = Callable[[Float32, Float64], Float32]
-"""(vertices of the person, joints), world -> the thing's vertices."""
+ThingPose = Callable[[Float32, Float64], Float32]
+"""Function of a person's vertices and joints that returns the vertices of a thing."""
 
-LAPTOP_M = (0.34, 0.24, 0.022)
-"""Width, depth and thickness of a 15 inch laptop."""
-LID_RAD = np.radians(110.0)
-"""Angle between a laptop's keys and its lid. Chosen by eye."""
-LID_BEYOND_M = 0.03
-"""Between the foremost finger and the lid's hinge."""
-MUG_RADIUS_M, MUG_HEIGHT_M = 0.042, 0.095
-"""As sold."""
-TO_MOUTH_M = 0.30
-"""Distance of wrist and head joint at which somebody drinks. Chosen by eye."""
+LAPTOP_M = (0.34, 0.24, 0.022)  # width, depth and thickness of a 15 inch laptop
+LID_RAD = np.radians(110.0)  # between keys and lid
+LID_BEYOND_M = 0.03  # between the foremost finger and the lid's hinge
+MUG_RADIUS_M, MUG_HEIGHT_M = 0.042, 0.095  # as sold
+TO_MOUTH_M = 0.30  # distance of wrist and head joint of a drinking person; untuned
 TABLE_THICK_M = 0.035
-"""Of a table's top. Chosen by eye."""
+_LEG = ("upper_leg", "lower_leg")
+# Boxes about a place of the back wall; panel radiators are 45 to 75 cm high, as sold.
+_ON_WALL = {
+    "radiator": (Surface.RADIATOR, (-0.45, -0.12, 0.12), (0.45, -0.03, 0.70)),
+    "window": (Surface.WINDOW, (-0.5, -0.02, 0.95), (0.5, 0.0, 2.1)),
+    "sunlit wall": (Surface.SUNLIT, (-0.35, -0.004, 0.5), (0.35, 0.0, 1.5)),
+}
 
 
 @dataclass(frozen=True)
 class Thing:
-    """A lifeless thing. mesh: faces with tags, world, at rest. where: None for what never moves."""
+    """Lifeless thing. mesh: tagged, at rest. where: its vertices by the person's pose; None at rest."""
 
     name: str
     mesh: Mesh
-    where: Where | None = None
+    where: ThingPose | None = None
 
     def vertices(self, person_m: Float32, joints_m: Float64) -> Float32:
-        """Its vertices while the person is posed so."""
+        """Return the vertices for a posed person."""
         return self.mesh.vertices_m if self.where is None else self.where(person_m, joints_m)
 
 
 def moved(mesh: Mesh, translation_m: Float64, turn_rad: float = 0.0) -> Mesh:
-    """Turned about the vertical, then moved."""
+    """Return the mesh turned about the vertical, then moved."""
     return mesh.placed(Rotation.from_euler("z", turn_rad).as_matrix(), translation_m)
 
 
 def table(centre_m: Float64, size_m: tuple[float, float]) -> Thing:
-    """A table on four legs, its top's surface at centre_m."""
+    """Return a table on four legs, its top's surface at centre_m."""
     x, y = size_m[0] / 2, size_m[1] / 2
     leg, z = 0.04, float(centre_m[2])
     legs = [
@@ -65,7 +63,7 @@ def table(centre_m: Float64, size_m: tuple[float, float]) -> Thing:
 
 
 def mug(stands_m: Float64, body: Body, held: bool) -> Thing:
-    """A mug that stands at stands_m or, where it may be ``held``, is in a hand that is at the mouth."""
+    """Return a mug at stands_m or, with ``held``, in a hand at the mouth."""
     turn = np.linspace(0, 2 * np.pi, 13)[:-1]
     ring = MUG_RADIUS_M * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     low, high = (np.column_stack([ring, np.full(12, z)]) for z in (0.0, MUG_HEIGHT_M))
@@ -74,7 +72,9 @@ def mug(stands_m: Float64, body: Body, held: bool) -> Thing:
     sides = np.concatenate([np.stack([i, j, j + 12], 1), np.stack([i, j + 12, i + 12], 1)])
     fill = np.stack([i + 12, j + 12, np.full(12, 24)], 1)
     faces = np.concatenate([sides, fill]).astype(np.int32)
-    hands = _hands(body)
+    hands = {
+        side: np.flatnonzero(body.strongest_joints == JOINT_ID[f"{side}_wrist"]) for side in ("left", "right")
+    }
 
     def where(person_m: Float32, joints_m: Float64) -> Float32:
         place = stands_m
@@ -90,7 +90,7 @@ def mug(stands_m: Float64, body: Body, held: bool) -> Thing:
 
 
 def laptop(aside_m: Float64, body: Body, on_lap: bool) -> Thing:
-    """A running laptop at aside_m; with ``on_lap`` on the thighs whenever these are free."""
+    """Return a laptop at aside_m or, with ``on_lap``, on free thighs."""
     w, d, h = LAPTOP_M
     base = box((-w / 2, -d / 2, 0), (w / 2, d / 2, h - 0.002), Surface.LAPTOP)
     keys = box((-w / 2 + 0.02, -d / 2 + 0.09, h - 0.002), (w / 2 - 0.02, d / 2 - 0.01, h), Surface.KEYBOARD)
@@ -110,7 +110,7 @@ def laptop(aside_m: Float64, body: Body, on_lap: bool) -> Thing:
         across = np.abs(person_m[:, 0] - place[0]) < w / 2 + 0.01
         above = across & ~legs & (person_m[:, 1] < place[1] + d / 2)
         low = person_m[:, 2] < knees[2] + 0.12 + d
-        # The lid stands beyond the hands, and the base still on the knees.
+        # The lid is beyond the hands, the base on the knees.
         place[1] = min(place[1], person_m[above & low, 1].min(initial=1.0) - LID_BEYOND_M + d / 2)
         under = across & legs & (np.abs(person_m[:, 1] - place[1]) < d / 2 + 0.01)
         if not under.any() or place[1] < knees[1] - 0.03 or abs(hips[2] - knees[2]) > 0.12:
@@ -124,26 +124,7 @@ def laptop(aside_m: Float64, body: Body, on_lap: bool) -> Thing:
     return Thing("laptop", still, where if on_lap else None)
 
 
-_ON_WALL = {
-    "radiator": (Surface.RADIATOR, (-0.45, -0.12, 0.12), (0.45, -0.03, 0.70)),
-    "window": (Surface.WINDOW, (-0.5, -0.02, 0.95), (0.5, 0.0, 2.1)),
-    "sunlit wall": (Surface.SUNLIT, (-0.35, -0.004, 0.5), (0.35, 0.0, 1.5)),
-}
-"""Boxes about a place of the back wall; panel radiators are 45 to 75 cm high, as sold."""
-
-
 def on_wall(name: str, x: float, wall_y: float) -> Thing:
-    """A radiator, a window or a sunlit patch at the back wall."""
+    """Return a radiator, a window or a sunlit patch at the back wall."""
     tag, (x0, y0, z0), (x1, y1, z1) = _ON_WALL[name]
     return Thing(name, box((x + x0, wall_y + y0, z0), (x + x1, wall_y + y1, z1), tag))
-
-
-_LEG = ("upper_leg", "lower_leg")
-
-
-def _hands(body: Body) -> dict[str, Int64]:
-    strongest = body.strongest_joints
-    return {
-        side: np.flatnonzero(strongest == JOINT_ID[f"{side}_wrist"]).astype(np.int64)
-        for side in ("left", "right")
-    }

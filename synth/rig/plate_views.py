@@ -1,6 +1,6 @@
-"""A virtual calibration: the hole plate held before the virtual rig's cameras, view after view.
+"""Virtual calibration: a ``FrameSource`` of views of the hole plate, with true poses.
 
-A ``FrameSource``, so that it can be recorded and calibrated without hardware, against true poses.
+Constants are untuned unless a source is given.
 """
 
 from collections.abc import Callable
@@ -23,35 +23,23 @@ from sensors.rig.rig_calibration import Pose, RigCalibration, save_calibration
 from sensors.session.writer import SessionWriter
 from synth.appearance.color_camera import encode
 
-BACKING_M = 0.03
-"""How far the warm backing lies behind the plate."""
-TILT_DEG, ROLL_DEG = 35.0, 25.0
-"""Greatest turns of the plate out of and in its plane. Chosen by eye."""
-ASIDE = (5.0, 5.0, 1.0)
-"""A ray that meets nothing but the wall."""
-PLATE_C, BACKING_C, ROOM_C = 22.0, 30.0, 21.0
-"""8 K of contrast, as a heated foam sheet gives (the facts' simulation)."""
-NETD_C = 0.08
-"""Noise-equivalent temperature difference of the Optris PI200 (its data sheet)."""
-BLUR_PX = 0.6
-"""Blur of a lens, standard deviation. Chosen by eye."""
-DEPTH_SIGMA = 0.75
-"""Noise of depth near 1 m over that at 2 m: 1.5 mm of a Kinect v2, head-on (Fankhauser et al. 2015)."""
-GREY_SIGMA = 3.0
-"""Noise of the colour camera, grey values of 255. Chosen by eye."""
-SLIP_M, SLIP_DEG = 0.006, 1.0
-"""How far the plate moves in a bad view between the cameras' exposures."""
-SUBPIXELS = 8
-"""Rays a pixel's side at edges, whose mean is the pixel."""
+BACKING_M = 0.03  # from the plate to the warm backing
+TILT_DEG, ROLL_DEG = 35.0, 25.0  # greatest turns out of and in the plate's plane
+ASIDE = (5.0, 5.0, 1.0)  # a ray to the wall
+PLATE_C, BACKING_C, ROOM_C = 22.0, 30.0, 21.0  # contrast of a heated foam sheet
+NETD_C = 0.08  # of the Optris PI200 (data sheet)
+BLUR_PX = 0.6  # of a lens, standard deviation
+DEPTH_SIGMA = 0.75  # depth noise at 1 m over 2 m: 1.5 mm of a Kinect v2 (Fankhauser et al. 2015)
+GREY_SIGMA = 3.0  # noise of the colour camera, of 255
+SLIP_M, SLIP_DEG = 0.006, 1.0  # motion of the plate between the exposures of a bad view
+SUBPIXELS = 8  # rays a pixel's side at edges
 FRAMES_PER_SECOND = 0.5
-"""Of the recording: a view every two seconds. Chosen by eye."""
-DEPTH_SHIFT_MM = -8.0
-"""Added to every reading, as by a unit that reads too near; its calibration adds 8 mm. Chosen by eye."""
-_AROUND = np.ones((3, 3), np.uint8)
+DEPTH_SHIFT_MM = -8.0  # error of the unit, which its calibration corrects
+_KERNEL = np.ones((3, 3), np.uint8)
 
 
 class _Values(NamedTuple):
-    """Grey values, counts or temperatures of plate, holes and room in one camera."""
+    """Grey values, counts or temperatures of plate, backing and room in one camera."""
 
     plate: float
     backing: float
@@ -59,10 +47,7 @@ class _Values(NamedTuple):
 
 
 class PlateViews(FrameSource):
-    """``count`` frames of a rig's plate; a share of them is bad: the plate slips between the exposures.
-
-    rig: its calibration is the true one. Deterministic in the seed.
-    """
+    """``count`` frames of a rig's plate, deterministic in the seed; in bad ones the plate slips."""
 
     def __init__(self, rig: RigTemplate, count: int, seed: int, bad_share: float = 0.1) -> None:
         self.rig, self.calibration = rig, rig.calibration
@@ -78,12 +63,12 @@ class PlateViews(FrameSource):
         return self._shoot(index, self._pose(rng), index in self._bad, rng)
 
     def held(self, index: int, depth_from_plate: Pose) -> RigFrame:
-        """A further view, of the plate where somebody holds it; in ``bad_share`` of them it slips."""
+        """Return a view of the plate at a pose; it slips in ``bad_share`` of the views."""
         rng = np.random.default_rng((self.seed, 3, index))
         return self._shoot(index, depth_from_plate, bool(rng.random() < self.bad_share), rng)
 
     def _pose(self, rng: np.random.Generator) -> Pose:
-        """depth_from_plate: in the middle two thirds of the view, tilted, at arm's length."""
+        """Draw depth_from_plate: near the middle of the view, tilted, at arm's length."""
         spin = Rotation.from_euler("z", rng.uniform(-ROLL_DEG, ROLL_DEG), degrees=True)
         tilt = Rotation.from_euler("xy", rng.uniform(-TILT_DEG, TILT_DEG, 2), degrees=True)
         z = rng.uniform(*self.rig.plate_m)
@@ -123,9 +108,9 @@ class PlateViews(FrameSource):
 def record_plate(
     views: PlateViews, out: Path, progress: Callable[[int], None], *, overwrite: bool = False
 ) -> Path:
-    """Path of the true calibration; the views are recorded to a session whose own calibration is rough.
+    """Record the views with a rough calibration; return the path of the true calibration.
 
-    Raises ExistsError when one of the two files exists and ``overwrite`` is False.
+    Raises ExistsError if a file exists and ``overwrite`` is False.
     """
     truth = out.with_suffix(".calibration.json")
     check_free(truth, overwrite)
@@ -142,7 +127,7 @@ def record_plate(
 
 
 def roughly(true: RigCalibration) -> RigCalibration:
-    """A calibration by data sheet: focal lengths to the pixel, principal point in the middle, no lens."""
+    """Return a calibration by data sheet: rounded focal lengths, principal point in the middle, no lens."""
     cameras = {
         name: Intrinsics(c.width, c.height, round(c.fx), round(c.fy), c.width / 2, c.height / 2)
         for name, c in _cameras(true).items()
@@ -165,19 +150,19 @@ def _counts(image: Float64) -> NDArray[np.uint16]:
 
 
 class _PlateCamera:
-    """One camera looking at the plate; its rays are computed once."""
+    """Camera of the plate."""
 
     def __init__(self, camera: Intrinsics, plate: HolePlate) -> None:
         self.camera, self.plate = camera, plate
         self.rays = _seeing(camera)
 
     def image(self, camera_from_plate: Pose, values: _Values) -> Float64:
-        """Image (h, w): at edges the mean over SUBPIXELS x SUBPIXELS rays a pixel."""
+        """Return the image (h, w); pixels at edges are means over SUBPIXELS x SUBPIXELS rays."""
         image = np.full(self.camera.shape, float(values.room))
         window = self._window(camera_from_plate)
         rays = self.rays[window]
         seen = self._seen(rays, camera_from_plate, values)
-        mixed = cv2.dilate(seen, _AROUND) != cv2.erode(seen, _AROUND)
+        mixed = cv2.dilate(seen, _KERNEL) != cv2.erode(seen, _KERNEL)
         right, down = np.gradient(rays, axis=1)[mixed], np.gradient(rays, axis=0)[mixed]
         step = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
         fine = [rays[mixed] + du * right + dv * down for dv in step for du in step]
@@ -186,7 +171,7 @@ class _PlateCamera:
         return image
 
     def depth_m(self, camera_from_plate: Pose) -> Float64:
-        """Depth (h, w) along z: the plate, the backing in its holes, and a wall at 2.5 m."""
+        """Return the depth (h, w) along z of plate, backing and a wall at 2.5 m."""
         xy, z = _meet(self.rays, camera_from_plate)
         inside, hole = _inside(xy, self.plate)
         return np.where(inside, np.where(hole, z + BACKING_M, z), 2.5)
@@ -209,7 +194,7 @@ class _PlateCamera:
 
 
 def _seeing(camera: Intrinsics) -> Float64:
-    """Rays (h, w, 3) of the pixels; those beyond a round view, where the lens has no inverse, look aside."""
+    """Return the rays (h, w, 3) of the pixels; ``ASIDE`` without an inverse of the lens."""
     ray = rays(camera)
     with np.errstate(over="ignore", invalid="ignore"):
         px, (height, width) = project(camera, ray), camera.shape
@@ -219,7 +204,7 @@ def _seeing(camera: Intrinsics) -> Float64:
 
 
 def _meet(ray: Float64, pose: Pose) -> tuple[Float64, Float64]:
-    """Where rays (..., 3) meet the plate's plane: plate coordinates (..., 2) and depth (...,), metres."""
+    """Intersect rays (..., 3) with the plate: its coordinates (..., 2) and depth (...,), metres."""
     normal = pose.rotation[:, 2]
     z = (normal @ pose.translation_m) / (ray @ normal)
     local = (ray * z[..., None] - pose.translation_m) @ pose.rotation
@@ -227,7 +212,7 @@ def _meet(ray: Float64, pose: Pose) -> tuple[Float64, Float64]:
 
 
 def _inside(xy: Float64, plate: HolePlate) -> tuple[Bool, Bool]:
-    """Whether points (..., 2) of the plane lie on the plate, and whether in a hole."""
+    """Return masks of the points (..., 2) on the plate, and in a hole."""
     (left, top), (right, bottom) = plate.size_m
     x, y = np.moveaxis(xy, -1, 0)
     row = np.clip(np.rint(y / plate.pitch_m), 0, plate.rows - 1)

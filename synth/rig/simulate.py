@@ -1,28 +1,42 @@
-"""Let the virtual rig record: a session, its truth as a label set, and the suit that was worn."""
+"""Recording of a virtual rig: a session, its truth as a label set, and the suit."""
 
 from collections.abc import Callable
 from glob import escape
 from math import isfinite, nan
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from annotate.labelset.atomic_folder import appearing
-from annotate.labelset.label_set import MANIFEST, LabelSet
-from annotate.suit.palette import suit_to_toml
-from sensors.files.atomic import check_free, replacing, sweep
-from sensors.rig.frame import RigFrame
-from sensors.session.messages import PYROMETER, spot_message
-from sensors.session.writer import SessionWriter
-from synth.rig.paths import suit_path, truth_path
-from synth.rig.truth import Truth, truth_labels
-from synth.rig.virtual_rig import FLAG_CLOSED, VirtualRig
+if TYPE_CHECKING:
+    from sensors.rig.frame import RigFrame
+    from sensors.session.writer import SessionWriter
+    from synth.rig.truth import Truth
+    from synth.rig.virtual_rig import VirtualRig
 
 
-def simulate(rig: VirtualRig, out: Path, progress: Callable[[int], None], *, overwrite: bool = False) -> None:
-    """Record all frames of the rig to ``out``, the truth and the suit beside it.
+def truth_path(session: Path) -> Path:
+    """Return the truth's folder of a simulated session: ``people.truth/`` beside ``people.mcap``."""
+    return session.with_suffix(".truth")
 
-    They appear when all are done; a broken run leaves nothing. ``progress`` is called with 1 a frame.
-    Raises ExistsError when one of them exists and ``overwrite`` is False.
+
+def suit_path(session: Path) -> Path:
+    """Return the palette file of a simulated session's suit."""
+    return session.with_suffix(".suit.toml")
+
+
+def simulate(
+    rig: "VirtualRig", out: Path, progress: Callable[[int], None], *, overwrite: bool = False
+) -> None:
+    """Record all frames of the rig to ``out``, truth and suit beside it; an interrupted run leaves nothing.
+
+    ``progress`` is called with 1 a frame. Raises ExistsError if a file exists and ``overwrite`` is False.
     """
+    from annotate.labelset.atomic_folder import appearing
+    from annotate.labelset.label_set import MANIFEST, LabelSet
+    from annotate.suit.palette import suit_to_toml
+    from sensors.files.atomic import check_free, replacing, sweep
+    from sensors.session.writer import SessionWriter
+    from synth.rig.truth import truth_labels
+
     truth_folder = truth_path(out)
     check_free(suit_path(out), overwrite)
     check_free(truth_folder, overwrite, folder=True)
@@ -52,11 +66,13 @@ def simulate(rig: VirtualRig, out: Path, progress: Callable[[int], None], *, ove
             progress(1)
 
 
-def _record(writer: SessionWriter, frame: RigFrame, known: Truth) -> None:
+def _record(writer: "SessionWriter", frame: "RigFrame", known: "Truth") -> None:
     """Write a frame, the thermal camera's closed flag and the pyrometer's reading."""
+    from sensors.session.messages import PYROMETER, spot_message
+    from synth.rig.virtual_rig import FLAG_CLOSED
+
     writer.write(frame)
     if frame.thermal_c is None:
         writer.event(frame.stamp_ns, FLAG_CLOSED)
     if isfinite(known.spot_c):
-        spot = spot_message(known.spot_c, nan, nan, frame.stamp_ns)
-        writer.add(PYROMETER, spot, frame.stamp_ns)
+        writer.add(PYROMETER, spot_message(known.spot_c, nan, nan, frame.stamp_ns), frame.stamp_ns)

@@ -1,4 +1,4 @@
-"""Things around the subject: chosen at random, placed where there is room."""
+"""Surroundings of the subject: things and a visitor, drawn at random and placed in free space."""
 
 from dataclasses import dataclass
 
@@ -12,28 +12,30 @@ from synth.pose.pose_parameters import Behaviour, Moment
 from synth.pose.postures import on_legs, on_seat
 from synth.rig.blanket import bed_blanket, lap_blanket
 from synth.rig.difficulty import Clutter
-from synth.rig.locations import Place
+from synth.rig.locations import Location
 from synth.rig.objects_nearby import Thing, laptop, moved, mug, on_wall, table
 from synth.surface.furniture import ROOM_HALF_WIDTH_M, Chair, Seat
 from synth.surface.rasterize import Mesh
 
-ASIDE_M, ASIDE_HEIGHT_M = 0.34, (0.42, 0.56)
-"""A side table's middle from the furniture's side, and its height: as sold."""
-LOW_TABLE_M, LOW_HEIGHT_M = (0.9, 0.45), (0.38, 0.46)
-"""A couch table's size and height: as sold."""
-ON_LAP = 0.6
-"""Share of the laptops that are used on the lap; no source."""
-FREE_M = 0.12
-"""Between a couch table and the farthest foot."""
+ASIDE_M, ASIDE_HEIGHT_M = 0.34, (0.42, 0.56)  # a side table's distance and height, as sold
+LOW_TABLE_M, LOW_HEIGHT_M = (0.9, 0.45), (0.38, 0.46)  # a couch table's size and height, as sold
+ON_LAP = 0.6  # share of laptops used on the lap; untuned
+FREE_M = 0.12  # between a couch table and the farthest foot
+HALF_VIEW_RAD = np.radians(35.0)  # half a Kinect's horizontal field of view (512 px at f = 365 px)
+AT_EDGE = (0.65, 1.05)  # place of a visitor in the view: 0 its middle, 1 its edge
+AWAY_M = (1.6, 3.6)  # of a visitor from the robot
+KEEP_M = 0.45  # from the reach of subject and furniture to the middle of the visitor
+TRIES = 200  # places drawn for a visitor
+SEATED = ("resting", "crossed_left", "gadget", "reading")
 
 
 def furnish(
-    place: Place, body: Body, prior: list[Float32], clutter: Clutter, rng: np.random.Generator
+    location: Location, body: Body, prior: list[Float32], clutter: Clutter, rng: np.random.Generator
 ) -> list[Thing]:
-    """Things about a subject whose earlier postures ``prior`` (V, 3) show how far it reaches."""
+    """Draw the things near a subject; prior: its earlier postures (V, 3), whose reach is kept free."""
     has = {name: bool(rng.random() < share) for name, share in vars(clutter).items()}
-    footprint = place.furniture.footprint
-    side, lies = float(rng.choice((-1, 1))), place.lies
+    footprint = location.furniture.footprint
+    side, lies = float(rng.choice((-1, 1))), location.lies
     things, stands = [], []
     if has["low_table"] and not lies:
         foot = min(footprint.front_y, *(float(vertices[:, 1].min()) for vertices in prior))
@@ -51,38 +53,24 @@ def furnish(
     if has["mug"]:
         things.append(mug(stands[0], body, held=not lies))
     if has["laptop"]:
-        lap = bool(rng.random() < ON_LAP) and isinstance(place.furniture, Seat)
+        lap = bool(rng.random() < ON_LAP) and isinstance(location.furniture, Seat)
         things.append(laptop(stands[1], body, on_lap=lap))
-    if has["blanket"] and place.furniture.soft:
+    if has["blanket"] and location.furniture.soft:
         cover = bed_blanket if lies else lap_blanket
-        things.append(cover(place, body, rng))
+        things.append(cover(location, body, rng))
     beside = footprint.half_width_m + rng.uniform(0.3, 0.7)
     if has["radiator"]:
-        things.append(on_wall("radiator", -side * beside, place.wall_y))
+        things.append(on_wall("radiator", -side * beside, location.wall_y))
     if has["window"]:
-        things.append(on_wall("window", rng.uniform(-1.4, 1.4), place.wall_y))
+        things.append(on_wall("window", rng.uniform(-1.4, 1.4), location.wall_y))
     elif has["sunlit"]:
-        things.append(on_wall("sunlit wall", rng.uniform(-1.2, 1.2), place.wall_y))
+        things.append(on_wall("sunlit wall", rng.uniform(-1.2, 1.2), location.wall_y))
     return things
-
-
-HALF_VIEW_RAD = np.radians(35.0)
-"""Half the Kinect's horizontal field of view (512 px at f = 365 px)."""
-AT_EDGE = (0.65, 1.05)
-"""Where they stand in the view: 0 its middle, 1 its edge."""
-AWAY_M = (1.6, 3.6)
-"""From the robot."""
-KEEP_M = 0.45
-"""From what the subject and the furniture reach, measured to the middle of the body."""
-TRIES = 200
-"""Places tried before nobody comes."""
-SEATED = ("resting", "crossed_left", "gadget", "reading")
-"""What somebody on a chair does."""
 
 
 @dataclass(frozen=True)
 class Visitor:
-    """Another person standing or sitting somewhere. turn_rad, at_m: from the body's place to the world."""
+    """Second person, standing or sitting; turn_rad, at_m: world from body."""
 
     body: Body
     chair: Chair | None
@@ -97,26 +85,21 @@ class Visitor:
         return np.asarray(vertices @ rotation.T + self.at_m, np.float32)
 
     def furniture(self) -> list[Mesh]:
-        """What they sit on, world."""
+        """Return the chair's mesh, world frame, if there is one."""
         return [] if self.chair is None else [moved(self.chair.mesh(), self.at_m, self.turn_rad)]
 
 
 def invite(
-    place: Place,
-    things: list[Thing],
-    prior: list[Float32],
-    body: Body,
-    camera: Pose,
-    rng: np.random.Generator,
+    location: Location, occupied: list[Float32], body: Body, camera: Pose, rng: np.random.Generator
 ) -> Visitor | None:
-    """Somebody near the edge of the view who has room there, or None.
+    """Draw a visitor near the edge of the view, or None without free space.
 
-    prior: earlier postures (V, 3) of the subject, whose reach is kept free. camera: from the world.
+    occupied: vertices (V, 3) to keep free. camera: from world.
     """
-    footprint = place.furniture.footprint
+    footprint = location.furniture.footprint
     low: Float64 = np.array([-footprint.half_width_m, footprint.front_y])
     high: Float64 = np.array([footprint.half_width_m, footprint.back_y])
-    for vertices in [*prior, *(t.mesh.vertices_m for t in things if t.name in ("table", "radiator"))]:
+    for vertices in occupied:
         low = np.minimum(low, vertices[:, :2].min(axis=0))
         high = np.maximum(high, vertices[:, :2].max(axis=0))
     inverse = camera.inverse()
@@ -128,9 +111,9 @@ def invite(
         at = eye + distance * np.array([np.cos(heading + aside), np.sin(heading + aside)])
         outside = np.maximum(low - at, at - high)
         room = KEEP_M + (0.35 if sits else 0.0)
-        indoors = abs(at[0]) < ROOM_HALF_WIDTH_M - room and at[1] < place.wall_y - room
+        indoors = abs(at[0]) < ROOM_HALF_WIDTH_M - room and at[1] < location.wall_y - room
         if indoors and np.hypot(*np.maximum(outside, 0)) >= room:
-            # A body faces -y; it looks roughly at the subject.
+            # A body faces -y; the visitor looks roughly at the subject.
             turn = np.arctan2(-at[1], -at[0]) + np.pi / 2 + rng.normal(0, 0.5)
             chair = Chair.sample(rng) if sits else None
             behaviour = on_seat(chair, *SEATED) if chair else on_legs(None, "standing")

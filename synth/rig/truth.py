@@ -1,4 +1,4 @@
-"""The truth of the virtual rig: parts and persons (h, w) of the surfaces that readings lie on."""
+"""Truth of the virtual rig: parts and persons (h, w) of the readings' surfaces."""
 
 from dataclasses import dataclass
 
@@ -18,20 +18,28 @@ from synth.appearance.outfit import GAMMA, Outfit
 from synth.appearance.warmth import SURFACE_C
 from synth.cameras.sensor import Reading, Sensor
 from synth.cameras.time_of_flight import TimeOfFlight
-from synth.rig.episode import Cast, Tableau
+from synth.rig.episode import Scene, SceneState
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import ZBuffer
 
-FLYING_MM = 60.0
-"""A reading further than this from every surface behind its pixel and the next belongs to none: undefined."""
+FLYING_MM = 60.0  # from the surfaces of its pixel and the neighbours, beyond which a reading is undefined
+SOFT = (Surface.SOFA, Surface.BED, Surface.PILLOW)
+# Thresholds of a frame's hardships; untuned.
+BODY_WARM_C = (25.0, 36.0)  # temperatures that resemble a person's
+SEEN_PX = 150
+WARM_ROOM_C, DRIFTED_C = 24.0, 1.0
+HIDDEN, OUTSIDE = 0.12, 0.1  # shares of the person hidden, and of joints out of view
+BLUR_M = 0.01  # a limb's way during the exposure: 5 colour pixels at 2 m
+DIM_GAIN = 3.0
+COLD = 0.5  # share of the way to cold hands and feet
 
 
 @dataclass(frozen=True)
 class Truth:
-    """The truth of a frame. Over the raw depth image: parts, persons uint8 (h, w), as ``FrameLabels``.
+    """Truth of a frame; parts, persons: uint8 (h, w) of the raw depth image, as ``FrameLabels``.
 
-    joints_m: (J, 3), depth camera. hard: the frame's difficulties, in words. drift_c: by how much all
-    temperatures are too high; spot_c: a pyrometer's reading, NaN = there is none.
+    joints_m: (J, 3), depth camera. hard: hardships. drift_c: common error of temperatures. spot_c: a
+    pyrometer's reading, or NaN.
     """
 
     parts: UInt8
@@ -44,7 +52,7 @@ class Truth:
 
 
 def whose_readings(seen: ZBuffer, tags: Int32, reading: Reading, sensor: Sensor) -> tuple[UInt8, UInt8]:
-    """Parts and persons (h, w) of the surfaces that the readings lie on, by the faces' tags (F,)."""
+    """Return parts and persons (h, w) of the readings' surfaces, by the faces' tags (F,)."""
     tag = np.append(tags, 0)[seen.face]
     if isinstance(sensor, TimeOfFlight):
         _follow_edges(tag, seen, reading.depth_mm, sensor)
@@ -58,10 +66,7 @@ def whose_readings(seen: ZBuffer, tags: Int32, reading: Reading, sensor: Sensor)
 
 
 def _follow_edges(tag: Int32, seen: ZBuffer, depth_mm: NDArray[np.uint16], sensor: TimeOfFlight) -> None:
-    """Change the tags (h, w) where an edge has jittered, to a neighbour's, and where light has mixed, to -1.
-
-    A reading belongs to the surface behind its pixel or behind a neighbour; one on none is undefined.
-    """
+    """Set the tags (h, w) of jittered edges to a neighbour's, and of mixed pixels to -1."""
     expected = sensor.offset_mm + 1000 * sensor.scale * np.nan_to_num(seen.depth_m)
     off_mm = np.abs(depth_mm - expected)
     v, u = np.nonzero((depth_mm > 0) & (off_mm > FLYING_MM))
@@ -77,7 +82,7 @@ def _follow_edges(tag: Int32, seen: ZBuffer, depth_mm: NDArray[np.uint16], senso
 
 
 def truth_labels(frame: RigFrame, truth: Truth, camera: Intrinsics = KINECT2_DEPTH) -> FrameLabels:
-    """The truth over the undistorted depth image of ``camera``, undistorted exactly as fusion does it."""
+    """Return the truth of the undistorted depth image, undistorted as by fusion."""
     source = undistortion_index(camera)
     depth_mm, parts, persons = (
         np.where(source >= 0, image.ravel()[source], 0)
@@ -95,49 +100,32 @@ def truth_labels(frame: RigFrame, truth: Truth, camera: Intrinsics = KINECT2_DEP
     )
 
 
-SOFT = (Surface.SOFA, Surface.BED, Surface.PILLOW)
-BODY_WARM_C = (25.0, 36.0)
-"""Temperatures that a threshold may take for a person's. Chosen by eye."""
-SEEN_PX = 150
-"""Pixels of something below which it does no harm. Chosen by eye."""
-WARM_ROOM_C, DRIFTED_C = 24.0, 1.0
-"""Temperature of a warm room; thermal drift that counts. Chosen by eye."""
-HIDDEN, OUTSIDE = 0.12, 0.1
-"""Shares hidden of the person, and of joints out of view, above which each is noted. Chosen by eye."""
-BLUR_M = 0.01
-"""A limb that goes farther during the exposure is blurred by 5 colour pixels at 2 m."""
-DIM_GAIN = 3.0
-"""Gain of the colour camera from which on light is dim. Chosen by eye."""
-COLD = 0.5
-"""Share of the way to cold hands and feet from which on they are cold. Chosen by eye."""
-
-
 def scene_hardships(
-    cast: Cast, tableau: Tableau, seen: ZBuffer, alone: ZBuffer, camera: Intrinsics
+    scene: Scene, state: SceneState, seen: ZBuffer, alone: ZBuffer, camera: Intrinsics
 ) -> list[str]:
-    """Causes in the scene. seen: all of it, alone: the subject without what is before it."""
-    tags, celsius = np.append(cast.tags, 0)[seen.face], np.append(tableau.celsius, -100.0)[seen.face]
+    """Return the hardships in the scene. seen: render of the whole scene, alone: of the subject."""
+    tags, celsius = np.append(scene.tags, 0)[seen.face], np.append(state.celsius, -100.0)[seen.face]
     warm = (celsius > BODY_WARM_C[0]) & (celsius < BODY_WARM_C[1])
     own, whole = (tags > 0) & (tags < N_CLASSES), alone.face >= 0
-    pixels = project(camera, cast.camera_from_world.apply(tableau.joints_m))
+    pixels = project(camera, scene.camera_from_world.apply(state.joints_m))
     inside = ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(axis=1)
     causes = {
         "second person": _many(tags == Surface.OTHER_PERSON),
         "warm seat": _many(np.isin(tags, SOFT) & warm),
         "things as warm as a person": _many(np.isin(tags, tuple(SURFACE_C)) & warm),
-        "warm room": cast.room_c > WARM_ROOM_C,
-        "cold sleeves": bool(cast.clothing.cold_sleeves),
-        "cold feet": cast.clothing.cold_feet > COLD,
-        "cold hands": cast.clothing.cold_hands > COLD,
+        "warm room": scene.room_c > WARM_ROOM_C,
+        "cold sleeves": bool(scene.clothing.cold_sleeves),
+        "cold feet": scene.clothing.cold_feet > COLD,
+        "cold hands": scene.clothing.cold_hands > COLD,
         "hidden by things": whole.sum() - own.sum() > HIDDEN * whole.sum(),
         "out of view": inside.mean() < 1 - OUTSIDE,
-        "similar colours": _similar(cast.outfits[0]),
+        "similar colours": _similar(scene.outfits[0]),
     }
-    return [cause for cause, there in causes.items() if there]
+    return [cause for cause, present in causes.items() if present]
 
 
 def camera_hardships(speed_m_s: float, camera: CameraState, drift_c: float) -> list[str]:
-    """Causes in the cameras. speed_m_s: of the subject's fastest limb."""
+    """Return the hardships in the cameras. speed_m_s: of the subject's fastest limb."""
     causes = {
         "motion blur": speed_m_s * camera.exposure_s > BLUR_M,
         "dim light": camera.gain > DIM_GAIN,

@@ -1,12 +1,8 @@
-"""The virtual rig: people in a colour-coded suit before depth, colour and heat cameras on furniture or floor.
-
-It is a ``FrameSource`` like any device, with the truth of every pixel. Scene, person, suit and each
-camera's faults are apart; ``Difficulty`` holds the strength of each.
-"""
+"""Virtual rig: a ``FrameSource`` of people in a colour-coded suit, with the truth of every pixel."""
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import NamedTuple
 
@@ -27,30 +23,45 @@ from synth.cameras.pyrometer import Pyrometer
 from synth.cameras.sensor import CleanDepth, Sensor
 from synth.cameras.thermal_camera import ThermalState, thermograph, through_lens, warmth_seen
 from synth.cameras.time_of_flight import TimeOfFlight
-from synth.choices import check_rig
+from synth.data_files import check_choice
 from synth.random_stream import stream
 from synth.rig.difficulty import DIFFICULTIES
-from synth.rig.episode import Cast, Stay, Tableau
+from synth.rig.episode import Episode, EpisodeSetup, Scene, SceneState
 from synth.rig.locations import SCENES
-from synth.rig.rig_variants import twin_named
+from synth.rig.rig_variants import variant_named
 from synth.rig.truth import Truth, camera_hardships, scene_hardships, whose_readings
 from synth.surface.rasterize import Mesh, ZBuffer
 
-FRAMES_PER_SECOND = 2.0
-"""Of a simulated session: few, so that postures differ from frame to frame. Chosen by eye."""
-FASTEST = 0.95
-"""Share of a body that is slower than what counts as its speed."""
-DRAFT_PX, DRAFT_STRIDE = 700, 24
-"""Width of a draft's colour images at most, and its `synth.cameras.multipath.STRIDE`: both for speed. Chosen
-by eye."""
-JUMP_M_S = 4.0
-"""Nothing in a living room moves faster; what does was put elsewhere between two frames."""
+FASTEST = 0.95  # share of a body's vertices slower than its speed
+DRAFT_PX, DRAFT_STRIDE = 700, 24  # greatest width of a draft's colour images, and stride of its multipath
+JUMP_M_S = 4.0  # a faster vertex was placed elsewhere between two frames
 FLAG_CLOSED = "thermal flag closed"
-"""The event of a frame whose temperatures the flag has hidden."""
+
+
+@dataclass(frozen=True)
+class RigOptions:
+    """Options of a virtual rig.
+
+    scene: a key of ``locations.SCENES``. rig: cameras, by ``sensors.recording.rig_templates``; the people
+    depend on the seed alone. pyrometer: beside the thermal camera. draft: small colour images and coarse
+    multipath, in half the time.
+    """
+
+    scene: str = "sofa"
+    frames_per_second: float = 2.0
+    rig: str = REFERENCE
+    pyrometer: bool = False
+    suit: Suit = DEFAULT_SUIT
+    draft: bool = False
+
+    def __post_init__(self) -> None:
+        check_choice("scene", self.scene, SCENES)
+        if not 0.1 <= self.frames_per_second <= 30:
+            raise CloudError(f"{self.frames_per_second} frames a second are impossible; give 0.1 to 30")
 
 
 class _Cameras(NamedTuple):
-    """The faults and states of one recording's cameras."""
+    """Faults and states of the cameras of one recording."""
 
     depth: Sensor
     color: ColorCamera
@@ -60,42 +71,33 @@ class _Cameras(NamedTuple):
 class VirtualRig(FrameSource):
     """Frames of ``subjects`` people, one after another; deterministic in the seed.
 
-    rig: which cameras (``sensors.recording.rig_templates``). A seed has the same people before every rig.
-    pyrometer: whether one stands beside the thermal camera; it changes nothing else. draft: whether colour
-    images are small and light that bounces is coarse, which takes half the time: to train on.
-    Raises CloudError for counts without sense or an unknown difficulty, scene or rig.
+    Raises CloudError for impossible counts or an unknown difficulty.
     """
 
     def __init__(
-        self,
-        frames: int,
-        subjects: int,
-        difficulty: str,
-        seed: int,
-        scene: str = "sofa",
-        frames_per_second: float = FRAMES_PER_SECOND,
-        rig: str = REFERENCE,
-        pyrometer: bool = False,
-        suit: Suit = DEFAULT_SUIT,
-        draft: bool = False,
+        self, frames: int, subjects: int, difficulty: str, seed: int, options: RigOptions = RigOptions()
     ) -> None:
-        check_rig(frames, subjects, scene, difficulty)
-        if not 0.1 <= frames_per_second <= 30:
-            raise CloudError(f"{frames_per_second} frames a second are impossible; give 0.1 to 30")
+        if not 1 <= subjects <= frames <= 1_000_000:
+            raise CloudError(
+                f"{frames} frames of {subjects} subjects are impossible; give at least one frame each"
+            )
+        check_choice("difficulty", difficulty, DIFFICULTIES)
+        rig, draft, self.scene = options.rig, options.draft, options.scene
         kind = "" if rig == REFERENCE else f"{rig}-"
-        self.name = f"virtual-{kind}{scene}-{difficulty}-{seed}"
-        self.rig, self._twin = rig, twin_named(rig)
-        self.calibration = _drafted(self._twin.calibration) if draft else self._twin.calibration
+        self.name = f"virtual-{kind}{self.scene}-{difficulty}-{seed}"
+        self.rig, self._variant = rig, variant_named(rig)
+        self.calibration = _drafted(self._variant.calibration) if draft else self._variant.calibration
         self._stride = DRAFT_STRIDE if draft else STRIDE
-        self.suit = suit
+        self.suit = options.suit
         self.difficulty = DIFFICULTIES[difficulty]
-        self.frames, self.subjects, self.seed, self.scene = frames, subjects, seed, scene
-        self.frames_per_second = frames_per_second
-        self.times_ns = np.rint(np.arange(frames) / frames_per_second * 1e9).astype(np.int64)
+        self.frames, self.subjects, self.seed = frames, subjects, seed
+        self.frames_per_second = fps = options.frames_per_second
+        self._setup = EpisodeSetup(SCENES[self.scene], self.difficulty, self.suit, seed, fps)
+        self.times_ns = np.rint(np.arange(frames) / fps * 1e9).astype(np.int64)
         depth, color, color_pose, thermal, thermal_pose, _ = vars(self.calibration).values()
         self._depth, self._color = lens_of(depth, 1), lens_of(color, 1)
-        self._thermal = lens_of(thermal, self._twin.supersample)
-        self._pyrometer = Pyrometer.drawn(thermal, stream(seed, "pyrometer")) if pyrometer else None
+        self._thermal = lens_of(thermal, self._variant.supersample)
+        self._pyrometer = Pyrometer.drawn(thermal, stream(seed, "pyrometer")) if options.pyrometer else None
         self._color_from_depth: Pose = color_pose
         self._thermal_from_depth: Pose = thermal_pose
 
@@ -110,64 +112,62 @@ class VirtualRig(FrameSource):
         """Yield every frame with its truth."""
         rng, faults = stream(self.seed, "unit of the cameras"), self.difficulty
         offset_mm, scale = rng.normal(0, faults.unit_mm), rng.normal(1, faults.unit_scale)
-        depth = self._twin.sensor(faults)
+        depth = self._variant.sensor(faults)
         if isinstance(depth, TimeOfFlight):
             depth = replace(depth, offset_mm=float(offset_mm), scale=float(scale))
-        thermal = ThermalState(self._twin.thermal(faults.thermal), rng)
-        for number, stay in enumerate(self._stays()):
+        thermal = ThermalState(self._variant.thermal(faults.thermal), rng)
+        for number, episode in enumerate(self._episodes()):
             first, end = (-(-n * self.frames // self.subjects) for n in (number, number + 1))
-            cameras = _Cameras(depth, self._color_camera(stay.cast), thermal)
-            for index, tableau in zip(range(first, end), stay.tableaux(), strict=False):
-                yield self._shoot(stay.cast, tableau, index, cameras)
+            cameras = _Cameras(depth, self._color_camera(episode.scene), thermal)
+            for index, state in zip(range(first, end), episode.states(), strict=False):
+                yield self._shoot(episode.scene, state, index, cameras)
 
-    def _stays(self) -> Iterator[Stay]:
-        """The people one after another; the next one settles while the one before is recorded."""
-        with ThreadPoolExecutor(1) as beside:
-            coming = beside.submit(self._stay, 0)
+    def _episodes(self) -> Iterator[Episode]:
+        """Yield the episodes; a thread prepares the next one."""
+        with ThreadPoolExecutor(1) as pool:
+            following = pool.submit(Episode, self._setup, 0)
             for number in range(self.subjects):
-                stay = coming.result()
+                episode = following.result()
                 if number + 1 < self.subjects:
-                    coming = beside.submit(self._stay, number + 1)
-                yield stay
+                    following = pool.submit(Episode, self._setup, number + 1)
+                yield episode
 
-    def _stay(self, number: int) -> Stay:
-        place = SCENES[self.scene]
-        return Stay(place, self.difficulty, self.suit, self.seed, number, self.frames_per_second)
+    def _color_camera(self, scene: Scene) -> ColorCamera:
+        lens, pose = self._color, self._color_from_depth @ scene.camera_from_world
+        return ColorCamera(lens.pinhole, lens.maps, pose, scene.setting, self.difficulty.color.camera)
 
-    def _color_camera(self, cast: Cast) -> ColorCamera:
-        lens, pose = self._color, self._color_from_depth @ cast.camera_from_world
-        return ColorCamera(lens.pinhole, lens.maps, pose, cast.setting, self.difficulty.color.camera)
-
-    def _shoot(self, cast: Cast, tableau: Tableau, index: int, cameras: _Cameras) -> tuple[RigFrame, Truth]:
+    def _shoot(
+        self, scene: Scene, state: SceneState, index: int, cameras: _Cameras
+    ) -> tuple[RigFrame, Truth]:
         rng, time_s = stream(self.seed, "shot", index), index / self.frames_per_second
-        in_depth = cast.camera_from_world.apply(tableau.vertices_m)
-        seen = self._see_distance(in_depth, cast.faces, cameras.depth)
-        clean = CleanDepth(self.calibration.depth, seen.depth_m, cast.dark[seen.face])
+        in_depth = scene.camera_from_world.apply(state.vertices_m)
+        seen = self._see_distance(in_depth, scene.faces, cameras.depth)
+        clean = CleanDepth(self.calibration.depth, seen.depth_m, scene.dark[seen.face])
         reading = cameras.depth.read(clean, rng)
-        velocity = _velocity_m_s(tableau, self.frames_per_second)
-        scene = Mesh(tableau.vertices_m, cast.faces, cast.tags)
-        color = cameras.color.photograph(scene, cast.outfits, rng, velocity)
+        velocity = _velocity_m_s(state, self.frames_per_second)
+        mesh = Mesh(state.vertices_m, scene.faces, scene.tags)
+        color = cameras.color.photograph(mesh, scene.outfits, rng, velocity)
         drift_c, spot_c, temperatures = cameras.thermal.drift_c(time_s), np.nan, None
         noise, closed = cameras.thermal.noise, cameras.thermal.flag_closed(time_s)
         if not closed or self._pyrometer:
-            warm = self._warmth(cast, tableau, velocity, [0.0] if closed else noise.delays_s(rng))
+            warm = self._warmth(scene, state, velocity, [0.0] if closed else noise.delays_s(rng))
             warm = through_lens(warm, self._thermal)
             if self._pyrometer:
                 spot_c = self._pyrometer.read_c(warm, stream(self.seed, "pyrometer's reading", index))
             if not closed:
                 temperatures = thermograph(warm, noise, drift_c, rng)
         frame = RigFrame(index, round(time_s * 1e9), reading.depth_mm, color, temperatures)
-        parts, persons = whose_readings(seen, cast.tags, reading, cameras.depth)
-        alone = self._depth.render(in_depth[: cast.subject], cast.faces[cast.tags < N_CLASSES])
-        hard = scene_hardships(cast, tableau, seen, alone, self.calibration.depth)
-        speed = np.quantile(np.linalg.norm(velocity[: cast.subject], axis=1), FASTEST)
+        parts, persons = whose_readings(seen, scene.tags, reading, cameras.depth)
+        alone = self._depth.render(in_depth[: scene.subject], scene.faces[scene.tags < N_CLASSES])
+        hard = scene_hardships(scene, state, seen, alone, self.calibration.depth)
+        speed = np.quantile(np.linalg.norm(velocity[: scene.subject], axis=1), FASTEST)
         hard += camera_hardships(float(speed), cameras.color.state or RESTING, drift_c)
         hard += [FLAG_CLOSED] * (temperatures is None)
-        joints = cast.camera_from_world.apply(tableau.joints_m)
-        return frame, Truth(parts, persons, joints, cast.name, tuple(hard), drift_c, spot_c)
+        joints = scene.camera_from_world.apply(state.joints_m)
+        return frame, Truth(parts, persons, joints, scene.name, tuple(hard), drift_c, spot_c)
 
     def _see_distance(self, in_depth: Float64, faces: Int32, sensor: Sensor) -> ZBuffer:
-        """What the depth camera would read without noise."""
+        """Return depth and faces of the depth image without noise."""
         seen = self._depth.render(in_depth, faces)
         if self.difficulty.reflectance == 0 or not isinstance(sensor, TimeOfFlight):
             return seen
@@ -176,19 +176,19 @@ class VirtualRig(FrameSource):
         )
         return ZBuffer(seen.depth_m + longer_m, seen.face)
 
-    def _warmth(self, cast: Cast, tableau: Tableau, velocity: Float64, delays_s: list[float]) -> Float32:
-        """Temperatures in the thermal camera's wide pinhole: the mean of what was there each delay ago."""
-        pose = self._thermal_from_depth @ cast.camera_from_world
+    def _warmth(self, scene: Scene, state: SceneState, velocity: Float64, delays_s: list[float]) -> Float32:
+        """Return the mean temperatures of each delay ago, in the thermal camera's wide pinhole."""
+        pose = self._thermal_from_depth @ scene.camera_from_world
         images = []
         for delay_s in delays_s:
-            points = tableau.vertices_m - delay_s * velocity if delay_s else tableau.vertices_m
-            seen = self._thermal.render_pinhole(pose.apply(points), cast.faces)
-            images.append(warmth_seen(seen, tableau.celsius, cast.room_c))
+            points = state.vertices_m - delay_s * velocity if delay_s else state.vertices_m
+            seen = self._thermal.render_pinhole(pose.apply(points), scene.faces)
+            images.append(warmth_seen(seen, state.celsius, scene.room_c))
         return np.mean(images, axis=0, dtype=np.float32) if len(images) > 1 else images[0]
 
 
 def _drafted(calibration: RigCalibration) -> RigCalibration:
-    """The calibration with a colour camera of few pixels."""
+    """Return the calibration with a small colour camera."""
     color = calibration.color
     assert color is not None
     by = min(1.0, DRAFT_PX / color.width)
@@ -204,8 +204,8 @@ def _drafted(calibration: RigCalibration) -> RigCalibration:
     return replace(calibration, color=small)
 
 
-def _velocity_m_s(tableau: Tableau, frames_per_second: float) -> Float64:
-    """How fast all vertices (V, 3) move; what is put down elsewhere stands still until then."""
-    velocity = (tableau.following_m - tableau.vertices_m).astype(np.float64) * frames_per_second
+def _velocity_m_s(state: SceneState, frames_per_second: float) -> Float64:
+    """Return the velocity (V, 3) of the vertices; 0 of a vertex that jumps."""
+    velocity = (state.following_m - state.vertices_m).astype(np.float64) * frames_per_second
     velocity[np.linalg.norm(velocity, axis=1) > JUMP_M_S] = 0.0
     return velocity

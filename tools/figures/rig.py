@@ -18,9 +18,8 @@ from eval.network.predict_source import predict_source
 from eval.network.refine import shipped_again
 from sensors.recording.rig_templates import TEMPLATES
 from sensors.session.reader import Session
-from synth.rig.paths import suit_path, truth_path
-from synth.rig.simulate import simulate
-from synth.rig.virtual_rig import VirtualRig
+from synth.rig.simulate import simulate, suit_path, truth_path
+from synth.rig.virtual_rig import RigOptions, VirtualRig
 from tools.correction.effort import copy_of
 from tools.figures.figure import Figure, Rows, mean, median, share
 from tools.measure import ablation, pyrometer, rigs
@@ -87,7 +86,9 @@ def cameras(seed: int) -> Rows:
     """Labels by the suit and by the network before each rig's cameras: the same eight people on a sofa."""
     rows = {}
     for name in TEMPLATES:
-        by_suit, by_network = map(figures_of, rigs.measured(VirtualRig(16, 8, "normal", seed, rig=name)))
+        by_suit, by_network = map(
+            figures_of, rigs.measured(VirtualRig(16, 8, "normal", seed, RigOptions(rig=name)))
+        )
         rows[f"`{name}`"] = {
             "frames": by_suit["frames"],
             "person IoU": by_suit["person IoU"],

@@ -37,7 +37,7 @@ from eval.training.segmentation.train import Stage
 from sensors.recording.rig_templates import REFERENCE
 from synth.images.workers import processes
 from synth.rig.truth import truth_labels
-from synth.rig.virtual_rig import VirtualRig
+from synth.rig.virtual_rig import RigOptions, VirtualRig
 from tools.fit.suit_network import HELD_OUT, SEED, lines
 
 RIGS, SUBJECTS, FRAMES, FRAMES_PER_SECOND = 300, 8, 16, 0.5
@@ -142,7 +142,9 @@ def of_rig(number: int) -> Iterator[Example | None]:
     scene = str(rng.choice(list(PLACES), p=list(PLACES.values())))
     kind = str(rng.choice(OTHER_RIGS)) if rng.random() < OTHER_RIG else REFERENCE
     seed = FIRST_SEED + number
-    rig = VirtualRig(FRAMES, SUBJECTS, difficulty, seed, scene, FRAMES_PER_SECOND, rig=kind, draft=True)
+    rig = VirtualRig(
+        FRAMES, SUBJECTS, difficulty, seed, RigOptions(scene, FRAMES_PER_SECOND, rig=kind, draft=True)
+    )
     fuser, camera = CoarseFuser(rig.calibration), rig.calibration.depth.undistorted()
     for frame, known in rig.with_truth():
         truth = truth_labels(frame, known, rig.calibration.depth).parts

@@ -24,7 +24,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from synth.rig.paths import suit_path, truth_path
+from synth.rig.simulate import suit_path, truth_path
 from tools.load.material import LAST, SHARD, broken_off, last_shards, long_dataset, long_labels, long_session
 from tools.load.probes import EVERY_S, Sample, sampled
 

@@ -28,7 +28,7 @@ from eval.compare.paired import difference
 from eval.compare.results import Result
 from eval.scores.intervals import clusters_of, quantile
 from sensors.session.reader import Session
-from synth.rig.paths import suit_path, truth_path
+from synth.rig.simulate import suit_path, truth_path
 
 SHOWN = {
     "person_iou": ("person IoU", 1, 3),

@@ -20,7 +20,7 @@ from annotate.parts import BACKGROUND, UNDEFINED
 from annotate.suit.palette import load_suit
 from eval.compare.compare import compare_sets
 from sensors.session.reader import Session
-from synth.rig.paths import suit_path, truth_path
+from synth.rig.simulate import suit_path, truth_path
 
 BINS = 15
 AGREED = 0.99

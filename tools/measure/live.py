@@ -16,7 +16,7 @@ from cli.live_view import labelling_by, run_pipeline
 from sensors.recording.live_rig import LiveRig
 from sensors.recording.open_device import open_device
 from sensors.session.reader import Session
-from synth.rig.paths import suit_path
+from synth.rig.simulate import suit_path
 from tools.measure.recording import DEVICES, resident_mb
 
 

@@ -18,7 +18,7 @@ from annotate.suit.palette import DEFAULT_SUIT
 from sensors.rig.frame import RigFrame
 from sensors.rig.thermal_reference import ThermalReference
 from synth.rig.truth import Truth, truth_labels
-from synth.rig.virtual_rig import VirtualRig
+from synth.rig.virtual_rig import RigOptions, VirtualRig
 
 WINDOWS = {"found": None, "fixed": WINDOW_C}
 
@@ -41,7 +41,7 @@ def iou(fuser: Fuser, frame: RigFrame, truth: np.ndarray, window_c: tuple[float,
 
 def measure(seed: int, frames: int) -> tuple[list[list[float]], list[list[float]]]:
     """By frame: error of temperatures without and with, kelvin; IoU by window, without and with."""
-    rig = VirtualRig(frames, 2, "hard", seed, pyrometer=True)
+    rig = VirtualRig(frames, 2, "hard", seed, RigOptions(pyrometer=True))
     pairs, fuser, off, ious = list(rig.with_truth()), Fuser(rig.calibration), [], []
     for (frame, truth), more_k in zip(pairs, corrections_k(pairs, rig.calibration.thermal.fx), strict=True):
         off.append([abs(truth.drift_c), abs(truth.drift_c + more_k)])

@@ -18,9 +18,8 @@ from eval.network.refine import shipped_again
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.session.reader import Session
 from synth.rig.locations import SCENES
-from synth.rig.paths import truth_path
-from synth.rig.simulate import simulate
-from synth.rig.virtual_rig import VirtualRig
+from synth.rig.simulate import simulate, truth_path
+from synth.rig.virtual_rig import RigOptions, VirtualRig
 
 FRAMES, SUBJECTS, FRAMES_PER_SECOND, FIRST_SEED = 24, 8, 0.5, 69001
 SCORES = ("mean_recall", "person_iou", "left_right_swap_rate")
@@ -41,7 +40,9 @@ def main() -> None:
     """Print a line for each recording."""
     network = OnnxNetwork()
     for number, (scene, difficulty) in enumerate(product(SCENES, ("normal", "hard"))):
-        rig = VirtualRig(FRAMES, SUBJECTS, difficulty, FIRST_SEED + number, scene, FRAMES_PER_SECOND)
+        rig = VirtualRig(
+            FRAMES, SUBJECTS, difficulty, FIRST_SEED + number, RigOptions(scene, FRAMES_PER_SECOND)
+        )
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "session.mcap"
             simulate(rig, path, lambda n: None)

@@ -14,9 +14,8 @@ from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import predict_source
 from sensors.session.reader import Session
 from synth.rig.locations import SCENES
-from synth.rig.paths import truth_path
-from synth.rig.simulate import simulate
-from synth.rig.virtual_rig import VirtualRig
+from synth.rig.simulate import simulate, truth_path
+from synth.rig.virtual_rig import RigOptions, VirtualRig
 
 
 def measured(rig: VirtualRig) -> tuple[Comparison, Comparison]:
@@ -36,7 +35,9 @@ def main(frames: int, seed: int, rigs: list[str]) -> None:
         for name in rigs:
             labelled, predicted = (
                 found.scores
-                for found in measured(VirtualRig(frames, frames // 2, "normal", seed, scene, rig=name))
+                for found in measured(
+                    VirtualRig(frames, frames // 2, "normal", seed, RigOptions(scene, rig=name))
+                )
             )
             print(
                 f"{scene} {name}: person IoU {labelled['person_iou']:.4f}, recall with the suit "

@@ -13,7 +13,7 @@ from eval.training.segmentation.examples import ROUGH_EVERY, Example, example_of
 from sensors.recording.rig_templates import REFERENCE
 from synth.appearance.random_suit import random_suit
 from synth.rig.truth import truth_labels
-from synth.rig.virtual_rig import VirtualRig
+from synth.rig.virtual_rig import RigOptions, VirtualRig
 
 SUBJECTS, FRAMES = 8, 32
 """People and frames of one recording. Chosen by eye."""
@@ -38,7 +38,7 @@ def training_rig(number: int) -> VirtualRig:
     rig = str(rng.choice(OTHER_RIGS)) if rng.random() < OTHER_RIG else REFERENCE
     suit = random_suit(FIRST_SUIT + number) if rng.random() < OTHER_SUIT else DEFAULT_SUIT
     draft, seed = bool(rng.random() >= FULL_COLOR), FIRST_SEED + number
-    return VirtualRig(FRAMES, SUBJECTS, difficulty, seed, scene, rig=rig, suit=suit, draft=draft)
+    return VirtualRig(FRAMES, SUBJECTS, difficulty, seed, RigOptions(scene, rig=rig, suit=suit, draft=draft))
 
 
 def rig_examples(rig: VirtualRig) -> Iterator[Example]:
