@@ -8,9 +8,9 @@ from sensors.errors import CloudError
 
 COSTS = {
     "gui": "no windows (fix, live)",
-    "synth": "no virtual rig (simulate, virtual devices), no datasets (synth generate), no markers (solve)",
+    "synth": "no virtual rig (simulate, virtual devices), no datasets (synth generate)",
     "bodies": "no new bodies (synth bodies); the shipped ones work",
-    "report": "no intervals and no report (evaluate, compare, report); diff works",
+    "report": "no report page (report); evaluate and compare work",
     "rig": "no calibration (calibrate) and no palettes learnt from labels or photographs (suit learn)",
     "clouds": "no clouds for Open3D (ThermalCloud.to_open3d)",
     "exchange": "no ROS 2 bags, LAS, LAZ or Parquet",

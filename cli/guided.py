@@ -11,7 +11,7 @@ from annotate.live.rig_warnings import rig_warnings
 from cli.console import say
 from cli.rig_devices import check_infrared, open_rig
 from sensors.calibrate.bundle import Adjusted
-from sensors.calibrate.guide import Guidance, Room, guide, is_new, next_wish
+from sensors.calibrate.guide import Guidance, PlateSetup, guide, is_new, next_placement
 from sensors.calibrate.guide_picture import guide_picture
 from sensors.calibrate.hole_plate import HolePlate
 from sensors.calibrate.plate_view import PlateView, view_plate, with_all_cameras
@@ -93,8 +93,8 @@ def guided(
     picture: a PNG, written again at every look. keep: called with each frame whose view is taken, once the
     plate is held still; None = every frame is a view that was taken.
     """
-    room, views = Room.of(guess, plate), list[PlateView]()
-    now, before = Guidance((), next_wish(()), None, False), None
+    setup, views = PlateSetup.of(guess, plate), list[PlateView]()
+    now, before = Guidance((), next_placement(()), None, False), None
     say(f"hold the plate {now.wanted.text if now.wanted else ''}; {picture} shows where")
     try:
         with interruptible():
@@ -103,15 +103,15 @@ def guided(
                     continue
                 view, now_known = looked
                 if now_known is not guess:
-                    guess, room = now_known, Room.of(now_known, plate)
+                    guess, setup = now_known, PlateSetup.of(now_known, plate)
                 still = keep is None or _still(before, view)
-                if still and is_new(view, views, plate, guess):
+                if still and is_new(view, views, setup):
                     views.append(view)
                     if keep is not None:
                         keep(frame)
-                    now = guide(views, plate, guess, room)
+                    now = guide(views, setup)
                     _report(now)
-                drawn = guide_picture(now, views, view, frame.infrared, guess.depth, plate, room)
+                drawn = guide_picture(now, views, view, frame.infrared, setup)
                 write_bytes(picture, cv2.imencode(".png", drawn)[1].tobytes())
                 if now.wanted is None:
                     break

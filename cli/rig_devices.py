@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cli.console import say
-from cli.extras import check_extra, needing
+from cli.extras import needing
 from sensors.device.address import Address
 from sensors.device.protocol import Device
 from sensors.errors import CalibrationError, DeviceError
@@ -38,7 +38,6 @@ class Shown:
     """
 
     def __init__(self, plate: "HolePlate | None" = None) -> None:
-        check_extra("synth", "scipy")
         self._plate = plate
 
     @cached_property

@@ -273,9 +273,9 @@ class Exploit:
 
 
 WEIGHTS: dict[str, tuple[Callable[[], bytes], str]] = {
-    "pickle": (lambda: pickle.dumps(Exploit()), "no ONNX file"),
-    "empty": (lambda: b"", "no ONNX file"),
-    "truncated": (lambda: SHIPPED_WEIGHTS.read_bytes()[:100_000], "cut off"),
+    "pickle": (lambda: pickle.dumps(Exploit()), "not a network"),
+    "empty": (lambda: b"", "are empty"),
+    "truncated": (lambda: SHIPPED_WEIGHTS.read_bytes()[:100_000], "not a network"),
     "another class count": (lambda: network(len(BODY_PARTS)), "12 classes"),
     "another size": (lambda: network(12, size=100), "not a network"),
     "another number type": (lambda: network(12, "DOUBLE"), "not a network"),

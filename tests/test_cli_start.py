@@ -42,13 +42,10 @@ validate AT/nowhere
 label AT/nowhere --out AT/out
 label SESSION --suit AT/notes.txt --out AT/out
 label SESSION --weights AT/nowhere --out AT/out
-label SESSION --weights AT/cut.onnx --out AT/out
 label SESSION --out AT/filled
 label SESSION --out AT/filled --overwrite
 predict AT/nowhere --out AT/out
 predict SESSION --weights AT/nowhere --out AT/out
-predict SESSION --weights AT/cut.onnx --out AT/out
-predict SESSION --weights AT/notes.txt --out AT/out
 predict SESSION --out AT/filled
 diff AT/nowhere LABELS
 evaluate AT/nowhere LABELS
@@ -58,8 +55,6 @@ fix LABELS --compare AT/nowhere
 train AT/nowhere --out AT/out
 train LABELS --out AT/filled
 train LABELS --out AT/out --init AT/nowhere
-train LABELS --out AT/out --init AT/cut.safetensors
-train LABELS --out AT/out --init AT/cut.onnx
 train LABELS --out AT/out --init shipped --network compact
 train LABELS --out AT/out --test LABELS --hold-out anna
 train-labels SESSION --out AT/out
@@ -69,8 +64,6 @@ train-labels SESSION SESSION --out AT/out --suit AT/nowhere
 train-labels SESSION SESSION --out AT/filled
 learn AT/nowhere --out AT/out
 learn LABELS --out AT/out --weights AT/nowhere
-learn LABELS --out AT/out --weights AT/cut.onnx
-learn LABELS --out AT/out --weights AT/cut.safetensors
 learn LABELS --out AT/filled
 suit learn AT/notes.txt --session SESSION --out AT/out
 suit learn LABELS --session AT/notes.txt --out AT/out
@@ -137,8 +130,6 @@ def refusals(session, labels, tmp_path) -> list[list[str]]:
     (tmp_path / "filled" / "something").write_text("else")
     (tmp_path / "empty").mkdir()
     (tmp_path / "cut.npz").write_bytes(b"PK\x03\x04 and no more")
-    for kind in ("onnx", "safetensors"):
-        (tmp_path / f"cut.{kind}").write_bytes((SHIPPED / f"compact.{kind}").read_bytes()[:3000])
     text = (
         REFUSALS.replace("AT", str(tmp_path)).replace("SESSION", str(session)).replace("LABELS", str(labels))
     )

@@ -164,7 +164,7 @@ def test_the_unit_is_the_one_that_the_program_means(key, value, unit_mm, tmp_pat
         (json.dumps({**FOUR, **SIZE, "k4": 0.1}), "k4"),
         ("1 SIMPLE_RADIAL 64 48 55 31 23 0.1", "no camera"),
         ("camera_matrix: [.nan, 0, 31, 0, 55, 23, 0, 0, 1]", "not finite"),
-        ("1 2 3 4 5 6 7 8 9", "no camera's"),
+        ("1 2 3 4 5 6 7 8 9", "not a camera's"),
         ("lorem ipsum", "no camera"),
         ("", "0 numbers"),
     ],

@@ -150,7 +150,7 @@ def test_round_values_beyond_the_range_are_no_reading(code):
     samples = [np.where(room == 0, code, room).astype(np.uint16) for room in ROOMS]
     reading = judge_depth(samples, None, "x")
     assert code in reading.invalid
-    assert any(f"depth of {code} is no reading" in note for note in reading.notes)
+    assert any(f"depth of {code} means no reading" in note for note in reading.notes)
     for sample, room in zip(samples, ROOMS, strict=True):
         np.testing.assert_array_equal(reading.to_mm(sample), room)
 

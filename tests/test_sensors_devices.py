@@ -18,6 +18,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sensors.calibration_files.lens_models import intrinsics_from_rational
 from sensors.device import node
 from sensors.device.address import Address
 from sensors.device.node import check_node, node_error
@@ -47,7 +48,7 @@ from sensors.errors import (
 from sensors.importers.open_source import open_source
 from sensors.recording import open_device as open_device_module
 from sensors.recording.open_device import find_devices, open_device
-from sensors.rig.camera import Intrinsics, intrinsics_from_rational
+from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import calibration_to_json
 from sensors.virtual.fake_kernel import FakeKernel

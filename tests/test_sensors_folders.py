@@ -13,7 +13,7 @@ from annotate.cloud.fuse import Fuser
 from annotate.exchange.companion import frame_files
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.label_set import LabelSet
-from sensors.calibration_files.realsense_lens import realsense_intrinsics
+from sensors.calibration_files.lens_models import realsense_intrinsics
 from sensors.errors import CloudError
 from sensors.files.natural_order import in_order
 from sensors.importers import folder as folder_module

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import cli.guided
 import cli.rig_devices
 import sensors.calibrate.guide
-from sensors.calibrate.guide import ENOUGH_VIEWS, TILTS, Room, Wish, guide, is_new, next_wish
+from sensors.calibrate.guide import ENOUGH_VIEWS, TILTS, Placement, PlateSetup, guide, is_new, next_placement
 from sensors.calibrate.hole_plate import HolePlate
 from sensors.calibrate.plate_view import CAMERAS, PlateView, view_plate
 from sensors.errors import CalibrationError
@@ -27,11 +27,11 @@ from sensors.rig.rig_calibration import Pose, RigCalibration
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
 
-WISHES = [Wish(*fields) for fields in product((-1, 0, 1), (-1, 0, 1), TILTS, (False, True))]
+PLACEMENTS = [Placement(*fields) for fields in product((-1, 0, 1), (-1, 0, 1), TILTS, (False, True))]
 RIG = TEMPLATES[REFERENCE].calibration
 PLATE = replace(HolePlate(), hole_m=1e-5)
 """Its holes are points, so that their projections are what images show."""
-ROOM = Room.of(RIG, HolePlate())
+SETUP = replace(PlateSetup.of(RIG, HolePlate()), plate=PLATE)
 
 
 def view_of(pose: Pose, rig: RigCalibration, plate: HolePlate, index=0, rng=None, noise_px=0.03) -> PlateView:
@@ -56,36 +56,36 @@ def by_hand(pose: Pose, plate: HolePlate, rng) -> Pose:
 @pytest.mark.parametrize("name", TEMPLATES)
 def test_every_wish_is_recognised_and_the_reference_rig_sees_all_of_it(name):
     rig, plate = TEMPLATES[name].calibration, TEMPLATES[name].plate
-    room = Room.of(rig, plate)
+    setup = PlateSetup.of(rig, plate)
     nearest, farthest = TEMPLATES[name].plate_m
-    assert nearest - 0.25 < room.near_m < room.far_m < farthest + 0.3
-    for wish in WISHES:
-        view = view_of(room.pose(wish, plate), rig, plate)
-        assert room.wish_of_view(view, plate, rig) == wish
+    assert nearest - 0.25 < setup.near_m < setup.far_m < farthest + 0.3
+    for placement in PLACEMENTS:
+        view = view_of(setup.pose(placement), rig, plate)
+        assert setup.placement_of(view) == placement
         for camera, px in view.centers_px.items() if name == REFERENCE else ():
             inside = (px > 0) & (px < np.array(getattr(rig, camera).shape[::-1]) - 1)
-            assert inside.all(), (wish, camera)
+            assert inside.all(), (placement, camera)
 
 
 def test_wishes_spread_over_places_tilts_and_distances():
-    seen: list[Wish] = []
+    seen: list[Placement] = []
     for _ in range(18):
-        seen.append(next_wish(seen))
+        seen.append(next_placement(seen))
     assert len(set(seen)) == 18
     assert {(w.right, w.down) for w in seen[:9]} == set(product((-1, 0, 1), (-1, 0, 1)))
     assert min(sum(w.tilt == tilt for w in seen) for tilt in TILTS) >= 3
     assert sum(w.far for w in seen) == 9
-    assert next_wish(seen) == next_wish(seen[::-1])
+    assert next_placement(seen) == next_placement(seen[::-1])
 
 
 def test_a_view_is_new_when_all_cameras_see_it_and_it_is_held_otherwise():
-    poses = [ROOM.pose(Wish(1, 0, tilt, False), PLATE) for tilt in ("left", "right")]
+    poses = [SETUP.pose(Placement(1, 0, tilt, False)) for tilt in ("left", "right")]
     one, other = (view_of(pose, RIG, PLATE) for pose in poses)
-    assert is_new(one, [], PLATE, RIG) and is_new(other, [one], PLATE, RIG)
+    assert is_new(one, [], SETUP) and is_new(other, [one], SETUP)
     aside = view_of(Pose(poses[0].rotation, poses[0].translation_m + np.array([0.05, 0, 0])), RIG, PLATE)
-    assert not is_new(one, [other, one], PLATE, RIG) and is_new(aside, [one], PLATE, RIG)
+    assert not is_new(one, [other, one], SETUP) and is_new(aside, [one], SETUP)
     blind = replace(one, centers_px={name: one.centers_px[name] for name in ("depth", "color")})
-    assert not is_new(blind, [], PLATE, RIG)
+    assert not is_new(blind, [], SETUP)
 
 
 @pytest.fixture(scope="module")
@@ -93,8 +93,8 @@ def held() -> list[PlateView]:
     """Views of somebody who follows the guide without its knowing yet how sure anything is."""
     rng, seen, views = np.random.default_rng(11), [], []
     for index in range(ENOUGH_VIEWS + 1):
-        seen.append(next_wish(seen))
-        pose = by_hand(ROOM.pose(seen[-1], PLATE), PLATE, rng)
+        seen.append(next_placement(seen))
+        pose = by_hand(SETUP.pose(seen[-1]), PLATE, rng)
         views.append(view_of(pose, RIG, PLATE, index, rng))
     return views
 
@@ -106,8 +106,8 @@ def late(monkeypatch):
 
 
 def test_it_is_good_with_few_views_and_then_it_is(held, late):
-    assert guide(held[: ENOUGH_VIEWS - 1], PLATE, RIG, ROOM).wanted is not None
-    now = guide(held, PLATE, RIG, ROOM)
+    assert guide(held[: ENOUGH_VIEWS - 1], SETUP).wanted is not None
+    now = guide(held, SETUP)
     assert now.good and now.wanted is None and len(now.seen) == ENOUGH_VIEWS + 1 <= 25
     for name in ("color", "thermal"):
         said, true = (getattr(c, f"{name}_from_depth") for c in (now.found.calibration, RIG))

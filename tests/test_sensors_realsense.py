@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sensors.calibration_files.realsense_lens import realsense_intrinsics
+from sensors.calibration_files.lens_models import realsense_intrinsics
 from sensors.device import node
 from sensors.drivers import realsense
 from sensors.drivers.realsense import PRESETS, QUEUE, USB_IDS, RealSense, Settings, realsense_serials

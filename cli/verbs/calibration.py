@@ -7,7 +7,7 @@ import typer
 from typer import Argument, Option
 
 from cli.console import Json, Overwrite, finish, progress, say
-from cli.extras import check_extra, needing
+from cli.extras import needing
 from sensors.files.atomic import check_free, replacing
 
 if TYPE_CHECKING:
@@ -91,7 +91,6 @@ def _with_views(path: Path) -> "Session":
     from cli.rig_devices import check_infrared
 
     session = _opened(path)
-    check_extra("rig", "scipy")
     check_infrared(session)
     return session
 

@@ -29,7 +29,6 @@ def evaluate(
     json: Json = False,
 ) -> None:
     """Measure labels against the truth, with confidence intervals and the confusion matrix."""
-    check_extra("report", "scipy")
     if pairs := label_sets_in(predicted, truth, scheduler):
         _evaluate_each(pairs, out, title, scheduler, overwrite, json)
         return
@@ -131,7 +130,6 @@ def compare(
     json: Json = False,
 ) -> None:
     """Show by how much result A is better than result B, and how certain that is."""
-    check_extra("report", "scipy")
     check_there(a, b)
     from eval.compare.result_file import check_results
 
@@ -188,7 +186,7 @@ def report(
     json: Json = False,
 ) -> None:
     """Write one page with all results beside those of the paper; it opens offline."""
-    check_extra("report", "scipy", "jinja2", "plotly")
+    check_extra("report", "jinja2", "plotly")
     notes, sets = note or [], shown or []
     if len(notes) > len(sets):
         raise typer.BadParameter(f"{len(notes)} notes for {len(sets)} label sets; give --shown for each")

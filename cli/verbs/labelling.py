@@ -123,7 +123,7 @@ def learn(
     json: Json = False,
 ) -> None:
     """Learn the suit's palette from corrected frames, or from a photograph of its cloths."""
-    check_extra("rig", "scipy", "skimage")
+    check_extra("rig", "skimage")
     check_free(out, overwrite)
     by_photo = swatches is not None and labels is None and session is None and not frame
     if not by_photo and (swatches is not None or labels is None or session is None):

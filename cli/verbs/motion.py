@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from cli.console import Json, Overwrite, finish, progress, say, table
-from cli.extras import check_extra, needing
+from cli.extras import needing
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free, check_there
 
@@ -43,7 +43,6 @@ def solve(
     for path in (out, picture, film):
         if path is not None:
             check_free(path, overwrite)
-    check_extra("synth", "scipy")
     check_there(markers, *(given for given in (static, markerset) if given is not None))
     with needing("synth"):
         from synth.markers.motion_file import save_motion

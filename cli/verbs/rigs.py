@@ -45,7 +45,7 @@ def rig(
         raise DeviceError(f"no folder for rig {name!r}; give --out FOLDER")
     for file in (RIG, CALIBRATION, PLATE):
         check_free(out / file, overwrite)
-    from sensors.calibrate.plate_drawing import plate_svg
+    from sensors.calibrate.hole_plate import plate_svg
     from sensors.rig.rig_calibration import save_calibration
 
     out.mkdir(parents=True, exist_ok=True)

@@ -285,7 +285,6 @@ def train_labels(
 ) -> None:
     """Train the labelling on with your recordings, for 'label --weights'. Needs the extra 'train'."""
     check_extra("train", "torch", "onnx", "safetensors")
-    check_extra("synth", "scipy")
     triples = _lessons(sessions, truth, suit)
     inputs = [path for triple in triples for path in triple]
     check_room(out, PLAN, overwrite, *inputs)

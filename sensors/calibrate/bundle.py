@@ -1,8 +1,8 @@
 """One bundle adjustment for a whole rig: intrinsics, poses between cameras and of the plate in every view.
 
-A hole is seen as an ellipse whose centre is not the image of the hole's centre; residuals are taken at the
+A hole's image is an ellipse whose centre is not the image of the hole's centre; residuals are taken at the
 ellipse's centre, from the dual conic (Hartley & Zisserman 2004, section 2.2.3). Depth readings on the plate
-hold the axial direction, in which centres alone are weak.
+determine the axial direction, in which centres are weak. Constants are untuned unless a source is given.
 """
 
 from dataclasses import dataclass, replace
@@ -22,24 +22,19 @@ from sensors.rig.rig_calibration import Pose, RigCalibration
 
 Array = NDArray[np.float64]
 
-LEAST_VIEWS = 8
-"""Fewer views leave nine intrinsics and six pose angles undetermined; untuned."""
+LEAST_VIEWS = 8  # fewer leave nine intrinsics and six pose angles undetermined
 LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 LENS_PRIOR = np.array([np.inf, np.inf, np.inf, np.inf, 0.5, 1.0, 0.002, 0.002, 1.0])
-"""Standard deviations about zero: views that do not reach the image's corners leave the last terms
-undetermined. Tangential terms trade against the principal point and so against the pose; those of the two
-Kinects of iai_kinect2 are 0.0002 to 0.002."""
+"""Standard deviations about zero, because views that miss the image's corners leave the last terms
+undetermined. Tangential terms trade against the principal point; iai_kinect2's two Kinects have 0.0002 to
+0.002."""
 SHIFT_PRIOR_MM = 30.0
-"""Millimetres that a Kinect v2's readings are too far: 13 in iai_kinect2's first unit, 24 in issue 144 of
-OpenKinect/libfreenect2. The adjustment solves for this; a calibration holds its negative, to be added."""
-SIGMA_PX, SIGMA_MM = 0.1, 3.0
-"""First guesses of the noise in pixels and millimetres, untuned; both are then estimated."""
-BAD = 4.0
-"""A view is left out above this many times a camera's median root mean square error; untuned."""
-READINGS = "readings"
-"""Depth readings among the observations, beside the cameras' holes."""
-ROBUST = 1.4826
-"""From the median absolute value to the standard deviation of a normal distribution."""
+"""Millimetres by which a Kinect v2's readings are too far: 13 in iai_kinect2's first unit, 24 in issue 144 of
+OpenKinect/libfreenect2. A calibration holds the negative, to be added."""
+SIGMA_PX, SIGMA_MM = 0.1, 3.0  # first guesses of the noise, which is then estimated
+BAD = 4.0  # multiple of a camera's median root mean square error above which a view is left out
+ROBUST = 1.4826  # from the median absolute value to a normal distribution's standard deviation
+READINGS = "readings"  # depth readings among the observations, beside the cameras' holes
 
 
 class Deviations(NamedTuple):
@@ -66,7 +61,7 @@ class Adjusted(NamedTuple):
     """A solved rig. deviations: by camera other than depth; residuals: by camera.
 
     depth_shift_sd_mm: deviation of the calibration's depth shift. left_out: frame indices of bad views.
-    views: how many showed the plate.
+    views: number of views with the plate.
     """
 
     calibration: RigCalibration
@@ -78,7 +73,7 @@ class Adjusted(NamedTuple):
 
 
 def adjust(views: list[PlateView], plate: HolePlate, guess: RigCalibration) -> Adjusted:
-    """Solve intrinsics and poses of all cameras that see the plate.
+    """Solve intrinsics and poses of all cameras with the plate in their images.
 
     guess: image sizes and the depth camera's rough intrinsics. Raises CalibrationError when too few views
     show the plate to the depth camera, or to another camera together with it.
@@ -109,9 +104,10 @@ def _check_enough(views: list[PlateView], name: str) -> None:
 
 
 def _lens(name: str, guess: Intrinsics, views: list[PlateView], plate: HolePlate) -> Intrinsics:
-    """One camera on its own (Zhang 2000, in OpenCV): the start."""
-    seen = [view.centers_px[name].astype(np.float32) for view in views if name in view.centers_px]
-    _check_enough([view for view in views if name in view.centers_px], name)
+    """Return one camera on its own (Zhang 2000, in OpenCV): the start."""
+    views = [view for view in views if name in view.centers_px]
+    _check_enough(views, name)
+    seen = [view.centers_px[name].astype(np.float32) for view in views]
     board = np.c_[plate.centers_m, np.zeros(len(plate.centers_m))].astype(np.float32)
     size = (guess.width, guess.height)
     flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
@@ -121,12 +117,12 @@ def _lens(name: str, guess: Intrinsics, views: list[PlateView], plate: HolePlate
 
 
 def _relative(name: str, lenses: dict[str, Intrinsics], views: list[PlateView], plate: HolePlate) -> Pose:
-    """name_from_depth: of the poses of single views, the one nearest to all others."""
-    both = [view for view in views if name in view.centers_px]
+    """Return name_from_depth: of the poses of single views, the nearest to all others."""
     poses = [
         plate_pose(view.centers_px[name], plate, lenses[name])
         @ plate_pose(view.centers_px["depth"], plate, lenses["depth"]).inverse()
-        for view in both
+        for view in views
+        if name in view.centers_px
     ]
     probes = np.array([[0, 0, 1.0], [0.3, 0, 1.0], [0, 0.3, 1.0]])
     moved = np.stack([pose.apply(probes) for pose in poses])
@@ -135,7 +131,7 @@ def _relative(name: str, lenses: dict[str, Intrinsics], views: list[PlateView], 
 
 
 def _packed(lenses: dict[str, Intrinsics], poses: dict[str, Pose], plates: list[Pose]) -> Array:
-    """The start as one vector, in the order of ``_Problem``."""
+    """Return the start as one vector, in the order of ``_Problem``."""
     numbers = [[getattr(lens, field) for field in LENS] for lens in lenses.values()]
     moves, views = (
         [np.r_[Rotation.from_matrix(p.rotation).as_rotvec(), p.translation_m] for p in group]
@@ -145,7 +141,7 @@ def _packed(lenses: dict[str, Intrinsics], poses: dict[str, Pose], plates: list[
 
 
 class _Seen(NamedTuple):
-    """Observations of one kind, one row each: view number, pixels, and what is known of them.
+    """Observations of one kind, one row each: view number, pixels, known values, noise.
 
     known: (n, 2) plate coordinates in metres of holes, or (n,) readings in millimetres.
     """
@@ -158,7 +154,7 @@ class _Seen(NamedTuple):
 
 @dataclass(frozen=True)
 class _Problem:
-    """The unknowns are [lenses (9 each), poses (6 each), depth shift, views (6 each)] in this order."""
+    """Unknowns [lenses (9 each), poses (6 each), depth shift, views (6 each)] in this order."""
 
     cameras: tuple[str, ...]
     indices: tuple[int, ...]
@@ -168,7 +164,7 @@ class _Problem:
 
     @staticmethod
     def of(views: list[PlateView], plate: HolePlate, cameras: tuple[str, ...]) -> "_Problem":
-        """All that the views show, with first guesses of its noise."""
+        """Return all observations of the views, with first guesses of their noise."""
         seen = {}
         for name in cameras:
             rows = [(i, view.centers_px[name]) for i, view in enumerate(views) if name in view.centers_px]
@@ -181,14 +177,14 @@ class _Problem:
         return _Problem(cameras, tuple(view.index for view in views), plate.hole_m / 2, seen)
 
     def solve(self, x: Array, loss: str) -> Array:
-        """Least squares from ``x`` on."""
+        """Return the least-squares solution from ``x`` on."""
         found = least_squares(
             self.residuals, x, self.jacobian, method="trf", loss=loss, f_scale=2.0, x_scale="jac", max_nfev=40
         )
         return np.asarray(found.x, np.float64)
 
     def residuals(self, x: Array) -> Array:
-        """All residuals in units of their deviation: centres, depths, then priors."""
+        """Return all residuals in units of their deviation: centres, depths, then priors."""
         return np.concatenate([*(self._weighed(x, name) for name in self.seen), self._priors(x)])
 
     def _priors(self, x: Array) -> Array:
@@ -200,7 +196,7 @@ class _Problem:
         return np.asarray(self.errors(x, name) / self.seen[name].sigma).ravel()
 
     def errors(self, x: Array, name: str) -> Array:
-        """Seen minus predicted: centres (n, 2) of one camera in pixels, or readings (n,) in millimetres."""
+        """Return seen minus predicted: centres (n, 2) of one camera in pixels, or readings (n,) in mm."""
         return self._errors_mm(x) if name == READINGS else self._errors_px(x, name)
 
     def _errors_px(self, x: Array, name: str) -> Array:
@@ -218,7 +214,7 @@ class _Problem:
         return np.asarray(seen.px - distort(_brown(lenses[name]), ideal) * (fx, fy) - (cx, cy), np.float64)
 
     def _errors_mm(self, x: Array) -> Array:
-        """Readings minus the plate's depth along their pixels' rays."""
+        """Return readings minus the plate's depth along their pixels' rays."""
         seen, (lenses, _, shift_mm, views) = self.seen[READINGS], self._unpacked(x)
         lens = lenses["depth"]
         ray = undistort(_brown(lens), (seen.px - lens[2:4]) / lens[:2], iterations=15)
@@ -229,10 +225,9 @@ class _Problem:
         return np.asarray(seen.known - 1000 * z - shift_mm, np.float64)
 
     def jacobian(self, x: Array) -> Array:
-        """Forward differences; a step in one number of every view's pose at once, since views are apart."""
+        """Return forward differences; one step moves a number of every pose, because views are apart."""
         base, shared, step = self.residuals(x), 15 * len(self.cameras) - 5, 1e-7
-        # The view of each residual: a hole has two, as its coordinates, a reading one.
-        views = [np.repeat(s.view, s.known.ndim) for s in self.seen.values()]
+        views = [np.repeat(s.view, s.known.ndim) for s in self.seen.values()]  # a hole has two residuals
         rows, ends = np.concatenate(views), np.cumsum([len(view) for view in views])
         of = {name: slice(e - len(v), e) for name, v, e in zip(self.seen, views, ends, strict=True)}
         inside, priors = np.arange(len(rows)), slice(len(rows), None)
@@ -251,7 +246,7 @@ class _Problem:
         return jacobian
 
     def _touched(self, column: int) -> tuple[str, ...]:
-        """Kinds of observations that one of the unknowns before the views' moves."""
+        """Return the kinds of observations that depend on a shared unknown."""
         poses, shift = 9 * len(self.cameras), 15 * len(self.cameras) - 6
         if column < 9:
             return "depth", READINGS
@@ -260,14 +255,14 @@ class _Problem:
         return (self.cameras[column // 9 if column < poses else 1 + (column - poses) // 6],)
 
     def weighted(self, x: Array) -> "_Problem":
-        """The same with the noise that the residuals show."""
+        """Return the same problem with the noise of the residuals."""
         sigmas = {name: float(ROBUST * np.median(np.abs(self.errors(x, name)))) for name in self.seen}
         return replace(self, seen={name: s._replace(sigma=sigmas[name]) for name, s in self.seen.items()})
 
     def without_bad(self, x: Array) -> "_Problem":
-        """The same without the views in which any camera's errors stand out from its others.
+        """Return the same problem without views in which any camera's errors stand out.
 
-        There the plate slipped between the exposures, or something else was taken for holes.
+        There the plate slipped between the exposures, or other things were found as holes.
         """
         bad = np.zeros(len(self.indices), bool)
         for name in self.cameras:
@@ -280,11 +275,10 @@ class _Problem:
         for name, (view, px, known, sigma) in self.seen.items():
             kept = ~bad[view]
             seen[name] = _Seen(view[kept], px[kept], known[kept], sigma)
-        left_out = tuple(index for index, is_bad in zip(self.indices, bad, strict=True) if is_bad)
-        return replace(self, seen=seen, left_out=left_out)
+        return replace(self, seen=seen, left_out=tuple(np.array(self.indices)[bad].tolist()))
 
     def result(self, x: Array, guess: dict[str, Intrinsics], views: int) -> Adjusted:
-        """The rig of a solution, with its deviations."""
+        """Return the rig of a solution, with its deviations."""
         lenses, poses, shift_mm, _ = self._unpacked(x)
         _, pose_sd, shift_sd_mm, _ = self._unpacked(self._deviations(x))
         cameras: dict[str, Any] = {
@@ -307,7 +301,7 @@ class _Problem:
         return np.asarray(np.sqrt(variance * np.diag(np.linalg.pinv(jacobian.T @ jacobian, hermitian=True))))
 
     def _unpacked(self, x: Array) -> tuple[dict[str, Array], dict[str, Array], float, Array]:
-        """Lenses (9,) and poses (6,) by camera, depth shift in millimetres, and views (n, 6)."""
+        """Return lenses (9,) and poses (6,) by camera, depth shift in millimetres, and views (n, 6)."""
         count = len(self.cameras)
         lenses, poses, shift, views = np.split(x, np.cumsum([9 * count, 6 * (count - 1), 1]))
         by_lens = dict(zip(self.cameras, lenses.reshape(-1, 9), strict=True))
@@ -316,10 +310,10 @@ class _Problem:
 
 
 def _moved(numbers: Array) -> tuple[Array, Array]:
-    """Rotations (..., 3, 3) and translations (..., 3) of rotation vectors and translations (..., 6)."""
+    """Return rotations (..., 3, 3) and translations of rotation vectors and translations (..., 6)."""
     return Rotation.from_rotvec(numbers[..., :3]).as_matrix(), numbers[..., 3:]
 
 
 def _brown(lens: Array) -> Intrinsics:
-    """A camera with this distortion; size and focal length are not used."""
+    """Return a camera with this distortion; size and focal length are unused."""
     return Intrinsics(1, 1, 1.0, 1.0, 0.0, 0.0, *map(float, lens[4:]))

@@ -1,6 +1,7 @@
-"""The calibration target: a plate with holes before a warm matt backing, which all three cameras see.
+"""The calibration target: a plate with holes in front of a warm matt backing, visible to all three cameras.
 
-Infrared and colour see the holes darker or brighter than the plate, the thermal camera sees them warm.
+In infrared and colour the holes are darker or brighter than the plate, in the thermal image warm. Constants
+are untuned unless a source is given.
 """
 
 from dataclasses import dataclass
@@ -14,21 +15,18 @@ from sensors.errors import CalibrationError
 
 Array = NDArray[np.float64]
 
-FINE_PX = 640
-"""Narrower images are enlarged before the search: OpenCV's blobs need some pixels; chosen by eye."""
-FAINT = 1e-6
-"""Images whose values span less, in their own unit, show nothing; chosen by eye."""
-SMALL_PX = 28.0
-"""Pixels between neighbouring holes up to which their centres are refined; chosen by eye."""
-LENS_PX = 0.7
-"""Standard deviation of the blur of lens and pixel, pixels; chosen by eye."""
+FINE_PX = 640  # narrower images are enlarged before the search, because OpenCV's blobs need some pixels
+FAINT = 1e-6  # least range of an image's values, in their own unit
+SMALL_PX = 28.0  # between neighbouring holes up to which their centres are refined
+LENS_PX = 0.7  # standard deviation of the blur of lens and pixel
+MARGIN_MM = 12.0  # about the drawn plate, for the text and the line to measure
 
 
 @dataclass(frozen=True)
 class HolePlate:
     """An asymmetric grid of holes. ``rows`` rows of ``columns``; every second row is shifted by a pitch.
 
-    pitch_m: distance of neighbouring rows, and half that of two holes of one row. hole_m: their diameter.
+    pitch_m: distance of neighbouring rows, and half the distance of two holes of one row. hole_m: diameter.
     Raises CalibrationError for a plate that cannot be drilled.
     """
 
@@ -49,20 +47,45 @@ class HolePlate:
             )
 
     @property
-    def centers_m(self) -> NDArray[np.float64]:
+    def centers_m(self) -> Array:
         """Hole centres (rows * columns, 2) in the plate's plane, in the order of ``find_holes``."""
         row, column = np.divmod(np.arange(self.rows * self.columns), self.columns)
         return np.stack([2 * column + row % 2, row], axis=1) * self.pitch_m
 
     @property
-    def size_m(self) -> NDArray[np.float64]:
+    def size_m(self) -> Array:
         """Lower and upper corner (2, 2) of the plate: a pitch and a half beyond the outermost centres."""
         reach = self.centers_m.max(axis=0)
         return np.stack([np.full(2, -1.5 * self.pitch_m), reach + 1.5 * self.pitch_m])
 
 
-def find_holes(image: NDArray[np.generic], plate: HolePlate) -> NDArray[np.float64] | None:
-    """Centres (n, 2) of all holes as (u, v) in an image (h, w), row by row; None where any is not found.
+def plate_svg(plate: HolePlate) -> str:
+    """Return a drawing to scale, to print, drill or cut by laser, with a line of 100 mm for checking."""
+    low, high = 1000 * plate.size_m
+    width, height = high - low
+    hole, row = 1000 * plate.hole_m, 1000 * plate.pitch_m
+    holes = "\n".join(
+        f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{hole / 2:.2f}"/>'
+        f'<path d="M{x - 2:.2f} {y:.2f}h4M{x:.2f} {y - 2:.2f}v4"/>'
+        for x, y in 1000 * plate.centers_m - low
+    )
+    text = (
+        f"annotate-cloud: {plate.columns} x {plate.rows} holes of {hole:g} mm, rows {row:g} mm apart; "
+        "the line is 100 mm"
+    )
+    view = f"{-MARGIN_MM:g} {-MARGIN_MM:g} {width + 2 * MARGIN_MM:g} {height + 2 * MARGIN_MM:g}"
+    size = f'width="{width + 2 * MARGIN_MM:g}mm" height="{height + 2 * MARGIN_MM:g}mm"'
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="{view}">\n'
+        '<g fill="none" stroke="black" stroke-width="0.2">\n'
+        f'<rect width="{width:g}" height="{height:g}"/>\n{holes}\n'
+        f'<path stroke-width="0.4" d="M0 {height + 8:g}h100m0-2v4m-100 0v-4"/>\n</g>\n'
+        f'<text x="0" y="-4" font-size="5" font-family="sans-serif">{text}</text>\n</svg>\n'
+    )
+
+
+def find_holes(image: NDArray[np.generic], plate: HolePlate) -> Array | None:
+    """Return the centres (n, 2) of all holes as (u, v) in an image (h, w), row by row, or None.
 
     The image may be of any brightness scale (amplitude, grey, Celsius); NaN counts as dark.
     """
@@ -84,10 +107,10 @@ def find_holes(image: NDArray[np.generic], plate: HolePlate) -> NDArray[np.float
 
 
 def _refined(image: Array, coarse: Array, plate: HolePlate) -> Array:
-    """Centres (n, 2) of small holes to the noise: means of the contrast, weighted by a Gaussian of its size.
+    """Return the centres (n, 2) of small holes: means of the contrast, weighted by a Gaussian of its size.
 
-    Moments with a matched weight (Bernstein & Jarvis 2002, section 3): where holes are a few pixels wide,
-    OpenCV's blobs, made of a few thresholds, are several times noisier. Large holes it finds well.
+    Moments with a matched weight (Bernstein & Jarvis 2002, section 3), because OpenCV's blobs are several
+    times noisier where holes are a few pixels wide.
     """
     gaps = np.linalg.norm(coarse[:, None] - coarse[None], axis=2)
     gap = np.sort(gaps, axis=1)[:, 1]
@@ -110,8 +133,7 @@ def _moment(image: Array, start: Array, gap: float, sigma: float) -> Array:
         around = np.median(patch[np.abs(away - gap / 2) < 1])
         weight = np.exp(-0.5 * np.square(away / sigma)) * (patch - around)
         mean = np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum()
-        # The weight pulls the mean half way back to where it stood.
-        center = center + 2 * (mean - center)
+        center = center + 2 * (mean - center)  # because the weight pulls the mean half way back
         if not np.linalg.norm(center - start) < gap / 8:
             return start
     return center

@@ -13,14 +13,11 @@ from sensors.rig.camera import Intrinsics, project
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
-SAMPLES = 120
-"""Depth readings taken from one view, at most: more add nothing to one plane; chosen by eye."""
-CLEAR = 1.7
-"""Readings nearer to a hole than this many radii mix plate and backing; chosen by eye."""
+Array = NDArray[np.float64]
 
-USUAL_FOCAL = 0.9
-"""Focal length of a camera that nobody knows, as a share of its image's width: 58 degrees wide. Chosen by
-eye."""
+SAMPLES = 120  # depth readings of one view, at most; untuned
+CLEAR = 1.7  # radii of a hole within which readings mix plate and backing; untuned
+USUAL_FOCAL = 0.9  # focal length over width of an unknown camera: 58 degrees wide; untuned
 CAMERAS = ("depth", "color", "thermal")
 
 
@@ -32,15 +29,15 @@ class PlateView:
     """
 
     index: int
-    centers_px: dict[str, NDArray[np.float64]]
-    depth_px: NDArray[np.float64]
-    depth_mm: NDArray[np.float64]
+    centers_px: dict[str, Array]
+    depth_px: Array
+    depth_mm: Array
 
 
 def view_plate(frame: RigFrame, plate: HolePlate, depth_camera: Intrinsics) -> PlateView:
-    """Look for the plate in all of a frame's images; the depth camera's is its infrared image.
+    """Find the plate in all of a frame's images; the depth camera's is its infrared image.
 
-    depth_camera: a rough guess suffices, it only selects the readings on the plate.
+    depth_camera: a rough guess, which only selects the readings on the plate.
     """
     color = frame.decode_color()
     images = {
@@ -57,27 +54,24 @@ def view_plate(frame: RigFrame, plate: HolePlate, depth_camera: Intrinsics) -> P
 
 
 def with_all_cameras(guess: RigCalibration, frame: RigFrame) -> RigCalibration:
-    """A guess with the cameras that it lacks and a frame has images of: their sizes, and a usual lens.
+    """Return a guess completed by usual lenses for the cameras that only the frame has images of.
 
-    A depth camera's factory knows nothing of the thermal camera beside it. Raises FormatError.
+    Raises FormatError.
     """
+    color = frame.decode_color() if guess.color is None else None
+    images: dict[str, NDArray[Any] | None] = {"color": color, "thermal": frame.thermal_c}
     known: dict[str, Any] = {}
-    if guess.color is None and (color := frame.decode_color()) is not None:
-        known |= {"color": _usual(color.shape), "color_from_depth": Pose.identity()}
-    if guess.thermal is None and frame.thermal_c is not None:
-        known |= {"thermal": _usual(frame.thermal_c.shape), "thermal_from_depth": Pose.identity()}
+    for name, image in images.items():
+        if image is not None and getattr(guess, name) is None:
+            height, width = image.shape[:2]
+            focal, centre = USUAL_FOCAL * width, ((width - 1) / 2, (height - 1) / 2)
+            known[name] = Intrinsics(width, height, focal, focal, *centre)
+            known[f"{name}_from_depth"] = Pose.identity()
     return replace(guess, **known) if known else guess
 
 
-def _usual(shape: tuple[int, ...]) -> Intrinsics:
-    height, width = shape[:2]
-    return Intrinsics(
-        width, height, USUAL_FOCAL * width, USUAL_FOCAL * width, (width - 1) / 2, (height - 1) / 2
-    )
-
-
-def plate_pose(centers_px: NDArray[np.float64], plate: HolePlate, camera: Intrinsics) -> Pose:
-    """camera_from_plate from one image's hole centres (n, 2) (OpenCV's iterative PnP)."""
+def plate_pose(centers_px: Array, plate: HolePlate, camera: Intrinsics) -> Pose:
+    """Return camera_from_plate from one image's hole centres (n, 2) (OpenCV's iterative PnP)."""
     board = np.c_[plate.centers_m, np.zeros(len(centers_px))]
     _, turn, shift = cv2.solvePnP(board, centers_px, camera.matrix, np.array(camera.distortion))
     return Pose(Rotation.from_rotvec(turn.ravel()).as_matrix(), np.asarray(shift, np.float64).ravel())
@@ -85,8 +79,8 @@ def plate_pose(centers_px: NDArray[np.float64], plate: HolePlate, camera: Intrin
 
 def _readings(
     depth_mm: NDArray[np.uint16], depth_from_plate: Pose, plate: HolePlate, camera: Intrinsics
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Readings on the plate between the holes: pixels (k, 2), millimetres (k,)."""
+) -> tuple[Array, Array]:
+    """Return readings on the plate between the holes: pixels (k, 2), millimetres (k,)."""
     low, high = plate.size_m
     grid = np.stack(np.meshgrid(*np.linspace(low + 0.01, high - 0.01, 40).T), axis=-1).reshape(-1, 2)
     gaps = np.linalg.norm(grid[:, None] - plate.centers_m[None], axis=2).min(axis=1)

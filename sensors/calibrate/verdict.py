@@ -9,24 +9,21 @@ from sensors.calibrate.bundle import Adjusted
 from sensors.rig.camera import Intrinsics
 
 LIMIT_ROTATION_DEG, LIMIT_LATERAL_MM, LIMIT_AXIAL_MM = 0.1, 1.0, 2.0
-"""Two deviations beyond these shift the edge of a person at 2 m by a pixel of the thermal camera's third."""
-LIMIT_PX = {"depth": 0.2, "color": 0.4, "thermal": 0.2}
-"""Largest root mean square errors; chosen by eye (published: 0.06 px, steel plate; 0.38 px, 80 x 62)."""
-LIMIT_COVERAGE = 0.35
-"""Least share of an image's cells with holes: beyond them the lens is extrapolated; chosen by eye."""
-CELLS = 8
-"""Cells of an image's side; chosen by eye."""
+"""Two deviations beyond these shift the edge of a person at 2 m by a third of a thermal pixel."""
+LIMIT_PX = {"depth": 0.2, "color": 0.4, "thermal": 0.2}  # rms; untuned (published: 0.06, 0.38 at 80 x 62)
+LIMIT_COVERAGE = 0.35  # least share of an image's cells with holes: beyond, the lens is extrapolated; untuned
+CELLS = 8  # of an image's side; untuned
 
 
 class Finding(NamedTuple):
-    """One finding. text: in words, with the number; remedy: "" where it is well."""
+    """One finding. text: in words, with the number; remedy: "" where it is good."""
 
     text: str
     remedy: str = ""
 
 
 def judge(found: Adjusted) -> tuple[bool, list[Finding]]:
-    """Whether all is well, and every finding."""
+    """Return whether all findings are good, and the findings."""
     findings = [_residual(name, seen.rms_px) for name, seen in found.residuals.items()]
     sizes = vars(found.calibration)
     findings += [_coverage(name, seen.px, sizes[name]) for name, seen in found.residuals.items()]

@@ -2,7 +2,7 @@
 
 A folder holds ``calib_ir.yaml``, ``calib_color.yaml``, ``calib_pose.yaml`` (ir -> colour),
 ``calib_depth.yaml`` (depthShift, millimetres that kinect2_bridge.cpp adds to depth), and of ours
-``calib_thermal.yaml`` and ``calib_pose_thermal.yaml``. The entries of OpenCV's own calibration sample
+``calib_thermal.yaml`` and ``calib_pose_thermal.yaml``. The keys of OpenCV's own calibration sample
 (camera_matrix, image_width, ...) are read as well.
 """
 
@@ -22,14 +22,11 @@ from sensors.rig.rig_calibration import MAX_CALIBRATION_BYTES, Pose, RigCalibrat
 FILES = {"depth": "calib_ir.yaml", "color": "calib_color.yaml", "thermal": "calib_thermal.yaml"}
 POSES = {"color": "calib_pose.yaml", "thermal": "calib_pose_thermal.yaml"}
 SHIFT = "calib_depth.yaml"
-SIZES = {"depth": (512, 424), "color": (1920, 1080), "thermal": (160, 120)}
-"""iai_kinect2 names no sizes: they are the Kinect v2's, and the Optris PI200's."""
-
-_ENTRY = re.compile(
+SIZES = {"depth": (512, 424), "color": (1920, 1080), "thermal": (160, 120)}  # iai_kinect2 states none
+_ENTRY = re.compile(  # a key with a number, or with a matrix as OpenCV writes it
     r"^(\w+): *(?:([-+]?\d+\.?\d*(?:e[-+]?\d+)?)\s*$|!!opencv-matrix\s+rows:[^\[]*\bdata: *\[([^\]]*)\])",
     re.MULTILINE,
 )
-"""A key with a number, or with a matrix as OpenCV writes it."""
 
 
 def open_calibration(path: Path) -> RigCalibration:
@@ -47,7 +44,7 @@ def read_yaml(folder: Path) -> RigCalibration:
 
 
 def write_yaml(folder: Path, calibration: RigCalibration) -> None:
-    """Write the folder that ``read_yaml`` reads; files there of the same names are replaced."""
+    """Write the folder that ``read_yaml`` reads; files of the same names are replaced."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, file in FILES.items():
         camera: Intrinsics | None = getattr(calibration, name)
@@ -71,7 +68,7 @@ def write_yaml(folder: Path, calibration: RigCalibration) -> None:
 
 
 def _write(path: Path, fields: dict[str, Any]) -> None:
-    # OpenCV takes the format from the suffix, which a temporary file lacks: it writes to memory.
+    # In memory, because OpenCV takes the format from the suffix, which a temporary file lacks.
     storage = cv2.FileStorage(".yaml", cv2.FileStorage_WRITE | cv2.FileStorage_MEMORY)
     for key, value in fields.items():
         storage.write(key, value)
@@ -79,67 +76,62 @@ def _write(path: Path, fields: dict[str, Any]) -> None:
         temporary.write_text(storage.releaseAndGetString(), encoding="utf-8")
 
 
-def _existing(folder: Path, file: str) -> Path | None:
-    """The file by its name, or with a device's name before it; None where there is none."""
-    found = sorted(path for path in folder.glob(f"*{file}") if path.is_file())
-    if len(found) > 1:
-        raise CalibrationError(f"{folder} has {len(found)} files for {file}; keep those of one device there")
-    return found[0] if found else None
+class _Fields:
+    """Numbers of a YAML file by key. OpenCV's own parser writes beyond its memory at corrupt files."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        data = read_bounded(path, MAX_CALIBRATION_BYTES, "give a calibration file", CalibrationError)
+        try:
+            entries = [match.groups() for match in _ENTRY.finditer(data.decode())]
+            self._fields = {
+                key: [float(n) for n in (number or numbers).split(",")] for key, number, numbers in entries
+            }
+        except ValueError as error:
+            raise CalibrationError(f"calibration {path} cannot be read ({error}); restore it") from error
+        if not np.isfinite([number for numbers in self._fields.values() for number in numbers]).all():
+            raise CalibrationError(f"calibration {path} holds numbers that are not finite; restore it")
+
+    @classmethod
+    def existing(cls, folder: Path, file: str) -> "_Fields | None":
+        """Read the file of this name, or with a device's name before it; None where none exists."""
+        found = sorted(path for path in folder.glob(f"*{file}") if path.is_file())
+        if len(found) > 1:
+            raise CalibrationError(f"{folder} has {len(found)} files for {file}; keep one device's there")
+        return cls(found[0]) if found else None
+
+    def numbers(self, *keys: str, counts: tuple[int, ...]) -> list[float]:
+        """Return the numbers of the first of these keys, by rows. Raises CalibrationError."""
+        values = next((self._fields[key] for key in keys if key in self._fields), [])
+        if not values:
+            raise CalibrationError(f"{self._path} has no {keys[0]}; give an OpenCV calibration file")
+        if len(values) not in counts:
+            raise CalibrationError(f"{self._path}: {keys[0]} has {len(values)} numbers; give {counts[0]}")
+        return values
+
+    def whole(self, key: str) -> int:
+        """Return a whole number, 0 where the key is missing."""
+        return int(self._fields.get(key, [0])[0])
 
 
 def _lens(folder: Path, name: str) -> Intrinsics | None:
-    path = _existing(folder, FILES[name])
-    if path is None:
+    if (fields := _Fields.existing(folder, FILES[name])) is None:
         return None
-    fields = _fields(path)
-    fx, _, cx, _, fy, cy = _matrix(path, fields, ("cameraMatrix", "camera_matrix"), (9,))[:6]
-    lens = _matrix(path, fields, ("distortionCoefficients", "distortion_coefficients"), (4, 5))
-    width, height = (int(fields.get(f"image_{side}", [0])[0]) for side in ("width", "height"))
-    if not (width and height):
-        width, height = SIZES[name]
-    return Intrinsics(width, height, fx, fy, cx, cy, *lens)
+    fx, _, cx, _, fy, cy = fields.numbers("cameraMatrix", "camera_matrix", counts=(9,))[:6]
+    lens = fields.numbers("distortionCoefficients", "distortion_coefficients", counts=(4, 5))
+    width, height = fields.whole("image_width"), fields.whole("image_height")
+    size = (width, height) if width and height else SIZES[name]
+    return Intrinsics(*size, fx, fy, cx, cy, *lens)
 
 
 def _pose(folder: Path, name: str) -> Pose | None:
-    path = _existing(folder, POSES[name])
-    if path is None:
+    if (fields := _Fields.existing(folder, POSES[name])) is None:
         return None
-    fields = _fields(path)
-    rotation = np.reshape(_matrix(path, fields, ("rotation",), (9,)), (3, 3))
-    return Pose(rotation, np.array(_matrix(path, fields, ("translation",), (3,))))
+    rotation = np.reshape(fields.numbers("rotation", counts=(9,)), (3, 3))
+    return Pose(rotation, np.array(fields.numbers("translation", counts=(3,))))
 
 
 def _shift_mm(folder: Path) -> float:
     """Return depthShift; 0 without the file, which one of iai_kinect2's own units lacks."""
-    path = _existing(folder, SHIFT)
-    if path is None:
-        return 0.0
-    return _matrix(path, _fields(path), ("depthShift",), (1,))[0]
-
-
-def _matrix(
-    path: Path, fields: dict[str, list[float]], keys: tuple[str, ...], sizes: tuple[int, ...]
-) -> list[float]:
-    """Numbers of the first of these entries, row by row."""
-    values = next((fields[key] for key in keys if key in fields), [])
-    if not values:
-        raise CalibrationError(f"{path} has no {keys[0]}; give an OpenCV calibration file")
-    if len(values) not in sizes:
-        raise CalibrationError(f"{path}: {keys[0]} has {len(values)} numbers; give {sizes[0]}")
-    return values
-
-
-def _fields(path: Path) -> dict[str, list[float]]:
-    """Numbers, and those of matrices row by row, by key.
-
-    OpenCV's own parser writes beyond its memory where a file is corrupt.
-    """
-    data = read_bounded(path, MAX_CALIBRATION_BYTES, "give a calibration file", CalibrationError)
-    try:
-        entries = [match.groups() for match in _ENTRY.finditer(data.decode())]
-        fields = {key: [float(n) for n in (number or numbers).split(",")] for key, number, numbers in entries}
-    except ValueError as error:
-        raise CalibrationError(f"calibration {path} cannot be read ({error}); restore it") from error
-    if not np.isfinite([number for numbers in fields.values() for number in numbers]).all():
-        raise CalibrationError(f"calibration {path} holds numbers that are not finite; restore it")
-    return fields
+    fields = _Fields.existing(folder, SHIFT)
+    return 0.0 if fields is None else fields.numbers("depthShift", counts=(1,))[0]

@@ -6,21 +6,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.calibration_files.opencv_lens import intrinsics_from_opencv
+from sensors.calibration_files.lens_models import intrinsics_from_opencv, intrinsics_from_rational
 from sensors.errors import CalibrationError
-from sensors.rig.camera import Intrinsics, intrinsics_from_rational
+from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose, rotation_of
 
 Decoded = Any
 """A message of the classes that rosbags and protobuf make at run time."""
-
 _BROWN = ("plumb_bob", "rational_polynomial", "radtan", "brown_conrady", "")
-"""Lens models whose coefficients are OpenCV's. image_geometry passes plumb_bob and rational_polynomial to
-OpenCV alike, however many numbers there are; Kalibr's name of the first four is radtan."""
+"""Lens models with OpenCV's coefficients. image_geometry passes plumb_bob and rational_polynomial to OpenCV
+alike, with any number of coefficients; radtan is Kalibr's name for the first four."""
 _FISHEYES = ("equidistant", "fisheye", "kannala", "omni", "double_sphere", "ftheta", "f_theta", "ucm")
-"""Words of lens models that are no pinhole even where all their numbers are zero."""
-_PLAIN, _RATIONAL, _MOST = 5, 8, 14
-"""Numbers of the polynomial lens, of the rational one, and of one with thin prism and tilted sensor."""
+_PLAIN, _RATIONAL, _MOST = 5, 8, 14  # numbers of the polynomial, rational and tilted thin-prism lens
 
 
 class Window(NamedTuple):
@@ -39,7 +36,7 @@ class Window(NamedTuple):
 def window_of(message: Decoded) -> Window:
     """Return the binning and the region of interest of a CameraInfo; a CameraCalibration has none.
 
-    A region lies in unbinned pixels, 0 wide or high is the whole sensor, binning 0 is 1 (REP 104).
+    A region is in unbinned pixels, 0 wide or high is the whole sensor, binning 0 is 1 (REP 104).
     """
     x, y = (max(1, int(getattr(message, f"binning_{axis}", 1))) for axis in "xy")
     width, height, left, top = int(message.width), int(message.height), 0, 0
@@ -59,13 +56,15 @@ def describes(message: Decoded, size: tuple[int, int]) -> bool:
 def intrinsics_from(
     message: Decoded, rectified: bool, name: str, size: tuple[int, int] | None = None
 ) -> Intrinsics:
-    """The pinhole of a CameraInfo or CameraCalibration with its lens, or that of the rectified image.
+    """Return the camera of a CameraInfo or CameraCalibration, or of its rectified image.
 
-    size: (width, height) of the image; None = the message's. Where binning and region of interest give it,
-    they are applied as ``image_geometry::PinholeCameraModel::fromCameraInfo`` does. Raises CalibrationError,
+    size: (width, height) of the image; None = the message's. Binning and region of interest that give this
+    size are applied as ``image_geometry::PinholeCameraModel::fromCameraInfo`` does. Raises CalibrationError,
     which names the topic ``name``.
     """
-    d, k, p = (_numbers(message, letter) for letter in "dkp")
+    # ROS 1 and Foxglove write large letters, ROS 2 small ones.
+    fields = (getattr(message, letter if hasattr(message, letter) else letter.upper()) for letter in "dkp")
+    d, k, p = (np.array(field, np.float64) for field in fields)
     matrix = k.reshape(3, 3) if k.size == 9 else np.zeros((3, 3))
     if rectified and p.size == 12 and p[0] > 0:
         matrix = p.reshape(3, 4)[:, :3]
@@ -78,50 +77,39 @@ def intrinsics_from(
     if size is not None and size != full and size == window.size:
         shift = np.array([[1.0, 0, -window.left], [0, 1, -window.top], [0, 0, 1]])
         matrix = np.diag([1 / window.block_x, 1 / window.block_y, 1.0]) @ shift @ matrix
-    return _with_lens(matrix, size or full, np.zeros(0) if rectified else d, _model(message), name)
-
-
-def _numbers(message: Decoded, letter: str) -> NDArray[np.float64]:
-    """Return a field of numbers: ROS 1 and Foxglove write large letters, ROS 2 small ones."""
-    return np.array(getattr(message, letter if hasattr(message, letter) else letter.upper()), np.float64)
-
-
-def _model(message: Decoded) -> str:
-    return str(message.distortion_model).strip().lower().replace(" ", "_")
+    model = str(message.distortion_model).strip().lower().replace(" ", "_")
+    return _with_lens(matrix, size or full, np.zeros(0) if rectified else d, model, name)
 
 
 def _with_lens(
     matrix: NDArray[np.float64], size: tuple[int, int], d: NDArray[np.float64], model: str, name: str
 ) -> Intrinsics:
-    """Return a pinhole with OpenCV's coefficients k1 k2 p1 p2 k3 k4 k5 k6 and more.
-
-    Zeros at the end are nothing.
-    """
-    pinhole = [float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2))]
+    """Return a pinhole with OpenCV's coefficients k1 k2 p1 p2 k3 k4 k5 k6 and more; last zeros are none."""
+    fx, fy, cx, cy = (float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
     if not np.isfinite(d).all():
         raise CalibrationError(
-            f"{name} has lens coefficients that are no numbers ({', '.join(f'{n:g}' for n in d[:5])}); "
+            f"{name} has lens coefficients that are not finite ({', '.join(f'{n:g}' for n in d[:5])}); "
             "give --intrinsics FILE"
         )
     fisheye = d.size > 0 and any(word in model for word in _FISHEYES)
     used = int(np.flatnonzero(d)[-1]) + 1 if d.any() else 0
     if not fisheye and not used:
-        return Intrinsics(*size, *pinhole)
+        return Intrinsics(*size, fx, fy, cx, cy)
     if fisheye or model not in _BROWN or d.size > _MOST:
         raise CalibrationError(
             f"{name} has lens model {model[:40]!r} with {d.size} numbers; give plumb_bob or "
             "rational_polynomial, or record the rectified image"
         )
     if used > _RATIONAL:
-        return intrinsics_from_opencv(Intrinsics(*size, *pinhole), np.pad(d, (0, _MOST - d.size)), name)
+        return intrinsics_from_opencv(Intrinsics(*size, fx, fy, cx, cy), np.pad(d, (0, _MOST - d.size)), name)
     lens = np.pad(d[:used], (0, _RATIONAL - used))
     if used <= _PLAIN:
-        return Intrinsics(*size, *pinhole, *lens[:_PLAIN].tolist())
+        return Intrinsics(*size, fx, fy, cx, cy, *lens[:_PLAIN].tolist())
     return intrinsics_from_rational(size, matrix, lens)
 
 
 def links_from(message: Decoded) -> Iterator[tuple[str, str, Pose]]:
-    """(parent, child, parent_from_child) of every transform of a message. Raises CalibrationError."""
+    """Yield (parent, child, parent_from_child) of every transform of a message. Raises CalibrationError."""
     for transform in message.transforms if hasattr(message, "transforms") else [message]:
         if hasattr(transform, "header"):
             parent, child, move = transform.header.frame_id, transform.child_frame_id, transform.transform
@@ -131,6 +119,5 @@ def links_from(message: Decoded) -> Iterator[tuple[str, str, Pose]]:
         quaternion = np.array([q.x, q.y, q.z, q.w], np.float64)
         if not 0.5 < float(np.linalg.norm(quaternion)) < 2:
             raise CalibrationError(f"the transform to {child[:60]!r} has no rotation; record it again")
-        # ROS writes some names with a slash before them.
         pose = Pose(rotation_of(quaternion), np.array([t.x, t.y, t.z], np.float64))
-        yield str(parent).lstrip("/"), str(child).lstrip("/"), pose
+        yield str(parent).lstrip("/"), str(child).lstrip("/"), pose  # ROS writes some names with a slash

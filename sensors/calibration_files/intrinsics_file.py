@@ -1,9 +1,10 @@
-"""Intrinsics as various programs write them, and what goes with them; keys: docs/formats.md.
+"""Intrinsics as various programs write them; keys: docs/formats.md.
 
-In JSON, ours (``fx fy cx cy width height``, optionally ``k1 k2 p1 p2 k3`` and ``depth_unit_mm``),
-librealsense's (``fx fy ppx ppy width height``, optionally ``coeffs model depth_scale``), and Open3D's
-(``intrinsic_matrix`` by columns, ``width height``, optionally ``depth_scale``) are read by their keys; all
-other files by ``camera_text``.
+JSON is read by its keys where they are known; all other files are read by ``camera_text``. Known are:
+
+- ours: ``fx fy cx cy width height``, optionally ``k1 k2 p1 p2 k3`` and ``depth_unit_mm``
+- librealsense's: ``fx fy ppx ppy width height``, optionally ``coeffs model depth_scale``
+- Open3D's: ``intrinsic_matrix`` by columns, ``width height``, optionally ``depth_scale``
 """
 
 import json
@@ -13,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sensors.calibration_files.camera_text import read_camera_text
-from sensors.calibration_files.realsense_lens import realsense_intrinsics
+from sensors.calibration_files.lens_models import realsense_intrinsics
 from sensors.checks.camera_check import check_camera
 from sensors.errors import CalibrationError
 from sensors.files.bounded import read_bounded
@@ -21,7 +22,7 @@ from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import MAX_CALIBRATION_BYTES
 
 _OURS = frozenset({"fx", "fy", "cx", "cy", "width", "height"})
-_OURS_OPTIONAL = frozenset({"k1", "k2", "p1", "p2", "k3", "depth_unit_mm"})
+_OPTIONAL = frozenset({"k1", "k2", "p1", "p2", "k3", "depth_unit_mm"})
 
 
 class FoundIntrinsics(NamedTuple):
@@ -34,9 +35,9 @@ class FoundIntrinsics(NamedTuple):
 
 
 def first_intrinsics(files: list[Path], shape: tuple[int, int]) -> tuple[FoundIntrinsics, str]:
-    """Intrinsics of depth images (h, w) from the first of the files that exists, and a note on its name.
+    """Return intrinsics of depth images (h, w) from the first existing file, and a note on its name.
 
-    Raises CalibrationError, where none exists with what to write.
+    Raises CalibrationError.
     """
     file = next((file for file in files if file.is_file()), None)
     if file is None:
@@ -49,7 +50,7 @@ def first_intrinsics(files: list[Path], shape: tuple[int, int]) -> tuple[FoundIn
 
 
 def read_intrinsics(file: Path, shape: tuple[int, int] = (0, 0)) -> FoundIntrinsics:
-    """Read a file; ``shape`` (h, w) is taken where it states no size. Raises CalibrationError."""
+    """Read a file; ``shape`` (h, w) serves where the file states no size. Raises CalibrationError."""
     data = read_bounded(file, MAX_CALIBRATION_BYTES, "give intrinsics", CalibrationError)
     try:
         found = _found(data.decode(json.detect_encoding(data), errors="replace"), shape)
@@ -67,14 +68,14 @@ def _found(text: str, shape: tuple[int, int]) -> FoundIntrinsics:
         return _from_open3d(fields, shape)
     if fields is not None and "ppx" in fields:
         return _from_realsense(fields)
-    if fields is not None and set(fields) <= _OURS | _OURS_OPTIONAL:
+    if fields is not None and set(fields) <= _OURS | _OPTIONAL:
         return _from_ours(fields)
     return FoundIntrinsics(*read_camera_text(text, shape))
 
 
 def _from_ours(fields: dict[str, Any]) -> FoundIntrinsics:
-    if not set(fields) >= _OURS or set(fields) - _OURS - _OURS_OPTIONAL:
-        raise ValueError(f"it must hold {sorted(_OURS)}, optionally {sorted(_OURS_OPTIONAL)}")
+    if not set(fields) >= _OURS:
+        raise ValueError(f"it must hold {sorted(_OURS)}, optionally {sorted(_OPTIONAL)}")
     if any(isinstance(value, bool | str) for value in fields.values()):
         raise ValueError("not all of its values are numbers")
     size = {side: int(fields[side]) for side in ("width", "height")}
@@ -97,7 +98,7 @@ def _from_realsense(fields: dict[str, Any]) -> FoundIntrinsics:
 
 
 def _from_open3d(fields: dict[str, Any], shape: tuple[int, int]) -> FoundIntrinsics:
-    """Open3D's PinholeCameraIntrinsic, as its RealSense recorder writes it for depth aligned to colour."""
+    """Read Open3D's PinholeCameraIntrinsic, which its RealSense recorder writes for aligned depth."""
     height, width = (fields["height"], fields["width"]) if "width" in fields else shape
     (fx, _, _), (_, fy, _), (cx, cy, _) = np.array(fields["intrinsic_matrix"], float).reshape(3, 3).tolist()
     camera = Intrinsics(int(width), int(height), fx, fy, cx, cy)

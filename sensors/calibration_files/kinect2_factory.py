@@ -12,9 +12,8 @@ from sensors.rig.camera import Intrinsics
 class KinectColorParams(NamedTuple):
     """Factory calibration of a Kinect v2's colour camera (libfreenect2's ColorCameraParams).
 
-    f, cx, cy: focal length and principal point, pixels. shift_d, shift_m: distance of the
-    projection plane and baseline, mm. mx, my: cubic coefficients for x and y in the order
-    x3y0 x0y3 x2y1 x1y2 x2y0 x0y2 x1y1 x1y0 x0y1 x0y0.
+    f, cx, cy: pixels. shift_d, shift_m: distance of the projection plane and baseline, mm. mx, my: cubic
+    coefficients for x and y in the order x3y0 x0y3 x2y1 x1y2 x2y0 x0y2 x1y1 x1y0 x0y1 x0y0.
     """
 
     f: float
@@ -34,12 +33,10 @@ KINECT2_DEPTH = Intrinsics(
     k2=-0.266797304,
     k3=0.0901915208,
 )
-"""Infrared camera of a Kinect v2, for unmirrored images. The numbers are those that the firmware of one real
-unit reports for its mirrored images: the two differ by 3 pixels of cx, and units by up to 12."""
-KINECT2_PINHOLE = KINECT2_DEPTH.undistorted()
-"""The same camera without its lens: what undistorted depth images are seen with."""
-
-KINECT2_COLOR = KinectColorParams(
+"""Infrared camera of a Kinect v2, for unmirrored images. The numbers are one real unit's for its mirrored
+images: the two differ by 3 pixels of cx, and units by up to 12."""
+KINECT2_PINHOLE = KINECT2_DEPTH.undistorted()  # the camera of undistorted depth images
+KINECT2_COLOR = KinectColorParams(  # of the same unit, for mirrored images of depth and colour
     *(1081.37207, 959.5, 539.5, 863.0, 52.0),
     mx=(
         *(5.23260387e-4, 2.66473307e-5, 7.26420622e-5, 3.86019994e-4, -8.80247826e-5),
@@ -50,4 +47,3 @@ KINECT2_COLOR = KinectColorParams(
         *(2.11564999e-4, 6.66987689e-5, -0.00469533494, 0.640462875, 0.035591729),
     ),
 )
-"""Colour camera of the same unit, for libfreenect2's mirrored images of depth and colour."""

@@ -1,11 +1,8 @@
-"""Judge of cameras: focal lengths, centres and lenses that no camera has are refused.
+"""Judge of cameras: impossible focal lengths, centres and lenses are refused.
 
-Every importer passes its cameras through here. The bounds are wide: they stop numbers of another unit
-(millimetres, shares of the image, thousandths), not unusual cameras.
+Every importer's cameras pass here. The bounds are wide: they stop numbers of another unit (millimetres,
+shares of the image, thousandths), not unusual cameras. Constants are untuned unless a source is given.
 """
-
-from dataclasses import fields
-from typing import Final
 
 import numpy as np
 
@@ -13,27 +10,17 @@ from sensors.errors import CalibrationError
 from sensors.rig.camera import Intrinsics, distort, undistort
 from sensors.rig.rig_calibration import RigCalibration
 
-WIDEST, NARROWEST = 0.134, 10.0
-"""Focal length as a share of the image's longer side: a pinhole of 150 degrees, and one of 6. Thermal lenses
-are as narrow as 13 degrees, fisheyes are no pinholes."""
-SQUEEZED = 4.0
-"""Most times by which fx and fy differ; images that are squeezed in one direction have 2."""
-CENTRED = 0.25
-"""Share of a side by which the centre is off the middle at most where it determines the size or the axes.
-Untuned."""
-OFF_CENTRE = 2.0
-"""Sides of the image by which a cropped image's centre may lie outside it. Untuned."""
-BEND: Final = 2.5
-"""Most times by which a lens moves the middle of an image's side towards or away from its centre. Barrels of
-120 degrees have 1.7. Untuned."""
-RING = 0.9
-"""Share of the largest circle within the image where a lens must have an inverse: corners may have none."""
-CLOSES = 1e-3
-"""Greatest difference after undistorting and distorting again, relative to the point. Untuned."""
+WIDEST, NARROWEST = 0.134, 10.0  # focal length over the longer side: pinholes of 150 and of 6 degrees
+SQUEEZED = 4.0  # fx over fy; images squeezed in one direction have 2
+CENTRED = 0.25  # share of a side from the middle, where the centre determines the size or the axes
+OFF_CENTRE = 2.0  # sides by which a cropped image's centre may lie outside
+BEND = 2.5  # by which a lens moves the middle of a side; barrels of 120 degrees have 1.7
+RING = 0.9  # share of the largest circle within the image in which a lens must have an inverse
+CLOSES = 1e-3  # greatest relative difference after undistorting and distorting again
 
 
 def check_camera(camera: Intrinsics, where: str) -> Intrinsics:
-    """Return the camera. Raises CalibrationError, beginning with ``where``, for one that no camera is."""
+    """Return the camera. Raises CalibrationError, beginning with ``where``, for an impossible one."""
     side = max(camera.width, camera.height)
     for name, focal in (("fx", camera.fx), ("fy", camera.fy)):
         if not WIDEST < focal / side < NARROWEST:
@@ -66,22 +53,18 @@ def is_centred(centre: tuple[float, float], shape: tuple[int, ...]) -> bool:
 
 
 def check_rig(calibration: RigCalibration, where: str) -> RigCalibration:
-    """Return the calibration, all of whose cameras pass ``check_camera``. Raises CalibrationError."""
-    for field in fields(calibration):
-        camera = getattr(calibration, field.name)
+    """Return the calibration. Raises CalibrationError where ``check_camera`` refuses a camera."""
+    for name, camera in vars(calibration).items():
         if isinstance(camera, Intrinsics):
-            check_camera(camera, f"{where}, {field.name} camera")
+            check_camera(camera, f"{where}, {name} camera")
     return calibration
 
 
 def _check_lens(camera: Intrinsics, where: str) -> None:
-    """Raise CalibrationError where the lens has no inverse within the image, or bends it beyond measure."""
     around = np.linspace(0, 2 * np.pi, 32, endpoint=False)
-    radius = RING * min(camera.width / camera.fx, camera.height / camera.fy) / 2
-    centre = (
-        ((camera.width - 1) / 2 - camera.cx) / camera.fx,
-        ((camera.height - 1) / 2 - camera.cy) / camera.fy,
-    )
+    focal, size = np.array([camera.fx, camera.fy]), np.array([camera.width, camera.height])
+    radius = float(RING * (size / focal).min() / 2)
+    centre = ((size - 1) / 2 - (camera.cx, camera.cy)) / focal
     points = np.stack([np.cos(around), np.sin(around)], axis=-1) * radius + centre
     ideal = undistort(camera, points)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -91,5 +74,5 @@ def _check_lens(camera: Intrinsics, where: str) -> None:
         lens = ", ".join(f"{number:g}" for number in camera.distortion)
         raise CalibrationError(
             f"{where}: lens coefficients k1, k2, p1, p2, k3 of {lens} have no inverse within the image; "
-            "give those of OpenCV (--intrinsics FILE), without unit, or 0 for images without distortion"
+            "give OpenCV's (--intrinsics FILE), without unit, or 0 for images without distortion"
         )

@@ -1,7 +1,7 @@
 """Judge of temperatures: it finds the scale of a thermal image's words.
 
-A scene of people lies between a winter's day and a hot room, so its median determines the scale: the scales'
-words for such temperatures do not overlap.
+The median of a scene of people lies between a winter's day and a hot room. The scales' words for such
+temperatures do not overlap. Constants are untuned unless a source is given.
 """
 
 from collections.abc import Sequence
@@ -14,21 +14,16 @@ from numpy.typing import NDArray
 from sensors.checks.depth_units import LEAST_PIXELS
 from sensors.errors import FormatError
 
-COLDEST_C, HOTTEST_C = -30.0, 70.0
-"""Degrees Celsius of the median of a scene with people, outdoors or beside machines. Untuned."""
-ROOM_C = (0.0, 45.0)
-"""Degrees Celsius of a room; a median outside is a doubt. Untuned."""
-INDOORS_C = (10.0, 45.0)
-"""Degrees Celsius of the median by which a scale is taken before all others. Untuned."""
-SPREAD_C = (-40.0, 90.0)
-"""Degrees Celsius within which nine tenths of a scene with people lie: sky is colder, ovens are hotter."""
-NO_READING = 65535
-"""Saturated word."""
+COLDEST_C, HOTTEST_C = -30.0, 70.0  # median of a scene with people, outdoors or beside machines
+ROOM_C = (0.0, 45.0)  # a median outside is a doubt
+INDOORS_C = (10.0, 45.0)  # median by which a scale precedes all others
+SPREAD_C = (-40.0, 90.0)  # nine tenths of a scene with people: sky is colder, ovens are hotter
+NO_READING = 65535  # saturated word
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Scale of thermal words: celsius = word * step + offset; 0 is no reading in integers."""
+    """Scale of thermal words: celsius = word * step + offset; in integers 0 and 65535 mean no reading."""
 
     name: str
     step: float
@@ -54,26 +49,18 @@ OF_CAMERAS = (
     Scale("fiftieths of a kelvin, a Boson's in low gain", 0.02, -273.15),
     Scale("64ths of a kelvin, an InfiRay's", 1 / 64, -273.15),
 )
-"""Scales of the words that thermal cameras send. Their words for a scene of people do not overlap, except of
-the last two from 15,561 to 17,157. Sources: Lepton datasheet 500-0659 rev 203, telemetry word C49 (0.1 or
-0.01 K); notes on FLIR's Boson SDK (TLinear: kelvin x 100 in high gain, x 50 in low gain); several viewers for
-InfiRay's P2 Pro and Topdon's TC001 (word / 64)."""
-CELSIUS = Scale("degrees Celsius", 1.0, 0.0)
-INTEGERS = (
-    SESSION,
-    *KELVINS,
-    OF_CAMERAS[-1],
-    Scale("hundredths of a degree Celsius", 0.01, 0.0),
-)
-"""Scales of files. Words of the last may also be tenths of a kelvin, in which they spread too far."""
-FLOATS = (CELSIUS, Scale("kelvin", 1.0, -273.15))
+"""Scales of cameras' words. They overlap only for the last two, from 15,561 to 17,157. Sources: Lepton
+datasheet 500-0659 rev 203, telemetry word C49 (0.1 or 0.01 K); notes on FLIR's Boson SDK (TLinear: kelvin x
+100 in high gain, x 50 in low gain); viewers for InfiRay's P2 Pro and Topdon's TC001 (word / 64)."""
+INTEGERS = (SESSION, *KELVINS, OF_CAMERAS[-1], Scale("hundredths of a degree Celsius", 0.01, 0.0))
+FLOATS = (Scale("degrees Celsius", 1.0, 0.0), Scale("kelvin", 1.0, -273.15))
 
 
 def judge_celsius(samples: Sequence[NDArray[Any]], where: str) -> tuple[Scale, tuple[str, ...]]:
-    """Find the scale of thermal images (h, w), integers or floats, and notes on what was assumed.
+    """Return the scale of thermal images (h, w), integers or floats, and notes on assumptions.
 
     The usual scale is a session's for integers, and degrees Celsius for floats. Raises FormatError where the
-    median of the samples is no temperature in any scale.
+    median of the samples is impossible in every scale.
     """
     whole = not samples or samples[0].dtype.kind in "iu"
     scales, usual = (INTEGERS, (SESSION, *KELVINS)) if whole else (FLOATS, FLOATS)
@@ -99,14 +86,13 @@ def judge_celsius(samples: Sequence[NDArray[Any]], where: str) -> tuple[Scale, t
 
 
 def scales_of_cameras(words: NDArray[np.uint16]) -> list[Scale]:
-    """Return the scales in which the median of words (h, w) is a temperature of scenes with people."""
+    """Return the scales in which the median of words (h, w) is possible for a scene of people."""
     return [scale for scale in OF_CAMERAS if COLDEST_C <= _median([words], scale) <= HOTTEST_C]
 
 
 def _is_room(samples: Sequence[NDArray[Any]], scale: Scale) -> bool:
     """Return whether the samples are a room in a scale: by their median, and by nine tenths of them."""
-    median = _median(samples, scale)
-    if not INDOORS_C[0] <= median <= INDOORS_C[1]:
+    if not INDOORS_C[0] <= _median(samples, scale) <= INDOORS_C[1]:
         return False
     low, high = np.percentile(_values(samples, scale), (5, 95)).tolist()
     return bool(low > SPREAD_C[0] and high < SPREAD_C[1])

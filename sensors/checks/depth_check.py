@@ -1,8 +1,10 @@
 """Judge of depth images: it accepts or refuses their numbers, and finds their unit and invalid codes.
 
 The judge uses physics, not names: the range of the scene, the agreement of neighbouring pixels, codes that
-stand apart. A declared unit is obeyed, and doubts about it are notes. An assumed unit that gives
-an impossible scene is refused, with the units that give a possible one.
+stand apart. A declared unit is obeyed, and doubts about it are notes. An assumed unit that gives an
+impossible scene is refused, with the units that give a possible one. In a room the floor in front is nearer
+than the wall behind it: images turned upside down, and disparity, have the lower part farther. Constants are
+untuned unless a source is given.
 """
 
 from collections.abc import Sequence
@@ -22,59 +24,41 @@ from sensors.checks.depth_units import (
     remedy,
     unit_of,
 )
-from sensors.checks.upright_check import upside_down
 from sensors.errors import FormatError
 from sensors.rig.frame import mm_from_units
 
 Image = NDArray[Any]
 
-SATURATED = 65535
-"""Largest word of 16 bits: saturated, or how OAK cameras and others write that there is no reading."""
-CODES = tuple(2**bits - 1 for bits in (11, 12, 13, 14, 15))
-"""Largest words of sensors of 11 to 15 bits (2047: Kinect v1). They are no reading where they stand apart."""
-ROUND_M, WORDS = 4.0, (65535, 65534)
-"""Metres from which whole ones may be what programs write beyond the range instead of 0 (few rooms end
-there); and words that programs write so, in floats divided by 1000."""
-BEYOND = 1e9
-"""Values from here on are never depth."""
-LEAST_SHARE, GAP = 0.001, 0.1
-"""Share of pixels that such a code has at least, and the free range below it, as its share. Untuned."""
-MANY, MANY_GAP = 0.01, 0.02
-"""The same of round values, and of codes close to the farthest readings. A wall's readings spread by their
-noise. Untuned."""
-CUT_OUT = 0.5
-"""Share of pixels without a reading from which somebody is cut out of the background. Untuned."""
-
-FAR_M = 13.0
-"""Metres: where more than a hundredth is farther, an assumed unit is doubtful (TUM's end at 13.1 m)."""
-SHORT_M = 0.8
-"""Metres: where nothing is farther, an assumed unit is doubtful: centimetres, or inverse depth. Untuned."""
-FLAT = 1.2
-"""Times by which the farthest is farther than the nearest in what may be a wall alone. Untuned."""
-SMOOTHER = 8
-"""Times by which neighbours agree better after a swap of bytes, where bytes are swapped. A swap multiplies
-steps of a few units by 256. Untuned."""
-ROUGH_M, ROUGH = 0.5, 0.125
-"""Metres, and share of the scene's median: neighbours in what is no image differ by more. Untuned."""
-MOST_PIXELS = 100_000
-"""Pixels of a sample that are looked at. Untuned."""
+SATURATED = 65535  # of 16 bits; OAK cameras and others write it for no reading
+CODES = tuple(2**bits - 1 for bits in (11, 12, 13, 14, 15))  # of sensors of 11 to 15 bits (Kinect v1: 2047)
+ROUND_M, WORDS = 4.0, (65535, 65534)  # m from which whole ones may be a code; words, / 1000 in floats
+BEYOND = 1e9  # values from here on are never depth
+LEAST_SHARE, GAP = 0.001, 0.1  # of pixels with such a code; free range below it, as its share
+MANY, MANY_GAP = 0.01, 0.02  # the same of round values, and of codes close to the farthest readings
+CUT_OUT = 0.5  # share of pixels without a reading from which a person is cut out of the background
+FAR_M, SHORT_M = 13.0, 0.8  # where a hundredth is farther (TUM's end at 13.1 m), or nothing is: a doubt
+FLAT = 1.2  # farthest over nearest of what may be a wall alone
+SMOOTHER = 8  # by which neighbours agree better after a swap of bytes, which multiplies steps by 256
+ROUGH_M, ROUGH = 0.5, 0.125  # m, and share of the median: neighbours in other data differ by more
+MOST_PIXELS = 100_000  # of a sample that are examined
+FARTHER = 1.4  # lower over upper quarter, in all images; upright rooms have 0.1 to 1.15, turned ones 1.9
+FILLED = 0.25  # share of a quarter's pixels with a reading from which it is compared
+SAMPLES = 5  # frames of a source that are examined
 BYTES = (
     "depth of 8 bits has no known unit; store 16-bit integers in millimetres, or give the millimetres of a "
     "step with --depth-unit"
 )
-JUDGED = "depth:"
-"""First word of the judge's note."""
-SAMPLES = 5
-"""Frames of a source that are looked at, spread over all of it. Untuned."""
+JUDGED = "depth:"  # first word of the judge's note
+UPSIDE_DOWN = "doubtful depth: the lower quarter"  # first words of the note
 
 
 @dataclass(frozen=True)
 class DepthReading:
     """Rule by which the numbers of a source's depth images are read.
 
-    unit_mm: millimetres of a step. invalid: codes that are no reading besides 0, negative and non-finite
-    ones. swapped: whether the two bytes of a word are. range_m: of the samples, None where they hold too
-    little. notes: what was assumed and what is doubtful, one sentence each.
+    unit_mm: millimetres of a step. invalid: codes for no reading besides 0, negative and non-finite ones.
+    swapped: the two bytes of a word are exchanged. range_m: of the samples, None where they hold too little.
+    notes: assumptions and doubts, one sentence each.
     """
 
     unit_mm: float
@@ -103,9 +87,8 @@ def judge_depth(
     """Judge depth images (h, w) as a source stores them, integers or floats.
 
     unit_mm: millimetres of a step if declared, None = assumed: 1 for integers, 1000 for floats. likely_mm:
-    the unit that is taken where the assumed one is impossible, because files of this kind have it. where:
-    names the source in messages. Raises FormatError where the images are no depth, or the assumed unit gives
-    an impossible scene.
+    the unit of files of this kind, which replaces an impossible assumed one. where: the source in messages.
+    Raises FormatError where the images are not depth, or the assumed unit gives an impossible scene.
     """
     images = [_thinned(np.asarray(sample)) for sample in samples if np.size(sample)]
     kind = images[0].dtype if images else np.dtype(np.uint16)
@@ -131,15 +114,15 @@ def judge_depth(
         f"{JUDGED} {unit:g} mm a step ({source}), {found} at the 1st, 50th and 99th percentile; "
         f"no reading: {1 - len(values) / total:.1%} of the pixels"
     )
-    doubts = _doubts(found, words, unit, assumed=unit_mm is None)
     turned = ["bytes of the depth words are swapped: read the other way round"] if swapped else []
-    doubts += upside_down(words, invalid, unit)
-    lines = (first, *turned, *_seen_codes(words, invalid), *notes, *doubts)
-    return DepthReading(unit, invalid, swapped, found, lines)
+    doubts = _doubts(found, words, unit, assumed=unit_mm is None) + upside_down(words, invalid, unit)
+    return DepthReading(
+        unit, invalid, swapped, found, (first, *turned, *_seen_codes(words, invalid), *notes, *doubts)
+    )
 
 
 def _thinned(image: Image) -> Image:
-    """Return every n-th row of an image: neighbours along rows stay neighbours."""
+    """Return every n-th row of an image, because neighbours along rows stay neighbours."""
     return image[:: max(1, image.size // MOST_PIXELS)] if image.ndim == 2 else image
 
 
@@ -172,9 +155,7 @@ def _codes(images: Sequence[Image], unit_mm: float) -> tuple[float, ...]:
         return ()
     whole = images[0].dtype.kind in "iu"
     always = (SATURATED,) if whole and images[0].dtype.itemsize >= 2 else ()
-    values = np.concatenate([image.ravel() for image in images]).astype(np.float64)
-    values = values[np.isfinite(values) & (values > 0) & (values < BEYOND)]
-    values = values[values != SATURATED] if whole else values
+    values = _valid(np.concatenate([image.ravel() for image in images]), (SATURATED,) if whole else ())
     if len(values) < LEAST_PIXELS:
         return always
     top = float(values.max())
@@ -194,7 +175,7 @@ def _seen_codes(images: Sequence[Image], invalid: tuple[float, ...]) -> list[str
     total = sum(image.size for image in images)
     shares = {code: sum(np.count_nonzero(image == code) for image in images) / total for code in invalid}
     return [
-        f"depth of {code:g} is no reading: {share:.1%} of the pixels"
+        f"depth of {code:g} means no reading: {share:.1%} of the pixels"
         for code, share in shares.items()
         if share
     ]
@@ -208,21 +189,42 @@ def _doubts(found: Range, images: Sequence[Image], unit_mm: float, *, assumed: b
     if not why and assumed and (found.far > FAR_M or found.far < SHORT_M):
         side = "a part of the scene is farther" if found.far > FAR_M else "nothing is farther"
         why = f"{side} than {metres(found.far)}"
-    doubts = (
-        [f"doubtful depth: {why} with {unit_mm:g} mm a step; give --depth-unit if that is wrong"]
-        if why
-        else []
-    )
+    doubts = []
+    if why:
+        doubts.append(f"doubtful depth: {why} with {unit_mm:g} mm a step; give --depth-unit if that is wrong")
     empty = np.mean([np.count_nonzero(image == 0) / image.size for image in images])
     if found.far < FLAT * found.near and empty < CUT_OUT:
-        return [
-            *doubts,
-            f"all depth is from {metres(found.near)} to {metres(found.far)}: a wall, or no depth image",
-        ]
+        span = f"all depth is from {metres(found.near)} to {metres(found.far)}"
+        return [*doubts, f"{span}: a wall, or not a depth image"]
     steps = _steps(images)
     step_m = float(np.median(steps)) * unit_mm / 1000 if len(steps) >= LEAST_PIXELS else 0.0
     if step_m > max(ROUGH_M, found.median * ROUGH):
         doubts.append(
-            f"doubtful depth: neighbouring pixels differ by {metres(step_m)}: perhaps no depth image"
+            f"doubtful depth: neighbouring pixels differ by {metres(step_m)}: perhaps not a depth image"
         )
     return doubts
+
+
+def upside_down(images: Sequence[Image], invalid: tuple[float, ...], unit_mm: float) -> list[str]:
+    """Return a note where all of the comparable images (h, w) look upside down, else nothing."""
+    pairs = [pair for image in images if (pair := _quarters(image, invalid)) is not None]
+    if not pairs or min(lower / upper for upper, lower in pairs) < FARTHER:
+        return []
+    upper, lower = np.median(pairs, axis=0) * unit_mm / 1000
+    return [
+        f"{UPSIDE_DOWN} of the images is farther ({metres(lower)}) than the upper ({metres(upper)}): "
+        "they are upside down (give --turn 180), or hold disparity"
+    ]
+
+
+def _quarters(image: Image, invalid: tuple[float, ...]) -> tuple[float, float] | None:
+    """Return the medians of the upper and the lower quarter of an image; None without enough readings."""
+    rows = len(image) // 4
+    medians = []
+    for part in (image[:rows], image[len(image) - rows :]):
+        with np.errstate(invalid="ignore"):
+            good = part[np.isfinite(part) & (part > 0) & ~np.isin(part, invalid)]
+        if not rows or good.size < FILLED * part.size:
+            return None
+        medians.append(float(np.median(good)))
+    return medians[0], medians[1]

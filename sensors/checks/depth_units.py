@@ -1,8 +1,9 @@
 """Units of depth, and those that make a possible scene with people.
 
 Sources of the units: 1 mm is common; TUM RGB-D "File Formats" (1/5000 m); librealsense (D405: 0.1 mm, L515:
-0.25 mm); libfreenect and NYU's raw Kinect v1 words (13 bits of millimetres above 3 bits of player index), and
-SUN RGB-D, which rotates its words by the same 3 bits; libfreenect2 (floats in millimetres).
+0.25 mm); libfreenect and NYU's raw Kinect v1 words (13 bits of millimetres above 3 bits of player index);
+SUN RGB-D (words rotated by the same 3 bits); libfreenect2 (floats in millimetres). Constants are
+untuned unless a source is given.
 """
 
 from typing import NamedTuple
@@ -12,20 +13,12 @@ from numpy.typing import NDArray
 
 from sensors.errors import FormatError
 
-NEAREST_M = 4.5
-"""Metres: where nothing is nearer, an assumed unit is wrong. A room's floor or person is nearer; a Kinect v2
-measures to 4.5 m. Untuned."""
-NEAR_M, MEDIAN_M = 2.5, 7.5
-"""Metres: where nothing is nearer than the one, and half is farther than the other, an assumed unit is wrong:
-0.25 mm of an L515 look so. Half beyond the second alone is a doubt. Untuned."""
-CONVENTION = 2.0
-"""Times by which these are farther for floats, which are metres by convention (REP 118). Untuned."""
-CLOSE_M, CLOSE_MEDIAN_M = 0.15, 0.4
-"""Metres: where something is nearer, or half is, another unit is not taken unasked. Untuned."""
-FARTHEST_M = 0.3
-"""Metres: where nothing is farther, an assumed unit is wrong, because no camera sees a person so near."""
-LEAST_PIXELS = 200
-"""Readings below which nothing is judged. Untuned."""
+NEAREST_M = 4.5  # where nothing is nearer, an assumed unit is wrong; a Kinect v2 measures to 4.5 m
+NEAR_M, MEDIAN_M = 2.5, 7.5  # the same where nothing is nearer than the one and half farther than the other
+CONVENTION = 2.0  # times by which these are farther for floats, which are metres by convention (REP 118)
+CLOSE_M, CLOSE_MEDIAN_M = 0.15, 0.4  # where something is nearer, or half is, no other unit is taken
+FARTHEST_M = 0.3  # where nothing is farther, an assumed unit is wrong
+LEAST_PIXELS = 200  # readings below which nothing is judged
 UNITS_MM = {
     0.1: "D405",
     0.125: "Kinect v1 words above a player index, SUN RGB-D",
@@ -34,8 +27,7 @@ UNITS_MM = {
     1.0: "millimetres",
     10.0: "centimetres",
     1000.0: "metres",
-}
-"""Millimetres of a step that programs write, and who does."""
+}  # millimetres of a step, and the programs that write it
 
 
 def metres(length_m: float) -> str:
@@ -59,7 +51,7 @@ def range_of(values: NDArray[np.float64], unit_mm: float) -> Range:
 
 
 def impossible(found: Range, times: float = 1.0) -> str:
-    """Return the reason why a range is no scene with people, "" for a possible one. times: farther bounds."""
+    """Return why a range is impossible for a scene with people, or "". times: factor of the bounds."""
     if found.near > NEAREST_M * times:
         return f"nothing is nearer than {metres(found.near)}"
     if found.near > NEAR_M * times and found.median > MEDIAN_M * times:
@@ -68,7 +60,7 @@ def impossible(found: Range, times: float = 1.0) -> str:
 
 
 def _is_usual(found: Range) -> bool:
-    """Return whether a range is what cameras see of people in rooms."""
+    """Return whether a range is usual for cameras of people in rooms."""
     return not impossible(found) and found.near > CLOSE_M and CLOSE_MEDIAN_M < found.median < MEDIAN_M
 
 
@@ -107,5 +99,5 @@ def remedy(values: NDArray[np.float64], usual: float) -> str:
     units = "; ".join(text for text, _ in fits[:4])
     return (
         f"give --depth-unit, or depth_unit_mm in intrinsics.json: {units}; "
-        "disparity, temperatures and infrared are no depth"
+        "disparity, temperatures and infrared are not depth"
     )

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.calibration_files.lens_models import intrinsics_from_rational
 from sensors.device.protocol import ColorImage, DepthImage
 from sensors.device.streaming_camera import (
     DEPTH_CAMERA_RATES_HZ,
@@ -25,7 +26,7 @@ from sensors.errors import (
     DeviceLostError,
     DeviceNotFoundError,
 )
-from sensors.rig.camera import Intrinsics, intrinsics_from_rational
+from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
 SdkObject = Any

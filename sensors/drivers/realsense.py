@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.calibration_files.realsense_lens import realsense_intrinsics
+from sensors.calibration_files.lens_models import realsense_intrinsics
 from sensors.device.node import check_usb
 from sensors.device.protocol import ColorImage, DepthImage
 from sensors.device.streaming_camera import StreamingCamera, choose

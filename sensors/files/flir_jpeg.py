@@ -167,14 +167,19 @@ def _roughness(image: NDArray[np.uint16]) -> float:
 
 
 def _radiometry(camera: _Record) -> Radiometry:
-    scene = _finite(*camera.numbers("6f", 0x20), *camera.numbers("f", 0x3C))
+    emissivity, distance, reflected, air, window_k, window, humidity = _finite(
+        *camera.numbers("6f", 0x20), *camera.numbers("f", 0x3C)
+    )
     r1, b, f = camera.numbers("3f", 0x58)
     alpha1, alpha2, beta1, beta2, x = _finite(*camera.numbers("5f", 0x70))
     o, r2 = camera.numbers("if", 0x308)
     if not (r1 > 0 and r2 > 0 and b > 0 and np.isfinite([r1, r2, b, f]).all()):
         raise ValueError("its camera states no constants of Planck's law")
-    humidity = scene[6] / 100 if scene[6] > 2 else scene[6]  # some files state percents
-    return Radiometry(*scene[:6], humidity, r1, b, f, o, r2, (alpha1, alpha2), (beta1, beta2), x)
+    humidity = humidity / 100 if humidity > 2 else humidity  # some files state percents
+    return Radiometry(
+        emissivity, distance, reflected, air, window_k, window, humidity, r1, b, f, o, r2,
+        (alpha1, alpha2), (beta1, beta2), x,
+    )  # fmt: skip
 
 
 def _finite(*numbers: float) -> list[float]:

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from sensors.calibration_files.lens_models import intrinsics_from_rational
 from sensors.errors import CalibrationError
-from sensors.rig.camera import Intrinsics, intrinsics_from_rational
+from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
 DEPTH_MODES = {

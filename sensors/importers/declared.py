@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 
 from sensors.calibration_files.intrinsics_file import read_intrinsics
-from sensors.checks.depth_check import judge_depth, spread
-from sensors.checks.upright_check import UPSIDE_DOWN
+from sensors.checks.depth_check import UPSIDE_DOWN, judge_depth, spread
 from sensors.files.images import JPEG_MAGIC, PNG_MAGIC
 from sensors.files.jpeg import encoded_jpeg, mirrored_jpeg
 from sensors.importers.options import ImportOptions

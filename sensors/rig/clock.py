@@ -1,10 +1,8 @@
 """Device clocks against the host's: offset and skew from the lower envelope of the delays.
 
-A message arrives after a delay that is never negative: transport, plus whatever the host was busy with. The
-line below all delays, as near to them as can be, is the clock; stalls and jitter only lie above it.
-
-A device that was unplugged, or whose clock was set, begins an *epoch* with another offset. Each epoch is
-fitted by itself.
+A delay is never negative: transport, plus the host's other work. The highest line below all delays is the
+clock. A device that was unplugged, or whose clock was set, begins an *epoch* with another offset; each epoch
+is fitted by itself. Constants are untuned unless a source is given.
 """
 
 from collections.abc import Iterable
@@ -14,21 +12,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-LIMIT_SKEW = 200e-6
-"""No crystal of a camera or host is off by more; a steeper envelope is jitter over a short time."""
-FARTHEST_NS = 1 << 62
-"""Nanoseconds by which a clock is off at most: 146 years."""
-BACK, SET_ANEW = "{} is back", "{}: its clock was set"
-"""Events at which a clock begins an epoch; the clock's name is in them."""
-EPOCH_MARGIN_NS = 100_000_000
-"""Nanoseconds before an epoch's first reading in which its readings may be stamped too: another stream of
-the device is stamped earlier and arrives later. At least as long before that, there is no reading."""
-MAX_EPOCHS = 10_000
-"""Beginnings of one clock that are heeded: of a device that is opened every second for three hours."""
-MOST_LATE_NS = 60_000_000_000
-"""Nanoseconds by which an epoch's fit is moved back at most: a damaged file may state more."""
-AGREE_NS, EXPOSURE_NS = 5_000_000, 20_000_000
-"""Nanoseconds of delay within which readings agree; within which stamps may be of one exposure (untuned)."""
+BACK, SET_ANEW = "{} is back", "{}: its clock was set"  # events that begin an epoch of the named clock
+LIMIT_SKEW = 200e-6  # beyond every crystal; a steeper envelope is jitter over a short time
+FARTHEST_NS = 1 << 62  # largest offset: 146 years
+EPOCH_MARGIN_NS = 100_000_000  # before an epoch's first reading: another stream is stamped earlier
+MAX_EPOCHS = 10_000  # a device that is opened every second for three hours
+MOST_LATE_NS = 60_000_000_000  # by which a fit is moved back at most, because a damaged file may state more
+AGREE_NS, EXPOSURE_NS = 5_000_000, 20_000_000  # delays that agree; stamps that may be of one exposure
 
 
 @dataclass(frozen=True)
@@ -40,23 +30,19 @@ class Clock:
     origin_ns: int
 
     def host_ns(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Device stamps (n,) on the host's clock."""
+        """Return device stamps (n,) on the host's clock."""
         since = stamps_ns - self.origin_ns
         host = stamps_ns + self.offset_ns + np.rint(self.skew * since).astype(np.int64)
         return np.asarray(host, np.int64)
 
 
 def fit_clock(stamps_ns: NDArray[np.int64], arrivals_ns: NDArray[np.int64]) -> Clock:
-    """Fit a device's clock to the host's arrivals, both (n,), n >= 1.
-
-    What is transported fastest is taken to arrive at once: a constant delay cannot be seen from here.
-    """
+    """Fit a device's clock to the host's arrivals, both (n,), n >= 1; the least delay counts as 0."""
     origin = int(stamps_ns[0])
     since = (stamps_ns - origin).astype(np.float64)
     delay = arrivals_ns - stamps_ns
     base = int(delay.min())
     skew, offset = _envelope(since, (delay - base).astype(np.float64))
-    # A damaged file may state times that no sum of two can hold.
     return Clock(max(-FARTHEST_NS, min(FARTHEST_NS, base + round(offset))), skew, origin)
 
 
@@ -64,8 +50,8 @@ def fit_clock(stamps_ns: NDArray[np.int64], arrivals_ns: NDArray[np.int64]) -> C
 class EpochClock:
     """Clock of one device in all its epochs. begins_ns: (k,) stamps at which epochs 1 .. k begin.
 
-    clocks: of the epochs that have readings, by number. unsure: numbers of epochs whose readings do not agree
-    on the offset: they are too few, and the first one after a device was opened is often late.
+    clocks: of the epochs that have readings, by number. unsure: epochs whose readings are too few to agree on
+    the offset; the first one after a device was opened is often late.
     """
 
     begins_ns: NDArray[np.int64]
@@ -92,7 +78,8 @@ def fit_epochs(
 ) -> EpochClock:
     """Fit each epoch of a clock to the host's arrivals, both (n,), n >= 1.
 
-    Readings keep their order: a fit that is later than the first reading of the epoch after it is too late.
+    A fit that is later than the first reading of the next epoch is moved back, because readings keep their
+    order.
     """
     order = np.argsort(stamps_ns, kind="stable")
     stamps_ns, arrivals_ns = stamps_ns[order], arrivals_ns[order]
@@ -112,13 +99,13 @@ def fit_epochs(
 
 
 def _spans(stamps_ns: NDArray[np.int64], begins_ns: NDArray[np.int64]) -> list[tuple[int, slice]]:
-    """Return epochs that have any of the sorted stamps, by number, and where in the stamps they are."""
+    """Return number and slice of each epoch that has any of the sorted stamps."""
     ends = [0, *np.searchsorted(stamps_ns, begins_ns, "left").tolist(), len(stamps_ns)]
     return [(number, slice(low, high)) for number, (low, high) in enumerate(pairwise(ends)) if low < high]
 
 
 def begins_of(name: str, events: Iterable[tuple[int, str]]) -> NDArray[np.int64]:
-    """Return int64 (k,): stamps from which on a clock's epochs 1 .. k are. events: (stamp in ns, text)."""
+    """Return the stamps int64 (k,) at which a clock's epochs 1 .. k begin. events: (stamp in ns, text)."""
     texts = {BACK.format(name), SET_ANEW.format(name)}
     begins = sorted(
         at_ns - EPOCH_MARGIN_NS for at_ns, text in events if text in texts and 0 <= at_ns < 1 << 63
@@ -127,9 +114,9 @@ def begins_of(name: str, events: Iterable[tuple[int, str]]) -> NDArray[np.int64]
 
 
 def _envelope(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
-    """Slope and intercept of the line under all points (n,) with the least mean distance to them.
+    """Return slope and intercept of the line under all points (n,) with the least mean distance to them.
 
-    It is the side of their convex hull that lies below the mean x.
+    The line is the side of their convex hull below the mean x.
     """
     order = np.lexsort((y, x))
     corner = _lower_hull(x[order].tolist(), y[order].tolist())
@@ -143,7 +130,7 @@ def _envelope(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, fl
 
 
 def _lower_hull(x: list[float], y: list[float]) -> list[int]:
-    """Corners of the lower convex hull of points sorted by x, then y (Andrew 1979)."""
+    """Return the corners of the lower convex hull of points sorted by x, then y (Andrew 1979)."""
     corner: list[int] = []
     for i in range(len(x)):
         if corner and x[corner[-1]] == x[i]:

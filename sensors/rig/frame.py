@@ -1,6 +1,5 @@
-"""Frames of the rig, each one synchronised moment of all its cameras, and what all their sources have."""
+"""Frames of the rig, each one synchronised moment of all its cameras, and the base of all their sources."""
 
-import io
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -12,17 +11,16 @@ from numpy.typing import NDArray
 
 from sensors.errors import FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE
+from sensors.files.images import encoded_size
 from sensors.rig.rig_calibration import RigCalibration
 
-FARTHEST_MM = 65534
-"""Farthest depth of 16 bits; 65535 is saturated, no reading."""
-FRAME_PERIOD_NS = 33_333_333
-"""Nanoseconds from frame to frame where neither the source nor its user states a rate: 30 a second."""
+FARTHEST_MM = 65534  # of 16 bits; 65535 is saturated
+FRAME_PERIOD_NS = 33_333_333  # where neither the source nor its user states a rate
 
 
 @dataclass(frozen=True)
 class RigFrame:
-    """Depth with whatever colour and temperature belong to it; each in its own camera's pixels.
+    """Depth with the colour and temperature that belong to it; each in its own camera's pixels.
 
     depth_mm: uint16 (h, w) millimetres along z, 0 = no reading, lens distortion still in.
     color_encoded: the camera's own JPEG (or PNG) bytes, or None.
@@ -39,43 +37,37 @@ class RigFrame:
     infrared: NDArray[np.uint16] | None = None
 
     def __post_init__(self) -> None:
-        images = (
-            ("depth", self.depth_mm, np.uint16),
-            ("thermal", self.thermal_c, np.float32),
-            ("infrared", self.infrared, np.uint16),
-        )
-        for name, image, dtype in images:
+        for name, image in self._images().items():
+            dtype = np.float32 if name == "thermal" else np.uint16
             if image is not None and (image.ndim != 2 or image.dtype != dtype):
                 raise FormatError(
                     f"{name} image is {image.dtype} {image.shape}; give {dtype.__name__} with shape "
                     "(height, width)"
                 )
 
+    def _images(self) -> dict[str, NDArray[Any] | None]:
+        return {"depth": self.depth_mm, "thermal": self.thermal_c, "infrared": self.infrared}
+
     def sized_as(self, calibration: RigCalibration) -> Self:
-        """This frame. Raises CalibrationError where an image is not of its camera's calibrated size."""
-        images = {"depth": self.depth_mm, "thermal": self.thermal_c, "infrared": self.infrared}
-        cameras = {"thermal": calibration.thermal}
-        for name, image in images.items():
-            if image is not None and (camera := cameras.get(name, calibration.depth)) is not None:
+        """Return this frame. Raises CalibrationError where an image differs from its camera's size."""
+        for name, image in self._images().items():
+            camera = calibration.thermal if name == "thermal" else calibration.depth
+            if image is not None and camera is not None:
                 camera.check_size(f"{name} image of frame {self.index}", image.shape)
         return self
 
     def decode_color(self) -> NDArray[np.uint8] | None:
-        """Colour image (h, w, 3) RGB, or None where the frame has none.
+        """Return the colour image (h, w, 3) RGB, or None.
 
-        An EXIF orientation is not obeyed: calibration and pose are those of the sensor's pixels. Raises
-        FormatError when the bytes are no image.
+        An EXIF orientation is ignored: calibration and pose are for the sensor's pixels. Raises FormatError.
         """
         if self.color_encoded is None:
             return None
-        # Their imports take a sixth of the time that info and refusals have.
         import cv2
-        from PIL import Image
 
         try:
-            with Image.open(io.BytesIO(self.color_encoded), formats=("JPEG", "PNG")) as header:
-                size = header.size
-        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+            size = encoded_size(self.color_encoded)
+        except FormatError as error:
             raise self._broken_color(str(error)) from error
         if max(size) > MAX_IMAGE_SIDE:
             raise self._broken_color(f"it claims {size[0]}x{size[1]} pixels")
@@ -92,16 +84,16 @@ class RigFrame:
 
 
 def mm_from_metres(depth_m: NDArray[np.floating[Any]]) -> NDArray[np.uint16]:
-    """Depth on disk: whole millimetres; 0 where there is no reading, or it does not fit into 16 bits."""
+    """Return depth in whole millimetres; 0 for no reading and beyond ``FARTHEST_MM``."""
     with np.errstate(invalid="ignore", over="ignore"):  # signalling NaNs
         return _whole_mm(np.asarray(depth_m, np.float64) * 1000)
 
 
 def mm_from_units(depth: NDArray[Any], unit_mm: float) -> NDArray[np.uint16]:
-    """Return integers or floats of ``unit_mm`` millimetres each as depth on disk."""
+    """Return integers or floats of ``unit_mm`` millimetres each in whole millimetres."""
     if unit_mm == 1.0 and depth.dtype == np.uint16:
         return np.asarray(depth, np.uint16)
-    with np.errstate(invalid="ignore", over="ignore"):  # signalling NaNs
+    with np.errstate(invalid="ignore", over="ignore"):
         return _whole_mm(depth.astype(np.float64) * unit_mm)
 
 
@@ -113,11 +105,10 @@ def _whole_mm(millimetres: NDArray[np.float64]) -> NDArray[np.uint16]:
 class FrameSource(ABC):
     """Recorded frames with random access: a session, a folder, a cloud, the virtual rig.
 
-    name: short, for people: a file's stem. calibration: valid for every frame. times_ns: int64 (n,), the
-    depth stamps, in the order of the frames. notes: what is absent or assumed, one sentence each. path: the
-    recording's file or folder, None for none. subject: name of the person who is recorded, "" = unknown.
-    events: (stamp in nanoseconds, text) of all that the recording notes. A subclass sets these and
-    implements ``_frame``.
+    name: a file's stem. calibration: valid for every frame. times_ns: int64 (n,), the depth stamps in the
+    order of the frames. notes: absences and assumptions, one sentence each. path: the recording's file or
+    folder, or None. subject: name of the recorded person, "" = unknown. events: (stamp in nanoseconds, text).
+    A subclass sets these and implements ``_frame``.
     """
 
     name: str
@@ -130,15 +121,14 @@ class FrameSource(ABC):
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of the recording's file, in hexadecimal; "" where it identifies nothing."""
+        """SHA-256 of the recording's file, in hexadecimal; "" where the source is not one file."""
         return ""
 
     def __len__(self) -> int:
         return len(self.times_ns)
 
     def __iter__(self) -> Iterator[RigFrame]:
-        """Yield the frames in the order of their depth stamps."""
-        # A generator would end with the first frame that cannot be read.
+        # Not a generator, because that ends with the first frame that raises.
         return map(self.frame, range(len(self)))
 
     def frame(self, index: int) -> RigFrame:
@@ -153,5 +143,5 @@ class FrameSource(ABC):
 
 
 def regular_times_ns(count: int, period_ns: int = FRAME_PERIOD_NS) -> NDArray[np.int64]:
-    """Return the stamps int64 (count,) of images that carry none."""
+    """Return stamps int64 (count,) for images that carry none."""
     return np.arange(count, dtype=np.int64) * period_ns

@@ -3,18 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-COLOR_WINDOW_NS = 17_000_000
-"""Colour belongs to a depth image when at most half a period of 30 Hz away."""
-THERMAL_WINDOW_NS = 4_000_000
-"""Thermal belongs to a depth image when at most half a period of 128 Hz away; see ``thermal_window_ns``."""
-SPOT_WINDOW_NS = 1_000_000_000
-"""Between readings of a pyrometer farther apart nothing is interpolated (it gives several a second)."""
-CLOCK = "clock "
-"""Metadata keys that name a topic's clock begin with it."""
-LATENCY = "latency "
-"""Metadata keys of the milliseconds from a topic's exposure to its arrival begin with it."""
-MAX_LATENCY_MS = 1000.0
-"""Milliseconds; a recording that states more is not believed."""
+COLOR_WINDOW_NS = 17_000_000  # half a period of 30 Hz
+THERMAL_WINDOW_NS = 4_000_000  # half a period of 128 Hz; see ``thermal_window_ns``
+SPOT_WINDOW_NS = 1_000_000_000  # between readings of a pyrometer, which gives several a second
+CLOCK, LATENCY = "clock ", "latency "  # metadata keys: clock of a topic; ms from exposure to arrival
+MAX_LATENCY_MS = 1000.0  # a recording that states more is damaged
 
 
 def interpolate(
@@ -23,7 +16,7 @@ def interpolate(
     queries_ns: NDArray[np.int64],
     window_ns: int,
 ) -> NDArray[np.float64]:
-    """Linear interpolation at the queries (m,) between readings (n,); NaN where those are too far apart."""
+    """Interpolate linearly at the queries (m,) between readings (n,); NaN where these are too far apart."""
     result = np.full(len(queries_ns), np.nan)
     if len(times_ns) < 2:
         return result
@@ -36,10 +29,10 @@ def interpolate(
 
 
 def thermal_window_ns(stamps_ns: NDArray[np.int64]) -> int:
-    """How far a thermal image may lie from the depth image that it belongs to. stamps_ns: (n,), sorted.
+    """Return the greatest distance of a thermal image from its depth image. stamps_ns: (n,), sorted.
 
-    Half a period of its stream, but at most half of the depth camera's: an image of a camera with 9 a second
-    belongs to the one depth image that is nearest, and the others in between have none.
+    Half a period of the stream, but at most half of the depth camera's: an image of a camera with 9 a second
+    belongs to the nearest depth image alone.
     """
     period_ns = float(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 0.0
     return int(np.clip(period_ns / 2, THERMAL_WINDOW_NS, COLOR_WINDOW_NS))
@@ -48,10 +41,10 @@ def thermal_window_ns(stamps_ns: NDArray[np.int64]) -> int:
 def pair_stamps(
     master_ns: NDArray[np.int64], other_ns: NDArray[np.int64], window_ns: int
 ) -> NDArray[np.int64]:
-    """For each master stamp the index of the other stamp that belongs to it, or -1.
+    """Return for each master stamp the index of its other stamp, or -1. Both (n,) and sorted.
 
-    Two stamps belong together when each is the other's nearest (the earlier where equally near) and they
-    are at most ``window_ns`` apart, so none is used twice. Both (n,) and sorted.
+    Two stamps at most ``window_ns`` apart pair when each is the other's nearest (the earlier of equally near
+    ones). None is used twice.
     """
     if not len(master_ns) or not len(other_ns):
         return np.full(len(master_ns), -1, np.int64)

@@ -13,8 +13,7 @@ from sensors.files.bounded import read_bounded
 from sensors.rig.camera import FloatArray, Intrinsics
 
 MAX_CALIBRATION_BYTES = 1_000_000
-LARGEST_SHIFT_MM = 500.0
-"""Millimetres: a larger depth shift is a wrong unit, not a camera's (a Kinect v2: -13 to -50 mm)."""
+LARGEST_SHIFT_MM = 500.0  # a larger one is a wrong unit (a Kinect v2: -13 to -50 mm)
 
 
 @dataclass(frozen=True)
@@ -42,16 +41,16 @@ class Pose:
         return np.asarray(points_m @ self.rotation.T + self.translation_m, np.float64)
 
     def inverse(self) -> "Pose":
-        """The pose that maps back."""
+        """Return ``from_to``."""
         return Pose(self.rotation.T, -self.rotation.T @ self.translation_m)
 
     def __matmul__(self, other: "Pose") -> "Pose":
-        """``a_from_b @ b_from_c`` is ``a_from_c``."""
+        """Compose: ``a_from_b @ b_from_c`` is ``a_from_c``."""
         return Pose(self.rotation @ other.rotation, self.rotation @ other.translation_m + self.translation_m)
 
     @staticmethod
     def identity() -> "Pose":
-        """The pose that moves nothing."""
+        """Return the neutral pose."""
         return Pose(np.eye(3), np.zeros(3))
 
 
@@ -59,9 +58,9 @@ class Pose:
 class RigCalibration:
     """Intrinsics of the rig's cameras and their poses relative to the depth camera.
 
-    Colour and thermal are optional, but each needs both its intrinsics and its pose. depth_shift_mm: to add
-    to every depth reading (iai_kinect2's depthShift). Fusion adds the shift; recorded images stay as the
-    camera gave them. Raises CalibrationError.
+    Colour and thermal are optional, but each needs both intrinsics and pose. depth_shift_mm: to add to every
+    depth reading (iai_kinect2's depthShift). Fusion adds the shift; recorded images stay as the camera gave
+    them. Raises CalibrationError.
     """
 
     depth: Intrinsics
@@ -85,10 +84,7 @@ class RigCalibration:
 
 
 def calibration_to_json(calibration: RigCalibration) -> dict[str, Any]:
-    """Return a calibration as plain JSON values; poses as row-major rotation and metres.
-
-    No entry for no shift.
-    """
+    """Return a calibration as plain JSON values; poses by rows and in metres, a shift of 0 left out."""
     fields: dict[str, Any] = {}
     for name, value in vars(calibration).items():
         if isinstance(value, Intrinsics):
@@ -101,7 +97,7 @@ def calibration_to_json(calibration: RigCalibration) -> dict[str, Any]:
 
 
 def calibration_from_json(fields: object) -> RigCalibration:
-    """Inverse of ``calibration_to_json``. Raises CalibrationError naming the offending entry."""
+    """Invert ``calibration_to_json``. Raises CalibrationError naming the faulty entry."""
     if not isinstance(fields, dict) or "depth" not in fields:
         raise CalibrationError("calibration has no 'depth' entry; give the depth camera's intrinsics")
     known = set(RigCalibration.__dataclass_fields__)
@@ -112,8 +108,13 @@ def calibration_from_json(fields: object) -> RigCalibration:
         try:
             if name == "depth_shift_mm":
                 values[name] = float(entry)
+            elif name.endswith("_from_depth"):
+                values[name] = Pose(
+                    *(np.asarray(entry[k], np.float64) for k in ("rotation", "translation_m"))
+                )
             else:
-                values[name] = _pose(entry) if name.endswith("_from_depth") else _intrinsics(entry)
+                sizes = {key: int(entry[key]) for key in ("width", "height")}
+                values[name] = Intrinsics(**{**{k: float(v) for k, v in entry.items()}, **sizes})  # type: ignore[arg-type]
         except (TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
             raise CalibrationError(
                 f"calibration entry {name!r} is malformed ({error}); correct it"
@@ -135,19 +136,10 @@ def save_calibration(path: Path, calibration: RigCalibration) -> None:
     path.write_text(json.dumps(calibration_to_json(calibration), indent=2) + "\n", encoding="utf-8")
 
 
-def _intrinsics(entry: dict[str, Any]) -> Intrinsics:
-    numbers = {k: int(v) if k in ("width", "height") else float(v) for k, v in entry.items()}
-    return Intrinsics(**numbers)  # type: ignore[arg-type]
-
-
-def _pose(entry: dict[str, Any]) -> Pose:
-    return Pose(np.asarray(entry["rotation"], np.float64), np.asarray(entry["translation_m"], np.float64))
-
-
 def quaternion_of(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit quaternion (x, y, z, w), as ROS and Foxglove write it, of a rotation matrix (3, 3).
+    """Return the unit quaternion (x, y, z, w) of a rotation matrix (3, 3), by its largest component.
 
-    By its largest component (Shepperd 1978).
+    Source: Shepperd 1978. SciPy's differs in the last bit, and recordings would.
     """
     m, trace = rotation, np.trace(rotation)
     largest = int(np.argmax([*np.diag(m), trace]))
@@ -156,14 +148,13 @@ def quaternion_of(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     else:
         i, j, k = largest, (largest + 1) % 3, (largest + 2) % 3
         q = np.empty(4)
-        q[i] = 1 - trace + 2 * m[i, i]
+        q[i], q[3] = 1 - trace + 2 * m[i, i], m[k, j] - m[j, k]
         q[j], q[k] = m[j, i] + m[i, j], m[k, i] + m[i, k]
-        q[3] = m[k, j] - m[j, k]
     return np.asarray(q / np.linalg.norm(q))
 
 
 def rotation_of(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation matrix (3, 3) of a quaternion (x, y, z, w) of any length. Raises ValueError at length 0."""
+    """Return the rotation matrix (3, 3) of a quaternion (x, y, z, w). Raises ValueError at length 0."""
     length = float(np.linalg.norm(quaternion))
     if not 0 < length < np.inf:
         raise ValueError(f"a quaternion of length {length:g}")

@@ -1,8 +1,8 @@
-"""The pyrometer as the thermal camera's reference: where it points, and by how much the camera is off.
+"""The pyrometer as the thermal camera's reference: where it points, and the camera's offset.
 
-A bolometer camera drifts by kelvins while it warms up (Optris PI: accuracy of 2 K), all pixels alike; a
-pyrometer beside it holds to tenths. Nobody has to say where in the image the pyrometer's spot lies: its
-reading minus the image there changes slowly, as drift does, and elsewhere with whatever moves in the scene.
+A bolometer camera drifts by kelvins while it warms up (Optris PI: accuracy of 2 K), all pixels
+alike; a pyrometer holds to tenths. At its spot the reading minus the image changes slowly, as
+drift does. Constants are untuned unless a source is given.
 """
 
 from collections import deque
@@ -10,31 +10,18 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-SPOT_RAD = 1 / 22
-"""Angle that the pyrometer sees, as diameter over distance: the 22:1 of an Optris CT LT22 (from memory)."""
-MARGIN = 0.2
-"""Share of the image at each side where the spot is not looked for: both look the same way. Untuned."""
-READINGS = 600
-"""Readings that are kept, and taken of a recording: a minute at ten a second. Untuned."""
+SPOT_RAD = 1 / 22  # the pyrometer's spot, diameter over distance: 22:1 of an Optris CT LT22 (from memory)
+MARGIN = 0.2  # share of the image at each side without the spot
+READINGS = 600  # kept, and taken of a recording: a minute at ten a second
 LEAST_READINGS = 20
-"""Fewer say nothing of how the scene changes. Untuned."""
-CLIP_K = 3.0
-"""A change counts as this much at most: an edge that passes is no evidence against a place. Untuned."""
-EXPLAINED = 0.5
-"""The image at the spot must leave at most this share of the readings' changes. Untuned."""
-ALIKE = 1.15
-"""Places whose changes are within this factor of the least may be the spot as well. Untuned."""
-UNSURE_K = 0.5
-"""Kelvin by which the offsets of such places may differ (half of 5 to 95 %): the accuracy that is wanted."""
-EVEN_K = 0.3
-"""Standard deviation within the spot from which on a reading counts for less: an edge is in it. Untuned."""
-LEAST_KNOWN = 0.5
-"""Least share of the spot's pixels with a temperature; fewer are no mean of the spot (untuned)."""
-SMOOTH_S = 5.0
-"""Seconds before and after within which offsets are averaged: drift takes minutes. Untuned."""
-
-SLOPE_K_S = 0.1
-"""Standard deviation of a camera's drift, kelvin a second. Untuned."""
+CLIP_K = 3.0  # bound of a counted change: an edge that passes is not evidence against a place
+EXPLAINED = 0.5  # largest share of the readings' changes that remains at the spot
+ALIKE = 1.15  # places whose changes are within this factor of the least may be the spot as well
+UNSURE_K = 0.5  # K; half of 5 to 95 % of such places' offsets: the wanted accuracy
+EVEN_K = 0.3  # K; standard deviation within the spot from which a reading counts for less
+LEAST_KNOWN = 0.5  # share of the spot's pixels with a temperature
+SMOOTH_S = 5.0  # s to each side within which offsets are averaged: drift takes minutes
+SLOPE_K_S = 0.1  # K/s; standard deviation of a camera's drift
 
 Celsius = NDArray[np.float32]
 Floats = NDArray[np.float64]
@@ -55,7 +42,7 @@ class ThermalReference:
         self._places = np.empty((0, 2), np.int64)
 
     def add(self, time_s: float, reading_c: float, thermal_c: Celsius) -> None:
-        """A reading and the image (h, w) of its moment, degrees Celsius; without a reading (NaN), nothing."""
+        """Add a reading and the image (h, w) of its moment, degrees Celsius; NaN readings are ignored."""
         if not np.isfinite(reading_c):
             return
         if not len(self._places):
@@ -63,7 +50,7 @@ class ThermalReference:
             sides = ([round(MARGIN * n), round((1 - MARGIN) * n)] for n in thermal_c.shape)
             rows, columns = (np.arange(first, end, step) for first, end in sides)
             self._places = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
-        # Differences from the reading: squares of small numbers keep their digits.
+        # Differences from the reading, because squares of small numbers keep their digits.
         mean, square = self._over_disc(np.float32(reading_c) - thermal_c)
         self._times_s.append(time_s)
         self._read_c.append(reading_c)
@@ -73,10 +60,9 @@ class ThermalReference:
     def _over_disc(self, off_k: Celsius) -> tuple[Celsius, Celsius]:
         """Return the means (places,) of an image (h, w) and of its square over each disc's known pixels.
 
-        NaN where less than half of a disc is known. Unknown pixels go into the filter as 0, not as NaN: from
-        11 x 11 pixels on OpenCV filters by a Fourier transform, which spreads a NaN over much of the image.
+        NaN where too little of a disc is known. Unknown pixels are filtered as 0, because OpenCV's
+        Fourier transform (from 11 x 11 pixels on) spreads a NaN over much of the image.
         """
-        # Its import takes a tenth of the time that a refusal has.
         import cv2
 
         known, at = np.isfinite(off_k), tuple(self._places.T[::-1])
@@ -96,10 +82,9 @@ class ThermalReference:
         return np.asarray(inside / inside.sum(), np.float32)
 
     def spot(self) -> int | None:
-        """The place that the pyrometer points at, for ``offsets_k`` and ``pixel``.
+        """Return the place of the pyrometer's spot, for ``offsets_k`` and ``pixel``.
 
-        None where too little has moved through its spot to tell, or places that are equally likely would
-        correct the camera by different amounts.
+        None where too little moved, or equally likely places give different corrections.
         """
         if len(self._times_s) < LEAST_READINGS:
             return None
@@ -115,15 +100,15 @@ class ThermalReference:
         return None if high - low > 2 * UNSURE_K else best
 
     def pixel(self, spot: int) -> tuple[int, int]:
-        """Column and row of a place in the thermal image."""
+        """Return column and row of a place in the thermal image."""
         column, row = self._places[spot].tolist()
         return column, row
 
     def offsets_k(self, spot: int, times_s: Floats) -> Floats:
-        """Kelvin (n,) to add to the thermal images of times (n,).
+        """Return the kelvin (n,) to add to the thermal images of times (n,).
 
-        By a line through the readings within SMOOTH_S, of which those on edges have less weight; where there
-        are none, by the nearest reading.
+        By a line through the readings within SMOOTH_S, weighted by evenness of the spot; without any by the
+        nearest reading.
         """
         start_s = self._times_s[0]
         known_s, asked_s = np.array(self._times_s) - start_s, times_s - start_s
@@ -140,7 +125,7 @@ class ThermalReference:
 
         ones, t, tt = total(np.ones_like(off)), total(known_s), total(known_s**2)
         k, kt = total(off), total(off * known_s)
-        # Moments about the time that is asked for; the slope's prior stands beside the squares.
+        # Moments about the queried time; the slope's prior is added to the squares.
         spread = tt - 2 * asked_s * t + asked_s**2 * ones + 1 / SLOPE_K_S**2
         lean, turn = t - asked_s * ones, kt - asked_s * k
         return np.asarray((k * spread - lean * turn) / (ones * spread - lean**2), np.float64)

@@ -11,8 +11,7 @@ from sensors.rig.rig_calibration import Pose, RigCalibration
 
 Pixel = TypeVar("Pixel", bound=np.generic)
 _MIRROR = np.diag([-1.0, 1.0, 1.0])
-_QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""From a camera's frame to that of its image turned clockwise: x' = -y, y' = x."""
+_QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # of a clockwise turn: x' = -y
 
 
 @dataclass(frozen=True)
@@ -31,21 +30,13 @@ class Turn:
         if self.mirror:
             camera = replace(camera, cx=camera.width - 1 - camera.cx, p2=-camera.p2)
         for _ in range(self.quarters):
-            camera = replace(
-                camera,
-                width=camera.height,
-                height=camera.width,
-                fx=camera.fy,
-                fy=camera.fx,
-                cx=camera.height - 1 - camera.cy,
-                cy=camera.cx,
-                p1=camera.p2,
-                p2=-camera.p1,
-            )
+            old = replace(camera, width=camera.height, height=camera.width, p1=camera.p2, p2=-camera.p1)
+            centre = camera.height - 1 - camera.cy
+            camera = replace(old, fx=camera.fy, fy=camera.fx, cx=centre, cy=camera.cx)
         return camera
 
     def calibration(self, factory: RigCalibration) -> RigCalibration:
-        """Return the calibration of a depth camera, with or without colour, mounted so."""
+        """Return the calibration of a depth camera, with or without colour, that is mounted so."""
         depth = self.camera(factory.depth)
         if factory.color is None or factory.color_from_depth is None:
             return replace(factory, depth=depth)
@@ -58,15 +49,10 @@ class Turn:
     def whole(self, rig: RigCalibration) -> RigCalibration:
         """Return the calibration of a rig all of whose images are turned."""
         axes = np.linalg.matrix_power(_QUARTER, self.quarters) @ (_MIRROR if self.mirror else np.eye(3))
-
-        def pose(old: Pose | None) -> Pose | None:
-            return None if old is None else Pose(axes @ old.rotation @ axes.T, axes @ old.translation_m)
-
-        return replace(
-            rig,
-            depth=self.camera(rig.depth),
-            color=None if rig.color is None else self.camera(rig.color),
-            color_from_depth=pose(rig.color_from_depth),
-            thermal=None if rig.thermal is None else self.camera(rig.thermal),
-            thermal_from_depth=pose(rig.thermal_from_depth),
-        )
+        turned: dict[str, Intrinsics | Pose] = {}
+        for name, value in vars(rig).items():
+            if isinstance(value, Intrinsics):
+                turned[name] = self.camera(value)
+            elif isinstance(value, Pose):
+                turned[name] = Pose(axes @ value.rotation @ axes.T, axes @ value.translation_m)
+        return replace(rig, **turned)  # type: ignore[arg-type]

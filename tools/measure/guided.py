@@ -9,7 +9,7 @@ import sys
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sensors.calibrate.guide import ENOUGH_VIEWS, Room, guide, is_new, next_wish
+from sensors.calibrate.guide import ENOUGH_VIEWS, PlateSetup, guide, is_new, next_placement
 from sensors.calibrate.hole_plate import HolePlate
 from sensors.calibrate.plate_view import view_plate
 from sensors.recording.rig_templates import REFERENCE, RigTemplate, template_named
@@ -31,19 +31,19 @@ def by_hand(pose: Pose, plate: HolePlate, rng: np.random.Generator) -> Pose:
 
 def run(seed: int, rig: RigTemplate) -> tuple[int, int, np.ndarray]:
     """Views used and views held until it is good, and the worst errors: degrees, lateral and axial mm."""
-    rng, room = np.random.default_rng(seed), Room.of(rig.calibration, rig.plate)
+    rng, setup = np.random.default_rng(seed), PlateSetup.of(rig.calibration, rig.plate)
     plate, guess, source = rig.plate, rig.calibration, PlateViews(rig, 0, seed)
-    views, wish = [], next_wish(())
+    views, wish = [], next_placement(())
     for held in range(MOST_HELD):
-        frame = source.held(held, by_hand(room.pose(wish, plate), plate, rng))
+        frame = source.held(held, by_hand(setup.pose(wish), plate, rng))
         view = view_plate(frame, plate, guess.depth)
-        if not is_new(view, views, plate, guess):
+        if not is_new(view, views, setup):
             continue
         views.append(view)
         if len(views) < ENOUGH_VIEWS:
-            wish = next_wish([room.wish_of_view(view, plate, guess) for view in views])
+            wish = next_placement([setup.placement_of(view) for view in views])
             continue
-        now = guide(views, plate, guess, room)
+        now = guide(views, setup)
         if now.wanted is None:
             assert now.found is not None
             off = [errors(now.found, name, rig) for name in now.found.deviations]

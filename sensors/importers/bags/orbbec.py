@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sensors.calibration_files.lens_models import intrinsics_from_rational
 from sensors.errors import CalibrationError, FormatError
 from sensors.importers.bags.bag_files import RosbagFile, damaged, open_rosbag
 from sensors.importers.bags.camera_frames import (
@@ -26,7 +27,7 @@ from sensors.importers.bags.camera_frames import (
 from sensors.importers.bags.ros1_file import Ros1File
 from sensors.importers.bags.ros_messages import Picture
 from sensors.importers.options import AS_STATED, ImportOptions
-from sensors.rig.camera import Intrinsics, intrinsics_from_rational
+from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration
 

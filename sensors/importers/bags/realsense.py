@@ -19,7 +19,7 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from sensors.calibration_files.realsense_lens import realsense_intrinsics
+from sensors.calibration_files.lens_models import realsense_intrinsics
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.bounded import MAX_IMAGE_BYTES, MAX_IMAGE_SIDE
 from sensors.importers.bags.bag_files import RosbagFile, damaged, open_rosbag
