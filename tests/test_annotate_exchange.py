@@ -27,7 +27,7 @@ from annotate.labelset.journal import JOURNAL
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import PARTS
 from sensors.errors import CloudError, FormatError
-from sensors.importers.clouds import pcd_file
+from sensors.importers.clouds import records as cloud_records
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics, unproject
 from tests.helpers.same_frame import assert_same_frame
@@ -442,7 +442,7 @@ def test_a_file_as_large_as_the_bound_is_read_and_a_larger_one_refused(
 @pytest.mark.parametrize(
     ("name", "module", "bound", "says"),
     [
-        ("pcd", pcd_file, "MAX_HEADER_BYTES", "its header does not end"),
+        ("pcd", cloud_records, "MAX_HEADER_BYTES", "its header does not end"),
         ("parquet", parquet_format, "MAX_GROUP_BYTES", "row group"),
     ],
 )

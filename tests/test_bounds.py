@@ -74,9 +74,8 @@ HONEST: dict[str, float] = {
     * 2,  # half a minute of an Azure Kinect
     "sensors.importers.bags.ros1_file.MAX_HEADER_BYTES": 1000,  # names of topics
     "sensors.importers.clouds.records.MAX_POINTS": 40_000_000,  # of a scanner on a tripod
-    "sensors.importers.clouds.pcd_file.MAX_HEADER_BYTES": 10_000,  # comments
+    "sensors.importers.clouds.records.MAX_HEADER_BYTES": 10_000,  # comments
     "sensors.importers.clouds.pcd_file.MAX_POINT_BYTES": 5000 * 4,  # a histogram
-    "sensors.importers.clouds.ply_file.MAX_BYTES": 40_000_000 * 60,  # points, and as many faces
     "sensors.importers.clouds.ply_file.MAX_LIST": 10_000,  # corners of a polygon
     "sensors.importers.ebml.MAX_ELEMENT_BYTES": 4096 * 3072 * 2,  # an Azure Kinect's largest image
     "sensors.importers.tum_lists.MAX_BYTES": 8 * HOUR_S * 30 * 60,  # lines of a night

@@ -20,7 +20,7 @@ from annotate.parts import UNDEFINED
 from sensors.errors import FormatError
 from sensors.importers.clouds import cloud_source as pointcloud
 from sensors.importers.clouds.axes import AXES
-from sensors.importers.clouds.unit import STEPS_MM
+from sensors.importers.clouds.camera_place import STEPS_MM
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.turn import Turn
 

@@ -9,7 +9,7 @@ camera fits that way alone.
 """
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,48 +27,39 @@ from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
 from sensors.rig.rig_calibration import RigCalibration
 
 NPY_MAGIC, ZIP_MAGIC = b"\x93NUMPY", b"PK\x03\x04"
-MAX_UNPACKED_BYTES = 1 << 30
-"""Bytes of a .npz's depth and camera, which are unpacked into memory as a whole; untuned."""
+MAX_UNPACKED_BYTES = 1 << 30  # of a .npz's depth and camera, unpacked as a whole; untuned
+CHANNELS = (3, 4)  # last axes of arrays (h, w, n) that may be colour, or colour and depth
+FEW = 32  # a shorter axis counts images, where no intrinsics state the size; untuned
 
 _DEPTHS = ("depth", "depths", "depth_map", "depth_maps", "depth_image", "depth_images")
 _MATRICES = (
-    "K",
-    "intrinsics",
-    "intrinsic",
-    "intrinsic_matrix",
-    "camera_matrix",
-    "camera_intrinsics",
-    "cam_K",
+    *("K", "intrinsics", "intrinsic", "intrinsic_matrix"),
+    *("camera_matrix", "camera_intrinsics", "cam_K"),
 )
 _NUMBERS = ("fx", "fy", "cx", "cy")
 _READ = (*_DEPTHS, *_MATRICES, *_NUMBERS)
-CHANNELS = (3, 4)
-"""Images of an array (h, w, n) that may as well be colour, or colour and depth."""
-FEW = 32
-"""Pixels of a side below which an axis counts images, where no intrinsics state the size. Untuned."""
+
+Arrays = dict[str, NDArray[Any]]
 
 
 class DepthArrays(FrameSource):
     """A NumPy file as a ``FrameSource``. Raises FormatError, or CalibrationError without intrinsics.
 
-    notes: what is absent or assumed, where the intrinsics are from.
+    notes: missing and assumed data, origin of the intrinsics.
     """
 
     def __init__(self, path: Path, options: ImportOptions = AS_STATED) -> None:
         self.path, self.name = path, path.stem
         arrays, names = _load(path)
-        depth = _depth(path, arrays, names)
-        found, origin, self._depth, turned = _camera(path, arrays, depth, options.intrinsics)
+        found, self._depth, notes = _camera(path, arrays, _depth(path, arrays, names), options.intrinsics)
         self.times_ns = regular_times_ns(len(self._depth), options.period_ns)
         self.calibration = RigCalibration(found.depth)
         samples = [self._depth[at] for at in spread(len(self._depth))]
         self._reading = judge_depth(samples, options.depth_unit_mm or found.unit_mm, str(path))
-        unread = sorted(set(names) - set(arrays))
         self.notes = (
-            origin,
-            *turned,
+            *notes,
             *self._reading.notes,
-            *(f"array {name[:60]!r} is not read" for name in unread),
+            *(f"array {name[:60]!r} is not read" for name in sorted(set(names) - set(arrays))),
             "no colour images",
             "no thermal images",
             f"no time stamps: {options.rate}",
@@ -79,7 +70,7 @@ class DepthArrays(FrameSource):
         return RigFrame(index, int(self.times_ns[index]), self._reading.to_mm(image))
 
 
-def _load(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
+def _load(path: Path) -> tuple[Arrays, list[str]]:
     """Read the arrays by name, or the only array, and list the names of all; a .npy stays on disk."""
     remedy = "save depth as a .npy file, or split it"
     try:
@@ -93,13 +84,13 @@ def _load(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
     return load_arrays(path, MAX_UNPACKED_BYTES, remedy, names if len(names) == 1 else _READ), names
 
 
-def _depth(path: Path, arrays: dict[str, NDArray[Any]], names: list[str]) -> NDArray[Any]:
-    """Return the depth array, as it is, but with three axes."""
+def _depth(path: Path, arrays: Arrays, names: list[str]) -> NDArray[Any]:
+    """Return the depth array as it is, with three axes."""
     name = next((name for name in (*_DEPTHS, *(names if len(names) == 1 else ())) if name in arrays), None)
-    depth = None if name is None else arrays[name]
-    if depth is None:
+    if name is None:
         others = ", ".join(name[:30] for name in sorted(names)[:8])
         raise FormatError(f"{path} holds no array 'depth' (it has {others or 'none'}); rename it to 'depth'")
+    depth = arrays[name]
     sides = [side for side in depth.shape if side != 1]
     if len(sides) not in (2, 3) or depth.dtype.kind not in "iuf" or 0 in depth.shape:
         raise FormatError(
@@ -109,13 +100,16 @@ def _depth(path: Path, arrays: dict[str, NDArray[Any]], names: list[str]) -> NDA
     return depth.reshape(-1, *sides[-2:])
 
 
-def _camera(
-    path: Path, arrays: dict[str, NDArray[Any]], depth: NDArray[Any], declared: Path | None
-) -> tuple[FoundIntrinsics, str, NDArray[Any], tuple[str, ...]]:
-    """Return the camera, a note on its origin, depth as (n, h, w), and a note where its axes were others.
+class _Camera(NamedTuple):
+    """Camera, depth as (n, h, w), and notes on the camera's origin and on exchanged axes."""
 
-    Raises CalibrationError without a camera, FormatError for images that are too large.
-    """
+    found: FoundIntrinsics
+    depth: NDArray[Any]
+    notes: tuple[str, ...]
+
+
+def _camera(path: Path, arrays: Arrays, depth: NDArray[Any], declared: Path | None) -> _Camera:
+    """Return the camera. Raises CalibrationError without one, FormatError for images that are too large."""
     numbers = None if declared else _numbers(path, arrays)
     if numbers is None:
         files = [declared] if declared else [path.with_suffix(".json"), path.with_name("intrinsics.json")]
@@ -129,24 +123,20 @@ def _camera(
         raise FormatError(
             f"{path}: depth is {depth.shape}, which may be colour; give depth alone, as (n, h, w)"
         )
-    if others:
-        depth = np.moveaxis(depth, 2, 0)
+    depth = np.moveaxis(depth, 2, 0) if others else depth
     height, width = depth.shape[1:]
     if max(height, width) > MAX_IMAGE_SIDE:
         raise FormatError(f"{path}: depth is {depth.shape}; give at most {MAX_IMAGE_SIDE} pixels a side")
     if numbers is not None:
-        fx, fy, cx, cy = numbers
-        found = FoundIntrinsics(Intrinsics(width, height, fx, fy, cx, cy))
-        check_camera(found.depth, str(path))
-        origin = "intrinsics from the file's " + next(
-            (name for name in _MATRICES if name in arrays), "fx, fy, cx, cy"
-        )
+        found = FoundIntrinsics(check_camera(Intrinsics(width, height, *numbers), str(path)))
+        name = next((name for name in _MATRICES if name in arrays), "fx, fy, cx, cy")
+        origin = f"intrinsics from the file's {name}"
     note = f"axes of depth are (h, w, n): {len(depth)} images of {width}x{height}"
-    return found, origin, depth, (note,) if others else ()
+    return _Camera(found, depth, (origin, note) if others else (origin,))
 
 
-def _numbers(path: Path, arrays: dict[str, NDArray[Any]]) -> tuple[float, ...] | None:
-    """Return fx, fy, cx, cy of the file's own arrays; None where it has none. Raises CalibrationError."""
+def _numbers(path: Path, arrays: Arrays) -> tuple[float, ...] | None:
+    """Return fx, fy, cx, cy of the file's own arrays; None without such arrays. Raises CalibrationError."""
     name = next((name for name in _MATRICES if name in arrays), None)
     if name is not None:
         matrix = arrays[name]
@@ -157,10 +147,12 @@ def _numbers(path: Path, arrays: dict[str, NDArray[Any]]) -> tuple[float, ...] |
                 raise ValueError(f"it is {matrix.dtype} {matrix.shape}")
             return pinhole_of(matrix.astype(float).ravel().tolist())
         except ValueError as error:
-            raise CalibrationError(f"{path}: {name} is no 3x3 camera matrix ({error}); correct it") from error
+            raise CalibrationError(
+                f"{path}: {name} is not a 3x3 camera matrix ({error}); correct it"
+            ) from error
     if any(each not in arrays for each in _NUMBERS):
         return None
     values = [arrays[each] for each in _NUMBERS]
     if any(value.size != 1 or value.dtype.kind not in "iuf" for value in values):
-        raise CalibrationError(f"{path}: fx, fy, cx, cy are no single numbers; give one each")
+        raise CalibrationError(f"{path}: fx, fy, cx, cy are not single numbers; give one each")
     return tuple(float(value.item()) for value in values)

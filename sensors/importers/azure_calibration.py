@@ -19,13 +19,13 @@ DEPTH_MODES = {
     (1024, 1024): (1024, 0, 0),
     (512, 512): (512, 0, 0),
 }
-"""By image size: the side in pixels of the calibrated square image, and where the mode's image lies in it."""
+"""By image size: the side in pixels of the calibrated square image, and the mode's left and top in it."""
 
 
 def calibration_from_factory(
     data: bytes, depth_size: tuple[int, int], color_size: tuple[int, int] | None, mode: str
 ) -> RigCalibration:
-    """A rig's calibration for images of these sizes (width, height). Raises CalibrationError."""
+    """Return a rig's calibration for images of these sizes (width, height). Raises CalibrationError."""
     if depth_size not in DEPTH_MODES:
         size = "x".join(map(str, depth_size))
         raise CalibrationError(f"depth images of {size} ({mode[:40]!r}) belong to no mode of the camera")
@@ -45,7 +45,7 @@ def calibration_from_factory(
 
 
 def _color_lens(entry: dict[str, Any], size: tuple[int, int]) -> Intrinsics:
-    """A colour image is as wide as the sensor's; 16:9 ones are the middle of the 4:3 image."""
+    """Return the lens of colour, as wide as the sensor's image; 16:9 is the middle of the 4:3 image."""
     width, height = size
     full = round(width * 3 / 4)
     if not 0 < height <= full:
@@ -58,7 +58,7 @@ def _color_lens(entry: dict[str, Any], size: tuple[int, int]) -> Intrinsics:
 def _lens(
     entry: dict[str, Any], calibrated: tuple[int, int], crop: tuple[int, int], size: tuple[int, int]
 ) -> Intrinsics:
-    """Unit-square intrinsics with corners at 0 to pixels with centres at whole numbers, cropped."""
+    """Turn unit-square intrinsics with corners at 0 into pixels with centres at whole numbers, cropped."""
     lens = entry["Intrinsics"]
     if lens["ModelType"] != "CALIBRATION_LensDistortionModelBrownConrady":
         raise CalibrationError(f"lens model {str(lens['ModelType'])[:60]!r} is unknown; use Brown-Conrady")

@@ -4,6 +4,7 @@ Depth and infrared are raw big-endian 16-bit images, colour is the camera's own 
 Format: Azure Kinect DK documentation, "Azure Kinect DK recording file format".
 """
 
+from collections.abc import Iterator
 from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
@@ -26,16 +27,16 @@ CLUSTER, TIMESTAMP, SIMPLE_BLOCK, BLOCK_GROUP, BLOCK = 0x1F43B675, 0xE7, 0xA3, 0
 
 DEFAULT_SCALE_NS = 1_000_000
 DEPTH, COLOR, INFRARED = "DEPTH", "COLOR", "IR"
-WINDOWS_NS = {COLOR: COLOR_WINDOW_NS, INFRARED: 0}
-WANTED = {DEPTH: b"b16g", COLOR: b"MJPG", INFRARED: b"b16g"}
-"""Tracks that are read, and the only pixel format of each that is."""
+OTHERS = {COLOR: ("colour", COLOR_WINDOW_NS), INFRARED: ("infrared", 0)}
+"""In words, and the longest time (ns) between an image and its depth image."""
+WANTED = {DEPTH: b"b16g", COLOR: b"MJPG", INFRARED: b"b16g"}  # tracks, and the pixel format that is read
 
 
 class Track(NamedTuple):
-    """One video track. fourcc: the pixel format of its BITMAPINFOHEADER.
+    """A video track. fourcc: the pixel format of its BITMAPINFOHEADER.
 
-    images: when each was taken, ns on the recording's clock, and where it lies; in this order, without the
-    image that the file's end cuts off.
+    images: times, ns on the recording's clock, and places in the order of time, without the image that the
+    file's end cuts off.
     """
 
     name: str
@@ -44,12 +45,17 @@ class Track(NamedTuple):
     fourcc: bytes
     images: list[tuple[int, Element]]
 
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """Times (n,) of the images."""
+        return np.array([stamp_ns for stamp_ns, _ in self.images], np.int64)
+
 
 class AzureRecording(FrameSource):
     """An Azure Kinect recording as a ``FrameSource``; depth is master, images are read one at a time.
 
-    notes: what is absent, where the calibration is from. Raises FormatError for what is no such recording,
-    CalibrationError when its calibration is missing or unknown.
+    notes: missing data, origin of the calibration. Raises FormatError for other files, CalibrationError when
+    the calibration is missing or unknown.
     """
 
     path: Path
@@ -63,74 +69,81 @@ class AzureRecording(FrameSource):
             raise FormatError(f"{path} cannot be read ({error.strerror}); give a recording") from error
 
     def _frame(self, index: int) -> RigFrame:
-        stamp_ns, payload = self._depth.images[index]
-        color, infrared = self._belonging(COLOR, index), self._belonging(INFRARED, index)
+        stamp_ns, payload = self._tracks[DEPTH].images[index]
         with self.path.open("rb") as file:
             ebml = EbmlFile(file)
+            color, infrared = self._paired_image(COLOR, index), self._paired_image(INFRARED, index)
             return RigFrame(
                 index=index,
                 stamp_ns=stamp_ns,
-                depth_mm=self._grey(ebml, self._depth, payload),
+                depth_mm=self._grey(ebml, DEPTH, payload),
                 color_encoded=ebml.bytes(color) if color else None,
-                infrared=self._grey(ebml, self._tracks[INFRARED], infrared) if infrared else None,
+                infrared=self._grey(ebml, INFRARED, infrared) if infrared else None,
             )
 
     def _scan(self, ebml: EbmlFile) -> None:
-        if next(ebml.children(ebml.whole), Element(0, 0, 0)).id != EBML:
+        nothing = Element(0, 0, 0)
+        if next(ebml.children(ebml.whole), nothing).id != EBML:
             raise FormatError(f"{self.path} is not a Matroska file; give a recording of k4arecorder")
-        segment = next(ebml.find(ebml.whole, SEGMENT), Element(0, 0, 0))
+        segment = next(ebml.find(ebml.whole, SEGMENT), nothing)
         tracks = _tracks(ebml, segment)
-        self._tracks = {t.name: t for t in tracks.values() if WANTED.get(t.name) == t.fourcc}
-        if DEPTH not in {track.name for track in tracks.values()}:
+        self._tracks = {t.name: t for t in tracks if WANTED.get(t.name) == t.fourcc}
+        if DEPTH not in {track.name for track in tracks}:
             raise FormatError(f"{self.path} has no DEPTH track; give an Azure Kinect recording with depth")
         if DEPTH not in self._tracks or not self._tracks[DEPTH].images:
             why = " (it is cut off)" if ebml.cut else ""
             raise FormatError(f"{self.path} holds no readable depth image{why}; record with a depth mode")
-        self._depth, color, tags = self._tracks[DEPTH], self._tracks.get(COLOR), _tags(ebml, segment)
-        self.times_ns = np.array([stamp_ns for stamp_ns, _ in self._depth.images], np.int64)
-        mode, size = tags.get("K4A_DEPTH_MODE", ""), (self._depth.width, self._depth.height)
-        self.calibration = calibration_from_factory(
-            _attachment(ebml, segment, tags.get("K4A_CALIBRATION_FILE", "calibration.json")),
-            size,
-            (color.width, color.height) if color else None,
-            mode,
-        )
-        self._pairs = {name: self._paired(name, window) for name, window in WINDOWS_NS.items()}
-        words = {COLOR: "colour", INFRARED: "infrared"}
+        depth, color = self._tracks[DEPTH], self._tracks.get(COLOR)
+        named = ebml.find(segment, TAGS, TAG, SIMPLE_TAG)
+        tags = {name: ebml.text(value) for name, value in _named(ebml, named, TAG_NAME, TAG_STRING)}
+        files = _named(ebml, ebml.find(segment, ATTACHMENTS, ATTACHED), FILE_NAME, FILE_DATA)
+        self.times_ns = depth.stamps_ns
+        name = tags.get("K4A_CALIBRATION_FILE", "calibration.json")
+        factory = next((ebml.bytes(content) for file, content in files if file == name), None)
+        if factory is None:
+            raise CalibrationError(
+                f"the recording has no attachment {name[:60]!r}; record it with k4arecorder"
+            )
+        mode, size = tags.get("K4A_DEPTH_MODE", ""), (depth.width, depth.height)
+        color_size = (color.width, color.height) if color else None
+        self.calibration = calibration_from_factory(factory, size, color_size, mode)
+        none = Track("", 0, 0, b"", [])
+        self._pairs = {
+            other: pair_stamps(self.times_ns, self._tracks.get(other, none).stamps_ns, window_ns)
+            for other, (_, window_ns) in OTHERS.items()
+        }
         self.notes = (
             f"intrinsics and poses from the camera's own calibration.json, for {mode} at {size[0]}x{size[1]}",
-            *(f"no {words[name]} images" for name, pairs in self._pairs.items() if not (pairs >= 0).any()),
+            *(
+                f"no {OTHERS[name][0]} images"
+                for name, pairs in self._pairs.items()
+                if not (pairs >= 0).any()
+            ),
             *(
                 f"{track.name} images are {track.fourcc.decode('ascii', 'replace')!r}: left out"
-                for track in tracks.values()
+                for track in tracks
                 if track.name in WANTED and track.fourcc != WANTED[track.name]
             ),
             *([f"{self.path.name} is cut off: its end is lost"] if ebml.cut else []),
             "no thermal images",
         )
 
-    def _paired(self, name: str, window_ns: int) -> NDArray[np.int64]:
-        """For each depth image the index of the track's image that belongs to it, or -1."""
-        images = self._depth.images, self._tracks[name].images if name in self._tracks else []
-        depth_ns, other_ns = (np.array([stamp for stamp, _ in found], np.int64) for found in images)
-        return pair_stamps(depth_ns, other_ns, window_ns)
-
-    def _belonging(self, name: str, index: int) -> Element | None:
+    def _paired_image(self, name: str, index: int) -> Element | None:
         pair = int(self._pairs[name][index])
         return self._tracks[name].images[pair][1] if pair >= 0 else None
 
-    def _grey(self, ebml: EbmlFile, track: Track, payload: Element) -> NDArray[np.uint16]:
-        if payload.size != 2 * track.width * track.height:
+    def _grey(self, ebml: EbmlFile, name: str, payload: Element) -> NDArray[np.uint16]:
+        width, height = self._tracks[name].width, self._tracks[name].height
+        if payload.size != 2 * width * height:
             raise FormatError(
-                f"{self.path}: a {track.name} image has {payload.size} bytes, not "
-                f"{track.width}x{track.height} of 16 bits; record it again"
+                f"{self.path}: a {name} image has {payload.size} bytes, not {width}x{height} of 16 bits; "
+                "record it again"
             )
-        values = np.frombuffer(ebml.bytes(payload), ">u2").astype(np.uint16)
-        return values.reshape(track.height, track.width)
+        return np.frombuffer(ebml.bytes(payload), ">u2").astype(np.uint16).reshape(height, width)
 
 
-def _tracks(ebml: EbmlFile, segment: Element) -> dict[int, Track]:
-    """Tracks by number, with their images; those cut off at the end left out."""
+def _tracks(ebml: EbmlFile, segment: Element) -> list[Track]:
+    """Return the tracks with their images; images cut off at the end are left out."""
     tracks = {}
     for entry in ebml.find(segment, TRACKS, TRACK):
         parts = {child.id: child for child in ebml.children(entry)}
@@ -154,11 +167,11 @@ def _tracks(ebml: EbmlFile, segment: Element) -> dict[int, Track]:
                     tracks[number].images.append((stamp_ns, payload))
     for track in tracks.values():
         track.images.sort(key=itemgetter(0))
-    return tracks
+    return list(tracks.values())
 
 
 def _block(ebml: EbmlFile, block: Element) -> tuple[int, int, Element]:
-    """Track number, ticks after the cluster's timestamp, and payload of an unlaced block."""
+    """Return track number, ticks after the cluster's timestamp, and payload of an unlaced block."""
     head = ebml.bytes(Element(block.id, block.start, min(4, block.size)))
     if len(head) < 4 or not head[0] & 0x80 or head[3] & 0x06:
         return 0, 0, block
@@ -166,18 +179,11 @@ def _block(ebml: EbmlFile, block: Element) -> tuple[int, int, Element]:
     return head[0] & 0x7F, ticks, block._replace(start=block.start + 4, size=block.size - 4)
 
 
-def _tags(ebml: EbmlFile, segment: Element) -> dict[str, str]:
-    tags = {}
-    for tag in ebml.find(segment, TAGS, TAG, SIMPLE_TAG):
-        parts = {child.id: child for child in ebml.children(tag)}
-        if {TAG_NAME, TAG_STRING} <= set(parts):
-            tags[ebml.text(parts[TAG_NAME])] = ebml.text(parts[TAG_STRING])
-    return tags
-
-
-def _attachment(ebml: EbmlFile, segment: Element, name: str) -> bytes:
-    for attached in ebml.find(segment, ATTACHMENTS, ATTACHED):
-        parts = {child.id: child for child in ebml.children(attached)}
-        if {FILE_NAME, FILE_DATA} <= set(parts) and ebml.text(parts[FILE_NAME]) == name:
-            return ebml.bytes(parts[FILE_DATA])
-    raise CalibrationError(f"the recording has no attachment {name[:60]!r}; record it with k4arecorder")
+def _named(
+    ebml: EbmlFile, elements: Iterator[Element], name: int, value: int
+) -> Iterator[tuple[str, Element]]:
+    """Yield the texts of the children ``name``, and the children ``value``."""
+    for element in elements:
+        parts = {child.id: child for child in ebml.children(element)}
+        if {name, value} <= set(parts):
+            yield ebml.text(parts[name]), parts[value]

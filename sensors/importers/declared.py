@@ -1,4 +1,4 @@
-"""A source of frames with what its user declares of it: upright images, unit, camera, times, subject."""
+"""A source of frames with its user's declarations: upright images, unit, camera, times, subject."""
 
 from dataclasses import replace
 
@@ -15,10 +15,10 @@ from sensors.rig.turn import Turn
 
 
 class Declared(FrameSource):
-    """Frames of another source as its user declares them.
+    """Frames of another source as its user declares them. Raises CalibrationError and FormatError.
 
-    own: whether the source has read the unit and the intrinsics of ``options`` itself. Otherwise
-    its depth has steps of one millimetre. Raises CalibrationError and FormatError.
+    own: whether the source obeys the unit and the intrinsics of ``options`` itself. Otherwise its depth has
+    steps of one millimetre.
     """
 
     def __init__(self, source: FrameSource, options: ImportOptions, *, own: bool) -> None:

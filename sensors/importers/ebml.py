@@ -1,6 +1,6 @@
 """The elements of an EBML file (Matroska's container, RFC 8794), each bounded by its parent and the file.
 
-Only what a reader of raw video needs: no codec, no index, no lacing.
+Only elements that raw video needs: no codec, no index, no lacing.
 """
 
 import os
@@ -9,14 +9,13 @@ from typing import BinaryIO, NamedTuple
 
 from sensors.errors import FormatError
 
-MAX_ELEMENT_BYTES = 1 << 26
-"""Bytes of an element that is read: room for a 4096x3072 image of 16 bits; untuned."""
+MAX_ELEMENT_BYTES = 1 << 26  # room for a 4096x3072 image of 16 bits; untuned
 
 
 class Element(NamedTuple):
-    """One element: its id (marker bits included) and where its payload lies.
+    """An element: its id (marker bits included) and the place of its payload.
 
-    cut: whether its parent ends before it does, as at the end of a file that was cut off.
+    cut: whether its parent ends earlier, as at the end of a file that was cut off.
     """
 
     id: int
@@ -31,53 +30,42 @@ class Element(NamedTuple):
 
 
 class EbmlFile:
-    """A file open for reading as EBML. Raises FormatError for what is none or is cut off where it matters.
+    """A file open for reading as EBML. Raises FormatError for elements that are too large.
 
     cut: whether any element that was met ends later than its parent, or has no whole head.
     """
 
     def __init__(self, file: BinaryIO) -> None:
         self._file, self.cut = file, False
-        self._size = os.fstat(file.fileno()).st_size
-
-    @property
-    def whole(self) -> Element:
-        """The file as if it were one element."""
-        return Element(0, 0, self._size)
+        self.whole = Element(0, 0, os.fstat(file.fileno()).st_size)
 
     def children(self, parent: Element) -> Iterator[Element]:
-        """Elements within ``parent``; one of unknown size, or cut off, reaches to its parent's end."""
+        """Yield elements within ``parent``; one of unknown size, or cut off, reaches to its parent's end."""
         offset = parent.start
-        while offset < parent.end:
-            element = self._element(offset, parent.end)
-            if element is None:
-                return
+        while offset < parent.end and (element := self._element(offset, parent.end)) is not None:
             yield element
             offset = element.end
 
     def find(self, parent: Element, *path: int) -> Iterator[Element]:
-        """Every element on the way of ids below ``parent``."""
+        """Yield every element at the end of a path of ids below ``parent``."""
         for child in self.children(parent):
             if child.id == path[0]:
-                if len(path) == 1:
-                    yield child
-                else:
-                    yield from self.find(child, *path[1:])
+                yield from self.find(child, *path[1:]) if path[1:] else (child,)
 
     def bytes(self, element: Element, limit: int = MAX_ELEMENT_BYTES) -> bytes:
-        """An element's payload."""
+        """Return an element's payload."""
         if element.size > limit:
             name = self._file.name
-            raise FormatError(f"{name} has an element of {element.size} bytes; at most {limit} are read")
+            raise FormatError(f"{name} has an element of {element.size} bytes; give at most {limit}")
         self._file.seek(element.start)
         return self._file.read(element.size)
 
     def number(self, element: Element) -> int:
-        """An unsigned integer of at most 8 bytes."""
+        """Return an unsigned integer of at most 8 bytes."""
         return int.from_bytes(self.bytes(element, 8), "big")
 
     def text(self, element: Element) -> str:
-        """A short string, zero padding removed."""
+        """Return a short string, zero padding removed."""
         return self.bytes(element).rstrip(b"\0").decode("utf-8", "replace")
 
     def _element(self, offset: int, end: int) -> Element | None:
@@ -89,15 +77,15 @@ class EbmlFile:
         if not size_length or start > end:
             self.cut = True
             return None
-        size = int.from_bytes(head[id_length : id_length + size_length], "big") & ((1 << 7 * size_length) - 1)
-        if size == (1 << 7 * size_length) - 1:  # unknown (RFC 8794, 6.2)
-            size = end - start
-        rest = end - start
-        self.cut |= size > rest
-        return Element(int.from_bytes(head[:id_length], "big"), start, min(size, rest), size > rest)
+        unknown = (1 << 7 * size_length) - 1  # RFC 8794, 6.2
+        size = int.from_bytes(head[id_length : id_length + size_length], "big") & unknown
+        size = end - start if size == unknown else size
+        cut = size > end - start
+        self.cut |= cut
+        return Element(int.from_bytes(head[:id_length], "big"), start, min(size, end - start), cut)
 
 
 def _length(head: bytes, longest: int) -> int:
-    """Length of the variable-size integer that begins here; 0 where there is none."""
+    """Return the length of the variable-size integer that begins here; 0 for none."""
     length = 9 - head[0].bit_length() if head else 0
     return length if 0 < length <= min(longest, len(head)) else 0

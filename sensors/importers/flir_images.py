@@ -2,9 +2,9 @@
 
 from collections import Counter
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
@@ -14,28 +14,16 @@ from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
-ASSUMED_WIDE_DEG = 45.0
-"""Horizontal field of view where no file states it: between the 24 and 57 degrees of FLIR's common lenses."""
-PERIOD_NS = 1_000_000_000
-"""Nanoseconds between two images without times. Untuned."""
-NAMED = 3
-"""Files that a note names at most."""
-
-
-class _Facts(NamedTuple):
-    """Facts of an image. shape: (h, w). photo: whether the file holds a photograph."""
-
-    shape: tuple[int, ...]
-    photo: bool
-    wide_deg: float
-    taken_ns: int
+ASSUMED_WIDE_DEG = 45.0  # horizontal field: between the 24 and 57 degrees of FLIR's common lenses
+PERIOD_NS = 1_000_000_000  # between two images without times; untuned
+NAMED = 3  # files that a note names at most
 
 
 class FlirImages(FrameSource):
     """Radiometric JPEGs as a ``FrameSource``: temperatures, depth images without a reading, photographs.
 
     Frames are in natural order of the names. Photographs without temperatures, and images of another size
-    than most, are left out. notes: left out, absent and assumed data. Raises FormatError.
+    than most, are left out. notes: left out, missing and assumed data. Raises FormatError.
     """
 
     def __init__(self, path: Path) -> None:
@@ -46,38 +34,32 @@ class FlirImages(FrameSource):
             raise FormatError(
                 f"{path} holds no FLIR camera's radiometric JPEG; give one as the camera wrote it"
             )
-        facts = {file: _facts(read_flir(read_bounded(file), str(file))) for file in thermal}
-        (shape, _), *others = Counter(fact.shape for fact in facts.values()).most_common()
-        self._files = [file for file in thermal if facts[file].shape == shape]
-        kept = [facts[file] for file in self._files]
-        wide_deg, lens_note = _field(kept)
+        # Shape, field, time and whether there is a photograph: pixels would fill the memory.
+        facts = {file: _facts(_read(file)) for file in thermal}
+        shape = Counter(fact[0] for fact in facts.values()).most_common(1)[0][0]
+        self._files = [file for file in thermal if facts[file][0] == shape]
+        _, fields_deg, taken_ns, photos = zip(*(facts[file] for file in self._files), strict=True)
+        wide_deg, lens_note = _field(fields_deg)
         height, width = shape
         focal_px = width / 2 / np.tan(np.radians(wide_deg / 2))
         lens = Intrinsics(width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2)
         self.calibration = RigCalibration(lens, thermal=lens, thermal_from_depth=Pose.identity())
-        self.times_ns, time_note = _times_ns(kept)
+        self.times_ns, time_note = _times_ns(np.array(taken_ns, np.int64))
         photographs = [file for file in found if file not in facts]
         other = [file for file in thermal if file not in self._files]
         self.notes = (
             "no depth images: temperatures alone cannot be labelled",
             lens_note,
             time_note,
-            "photographs are not calibrated: they cannot be fused"
-            if any(fact.photo for fact in kept)
-            else "no photographs",
+            "photographs are not calibrated: they cannot be fused" if any(photos) else "no photographs",
             *_left_out(photographs, "photographs without temperatures"),
-            *(_left_out(other, f"images of another size than {width}x{height}") if others else ()),
+            *_left_out(other, f"images of another size than {width}x{height}"),
         )
 
     def _frame(self, index: int) -> RigFrame:
-        file = self._files[index]
-        image = read_flir(read_bounded(file), str(file))
+        image = _read(self._files[index])
         nothing = np.zeros(image.celsius.shape, np.uint16)
         return RigFrame(index, int(self.times_ns[index]), nothing, image.photo, image.celsius)
-
-
-def _facts(image: FlirImage) -> _Facts:
-    return _Facts(image.celsius.shape, image.photo is not None, image.wide_deg, image.taken_ns)
 
 
 def is_flir_alone(path: Path) -> bool:
@@ -89,9 +71,17 @@ def is_flir_alone(path: Path) -> bool:
     return any(has_flir(file) for file in files_of(path, JPEGS))
 
 
-def _field(facts: list[_Facts]) -> tuple[float, str]:
+def _read(file: Path) -> FlirImage:
+    return read_flir(read_bounded(file), str(file))
+
+
+def _facts(image: FlirImage) -> tuple[tuple[int, ...], float, int, bool]:
+    return image.celsius.shape, image.wide_deg, image.taken_ns, image.photo is not None
+
+
+def _field(fields_deg: tuple[float, ...]) -> tuple[float, str]:
     """Return the horizontal field of view in degrees, and a note on its source."""
-    stated = [fact.wide_deg for fact in facts if fact.wide_deg]
+    stated = [field for field in fields_deg if field]
     if not stated:
         return ASSUMED_WIDE_DEG, f"a lens {ASSUMED_WIDE_DEG:g} degrees wide is assumed"
     wide = float(np.median(stated))
@@ -99,16 +89,14 @@ def _field(facts: list[_Facts]) -> tuple[float, str]:
     return wide, f"a lens {wide:.3g} degrees wide, as the files state{differ}"
 
 
-def _times_ns(facts: list[_Facts]) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], str]:
+def _times_ns(taken_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:
     """Return the images' stamps if they all grow with the names, else one a second; and a note."""
-    taken = np.array([fact.taken_ns for fact in facts], np.int64)
-    if taken.min() > 0 and (np.diff(taken) > 0).all():
-        return taken, "times are those of the camera's clock"
-    return regular_times_ns(len(facts), PERIOD_NS), "no growing time stamps: one image a second is assumed"
+    if taken_ns.min() > 0 and (np.diff(taken_ns) > 0).all():
+        return taken_ns, "times from the camera's clock"
+    note = "no growing time stamps: one image a second is assumed"
+    return regular_times_ns(len(taken_ns), PERIOD_NS), note
 
 
-def _left_out(files: list[Path], what: str) -> tuple[str, ...]:
-    if not files:
-        return ()
+def _left_out(files: list[Path], what: str) -> list[str]:
     names = ", ".join(file.name for file in files[:NAMED]) + (", ..." if len(files) > NAMED else "")
-    return (f"{len(files)} {what} left out: {names}",)
+    return [f"{len(files)} {what} left out: {names}"] if files else []

@@ -7,8 +7,8 @@ Layout, everything but depth optional::
     thermal/NAME.png    16-bit temperatures in the scale of a session (``messages.THERMAL_OFFSET_C``), or in
                         hundredths or tenths of a kelvin (``celsius_check``); or a TIFF, floats in degrees
                         Celsius; or NAME.jpg, a FLIR camera's radiometric JPEG
-    associations.txt    which colour belongs to which depth image, and when they were taken, where names
-                        differ; or depth.txt and rgb.txt (see ``tum_lists``)
+    associations.txt    pairs of colour and depth images, and their times, where names differ; or depth.txt
+                        and rgb.txt (see ``tum_lists``)
     calibration.json    the rig's calibration as ``rig_calibration.save_calibration`` writes it; or
     intrinsics.json     the depth camera's numbers (see ``intrinsics_file``); or one of
                         ``folder_cameras.INTRINSICS``
@@ -23,61 +23,65 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.checks.celsius_check import SESSION, Scale, judge_celsius
+from sensors.checks.celsius_check import SESSION, judge_celsius
 from sensors.checks.depth_check import judge_depth, spread
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.files.flir_jpeg import read_flir
 from sensors.files.images import decode_depth
 from sensors.importers.folder_cameras import cameras_of
-from sensors.importers.folder_files import (
-    JPEGS,
-    Files,
-    FolderImages,
-    find_images,
-    matching,
-    unread_colors,
-)
+from sensors.importers.folder_files import JPEGS, Files, FolderImages, find_images, matching, unread_colors
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.importers.tum_lists import TUM_UNIT_MM, Listed, is_tum, read_lists
-from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
 
 
 class ImageFolder(FrameSource):
     """An image folder as a ``FrameSource``, frames in the natural order of their names, or by their times.
 
-    Opening it reads a few images, which are judged; a frame reads its own alone.
-    notes: what is absent or assumed, one sentence each. Raises FormatError when there are no depth images,
-    or they are judged to be none, CalibrationError when the intrinsics are missing or contradict them.
+    Opening it reads a few images, which are judged; a frame reads its own images alone. notes: missing and
+    assumed data, one sentence each. Raises FormatError without depth images, CalibrationError when the
+    intrinsics are missing or contradict the images.
     """
 
     def __init__(self, path: Path, options: ImportOptions = AS_STATED) -> None:
         self.path, self.name = path, path.resolve().name
         images, listed = find_images(path), read_lists(path)
-        timed = _timed(path, images, listed, options)
+        timed = _by_list(path, images, listed, options) if listed else _by_name(images, options)
         self._depth, self._color, self._thermal = timed.depth, timed.color, timed.thermal
         self._names, self.times_ns = tuple(timed.depth), timed.times_ns
         first = next(iter(timed.depth.values()))
         cameras = cameras_of(path, first, timed.color, timed.thermal, options.intrinsics)
         self.calibration = cameras.calibration
-        tum = is_tum(path) and not (options.depth_unit_mm or cameras.unit_mm)
-        unit_mm = TUM_UNIT_MM if tum else options.depth_unit_mm or cameras.unit_mm
+        declared_mm = options.depth_unit_mm or cameras.unit_mm
+        tum = is_tum(path) and not declared_mm
         likely_mm = TUM_UNIT_MM if listed else None
         samples = _readable(list(timed.depth.values()))
-        self._reading = judge_depth(samples, unit_mm, str(path), likely_mm)
-        self._scale, judged = _scale(path, list(timed.thermal.values()))
+        self._reading = judge_depth(samples, TUM_UNIT_MM if tum else declared_mm, str(path), likely_mm)
+        # Photographs of FLIR cameras state their scale.
+        words = [file for file in timed.thermal.values() if file.suffix.lower() not in JPEGS]
+        where = f"{path}: thermal images"
+        self._scale, judged = judge_celsius(_readable(words), where) if words else (SESSION, ())
         self.notes = (
             *cameras.notes,
             *(["depth in 1/5000 m, as in every TUM dataset"] if tum else []),
             *self._reading.notes,
             timed.note,
             *images.notes,
-            *_presence("colour", timed.color, len(self._names), self.calibration.color),
+            *self._presence("colour", timed.color),
             *unread_colors(path),
-            *_presence("thermal", timed.thermal, len(self._names), self.calibration.thermal),
+            *self._presence("thermal", timed.thermal),
             *judged,
         )
+
+    def _presence(self, name: str, files: Files) -> list[str]:
+        camera = self.calibration.color if name == "colour" else self.calibration.thermal
+        if not files:
+            return [f"no {name} images"]
+        missing, frames = len(self._names) - len(files), len(self._names)
+        notes = [f"{missing} of {frames} frames have no {name} image"] if missing else []
+        fused = [] if camera else [f"no calibration of the {name} camera: its images cannot be fused"]
+        return notes + fused
 
     def _frame(self, index: int) -> RigFrame:
         name = self._names[index]
@@ -85,10 +89,15 @@ class ImageFolder(FrameSource):
         return RigFrame(
             index=index,
             stamp_ns=int(self.times_ns[index]),
-            depth_mm=self._reading.to_mm(_depth_image(self._depth[name])),
+            depth_mm=self._reading.to_mm(_stored_image(self._depth[name])),
             color_encoded=read_bounded(color) if color else None,
-            thermal_c=_celsius(thermal, self._scale) if thermal else None,
+            thermal_c=self._celsius(thermal) if thermal else None,
         )
+
+    def _celsius(self, file: Path) -> NDArray[np.float32]:
+        if file.suffix.lower() in JPEGS:
+            return read_flir(read_bounded(file), str(file)).celsius
+        return self._scale.celsius(_stored_image(file))
 
 
 class _Timed(NamedTuple):
@@ -101,14 +110,11 @@ class _Timed(NamedTuple):
     note: str
 
 
-def _timed(path: Path, images: FolderImages, listed: Listed | None, options: ImportOptions) -> _Timed:
-    """Order a folder's images, less what its lists leave out. Raises FormatError."""
-    if listed is not None:
-        return _by_list(path, images, listed, options)
+def _by_name(images: FolderImages, options: ImportOptions) -> _Timed:
     depth, stamps = images.depth, images.stamps_ns
     others = matching(images.color, depth), matching(images.thermal, depth)
     if stamps and not options.rate_hz:
-        names = sorted(depth, key=lambda name: stamps[name])
+        names = sorted(depth, key=stamps.__getitem__)
         times, note = np.array([stamps[name] for name in names], np.int64), "times from the images' names"
         return _Timed({name: depth[name] for name in names}, *others, times, note)
     note = f"no time stamps: {options.rate}, in the natural order of names"
@@ -116,6 +122,7 @@ def _timed(path: Path, images: FolderImages, listed: Listed | None, options: Imp
 
 
 def _by_list(path: Path, images: FolderImages, listed: Listed, options: ImportOptions) -> _Timed:
+    """Order a folder's images by its lists, without images that the lists leave out. Raises FormatError."""
     names = {file.stem: name for name, file in images.depth.items()}
     there = {file.name: file for file in images.color.values()}
     depth, color, stamps = {}, {}, []
@@ -131,26 +138,9 @@ def _by_list(path: Path, images: FolderImages, listed: Listed, options: ImportOp
         raise FormatError(f"{path}: no depth image is named in its list; give the folder the list belongs to")
     left_out = len(images.depth) - len(depth)
     rest = f"; {left_out} depth images that it does not name are left out" if left_out else ""
-    note = (
-        f"{listed.file} has numbers, not times: {options.rate}"
-        if listed.counted
-        else f"times from {listed.file}"
-    )
-    return _Timed(depth, color, matching(images.thermal, depth), np.array(stamps, np.int64), note + rest)
-
-
-def _presence(name: str, files: Files, frames: int, camera: Intrinsics | None) -> tuple[str, ...]:
-    if not files:
-        return (f"no {name} images",)
-    missing = frames - len(files)
-    absent = (f"{missing} of {frames} frames have no {name} image",) if missing else ()
-    return absent if camera else (*absent, f"no calibration of the {name} camera: its images cannot be fused")
-
-
-def _scale(path: Path, files: list[Path]) -> tuple[Scale, tuple[str, ...]]:
-    """Return the scale of thermal PNGs or TIFFs, and notes; photographs of FLIR cameras state their scale."""
-    words = [file for file in files if file.suffix.lower() not in JPEGS]
-    return judge_celsius(_readable(words), f"{path}: thermal images") if words else (SESSION, ())
+    counted = f"{listed.file} has numbers, not times: {options.rate}"
+    note = (counted if listed.counted else f"times from {listed.file}") + rest
+    return _Timed(depth, color, matching(images.thermal, depth), np.array(stamps, np.int64), note)
 
 
 def _readable(files: list[Path]) -> list[NDArray[Any]]:
@@ -158,7 +148,7 @@ def _readable(files: list[Path]) -> list[NDArray[Any]]:
     images, error = [], None
     for at in spread(len(files)):
         try:
-            images.append(_depth_image(files[at]))
+            images.append(_stored_image(files[at]))
         except FormatError as found:
             error = error or found
     if error is not None and not images:
@@ -166,12 +156,6 @@ def _readable(files: list[Path]) -> list[NDArray[Any]]:
     return images
 
 
-def _celsius(file: Path, scale: Scale) -> NDArray[np.float32]:
-    if file.suffix.lower() in JPEGS:
-        return read_flir(read_bounded(file), str(file)).celsius
-    return scale.celsius(_depth_image(file))
-
-
-def _depth_image(file: Path) -> NDArray[Any]:
+def _stored_image(file: Path) -> NDArray[Any]:
     """Read the pixels (h, w) of a depth or thermal image as they are stored."""
     return decode_depth(read_bounded(file), str(file))

@@ -10,7 +10,7 @@ from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.files.flir_jpeg import read_flir
 from sensors.files.images import image_shape
-from sensors.importers.folder_files import JPEGS, THERMAL, Files
+from sensors.importers.folder_files import JPEGS, STREAMS, Files
 from sensors.rig.rig_calibration import Pose, RigCalibration, load_calibration
 
 TEXTS = ("json", "yaml", "yml", "xml", "txt")
@@ -29,7 +29,7 @@ ScanNet's (SensReader/python/SensorData.py), ROS's, 3DMatch's, SUN RGB-D's and E
 
 
 class FolderCameras(NamedTuple):
-    """Calibration; millimetres of a depth step if a file states it; notes on where they are from."""
+    """Calibration; millimetres of a depth step if a file states it; notes on their origin."""
 
     calibration: RigCalibration
     unit_mm: float | None
@@ -43,14 +43,14 @@ def cameras_of(path: Path, first: Path, color: Files, thermal: Files, declared: 
     """
     shape = image_shape(read_bounded(first), str(first))
     files = [path / name for name in INTRINSICS]
-    stated = any(file.is_file() for file in files)
-    if (path / CALIBRATION).is_file() and declared is None:
+    if declared is not None:
+        found, origin = read_intrinsics(declared, shape), f"intrinsics from {declared.name}"
+    elif (path / CALIBRATION).is_file():
+        stated = any(file.is_file() for file in files)
         unit_mm = first_intrinsics(files, shape)[0].unit_mm if stated else None
         return FolderCameras(
             load_calibration(path / CALIBRATION), unit_mm, (f"calibration from {CALIBRATION}",)
         )
-    if declared is not None:
-        found, origin = read_intrinsics(declared, shape), f"intrinsics from {declared.name}"
     else:
         found, origin = first_intrinsics(files, shape)
     calibration = RigCalibration(found.depth)
@@ -64,7 +64,7 @@ def cameras_of(path: Path, first: Path, color: Files, thermal: Files, declared: 
 
 
 def _aligned(name: str, images: Files, found: FoundIntrinsics) -> tuple[list[str], bool]:
-    """Return a note on the size of images, and whether it is that of depth, so that they are aligned."""
+    """Return a note on the size of images, and whether they have the size of depth and so are aligned."""
     if name == "colour" and found.aligned:
         return [f"{name} assumed to be aligned with depth, as Open3D's recorder saves it"], True
     shape = _shape_of(list(images.values()))
@@ -72,12 +72,10 @@ def _aligned(name: str, images: Files, found: FoundIntrinsics) -> tuple[list[str
         return [], False
     size, depth = (f"{width}x{height}" for height, width in (shape, found.depth.shape))
     if size == depth:
-        return [
-            f"{name} assumed to be aligned with depth pixel for pixel: of its size, no {CALIBRATION}"
-        ], True
-    return [
-        f"{name} images are {size}, depth is {depth}: not used; register them to depth, or add {CALIBRATION}"
-    ], False
+        note = f"{name} assumed to be aligned with depth pixel for pixel: of its size, no {CALIBRATION}"
+        return [note], True
+    remedy = f"register them to depth, or add {CALIBRATION}"
+    return [f"{name} images are {size}, depth is {depth}: not used; {remedy}"], False
 
 
 def _shape_of(files: list[Path]) -> tuple[int, int] | None:
@@ -85,7 +83,8 @@ def _shape_of(files: list[Path]) -> tuple[int, int] | None:
     for at in spread(len(files)):
         try:
             data, name = read_bounded(files[at]), str(files[at])
-            flir = files[at].parent.name.lower() in THERMAL and files[at].suffix.lower() in JPEGS
+            folder, suffix = files[at].parent.name.lower(), files[at].suffix.lower()
+            flir = folder in STREAMS["thermal"] and suffix in JPEGS
             height, width = read_flir(data, name).celsius.shape if flir else image_shape(data, name)
         except FormatError:
             continue

@@ -1,4 +1,4 @@
-"""Depth, colour and thermal images of a folder, and pairs of them by name.
+"""Depth, colour and thermal images of a folder, and pairs of them by name or by the times in names.
 
 Streams lie in folders of their own: ``depth/``, ``color/`` or ``rgb/``, ``thermal/``, in any letter case;
 else the only folder whose name has the word (``depth_raw``, ``aligned_depth_to_color``, ``RGBImages``); for
@@ -7,12 +7,12 @@ colour also ``image/`` (SUN RGB-D). Or they lie beside each other with the strea
 ``frame-000000.depth.png frame-000000.color.png`` (7-Scenes), ``rs_Depth_1546.25.png rs_Color_1546.31.png``
 (librealsense). Without such words, PNGs are depth and JPEGs of the same names colour. Hidden files, such as
 ``._0001.png`` of macOS, and pictures made of depth (``0001_depth_vis.png``) are left out. Names become an
-order as people count: 2 before 10. Names that are times (``name_times``) give the order and belong together
-by time.
+order as people count: 2 before 10.
 """
 
 import re
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,13 +21,11 @@ import numpy as np
 from sensors.errors import FormatError
 from sensors.files.images import SUFFIXES
 from sensors.files.natural_order import paths_in_order
-from sensors.importers.name_times import stamps_of
 from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
 
-DEPTH, COLOR, THERMAL = ("depth",), ("color", "colour", "rgb"), ("thermal",)
-"""Names of a stream's folder, or in the names of its files, in small letters."""
-IMAGE = ("image", "images", "img", "imgs")
-"""Names of folders that hold colour where depth has another folder."""
+STREAMS = {"depth": ("depth",), "color": ("color", "colour", "rgb"), "thermal": ("thermal",)}
+"""Names of a stream's folder, or words in the names of its files, in small letters."""
+IMAGE = ("image", "images", "img", "imgs")  # folders of colour where depth has another folder
 PICTURES = (".jpg", ".jpeg", ".png")
 JPEGS = PICTURES[:2]
 _STREAM = re.compile(
@@ -38,6 +36,13 @@ _VIEW = re.compile(
     r"(?<![a-z])(?:vis|viz|visual\w*|colou?rmap\w*|colou?ri[sz]ed|preview|masks?|conf\w*|norm\w*)(?![a-z])"
 )
 """Words of pictures that are made of depth images."""
+_MILLISECONDS = re.compile(r"_(\d{1,15}\.\d{1,17})$", re.ASCII)
+"""Of librealsense (tools/convert/converters/converter-png.hpp)."""
+_SINCE_1970 = re.compile(r"(?:^|[^\d.])(\d{10})(?:\.(\d{1,9})|(\d{3}|\d{6}|\d{9}))$", re.ASCII)
+"""In seconds, milliseconds, microseconds or nanoseconds (TUM's images, ROS recorders)."""
+_REDWOOD = re.compile(r"^\d{7}-(\d{12})$", re.ASCII)
+"""Frame and microseconds of Redwood's object scans."""
+EARLIEST_S, LATEST_S = 1_000_000_000, 4_100_000_000  # numbers that count as times: 2001 to 2099
 
 Files = dict[str, Path]
 """Images by name: without folder, suffix, and the stream's own name."""
@@ -46,7 +51,7 @@ Files = dict[str, Path]
 class FolderImages(NamedTuple):
     """Images of a folder, in natural order.
 
-    stamps_ns: of depth images whose names state them, else empty. notes: what is left out.
+    stamps_ns: of depth images whose names state them, else empty. notes: on images that are left out.
     """
 
     depth: Files
@@ -57,11 +62,13 @@ class FolderImages(NamedTuple):
 
 
 def find_images(path: Path) -> FolderImages:
-    """Find the images of a folder. Raises FormatError where there is no depth, or several folders of it."""
+    """Find the images of a folder. Raises FormatError without depth, or with several folders of it."""
     folder, flat = _stream_folder(path, "depth"), _by_stream(path)
     every = files_of(folder or path, SUFFIXES) if folder or not flat["depth"] else flat["depth"]
     plain = [file for file in every if not _VIEW.search(file.stem.lower())] or every
-    depth = _depth(plain)
+    depth: Files = {}
+    for kinds in ((".png",), (".tif", ".tiff"), (".pgm",), (".npy",)):
+        depth = depth or _named([file for file in plain if file.suffix.lower() in kinds])
     if not depth:
         raise FormatError(_no_depth(folder or path))
     color, thermal = _color(path, flat["color"], depth), _other(path, "thermal", flat["thermal"])
@@ -69,72 +76,14 @@ def find_images(path: Path) -> FolderImages:
     if stamps and others:
         color = _nearest(stamps, color, others)
     views = len(every) - len(plain)
-    left_out = f"{views} images named like pictures of depth are left out" if views else ""
-    return FolderImages(depth, color, thermal, stamps, (left_out,) if left_out else ())
-
-
-def _stream_of(name: str) -> str:
-    """Return depth, color or thermal by the first such word of a name; "" without one."""
-    found = _STREAM.search(name)
-    word = (found[1] or found[2]).lower() if found else ""
-    return "color" if word in COLOR else word
-
-
-def _stream_folder(path: Path, stream: str) -> Path | None:
-    """Return a stream's folder: the one with its plain name, else the only one whose name has the word."""
-    names = {"depth": DEPTH, "color": COLOR, "thermal": THERMAL}[stream]
-    plain = subfolder(path, names)
-    if plain is not None:
-        return plain
-    there = [entry for entry in paths_in_order(path.iterdir()) if entry.is_dir() and not _is_view(entry)]
-    found = [
-        entry for entry in there if _stream_of(entry.name) == stream and files_of(entry, SUFFIXES + JPEGS)
-    ]
-    if len(found) > 1:
-        several = ", ".join(entry.name[:40] for entry in found[:4])
-        raise FormatError(
-            f"{path} has several folders of {stream}: {several}; rename the right one {names[0]}"
-        )
-    return found[0] if found else None
-
-
-def _is_view(entry: Path) -> bool:
-    return entry.name.startswith(".") or _VIEW.search(entry.name.lower()) is not None
-
-
-def _color(path: Path, flat: list[Path], depth: Files) -> Files:
-    """Return colour images: of their folder, by their names, or the JPEGs named like the depth images."""
-    found = _other(path, "color", flat)
-    if found:
-        return found
-    folder = subfolder(path, IMAGE)
-    beside = _named(files_of(folder or path, PICTURES if folder else JPEGS))
-    return beside if folder or set(beside) & set(depth) else {}
-
-
-def _other(path: Path, stream: str, flat: list[Path]) -> Files:
-    """Return the colour or thermal images of their folder, else those that are named so."""
-    suffixes = PICTURES if stream == "color" else (*PICTURES, *SUFFIXES)
-    own = _stream_folder(path, stream)
-    return _named(files_of(own, suffixes) if own else flat)
-
-
-def subfolder(path: Path, names: tuple[str, ...]) -> Path | None:
-    """Return the folder in ``path`` that has the first possible of the names, in any letter case."""
-    there = {entry.name.lower(): entry for entry in paths_in_order(path.iterdir()) if entry.is_dir()}
-    return next((there[name] for name in names if name in there), None)
+    notes = (f"{views} images named like pictures of depth are left out",) if views else ()
+    return FolderImages(depth, color, thermal, stamps, notes)
 
 
 def files_of(folder: Path, suffixes: tuple[str, ...] = PICTURES) -> list[Path]:
     """Return the files of a folder with one of the suffixes, in natural order, without hidden ones."""
     found = (file for file in folder.iterdir() if file.suffix.lower() in suffixes and file.is_file())
     return paths_in_order(file for file in found if not file.name.startswith("."))
-
-
-def key_of(name: str) -> str:
-    """Return an image's name (without suffix) without the stream's."""
-    rest = _STREAM.sub("", name)
-    return re.sub(r"([._ -])[._ -]+", r"\1", rest).strip("._ -") or name
 
 
 def matching(files: Files, depth: Files) -> Files:
@@ -149,23 +98,94 @@ def matching(files: Files, depth: Files) -> Files:
     return found
 
 
+def stamps_of(names: Iterable[str]) -> dict[str, int]:
+    """Return the times of names, in nanoseconds; nothing where one name has none, or two have one time."""
+    found = {name: _stamp_ns(name) for name in names}
+    stamps = {name: stamp for name, stamp in found.items() if stamp is not None}
+    return stamps if len(set(stamps.values())) == len(found) else {}
+
+
+def unread_colors(path: Path) -> tuple[str, ...]:
+    """Return a note on colour images none of which is read, because of their kind."""
+    folder = _subfolder(path, STREAMS["color"]) or _subfolder(path, IMAGE)
+    if folder is not None:
+        if files_of(folder) or not (held := _kinds(folder)):
+            return ()
+        return (f"{folder.name} holds {held} files, which are not read: convert them to JPEG or PNG",)
+    named = [file for file in path.iterdir() if file.is_file() and _stream_of(file.stem) == "color"]
+    if not named or any(file.suffix.lower() in PICTURES for file in named):
+        return ()
+    return (f"{len(named)} {named[0].suffix} colour images are not read: convert them to JPEG or PNG",)
+
+
+def _stamp_ns(name: str) -> int | None:
+    if at := _SINCE_1970.search(name):
+        seconds, fraction = int(at[1]), at[2] or at[3] or ""
+        return seconds * 10**9 + int(fraction.ljust(9, "0")) if EARLIEST_S <= seconds <= LATEST_S else None
+    if at := _REDWOOD.search(name):
+        return int(at[1]) * 1000
+    at = _MILLISECONDS.search(name)
+    return round(float(at[1]) * 1e6) if at else None
+
+
+def _stream_of(name: str) -> str:
+    """Return depth, color or thermal by the first such word of a name; "" without one."""
+    found = _STREAM.search(name)
+    word = (found[1] or found[2]).lower() if found else ""
+    return "color" if word in STREAMS["color"] else word
+
+
+def _stream_folder(path: Path, stream: str) -> Path | None:
+    """Return a stream's folder: the one with its plain name, else the only one whose name has the word."""
+    if (plain := _subfolder(path, STREAMS[stream])) is not None:
+        return plain
+    found = [
+        entry
+        for entry in paths_in_order(path.iterdir())
+        if entry.is_dir() and not entry.name.startswith(".") and not _VIEW.search(entry.name.lower())
+        if _stream_of(entry.name) == stream and files_of(entry, SUFFIXES + JPEGS)
+    ]
+    if len(found) > 1:
+        several = ", ".join(entry.name[:40] for entry in found[:4])
+        raise FormatError(f"{path} has several folders of {stream}: {several}; rename the right one {stream}")
+    return found[0] if found else None
+
+
+def _color(path: Path, flat: list[Path], depth: Files) -> Files:
+    """Return colour images: of their folder, by their names, or the JPEGs named like the depth images."""
+    if found := _other(path, "color", flat):
+        return found
+    folder = _subfolder(path, IMAGE)
+    beside = _named(files_of(folder or path, PICTURES if folder else JPEGS))
+    return beside if folder or set(beside) & set(depth) else {}
+
+
+def _other(path: Path, stream: str, flat: list[Path]) -> Files:
+    """Return the colour or thermal images of their folder, else the images that are named so."""
+    own = _stream_folder(path, stream)
+    return _named(files_of(own, PICTURES if stream == "color" else (*PICTURES, *SUFFIXES)) if own else flat)
+
+
+def _subfolder(path: Path, names: tuple[str, ...]) -> Path | None:
+    """Return the folder in ``path`` that has the first possible of the names, in any letter case."""
+    there = {entry.name.lower(): entry for entry in paths_in_order(path.iterdir()) if entry.is_dir()}
+    return next((there[name] for name in names if name in there), None)
+
+
 def _named(files: list[Path]) -> Files:
-    """Return the files by their keys; by their whole names where two have one key."""
-    keyed = {key_of(file.stem): file for file in files}
+    """Return the files by name without the stream's; by their whole names where two would have one name."""
+    keyed = {_key(file.stem): file for file in files}
     return keyed if len(keyed) == len({file.stem for file in files}) else {file.stem: file for file in files}
 
 
-def _depth(every: list[Path]) -> Files:
-    """Return depth images of one kind: PNG before TIFF, PGM and arrays."""
-    for kinds in ((".png",), (".tif", ".tiff"), (".pgm",), (".npy",)):
-        if files := [file for file in every if file.suffix.lower() in kinds]:
-            return _named(files)
-    return {}
+def _key(name: str) -> str:
+    rest = _STREAM.sub("", name)
+    return re.sub(r"([._ -])[._ -]+", r"\1", rest).strip("._ -") or name
 
 
 def _by_stream(path: Path) -> dict[str, list[Path]]:
     """Return images in the folder itself by the stream that their names state; none without depth."""
-    found: dict[str, list[Path]] = {"depth": [], "color": [], "thermal": []}
+    found: dict[str, list[Path]] = {stream: [] for stream in STREAMS}
     for file in files_of(path, (*PICTURES, *SUFFIXES)):
         if stream := _stream_of(file.stem):
             found[stream].append(file)
@@ -174,42 +194,21 @@ def _by_stream(path: Path) -> dict[str, list[Path]]:
 
 def _nearest(stamps_ns: dict[str, int], color: Files, color_ns: dict[str, int]) -> Files:
     """Return colour images by the name of the depth image that is nearest in time."""
-    names = sorted(stamps_ns, key=lambda name: stamps_ns[name])
-    others = sorted(color_ns, key=lambda name: color_ns[name])
+    names, others = (sorted(stamps, key=stamps.__getitem__) for stamps in (stamps_ns, color_ns))
     depth_ns = np.array([stamps_ns[name] for name in names], np.int64)
     pairs = pair_stamps(depth_ns, np.array([color_ns[name] for name in others], np.int64), COLOR_WINDOW_NS)
     return {name: color[others[at]] for name, at in zip(names, pairs.tolist(), strict=True) if at >= 0}
 
 
-def unread_colors(path: Path) -> tuple[str, ...]:
-    """Return a note on colour images none of which is read, because of their kind."""
-    folder = subfolder(path, COLOR) or subfolder(path, IMAGE)
-    if folder is not None:
-        seen = "" if files_of(folder) else _kinds(folder)
-        return (
-            (f"{folder.name} holds {seen} files, which are not read: convert them to JPEG or PNG",)
-            if seen
-            else ()
-        )
-    named = [file for file in path.iterdir() if file.is_file() and _stream_of(file.stem) == "color"]
-    if not named or any(file.suffix.lower() in PICTURES for file in named):
-        return ()
-    return (f"{len(named)} {named[0].suffix} colour images are not read: convert them to JPEG or PNG",)
-
-
 def _kinds(folder: Path) -> str:
     """Return the numbers of a folder's files by suffix, in words; "" for none."""
-    kinds = Counter(
-        file.suffix.lower() or "nameless"
-        for file in folder.iterdir()
-        if file.is_file() and not file.name.startswith(".")
-    )
+    files = (file for file in folder.iterdir() if file.is_file() and not file.name.startswith("."))
+    kinds = Counter(file.suffix.lower() or "nameless" for file in files)
     return ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(4))
 
 
 def _no_depth(folder: Path) -> str:
     """Return the contents of a folder without depth images, in words, and the remedy."""
-    seen = _kinds(folder)
-    place = folder if folder.name.lower() in DEPTH else folder / "depth"
-    held = f" (it holds {seen} files)" if seen else ""
+    held = f" (it holds {kinds} files)" if (kinds := _kinds(folder)) else ""
+    place = folder if folder.name.lower() in STREAMS["depth"] else folder / "depth"
     return f"{folder} holds no depth images{held}; put 16-bit PNGs into {place}"

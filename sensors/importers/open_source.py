@@ -1,4 +1,4 @@
-"""Recorded frames of any kind, recognised by their content; only its reader is imported then."""
+"""Recorded frames of any kind, recognised by their content; only the importer of that kind is loaded."""
 
 from collections.abc import Callable
 from functools import partial
@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from sensors.errors import CalibrationError, CloudError, FormatError
-from sensors.importers.foreign import refuse
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.session.paths import recording_at
 
@@ -21,8 +20,49 @@ KINDS = (
     "JPEGs of a FLIR camera, a cloud (.pcd, .ply, .las, .laz) or arrays (.npy, .npz)"
 )
 CLOUDS = (".pcd", ".ply", ".las", ".laz")
-BAG_METADATA = "metadata.yaml"
-"""File in a ROS 2 bag's folder; its name stands for the folder."""
+BAG_METADATA = "metadata.yaml"  # in a ROS 2 bag's folder; its name stands for the folder
+
+_ARRAYS = "save depth (n, h, w) and K as .npz with numpy.savez"
+_HDF5 = f"an HDF5 file; read it with h5py and {_ARRAYS}"
+_VIDEO = "a video; depth in it is lossy or coloured: give the camera's own recording, or 16-bit PNGs"
+_IMAGE = "image; put it into FOLDER/depth, and intrinsics.json into FOLDER"
+_ARCHIVE = "an archive; unpack it and give its folder"
+_RAW = f"raw bytes without a header; read them with numpy.fromfile and {_ARRAYS}"
+_MESH = "a mesh; sample its surface as a cloud (.ply) with Open3D"
+_POINTS = "a cloud without a header; save it as .ply or .pcd with Open3D"
+_ZED = "a recording of a ZED; export its depth as 16-bit PNGs with the ZED SDK"
+_FOREIGN_BYTES = (
+    (0, b"\x89HDF\r\n\x1a\n", _HDF5),
+    (0, b"MATLAB 5.0 MAT", f"a MATLAB file; read it with scipy.io.loadmat and {_ARRAYS}"),
+    (4, b"ftyp", _VIDEO),
+    (0, b"RIFF", _VIDEO),
+    (0, b"\x89PNG", f"one PNG {_IMAGE}"),
+    (0, b"\xff\xd8\xff", "a JPEG without a FLIR camera's temperatures; give a folder with depth images"),
+    (0, b"II*\0", f"one TIFF {_IMAGE}"),
+    (0, b"MM\0*", f"one TIFF {_IMAGE}"),
+    (0, b"<!DOCTYPE html", "a web page; download the file itself"),
+    (0, b"<html", "a web page; download the file itself"),
+)
+"""Kinds that are not read: place of the first bytes, the bytes, and the kind of file with the remedy."""
+_FOREIGN_SUFFIXES = {
+    ".mat": f"a MATLAB file; read it with scipy.io.loadmat, or h5py for version 7.3, and {_ARRAYS}",
+    **dict.fromkeys((".h5", ".hdf5"), _HDF5),
+    **dict.fromkeys((".bin", ".raw"), _RAW),
+    ".oni": "a recording of OpenNI; export its depth as 16-bit PNGs with OpenNI",
+    ".xef": "a recording of Kinect Studio; export its depth as 16-bit PNGs",
+    **dict.fromkeys((".svo", ".svo2"), _ZED),
+    ".klg": "a log of ElasticFusion; unpack its depth as 16-bit PNGs",
+    **dict.fromkeys((".mp4", ".avi", ".mov", ".webm"), _VIDEO),
+    ".exr": "one EXR image; save depth as 16-bit PNG or .npy",
+    **dict.fromkeys((".zip", ".tar", ".7z"), _ARCHIVE),
+    ".gz": "an archive; unpack it and give its content",
+    **dict.fromkeys((".obj", ".stl"), _MESH),
+    **dict.fromkeys((".xyz", ".pts"), _POINTS),
+    ".e57": "a scan; save it as .ply or .las with CloudCompare",
+    ".yaml": "a text file; give the recording itself: of a ROS 2 bag the folder that holds metadata.yaml",
+    ".json": "a text file; give the recording itself, and the camera with --intrinsics",
+    ".txt": "a text file; give the folder that the list belongs to",
+}
 
 
 class Opener(NamedTuple):
@@ -41,7 +81,7 @@ class Opener(NamedTuple):
 def open_source(path: Path, options: ImportOptions = AS_STATED) -> "FrameSource":
     """Open the ``FrameSource`` at ``path``, as its user declares it.
 
-    Raises FormatError for anything else, CalibrationError for cameras that none is, and what sources raise.
+    Raises FormatError for anything else, CalibrationError for impossible cameras, and the errors of sources.
     """
     opener = opener_at(path, options)
     if options.topics and not opener.topics:
@@ -64,21 +104,20 @@ def doubts_of(source: "FrameSource") -> tuple[str, ...]:
 
 
 def judged_notes(source: "FrameSource") -> tuple[str, ...]:
-    """Return the notes of a source; with the judges' on depth and cameras if the source is not judged yet.
+    """Return the notes of a source and of the judges of depth and cameras, even if it was opened unjudged.
 
-    A frame that is looked at and cannot be read is named. Raises FormatError where the images are no depth.
+    Samples that cannot be read are named. Raises FormatError where the images are not depth.
     """
     from sensors.checks.camera_check import check_rig
     from sensors.checks.depth_check import judge_depth, spread
 
     if any(map(_is_range, source.notes)):
         return tuple(source.notes)
-    notes = list(source.notes)
+    notes, samples = list(source.notes), []
     try:
         check_rig(source.calibration, "doubtful calibration")
     except CalibrationError as error:
         notes.append(str(error))
-    samples = []
     for at in spread(len(source)):
         try:
             samples.append(source.frame(at).depth_mm)
@@ -95,7 +134,7 @@ def _is_range(note: str) -> bool:
 
 
 def opener_at(path: Path, options: ImportOptions = AS_STATED) -> Opener:
-    """What opens the ``FrameSource`` at ``path``, whose kind is known before it is read.
+    """Return the opener of the ``FrameSource`` at ``path``, recognised before it is read.
 
     Files are recognised by their first bytes, clouds by their name. Raises FormatError for anything else.
     """
@@ -111,24 +150,21 @@ def opener_at(path: Path, options: ImportOptions = AS_STATED) -> Opener:
         from sensors.importers.bags.bag_files import is_bag
         from sensors.session.reader import Session
 
-        if not (head.startswith(MAGIC) and is_bag(path)):
-            return Opener(partial(Session, path), whole=True)
-        from sensors.importers.bags.bag import Bag
-
-        return Opener(partial(Bag, path, options), own=True, topics=True)
+        if head.startswith(MAGIC) and is_bag(path):
+            return _bag(path, options)
+        return Opener(partial(Session, path), whole=True)
     if head.startswith((b"SQLite format 3\0", b"#ROSBAG V")):
-        return _bag(path, options)
+        return _rosbag(path, options)
     return _other(path, head, options)
 
 
 def _folder(path: Path, options: ImportOptions) -> Opener:
-    from sensors.importers.bags.bag import Bag
     from sensors.importers.bags.bag_files import is_bag
     from sensors.importers.flir_images import FlirImages, is_flir_alone
     from sensors.importers.folder import ImageFolder
 
     if is_bag(path):
-        return Opener(partial(Bag, path, options), own=True, topics=True)
+        return _bag(path, options)
     if is_flir_alone(path):
         return Opener(partial(FlirImages, path))
     return Opener(partial(ImageFolder, path, options), own=True)
@@ -136,6 +172,11 @@ def _folder(path: Path, options: ImportOptions) -> Opener:
 
 def _bag(path: Path, options: ImportOptions) -> Opener:
     from sensors.importers.bags.bag import Bag
+
+    return Opener(partial(Bag, path, options), own=True, topics=True)
+
+
+def _rosbag(path: Path, options: ImportOptions) -> Opener:
     from sensors.importers.bags.bag_files import open_rosbag
     from sensors.importers.bags.orbbec import OrbbecRecording, is_orbbec
     from sensors.importers.bags.realsense import RealSenseRecording, is_realsense
@@ -145,27 +186,31 @@ def _bag(path: Path, options: ImportOptions) -> Opener:
         return Opener(partial(RealSenseRecording, path, options), own=True)
     if is_orbbec(file):
         return Opener(partial(OrbbecRecording, path, options), own=True)
-    return Opener(partial(Bag, path, options), own=True, topics=True)
+    return _bag(path, options)
 
 
 def _other(path: Path, head: bytes, options: ImportOptions) -> Opener:
-    """What opens the source of a file that is no recording of messages."""
+    """Return the opener of a file that is not a recording of messages."""
     from sensors.files.images import JPEG_MAGIC
     from sensors.importers.arrays import NPY_MAGIC, ZIP_MAGIC, DepthArrays
     from sensors.importers.azure_mkv import AzureRecording
     from sensors.importers.flir_images import FlirImages, is_flir_alone
 
+    suffix = path.suffix.lower()
     if head.startswith(b"\x1a\x45\xdf\xa3"):
         return Opener(partial(AzureRecording, path))
-    if head.startswith((NPY_MAGIC, ZIP_MAGIC)) and path.suffix.lower() != ".zip":
+    if head.startswith((NPY_MAGIC, ZIP_MAGIC)) and suffix != ".zip":
         return Opener(partial(DepthArrays, path, options), own=True)
     if head.startswith(JPEG_MAGIC) and is_flir_alone(path):
         return Opener(partial(FlirImages, path))
-    if path.suffix.lower() in CLOUDS:
+    if suffix in CLOUDS:
         from sensors.importers.clouds.cloud_source import CloudFile
 
         return Opener(partial(CloudFile, path, options), own=True)
-    raise refuse(path, head)
+    by_bytes = (text for at, magic, text in _FOREIGN_BYTES if head[at:].startswith(magic))
+    if kind := next(by_bytes, None) or _FOREIGN_SUFFIXES.get(suffix):
+        raise FormatError(f"{path} is of no known kind: {kind}")
+    raise FormatError(f"{path} is of no known kind; 'annotate-cloud import --help' lists the kinds")
 
 
 def _head(path: Path) -> bytes:

@@ -10,15 +10,13 @@ TURNS_DEG = (0, 90, 180, 270)
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """Declared facts, each of which replaces what the source states or an importer assumes.
+    """Declared facts, each of which replaces a stated or assumed one; None or "" = not declared.
 
-    intrinsics: a file of the depth camera's numbers (``intrinsics_file``), None = as the source has them.
-    depth_unit_mm: millimetres of a depth step, None = as the source states, else assumed and judged.
-    turn_deg: clockwise turn that makes the images upright: 0, 90, 180 or 270; mirror: whether they are
-    mirrored left to right, which is undone before they are turned. subject: name of the person. rate_hz:
-    frames a second of sources without time stamps. topics: of a bag: depth's, then colour's, when they
-    cannot be told from names. axes: of a cloud, a name of ``cloud_axes.AXES``, "" = found in its points.
-    Raises CloudError for impossible values.
+    intrinsics: a file of the depth camera's numbers (``intrinsics_file``). depth_unit_mm: millimetres of a
+    depth step. turn_deg: clockwise turn that makes the images upright: 0, 90, 180 or 270. mirror: whether
+    they are mirrored left to right, which is undone before they are turned. subject: name of the person.
+    rate_hz: frames a second of sources without time stamps. topics: of a bag: depth's, then colour's. axes:
+    of a cloud, a name of ``clouds.axes.AXES``. Raises CloudError for impossible values.
     """
 
     intrinsics: Path | None = None
@@ -51,10 +49,8 @@ class ImportOptions:
     @property
     def rate(self) -> str:
         """Rate of a source without time stamps, in words."""
-        return (
-            f"{self.rate_hz:g} frames a second as declared" if self.rate_hz else "30 frames a second assumed"
-        )
+        rate_hz, origin = (self.rate_hz, "as declared") if self.rate_hz else (30, "assumed")
+        return f"{rate_hz:g} frames a second {origin}"
 
 
-AS_STATED = ImportOptions()
-"""Options that declare nothing."""
+AS_STATED = ImportOptions()  # declares nothing

@@ -17,14 +17,10 @@ from sensors.rig.pairing import pair_stamps
 
 ASSOCIATIONS = ("associations.txt", "associate.txt", "associated.txt", "assoc.txt", "association.txt")
 DEPTH_LIST, COLOR_LIST = "depth.txt", "rgb.txt"
-WINDOW_NS = 20_000_000
-"""``associate.py``'s longest time between two images that belong together."""
-TUM_UNIT_MM = 0.2
-"""Depth PNGs of the TUM datasets have 5000 steps a metre; so have ETH3D's, ICL-NUIM's and Bonn's."""
-MAX_BYTES = 64_000_000
-"""Bytes of a list: a million images; untuned."""
-LAST_NUMBER = 10_000_000
-"""Whole numbers below this may be images' numbers, from here on they are seconds since 1970. Untuned."""
+WINDOW_NS = 20_000_000  # associate.py's longest time between two images of a pair
+TUM_UNIT_MM = 0.2  # 5000 steps a metre, as in TUM's, ETH3D's, ICL-NUIM's and Bonn's depth PNGs
+MAX_BYTES = 64_000_000  # a million images; untuned
+LAST_NUMBER = 10_000_000  # smaller whole numbers may be images' numbers, others are seconds; untuned
 
 Image = tuple[int, str]
 """An image of a list: its stamp in ns, and its name without folders."""
@@ -45,34 +41,33 @@ def read_lists(folder: Path) -> Listed | None:
     """Read a folder's lists, associations before the others; None without any. Raises FormatError."""
     file = next((folder / name for name in ASSOCIATIONS if (folder / name).is_file()), None)
     if file is not None:
-        pairs = [(image, name) for image, (_, name) in read_associations(file)]
-        return Listed(file.name, sorted(pairs), _counted([stamp for (stamp, _), _ in pairs]))
-    if not (folder / DEPTH_LIST).is_file():
+        depth = sorted((image, name) for image, (_, name) in read_associations(file))
+    elif (file := folder / DEPTH_LIST).is_file():
+        images = sorted(read_list(file))
+        color = sorted(read_list(folder / COLOR_LIST)) if (folder / COLOR_LIST).is_file() else []
+        depth_ns, color_ns = (np.array([stamp for stamp, _ in each], np.int64) for each in (images, color))
+        pairs = pair_stamps(depth_ns, color_ns, WINDOW_NS).tolist()
+        depth = [(image, color[at][1] if at >= 0 else "") for image, at in zip(images, pairs, strict=True)]
+    else:
         return None
-    depth = sorted(read_list(folder / DEPTH_LIST))
-    color = sorted(read_list(folder / COLOR_LIST)) if (folder / COLOR_LIST).is_file() else []
-    depth_ns, color_ns = (np.array([stamp for stamp, _ in images], np.int64) for images in (depth, color))
-    pairs = pair_stamps(depth_ns, color_ns, WINDOW_NS).tolist()
-    names = [color[at][1] if at >= 0 else "" for at in pairs]
-    counted = _counted([stamp for stamp, _ in depth])
-    return Listed(DEPTH_LIST, list(zip(depth, names, strict=True)), counted)
+    return Listed(file.name, depth, _counted([stamp for (stamp, _), _ in depth]))
 
 
 def is_tum(folder: Path) -> bool:
-    """Whether the folder has the lists of a TUM dataset, header included: then depth is in TUM's unit."""
+    """Return whether the folder has the lists of a TUM dataset, header included: depth is in TUM's unit."""
     return (folder / DEPTH_LIST).is_file() and _text(folder / DEPTH_LIST).startswith("# depth maps")
 
 
 def read_list(file: Path) -> list[Image]:
-    """The image of every line of a list. Raises FormatError."""
-    return [(_nanoseconds(words[0], file), _name(words[1], file)) for words in _lines(file, 2)]
+    """Return the image of every line of a list. Raises FormatError."""
+    return [_image(words, file) for words in _lines(file, 2)]
 
 
 def read_associations(file: Path) -> list[tuple[Image, Image]]:
-    """(depth image, colour image) of every line, in whatever order a line has them. Raises FormatError."""
+    """Return (depth image, colour image) of every line, in any order within a line. Raises FormatError."""
     pairs = []
     for words in _lines(file, 4):
-        first, second = ((_nanoseconds(words[at], file), _name(words[at + 1], file)) for at in (0, 2))
+        first, second = _image(words[:2], file), _image(words[2:], file)
         pairs.append((first, second) if "depth" in words[1].lower() else (second, first))
     return pairs
 
@@ -92,26 +87,26 @@ def _lines(file: Path, words: int) -> list[list[str]]:
         if not line or text.startswith("#"):
             continue
         if len(line) < words:
-            raise FormatError(f"{file}: line {' '.join(line)[:60]!r} has no {words} words; correct it")
+            raise FormatError(
+                f"{file}: line {' '.join(line)[:60]!r} has fewer than {words} words; correct it"
+            )
         lines.append(line[:words])
     return lines
 
 
-def _nanoseconds(text: str, file: Path) -> int:
-    """Seconds with any number of digits as whole nanoseconds, without a float's rounding."""
+def _image(words: list[str], file: Path) -> Image:
+    """Return the time, seconds with any number of digits, without a float's rounding; and the name.
+
+    The name is without folders: images are looked for in the folder's own subfolders alone.
+    """
     # 64 bits hold nine billion seconds of nanoseconds.
-    match = re.fullmatch(r"([0-8]?\d{1,9})(?:\.(\d*))?", text, re.ASCII)
+    match = re.fullmatch(r"([0-8]?\d{1,9})(?:\.(\d*))?", words[0], re.ASCII)
     if match is None:
-        raise FormatError(f"{file}: {text[:40]!r} is not a time in seconds; correct it")
-    return int(match[1]) * 1_000_000_000 + int((match[2] or "").ljust(9, "0")[:9])
-
-
-def _name(path: str, file: Path) -> str:
-    """An image's name without folders: images are looked for in the folder's own subfolders alone."""
-    name = PurePosixPath(path.replace("\\", "/")).name
+        raise FormatError(f"{file}: {words[0][:40]!r} is not a time in seconds; correct it")
+    name = PurePosixPath(words[1].replace("\\", "/")).name
     if not name or name == ".." or "\0" in name or len(name) > 200:
-        raise FormatError(f"{file}: {path[:40]!r} names no image; correct it")
-    return name
+        raise FormatError(f"{file}: {words[1][:40]!r} does not name an image; correct it")
+    return int(match[1]) * 1_000_000_000 + int((match[2] or "").ljust(9, "0")[:9]), name
 
 
 def _text(file: Path) -> str:

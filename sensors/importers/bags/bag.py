@@ -1,24 +1,18 @@
-"""A ROS 1 or ROS 2 bag, or somebody else's MCAP file with ROS 2 or Foxglove images, as a source of frames."""
+"""A ROS 1 or 2 bag, or an MCAP file with ROS 2 or Foxglove images, as a source of frames."""
 
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.checks.depth_check import judge_depth, spread
 from sensors.errors import FormatError
 from sensors.importers.bags.bag_camera import BagCameras, Stream
 from sensors.importers.bags.bag_files import open_files
 from sensors.importers.bags.choose import Meaning, choose, holds_depth, meaning_of
-from sensors.importers.bags.ros_images import (
-    FINE_MM,
-    Depth,
-    color_encoded_from,
-    depth_from,
-)
+from sensors.importers.bags.ros_images import FINE_MM, Depth, color_encoded_from, depth_from
 from sensors.importers.bags.ros_messages import PICTURES, Picture, picture_from
 from sensors.importers.bags.timeline import paired
-from sensors.importers.bags.topics import Topic, index_topics
+from sensors.importers.bags.topics import index_topics
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.frame import FrameSource, RigFrame
 
@@ -26,8 +20,8 @@ from sensors.rig.frame import FrameSource, RigFrame
 class Bag(FrameSource):
     """A bag as a ``FrameSource``: its depth images, with the colour nearest in time.
 
-    notes: which topics are read, where the calibration is from, what is absent or assumed. Raises FormatError
-    where nothing is depth, or CalibrationError where nothing describes the depth camera.
+    notes: topics that are read, origin of the calibration, missing and assumed data. Raises FormatError
+    without depth, or CalibrationError where nothing describes the depth camera.
     """
 
     path: Path
@@ -40,35 +34,32 @@ class Bag(FrameSource):
         chosen = choose(pictures, options.topics)
         lost = [file.lost for file in files if file.lost]
         if chosen is None:
-            raise _no_depth(path, pictures, lost)
-        self._depth = topics[chosen.depth]
-        self._color = topics[chosen.color] if chosen.color else None
-        streams = [Stream(name, pictures[name]) for name in (chosen.depth, chosen.color) if name]
+            held = "; ".join([_listed(pictures, sorted(pictures)) or "no images", *lost])
+            raise FormatError(
+                f"{path} has no depth images: it has {held}; "
+                "record depth (16UC1, 32FC1, compressedDepth or PNG of 16 bits), or choose one by --topic"
+            )
+        read = [topics[name] for name in (chosen.depth, chosen.color) if name]
+        self._depth, self._color = read[0], read[1] if chosen.color else None
+        streams = [Stream(topic.name, pictures[topic.name]) for topic in read]
         found = BagCameras(path, topics).calibrate(streams[0], streams[1] if chosen.color else None, options)
         self.calibration, self.times_ns = found.calibration, self._depth.timeline.times_ns
         samples = [self._depth_at(index) for index in spread(len(self._depth))]
         self._reading = judge_depth(samples, options.depth_unit_mm or found.unit_mm, chosen.depth, FINE_MM)
-        self._pairs, apart = self._paired()
+        self._pairs, apart = np.full(len(self._depth), -1, np.int64), tuple[str, ...]()
+        if self._color is not None:
+            self._pairs, apart = paired(self._depth.timeline, self._color.timeline)
         ignored = sorted(set(pictures) - {chosen.depth, chosen.color})
         self.notes = (
             *chosen.notes,
             *found.notes,
             *self._reading.notes,
-            *(note for topic in self._read_topics() for note in topic.notes),
+            *(note for topic in read for note in topic.notes),
             *apart,
             "no thermal images",
             *([f"not read: {_listed(pictures, ignored)}"] if ignored else []),
             *lost,
         )
-
-    def _paired(self) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-        """Return for each depth image the index of its colour image, or -1, and notes."""
-        if self._color is None:
-            return np.full(len(self._depth), -1, np.int64), ()
-        return paired(self._depth.timeline, self._color.timeline)
-
-    def _read_topics(self) -> list[Topic]:
-        return [topic for topic in (self._depth, self._color) if topic is not None]
 
     def _depth_at(self, index: int) -> Depth:
         return depth_from(picture_from(self._depth.read(index)))
@@ -79,14 +70,6 @@ class Bag(FrameSource):
         if self._color is not None and pair >= 0:
             encoded = color_encoded_from(picture_from(self._color.read(pair)))
         return RigFrame(index, int(self.times_ns[index]), depth_mm, encoded)
-
-
-def _no_depth(path: Path, pictures: dict[str, Picture], lost: list[str]) -> FormatError:
-    seen = "; ".join([_listed(pictures, sorted(pictures)) or "no images", *lost])
-    return FormatError(
-        f"{path} has no depth images: it has {seen}; "
-        "record depth (16UC1, 32FC1, compressedDepth or PNG of 16 bits), or choose one by --topic"
-    )
 
 
 def _listed(pictures: dict[str, Picture], names: list[str]) -> str:

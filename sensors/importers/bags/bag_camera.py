@@ -26,12 +26,12 @@ class Stream(NamedTuple):
 
     @property
     def frame(self) -> str:
-        """The camera's frame in the tree of transforms; ROS writes some names with a slash before them."""
+        """The camera's frame in the tree of transforms; ROS writes some names with a slash in front."""
         return self.first.frame_id.lstrip("/")
 
 
 class Found(NamedTuple):
-    """A calibration, notes on how it was found, and millimetres of a depth step where a file states them."""
+    """A calibration, notes on its origin, and millimetres of a depth step where a file states them."""
 
     calibration: RigCalibration
     notes: tuple[str, ...]
@@ -44,13 +44,10 @@ class BagCameras:
     def __init__(self, path: Path, topics: dict[str, Topic]) -> None:
         self._path = path
         self._infos = {name: t.read(0) for name, t in topics.items() if t.kind in CAMERAS and len(t)}
-        self._topics = topics
+        self._transforms = [topic for topic in topics.values() if topic.kind in TRANSFORMS]
 
     def calibrate(self, depth: Stream, color: Stream | None, options: ImportOptions) -> Found:
-        """Return the calibration of two image topics.
-
-        Raises CalibrationError where nothing describes depth.
-        """
+        """Return the calibration of two image topics. Raises CalibrationError if nothing describes depth."""
         unit_mm = None
         if options.intrinsics is not None:
             width, height = picture_size(depth.first) or (0, 0)
@@ -58,22 +55,23 @@ class BagCameras:
             lens, origin, unit_mm = found.depth, options.intrinsics.name, found.unit_mm
         else:
             lens, origin = self._lens(depth, ", or give --intrinsics FILE")
-        if color is None:
-            return Found(RigCalibration(lens), (f"depth intrinsics from {origin}",), unit_mm)
-        try:
-            color_lens, color_origin = self._color_lens(depth, color, lens, origin)
-            pose, how = self._pose(depth, color, origin == color_origin and lens.shape == color_lens.shape)
-        except CalibrationError as error:
-            note = f"colour images cannot be fused: {error}"
-            return Found(RigCalibration(lens), (f"depth intrinsics from {origin}", note), unit_mm)
-        origins = " and ".join(dict.fromkeys((origin, color_origin)))
-        notes = (f"intrinsics from {origins}", how)
-        return Found(RigCalibration(lens, color_lens, pose), notes, unit_mm)
+        notes = [f"depth intrinsics from {origin}"]
+        if color is not None:
+            try:
+                color_lens, color_origin = self._color_lens(depth, color, lens, origin)
+                one = origin == color_origin and lens.shape == color_lens.shape
+                pose, how = self._pose(depth, color, one)
+                origins = " and ".join(dict.fromkeys((origin, color_origin)))
+                calibration = RigCalibration(lens, color_lens, pose)
+                return Found(calibration, (f"intrinsics from {origins}", how), unit_mm)
+            except CalibrationError as error:
+                notes.append(f"colour images cannot be fused: {error}")
+        return Found(RigCalibration(lens), tuple(notes), unit_mm)
 
     def _lens(self, stream: Stream, otherwise: str = "") -> tuple[Intrinsics, str]:
         """Return the lens of an image topic and the topic that describes it.
 
-        otherwise: another remedy where none does. Raises CalibrationError.
+        otherwise: another remedy for a missing one. Raises CalibrationError.
         """
         size, near = picture_size(stream.first), described_by(stream.name, set(self._infos))
         candidates = [*near, *self._of_frame(stream)]
@@ -81,24 +79,21 @@ class BagCameras:
             raise CalibrationError(
                 f"{self._path} has no camera_info for {stream.name}; record that topic as well{otherwise}"
             )
-        name = next((n for n in candidates if size is None or describes(self._infos[n], size)), None)
-        if name is None or size is None:
-            name = name or candidates[0]
-            described = window_of(self._infos[name]).size
-            if size is not None:
-                raise CalibrationError(
-                    f"{name} describes {described[0]}x{described[1]}, {stream.name} is {size[0]}x{size[1]}; "
-                    "record both in one mode"
-                )
-            size = described
+        fitting = (name for name in candidates if size is None or describes(self._infos[name], size))
+        name = next(fitting, candidates[0])
+        info, described = self._infos[name], window_of(self._infos[name]).size
+        if size is not None and not describes(info, size):
+            raise CalibrationError(
+                f"{name} describes {described[0]}x{described[1]}, {stream.name} is {size[0]}x{size[1]}; "
+                "record both in one mode"
+            )
         rectified = "rect" in stream.name.lower().removesuffix("/compressed").rpartition("/")[2]
-        lens = intrinsics_from(self._infos[name], rectified, name, size)
-        return check_camera(lens, name), name
+        return check_camera(intrinsics_from(info, rectified, name, size or described), name), name
 
     def _color_lens(
         self, depth: Stream, color: Stream, lens: Intrinsics, origin: str
     ) -> tuple[Intrinsics, str]:
-        """Return the lens of colour; that of depth for one camera whose colour no message describes."""
+        """Return the lens of colour; for one camera whose colour no message describes, the lens of depth."""
         one = bool(depth.frame) and depth.frame == color.frame
         try:
             return self._lens(color)
@@ -122,7 +117,7 @@ class BagCameras:
     def _pose(self, depth: Stream, color: Stream, same_info: bool) -> tuple[Pose, str]:
         """Return color_from_depth by the frames, or by the first transforms between them, static ones first.
 
-        same_info: one message describes both, at one size: without other word they are one camera. Raises
+        same_info: one message describes both, at one size: without transforms they are one camera. Raises
         CalibrationError.
         """
         if depth.frame == color.frame and depth.frame:
@@ -143,9 +138,8 @@ class BagCameras:
         )
 
     def _links(self) -> Iterator[tuple[str, str, Pose]]:
-        topics = [topic for topic in self._topics.values() if topic.kind in TRANSFORMS]
-        for topic in sorted(topics, key=lambda topic: ("static" not in topic.name, topic.name)):
-            for message in topic.all():
+        for topic in sorted(self._transforms, key=lambda topic: ("static" not in topic.name, topic.name)):
+            for message in topic:
                 yield from links_from(message)
 
 
@@ -154,9 +148,8 @@ def described_by(picture: str, cameras: set[str]) -> list[str]:
     found, parent = [], picture
     while "/" in parent:
         parent = parent.rpartition("/")[0]
-        found += [
-            f"{parent}/{n}" for n in ("camera_info", "calibration", "info") if f"{parent}/{n}" in cameras
-        ]
+        names = (f"{parent}/{name}" for name in ("camera_info", "calibration", "info"))
+        found += [name for name in names if name in cameras]
     return found
 
 

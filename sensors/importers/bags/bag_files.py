@@ -11,23 +11,19 @@ from mcap.records import Channel, Message, Schema
 from natsort import natsorted
 
 from sensors.errors import CloudError, FormatError
-from sensors.importers.bags.entries import Entry, Place, bare
 from sensors.importers.bags.ros1_file import Ros1File
-from sensors.importers.bags.ros_messages import ENCODINGS, READ
+from sensors.importers.bags.ros_messages import ENCODINGS, READ, Entry, Place, bare
 from sensors.session.mcap_records import MAGIC, MessageReader, is_complete, record_offsets, records_at
 from sensors.session.recognise import check_no_sessions, is_session
 
-METADATA = "metadata.yaml"
-"""In a ROS 2 bag's folder; a recorder that was killed has not written it."""
-_ROS1 = b"#ROSBAG "
-"""Begin of a ROS 1 bag of any version."""
+METADATA = "metadata.yaml"  # in a ROS 2 bag's folder; a killed recorder has not written it
+_ROS1 = b"#ROSBAG "  # begin of a ROS 1 bag of any version
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a folder holds a ROS 2 bag, or an MCAP file is somebody else's rather than a session.
+    """Return whether a folder holds a ROS 2 bag, or whether an MCAP file with topics is not a session.
 
-    A file without topics is left to ``Session``, whose error names the cause. Raises FormatError; a folder
-    of sessions is none.
+    Raises FormatError for a folder of sessions.
     """
     if not path.is_dir():
         return is_session(path) is False
@@ -38,7 +34,7 @@ def is_bag(path: Path) -> bool:
 
 
 class McapFile:
-    """An MCAP file's messages; one that was cut off simply ends early. Raises FormatError."""
+    """An MCAP file's messages; a file that was cut off simply ends early. Raises FormatError."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -51,7 +47,7 @@ class McapFile:
             return "" if is_complete(file) else f"{self.path.name} is truncated: its end is lost"
 
     def entries(self) -> Iterator[Entry]:
-        """Every message of a type that is read, in the file's order."""
+        """Yield every message of a type that is read, in the file's order."""
         schemas: dict[int, str] = {}
         channels: dict[int, tuple[str, str, str]] = {}  # topic, kind, encoding
         with self.path.open("rb") as file:
@@ -68,7 +64,7 @@ class McapFile:
                         yield Entry(*topic, record.log_time, (offset, slot), record.data)
 
     def read(self, topic: str, place: Place) -> bytes:
-        """A message's bytes."""
+        """Read a message's bytes."""
         return self._messages.read(*place)
 
 
@@ -97,7 +93,7 @@ class RosbagFile:
         return {str(connection.topic) for connection in self._reader.connections}
 
     def entries(self, kinds: frozenset[str] = READ) -> Iterator[Entry]:
-        """Every message of a type that is read, in the order of their log times."""
+        """Yield every message of a type that is read, in the order of their log times."""
         last: dict[str, Place] = {}
         with damaged(self.path):
             wanted = [c for c in self._reader.connections if bare(c.msgtype) in kinds]
@@ -108,7 +104,7 @@ class RosbagFile:
                 yield Entry(topic, bare(connection.msgtype), self.encoding, logged_ns, place, bytes(data))
 
     def read(self, topic: str, place: Place) -> bytes:
-        """A message's bytes."""
+        """Read a message's bytes."""
         logged_ns, number = place
         with damaged(self.path):
             connections = [c for c in self._reader.connections if str(c.topic) == topic]
@@ -125,35 +121,34 @@ def storage_files(folder: Path) -> list[Path]:
 
 
 def open_files(path: Path) -> list[BagFile]:
-    """The files at ``path``: a bag's folder, or one file. Raises FormatError."""
+    """Open a bag's folder, or one file. Raises FormatError."""
     paths = storage_files(path) if path.is_dir() else [path]
     mcap = any(file.suffix.lower() == ".mcap" for file in paths)
     if path.is_dir() and (path / METADATA).is_file() and not mcap:
         paths = [path]  # its metadata name the compression
-    return [open_file(file) for file in paths]
-
-
-def open_file(path: Path) -> BagFile:
-    """Open one file, or a folder of SQLite files. Raises FormatError."""
-    head = b""
-    if path.is_file():
-        with path.open("rb") as file:
-            head = file.read(len(MAGIC))
-    return McapFile(path) if head.startswith(MAGIC) or path.suffix.lower() == ".mcap" else open_rosbag(path)
+    return [
+        McapFile(file)
+        if _head(file).startswith(MAGIC) or file.suffix.lower() == ".mcap"
+        else open_rosbag(file)
+        for file in paths
+    ]
 
 
 def open_rosbag(path: Path) -> RosbagFile | Ros1File:
     """Open a ROS 1 bag, or SQLite files. Raises FormatError."""
-    if path.is_file():
-        with path.open("rb") as file:
-            if file.read(len(_ROS1)) == _ROS1:
-                return Ros1File(path)
-    return RosbagFile(path)
+    return Ros1File(path) if _head(path).startswith(_ROS1) else RosbagFile(path)
+
+
+def _head(path: Path) -> bytes:
+    if not path.is_file():
+        return b""
+    with path.open("rb") as file:
+        return file.read(len(MAGIC))
 
 
 @contextmanager
 def damaged(path: Path) -> Iterator[None]:
-    """Whatever rosbags, SQLite and unpackers raise at a damaged file as FormatError."""
+    """Raise FormatError for all that rosbags, SQLite and unpackers raise at a damaged file."""
     try:
         yield
     except CloudError:

@@ -21,19 +21,28 @@ class Meaning(Enum):
     UNKNOWN = "unknown"
 
 
+_DEPTH, _COLOR = re.compile(r"depth"), re.compile(r"colou?r|rgb(?!d)|bgr")
 _DERIVED = re.compile(
     r"confiden|uncertain|varian|disparit|mask|segment|semantic|instance|label|amplitude|intensity|reflect"
     r"|coloriz|colouris|colormap|heatmap|optical_?flow"
 )
-"""Words for images that are made from depth, or are about it, and are none."""
-_DEPTH, _COLOR = re.compile(r"depth"), re.compile(r"colou?r|rgb(?!d)|bgr")
+"""Words for images that are made from depth or describe it."""
 _OTHER = re.compile(
     r"infra|therm|temperature|flir|boson|lepton|optris|(?<![a-z])seek|lwir|swir|fisheye|(?<![a-z])n?ir\d?(?![a-z])"
 )
 """Words for cameras of infrared light and of temperatures, whose images have 16 bits as well."""
+_MEANINGS = (
+    (_DERIVED, Meaning.OTHER),
+    (_DEPTH, Meaning.DEPTH),
+    (_COLOR, Meaning.COLOR),
+    (_OTHER, Meaning.OTHER),
+)
 _ALIGNED = re.compile(r"aligned|registered|to_color|to_colour|to_rgb")
 """Depth in the pixels of the colour camera, as realsense-ros, ROS's depth_image_proc and others name it."""
 _TRANSPORTS = ("compressed", "compresseddepth")
+
+Pictures = dict[str, Picture]
+"""First message of every image topic, by topic."""
 
 
 class Choice(NamedTuple):
@@ -45,16 +54,11 @@ class Choice(NamedTuple):
 
 
 def meaning_of(name: str) -> Meaning:
-    """Return the meaning of a topic's name: that of the last of its parts that has one."""
+    """Return the meaning of the last part of a topic's name that has one."""
     for part in reversed(_parts(name)):
-        if _DERIVED.search(part):
-            return Meaning.OTHER
-        if _DEPTH.search(part):
-            return Meaning.DEPTH
-        if _COLOR.search(part):
-            return Meaning.COLOR
-        if _OTHER.search(part):
-            return Meaning.OTHER
+        for word, meaning in _MEANINGS:
+            if word.search(part):
+                return meaning
     return Meaning.UNKNOWN
 
 
@@ -63,12 +67,11 @@ def is_aligned(name: str) -> bool:
     return bool(_ALIGNED.search(name.lower()))
 
 
-def choose(first: dict[str, Picture], wanted: Sequence[str] = ()) -> Choice | None:
-    """Return the depth topic and the colour topic of the same camera; None where no topic is depth.
+def choose(first: Pictures, wanted: Sequence[str] = ()) -> Choice | None:
+    """Return the depth topic and the colour topic of the same camera; None without depth.
 
-    first: the first message of every image topic. wanted: topics, or namespaces, among which to choose; a
-    topic that is named in full is depth or colour by its encoding alone. Raises FormatError where there is no
-    such topic.
+    wanted: topics, or namespaces, among which to choose; a topic that is named in full is depth or colour by
+    its encoding alone. Raises FormatError for a name that no topic has.
     """
     for name in wanted:
         if not any(_is_below(topic, name) for topic in first):
@@ -76,7 +79,7 @@ def choose(first: dict[str, Picture], wanted: Sequence[str] = ()) -> Choice | No
     depth = choose_depth(first, wanted)
     if depth is None:
         return None
-    color = choose_color(first, depth, wanted)
+    color = _choose_color(first, depth, wanted)
     notes = [f"depth from {depth}", f"colour from {color}" if color else "no colour images"]
     if meaning_of(depth) is not Meaning.DEPTH and depth not in wanted:
         notes.append(f"{depth} is not named depth: read as depth because it is {first[depth].encoding[:40]}")
@@ -86,47 +89,47 @@ def choose(first: dict[str, Picture], wanted: Sequence[str] = ()) -> Choice | No
     return Choice(depth, color, tuple(notes))
 
 
-def choose_depth(first: dict[str, Picture], wanted: Sequence[str] = ()) -> str | None:
+def choose_depth(first: Pictures, wanted: Sequence[str] = ()) -> str | None:
     """Return the depth topic: named so, of a camera with colour, in the sensor's pixels, raw, rectified."""
-    asked = [n for n in first if n in wanted and holds_depth(first[n]) and not _shows_color(n, first[n])]
+    named = [n for n in first if n in wanted and holds_depth(first[n]) and not _shows_color(n, first[n])]
     below = [n for n in wanted if n not in first]
-    named = asked or [n for n, image in first.items() if _is_depth(n, image) and _allowed(n, below)]
+    found = named or [n for n, image in first.items() if _is_depth(n, image) and _allowed(n, below)]
     colors = [camera_of(n) for n, image in first.items() if _is_color(n, image)]
-    shared = {n: max((_shared(camera_of(n), color) for color in colors), default=0) for n in named}
+    shared = {n: max((_shared(camera_of(n), color) for color in colors), default=0) for n in found}
     most = max(shared.values(), default=0)
-    tests: tuple[Callable[[str], bool], ...] = (
+    return _best(
+        found,
         lambda name: meaning_of(name) is Meaning.DEPTH,
         lambda name: shared[name] == most,
         lambda name: not is_aligned(name) and not _COLOR.search(first[name].frame_id.lower()),
         lambda name: not first[name].compressed,
         lambda name: "rect" in name.lower(),
     )
-    return min(named, key=lambda name: _rank(name, tests), default=None)
 
 
-def choose_color(first: dict[str, Picture], depth: str, wanted: Sequence[str] = ()) -> str | None:
+def _choose_color(first: Pictures, depth: str, wanted: Sequence[str]) -> str | None:
     """Return the colour topic: of depth's camera, named so, the camera's own JPEG rather than raw pixels."""
     camera = camera_of(depth)
-    asked = [n for n in first if n in wanted and n != depth and _shows_color(n, first[n])]
+    named = [n for n in first if n in wanted and n != depth and _shows_color(n, first[n])]
     below = [n for n in wanted if n not in first]
     colors = [n for n, image in first.items() if _is_color(n, image) and n != depth]
-    found = asked or [n for n in colors if _allowed(n, below)] or colors
+    found = named or [n for n in colors if _allowed(n, below)] or colors
     nearest = max((_shared(camera, camera_of(name)) for name in found), default=0)
-    tests: tuple[Callable[[str], bool], ...] = (
+    return _best(
+        found,
         lambda name: _shared(camera, camera_of(name)) == nearest,
         lambda name: bool(_COLOR.search(name.lower())),
         lambda name: not _DEPTH.search(name.lower()),
         lambda name: first[name].compressed,
         lambda name: "rect" not in name.lower(),
     )
-    return min(found, key=lambda name: _rank(name, tests), default=None)
 
 
 def camera_of(name: str) -> tuple[str, ...]:
     """Return the parts of a topic's name in front of the one with a meaning."""
     parts = _parts(name)
-    says = [at for at, part in enumerate(parts) if meaning_of(part) is not Meaning.UNKNOWN]
-    return tuple(parts[: says[-1]] if says else parts[:-1])
+    meant = [at for at, part in enumerate(parts) if meaning_of(part) is not Meaning.UNKNOWN]
+    return tuple(parts[: meant[-1]] if meant else parts[:-1])
 
 
 def _parts(name: str) -> list[str]:
@@ -140,9 +143,9 @@ def _shared(a: tuple[str, ...], b: tuple[str, ...]) -> int:
     return next((at for at, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
 
 
-def _rank(name: str, tests: Sequence[Callable[[str], bool]]) -> tuple[object, ...]:
-    """Return a rank: least for the topic that passes the earliest tests, then the shortest, then by name."""
-    return (*(not test(name) for test in tests), len(name), natsort_key(name))
+def _best(names: Sequence[str], *tests: Callable[[str], bool]) -> str | None:
+    """Return the topic that passes the earliest tests, then the shortest, then the first by name."""
+    return min(names, key=lambda n: (*(not test(n) for test in tests), len(n), natsort_key(n)), default=None)
 
 
 def _is_below(topic: str, name: str) -> bool:
@@ -163,8 +166,8 @@ def holds_depth(image: Picture) -> bool:
 def _is_depth(name: str, image: Picture) -> bool:
     """Return whether a topic is depth. Images of 16 bits with another name may be infrared or temperatures.
 
-    Where the name has no meaning, ROS's encodings of depth count (REP 118), unless the camera's frame has the
-    name of another camera; ``mono16`` is no such encoding.
+    Where the name has no meaning, ROS's encodings of depth count (REP 118; not ``mono16``), unless the
+    camera's frame has the name of another camera.
     """
     if not holds_depth(image):
         return False

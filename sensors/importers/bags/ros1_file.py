@@ -1,9 +1,9 @@
 """The messages of a ROS 1 bag, whole, cut off, or never closed by its recorder (``.bag.active``).
 
-Records are found by their lengths, in the file's order, because the index at a file's end is absent where
-the recorder was killed; rosbags refuses such a file. Format: ROS wiki, "Bags/Format/2.0". A recorder that
-was killed leaves its last chunk with the length 0 (``startWritingChunk`` of rosbag/bag.cpp): an uncompressed
-chunk's records then follow as if they were the file's own.
+Records are found by their lengths, in the file's order, because a killed recorder has not written the index
+at a file's end; rosbags refuses such a file. Format: ROS wiki, "Bags/Format/2.0". A killed recorder leaves
+its last chunk with the length 0 (``startWritingChunk`` of rosbag/bag.cpp). An uncompressed chunk's records
+then follow as if they were the file's own.
 """
 
 import bz2
@@ -18,23 +18,22 @@ from typing import BinaryIO, NamedTuple
 import lz4.frame
 
 from sensors.errors import FormatError
-from sensors.importers.bags.entries import Entry, Place, bare
-from sensors.importers.bags.ros_messages import READ
+from sensors.importers.bags.ros_messages import READ, Entry, Place, bare
 from sensors.session.mcap_records import MAX_RECORD_BYTES
 
 MAGIC = b"#ROSBAG V2.0\n"
-MAX_HEADER_BYTES = 1 << 20
-"""Bytes of a record's header: its fields are numbers and names of topics. Untuned."""
-CACHED_CHUNKS = 4
-"""Unpacked chunks kept: messages that belong together lie in neighbouring ones. Untuned."""
-_LENGTH, _TIME, _CONNECTION = struct.Struct("<I"), struct.Struct("<II"), struct.Struct("<I")
+MAX_HEADER_BYTES = 1 << 20  # of a record: numbers and names of topics; untuned
+CACHED_CHUNKS = 4  # unpacked chunks kept: messages that belong together are neighbours; untuned
+_LENGTH = 4  # bytes of a length
 _MESSAGE, _CHUNK, _DESCRIPTION = b"\2", b"\5", b"\7"
-_WHOLE = -1
-"""Place of a record that lies in no chunk."""
+_WHOLE = -1  # chunk of a record that lies in none
+
+Topics = dict[int, tuple[str, str]]
+"""Name and bare type of topics by the number of their connection."""
 
 
 class _Record(NamedTuple):
-    """A record: its fields by name, where its data begin and their length, where the next record begins."""
+    """A record: its fields by name, where its data begin and their length."""
 
     fields: dict[bytes, bytes]
     start: int
@@ -42,19 +41,38 @@ class _Record(NamedTuple):
 
     @property
     def op(self) -> bytes:
-        return self.fields.get(b"op", b"")
+        return self.fields[b"op"]
 
     @property
     def connection(self) -> int:
-        """Number of the topic that it belongs to, -1 for none."""
-        number = self.fields.get(b"conn", b"")
-        return int(_CONNECTION.unpack(number)[0]) if len(number) == _CONNECTION.size else -1
+        return self.number(b"conn")
+
+    def number(self, name: bytes) -> int:
+        """Return a field of four bytes, -1 for none."""
+        number = self.fields.get(name, b"")
+        return int.from_bytes(number, "little") if len(number) == _LENGTH else -1
+
+    def logged_ns(self) -> int:
+        time = self.fields.get(b"time", b"")
+        seconds, nanoseconds = struct.unpack("<II", time) if len(time) == 8 else (0, 0)
+        return int(seconds) * 1_000_000_000 + int(nanoseconds)
+
+    def data(self, file: BinaryIO) -> bytes:
+        file.seek(self.start)
+        return file.read(self.size)
+
+    def described(self, file: BinaryIO) -> tuple[str, str]:
+        """Return the topic and bare type of a description."""
+        about = _fields(self.data(file))
+        # rosbag's own record has the topic; the publisher's may name another one that was remapped.
+        topic = self.fields.get(b"topic") or about.get(b"topic", b"")
+        return topic.decode("utf-8", "replace"), bare(about.get(b"type", b"").decode("ascii", "replace"))
 
 
 class Ros1File:
-    """A ROS 1 bag's messages. lost: what is cut off or damaged, one sentence, "" for nothing.
+    """A ROS 1 bag's messages. Raises FormatError.
 
-    ``lost`` is known when ``entries`` has ended. Raises FormatError.
+    lost: note on the cut or damaged part, one sentence, "" for none; complete when ``entries`` has ended.
     """
 
     encoding = "ros1"
@@ -73,21 +91,24 @@ class Ros1File:
     def topics(self) -> set[str]:
         """Topics of all types; only the topics of the index, if the file has one."""
         with self.path.open("rb") as file:
-            known = self._indexed(file) or dict(self._described(file))
+            known = self._indexed(file)
+            if not known:
+                described = (found for found in self._records(file) if found[2].op == _DESCRIPTION)
+                known = {record.connection: record.described(source) for _, source, record in described}
         return {topic for topic, _ in known.values()}
 
     def entries(self, kinds: frozenset[str] = READ) -> Iterator[Entry]:
         """Yield every message of a type that is read, in the file's order."""
         with self.path.open("rb") as file:
-            # Where the chunk is damaged in which a topic is described, the index describes it again.
+            # Where the chunk with a topic's description is damaged, the index describes the topic again.
             known = self._indexed(file)
             for chunk, source, record in self._records(file):
                 if record.op == _DESCRIPTION:
-                    known.setdefault(*_described(record, source))
+                    known.setdefault(record.connection, record.described(source))
                 elif record.connection in known and known[record.connection][1] in kinds:
-                    topic, kind = known[record.connection]
                     place = (chunk, record.start, record.size)
-                    yield Entry(topic, kind, "ros1", _logged_ns(record), place, _data(source, record))
+                    described, data = known[record.connection], record.data(source)
+                    yield Entry(*described, "ros1", record.logged_ns(), place, data)
 
     def read(self, topic: str, place: Place) -> bytes:
         """Read a message's bytes."""
@@ -132,41 +153,40 @@ class Ros1File:
             record = _record_at(file, offset, os.fstat(file.fileno()).st_size)
             if record is None:
                 raise FormatError(f"{self.path} was changed while it was read; open it again")
-            packed, compression = _data(file, record), record.fields.get(b"compression", b"none")
-        stated = _LENGTH.unpack(record.fields[b"size"])[0] if len(record.fields.get(b"size", b"")) == 4 else 0
-        limit = min(stated or MAX_RECORD_BYTES, MAX_RECORD_BYTES)
+            packed, compression = record.data(file), record.fields.get(b"compression", b"none")
+        stated = record.number(b"size")
+        limit = min(stated, MAX_RECORD_BYTES) if stated > 0 else MAX_RECORD_BYTES
         try:
-            return _decompressed(packed, compression, limit)
+            if compression == b"none":
+                return packed
+            if compression == b"bz2":
+                return bz2.BZ2Decompressor().decompress(packed, limit)
+            if compression == b"lz4":
+                return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, limit))
+            raise ValueError(f"compression {compression[:20]!r} is not supported")
         except (OSError, RuntimeError, ValueError, EOFError) as error:
             raise FormatError(f"{self.path.name} is damaged at byte {offset} ({error})") from error
 
-    def _described(self, file: BinaryIO) -> Iterator[tuple[int, tuple[str, str]]]:
-        return (_described(r, source) for _, source, r in self._records(file) if r.op == _DESCRIPTION)
-
-    def _indexed(self, file: BinaryIO) -> dict[int, tuple[str, str]]:
-        """Return the topics and types by connection, as the index has them; none where it is absent."""
+    def _indexed(self, file: BinaryIO) -> Topics:
+        """Return the topics in the index at the file's end; none where it is absent."""
         end = os.fstat(file.fileno()).st_size
         first = _record_at(file, len(MAGIC), end)
         at = int.from_bytes(first.fields.get(b"index_pos", b""), "little") if first else 0
-        known: dict[int, tuple[str, str]] = {}
+        known: Topics = {}
         while len(MAGIC) < at < end and (record := _record_at(file, at, end)) and record.op == _DESCRIPTION:
-            known.setdefault(*_described(record, file))
+            known.setdefault(record.connection, record.described(file))
             at = record.start + record.size
         return known
 
 
 def _record_at(file: BinaryIO, offset: int, end: int) -> _Record | None:
-    """Return the record at an offset; None where it is not there in full, or is none."""
+    """Return the record at an offset; None where it is cut off or damaged."""
     file.seek(offset)
-    head = file.read(_LENGTH.size)
-    if len(head) < _LENGTH.size:
+    length = int.from_bytes(file.read(_LENGTH), "little")
+    start = offset + _LENGTH + length + _LENGTH
+    if length > MAX_HEADER_BYTES or start > end:
         return None
-    (length,) = _LENGTH.unpack(head)
-    after = offset + _LENGTH.size + length
-    if length > MAX_HEADER_BYTES or after + _LENGTH.size > end:
-        return None
-    fields, size = _fields(file.read(length)), _LENGTH.unpack(file.read(_LENGTH.size))[0]
-    start = after + _LENGTH.size
+    fields, size = _fields(file.read(length)), int.from_bytes(file.read(_LENGTH), "little")
     if b"op" not in fields or start + size > end or size > MAX_RECORD_BYTES:
         return None
     return _Record(fields, start, size)
@@ -175,44 +195,10 @@ def _record_at(file: BinaryIO, offset: int, end: int) -> _Record | None:
 def _fields(header: bytes) -> dict[bytes, bytes]:
     """Return the fields ``name=value`` of a header, up to the first one that is damaged."""
     fields, at = {}, 0
-    while at + _LENGTH.size <= len(header):
-        (length,) = _LENGTH.unpack_from(header, at)
-        name, equals, value = header[at + _LENGTH.size : at + _LENGTH.size + length].partition(b"=")
+    while at + _LENGTH <= len(header):
+        end = at + _LENGTH + int.from_bytes(header[at : at + _LENGTH], "little")
+        name, equals, value = header[at + _LENGTH : end].partition(b"=")
         if not equals:
             break
-        fields[name] = value
-        at += _LENGTH.size + length
+        fields[name], at = value, end
     return fields
-
-
-def _data(file: BinaryIO, record: _Record) -> bytes:
-    file.seek(record.start)
-    return file.read(record.size)
-
-
-def _described(record: _Record, source: BinaryIO) -> tuple[int, tuple[str, str]]:
-    """Return a connection's number, its topic and bare type."""
-    about = _fields(_data(source, record))
-    # rosbag's own record has the topic; the publisher's may name another one that was remapped.
-    topic = record.fields.get(b"topic") or about.get(b"topic", b"")
-    kind = bare(about.get(b"type", b"").decode("ascii", "replace"))
-    return record.connection, (topic.decode("utf-8", "replace"), kind)
-
-
-def _logged_ns(record: _Record) -> int:
-    time = record.fields.get(b"time", b"")
-    if len(time) != _TIME.size:
-        return 0
-    seconds, nanoseconds = _TIME.unpack(time)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
-
-
-def _decompressed(packed: bytes, compression: bytes, limit: int) -> bytes:
-    """Return a chunk's records, at most ``limit`` bytes."""
-    if compression == b"none":
-        return packed
-    if compression == b"bz2":
-        return bz2.BZ2Decompressor().decompress(packed, limit)
-    if compression == b"lz4":
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, limit))
-    raise ValueError(f"compression {compression[:20]!r} is not supported")

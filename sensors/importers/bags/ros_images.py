@@ -19,7 +19,7 @@ from sensors.files.images import JPEG_MAGIC, PNG_MAGIC, decode_grey
 from sensors.importers.bags.ros_messages import Picture
 
 Depth = NDArray[np.uint16] | NDArray[np.float32]
-"""Depth (h, w) as messages have it: whole units, millimetres by REP 118, or metres."""
+"""Depth (h, w) as messages have it: whole units (millimetres by REP 118), or floats (metres)."""
 DEPTHS = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
 COLORS = {
     "rgb8": (3, cv2.COLOR_RGB2BGR),
@@ -37,20 +37,14 @@ COLORS = {
     "bayer_gbrg8": (1, cv2.COLOR_BayerGBRG2BGR),
     "bayer_grbg8": (1, cv2.COLOR_BayerGRBG2BGR),
 }
-"""Encodings that are read; of colours, number of channels and OpenCV's way to its own order."""
+"""Encodings of colour that are read, with number of channels and OpenCV's conversion to its own order."""
 PICTURE_MAGICS = (JPEG_MAGIC, PNG_MAGIC)
-"""First bytes of encoded colour that is read."""
-FINE_MM = 0.1
-"""Millimetres of a depth unit of a RealSense D405, which realsense-ros publishes as they are."""
-_CONFIG = struct.Struct("<iff")
-"""What stands before the PNG of a compressed depth image: format (1 = inverse depth), and its two numbers."""
+FINE_MM = 0.1  # depth unit of a RealSense D405, which realsense-ros publishes as it is
+_CONFIG = struct.Struct("<iff")  # in front of compressed depth's PNG: format (1 = inverse), two numbers
 
 
 def depth_from(picture: Picture) -> Depth:
-    """Return depth (h, w) as the message has it: whole units (millimetres by REP 118), or floats (metres).
-
-    Raises FormatError.
-    """
+    """Return depth (h, w). Raises FormatError."""
     if picture.compressed:
         return _unpacked_depth(picture)
     kind = DEPTHS.get(picture.encoding)
@@ -70,13 +64,10 @@ def is_grey_png(picture: Picture) -> bool:
 
 
 def picture_size(picture: Picture) -> tuple[int, int] | None:
-    """Return (width, height) by the message or by the header of its JPEG or PNG.
-
-    None where that is damaged.
-    """
+    """Return (width, height) by the message or the header of its JPEG or PNG; None where it is damaged."""
     if not picture.compressed:
         return picture.width, picture.height
-    start = max(0, picture.data[:64].find(PNG_MAGIC))  # compressed depth has numbers before it
+    start = max(0, picture.data[:64].find(PNG_MAGIC))  # compressed depth has numbers in front
     try:
         with Image.open(io.BytesIO(picture.data[start:]), formats=("JPEG", "PNG")) as header:
             return header.size
@@ -85,7 +76,7 @@ def picture_size(picture: Picture) -> tuple[int, int] | None:
 
 
 def grey_from(picture: Picture) -> NDArray[np.uint16]:
-    """An infrared image (h, w) of 8 or 16 bits. Raises FormatError."""
+    """Return an infrared image (h, w) of 8 or 16 bits. Raises FormatError."""
     if picture.compressed:
         return decode_grey(picture.data, np.uint8, "infrared").astype(np.uint16)
     dtype = np.dtype(np.uint8 if picture.encoding in ("mono8", "8UC1") else np.uint16)
@@ -93,7 +84,7 @@ def grey_from(picture: Picture) -> NDArray[np.uint16]:
 
 
 def color_encoded_from(picture: Picture) -> bytes:
-    """JPEG or PNG bytes: the sender's own, or a raw image as PNG, which loses nothing. Raises FormatError."""
+    """Return JPEG or PNG bytes: the sender's own, or a raw image as lossless PNG. Raises FormatError."""
     if picture.compressed:
         if not picture.data.startswith(PICTURE_MAGICS):
             raise FormatError(f"colour image is {picture.encoding[:40]!r}; only JPEG and PNG are read")
@@ -107,7 +98,7 @@ def color_encoded_from(picture: Picture) -> bytes:
 
 
 def pixels_of(picture: Picture, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
-    """Pixels (h, w, channels) of a raw picture, row padding removed. Raises FormatError."""
+    """Return the pixels (h, w, channels) of a raw picture, row padding removed. Raises FormatError."""
     height, width, step = picture.height, picture.width, picture.step
     row = width * channels * dtype.itemsize
     if not (0 < height <= MAX_IMAGE_SIDE and 0 < width <= MAX_IMAGE_SIDE) or step < row:

@@ -15,11 +15,14 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from sensors.calibration_files.camera_messages import Decoded
 from sensors.errors import FormatError
 
+Place = tuple[int, ...]
+"""Place of a message in its file: offset and slot in MCAP; chunk, offset and length in a ROS 1 bag; in SQLite
+the time of logging, and the number of earlier messages of its topic with that time."""
+
 PICTURES = frozenset({"Image", "RawImage", "CompressedImage"})
 CAMERAS = frozenset({"CameraInfo", "CameraCalibration"})
 TRANSFORMS = frozenset({"TFMessage", "tfMessage", "FrameTransforms", "FrameTransform"})
-READ = PICTURES | CAMERAS | TRANSFORMS
-"""Message types that are read, by their bare names."""
+READ = PICTURES | CAMERAS | TRANSFORMS  # message types that are read, by their bare names
 ENCODINGS = frozenset({"ros1", "cdr", "protobuf"})
 
 _ROS = {
@@ -41,6 +44,17 @@ _FOXGLOVE = {
 }
 
 
+class Entry(NamedTuple):
+    """One message. kind: its type without package or folder; encoding: ros1, cdr or protobuf."""
+
+    topic: str
+    kind: str
+    encoding: str
+    logged_ns: int
+    place: Place
+    data: bytes
+
+
 class Picture(NamedTuple):
     """An image message. data: pixels in rows of ``step`` bytes, or a file's bytes where it is compressed.
 
@@ -58,8 +72,13 @@ class Picture(NamedTuple):
     big_endian: bool = False
 
 
+def bare(kind: str) -> str:
+    """Return the bare name of a type: ``Image`` for ``sensor_msgs/msg/Image`` and ``sensor_msgs.Image``."""
+    return kind.replace(".", "/").rpartition("/")[2]
+
+
 def decode(kind: str, encoding: str, data: bytes) -> Decoded:
-    """A message from its type's bare name and its bytes. Raises FormatError."""
+    """Decode a message by its type's bare name. Raises FormatError."""
     try:
         if encoding == "protobuf":
             message = _FOXGLOVE[kind]()
@@ -74,7 +93,7 @@ def decode(kind: str, encoding: str, data: bytes) -> Decoded:
 
 
 def stamp_and_frame(message: Decoded) -> tuple[int, str]:
-    """When a picture was taken (ns, 0 = unknown), and its camera's frame in the tree of transforms."""
+    """Return a picture's time (ns, 0 = unknown), and its camera's frame in the tree of transforms."""
     if hasattr(message, "header"):
         stamp = message.header.stamp
         return _nanoseconds(stamp.sec, stamp.nanosec), str(message.header.frame_id)
@@ -83,13 +102,12 @@ def stamp_and_frame(message: Decoded) -> tuple[int, str]:
 
 def is_empty(message: Decoded) -> bool:
     """Return whether a picture has no pixels, as some drivers send before the camera runs."""
-    if hasattr(message, "height") and not (message.height and message.width):
-        return True
-    return not len(message.data)
+    sized = not hasattr(message, "height") or (message.height and message.width)
+    return not (sized and len(message.data))
 
 
 def picture_from(message: Decoded) -> Picture:
-    """An Image, RawImage or CompressedImage."""
+    """Return an Image, RawImage or CompressedImage as a picture."""
     frame, pixels = stamp_and_frame(message)[1], bytes(message.data)
     if hasattr(message, "format"):
         return Picture(frame, _printable(message.format), pixels, compressed=True)
@@ -109,7 +127,7 @@ def _nanoseconds(seconds: int, nanoseconds: int) -> int:
 
 @cache
 def _typestore(encoding: str) -> Decoded:
-    """ROS's own message definitions, as rosbags ships them; those of ROS 1 lack transforms."""
+    """Return ROS's own message definitions, as rosbags ships them, with the transforms that ROS 1's lack."""
     try:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError as error:

@@ -1,7 +1,7 @@
-"""Order and times of the messages of a topic, and which messages of two topics belong together.
+"""Order and times of the messages of a topic, and pairs of messages of two topics.
 
-Stamps are the sender's times, receive times are the recorder's. A sender's clock may step back, may be
-another one than that of the next camera, or may not be there at all.
+Stamps are the sender's times, receive times are the recorder's. A sender's clock may step back, may differ
+from the clock of the next camera, or may be missing. Constants are untuned.
 """
 
 from collections.abc import Callable
@@ -15,13 +15,9 @@ from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
 
 Times = NDArray[np.int64]
 
-MOVED, LATE_NS = 3, 500_000_000
-"""Places and nanoseconds by which transport moves a message at most: what lies farther back is a clock that
-stepped. Untuned."""
-EQUAL_SHARE = 0.1
-"""Share of messages with the stamp of the one before above which the stamps are too coarse. Untuned."""
-PAIRED_SHARE = 0.5
-"""Share of the images of the slower stream below which stamps pair too few. Untuned."""
+MOVED, LATE_NS = 3, 500_000_000  # most that transport moves a message: farther back is a clock's step
+EQUAL_SHARE = 0.1  # of messages with the stamp of the previous one; above it stamps are too coarse
+PAIRED_SHARE = 0.5  # of the images of the slower stream; below it stamps pair too few
 _S = 1e9
 
 
@@ -30,7 +26,7 @@ class Timeline:
     """The messages of one topic in the order in which they are read, each array (n,).
 
     recorded: their places in the order of receive times. times_ns: never decreasing. stamps_ns, received_ns:
-    as recorded. epochs: how often the clock stepped back before. notes: what was assumed.
+    as recorded. epochs: number of earlier backward steps of the clock. notes: assumptions.
     """
 
     recorded: Times
@@ -55,23 +51,24 @@ class Stamps:
 def timeline_of(given: Stamps) -> Timeline:
     """Order a topic's messages and find their times. A message that is there twice is read once.
 
-    Only a message that was received a few places late is moved; where a clock stepped back, the recorded
+    Only a message that was received a few places late is moved. Where a clock stepped back, the recorded
     order stays and time goes on by the receive times.
     """
     stamps_ns, received_ns, name = given.stamps_ns, given.received_ns, given.name
     order, notes = np.arange(len(stamps_ns)), list[str]()
     if len(order) and (not stamps_ns.any() or (len(order) > 1 and np.ptp(stamps_ns) == 0)):
-        return _received(given, order, received_ns)
+        order, notes = _once(given, order, received_ns)
+        return _received(given, order, notes)
     if (np.diff(stamps_ns) < 0).any():
         by_stamp = np.argsort(stamps_ns, kind="stable")
         if np.abs(by_stamp - order).max() <= MOVED and not _steps_back(stamps_ns, received_ns):
             notes.append(f"{name}: {np.count_nonzero(by_stamp != order)} messages were received out of order")
             order = by_stamp
-    order, twice = _once(order, stamps_ns, given.same)
-    notes += _twice(name, twice)
+    order, twice = _once(given, order, stamps_ns)
+    notes += twice
     equal = int(np.count_nonzero(np.diff(stamps_ns[order]) == 0))
     if equal > EQUAL_SHARE * len(order) and np.count_nonzero(np.diff(received_ns[order]) == 0) < equal:
-        coarse = _received(given, np.sort(order), None)
+        coarse = _received(given, np.sort(order), [])
         return replace(coarse, notes=(*notes, *coarse.notes))
     if equal:
         notes.append(f"{name}: {equal} messages have the stamp of the message before")
@@ -87,28 +84,25 @@ def paired(depth: Timeline, color: Timeline) -> tuple[Times, tuple[str, ...]]:
     slower = min(len(depth.times_ns), len(color.times_ns))
     pairs, notes = paired_by_stamps(depth, color, COLOR_WINDOW_NS), list[str]()
     if np.count_nonzero(pairs >= 0) < PAIRED_SHARE * slower:
-        received = _by_received(depth, color)
+        received = _paired_by_received(depth, color)
         has = received >= 0
         if np.count_nonzero(has) > np.count_nonzero(pairs >= 0):
             pairs, why = received, ""
             if depth.stamped and color.stamped:
                 apart = _apart(depth.stamps_ns[has], color.stamps_ns[received[has]])
-                why = f": its stamps are {apart} than those of depth"
+                why = f": its stamps are {apart} than depth's"
             notes.append(f"colour paired by receive times{why}")
     found = int(np.count_nonzero(pairs >= 0))
     if found < len(pairs):
+        why = ""
+        if slower and not found:
+            nearest = pair_stamps(depth.times_ns, color.times_ns, 1 << 62)
+            has = nearest >= 0
+            apart = _apart(depth.times_ns[has], color.times_ns[nearest[has]])
+            why = f"; colour is {apart} than depth: record both on one clock"
         window = f"{COLOR_WINDOW_NS / 1e6:.0f} ms"
-        why = f"; {_nearest(depth, color)}" if slower and not found else ""
         notes.append(f"{found} of {len(pairs)} depth images have a colour image within {window}{why}")
     return pairs, tuple(notes)
-
-
-def _nearest(depth: Timeline, color: Timeline) -> str:
-    """Return the distance in time of the nearest colour images, in words, and the remedy."""
-    nearest = pair_stamps(depth.times_ns, color.times_ns, 1 << 62)
-    has = nearest >= 0
-    apart = _apart(depth.times_ns[has], color.times_ns[nearest[has]])
-    return f"colour is {apart} than depth: record both on one clock"
 
 
 def paired_by_stamps(depth: Timeline, other: Timeline, window_ns: int) -> Times:
@@ -122,6 +116,14 @@ def paired_by_stamps(depth: Timeline, other: Timeline, window_ns: int) -> Times:
         mine, its = (np.flatnonzero(each.epochs == epoch) for each in (depth, other))
         found = pair_stamps(depth.stamps_ns[mine], other.stamps_ns[its], window_ns)
         pairs[mine[found >= 0]] = its[found[found >= 0]]
+    return pairs
+
+
+def _paired_by_received(depth: Timeline, color: Timeline) -> Times:
+    pairs = np.full(len(depth.times_ns), -1, np.int64)
+    mine, its = (np.argsort(each.received_ns, kind="stable") for each in (depth, color))
+    found = pair_stamps(depth.received_ns[mine], color.received_ns[its], COLOR_WINDOW_NS)
+    pairs[mine[found >= 0]] = its[found[found >= 0]]
     return pairs
 
 
@@ -141,36 +143,27 @@ def _steps_back(stamps_ns: Times, received_ns: Times) -> bool:
     return float(max(shifts)) > late_ns / 2
 
 
-def _received(given: Stamps, order: Times, doubled_at: Times | None) -> Timeline:
-    """Return a topic without usable stamps: the times at which its messages were received, or a regular rate.
-
-    doubled_at: times by which messages may be there twice; None where those are left out already.
-    """
-    notes = [f"{given.name} has no usable time stamps: receive times are taken"]
-    if doubled_at is not None:
-        order, twice = _once(order, doubled_at, given.same)
-        notes += _twice(given.name, twice)
+def _received(given: Stamps, order: Times, notes: list[str]) -> Timeline:
+    """Return a topic without usable stamps: by receive times, else at a regular rate."""
     times_ns = given.received_ns[order]
+    note = f"{given.name} has no usable time stamps: receive times are taken"
     if len(times_ns) > 1 and np.ptp(times_ns) == 0:
         times_ns = times_ns[0] + regular_times_ns(len(times_ns))
-        notes[0] = f"{given.name} has no usable times: taken as 30 a second; else give --rate"
+        note = f"{given.name} has no usable times: taken as 30 a second; else give --rate"
     zeros = np.zeros(len(order), np.int64)
     stamps = given.stamps_ns[order], given.received_ns[order]
-    return Timeline(order, times_ns, *stamps, zeros, tuple(notes), stamped=False)
+    return Timeline(order, times_ns, *stamps, zeros, (note, *notes), stamped=False)
 
 
-def _twice(name: str, twice: int) -> list[str]:
-    """Return a note on messages that are there twice; none of none."""
-    return [f"{name}: {twice} messages are in the recording twice, read once"] * bool(twice)
-
-
-def _once(order: Times, times_ns: Times, same: Callable[[int, int], bool]) -> tuple[Times, int]:
-    """Return the order without messages that repeat the one before, and how many those are."""
+def _once(given: Stamps, order: Times, times_ns: Times) -> tuple[Times, list[str]]:
+    """Return the order without messages that repeat the previous one, and a note on such messages."""
     kept = [*map(int, order[:1])]
     for at in map(int, order[1:]):
-        if times_ns[at] != times_ns[kept[-1]] or not same(kept[-1], at):
+        if times_ns[at] != times_ns[kept[-1]] or not given.same(kept[-1], at):
             kept.append(at)
-    return np.array(kept, np.int64), len(order) - len(kept)
+    twice = len(order) - len(kept)
+    notes = [f"{given.name}: {twice} messages are in the recording twice, read once"] if twice else []
+    return np.array(kept, np.int64), notes
 
 
 def _bridged(name: str, stamps_ns: Times, received_ns: Times) -> tuple[Times, Times, tuple[str, ...]]:
@@ -191,14 +184,6 @@ def _bridged(name: str, stamps_ns: Times, received_ns: Times) -> tuple[Times, Ti
         f"{first + 1}: the recorded order is kept"
     )
     return times_ns, np.concatenate([[0], np.cumsum(back)]).astype(np.int64), (note,)
-
-
-def _by_received(depth: Timeline, color: Timeline) -> Times:
-    pairs = np.full(len(depth.times_ns), -1, np.int64)
-    mine, its = (np.argsort(each.received_ns, kind="stable") for each in (depth, color))
-    found = pair_stamps(depth.received_ns[mine], color.received_ns[its], COLOR_WINDOW_NS)
-    pairs[mine[found >= 0]] = its[found[found >= 0]]
-    return pairs
 
 
 def _apart(depth_ns: Times, color_ns: Times) -> str:

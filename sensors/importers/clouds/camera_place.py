@@ -1,4 +1,7 @@
-"""Place of a cloud's camera and its view of the points, found in them or declared."""
+"""Place and unit of a cloud's camera and its view of the points, found in them or declared.
+
+Constants are untuned unless a source is given.
+"""
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -14,39 +17,36 @@ from sensors.importers.clouds.axes import (
     AXES,
     FLOOR_SHARE,
     camera_from,
-    cone_of,
-    credible,
     floor_share,
+    is_credible,
+    narrowest_cone,
     on_pixels,
-    thinned,
-    upright,
+    subsample,
+    upright_axes,
     world_axes,
 )
 from sensors.importers.clouds.organised_camera import GridCamera, grid_camera
 from sensors.importers.clouds.projection import (
     KINECT_V2,
-    camera_of,
+    find_camera,
     project_cloud,
     shift_into_view,
     spacing_m,
 )
 from sensors.importers.clouds.records import CloudRecords
-from sensors.importers.clouds.unit import unit_mm
 from sensors.importers.options import ImportOptions
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose
 
 Float64 = NDArray[np.float64]
 
-APART = 1.0
-"""Largest distance of a point from its cloud, in sizes of the cloud without its outermost 0.1 %. Untuned."""
-SAME_FOCAL = 0.003
-"""Relative difference of focal lengths up to which a declared camera took the points: a pixel at the edge of
-a wide image."""
-MAPS = (".las", ".laz")
-"""Suffixes of maps' formats, in which z points up."""
-FARAWAY_M = 1000.0
-"""Metres from the origin beyond which coordinates are a map's (UTM), with z up in any format. Untuned."""
+APART = 1.0  # farthest point from its cloud, in sizes of the cloud without its outermost 0.1 %
+SAME_FOCAL = 0.003  # difference up to which a declared camera took the points: a pixel at the edge
+MAPS = (".las", ".laz")  # formats of maps, in which z points up
+FARAWAY_M = 1000.0  # distance beyond which coordinates are a map's (UTM), with z up in any format
+METRES = (0.1, 30.0)  # typical distances in metres: depth cameras measure 0.2 to 10 m
+MILLIMETRES = (600.0, 60_000.0)  # the same in millimetres; 600 cm are farther than people are recorded
+STEPS_MM = {"millimetres": 1.0, "centimetres": 10.0, "inches": 25.4}  # units between these
 
 
 @dataclass(frozen=True)
@@ -66,13 +66,21 @@ class CloudView:
 
 
 def view_of(path: Path, cloud: CloudRecords, points: Float64, options: ImportOptions) -> CloudView:
-    """Return the view of ``points`` (n, 3), those of ``cloud`` in its unit, NaN = none.
-
-    Raises FormatError.
-    """
+    """Return the view of ``points`` (n, 3) of ``cloud``, in its unit, NaN = none. Raises FormatError."""
     if cloud.organised and not options.axes:
         return _organised(path, cloud, points, options)
-    return _unorganised(path, cloud, points, options)
+    finite = points[np.isfinite(points[:, 0])]
+    # The Kinect SDK's y is found afterwards: its cone is the one of "camera".
+    tried = (options.axes,) if options.axes else tuple(name for name in AXES if name != "kinect")
+    for sensor in _sensors(cloud, subsample(finite)):
+        few = subsample(finite) @ sensor.pose.rotation.T + sensor.pose.translation_m
+        cone = narrowest_cone(few, tried)
+        if cone is None:
+            continue
+        scale, _ = _unit(path, few @ camera_from(cone.name).T, options)
+        if options.axes or is_credible(few * scale, cone):
+            return _in_place(path, points, sensor, cone.name, options)
+    return _moved(path, points, finite, options)
 
 
 def _organised(path: Path, cloud: CloudRecords, points: Float64, options: ImportOptions) -> CloudView:
@@ -93,10 +101,7 @@ def _organised(path: Path, cloud: CloudRecords, points: Float64, options: Import
 
 
 def _grid(path: Path, points: Float64, viewpoint: Pose | None, mirror: bool) -> GridCamera:
-    """Return the camera of the grid.
-
-    mirror: whether the grid may be the mirror image of its coordinates.
-    """
+    """Return the camera of the grid. mirror: whether the grid may mirror its coordinates."""
     if mirror:
         with suppress(FormatError):
             found = grid_camera(path, points[:, ::-1], viewpoint)
@@ -116,26 +121,40 @@ def _scale(
     path: Path, distance: float, along: Float64, options: ImportOptions
 ) -> tuple[float, tuple[str, ...]]:
     given = options.depth_unit_mm
-    millimetres = given or unit_mm(path, distance, along)
+    millimetres = given or _unit_mm(path, distance, along)
     if millimetres == 1000.0:
         return 1.0, ()
     source = "as given" if given else f"since half of the points are more than {distance:.4g} units away"
     return millimetres / 1000, (f"a unit of the cloud is {millimetres:g} mm, {source}",)
 
 
-def _unorganised(path: Path, cloud: CloudRecords, points: Float64, options: ImportOptions) -> CloudView:
-    finite = points[np.isfinite(points[:, 0])]
-    # The Kinect SDK's y is found afterwards: its cone is that of "camera".
-    tried = (options.axes,) if options.axes else tuple(name for name in AXES if name != "kinect")
-    for sensor in _sensors(cloud, thinned(finite)):
-        few = thinned(finite) @ sensor.pose.rotation.T + sensor.pose.translation_m
-        cone = cone_of(few, tried)
-        if cone is None:
-            continue
-        scale, _ = _unit(path, few @ camera_from(cone.name).T, options)
-        if options.axes or credible(few * scale, cone):
-            return _in_place(path, points, sensor, cone.name, options)
-    return _moved(path, points, finite, options)
+def _unit_mm(path: Path, distance: float, along: Float64) -> float:
+    """Return the millimetres of a unit of the cloud, because files state no unit.
+
+    distance: typical distance from the camera, or the size of a cloud without one, in the file's unit.
+    along: depths (n,) in the file's unit. Cameras measure whole millimetres, so depths distinguish units
+    where the distance does not. Raises FormatError where the unit stays unknown, with the remedy.
+    """
+    if METRES[0] <= distance <= METRES[1]:
+        return 1000.0
+    if MILLIMETRES[0] <= distance <= MILLIMETRES[1]:
+        return 1.0
+    if METRES[1] < distance < MILLIMETRES[0]:
+        for unit in STEPS_MM.values():
+            millimetres = along * unit
+            away = np.abs(millimetres - np.rint(millimetres))
+            odd = np.mod(np.rint(millimetres), 5) != 0
+            if len(away) > 20 and np.percentile(away, 95) < 0.05 and odd.mean() > 0.2:
+                return unit
+        guesses = ", ".join(f"{distance * unit / 1000:.2g} m as {name}" for name, unit in STEPS_MM.items())
+        raise FormatError(
+            f"{path}: half of the points are over {distance:.4g} units of unknown length away ({guesses}); "
+            "import it with --depth-unit: 10 for centimetres, 25.4 for inches, 1 for millimetres"
+        )
+    raise FormatError(
+        f"{path}: half of the points are {'over' if distance > 1 else 'under'} {distance:.4g} units away, "
+        "impossible in metres or millimetres; import it with --depth-unit, in millimetres"
+    )
 
 
 class _Sensor(NamedTuple):
@@ -162,7 +181,7 @@ def _sensors(cloud: CloudRecords, few: Float64) -> list[_Sensor]:
 
 def _fits(points: Float64, pose: Pose) -> bool:
     sensor = points @ pose.rotation.T + pose.translation_m
-    cone = cone_of(sensor)
+    cone = narrowest_cone(sensor)
     return cone is not None and on_pixels(sensor @ camera_from(cone.name).T)
 
 
@@ -172,13 +191,15 @@ def _in_place(path: Path, points: Float64, found: _Sensor, axes: str, options: I
     scale, unit = _unit(path, sensor @ camera_from(axes).T, options)
     sure = True
     if not options.axes:
-        some = thinned(sensor[np.isfinite(sensor[:, 0])]) * scale
-        axes, sure = upright(some, axes)
+        axes, sure = upright_axes(subsample(sensor[np.isfinite(sensor[:, 0])]) * scale, axes)
     seen = (sensor @ camera_from(axes).T) * scale
-    camera, spacing = _camera(seen, options)
-    shown = project_cloud(seen, camera, spacing)
+    camera, spacing = find_camera(seen)
     lens = "its own pixels" if spacing == 0 else "Kinect v2 focal length"
-    lens = "as declared" if options.intrinsics else lens
+    if options.intrinsics is not None:
+        declared = read_intrinsics(options.intrinsics).depth.undistorted()
+        same = spacing == 0 and abs(declared.fx - camera.fx) < SAME_FOCAL * camera.fx
+        camera, spacing = declared, 0.0 if same else spacing_m(seen[np.isfinite(seen[:, 0])])
+        lens = "as declared"
     how = [
         f"cloud with {axes} axes left in place, seen by a camera {found.where}: "
         f"{camera.width}x{camera.height}, {lens}, fx {camera.fx:.2f}, fy {camera.fy:.2f}, "
@@ -194,25 +215,16 @@ def _in_place(path: Path, points: Float64, found: _Sensor, axes: str, options: I
             "x is taken to point to the camera's left, as in the Kinect SDK; where it points right (Unity), "
             "left and right are mirrored: import it with --mirror"
         )
+    shown = project_cloud(seen, camera, spacing)
     return CloudView(camera, seen, shown, (*how, *unit), spacing_m=spacing, scale=scale)
-
-
-def _camera(seen: Float64, options: ImportOptions) -> tuple[Intrinsics, float]:
-    """Return the declared camera without its lens, else ``camera_of``; and the points' spacing."""
-    camera, spacing = camera_of(seen)
-    if options.intrinsics is None:
-        return camera, spacing
-    declared = read_intrinsics(options.intrinsics).depth.undistorted()
-    same = spacing == 0 and abs(declared.fx - camera.fx) < SAME_FOCAL * camera.fx
-    return declared, 0.0 if same else spacing_m(seen[np.isfinite(seen[:, 0])])
 
 
 def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions) -> CloudView:
     """Return the view of a Kinect v2 in front of a cloud that no camera at its origin took."""
-    size = float(np.linalg.norm(np.ptp(np.percentile(thinned(finite), (2, 98), axis=0), axis=0)))
+    size = float(np.linalg.norm(np.ptp(np.percentile(subsample(finite), (2, 98), axis=0), axis=0)))
     scale, unit = _scale(path, size, np.zeros(0), options)
     middle = np.rint(np.median(finite, axis=0)) if np.abs(finite).max() * scale > FARAWAY_M else np.zeros(3)
-    some = (thinned(finite) - middle) * scale
+    some = (subsample(finite) - middle) * scale
     mapped = path.suffix.lower() in MAPS or bool(middle.any())
     axes = options.axes or world_axes(some, mapped)
     if axes is None:
@@ -221,22 +233,19 @@ def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions)
             f"shows the direction up; import it with --axes: {', '.join(AXES)}"
         )
     turned = ((points - middle) * scale) @ camera_from(axes).T
-    turned[_apart(turned)] = np.nan
+    turned[_outliers(turned)] = np.nan
     shift = shift_into_view(turned[np.isfinite(turned[:, 0])], KINECT_V2)
     seen = turned + shift
     spacing = spacing_m(seen[np.isfinite(seen[:, 0])])
-    shown = project_cloud(seen, KINECT_V2, spacing)
-    how = [
-        "cloud with {} axes seen through Kinect v2 intrinsics, moved by ({:.2f}, {:.2f}, {:.2f}) m".format(
-            axes, *shift
-        )
-    ]
+    moved = ", ".join(f"{number:.2f}" for number in shift)
+    how = [f"cloud with {axes} axes seen through Kinect v2 intrinsics, moved by ({moved}) m"]
     if axes == "y-up" and not options.axes and floor_share(some, AXES[axes][1]) < FLOOR_SHARE:
         how.append("no floor shows where y points; if the image is upside down: import it with --axes camera")
+    shown = project_cloud(seen, KINECT_V2, spacing)
     return CloudView(KINECT_V2, seen, shown, (*how, *unit), spacing_m=spacing, scale=scale)
 
 
-def _apart(points_m: Float64) -> NDArray[np.bool_]:
+def _outliers(points_m: Float64) -> NDArray[np.bool_]:
     """Return flags of the points (n, 3) far outside, which would move the camera far back."""
     low, high = np.percentile(points_m[np.isfinite(points_m[:, 0])], (0.1, 99.9), axis=0)
     room = APART * float((high - low).max())

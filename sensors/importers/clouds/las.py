@@ -2,21 +2,14 @@
 
 import struct
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.errors import FormatError
 from sensors.importers.clouds.records import MAX_POINTS, CloudRecords
 
-if TYPE_CHECKING:
-    from laspy import LasHeader, ScaleAwarePointRecord
-
-CHUNK = 1_000_000
-"""Points unpacked at once; untuned."""
-_VLR_BYTES, _EVLR_BYTES, _CHUNK_BYTES = 54, 60, 20
-"""Least bytes of a variable length record, of an extended one, and of a chunk: one point (the format)."""
+CHUNK = 1_000_000  # points unpacked at once; untuned
+_VLR_BYTES, _EVLR_BYTES, _CHUNK_BYTES = 54, 60, 20  # least bytes of each (the format)
 _COLORS = ("red", "green", "blue")
 
 
@@ -30,38 +23,33 @@ def read_las(path: Path) -> CloudRecords:
         _check_counts(path)
         with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as reader:
             header = reader.header
-            expected = header.point_count
-            if not 0 < expected <= MAX_POINTS:
-                raise FormatError(f"{path} claims {expected} points; give 1 to {MAX_POINTS}")
-            chunks = [_records(chunk, header) for chunk in reader.chunk_iterator(CHUNK)]
+            if not 0 < header.point_count <= MAX_POINTS:
+                raise FormatError(f"{path} claims {header.point_count} points; give 1 to {MAX_POINTS}")
+            colors = _COLORS if {*header.point_format.dimension_names}.issuperset(_COLORS) else ()
+            layout = [*((axis, "<f8") for axis in "xyz"), *((name, "<u2") for name in colors)]
+            records, held = np.zeros(header.point_count, layout), 0
+            for chunk in reader.chunk_iterator(CHUNK):
+                part = records[held : held + len(chunk)]
+                for axis, scale, offset in zip("xyz", header.scales, header.offsets, strict=True):
+                    part[axis] = np.asarray(chunk[axis.upper()]) * scale + offset
+                for name in colors:
+                    part[name] = chunk[name]
+                held += len(chunk)
     except (FormatError, KeyboardInterrupt, SystemExit):
         raise
-    except BaseException as error:  # a panic of the LAZ decoder is no Exception
+    except BaseException as error:  # a panic of the LAZ decoder is not an Exception
         raise FormatError(f"{path} cannot be read ({str(error)[:80]}); restore it from a copy") from error
-    held = sum(map(len, chunks))
-    if held != expected:
-        raise FormatError(f"{path} holds {held} of its {expected} points; restore it from a copy")
-    return CloudRecords(np.concatenate(chunks))
-
-
-def _records(chunk: "ScaleAwarePointRecord", header: "LasHeader") -> NDArray[Any]:
-    """Return laspy's points as records, with colours where the format has all three."""
-    named = set(header.point_format.dimension_names)
-    colors = _COLORS if named.issuperset(_COLORS) else ()
-    records = np.zeros(len(chunk), [*((axis, "<f8") for axis in "xyz"), *((name, "<u2") for name in colors)])
-    for axis, scale, offset in zip("xyz", header.scales, header.offsets, strict=True):
-        records[axis] = np.asarray(chunk[axis.upper()]) * scale + offset
-    for name in colors:
-        records[name] = chunk[name]
-    return records
+    if held != len(records):
+        raise FormatError(f"{path} holds {held} of its {len(records)} points; restore it from a copy")
+    return CloudRecords(records)
 
 
 def _check_counts(path: Path) -> None:
-    """Raise ValueError for counts that the file has no room for: at those of records laspy never comes to an
-    end, at that of chunks its LAZ decoder ends the process for want of memory.
+    """Raise ValueError for counts that the file has no room for.
 
-    Layout: ASPRS LAS 1.4 R15, "Public header block"; LASzip's chunk table: its offset stands before the
-    points, or at the file's end where that is -1; in it version, number of chunks.
+    With wrong counts of records laspy does not end; with wrong counts of chunks its LAZ decoder ends the
+    process for want of memory. Layout: ASPRS LAS 1.4 R15, "Public header block"; LASzip's chunk table. The
+    table's offset stands in front of the points, or at the file's end where it is -1 there.
     """
     size = path.stat().st_size
     with path.open("rb") as file:

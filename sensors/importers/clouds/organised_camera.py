@@ -2,21 +2,19 @@
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import FormatError
-from sensors.importers.clouds.axes import AXES, camera_from, thinned
+from sensors.importers.clouds.axes import AXES, camera_from, subsample
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose
 
 Float64 = NDArray[np.float64]
 
-RESIDUAL_PX = 2.0
-"""Largest RMS residual of a pinhole fitted to a grid, in pixels: a lens left in has less. Untuned."""
-FLAT = 1e-6
-"""Least ratio of the second smallest singular value to the largest. Points in a plane have less and determine
-no camera. Untuned."""
+RESIDUAL_PX = 2.0  # largest RMS of a pinhole: a lens left in has less; untuned
+FLAT = 1e-6  # least ratio of the second smallest singular value to the largest: planes have less; untuned
 
 
 class GridCamera(NamedTuple):
@@ -32,9 +30,9 @@ class GridCamera(NamedTuple):
 def grid_camera(path: object, points: Float64, viewpoint: Pose | None) -> GridCamera:
     """Return the camera of an organised cloud (h, w, 3) in any frame and unit.
 
-    Tried in turn: a camera at the origin in the axes of CONTEXT.md, then of ``cloud_axes.AXES``; the same at
-    ``viewpoint``; any pose at all (direct linear transform, Hartley and Zisserman 2004, 7.1). Raises
-    FormatError where none fits, or where the grid is the mirror image of the coordinates.
+    Tried in turn: a camera at the origin in each of ``AXES``; the same at ``viewpoint``; any pose (direct
+    linear transform, Hartley and Zisserman 2004, 7.1). Raises FormatError where none fits, or where the grid
+    is the mirror image of the coordinates.
     """
     poses = {f"{axes} axes": Pose(camera_from(axes), np.zeros(3)) for axes in AXES}
     if viewpoint is not None:
@@ -42,13 +40,12 @@ def grid_camera(path: object, points: Float64, viewpoint: Pose | None) -> GridCa
         for axes in AXES:
             turn = camera_from(axes) @ back
             poses[f"{axes} axes at the VIEWPOINT"] = Pose(turn, -turn @ origin)
+    height, width = points.shape[:2]
     mirrored = False
     for how, pose in poses.items():
-        turned = points @ pose.rotation.T + pose.translation_m
-        fx, fy, cx, cy, residual = _pinhole(turned)
+        fx, fy, cx, cy, residual = _pinhole(points @ pose.rotation.T + pose.translation_m)
         if residual <= RESIDUAL_PX:
             if fx > 0 and fy > 0:
-                height, width = points.shape[:2]
                 return GridCamera(Intrinsics(width, height, fx, fy, cx, cy), pose, residual, how)
             mirrored = mirrored or fx * fy < 0
     if mirrored:
@@ -57,14 +54,11 @@ def grid_camera(path: object, points: Float64, viewpoint: Pose | None) -> GridCa
 
 
 def _pinhole(points: Float64) -> tuple[float, float, float, float, float]:
-    """Return fx, fy, cx, cy and the RMS residual in pixels.
-
-    The residual is infinite where points lie behind the camera or determine no camera.
-    """
+    """Return fx, fy, cx, cy and the RMS residual in pixels, infinite where points determine no camera."""
     with np.errstate(invalid="ignore"):
-        there = np.isfinite(points).all(axis=-1)
-        v, u = np.nonzero(there & (points[..., 2] > 0))
-    if len(v) < 0.99 * there.sum():
+        finite = np.isfinite(points).all(axis=-1)
+        v, u = np.nonzero(finite & (points[..., 2] > 0))
+    if len(v) < 0.99 * finite.sum():
         return 0.0, 0.0, 0.0, 0.0, np.inf
     x, y, z = points[v, u].T
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
@@ -85,22 +79,28 @@ def _line(ratio: Float64, pixel: NDArray[np.intp]) -> tuple[float, float, float]
 def _any_pose(path: object, points: Float64) -> GridCamera:
     """Return the camera of a grid in any frame, by the direct linear transform over some of its points."""
     height, width = points.shape[:2]
+
+    def refused(why: str) -> FormatError:
+        return FormatError(
+            f"{path}: the {width}x{height} grid of the cloud fits no camera and is not a pinhole image "
+            f"({why}); give it as an unorganised cloud (HEIGHT 1)"
+        )
+
     v, u = np.nonzero(np.isfinite(points).all(axis=-1))
-    some = thinned(np.column_stack([u, v, points[v, u]]).astype(np.float64))
+    some = subsample(np.column_stack([u, v, points[v, u]]).astype(np.float64))
     matrix = _projection(some[:, :2], some[:, 2:])
     if matrix is None:
-        raise _no_camera(path, width, height, "its points lie in a plane or are too few")
-    rows = matrix[:, :3]
-    matrix = matrix * np.sign(np.linalg.det(rows))
+        raise refused("its points lie in a plane or are too few")
+    matrix = matrix * np.sign(np.linalg.det(matrix[:, :3]))
     ahead = some[:, 2:] @ matrix[2, :3] + matrix[2, 3]
-    intrinsics, rotation = _decomposed(matrix[:, :3])
-    if intrinsics is None:
-        raise _no_camera(path, width, height, "it has no focal length")
-    translation = np.linalg.solve(intrinsics, matrix[:, 3] / np.linalg.norm(matrix[2, :3]))
+    intrinsics, rotation = map(np.asarray, cv2.decomposeProjectionMatrix(matrix)[:2])
+    if not abs(intrinsics[2, 2]) > 0 or not np.isfinite(intrinsics).all():
+        raise refused("it has no focal length")
+    translation = np.linalg.solve(intrinsics / intrinsics[2, 2], matrix[:, 3] / np.linalg.norm(matrix[2, :3]))
     turned = points @ rotation.T + translation
     fx, fy, cx, cy, residual = _pinhole(turned if (ahead > 0).mean() > 0.5 else -turned)
     if not residual <= RESIDUAL_PX or not (fx > 0 and fy > 0):
-        raise _no_camera(path, width, height, f"residual {residual:.1f} px")
+        raise refused(f"residual {residual:.1f} px")
     if (ahead > 0).mean() < 0.5:
         raise _mirrored(path)
     x, y, z = -rotation.T @ translation
@@ -114,45 +114,22 @@ def _projection(pixels: Float64, points: Float64) -> Float64 | None:
         return None
     middle, size = points.mean(axis=0), max(float(points.std()), 1e-12)
     centre, spread = pixels.mean(axis=0), max(float(pixels.std()), 1e-12)
-    homogeneous = np.column_stack([(points - middle) / size, np.ones(len(points))])
-    flat, nothing = (pixels - centre) / spread, np.zeros_like(homogeneous)
-    equations = np.concatenate(
-        [
-            np.hstack([homogeneous, nothing, -flat[:, :1] * homogeneous]),
-            np.hstack([nothing, homogeneous, -flat[:, 1:] * homogeneous]),
-        ]
+    rows = np.column_stack([(points - middle) / size, np.ones(len(points))])
+    flat, zeros = (pixels - centre) / spread, np.zeros_like(rows)
+    across, down = (
+        np.hstack([rows, zeros, -flat[:, :1] * rows]),
+        np.hstack([zeros, rows, -flat[:, 1:] * rows]),
     )
-    _, values, rows = np.linalg.svd(equations, full_matrices=False)
+    _, values, vectors = np.linalg.svd(np.concatenate([across, down]), full_matrices=False)
     if not values[-2] > FLAT * values[0]:
         return None
-    normalised = rows[-1].reshape(3, 4)
     back = np.array([[spread, 0, centre[0]], [0, spread, centre[1]], [0, 0, 1]])
     into = np.vstack([np.column_stack([np.eye(3) / size, -middle / size]), [0, 0, 0, 1]])
-    return np.asarray(back @ normalised @ into)
-
-
-def _decomposed(matrix: Float64) -> tuple[Float64 | None, Float64]:
-    """Return intrinsic matrix (positive focal lengths) and rotation of a (3, 3) with positive determinant."""
-    flip = np.eye(3)[::-1]
-    q, r = np.linalg.qr((flip @ matrix).T)
-    upper, rotation = flip @ r.T @ flip, flip @ q.T
-    signs = np.diag(np.sign(np.diag(upper)))
-    upper, rotation = upper @ signs, signs @ rotation
-    if not abs(upper[2, 2]) > 0 or not np.isfinite(upper).all():
-        return None, rotation
-    return upper / upper[2, 2], rotation
-
-
-def _no_camera(path: object, width: int, height: int, why: str) -> FormatError:
-    return FormatError(
-        f"{path}: the {width}x{height} grid of the cloud fits no camera and is not a pinhole image ({why}); "
-        "give it as an unorganised cloud (HEIGHT 1)"
-    )
+    return np.asarray(back @ vectors[-1].reshape(3, 4) @ into)
 
 
 def _mirrored(path: object) -> FormatError:
     return FormatError(
-        f"{path}: the grid of the cloud is the mirror image of its coordinates; "
-        "import it with --mirror where the image"
-        " is mirrored, as the Kinect SDK's, or negate y where the coordinates are left-handed, as Unity's"
+        f"{path}: the grid of the cloud is the mirror image of its coordinates; import it with --mirror "
+        "where the image is mirrored (Kinect SDK), or negate y where the coordinates are left-handed (Unity)"
     )

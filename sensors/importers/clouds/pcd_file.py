@@ -1,69 +1,66 @@
 """PCD files (PCL's Point Cloud Data, 0.5 to 0.7; text, binary, compressed) as records.
 
-Read here and not by Open3D: its reader maps all padding fields, which PCL calls ``_``, to one buffer and
-corrupts the heap (isl-org/Open3D#6437, #6022). What may be absent from a header, and how, follows PCL's
-``PCDReader::readHeader`` (io/src/pcd_io.cpp).
+Open3D's reader is not used, because it maps all padding fields, which PCL calls ``_``, to one buffer and
+corrupts the heap (isl-org/Open3D#6437, #6022). Entries that a header may lack, and their defaults, follow
+PCL's ``PCDReader::readHeader`` (io/src/pcd_io.cpp).
 """
 
 import re
-import warnings
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
+from numpy.lib.recfunctions import repack_fields
 from numpy.typing import NDArray
 
-from sensors.errors import FormatError
-from sensors.importers.clouds.records import MAX_POINTS, CloudRecords, grid_of
+from sensors.importers.clouds.records import (
+    MAX_POINTS,
+    CloudRecords,
+    grid_of,
+    header_lines,
+    opened_cloud,
+    text_numbers,
+)
 from sensors.rig.rig_calibration import Pose, rotation_of
 
-MAX_HEADER_BYTES = 100_000
-"""Largest header that is read, in bytes; untuned."""
-MAX_POINT_BYTES = 1 << 20
-"""Bytes of one point: room for a feature histogram; untuned."""
-PADDING = "_"
-"""PCL's name of fields without meaning; a file may have several."""
+MAX_POINT_BYTES = 1 << 20  # room for a feature histogram; untuned
+MOST_EXPANSION = 90  # bytes from one byte of LZF: three give a run of 264 (liblzf)
 _END = re.compile(rb"^DATA[ \t][^\n]*\n", re.MULTILINE)
+_DEFAULTS = {"SIZE": "4", "TYPE": "F", "COUNT": "1"}
 _KINDS = {"F": "f", "U": "u", "I": "i"}
 
-Fields = list[tuple[str, str, int]]
-"""Name, type as numpy writes it, and number of values of each field, in the file's order."""
+
+class _Field(NamedTuple):
+    """A field of a point. name: begins with a space for padding. kind: as numpy writes it."""
+
+    name: str
+    kind: str
+    values: int
+
+    @property
+    def kept(self) -> bool:
+        return not self.name.startswith(" ")
+
+    @property
+    def size(self) -> int:
+        return np.dtype(self.kind).itemsize * self.values
 
 
 def read_pcd(path: Path) -> CloudRecords:
     """Read all points of a PCD file. Raises FormatError where it is malformed or cut off."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(MAX_HEADER_BYTES)
-            end = _END.search(head)
-            if end is None:
-                raise ValueError("its header does not end")
-            header = _words(head[: end.end()])
-            width, height, points = _counts(header)
-            fields = _fields(header)
-            file.seek(end.end())
-            there = path.stat().st_size - end.end()
-            records = _records(file, header["DATA"][0].lower(), fields, points, there)
-        viewpoint = _viewpoint(header.get("VIEWPOINT", []))
-    except OSError as error:
-        raise FormatError(f"{path} cannot be read ({error.strerror}); give a point cloud") from error
-    except (ValueError, KeyError, IndexError, TypeError) as error:
-        why = f"no {error}" if isinstance(error, KeyError) else str(error)[:100]
-        raise FormatError(f"{path} is malformed ({why}); give a valid PCD file") from error
-    return CloudRecords(records, grid_of(width, height, points), viewpoint)
-
-
-def _words(head: bytes) -> dict[str, list[str]]:
-    """Return the words of each line of the header by its first; comments, of any encoding, left out."""
-    lines = [line.split() for line in head.decode("utf-8", "replace").split("\n")]
-    header = {words[0]: words[1:] for words in lines if words and not words[0].startswith("#")}
-    if "COLUMNS" in header:
-        header.setdefault("FIELDS", header["COLUMNS"])
-    return header
+    with opened_cloud(path, "PCD") as file:
+        header = {words[0]: words[1:] for words in header_lines(file, _END) if words[0][0] != "#"}
+        if "COLUMNS" in header:
+            header.setdefault("FIELDS", header["COLUMNS"])
+        width, height, points = _counts(header)
+        there = path.stat().st_size - file.tell()
+        records = _records(file, header, points, there)
+        return CloudRecords(records, grid_of(width, height, points), _viewpoint(header.get("VIEWPOINT", [])))
 
 
 def _counts(header: dict[str, list[str]]) -> tuple[int, int, int]:
-    """Return width, height, points; each may be left out where the others give it."""
+    """Return width, height, points; each may be left out where the others determine it."""
     width, height, points = (
         int(header[name][0]) if name in header else 0 for name in ("WIDTH", "HEIGHT", "POINTS")
     )
@@ -79,122 +76,102 @@ def _counts(header: dict[str, list[str]]) -> tuple[int, int, int]:
     return width, height, points
 
 
-def _fields(header: dict[str, list[str]]) -> Fields:
+def _fields(header: dict[str, list[str]]) -> list[_Field]:
+    """Return the fields in the file's order; of two with one name the second gets its number as suffix."""
     names = header["FIELDS"]
-    plain = {"SIZE": "4", "TYPE": "F", "COUNT": "1"}
-    sizes, types, counts = (header.get(name, [value] * len(names)) for name, value in plain.items())
-    fields, seen = [], set[str]()
+    sizes, types, counts = (header.get(key, [value] * len(names)) for key, value in _DEFAULTS.items())
+    fields: list[_Field] = []
     for number, (name, size, kind, count) in enumerate(zip(names, sizes, types, counts, strict=True)):
         if not 0 <= int(count) <= MAX_POINT_BYTES:
             raise ValueError(f"field {name[:20]} has {count[:20]} values")
-        label = name if name == PADDING or name not in seen else f"{name}_{number}"
-        seen.add(label)
-        fields.append((label, f"<{_KINDS[kind]}{int(size)}", int(count)))
+        name = f" {number}" if name == "_" else name
+        name = f"{name}_{number}" if name in {field.name for field in fields} else name
+        fields.append(_Field(name, f"<{_KINDS[kind]}{int(size)}", int(count)))
     for axis in "xyz":
         if (axis, "<f4", 1) not in fields and (axis, "<f8", 1) not in fields:
-            raise ValueError(f"{axis} is no float")
+            raise ValueError(f"{axis} is missing or is not a float")
     if _stride(fields) > MAX_POINT_BYTES:
         raise ValueError(f"a point has {_stride(fields)} bytes")
     return fields
 
 
-def _stride(fields: Fields) -> int:
-    return sum(np.dtype(kind).itemsize * count for _, kind, count in fields)
+def _stride(fields: list[_Field]) -> int:
+    return sum(field.size for field in fields)
 
 
-def _dtype(fields: Fields) -> np.dtype[Any]:
-    """Return the record type of the fields; padding becomes a gap between them."""
-    names, formats, offsets, end = [], [], [], 0
-    for name, kind, count in fields:
-        if name != PADDING:
-            names.append(name)
-            formats.append(np.dtype(kind if count == 1 else (kind, (count,))))
-            offsets.append(end)
-        end += np.dtype(kind).itemsize * count
-    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": end})
+def _dtype(fields: list[_Field]) -> np.dtype[Any]:
+    return np.dtype([(f.name, f.kind) if f.values == 1 else (f.name, f.kind, (f.values,)) for f in fields])
 
 
-def _records(file: BinaryIO, data: str, fields: Fields, points: int, there: int) -> NDArray[Any]:
-    if data == "ascii":
-        return _text(file, fields, points, there)
+def _records(file: BinaryIO, header: dict[str, list[str]], points: int, there: int) -> NDArray[Any]:
+    fields, data = _fields(header), header["DATA"][0].lower()
     if data == "binary":
         if points * _stride(fields) > there:
             raise ValueError(f"it claims {points} points and holds {there // _stride(fields)}")
-        return _packed(np.fromfile(file, _dtype(fields), points))
+        records = np.fromfile(file, _dtype(fields), points)
+        return np.asarray(repack_fields(records[[field.name for field in fields if field.kept]]))
+    if data == "ascii":
+        words = sum(field.values for field in fields)
+        if 2 * points * words > there + 1:
+            raise ValueError(f"it claims {points} points; {there} bytes of text cannot hold them")
+        ends = np.cumsum([field.values for field in fields])[:-1]
+        return _filled(fields, np.split(text_numbers(file, points, words), ends, axis=1), points)
     if data == "binary_compressed":
         return _compressed(file, fields, points, there)
     raise ValueError(f"DATA is {data[:40]}; ascii, binary and binary_compressed are read")
 
 
-def _text(file: BinaryIO, fields: Fields, points: int, there: int) -> NDArray[Any]:
-    words = sum(count for _, _, count in fields)
-    if 2 * points * words > there + 1:
-        raise ValueError(f"it claims {points} points; {there} bytes of text cannot hold them")
-    values = text_numbers(file, points * words, f"{points} points")
-    return _columns(values.reshape(points, words).T, fields, points)
-
-
-def text_numbers(file: BinaryIO, count: int, what: str) -> NDArray[np.float64]:
-    """Return the next ``count`` numbers of a text, NaN and infinity among them.
-
-    Raises ValueError for fewer.
-    """
-    with warnings.catch_warnings():
-        # Of text that is no number; newer versions of numpy raise ValueError.
-        warnings.simplefilter("error", DeprecationWarning)
-        try:
-            values = np.fromfile(file, np.float64, count, sep=" ")
-        except (ValueError, DeprecationWarning) as error:
-            raise ValueError(f"it claims {what}, and some of its text is no number") from error
-    if len(values) != count:
-        raise ValueError(f"it claims {what}, which are {count} numbers, and holds {len(values)}")
-    return values
-
-
-def _columns(values: NDArray[Any], fields: Fields, points: int) -> NDArray[Any]:
-    """Return the records of columns (words, n) of text, in the fields' order."""
-    kept = [field for field in fields if field[0] != PADDING]
-    records, at = np.zeros(points, _packed_dtype(kept)), 0
+def _filled(fields: list[_Field], columns: Iterable[NDArray[Any]], points: int) -> NDArray[Any]:
+    """Return records of the fields' columns, padding left out."""
+    records = np.zeros(points, _dtype([field for field in fields if field.kept]))
     with np.errstate(invalid="ignore", over="ignore"):
-        for name, _, count in fields:
-            if name != PADDING:
-                column = values[at] if count == 1 else values[at : at + count].T
-                records[name] = column
-            at += count
+        for field, column in zip(fields, columns, strict=True):
+            if field.kept:
+                records[field.name] = column.reshape(records[field.name].shape)
     return records
 
 
-def _compressed(file: BinaryIO, fields: Fields, points: int, there: int) -> NDArray[Any]:
+def _compressed(file: BinaryIO, fields: list[_Field], points: int, there: int) -> NDArray[Any]:
     """Read field after field: PCL leaves padding out when it compresses, others do not."""
     packed, size = np.frombuffer(file.read(8), "<u4").tolist()
     if packed > there - 8:
         raise ValueError(f"it is cut off: {there - 8} of {packed} compressed bytes are there")
-    kept = [field for field in fields if field[0] != PADDING]
+    kept = [field for field in fields if field.kept]
     stored = next((some for some in (kept, fields) if points * _stride(some) == size), None)
     if stored is None:
         raise ValueError(f"{size} bytes are not {points} points")
-    # Imported here: it loads a compiler, which nothing else of a cloud needs.
-    from sensors.importers.clouds.lzf import expand_lzf
-
-    data, records, at = expand_lzf(file.read(packed), size), np.zeros(points, _packed_dtype(kept)), 0
-    for name, kind, count in stored:
-        length = points * count * np.dtype(kind).itemsize
-        if name != PADDING:
-            column = data[at : at + length].view(kind)
-            records[name] = column if count == 1 else column.reshape(points, count)
-        at += length
-    return records
+    data = np.frombuffer(_expand(file.read(packed), size), np.uint8)
+    ends = np.cumsum([points * field.size for field in stored])[:-1]
+    columns = [part.view(field.kind) for part, field in zip(np.split(data, ends), stored, strict=True)]
+    return _filled(stored, columns, points)
 
 
-def _packed_dtype(fields: Fields) -> np.dtype[Any]:
-    return np.dtype([(name, kind) if count == 1 else (name, kind, (count,)) for name, kind, count in fields])
-
-
-def _packed(records: NDArray[Any]) -> NDArray[Any]:
-    """Return the records without gaps."""
-    from numpy.lib.recfunctions import repack_fields
-
-    return np.asarray(repack_fields(records))
+def _expand(data: bytes, size: int) -> bytearray:
+    """Expand LZF (liblzf's format, as PCL's ``lzf.cpp`` reads it) to exactly ``size`` bytes."""
+    if size > MOST_EXPANSION * len(data):
+        raise ValueError(f"{len(data)} compressed bytes cannot hold {size}")
+    out, at = bytearray(), 0
+    while at < len(data) and len(out) <= size:
+        control = data[at]
+        at += 1
+        if control < 32:
+            out += data[at : at + control + 1]
+            at += control + 1
+            continue
+        run = control >> 5
+        if run == 7:
+            run += data[at]
+            at += 1
+        distance = ((control & 31) << 8) + data[at] + 1
+        at += 1
+        if distance > len(out):
+            raise ValueError("its compressed data is damaged")
+        begin = len(out) - distance
+        piece = out[begin : begin + run + 2]
+        out += (piece * ((run + 2) // len(piece) + 1))[: run + 2]
+    if len(out) != size or at != len(data):
+        raise ValueError(f"its compressed data is damaged or is not {size} bytes")
+    return out
 
 
 def _viewpoint(words: list[str]) -> Pose | None:

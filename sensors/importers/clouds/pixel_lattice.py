@@ -2,7 +2,7 @@
 
 Points of a depth image lie on rays through pixel centres: u = f x/z + c is a whole number for all of them.
 The focal length is the smallest f at which these phases agree (a periodogram of x/z). Fused, thinned out or
-noisy clouds have no such grid.
+noisy clouds have no such grid. Constants are untuned unless a source is given.
 """
 
 from typing import NamedTuple
@@ -10,35 +10,24 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-FOCAL_PX = (50.0, 2000.0)
-"""Focal lengths tried, in pixels: from a thinned-out image to a 4K one."""
-BINS_PX = 8
-"""Bins of the histogram of directions per pixel of the longest focal length; untuned."""
-FINER = 4
-"""Focal lengths tried per resolvable step of the span of directions. Untuned."""
-AGREE = 0.8
-"""Least mean of the phases as unit vectors: 1 on a grid, 0.04 where there is none, 0.95 for coordinates in
-whole millimetres 2 m away at a Kinect v2's focal length."""
-WIDEST_SPAN = 4.0
-"""Span of directions that no camera reaches: 127 degrees. Untuned."""
-FEWEST_PX = 16
-"""Pixels that the points must span; untuned."""
-RESIDUAL_PX = 0.15
-"""Largest RMS from pixel centres, in pixels: chance gives 0.29."""
+FOCAL_PX = (50.0, 2000.0)  # focal lengths tried: from a thinned-out image to a 4K one
+BINS_PX = 8  # bins of directions per pixel of the longest focal length
+FINER = 4  # focal lengths tried per resolvable step of the span of directions
+AGREE = 0.8  # least mean phase: a grid has 1, whole millimetres at 2 m (Kinect v2) 0.95, chance 0.04
+WIDEST_SPAN = 4.0  # span of directions that no camera reaches: 127 degrees
+FEWEST_PX = 16  # pixels that the points must span
+RESIDUAL_PX = 0.15  # largest RMS from pixel centres: chance gives 0.29
 
 
 class Line(NamedTuple):
-    """Grid of pixels: pixel = focal_px * direction + centre_px.
-
-    centre_px is in [0, 1), because whole numbers of pixels are unknown.
-    """
+    """Grid of pixels: pixel = focal_px * direction + centre_px + a whole number; 0 <= centre_px < 1."""
 
     focal_px: float
     centre_px: float
 
 
 def find_line(directions: NDArray[np.float64]) -> Line | None:
-    """Return the grid on which x/z or y/z (n,) of a cloud lie; None where there is none."""
+    """Return the grid on which x/z or y/z (n,) of a cloud lie; None without a grid."""
     if len(directions) < 50:
         return None
     low, high = np.percentile(directions, (0.1, 99.9))
@@ -65,8 +54,7 @@ def _refined(directions: NDArray[np.float64], focal: float) -> Line | None:
     middle = float(np.median(directions))
     away = directions - middle
     reach = np.abs(away).max()
-    centre = float(np.angle(np.exp(2j * np.pi * focal * away).mean()) / (2 * np.pi))
-    fraction = -centre
+    fraction = -float(np.angle(np.exp(2j * np.pi * focal * away).mean()) / (2 * np.pi))
     residual = np.inf
     for share in (0.3, 0.6, 1.0, 1.0):
         near = np.abs(away) <= share * reach

@@ -1,4 +1,9 @@
-"""Depth images of unorganised clouds: the camera that sees one, and which point each pixel shows."""
+"""Depth images of unorganised clouds: their camera, and the point that each pixel shows.
+
+Constants are untuned unless a source is given.
+"""
+
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,41 +17,29 @@ from sensors.rig.frame import FARTHEST_MM
 
 Float64 = NDArray[np.float64]
 
-KINECT_V2 = Intrinsics(512, 424, 365.15, 365.15, 253.98, 211.09)
-"""Pinhole of a typical Kinect v2 depth camera; a projected cloud has no lens distortion."""
-NEAREST_M = 0.5
-"""Nearest depth of a Kinect v2."""
-MARGIN = 0.05
-"""Share of the image kept free at each side of a cloud moved into view; untuned."""
-SPLAT = 0.6
-"""Half-width of a projected point in point spacings. 0.5 closes an ideal lattice; 0.53 at least hides the
-far side of Kinect fusion scans; with points at random 3 % of the pixels stay open."""
-OPEN_M = 0.1
-"""Metres by which a pixel is farther than most neighbours where it looks through a surface. Untuned."""
-MOST = 5
-"""Neighbours, of eight, that count as most of them. Untuned."""
-LEAST_FIELD = (1.40, 1.16)
-"""Least width and height of an image over its focal length: a Kinect v2's, because networks were trained on
-people with that much room around them."""
-FILLED = 0.6
-"""Least share of pixels beside a point that have points; a cloud thinned out at random has fewer. Untuned."""
-BESIDE_M = 0.05
-"""Largest distance of a point from the one whose pixel it shares: less than an arm is thick. Untuned."""
-VISIBLE_M = 0.03
-"""Largest distance along z between a point and the depth of its pixel at which the pixel shows it: the depth
-that a surface steep to the camera gains within a pixel or two. Untuned."""
+KINECT_V2 = Intrinsics(512, 424, 365.15, 365.15, 253.98, 211.09)  # a typical one, without its lens
+NEAREST_M = 0.5  # nearest depth of a Kinect v2
+MARGIN = 0.05  # share of the image kept free at each side of a cloud moved into view
+SPLAT = 0.6  # half-width of a point in spacings; 0.53 at least hides the far side of Kinect fusion scans
+OPEN_M = 0.1  # a pixel that is farther than most neighbours by this looks through a surface
+MOST = 5  # neighbours, of eight, that count as most of them
+LEAST_FIELD = (1.40, 1.16)  # size over focal length, at least: a Kinect v2's, as in the training data
+FILLED = 0.6  # least share of pixels beside a point that have points; thinned-out clouds have fewer
+BESIDE_M = 0.05  # largest distance of a point from the one whose pixel it shares: less than an arm
+VISIBLE_M = 0.03  # largest distance along z of a point from its pixel's depth: steep surfaces gain this
+_STEPS = sorted(product((-1, 0, 1), repeat=2), key=lambda step: abs(step[0]) + abs(step[1]))
 
 
-def camera_of(points_m: Float64) -> tuple[Intrinsics, float]:
-    """Return a camera at the origin that sees camera-frame points (n, 3), and the points' spacing in metres.
+def find_camera(points_m: Float64) -> tuple[Intrinsics, float]:
+    """Return a camera at the origin for camera-frame points (n, 3), and the points' spacing in metres.
 
     Points on the pixels of a camera have that camera, with spacing 0. Other points have a Kinect v2, or a
     camera of its focal length with a wider field. Points that no depth image holds are left out.
     """
     with np.errstate(invalid="ignore"):
         z = points_m[:, 2]
-        seen = (z > 0) & (z * 1000 <= FARTHEST_MM) & (np.abs(points_m[:, :2]).max(axis=1) < WIDEST * z)
-    ahead = points_m[seen]
+        kept = (z > 0) & (z * 1000 <= FARTHEST_MM) & (np.abs(points_m[:, :2]).max(axis=1) < WIDEST * z)
+    ahead = points_m[kept]
     if not len(ahead):
         return KINECT_V2, 0.0
     x, y = ahead[:, 0] / ahead[:, 2], ahead[:, 1] / ahead[:, 2]
@@ -56,7 +49,9 @@ def camera_of(points_m: Float64) -> tuple[Intrinsics, float]:
         if _filled(camera, x, y) >= FILLED:
             return camera, 0.0
     spacing = spacing_m(ahead)
-    if _inside(KINECT_V2, x, y):
+    u, v = KINECT_V2.fx * x + KINECT_V2.cx, KINECT_V2.fy * y + KINECT_V2.cy
+    height, width = KINECT_V2.shape
+    if min(u.min(), v.min()) >= 0 and u.max() <= width - 1 and v.max() <= height - 1:
         return KINECT_V2, spacing
     line = Line(KINECT_V2.fx, 0.0)
     return _holding(line, line, x, y), spacing
@@ -73,11 +68,6 @@ def _holding(across: Line, down: Line, x: Float64, y: Float64) -> Intrinsics:
     return Intrinsics(sizes[0], sizes[1], across.focal_px, down.focal_px, centres[0], centres[1])
 
 
-def _inside(camera: Intrinsics, x: Float64, y: Float64) -> bool:
-    u, v = camera.fx * x + camera.cx, camera.fy * y + camera.cy
-    return bool(min(u.min(), v.min()) >= 0 and u.max() <= camera.width - 1 and v.max() <= camera.height - 1)
-
-
 def _filled(camera: Intrinsics, x: Float64, y: Float64) -> float:
     """Return the share of the pixels right of and below pixels with points that have points themselves."""
     seen = np.zeros(camera.shape, bool)
@@ -91,9 +81,8 @@ def _filled(camera: Intrinsics, x: Float64, y: Float64) -> float:
 def project_cloud(points_m: Float64, camera: Intrinsics, spacing: float) -> NDArray[np.intp]:
     """Return the index (h, w) of the point that each pixel shows, -1 = none, of camera-frame points (n, 3).
 
-    The nearest point wins. A point covers the pixels within SPLAT * ``spacing`` metres of it, at least its
-    own, so that a surface sampled at that spacing shows no holes through which its far side would be seen.
-    Points that are not finite show nothing.
+    The nearest point wins. A point covers the pixels within SPLAT * ``spacing`` metres, at least its own, so
+    that a surface sampled at that spacing shows no holes. Points that are not finite show nothing.
     """
     with np.errstate(invalid="ignore"):
         order = np.flatnonzero(np.isfinite(points_m).all(axis=1) & (points_m[:, 2] > 0))
@@ -104,20 +93,18 @@ def project_cloud(points_m: Float64, camera: Intrinsics, spacing: float) -> NDAr
     shown = np.full(camera.shape, -1, np.intp)
     depth = np.full(camera.shape, np.inf)
     reach = int(np.ceil(radius.max(initial=0.5))) if spacing > 0 else 0
-    for dv in range(-reach, reach + 1):
-        for du in range(-reach, reach + 1):
-            column, row = np.rint(u) + du, np.rint(v) + dv
-            hit = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-            if du or dv:
-                hit &= (np.abs(column - u) <= radius) & (np.abs(row - v) <= radius)
-            at = row[hit].astype(int), column[hit].astype(int)
-            # Farthest first: of several points in a pixel the last, the nearest, stays.
-            here = np.full(camera.shape, -1, np.intp)
-            here[at] = np.flatnonzero(hit)
-            nearer = here >= 0
-            nearer[nearer] = z[here[nearer]] < depth[nearer]
-            depth[nearer] = z[here[nearer]]
-            shown[nearer] = order[here[nearer]]
+    for dv, du in product(range(-reach, reach + 1), repeat=2):
+        column, row = np.rint(u) + du, np.rint(v) + dv
+        hit = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+        if du or dv:
+            hit &= (np.abs(column - u) <= radius) & (np.abs(row - v) <= radius)
+        # Farthest first: of several points in a pixel the last, the nearest, stays.
+        here = np.full(camera.shape, -1, np.intp)
+        here[row[hit].astype(int), column[hit].astype(int)] = np.flatnonzero(hit)
+        nearer = here >= 0
+        nearer[nearer] = z[here[nearer]] < depth[nearer]
+        depth[nearer] = z[here[nearer]]
+        shown[nearer] = order[here[nearer]]
     return _closed(shown, depth) if spacing > 0 else shown
 
 
@@ -129,7 +116,7 @@ def _closed(shown: NDArray[np.intp], depth: Float64) -> NDArray[np.intp]:
     padded = np.pad(shown, 1, constant_values=-1)
     far = np.pad(depth, 1, constant_values=np.inf)
     height, width = shown.shape
-    places = [(dv, du) for dv in (0, 1, 2) for du in (0, 1, 2) if (dv, du) != (1, 1)]
+    places = [(dv, du) for dv, du in product((0, 1, 2), repeat=2) if (dv, du) != (1, 1)]
     nearer = [far[dv : dv + height, du : du + width] < depth - OPEN_M for dv, du in places]
     through = np.sum(nearer, axis=0) >= MOST
     closed = shown.copy()
@@ -140,7 +127,7 @@ def _closed(shown: NDArray[np.intp], depth: Float64) -> NDArray[np.intp]:
 
 
 def shift_into_view(points_m: Float64, camera: Intrinsics) -> Float64:
-    """Return the translation (3,) in metres after which the camera sees all of the points (n, 3).
+    """Return the translation (3,) in metres that moves all of the points (n, 3) into the camera's view.
 
     The cloud is centred and moved back until it fills the image up to a margin.
     """
@@ -154,7 +141,7 @@ def shift_into_view(points_m: Float64, camera: Intrinsics) -> Float64:
 
 
 def pixels_of(points_m: Float64, camera: Intrinsics, depth_m: Float64) -> NDArray[np.intp]:
-    """Return the flat index (n,) of the pixel that shows each camera-frame point, -1 where none does.
+    """Return the flat index (n,) of the pixel that shows each camera-frame point, -1 without such a pixel.
 
     depth_m: (h, w), NaN = no reading. The point's own pixel where its depth is within VISIBLE_M, else the one
     of its eight neighbours whose depth is nearest, within VISIBLE_M.
@@ -166,25 +153,22 @@ def pixels_of(points_m: Float64, camera: Intrinsics, depth_m: Float64) -> NDArra
     with np.errstate(over="ignore"):
         u, v = np.rint(camera.fx * x / z + camera.cx), np.rint(camera.fy * y / z + camera.cy)
     least = np.full(len(ahead), VISIBLE_M)
-    steps = sorted(
-        ((du, dv) for du in (-1, 0, 1) for dv in (-1, 0, 1)), key=lambda step: abs(step[0]) + abs(step[1])
-    )
-    for du, dv in steps:
+    for du, dv in _STEPS:
         column, row = u + du, v + dv
         inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
         pixel = np.where(inside, row * camera.width + column, 0).astype(np.intp)
         away = np.where(inside, np.abs(depth_m.ravel()[pixel] - z), np.inf)
         better = (away <= least) & ((found[ahead] < 0) | (away < least))
         found[ahead[better]] = pixel[better]
-        # The own pixel, where it shows the point, stands.
+        # A point's own pixel, if it shows the point, is final.
         least[better] = -1.0 if du == 0 and dv == 0 else away[better]
     return found
 
 
-def beside(points_m: Float64, pixels: NDArray[np.intp], within_m: float) -> NDArray[np.intp]:
-    """Return ``pixels`` (n,) with those of the nearest point that is shown where a point itself is not (-1).
+def fill_from_nearest(points_m: Float64, pixels: NDArray[np.intp], within_m: float) -> NDArray[np.intp]:
+    """Return ``pixels`` (n,) where hidden points (-1) have the pixel of the nearest visible point.
 
-    within_m: how far that point may be; surfaces seen at a glancing angle lose points between pixels.
+    within_m: largest distance of that point; surfaces at a glancing angle lose points between pixels.
     """
     lost = np.flatnonzero((pixels < 0) & np.isfinite(points_m).all(axis=1))
     shown = np.flatnonzero(pixels >= 0)
@@ -211,8 +195,7 @@ def spacing_m(points_m: Float64) -> float:
 
 
 def _distinct(points_m: Float64) -> Float64:
-    """Return the points without those that an earlier one equals in float32, in their order."""
-    # The search compares in float32, and visits all of many equal points each time.
+    """Return the points without repetitions in float32, which would make the search in float32 slow."""
     rows = points_m.astype(np.float32)
     order = np.lexsort(rows.T)
     first = np.ones(len(rows), bool)
