@@ -16,8 +16,7 @@ from annotate.exchange import coco as coco_format
 from annotate.exchange import companion as companion_format
 from annotate.exchange import cvat as cvat_format
 from annotate.exchange import parquet as parquet_format
-from annotate.exchange.coco import ANNOTATIONS
-from annotate.exchange.coco_runs import rle_from_string, rle_to_string
+from annotate.exchange.coco import ANNOTATIONS, rle_from_string, rle_to_string
 from annotate.exchange.companion import COMPANION, Companion
 from annotate.exchange.cvat import ANNOTATIONS as XML
 from annotate.exchange.formats import FORMATS, export_labels, import_labels, recognise

@@ -56,7 +56,7 @@ HONEST: dict[str, float] = {
     "annotate.labelset.dataset.MAX_MEMBER_BYTES": 4096 * 4096 * 3,  # pixels of a colour image
     "annotate.labelset.dataset.MAX_SHARD_BYTES": 1_000_000_000,  # what WebDataset recommends
     "annotate.labelset.journal.MAX_BYTES": 1_000_000 * 2000,  # strokes
-    "annotate.exchange.image_names.MAX_IMAGES": 1_000_000,  # a large export
+    "annotate.exchange.annotated_images.MAX_IMAGES": 1_000_000,  # a large export
     "annotate.labelset.label_set.MAX_JSON_BYTES": 10_000_000,  # a step's list of 100,000 frames
     "annotate.segmentation.suit_network.MAX_BYTES": 10 * 2_088_498,  # ten times the shipped reader
     "annotate.suit.palette.MAX_SWATCHES": 11 * 12,  # colours of every part

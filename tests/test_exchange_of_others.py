@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from conftest import assert_refused
 
-from annotate.exchange import polygons
+from annotate.exchange import masks
+from annotate.exchange.annotated_images import frame_ids
 from annotate.exchange.formats import import_labels
-from annotate.exchange.image_names import frame_ids
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import PART_ID
 from sensors.errors import CloudError, FormatError
@@ -180,13 +180,13 @@ def test_boxes_and_key_points_are_counted(annotate_cloud, coco, tmp_path):
 
 def test_an_import_that_names_no_part_is_refused(annotate_cloud, coco, tmp_path):
     source = coco(categories=[{"id": 7, "name": "person"}])
-    assert_refused(annotate_cloud("import", source, tmp_path / "labels"), "labels no body part", "head")
+    assert_refused(annotate_cloud("import", source, tmp_path / "labels"), "has a part", "head")
     assert not (tmp_path / "labels").exists()
 
 
 def test_coloured_pictures_take_their_depth_from_the_folder_beside(coco, tmp_path):
     source = coco("shot.jpg")
-    with pytest.raises(FormatError, match=r"shot\.jpg is no depth image.*depth"):
+    with pytest.raises(FormatError, match=r"shot\.jpg is not a depth image.*depth"):
         taken(source, tmp_path / "labels")
     (source / "depth").mkdir()
     cv2.imwrite(str(source / "depth" / "shot.png"), np.full((H, W), 1500, np.uint16))
@@ -311,13 +311,13 @@ def test_polygons_hold_the_pixels_whose_centres_lie_in_them(coco, tmp_path, draw
 @pytest.mark.parametrize("seed", range(5))
 def test_a_polygon_is_its_naive_twin(seed, monkeypatch):
     """Ray by ray (Shimrat 1962), however few edges are computed at once."""
-    monkeypatch.setattr(polygons, "CELLS", 3 * 30)
+    monkeypatch.setattr(masks, "CELLS", 3 * 30)
     corners = np.random.default_rng(seed).uniform(-10, 50, (9, 2))
     x, y = np.meshgrid(np.arange(40) + 0.5, np.arange(30) + 0.5)
     odd = np.zeros((30, 40), bool)
     for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         odd ^= ((y0 <= y) != (y1 <= y)) & (x0 + (y - y0) * (x1 - x0) / (y1 - y0) <= x)
-    np.testing.assert_array_equal(polygons.polygon_pixels(corners, (30, 40)), odd)
+    np.testing.assert_array_equal(masks.polygon_pixels(corners, (30, 40)), odd)
 
 
 def test_polygons_of_an_image_of_another_size_are_refused(coco, tmp_path):

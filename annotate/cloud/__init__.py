@@ -1,1 +1,1 @@
-"""The thermal-coloured cloud of one frame, and neighbourhoods of its points."""
+"""Thermal-coloured clouds of frames, and neighbourhoods of their points."""

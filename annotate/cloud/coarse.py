@@ -1,7 +1,7 @@
 """Coarse cloud of a frame: every second pixel or so, a quarter of the work if no fine outline is needed.
 
-Of each square of pixels the first with a reading stands for all. What is found in the coarse cloud is given
-back to the whole image by depth: a pixel goes with the nearest of the points around it on its surface.
+The first pixel with a reading stands for its square. Labels of the coarse cloud return to the whole image by
+depth: a pixel takes the label of the nearest point around it on its surface.
 """
 
 from dataclasses import dataclass, replace
@@ -18,21 +18,18 @@ from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FARTHEST_MM, RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 
-FOCAL_PX = 170.0
-"""Least focal length in pixels of a coarse image: somebody at 2.5 m is 116 pixels tall. At a third
-of a Kinect v2's, 122, a person's outline has an IoU 0.03 lower, at half of it no less (measured on 8 frames
-of the virtual rig)."""
-SAME_SURFACE = 0.01
-"""Depth difference, as a share of the depth, that counts as much as a pixel's distance. Chosen by eye; twice
-as much changes the IoU of a person by 0.001 (measured)."""
+FOCAL_PX = (
+    170.0  # least of a coarse image; at 122 a person's outline has an IoU 0.03 lower (8 virtual frames)
+)
+SAME_SURFACE = 0.01  # share of the depth that counts as a pixel's distance; twice as much: IoU within 0.001
 
 
 @dataclass(frozen=True)
 class CoarseCloud:
-    """Coarse cloud of a frame, and what it was taken from.
+    """Coarse cloud of a frame, and its source.
 
-    camera: the undistorted depth camera. depth_mm: uint16 (h, w), its whole image. cloud: of (h // stride,
-    w // stride) points. pixel: flat index of each point's pixel in the whole image, -1 = none.
+    camera: undistorted, of the whole image depth_mm uint16 (h, w). cloud: of (h // stride, w // stride)
+    points. pixel: flat index of each point's pixel in the whole image, -1 = none.
     """
 
     camera: Intrinsics
@@ -43,11 +40,11 @@ class CoarseCloud:
 
     @classmethod
     def of(cls, whole: ThermalCloud) -> "CoarseCloud":
-        """Cloud of every second pixel or so of a whole one, as outlines allow."""
+        """Thin a whole cloud by the stride that its focal length allows."""
         stride = stride_of(whole.camera)
         pixel = _chosen(whole.depth_mm, stride)
         rows, columns = (stride * np.arange(side) for side in pixel.shape)
-        # Where a square has no reading, its first pixel has neither depth nor colour nor temperature.
+        # A square without a reading takes its first pixel, which has no values.
         at = np.where(pixel < 0, rows[:, None] * whole.camera.width + columns, pixel)
         cloud = ThermalCloud(
             reduced(whole.camera, stride),
@@ -60,11 +57,11 @@ class CoarseCloud:
         return cls(whole.camera, whole.depth_mm, cloud, pixel, stride)
 
     def enlarged(self, whose: UInt8) -> UInt8:
-        """Numbers (h, w) of the whole image's pixels by those of the points, 0 where there is no reading."""
+        """Return the numbers (h, w) of the whole image's pixels, 0 without a reading."""
         return nearest_labels(self.depth_mm, self.pixel, whose, self.stride)
 
     def coarse(self, labels: FrameLabels) -> FrameLabels:
-        """Labels of a whole image of this camera as those of a coarse one."""
+        """Thin the labels of a whole image of this camera."""
         pixel = _chosen(labels.depth_mm, self.stride)
 
         depth_mm = np.where(pixel >= 0, labels.depth_mm.ravel()[pixel], np.uint16(0))
@@ -76,9 +73,9 @@ class CoarseCloud:
 
 
 class CoarseFuser:
-    """Fusion of coarse clouds of depth and temperature, without colour; safe to call from several threads.
+    """Fusion of coarse clouds of depth and temperature, without colour; thread-safe.
 
-    calibration: the rig's. camera: the undistorted depth camera of the whole images.
+    camera: the undistorted depth camera of the whole images.
     """
 
     def __init__(self, calibration: RigCalibration) -> None:
@@ -91,11 +88,11 @@ class CoarseFuser:
         self._fuser = Fuser(replace(coarse, color=None, color_from_depth=None, depth_shift_mm=0.0))
 
     def fuse_frame(self, frame: RigFrame) -> CoarseCloud:
-        """Coarse cloud of a frame, whose colour image is not decoded. Raises CalibrationError."""
+        """Fuse a frame without decoding its colour image. Raises CalibrationError."""
         return self.fuse(frame.depth_mm, frame.thermal_c)
 
     def fuse(self, depth_mm: UInt16, thermal_c: Float32 | None = None) -> CoarseCloud:
-        """Coarse cloud of one moment; arguments as of ``Fuser.fuse``."""
+        """Fuse one moment; arguments as of ``Fuser.fuse``."""
         self.camera.check_size("depth image", depth_mm.shape)
         measured = shifted(depth_mm, self.calibration.depth_shift_mm)
         whole = _undistorted(np.ascontiguousarray(measured).ravel(), self._source)
@@ -106,7 +103,7 @@ class CoarseFuser:
 
 
 def nearest_labels(depth_mm: UInt16, pixel: Index, whose: UInt8, stride: int) -> UInt8:
-    """Numbers (h, w) of an image's pixels by those of points (rows, columns), 0 where there is no reading.
+    """Enlarge labels of points (rows, columns) to an image (h, w), 0 without a reading.
 
     pixel: flat index of each point's pixel, -1 = none; one in every square of ``stride`` pixels.
     """
@@ -115,12 +112,12 @@ def nearest_labels(depth_mm: UInt16, pixel: Index, whose: UInt8, stride: int) ->
 
 
 def stride_of(camera: Intrinsics) -> int:
-    """Pixels of an image that a point of its coarse cloud stands for, to each side."""
+    """Return the side in pixels of the square that a point of the coarse cloud stands for."""
     return max(1, int(min(camera.fx, camera.fy) / FOCAL_PX))
 
 
 def reduced(camera: Intrinsics, share: int) -> Intrinsics:
-    """The camera of an image with ``share`` times fewer columns and rows."""
+    """Return the camera of an image with ``share`` times fewer columns and rows."""
     return replace(
         camera,
         width=max(1, camera.width // share),
@@ -134,7 +131,7 @@ def reduced(camera: Intrinsics, share: int) -> Intrinsics:
 
 @njit(cache=True, nogil=True)
 def _undistorted(depth_mm: UInt16, source: Int32) -> UInt16:
-    """Undistorted depth (h, w) of flat depth; source: (h, w), index into it, -1 = none."""
+    """Undistort flat depth; source: (h, w), index into it, -1 = none."""
     whole = np.zeros(source.shape, np.uint16)
     for v in range(source.shape[0]):
         for u in range(source.shape[1]):
@@ -145,7 +142,7 @@ def _undistorted(depth_mm: UInt16, source: Int32) -> UInt16:
 
 @njit(cache=True, nogil=True)
 def _chosen(depth_mm: UInt16, stride: int) -> Index:
-    """Flat index (h // stride, w // stride) of the first pixel with a reading of each square, -1 = none."""
+    """Return the flat index (h // stride, w // stride) of each square's first reading, -1 = none."""
     width = depth_mm.shape[1]
     pixel = np.full((max(depth_mm.shape[0] // stride, 1), max(width // stride, 1)), -1, np.intp)
     for v in range(pixel.shape[0]):
@@ -160,10 +157,7 @@ def _chosen(depth_mm: UInt16, stride: int) -> Index:
 
 @njit(cache=True, nogil=True)
 def _enlarged(depth_mm: UInt16, pixel: Index, whose: UInt8, ends: UInt8, stride: int) -> UInt8:
-    """Numbers (h, w) of pixels by those of the points around them, the nearest on their surface.
-
-    ends: (2, rows, columns), the least and the highest number of each point and of those around it.
-    """
+    """As ``nearest_labels``; ends: (2, rows, columns), least and highest label around each point."""
     height, width = depth_mm.shape
     rows, columns = pixel.shape
     numbers = np.zeros(depth_mm.shape, np.uint8)
@@ -172,7 +166,7 @@ def _enlarged(depth_mm: UInt16, pixel: Index, whose: UInt8, ends: UInt8, stride:
             least, most = ends[0, v, u], ends[1, v, u]
             if most == 0:
                 continue
-            # The last row and column have what is left of the image.
+            # The last row and column take the rest of the image.
             bottom, right = (v + 1) * stride, (u + 1) * stride
             bottom, right = height if v == rows - 1 else bottom, width if u == columns - 1 else right
             for y in range(v * stride, bottom):
@@ -188,7 +182,7 @@ def _enlarged(depth_mm: UInt16, pixel: Index, whose: UInt8, ends: UInt8, stride:
 def _nearest(
     depth_mm: UInt16, pixel: Index, whose: UInt8, square: tuple[int, int], at: tuple[int, int]
 ) -> np.uint8:
-    """Number of the point nearest to a pixel, among those of its square and of the eight around that."""
+    """Return the label of the point nearest to a pixel, in its square and the eight around it."""
     (v, u), (y, x), width = square, at, depth_mm.shape[1]
     z, least, number = np.float32(depth_mm[y, x]), np.float32(np.inf), np.uint8(0)
     for r in range(max(v - 1, 0), min(v + 2, pixel.shape[0])):

@@ -1,26 +1,25 @@
-"""Log odds of a pixel being a person's by its colour, learnt within the frame from its sure pixels."""
+"""Log odds of a person by colour, learnt within a frame from its sure pixels.
+
+Constants are untuned.
+"""
 
 import cv2
 import numpy as np
 
 from annotate.array_types import Bool, Float32, Int32, UInt8
 
-MOST_BY_COLOR = 2.5
-"""Bound of the log odds of a colour: a sofa may have a suit's colour somewhere. Chosen by eye."""
-LEAST_FREQUENCY = 2e-4
-"""Share of pixels added to every colour's, seen or not: one in five thousand. Chosen by eye."""
-LEAST_LEARNT, SURE_ODDS = 200, 1.5
-"""Pixels of person and of background below which no colours are learnt, and the log odds from which on a
-pixel counts as one of these. Chosen by eye."""
-LAB_BITS = (5, 3, 3)
-"""Bits of each Lab channel that a colour's bin leaves out: 8 x 32 x 32 bins. Chosen by eye."""
+MOST_BY_COLOR = 2.5  # bound of the log odds of a colour, because a sofa may have a suit's colour
+LEAST_FREQUENCY = 2e-4  # share of pixels added to every colour's
+LEAST_LEARNT = 200  # pixels of person and of background below which no colours are learnt
+SURE_ODDS = 1.5  # log odds from which a pixel counts as one of these
+LAB_BITS = (5, 3, 3)  # of each Lab channel left out of a bin: 8 x 32 x 32 bins
 
 
 def color_odds(lab: UInt8, odds: Float32, candidates: Bool, among: Bool) -> Float32:
-    """Log odds (h, w) of each pixel's colour, learnt from the pixels with sure ``odds`` (h, w).
+    """Return the log odds (h, w) of each colour, learnt from sure ``odds`` (h, w); 0 without a colour.
 
-    lab: uint8 (h, w, 3), of ``lab_of``. candidates: bool (h, w), all other pixels are background. among: bool
-    (h, w), pixels to learn from. 0 without a colour.
+    lab: of ``lab_of``. candidates: all other pixels are background. among: pixels to learn from; both bool
+    (h, w).
     """
     seen = lab[..., 0] > 0
     bins = color_bins(lab)
@@ -33,7 +32,7 @@ def color_odds(lab: UInt8, odds: Float32, candidates: Bool, among: Bool) -> Floa
 
 
 def lab_of(color_rgb: UInt8, color_valid: Bool) -> UInt8:
-    """CIE Lab uint8 (h, w, 3) of sRGB colours; its first channel is at least 1, and 0 without a colour."""
+    """Return CIE Lab uint8 (h, w, 3) of sRGB colours; its first channel is 0 only without a colour."""
     lab = np.asarray(cv2.cvtColor(color_rgb, cv2.COLOR_RGB2Lab), np.uint8)
     lab[..., 0] = np.maximum(lab[..., 0], 1)
     lab[~color_valid] = 0
@@ -41,13 +40,13 @@ def lab_of(color_rgb: UInt8, color_valid: Bool) -> UInt8:
 
 
 def color_bins(lab: UInt8) -> Int32:
-    """Bin (...), 0 to 8191, of each colour uint8 (..., 3) of ``lab_of``."""
+    """Return the bin (...), 0 to 8191, of each colour uint8 (..., 3) of ``lab_of``."""
     lightness, a, b = (lab[..., i].astype(np.int32) >> bits for i, bits in enumerate(LAB_BITS))
     return np.asarray((lightness * 32 + a) * 32 + b, np.int32)
 
 
 def frequencies(bins: Int32) -> Float32:
-    """Share (8192,) of each bin among ``bins`` (n,), smoothed over neighbouring hues, all above 0."""
+    """Return the share (8192,) of each bin among ``bins`` (n,), smoothed over hues, all above 0."""
     count = np.bincount(bins, minlength=8 * 32 * 32).astype(np.float32).reshape(8, 32, 32)
     smooth = np.stack([cv2.GaussianBlur(plane, (0, 0), 0.8) for plane in count])
     return np.asarray(smooth.ravel() / max(float(smooth.sum()), 1.0) + LEAST_FREQUENCY, np.float32)

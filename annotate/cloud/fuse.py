@@ -1,7 +1,7 @@
-"""Organised thermal-coloured cloud, fused from depth, colour and temperature of one moment.
+"""Fusion of depth, colour and temperature of one moment to an organised cloud.
 
-Every depth point has the colour and the temperature of its pixel in an image of a camera that sees it
-(``annotate.cloud.visibility``), else none, so that a person's heat is never copied onto the wall behind.
+A point takes the colour and temperature of its pixel only in a camera to which it is visible
+(``annotate.cloud.visibility``), so a person's heat is not copied onto the wall behind.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -19,15 +19,14 @@ from sensors.rig.camera import Intrinsics, rays
 from sensors.rig.frame import FARTHEST_MM, RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 
-BESIDE = 2
-"""Frames of one fuser whose temperatures are looked up at once. Chosen by eye, for two cores."""
+BESIDE = 2  # threads that look up temperatures; untuned, for two cores
 
 
 def undistortion_index(camera: Intrinsics) -> Int32:
-    """Flat index int32 (h, w) into the distorted image of each undistorted pixel's source, -1 outside.
+    """Return the flat index int32 (h, w) of each undistorted pixel's source, -1 outside.
 
-    Bit for bit as libfreenect2 (``Registration::apply``): nearest neighbour in float32; x + 0.5 is truncated,
-    so that positions up to 1.5 pixels left of or above the image count as its first column or row.
+    Bit for bit as libfreenect2 (``Registration::apply``): nearest neighbour in float32. x + 0.5 is truncated,
+    so positions up to 1.5 pixels left of or above the image count as its first column or row.
     """
     u, v = (
         axis.astype(np.float32) for axis in np.meshgrid(np.arange(camera.width), np.arange(camera.height))
@@ -47,10 +46,7 @@ def undistortion_index(camera: Intrinsics) -> Int32:
 
 
 def shifted(depth_mm: UInt16, shift_mm: float) -> UInt16:
-    """Add a calibration's depth shift to readings, in whole millimetres as depth images have them.
-
-    No reading stays none; a reading that leaves what 16 bits hold becomes none.
-    """
+    """Add a calibration's depth shift, rounded to whole millimetres; readings out of range become 0."""
     whole = round(shift_mm)
     if not whole:
         return depth_mm
@@ -60,10 +56,9 @@ def shifted(depth_mm: UInt16, shift_mm: float) -> UInt16:
 
 
 class Fuser:
-    """Fusion of the frames of one calibration, with maps computed once.
+    """Fusion of the frames of one calibration, with precomputed maps; thread-safe.
 
-    calibration: the rig's. camera: the undistorted depth camera of the clouds. Safe to call from several
-    threads: the kernels release the interpreter lock. Temperatures are looked up beside colours.
+    camera: the undistorted depth camera of the clouds.
     """
 
     def __init__(self, calibration: RigCalibration) -> None:
@@ -81,20 +76,19 @@ class Fuser:
             self._thermal = PointView.of_thermal(depth, calibration.thermal, calibration.thermal_from_depth)
 
     def fuse_frame(self, frame: RigFrame) -> ThermalCloud:
-        """Cloud of a frame, its colour image decoded. Raises FormatError, CalibrationError."""
+        """Fuse a frame, decoding its colour image. Raises FormatError, CalibrationError."""
         return self.fuse(frame.depth_mm, frame.decode_color(), frame.thermal_c)
 
     def fuse(
         self, depth_mm: UInt16, color_rgb: UInt8 | None = None, thermal_c: Float32 | None = None
     ) -> ThermalCloud:
-        """Organised cloud of one moment, over the undistorted depth image.
+        """Fuse one moment to a cloud over the undistorted depth image.
 
-        depth_mm: uint16 (h, w) of the sensor, with its lens distortion; undistorted by nearest neighbour as
-        in libfreenect2, and moved by the calibration's depth shift. color_rgb: uint8 (h', w', 3); each point
-        takes the nearest pixel. thermal_c: float32 (h", w") degrees Celsius, NaN = no reading; each point
-        takes the bilinear mean of those of its four pixels that see its surface alone. A missing image leaves
-        colours invalid or temperatures NaN. Raises CalibrationError when an image's size is not its camera's,
-        or the calibration has no such camera.
+        depth_mm: uint16 (h, w) of the sensor; undistorted by nearest neighbour as in libfreenect2, and moved
+        by the calibration's depth shift. color_rgb: uint8 (h', w', 3), by nearest pixel. thermal_c: float32
+        (h", w"), NaN = no reading, by bilinear mean of those of the four pixels that show the point's surface
+        alone. A missing image leaves colours invalid or temperatures NaN. Raises CalibrationError for another
+        image size or a missing camera.
         """
         self.camera.check_size("depth image", depth_mm.shape)
         measured = shifted(depth_mm, self.calibration.depth_shift_mm)
@@ -112,18 +106,18 @@ class Fuser:
 
 
 def _colors(view: PointView, depth_m: Float32, color_rgb: UInt8) -> tuple[UInt8, Bool]:
-    """Colours uint8 (h, w, 3) of points with depths (h, w), and flags (h, w) of those in view."""
+    """Return colours uint8 (h, w, 3) of points with depths (h, w), and flags (h, w) of visible ones."""
     projection = view.project(depth_m)
     seen = view.visible(projection)
     return _nearest(projection, seen, np.ascontiguousarray(color_rgb)), seen
 
 
 def _temperatures(view: PointView, depth_m: Float32, thermal_c: Float32) -> Float32:
-    """Degrees Celsius (h, w) of points with depths (h, w), NaN where out of view."""
+    """Return temperatures (h, w) of points with depths (h, w), NaN out of view."""
     projection = view.project(depth_m)
     nearest = view.zbuffer(projection)
     front, known = view.front(nearest), np.isfinite(thermal_c)
-    # A border without readings spares the kernel every check of the image's edge.
+    # A border without readings saves the kernel the checks of the image's edge.
     sight = np.zeros((*(side + 2 for side in thermal_c.shape), 3), np.float32)
     sight[..., 0] = np.inf
     sight[1:-1, 1:-1] = np.stack([np.where(known, nearest, np.inf), front, np.where(known, thermal_c, 0)], -1)
@@ -131,7 +125,7 @@ def _temperatures(view: PointView, depth_m: Float32, thermal_c: Float32) -> Floa
 
 
 def _view_of(name: str, image: NDArray[Any], view: PointView | None) -> PointView:
-    """The view of an image's camera. Raises CalibrationError where there is none or its size differs."""
+    """Return the view of an image's camera. Raises CalibrationError."""
     if view is None:
         raise CalibrationError(
             f"the frame has a {name} image but the calibration has no {name} camera; "
@@ -143,7 +137,7 @@ def _view_of(name: str, image: NDArray[Any], view: PointView | None) -> PointVie
 
 @njit(cache=True, nogil=True)
 def _undistort(depth_mm: UInt16, source: Int32, rays_xy: Float32) -> tuple[UInt16, Float32]:
-    """Undistorted depth (h, w) in millimetres, and its points (h, w, 3) in metres, NaN where there is none.
+    """Return undistorted depth (h, w) in millimetres, and points (h, w, 3) in metres, NaN = no reading.
 
     depth_mm: flat. source: (h, w), index into it, -1 = none. rays_xy: (h, w, 2), rays at depth 1.
     """
@@ -161,7 +155,7 @@ def _undistort(depth_mm: UInt16, source: Int32, rays_xy: Float32) -> tuple[UInt1
 
 @njit(cache=True, nogil=True)
 def _nearest(projection: Projection, seen: Bool, image: UInt8) -> UInt8:
-    """Colours (h, w, 3) of the nearest pixels of an image (h', w', 3); 0 where not seen (h, w)."""
+    """Return colours (h, w, 3) of the nearest pixels of an image (h', w', 3); 0 where not seen (h, w)."""
     columns, rows, _ = projection
     colors = np.zeros((*seen.shape, 3), np.uint8)
     for v in range(seen.shape[0]):
@@ -175,10 +169,10 @@ def _nearest(projection: Projection, seen: Bool, image: UInt8) -> UInt8:
 
 @njit(cache=True, nogil=True)
 def _bilinear(projection: Projection, slack_m: Float32, sight: Float32) -> Float32:
-    """Bilinear mean (h, w) over the pixels with a reading of the point's own surface alone.
+    """Return the bilinear mean (h, w) over pixels with a reading of the point's own surface alone.
 
-    sight: (h', w', 3), z-buffer, its window's minimum and temperatures, with a border of one pixel; the
-    z-buffer is inf where there is no reading.
+    sight: (h', w', 3), z-buffer (inf without a reading), its window's minimum and temperatures; bordered by a
+    pixel.
     """
     column, row, ahead = projection
     values = np.full(ahead.shape, np.float32(np.nan))

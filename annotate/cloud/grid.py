@@ -1,9 +1,8 @@
-"""Graph of a depth image's pixels, with neighbours joined where the surface goes on.
+"""Graph of a depth image's pixels, with neighbours joined along surfaces.
 
-Two pixels at most two apart are joined when their depths differ by no more than a share of the nearer
-one, since both the sampling distance and the noise of a depth camera grow with range. Two, because half
-of the pixels on dark hair and cloth have no reading: with four neighbours such a surface falls to pieces
-(site percolation needs 0.59 of them with 4 neighbours, 0.41 with 8, 0.17 with the 24 used here).
+Two pixels at most two apart are joined if their depths differ by less than a share of the nearer one, because
+sampling distance and noise grow with range. Two apart, because half of the pixels on dark hair and cloth lack
+a reading: site percolation needs 0.59 of them with 4 neighbours, 0.41 with 8, 0.17 with 24.
 """
 
 import cv2
@@ -12,30 +11,28 @@ from numba import njit
 
 from annotate.array_types import Bool, Float32, Int32
 
-JUMP = 0.025
-"""Depth difference of neighbouring pixels, as a share of the depth, above which a surface ends: 5 cm at 2 m,
-a slant of 84 degrees at 365 pixels of focal length. Chosen by eye."""
+JUMP = 0.025  # depth difference of neighbours, share of the depth, above which a surface ends; untuned
 ALL_NEIGHBOURS = np.array([(v, u) for v in range(-2, 3) for u in range(-2, 3) if (v, u) != (0, 0)])
-"""(v, u) to all neighbours, in the order of the image; the first half are earlier in it."""
+"""(v, u) to all neighbours; the first half are earlier in the image."""
 
 
 def grown(mask: Bool, reach_px: float) -> Bool:
-    """Mask (h, w) grown by ``reach_px`` pixels to every side, by a square."""
+    """Grow a mask (h, w) by ``reach_px`` pixels to every side, by a square."""
     side = 2 * round(reach_px) + 1
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0, np.bool_)
 
 
 def components(mask: Bool, depth_m: Float32) -> tuple[Int32, int]:
-    """Labels int32 (h, w) of a mask's connected components, cut at depth jumps, and their count.
+    """Return labels int32 (h, w) of a mask's components, from 1, cut at depth jumps, and their count.
 
-    Labels count from 1; 0 is off the mask (bool (h, w)). depth_m: float32 (h, w), positive on the mask.
+    depth_m: float32 (h, w), positive on the mask (bool (h, w)).
     """
     return _components(mask, depth_m.astype(np.float32), np.float32(JUMP))
 
 
 @njit(cache=True, nogil=True, forceinline=True)
 def _find(parent: Int32, i: int) -> int:
-    """Root of ``i`` in a forest of parents (n,), paths halved."""
+    """Return the root of ``i`` in a forest of parents (n,), and halve its path."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]

@@ -1,7 +1,6 @@
-"""Supervoxels and clusters of a cloud: PCL behind plain numpy arrays.
+"""Supervoxels and clusters of a cloud by PCL.
 
-Points are (n, 3) in metres in any one frame. Points that are not finite (no reading) have id -1. The same
-input always gives the same ids.
+Points are (n, 3) in metres in any frame. Points that are not finite have id -1. Deterministic.
 """
 
 from dataclasses import dataclass
@@ -13,19 +12,16 @@ from scipy.spatial import cKDTree
 from annotate import _pcl
 from annotate.array_types import Bool, Float32, Float64, Int32, Int64, UInt8
 
-VOXEL_M = 0.012
-"""Metres between the points of the grid on which the surface is followed. Chosen by eye."""
-SPATIAL_WEIGHT, NORMAL_WEIGHT = 0.4, 1.0
-"""Weights in PCL's distance of place, relative to ``seed_m``, and of 1 - |cos| of normals. Chosen by eye."""
+VOXEL_M = 0.012  # of the grid on which the surface is followed; untuned
+SPATIAL_WEIGHT, NORMAL_WEIGHT = 0.4, 1.0  # in PCL's distance: of place / ``seed_m``, of 1 - |cos|; untuned
 
 
 @dataclass(frozen=True)
 class Supervoxels:
-    """Tiles of a cloud: small pieces of surface, alike in place, normal and colour.
+    """Small pieces of surface, alike in place, normal and colour.
 
-    ids: int32 (n,), 0 <= id < count, -1 for points without a reading; no id is unused.
-    count: number of supervoxels. edges: int32 (e, 2), pairs of touching supervoxels, each pair
-    once, low id first, sorted.
+    ids: int32 (n,), below count, -1 for points without a reading; every id is used. edges: int32 (e, 2),
+    pairs of touching supervoxels, low id first, sorted.
     """
 
     ids: Int32
@@ -34,11 +30,11 @@ class Supervoxels:
 
     @property
     def sizes(self) -> Int64:
-        """Number of points (count,) in each supervoxel; never 0."""
+        """Return the number of points (count,) of each supervoxel."""
         return np.bincount(self.ids[self.ids >= 0], minlength=self.count)
 
     def mean(self, values: NDArray[np.generic]) -> Float64:
-        """Mean (count, ...) over each supervoxel of a feature (n, ...) of the points; NaN spreads."""
+        """Return the mean (count, ...) of a feature (n, ...) over each supervoxel; NaN spreads."""
         inside = self.ids >= 0
         ids = self.ids[inside]
         columns = np.asarray(values)[inside].reshape(len(ids), -1).astype(np.float64)
@@ -51,13 +47,11 @@ class Supervoxels:
 def supervoxels(
     points_m: Float32, colors_rgb: UInt8, *, seed_m: float = 0.06, color_weight: float = 1.0
 ) -> Supervoxels:
-    """Supervoxels of a cloud by VCCS (Papon et al., CVPR 2013) without its camera transform.
+    """Compute the supervoxels of a cloud by VCCS (Papon et al., CVPR 2013) without camera transform.
 
-    points_m: float32 (n, 3). colors_rgb: uint8 (n, 3). seed_m: distance between seeds, about a supervoxel's
-    diameter, more than VOXEL_M. color_weight: weight in PCL's distance of colour relative to 255.
-
-    Every finite point is assigned: points that VCCS leaves out join the supervoxel of the nearest assigned
-    point within seed_m; islands farther off become supervoxels of their own.
+    points_m: float32 (n, 3). colors_rgb: uint8 (n, 3). seed_m: distance between seeds, more than VOXEL_M.
+    color_weight: in PCL's distance, relative to 255. Points that VCCS leaves out join the nearest supervoxel
+    within seed_m; islands farther off become supervoxels.
     """
     finite = np.asarray(np.isfinite(points_m).all(axis=1))
     points = points_m[finite].astype(np.float32, copy=False)
@@ -75,17 +69,14 @@ def supervoxels(
 
 
 def clusters(points_m: Float32, *, tolerance_m: float) -> Int32:
-    """Numbers int32 (n,) of clusters: points (n, 3) joined within tolerance_m of one another.
-
-    0 is the largest cluster, ties go by the first point.
-    """
+    """Return cluster numbers int32 (n,) of points (n, 3) joined within tolerance_m; 0 is the largest."""
     finite = np.asarray(np.isfinite(points_m).all(axis=1))
     points = points_m[finite].astype(np.float32, copy=False)
     return _spread(_pcl.euclidean_clusters(points, tolerance_m=tolerance_m, min_size=1), finite)
 
 
 def _assign_rest(points: Float32, ids: Int32, seed_m: float) -> tuple[int, Int32]:
-    """Number of supervoxels, and ids (n,) with one for every point that VCCS left out (-1)."""
+    """Return the number of supervoxels, and ids (n,) with every point assigned."""
     assigned, count = ids >= 0, int(ids.max(initial=-1)) + 1
     rest = np.flatnonzero(~assigned)
     if rest.size and count:
@@ -101,7 +92,7 @@ def _assign_rest(points: Float32, ids: Int32, seed_m: float) -> tuple[int, Int32
 
 
 def _spread(ids: Int32, finite: Bool) -> Int32:
-    """Ids (n,) of all points, from those of the finite ones (bool (n,)); -1 for the others."""
+    """Return ids (n,) of all points from the finite ones (bool (n,)); -1 for the others."""
     spread = np.full(len(finite), -1, np.int32)
     spread[finite] = ids
     return spread

@@ -1,4 +1,4 @@
-"""The organised thermal-coloured cloud: one point per pixel of the undistorted depth image."""
+"""Organised thermal-coloured cloud: one point per pixel of the undistorted depth image."""
 
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -10,18 +10,16 @@ from sensors.errors import CloudError, FormatError
 from sensors.rig.camera import Intrinsics
 
 PointCloud: TypeAlias = Any
-"""An ``open3d.t.geometry.PointCloud``; Open3D is imported only where one is made."""
+"""``open3d.t.geometry.PointCloud``, imported only when needed."""
 
 
 @dataclass(frozen=True)
 class ThermalCloud:
-    """Points, colours and temperatures of one rig frame; point index = pixel index [v, u].
+    """Points, colours and temperatures of one frame; point index = pixel index [v, u].
 
     camera: the undistorted depth camera, of shape (h, w). depth_mm: uint16 (h, w), 0 = no reading. points_m:
-    float32 (h, w, 3), depth camera's frame, NaN = no reading. color_rgb: uint8 (h, w, 3), (0, 0, 0) where not
-    color_valid. color_valid: bool (h, w), False where the colour camera does not see the point (occluded, out
-    of view, no colour camera). temperature_c: float32 (h, w), degrees Celsius, NaN where the thermal camera
-    does not see the point. Raises FormatError for another shape.
+    float32 (h, w, 3), depth camera's frame, NaN = no reading. color_rgb: uint8 (h, w, 3), 0 where not
+    color_valid (h, w). temperature_c: float32 (h, w), NaN out of view. Raises FormatError for another shape.
     """
 
     camera: Intrinsics
@@ -45,15 +43,15 @@ class ThermalCloud:
 
     @property
     def valid(self) -> Bool:
-        """Flags (h, w) of pixels with a depth reading."""
+        """Return flags (h, w) of pixels with a depth reading."""
         return self.depth_mm > 0
 
     def to_open3d(self) -> PointCloud:
-        """Open3D cloud (``open3d.t.geometry.PointCloud``) of the n pixels with a reading.
+        """Return an Open3D cloud (``open3d.t.geometry.PointCloud``) of the n pixels with a reading.
 
         positions: float32 (n, 3), metres, depth camera's frame. colors: float32 (n, 3), sRGB in [0, 1], black
-        where not ``color_valid`` (bool (n, 1)). temperature: float32 (n, 1), degrees Celsius, NaN = no
-        reading. pixel: int32 (n, 1), flat pixel index. Raises CloudError without the extra ``clouds``.
+        where not ``color_valid`` (bool (n, 1)). temperature: float32 (n, 1), NaN = no reading. pixel: int32
+        (n, 1), flat index. Raises CloudError without the extra ``clouds``.
         """
         try:
             import open3d as o3d
@@ -70,10 +68,10 @@ class ThermalCloud:
 
     @classmethod
     def from_open3d(cls, cloud: PointCloud, camera: Intrinsics) -> "ThermalCloud":
-        """Inverse of ``to_open3d``, also for a selection of the points: other pixels have no reading.
+        """Invert ``to_open3d``, also for a selection of the points; other pixels have no reading.
 
-        camera: the undistorted depth camera. Positions must still be in its frame. Raises FormatError for a
-        cloud with an attribute missing, or pixel indices that are not unique or not of this camera.
+        camera: the undistorted depth camera, in whose frame positions must be. Raises FormatError for a
+        missing attribute, or pixel indices that are not unique or not of this camera.
         """
         missing = [n for n in ("colors", "color_valid", "temperature", "pixel") if n not in cloud.point]
         if missing:

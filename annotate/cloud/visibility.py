@@ -1,7 +1,7 @@
-"""Visibility of the depth camera's points in another camera of the rig, by projection and z-buffer.
+"""Visibility of the depth camera's points in another camera, by projection and z-buffer.
 
-A point is occluded where the z-buffer around its pixel holds a point nearer by more than its slack. All
-arithmetic is float32, accurate to a few ten-thousandths of a pixel: it runs in the processor's vector units.
+A point is occluded if the z-buffer around its pixel holds a point nearer by more than its slack. All
+arithmetic is float32, accurate to a few ten-thousandths of a pixel, so that it vectorises.
 """
 
 import threading
@@ -17,23 +17,18 @@ from sensors.calibration_files.kinect2_factory import KINECT2_COLOR, KINECT2_DEP
 from sensors.rig.camera import Intrinsics, rays
 from sensors.rig.rig_calibration import Pose
 
-COLOR_TOLERANCE = 0.01
-"""Share of its depth by which a point may lie behind the nearest one and have its colour (libfreenect2)."""
-COLOR_HALF_HEIGHT, COLOR_HALF_WIDTH = 1, 2
-"""Half sides of the z-buffer's window in pixels of a Kinect v2's colour camera (libfreenect2: 5 x 3)."""
-THERMAL_HALF_WINDOW = 1
-"""The same for temperature, in thermal pixels: a pixel on a silhouette is a mixture of both surfaces, so that
-the nearer one takes its temperature and the farther one none. Chosen by eye."""
-THERMAL_TOLERANCE = 0.03
-"""As COLOR_TOLERANCE, for temperature: 6 cm at 2 m, which parts a person from the wall. Chosen by eye: with
-0.01 a third of a seated person's points are too close behind another limb."""
-
+COLOR_TOLERANCE = (
+    0.01  # share of its depth by which a coloured point may lie behind the nearest (libfreenect2)
+)
+COLOR_HALF_HEIGHT, COLOR_HALF_WIDTH = 1, 2  # pixels of a Kinect v2's colour camera (libfreenect2: 5 x 3)
+THERMAL_HALF_WINDOW = 1  # thermal pixels, because a pixel on a silhouette mixes both surfaces; untuned
+THERMAL_TOLERANCE = 0.03  # as COLOR_TOLERANCE; 0.01 loses a third of a seated person's points; untuned
 HALF, ONE, TWO, ZERO = np.float32(0.5), np.float32(1), np.float32(2), np.float32(0)
 NOWHERE = np.float32(np.nan)
 
 
 class Projection(NamedTuple):
-    """Columns, rows (h, w) of points in another camera's image, pixels, and metres (h, w) ahead of it.
+    """Columns, rows (h, w) of points in another camera's image, and metres (h, w) ahead of the camera.
 
     ahead_m: NaN for points without depth, behind the camera or outside its image.
     """
@@ -45,13 +40,13 @@ class Projection(NamedTuple):
 
 @dataclass(frozen=True)
 class PointView:
-    """View of the depth camera's points from another camera of the rig, with its rule of occlusion.
+    """View of the depth camera's points from another camera, with its rule of occlusion.
 
-    camera: the other camera. rays: float32 (3, h, w), the depth camera's rays (z = 1) in the other camera's
-    axes. translation_m: float32 (3,), other_from_depth. half_window: (rows, columns) of the z-buffer's window
-    to each side. tolerance: share of its depth by which a seen point may lie behind another. slope_reach:
-    depth pixels over which a slanted surface may recede within the window without counting as occluded (the
-    slope-scaled bias of shadow mapping).
+    rays: float32 (3, h, w), the depth camera's rays (z = 1) in the other camera's axes. translation_m:
+    float32 (3,), other_from_depth. half_window: (rows, columns) of the z-buffer's window to each side.
+    tolerance: share of its depth by which a visible point may lie behind another. slope_reach: depth pixels
+    over which a slanted surface may recede without counting as occluded (slope-scaled bias of shadow
+    mapping).
     """
 
     camera: Intrinsics
@@ -64,9 +59,9 @@ class PointView:
 
     @staticmethod
     def of_color(depth: Intrinsics, color: Intrinsics, color_from_depth: Pose) -> "PointView":
-        """View of a colour camera, with libfreenect2's window, scaled by colour pixels per depth pixel.
+        """Return the view of a colour camera, with libfreenect2's window, scaled to its resolution.
 
-        In an image that is aligned with depth pixel for pixel, no point hides another.
+        In an image aligned with depth pixel for pixel, no point hides another.
         """
         if color == depth and not color_from_depth.translation_m.any():
             return PointView(color, *_turned(depth, color_from_depth), (0, 0), np.inf, 0.0)
@@ -76,13 +71,13 @@ class PointView:
 
     @staticmethod
     def of_thermal(depth: Intrinsics, thermal: Intrinsics, thermal_from_depth: Pose) -> "PointView":
-        """View of a thermal camera; a floor may recede over the window and half of the point's own pixel."""
+        """Return the view of a thermal camera; its slope reach is the window and half a pixel."""
         reach = (THERMAL_HALF_WINDOW + 0.5) * depth.fx / thermal.fx
         half_window = THERMAL_HALF_WINDOW, THERMAL_HALF_WINDOW
         return PointView(thermal, *_turned(depth, thermal_from_depth), half_window, THERMAL_TOLERANCE, reach)
 
     def project(self, depth_m: Float32) -> Projection:
-        """Projection of the points of an undistorted depth image (h, w) in metres, NaN = no reading."""
+        """Project the points of an undistorted depth image (h, w) in metres, NaN = no reading."""
         camera = self.camera
         lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion], np.float32)
         size = np.float32(camera.height), np.float32(camera.width)
@@ -90,33 +85,33 @@ class PointView:
         return Projection(*(plane.reshape(depth_m.shape) for plane in flat))
 
     def slack_m(self, ahead_m: Float32) -> Float32:
-        """Metres by which each point (h, w) may lie behind the z-buffer and still be seen.
+        """Return the metres by which each point (h, w) may lie behind the z-buffer and be visible.
 
-        ``tolerance`` of its depth, and what its surface recedes over ``slope_reach``. The slope is
-        the lesser difference to each side, so that an edge is no slope; beside a gap it counts as flat.
+        ``tolerance`` of its depth, plus its surface's slope over ``slope_reach``. The slope is the lesser
+        difference to each side, so that edges do not count; beside a gap it is 0.
         """
         return _slack(ahead_m, np.float32(self.tolerance), np.float32(self.slope_reach))
 
     def zbuffer(self, projection: Projection) -> Float32:
-        """Least metres ahead (h', w') of the points on each pixel; inf where there is none.
+        """Return the least metres ahead (h', w') of the points on each pixel; inf without any.
 
-        The buffer belongs to the view and the calling thread: the next call overwrites it, or ``visible``.
+        The next call in the calling thread, or ``visible``, overwrites the buffer.
         """
         nearest = self._buffer(0)
         _fill_zbuffer(projection, nearest, _steps(0))
         return nearest
 
     def front(self, nearest: Float32) -> Float32:
-        """Minimum (h', w') of a z-buffer over each pixel's window."""
+        """Return the minimum (h', w') of a z-buffer over each pixel's window."""
         rows, columns = self.half_window
         window = np.ones((2 * rows + 1, 2 * columns + 1), np.uint8)
         return np.asarray(cv2.erode(nearest, window), np.float32)
 
     def visible(self, projection: Projection) -> Bool:
-        """Flags (h, w) of points that no other hides: those not behind ``front`` by more than ``slack_m``.
+        """Return flags (h, w) of points not behind ``front`` by more than ``slack_m``.
 
-        The window's rows are taken when points are entered, its columns when they are looked up, so that
-        millions of pixels on which no point falls cost nothing.
+        The window's rows are applied when points are entered, its columns on look-up. So pixels without
+        points cost nothing.
         """
         rows, columns = self.half_window
         tall = self._buffer(rows)
@@ -124,8 +119,8 @@ class PointView:
         return _visible(projection, tall, _steps(columns), np.uint32(rows), self.slack_m(projection.ahead_m))
 
     def _buffer(self, rows: int) -> Float32:
-        """An image (h' + 2 * rows, w') of this view and the calling thread, to overwrite."""
-        # Kept, because fresh pages for 1920x1080 floats cost more time than all the arithmetic.
+        """Return an image (h' + 2 * rows, w') of this view and the calling thread, to overwrite."""
+        # Reused, because fresh pages for 1920x1080 floats cost more time than the arithmetic.
         height, width = self.camera.shape
         shape = height + 2 * rows, width
         if getattr(self._buffers, "image", None) is None or self._buffers.image.shape != shape:
@@ -135,16 +130,16 @@ class PointView:
 
 
 def _turned(depth: Intrinsics, pose: Pose) -> tuple[Float32, Float32]:
-    """Rays (3, h, w) of the depth camera in the other camera's axes, and the pose's translation (3,)."""
+    """Return rays (3, h, w) of the depth camera in the other camera's axes, and the translation (3,)."""
     turned = np.einsum("ij,hwj->ihw", pose.rotation, rays(depth.undistorted()))
     return np.ascontiguousarray(turned, np.float32), pose.translation_m.astype(np.float32)
 
 
 @njit(cache=True, nogil=True, forceinline=True)
 def nearest_pixel(coordinate: np.float32) -> np.uint32:
-    """Index of the pixel that a coordinate of at least -0.5 falls on.
+    """Return the index of the pixel at a coordinate of at least -0.5.
 
-    Unsigned, so that no kernel spends time on Python's negative indices.
+    Unsigned, so that no kernel checks for negative indices.
     """
     return np.uint32(coordinate + HALF)
 
@@ -153,9 +148,9 @@ def nearest_pixel(coordinate: np.float32) -> np.uint32:
 def _project(
     depth_m: Float32, turned: Float32, translation_m: Float32, lens: Float32, size: tuple[np.float32, ...]
 ) -> tuple[Float32, Float32, Float32]:
-    """Columns, rows and metres ahead (n,) of flat depths (n,), as of ``PointView.project``.
+    """Project flat depths (n,); return columns, rows and metres ahead (n,).
 
-    Free of branches and shared arrays, so that it is vectorised: 0.2 ms a frame instead of 2.
+    Free of branches and shared arrays, so that it vectorises: 0.2 ms a frame instead of 2.
     """
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = lens
     t_x, t_y, t_z = translation_m
@@ -192,13 +187,13 @@ def _slack(ahead_m: Float32, tolerance: np.float32, slope_reach: np.float32) -> 
 
 
 def _steps(half: int) -> tuple[np.uint32, ...]:
-    """Steps through a window of ``half`` pixels to each side; as a tuple their number is compiled in."""
+    """Return the steps through a window; as a tuple their number is compiled in."""
     return tuple(np.uint32(step) for step in range(2 * half + 1))
 
 
 @njit(cache=True, nogil=True)
 def _fill_zbuffer(projection: Projection, nearest: Float32, rows: tuple[np.uint32, ...]) -> None:
-    """Fill ``nearest`` with the least metres ahead of the points on each pixel and the given rows below."""
+    """Fill ``nearest`` with the least metres ahead on each pixel and the given rows below."""
     column, row, ahead = projection
     nearest[:] = np.float32(np.inf)
     for v in range(ahead.shape[0]):

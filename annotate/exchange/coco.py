@@ -1,56 +1,63 @@
 """COCO: ``annotations.json`` with run-length masks, and the depth images in ``images/``.
 
-Format: cocodataset.org, "Data format"; run lengths: ``coco_runs``. A part is a category by its id, undefined
-is 255, a person's whole mask is category 100.
+Format: cocodataset.org, "Data format"; compressed run lengths: pycocotools' ``maskApi.c`` (``rleToString``),
+which is not used because it writes past its memory on a truncated file. A part is a category by its id,
+undefined is 255, a person's whole mask is category 100.
 """
 
 import json
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from natsort import natsorted
 
+from annotate.array_types import Bool
 from annotate.crop import window_of
-from annotate.exchange.coco_runs import pixels_of, rle_to_string
+from annotate.exchange.annotated_images import AnnotatedImage, check_size, read_annotated, write_image
 from annotate.exchange.companion import MAX_TEXT_BYTES, Companion
-from annotate.exchange.image_names import DepthImages, frame_ids
-from annotate.exchange.masks import MASK_IDS, PERSON, Mask, images_from, masks_of, runs_of
-from annotate.exchange.polygons import FEW_CORNERS, POLYGONS, check_size, polygon_pixels
+from annotate.exchange.masks import (
+    FEW_CORNERS,
+    MASK_IDS,
+    PERSON,
+    POLYGONS,
+    Mask,
+    mask_from_runs,
+    masks_of,
+    polygon_pixels,
+    runs_of,
+)
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.images import encode_png
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.rig.camera import Intrinsics
 
-ANNOTATIONS, IMAGES = "annotations.json", "images"
+ANNOTATIONS = "annotations.json"
 ROBOFLOW = "_annotations.coco.json"
 LAYOUTS = (
-    "annotations/instances_*.json",
+    ANNOTATIONS,
+    "annotations/instances_*.json",  # CVAT; its key points lie beside them
     "instances_*.json",
     "annotations/*.json",
     ROBOFLOW,
     f"*/{ROBOFLOW}",
-    "*.json",
+    "*.json",  # Label Studio's result.json, FiftyOne's labels.json, labelme2coco's dataset.json
 )
-"""Annotation files as CVAT and Roboflow name them, by glob pattern; the last are Label Studio's
-``result.json``, FiftyOne's ``labels.json``, labelme2coco's ``dataset.json`` and any other name."""
 KEYS = (b'"images"', b'"annotations"', b'"categories"')
-"""Contents that make a file of any name COCO's."""
+"""Contents of a COCO file of any name."""
 CATEGORIES = {**MASK_IDS, PERSON: 100}
-"""Category by the name of a mask."""
+BOX_TOLERANCE_PX = 1.5  # between a stated box and its mask, because programs round differently; untuned
 
 
 def write_coco(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
     """Write into an empty folder."""
-    (out / IMAGES).mkdir()
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
     for frame in frames:
         height, width = frame.parts.shape
-        name = f"{frame.frame_id}.png"
-        (out / IMAGES / name).write_bytes(encode_png(frame.depth_mm))
+        name = write_image(out, frame)
         images.append({"id": len(images) + 1, "file_name": name, "width": width, "height": height})
         for mask in masks_of(frame):
             annotations.append(_annotation(mask, len(annotations) + 1, len(images)))
@@ -59,74 +66,71 @@ def write_coco(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> 
     (out / ANNOTATIONS).write_text(json.dumps(content), encoding="ascii")
 
 
-def annotation_files(source: Path) -> list[Path]:
-    """Return the annotation files of a folder under the first of the known names.
+def _annotation(mask: Mask, number: int, image: int) -> dict[str, Any]:
+    extra = {"person": mask.person} if mask.name == PERSON else {}
+    return {
+        "id": number,
+        "image_id": image,
+        "category_id": CATEGORIES[mask.name],
+        "segmentation": {
+            "size": list(mask.pixels.shape),
+            "counts": rle_to_string(runs_of(mask.pixels.ravel(order="F"))),
+        },
+        "area": int(mask.pixels.sum()),
+        "bbox": _box(mask.pixels),
+        "iscrowd": 0,
+        **extra,
+    }
 
-    CVAT's ``annotations/instances_SUBSET.json`` come first: its key points lie beside them.
-    """
-    for pattern in (ANNOTATIONS, *LAYOUTS):
+
+def _box(pixels: Bool) -> list[int]:
+    rows, columns = window_of(pixels)
+    return [columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start]
+
+
+def annotation_files(source: Path) -> list[Path]:
+    """Return the annotation files of a folder under the first of the known names."""
+    for pattern in LAYOUTS:
         files = natsorted(file for file in source.glob(pattern) if file.is_file())
         if pattern == LAYOUTS[-1]:
-            files = [file for file in files if _is_coco(file)]
+            files = [f for f in files if all(key in read_bounded(f, MAX_TEXT_BYTES) for key in KEYS)]
         if files:
             return files
     return []
 
 
-def _is_coco(file: Path) -> bool:
-    data = read_bounded(file, MAX_TEXT_BYTES)
-    return all(key in data for key in KEYS)
-
-
 def read_coco(source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """Read masks as run lengths, compressed or not, and polygons; the inverse of ``write_coco``.
-
-    Raises FormatError.
-    """
+    """Read masks as run lengths, compressed or not, and polygons. Raises FormatError."""
     files = [companion.annotations] if companion.annotations else annotation_files(source)
     images = [image for file in files for image in _images(source, file, companion)]
-    ids, depth = frame_ids([image.name for image in images]), DepthImages(source)
-    yield from (_frame(depth, *both, companion) for both in zip(images, ids, strict=True))
+    yield from read_annotated(source, images, companion)
 
 
-class _Image(NamedTuple):
-    """An image of an annotation file. size: (height, width) as stated. categories: names by id."""
-
-    file: Path
-    name: str
-    size: tuple[object, object]
-    annotations: list[dict[str, Any]]
-    categories: dict[str, str]
-
-
-def _images(source: Path, file: Path, companion: Companion) -> list[_Image]:
+def _images(source: Path, file: Path, companion: Companion) -> list[AnnotatedImage]:
     """Return the images of an annotation file, in its order; ids may be numbers or texts."""
     # Roboflow's splits are folders, each with its annotations and images.
     split = file.parent.name if file.name == ROBOFLOW and file.parent != source else ""
+    found: dict[str, AnnotatedImage] = {}
+    by_image: dict[str, list[dict[str, Any]]] = {}
     try:
         content = json.loads(read_bounded(file, MAX_TEXT_BYTES))
         categories = {_key(c["id"]): str(c["name"]) for c in content["categories"]}
-        images = {
-            _key(image["id"]): _Image(
-                file,
-                str(PurePosixPath(split) / str(image["file_name"])) if split else str(image["file_name"]),
-                (image.get("height"), image.get("width")),
-                [],
-                categories,
-            )
-            for image in content["images"]
-        }
+        for image in content["images"]:
+            key, size = _key(image["id"]), (image.get("height"), image.get("width"))
+            name = str(PurePosixPath(split) / str(image["file_name"])) if split else str(image["file_name"])
+            own = by_image[key] = []
+            masks = partial(_masks, own, size, categories, companion)
+            found[key] = AnnotatedImage(file, name, masks)
         for annotation in content["annotations"]:
-            image = images.get(_key(annotation["image_id"]))
-            if image is None:
-                companion.remark("annotations of images that the file does not list are not read")
+            if _key(annotation["image_id"]) in by_image:
+                by_image[_key(annotation["image_id"])].append(annotation)
             else:
-                image.annotations.append(annotation)
+                companion.remark("annotations of images that the file does not list are not read")
     except KeyError as error:
         raise FormatError(f"{file} is not a COCO file (it lacks {str(error)[:80]})") from error
     except (ValueError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         raise FormatError(f"{file} is not a COCO file ({str(error)[:80]!r})") from error
-    return list(images.values())
+    return list(found.values())
 
 
 def _key(number: object) -> str:
@@ -134,67 +138,101 @@ def _key(number: object) -> str:
     return str(int(number) if isinstance(number, float) and number.is_integer() else number)
 
 
-def _annotation(mask: Mask, number: int, image: int) -> dict[str, Any]:
-    height, width = mask.pixels.shape
-    rows, columns = window_of(mask.pixels)
-    counts = rle_to_string(runs_of(mask.pixels.ravel(order="F")))
-    extra = {"person": mask.person} if mask.name == PERSON else {}
-    return {
-        "id": number,
-        "image_id": image,
-        "category_id": CATEGORIES[mask.name],
-        "segmentation": {"size": [height, width], "counts": counts},
-        "area": int(mask.pixels.sum()),
-        "bbox": [columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start],
-        "iscrowd": 0,
-        **extra,
-    }
+def _masks(
+    annotations: list[dict[str, Any]],
+    size: tuple[object, object],
+    categories: dict[str, str],
+    companion: Companion,
+    shape: tuple[int, int],
+) -> Iterator[Mask]:
+    """Yield the masks of annotations; count boxes and key points alone as remarks."""
+    for annotation in annotations:
+        segmentation, name = annotation.get("segmentation"), categories[_key(annotation["category_id"])]
+        person = int(annotation.get("person", 1))
+        if isinstance(segmentation, dict):
+            pixels, remark = _run_pixels(segmentation, annotation.get("bbox"), shape)
+            if remark:
+                companion.remark(remark)
+            yield Mask(name, person, pixels)
+            continue
+        # Some programs write one polygon without the list around it.
+        rings = list(segmentation or [])
+        rings = [rings] if rings and isinstance(rings[0], int | float) else rings
+        polygons = [np.array(one, np.float64).ravel() for one in rings]
+        drawn = [polygon for polygon in polygons if polygon.size >= 6]
+        for _ in range(len(polygons) - len(drawn)):
+            companion.remark(FEW_CORNERS)
+        if not drawn:
+            companion.remark("annotations without a mask (boxes, key points) are not read")
+            continue
+        check_size(size, shape)
+        companion.remark(POLYGONS)
+        pixels = np.zeros(shape, np.bool_)
+        for polygon in drawn:
+            if polygon.size % 2:
+                raise FormatError(f"a polygon has {polygon.size} coordinates, an odd number; export it again")
+            pixels |= polygon_pixels(polygon.reshape(-1, 2), shape)
+        yield Mask(name, person, pixels)
 
 
-def _frame(depth: DepthImages, image: _Image, frame_id: str, companion: Companion) -> FrameLabels:
-    try:
-        depth_mm = depth.read(image.name)
-        masks = (_mask(one, image, depth_mm.shape, companion) for one in image.annotations)
-        parts, persons = images_from((mask for mask in masks if mask is not None), depth_mm.shape)
-    except KeyError as error:
-        raise FormatError(
-            f"{image.file}, image {image.name[:100]!r}: an annotation lacks {str(error)[:80]}, or names a "
-            "category that the file does not list; export instances as COCO"
-        ) from error
-    except (ValueError, TypeError, IndexError, OverflowError) as error:
-        raise FormatError(f"{image.file}, image {image.name[:100]!r}: {str(error)[:80]!r}") from error
-    return companion.labels(frame_id, depth_mm, parts, persons)
+def _run_pixels(segmentation: dict[str, Any], box: object, shape: tuple[int, int]) -> tuple[Bool, str]:
+    """Return the pixels (h, w) of run lengths, and a remark or "". Raises FormatError.
+
+    COCO counts column by column, some programs row by row; the annotation's ``bbox`` shows the direction.
+    """
+    height, width = (int(side) for side in segmentation["size"])
+    if (height, width) != shape:
+        raise FormatError(f"a mask is {height}x{width} on an image of {shape}; export it again")
+    counts = segmentation["counts"]
+    runs = rle_from_string(counts) if isinstance(counts, str) else [int(n) for n in counts]
+    flat = mask_from_runs(runs, height * width)
+    by_columns = flat.reshape((height, width), order="F")
+    if not flat.any() or _fits(by_columns, box):
+        return by_columns, ""
+    by_rows = flat.reshape((height, width))
+    if _fits(by_rows, box):
+        return by_rows, "masks have run lengths row by row, not column by column; bbox shows it"
+    return by_columns, "masks do not fit their bbox; their run lengths are read column by column"
 
 
-def _mask(
-    annotation: dict[str, Any], image: _Image, shape: tuple[int, int], companion: Companion
-) -> Mask | None:
-    """Return the mask of an annotation; None for a box or key points alone, which are counted."""
-    segmentation, name = annotation.get("segmentation"), image.categories[_key(annotation["category_id"])]
-    person = int(annotation.get("person", 1))
-    if isinstance(segmentation, dict):
-        pixels, remark = pixels_of(segmentation, annotation.get("bbox"), shape)
-        if remark:
-            companion.remark(remark)
-        return Mask(name, person, pixels)
-    polygons = [np.array(one, np.float64).ravel() for one in _rings(segmentation)]
-    drawn = [polygon for polygon in polygons if polygon.size >= 6]
-    for _ in range(len(polygons) - len(drawn)):
-        companion.remark(FEW_CORNERS)
-    if not drawn:
-        companion.remark("annotations without a mask (boxes, key points) are not read")
-        return None
-    check_size(image.size, shape)
-    companion.remark(POLYGONS)
-    pixels = np.zeros(shape, np.bool_)
-    for polygon in drawn:
-        if polygon.size % 2:
-            raise FormatError(f"a polygon has {polygon.size} coordinates, an odd number; export it again")
-        pixels |= polygon_pixels(polygon.reshape(-1, 2), shape)
-    return Mask(name, person, pixels)
+def _fits(pixels: Bool, box: object) -> bool:
+    if not isinstance(box, list) or len(box) != 4:
+        return True
+    return bool(np.abs(np.array(box, np.float64) - _box(pixels)).max() <= BOX_TOLERANCE_PX)
 
 
-def _rings(segmentation: list[Any] | None) -> list[Any]:
-    """Return the polygons of an annotation; some programs write one without the list around it."""
-    rings = list(segmentation or [])
-    return [rings] if rings and isinstance(rings[0], int | float) else rings
+def rle_to_string(runs: list[int]) -> str:
+    """Write run lengths in COCO's compressed form.
+
+    From the fourth on each is the difference to the last but one. A character, counted from "0", holds five
+    bits and a sixth that is set while more of the number follows.
+    """
+    text = []
+    for i, run in enumerate(runs):
+        value, more = (run - runs[i - 2] if i > 2 else run), True
+        while more:
+            low = value & 31
+            value >>= 5
+            more = value != (-1 if low & 16 else 0)
+            text.append(chr(low + 48 + (32 if more else 0)))
+    return "".join(text)
+
+
+def rle_from_string(text: str) -> list[int]:
+    """Invert ``rle_to_string``. Raises FormatError."""
+    runs: list[int] = []
+    value = shift = 0
+    for character in text:
+        bits = ord(character) - 48
+        if not 0 <= bits < 64 or shift > 35:
+            raise FormatError(f"a mask's run lengths hold {character!r}; export it again")
+        value |= (bits & 31) << shift
+        shift += 5
+        if not bits & 32:
+            if bits & 16:
+                value -= 1 << shift
+            runs.append(value + runs[-2] if len(runs) > 2 else value)
+            value = shift = 0
+    if shift:
+        raise FormatError("a mask's run lengths are truncated; export it again")
+    return runs

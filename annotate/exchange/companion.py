@@ -1,18 +1,19 @@
-"""Companion file: what image formats cannot hold, as JSON beside them (camera, subjects, statuses, notes).
+"""Companion file ``annotate-cloud.json``: camera, subjects, statuses and notes beside exported images.
 
-Every exported folder has ``annotate-cloud.json``, which other tools ignore. A folder without it, written by
-another tool, is read too, given ``intrinsics.json``.
+Other tools ignore it. A folder of another tool without it needs ``intrinsics.json``.
 """
 
 import json
+import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from unicodedata import combining, normalize
+from urllib.parse import unquote
 
 from annotate.array_types import Float32, UInt8, UInt16
-from annotate.exchange.image_names import safe_id
 from annotate.frame_labels import FrameLabels
 from sensors.calibration_files.intrinsics_file import read_intrinsics
 from sensors.errors import CalibrationError, FormatError
@@ -23,16 +24,16 @@ from sensors.rig.camera import Intrinsics
 COMPANION = "annotate-cloud.json"
 INTRINSICS = "intrinsics.json"
 SCHEMA = 1
-MAX_TEXT_BYTES = 1_000_000_000
-"""Largest JSON or XML file of an export that is read, in bytes: a frame takes up to 10 kB (CVAT)."""
+LONGEST_ID = 100  # letters, as in a label set
+MAX_TEXT_BYTES = 1_000_000_000  # largest JSON or XML file of an export; a frame takes up to 10 kB (CVAT)
 
 
 @dataclass
 class Companion:
-    """The camera of a folder, and by frame id what its images lack, in the order of the frames.
+    """Camera of a folder, and by frame id the fields that its images lack.
 
-    remarks: omissions and assumptions of a reader, each with its number. annotations: the one file of
-    annotations to read; None = those of the folder.
+    remarks: omissions and assumptions of a reader, counted. annotations: the one annotation file to read;
+    None = the folder's.
     """
 
     intrinsics: Intrinsics
@@ -41,7 +42,6 @@ class Companion:
     annotations: Path | None = None
 
     def remark(self, text: str) -> None:
-        """Count an omission or assumption."""
         self.remarks[text] += 1
 
     def add(self, frame: FrameLabels) -> None:
@@ -54,7 +54,7 @@ class Companion:
         }
 
     def save(self, folder: Path) -> None:
-        """Write the file, and beside it the intrinsics alone, for ``import`` and for people."""
+        """Write the file, and the intrinsics alone beside it."""
         content = {"schema": SCHEMA, "intrinsics": asdict(self.intrinsics), "frames": self.frames}
         (folder / COMPANION).write_text(json.dumps(content, indent=1) + "\n", encoding="ascii")
         (folder / INTRINSICS).write_text(json.dumps(asdict(self.intrinsics)) + "\n", encoding="ascii")
@@ -67,7 +67,7 @@ class Companion:
         persons: UInt8 | None = None,
         confidence: Float32 | None = None,
     ) -> FrameLabels:
-        """A frame of these images with its subject, status and notes, as far as known. Raises FormatError."""
+        """Assemble a frame with its noted subject, status and notes. Raises FormatError."""
         fields = self.frames.get(frame_id, {})
         # A persons image of zeros is kept only where the label set had one.
         present = persons is not None and bool(fields.get("persons", persons.any()))
@@ -80,7 +80,7 @@ class Companion:
 
 
 def load_companion(folder: Path, intrinsics: Path | None = None) -> Companion:
-    """Read a folder's companion, or intrinsics alone: a file that is given, or the folder's.
+    """Read a folder's companion, or intrinsics alone: a given file, or the folder's.
 
     Raises FormatError, CalibrationError.
     """
@@ -107,7 +107,7 @@ def load_companion(folder: Path, intrinsics: Path | None = None) -> Companion:
 
 
 def frame_files(folder: Path, suffix: str) -> Iterator[tuple[str, Path]]:
-    """Yield (frame id, file) of a folder's files with this suffix, in natural order, without hidden ones.
+    """Yield (frame id, file) of a folder's visible files of a suffix, in natural order.
 
     Raises FormatError without any.
     """
@@ -116,3 +116,10 @@ def frame_files(folder: Path, suffix: str) -> Iterator[tuple[str, Path]]:
     if not files:
         raise FormatError(f"{folder} holds no *{suffix}; give the folder of an export")
     return ((safe_id(file.name.removesuffix(suffix)), file) for file in files)
+
+
+def safe_id(stem: str) -> str:
+    """Return a name as the id of a frame: "Bän k 1" is "Ban_k_1"."""
+    plain = normalize("NFKD", unquote(stem))
+    kept = "".join(letter for letter in plain if not combining(letter))
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", kept).lstrip(".-")[:LONGEST_ID] or "_"

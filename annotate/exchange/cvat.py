@@ -1,11 +1,11 @@
 """CVAT for images 1.1: ``annotations.xml`` with run-length masks, and the depth images in ``images/``.
 
 Format: CVAT's documentation, "CVAT for image"; a mask's runs go row by row within its box, zeros first.
-Polygons are read as well (a pixel belongs to one when its centre lies in it); masks are exact.
-XML with a document type, which is what entities and external references need, is refused.
+Polygons are read as well. XML with a document type, which entities and external references need, is refused.
 """
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
 
@@ -14,62 +14,52 @@ from defusedxml import DTDForbidden
 from defusedxml.ElementTree import fromstring
 
 from annotate.crop import window_of
+from annotate.exchange.annotated_images import AnnotatedImage, check_size, read_annotated, write_image
 from annotate.exchange.companion import MAX_TEXT_BYTES, Companion
-from annotate.exchange.image_names import DepthImages, frame_ids
-from annotate.exchange.masks import MASK_IDS, PERSON, Mask, images_from, mask_from_runs, masks_of, runs_of
-from annotate.exchange.polygons import FEW_CORNERS, POLYGONS, check_size, polygon_pixels
+from annotate.exchange.masks import (
+    FEW_CORNERS,
+    MASK_IDS,
+    PERSON,
+    POLYGONS,
+    Mask,
+    mask_from_runs,
+    masks_of,
+    polygon_pixels,
+    runs_of,
+)
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.images import encode_png
 from annotate.parts import UNDEFINED, palette_rgb
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.rig.camera import Intrinsics
 
-ANNOTATIONS, IMAGES = "annotations.xml", "images"
-SHAPES = ("mask", "polygon")
+ANNOTATIONS = "annotations.xml"
+NUMBER = (
+    "<attribute><name>number</name><mutable>False</mutable><input_type>number</input_type>"
+    "<default_value>1</default_value><values>1\n255\n1</values></attribute>"
+)
+"""Attribute of the label ``person``."""
 
 
 def write_cvat(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
     """Write into an empty folder."""
-    (out / IMAGES).mkdir()
     with (out / ANNOTATIONS).open("w", encoding="ascii") as xml:
         xml.write('<?xml version="1.0" encoding="utf-8"?>\n<annotations>\n <version>1.1</version>\n')
         xml.write(f" <meta><task><labels>{''.join(_labels())}</labels></task></meta>\n")
         for number, frame in enumerate(frames):
-            name = f"{frame.frame_id}.png"
-            (out / IMAGES / name).write_bytes(encode_png(frame.depth_mm))
             height, width = frame.parts.shape
+            name = write_image(out, frame)
             xml.write(f' <image id="{number}" name="{name}" width="{width}" height="{height}">\n')
             xml.writelines(map(_mask_xml, masks_of(frame)))
             xml.write(" </image>\n")
         xml.write("</annotations>\n")
 
 
-def read_cvat(source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """The inverse of ``write_cvat``. Raises FormatError."""
-    file = companion.annotations or source / ANNOTATIONS
-    try:
-        root = fromstring(read_bounded(file, MAX_TEXT_BYTES), forbid_dtd=True)
-    except DTDForbidden as error:
-        raise FormatError(f"{file} has a document type; export it from CVAT again") from error
-    except (ParseError, ValueError, LookupError) as error:
-        raise FormatError(f"{file} is not XML ({str(error)[:80]}); export it from CVAT again") from error
-    images = list(root.iter("image"))
-    if not images:
-        what = "tracks of a video" if next(root.iter("track"), None) is not None else "no image"
-        raise FormatError(f"{file} holds {what}; export it as 'CVAT for images 1.1'")
-    ids, depth = frame_ids([image.get("name", "") for image in images]), DepthImages(source)
-    yield from (_frame(file, depth, *both, companion) for both in zip(images, ids, strict=True))
-
-
 def _labels() -> Iterator[str]:
     for name, part in {**MASK_IDS, PERSON: UNDEFINED}.items():
         color = "#{:02x}{:02x}{:02x}".format(*palette_rgb()[part])
-        number = "<attribute><name>number</name><mutable>False</mutable><input_type>number</input_type>"
-        number += "<default_value>1</default_value><values>1\n255\n1</values></attribute>"
-        attributes = number if name == PERSON else ""
         yield f"<label><name>{name}</name><color>{color}</color><type>mask</type>"
-        yield f"<attributes>{attributes}</attributes></label>"
+        yield f"<attributes>{NUMBER if name == PERSON else ''}</attributes></label>"
 
 
 def _mask_xml(mask: Mask) -> str:
@@ -84,28 +74,37 @@ def _mask_xml(mask: Mask) -> str:
     return f"  {head}{attribute}</mask>\n"
 
 
-def _frame(
-    file: Path, depth: DepthImages, image: Element, frame_id: str, companion: Companion
-) -> FrameLabels:
-    name = image.get("name", "")
-    for shape in image:
-        if shape.tag == "polygon":
-            companion.remark(POLYGONS)
-        elif shape.tag != "mask":
-            companion.remark(f"shapes of the kind {shape.tag[:40]} are not read")
+def read_cvat(source: Path, companion: Companion) -> Iterator[FrameLabels]:
+    """Read masks and polygons; the inverse of ``write_cvat``. Raises FormatError."""
+    file = companion.annotations or source / ANNOTATIONS
     try:
-        depth_mm = depth.read(name)
-        shapes = [shape for shape in image if shape.tag in SHAPES]
-        if shapes:
-            check_size((image.get("height"), image.get("width")), depth_mm.shape)
-        ordered = sorted(shapes, key=lambda shape: int(shape.get("z_order", 0)))
-        masks = (_mask(shape, depth_mm.shape, companion) for shape in ordered)
-        parts, persons = images_from((mask for mask in masks if mask is not None), depth_mm.shape)
-    except KeyError as error:
-        raise FormatError(f"{file}, image {name[:100]!r}: a shape lacks {str(error)[:80]}") from error
-    except (ValueError, OverflowError, FormatError) as error:
-        raise FormatError(f"{file}, image {name[:100]!r}: {str(error)[:200]}") from error
-    return companion.labels(frame_id, depth_mm, parts, persons)
+        root = fromstring(read_bounded(file, MAX_TEXT_BYTES), forbid_dtd=True)
+    except DTDForbidden as error:
+        raise FormatError(f"{file} has a document type; export it from CVAT again") from error
+    except (ParseError, ValueError, LookupError) as error:
+        raise FormatError(f"{file} is not XML ({str(error)[:80]}); export it from CVAT again") from error
+    elements = list(root.iter("image"))
+    if not elements:
+        what = "tracks of a video" if next(root.iter("track"), None) is not None else "no image"
+        raise FormatError(f"{file} holds {what}; export it as 'CVAT for images 1.1'")
+    images = [AnnotatedImage(file, one.get("name", ""), partial(_masks, one, companion)) for one in elements]
+    yield from read_annotated(source, images, companion)
+
+
+def _masks(image: Element, companion: Companion, shape: tuple[int, int]) -> Iterator[Mask]:
+    """Yield the masks of an image's shapes, by their order; count other shapes as remarks."""
+    for one in image:
+        if one.tag == "polygon":
+            companion.remark(POLYGONS)
+        elif one.tag != "mask":
+            companion.remark(f"shapes of the kind {one.tag[:40]} are not read")
+    shapes = [one for one in image if one.tag in ("mask", "polygon")]
+    if shapes:
+        check_size((image.get("height"), image.get("width")), shape)
+    for one in sorted(shapes, key=lambda one: int(one.get("z_order", 0))):
+        mask = _mask(one, shape, companion)
+        if mask is not None:
+            yield mask
 
 
 def _mask(element: Element, shape: tuple[int, int], companion: Companion) -> Mask | None:
@@ -128,7 +127,6 @@ def _mask(element: Element, shape: tuple[int, int], companion: Companion) -> Mas
         companion.remark("masks reach outside their image; the part inside is read")
     pixels = np.zeros(shape, bool)
     inside = box[max(0, -top) : max(0, bottom - top), max(0, -left) : max(0, right - left)]
-    pixels[max(0, top) : max(0, top) + inside.shape[0], max(0, left) : max(0, left) + inside.shape[1]] = (
-        inside
-    )
+    top, left = max(0, top), max(0, left)
+    pixels[top : top + inside.shape[0], left : left + inside.shape[1]] = inside
     return Mask(fields["label"], person, pixels)

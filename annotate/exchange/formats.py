@@ -1,4 +1,10 @@
-"""All formats of label sets, what each carries, and the two ways through them: export and import."""
+"""Formats of label sets, and the two ways through them: export and import.
+
+To add a format, write a module with a writer and a reader of frames; ``image_pairs`` is the shortest example.
+Then add its line to ``FORMATS``, from which the commands and the round-trip tests take it. The file
+``annotate-cloud.json`` beside the format's own files holds the camera, and each frame's subject, status and
+notes.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -9,7 +15,6 @@ from typing import NamedTuple
 from annotate.exchange import cvat
 from annotate.exchange.coco import annotation_files, read_coco, write_coco
 from annotate.exchange.companion import COMPANION, Companion, load_companion
-from annotate.exchange.cvat import read_cvat, write_cvat
 from annotate.exchange.image_pairs import MMSEG, PAPER, Folders, read_pairs, write_pairs
 from annotate.exchange.labelled_cloud import PCD, PLY, CloudFile, read_clouds, write_clouds
 from annotate.exchange.parquet import camera_of_parquet, is_parquet, read_parquet, write_parquet
@@ -22,26 +27,26 @@ from annotate.parts import BACKGROUND, BODY_PARTS
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics
 
-Writer = Callable[[Iterator[FrameLabels], Intrinsics, Path], None]
-Reader = Callable[[Path, Companion], Iterator[FrameLabels]]
-
 
 @dataclass(frozen=True)
 class Format:
-    """One format. lacks: what it cannot carry of a label set; the rest comes back bit for bit.
+    """One format.
 
-    write: fills an empty folder with frames of one camera. read: frames one by one. companion: of a folder.
+    write: frames of one camera into an empty folder. read: the frames of a folder, by ``companion.labels``.
+    recognise: whether a folder is of this format. lacks: fields of FrameLabels that it cannot carry; all
+    others must come back bit for bit. companion: camera and notes of a folder; by default
+    ``annotate-cloud.json``.
     """
 
-    write: Writer
-    read: Reader
+    write: Callable[[Iterator[FrameLabels], Intrinsics, Path], None]
+    read: Callable[[Path, Companion], Iterator[FrameLabels]]
     recognise: Callable[[Path], bool]
     lacks: tuple[str, ...]
     companion: Callable[[Path, Path | None], Companion] = load_companion
 
 
 def _holds(*patterns: str) -> Callable[[Path], bool]:
-    """Whether a folder holds something by every one of these glob patterns."""
+    """Return a test for folders with a match of every glob pattern."""
     return lambda source: all(any(source.glob(pattern)) for pattern in patterns)
 
 
@@ -58,22 +63,22 @@ FORMATS = {
     "pairs": _pairs(PAPER),
     "mmseg": _pairs(MMSEG),
     "coco": Format(write_coco, read_coco, lambda source: bool(annotation_files(source)), ("confidence",)),
-    "cvat": Format(write_cvat, read_cvat, _holds(cvat.ANNOTATIONS), ("confidence",)),
+    "cvat": Format(cvat.write_cvat, cvat.read_cvat, _holds(cvat.ANNOTATIONS), ("confidence",)),
     "pcd": _clouds(PCD),
     "ply": _clouds(PLY),
     "semantic-kitti": Format(write_kitti, read_kitti, _holds(f"{SEQUENCE}/{LABELS}"), ("confidence",)),
     "parquet": Format(write_parquet, read_parquet, is_parquet, (), camera_of_parquet),
 }
-"""By the name for ``export --format``. None carries the journal of corrections or the labels before them."""
+"""By the name for ``export --format``. The first that recognises a folder reads it."""
 
 
 def export_labels(
     labels: LabelSet, out: Path, name: str, advance: Callable[[int], None], *, overwrite: bool = False
 ) -> tuple[str, ...]:
-    """Write a label set as another tool's folder; returns what of it the format cannot carry.
+    """Write a label set in a format; return the fields that the format cannot carry.
 
-    ``out`` appears when it is whole. Raises FormatError for an unknown format, an empty or a corrupt label
-    set, ExistsError where ``out`` is there and was not made by an export, or ``overwrite`` is False.
+    ``out`` appears when it is complete. Raises FormatError for an unknown format or an invalid label set.
+    Raises ExistsError where ``out`` exists, unless an export made it and ``overwrite`` is True.
     """
     if name not in FORMATS:
         raise FormatError(f"format {name[:40]!r} is unknown; use {', '.join(FORMATS)}")
@@ -95,19 +100,14 @@ def export_labels(
 
 
 def recognise(source: Path) -> str | None:
-    """The name of the format that a folder is of, or None."""
+    """Return the name of the format of a folder, or None."""
     if not source.is_dir():
         return None
     return next((name for name, format_ in FORMATS.items() if format_.recognise(source)), None)
 
 
-def _by_annotations(file: Path | None) -> str | None:
-    """Return the format of an annotation file that was given by itself, whatever its name."""
-    return None if file is None else {".json": "coco", ".xml": "cvat"}[file.suffix.lower()]
-
-
 class Imported(NamedTuple):
-    """A new label set, the name of its format, and remarks on omissions and assumptions."""
+    """New label set, the name of its format, and remarks on omissions and assumptions."""
 
     labels: LabelSet
     format: str
@@ -124,11 +124,12 @@ def import_labels(
 ) -> Imported:
     """Read another tool's folder, archive (.zip) or annotation file into a new label set.
 
-    ``out`` appears when it is whole. intrinsics: the depth camera's, in JSON; None = the folder's. Raises
+    ``out`` appears when it is complete. intrinsics: the depth camera's, in JSON; None = the folder's. Raises
     FormatError, also where no frame has a body part, CalibrationError, ExistsError.
     """
     with unpacked(source) as (folder, annotations):
-        name = _by_annotations(annotations) or recognise(folder)
+        by_suffix = {".json": "coco", ".xml": "cvat"}
+        name = by_suffix[annotations.suffix.lower()] if annotations else recognise(folder)
         if name is None and (folder / MANIFEST).is_file():
             raise FormatError(f"{source} is a label set already; copy its folder, or export it")
         if name is None:
@@ -141,27 +142,23 @@ def import_labels(
         info = {"source": source.resolve().name, "steps": {"import": {"format": name}}}
         with appearing(out, MANIFEST, source, overwrite=overwrite) as made:
             labels = LabelSet.create(made, companion.intrinsics, info)
-            named = False
+            has_part = False
             for frame in FORMATS[name].read(folder, companion):
                 if frame.frame_id in labels:
                     raise FormatError(f"{source} has two frames called {frame.frame_id[:100]!r}; rename one")
                 labels.write(frame)
-                named |= bool((frame.parts != BACKGROUND).any())
+                has_part |= bool((frame.parts != BACKGROUND).any())
                 advance(1)
-            _check_named(source, labels, named or (folder / COMPANION).is_file())
-    return Imported(LabelSet.open(out), name, _texts(companion))
+            _check_parts(source, labels, has_part or (folder / COMPANION).is_file())
+    remarks = tuple(f"{text} ({count})" for text, count in companion.remarks.items())
+    return Imported(LabelSet.open(out), name, remarks)
 
 
-def _check_named(source: Path, labels: LabelSet, named: bool) -> None:
-    """Raise FormatError for an import without frames, or whose every pixel is background."""
+def _check_parts(source: Path, labels: LabelSet, has_part: bool) -> None:
     if not len(labels):
         raise FormatError(f"{source} holds no frames; export it again")
-    if not named:
+    if not has_part:
         raise FormatError(
-            f"{source} labels no body part in {len(labels)} frames; give the labels the names of parts: "
+            f"none of the {len(labels)} frames of {source} has a part; give the labels the names of parts: "
             f"{', '.join(part.name for part in BODY_PARTS)}"
         )
-
-
-def _texts(companion: Companion) -> tuple[str, ...]:
-    return tuple(f"{text} ({count})" for text, count in companion.remarks.items())

@@ -23,7 +23,6 @@ Folders = tuple[str, str]
 """Names of the folders of depth images and of label images."""
 PAPER: Folders = ("depth", "label")
 MMSEG: Folders = ("img_dir", "ann_dir")
-METAINFO = "metainfo.json"
 
 
 def write_pairs(folders: Folders, frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
@@ -35,14 +34,11 @@ def write_pairs(folders: Folders, frames: Iterator[FrameLabels], camera: Intrins
         (out / folders[1] / f"{frame.frame_id}.png").write_bytes(encode_parts(frame.parts))
     if folders == MMSEG:
         metainfo = {"classes": [part.name for part in PARTS], "palette": [part.rgb for part in PARTS]}
-        (out / METAINFO).write_text(json.dumps(metainfo) + "\n", encoding="ascii")
+        (out / "metainfo.json").write_text(json.dumps(metainfo) + "\n", encoding="ascii")
 
 
 def read_pairs(folders: Folders, source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """The inverse of ``write_pairs``; splits (train, val, ...) within the folders are read as one set.
-
-    Raises FormatError.
-    """
+    """Invert ``write_pairs``; splits (train, val, ...) become one set. Raises FormatError."""
     splits = natsorted(folder.name for folder in (source / folders[1]).iterdir() if folder.is_dir()) or [""]
     for split in splits:
         labelled = list(frame_files(source / folders[1] / split, ".png"))

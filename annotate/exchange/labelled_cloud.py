@@ -1,10 +1,10 @@
 """Labelled organised point clouds, one file per frame: PCD and PLY.
 
-Every pixel is a point, row by row, in the camera frame in metres, NaN where there is no depth; with
-``label`` (part id), ``rgb`` or ``red green blue`` (the part's colour), and where the label set has them
-``confidence`` and ``person``. PCL reads the PCD as PointXYZRGBL, Open3D
-both as tensor clouds (PCL asks a PLY for 32-bit labels, which Open3D does not read: there they have 8).
-Formats: PCL's "The PCD file format", 0.7; Turk's PLY, 1.0 (grid as ``obj_info num_cols``, ``num_rows``).
+Every pixel is a point, row by row, in the camera frame in metres, NaN without depth. Fields: ``label`` (part
+id), ``rgb`` or ``red green blue`` (the part's colour), and ``confidence`` and ``person`` if the label set has
+them. PCL reads the PCD as PointXYZRGBL. Labels of a PLY have 8 bits, because Open3D does not read the 32 that
+PCL wants. Formats: PCL's "The PCD file format", 0.7; Turk's PLY, 1.0 (grid as ``obj_info num_cols``,
+``num_rows``).
 """
 
 from collections.abc import Callable, Iterator
@@ -17,22 +17,28 @@ from numpy.typing import NDArray
 
 from annotate.array_types import UInt8
 from annotate.exchange.companion import Companion, frame_files
-from annotate.exchange.record_file import Records, Shape, write_pcd, write_ply
 from annotate.frame_labels import FrameLabels
 from annotate.parts import palette_rgb
 from sensors.errors import FormatError
 from sensors.importers.clouds.pcd_file import read_pcd
-from sensors.importers.clouds.ply_file import read_ply
+from sensors.importers.clouds.ply_file import TYPES, read_ply
 from sensors.importers.clouds.records import CloudRecords
 from sensors.rig.camera import Intrinsics, unproject
 from sensors.rig.frame import mm_from_metres
-from sensors.rig.rig_calibration import Pose
+from sensors.rig.rig_calibration import Pose, quaternion_of
+
+Records = NDArray[Any]
+"""Structured array (n,), little-endian."""
+Shape = tuple[int, int]
+PLY_NAMES = {kind: name for name, kind in reversed(TYPES.items())}
 
 
 @dataclass(frozen=True)
 class CloudFile:
-    """One file format of clouds. suffix: of its files; label_type: dtype of labels and person numbers;
-    colors: its fields for colours uint8 (n, 3)."""
+    """File format of clouds. label_type: dtype of labels and person numbers.
+
+    colors: its fields for colours uint8 (n, 3). write: records, shape, sensor's pose.
+    """
 
     suffix: str
     label_type: str
@@ -41,8 +47,44 @@ class CloudFile:
     read: Callable[[Path], CloudRecords]
 
 
+def write_pcd(records: Records, shape: Shape, viewpoint: Pose | None = None) -> bytes:
+    """Return a binary PCD of a cloud of ``shape``: (h, w), or (1, n) without a grid."""
+    dtypes = {name: records.dtype[name] for name in records.dtype.names or ()}
+    pose = viewpoint or Pose.identity()
+    x, y, z, w = quaternion_of(pose.rotation)
+    lines = {
+        "VERSION": "0.7",
+        "FIELDS": " ".join(dtypes),
+        "SIZE": " ".join(str(dtype.base.itemsize) for dtype in dtypes.values()),
+        "TYPE": " ".join(dtype.base.kind.upper() for dtype in dtypes.values()),
+        "COUNT": " ".join(str(int(np.prod(dtype.shape))) for dtype in dtypes.values()),
+        "WIDTH": str(shape[1]),
+        "HEIGHT": str(shape[0]),
+        "VIEWPOINT": " ".join(f"{number:.9g}" for number in (*pose.translation_m, w, x, y, z)),
+        "POINTS": str(len(records)),
+        "DATA": "binary",
+    }
+    return "".join(f"{key} {value}\n" for key, value in lines.items()).encode() + records.tobytes()
+
+
+def write_ply(records: Records, shape: Shape, _: Pose | None = None) -> bytes:
+    """Return a binary PLY of vertices in a grid of ``shape``: (h, w), or (1, n) without.
+
+    The format has no viewpoint, and no fields of several values or of 8-byte whole numbers.
+    """
+    kinds = {name: records.dtype[name].str[1:] for name in records.dtype.names or ()}
+    names = [name for name, kind in kinds.items() if not records.dtype[name].subdtype and kind in PLY_NAMES]
+    kept = np.zeros(len(records), [(name, records.dtype[name]) for name in names])
+    for name in names:
+        kept[name] = records[name]
+    fields = "".join(f"property {PLY_NAMES[kinds[name]]} {name}\n" for name in names)
+    grid = f"obj_info num_cols {shape[1]}\nobj_info num_rows {shape[0]}\n" if shape[0] > 1 else ""
+    head = f"ply\nformat binary_little_endian 1.0\n{grid}element vertex {len(kept)}\n{fields}end_header\n"
+    return head.encode() + kept.tobytes()
+
+
 def _packed(rgb: UInt8) -> dict[str, NDArray[Any]]:
-    """PCL's one field: the bits of a whole number as a float."""
+    """Return PCL's one field: the bits of a whole number as a float."""
     red, green, blue = rgb.astype(np.uint32).T
     return {"rgb": (red << 16 | green << 8 | blue).view(np.float32)}
 
@@ -58,18 +100,17 @@ PLY = CloudFile(".ply", "u1", _separate, write_ply, read_ply)
 def write_clouds(kind: CloudFile, frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
     """Write one file per frame into an empty folder."""
     for frame in frames:
-        records = _records(frame, camera, kind)
-        (out / f"{frame.frame_id}{kind.suffix}").write_bytes(kind.write(records, frame.parts.shape, None))
+        content = kind.write(_records(frame, camera, kind), frame.parts.shape, None)
+        (out / f"{frame.frame_id}{kind.suffix}").write_bytes(content)
 
 
 def read_clouds(kind: CloudFile, source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """The inverse of ``write_clouds``. Raises FormatError."""
+    """Invert ``write_clouds``. Raises FormatError."""
     for name, file in frame_files(source, kind.suffix):
         yield _frame(name, file, kind, companion)
 
 
 def _records(frame: FrameLabels, camera: Intrinsics, kind: CloudFile) -> Records:
-    """Records (h * w,) of a frame, row by row."""
     points_m = unproject(camera, np.where(frame.depth_mm > 0, frame.depth_mm / 1000, np.nan)).reshape(-1, 3)
     columns: dict[str, NDArray[Any]] = dict(zip("xyz", points_m.astype("<f4").T, strict=True))
     columns |= kind.colors(palette_rgb()[frame.parts.ravel()])
@@ -103,7 +144,6 @@ def _frame(frame_id: str, file: Path, kind: CloudFile, companion: Companion) -> 
 
 
 def _ids(file: Path, records: Records, name: str) -> UInt8:
-    """Whole numbers (n,) of a field. Raises FormatError for others than 0 to 255."""
     values = records[name]
     if values.dtype.kind not in "iu" or values.min() < 0 or values.max() > 255:
         raise FormatError(f"{file}: {name} is {values.dtype} {values.min()} to {values.max()}; give 0 to 255")

@@ -1,7 +1,7 @@
-"""Labels back on the points of the cloud that was labelled: in the file's own order and coordinates.
+"""Labels on the points of the cloud that was labelled, in the file's own order and coordinates.
 
-A cloud is labelled as a depth image. Each of its points gets the part of the pixel that shows it in the field
-``label``; UNDEFINED where none does, since it is hidden or out of view. All other fields stay as they are.
+A cloud is labelled as a depth image. The field ``label`` of a point is the part of the pixel that shows it,
+or UNDEFINED for hidden points. All other fields stay.
 """
 
 from collections.abc import Iterator
@@ -25,11 +25,10 @@ from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.turn import Turn
 
 KINDS = {"pcd": PCD, "ply": PLY}
-"""File formats by name."""
 
 
 class PointLabels(NamedTuple):
-    """Result of an export. points: of the cloud; labelled: how many of them a pixel shows."""
+    """Result of an export. points: of the cloud; labelled: number of visible ones."""
 
     points: int
     labelled: int
@@ -38,9 +37,9 @@ class PointLabels(NamedTuple):
 def export_points(
     labels: LabelSet, path: Path, name: str, out: Path, *, overwrite: bool = False
 ) -> PointLabels:
-    """Write the points of the cloud at ``path`` with their labels into the folder ``out``, a file per frame.
+    """Write the points of the cloud at ``path`` with their labels into ``out``, a file per frame.
 
-    ``out`` appears when it is whole. Raises FormatError for labels of another cloud, ExistsError.
+    ``out`` appears when it is complete. Raises FormatError for labels of another cloud, ExistsError.
     """
     kind, companion, frames = KINDS[name], Companion(labels.intrinsics), list(labels)
     if not frames:
@@ -63,8 +62,8 @@ def export_points(
 def _as_labelled(path: Path, depth_mm: UInt16) -> tuple[pointcloud.CloudFile, Turn]:
     """Open the cloud as it was labelled; return it with the turn of its images.
 
-    A label set does not hold what its user declared at the import, but its depth image shows it. Raises
-    FormatError where no declaration gives this image.
+    A label set does not hold the options of its import, but its depth image shows them. Raises FormatError if
+    none gives this image.
     """
     why: FormatError | None = None
     for options in _declarations():
@@ -84,7 +83,7 @@ def _as_labelled(path: Path, depth_mm: UInt16) -> tuple[pointcloud.CloudFile, Tu
 
 
 def _declarations() -> Iterator[ImportOptions]:
-    """Yield the declarations that users make about clouds: none, or one."""
+    """Yield the common options of imported clouds."""
     yield AS_STATED
     yield ImportOptions(mirror=True)
     yield from (ImportOptions(axes=axes) for axes in AXES)
@@ -92,13 +91,11 @@ def _declarations() -> Iterator[ImportOptions]:
 
 
 def _turned_back(parts: UInt8, turn: Turn) -> UInt8:
-    """Return the image (h, w) as it was before it was turned."""
     back = np.rot90(parts, turn.quarters)
     return np.ascontiguousarray(back[:, ::-1] if turn.mirror else back)
 
 
 def _records(cloud: pointcloud.CloudFile, parts: UInt8, kind: CloudFile) -> NDArray[Any]:
-    """Return the cloud's records with the field ``label``."""
     old, pixels = cloud.cloud.records, cloud.pixels
     names = [name for name in old.dtype.names or () if name != "label"]
     layout: list[Any] = [(name, old.dtype[name]) for name in names]

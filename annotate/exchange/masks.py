@@ -1,4 +1,4 @@
-"""A frame's label images as named masks, as tools for instances keep them, and back."""
+"""Labels as named masks, run lengths and polygons, as annotation programs store them."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from annotate.array_types import Bool, UInt8
+from annotate.array_types import Bool, Float64, UInt8
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BODY_PARTS, UNDEFINED
 from sensors.errors import FormatError
@@ -14,13 +14,16 @@ from sensors.errors import FormatError
 PERSON = "person"
 """Name of the mask of a whole person."""
 MASK_IDS = {**{part.name: part.id for part in BODY_PARTS}, "undefined": UNDEFINED}
-"""Part id by the name of a mask of the parts image; the background is what no mask covers."""
-_SEPARATORS = re.compile(r"[\s-]+")
+"""Part id by the name of a mask; pixels without a mask are background."""
+POLYGONS = "polygons are filled: their borders are approximate"  # remark
+FEW_CORNERS = "polygons of fewer than three corners are not read"
+FARTHEST_PX = 1e5  # of a corner from the origin, because programs let corners lie outside the image
+CELLS = 1 << 22  # crossings of edges and rows computed at once: bounds memory
 
 
 @dataclass(frozen=True)
 class Mask:
-    """One mask: its category's name, the number of the person for PERSON, and its pixels (h, w)."""
+    """Mask (h, w) with the name of its category; person: number, for PERSON."""
 
     name: str
     person: int
@@ -28,7 +31,7 @@ class Mask:
 
 
 def masks_of(frame: FrameLabels) -> Iterator[Mask]:
-    """One mask for each part in the frame, undefined included, then one for each person."""
+    """Yield a mask for each part in the frame, undefined included, then for each person."""
     for name, part in MASK_IDS.items():
         pixels = frame.parts == part
         if pixels.any():
@@ -39,13 +42,13 @@ def masks_of(frame: FrameLabels) -> Iterator[Mask]:
 
 
 def images_from(masks: Iterable[Mask], shape: tuple[int, int]) -> tuple[UInt8, UInt8]:
-    """Return parts and persons (h, w) of masks; where masks overlap, the later one wins.
+    """Return parts and persons (h, w) of masks; later masks win. Raises FormatError for an unknown name.
 
-    Letter case does not count in their names, and spaces and hyphens are underscores. Raises FormatError.
+    Names ignore letter case; spaces and hyphens are underscores.
     """
     parts, persons = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
     for mask in masks:
-        name = _SEPARATORS.sub("_", mask.name.strip().lower())
+        name = re.sub(r"[\s-]+", "_", mask.name.strip().lower())
         if name == PERSON:
             if not 1 <= mask.person <= 255:
                 raise FormatError(f"person number {mask.person} is impossible; use 1 to 255")
@@ -58,15 +61,37 @@ def images_from(masks: Iterable[Mask], shape: tuple[int, int]) -> tuple[UInt8, U
 
 
 def runs_of(flat: Bool) -> list[int]:
-    """Run lengths of a flat mask (n,); the first run is of zeros and may be empty."""
+    """Return the run lengths of a flat mask (n,); the first run is of zeros and may be empty."""
     change = np.flatnonzero(np.diff(flat)) + 1
     bounds = np.concatenate([[0] if len(flat) and flat[0] else [], [0], change, [len(flat)]]).astype(np.int64)
     return [int(n) for n in np.diff(bounds)]
 
 
 def mask_from_runs(runs: list[int], size: int) -> Bool:
-    """Inverse of ``runs_of`` for a mask of ``size`` pixels. Raises FormatError."""
+    """Invert ``runs_of`` for a mask of ``size`` pixels. Raises FormatError."""
     lengths = np.array(runs, np.int64)
     if (lengths < 0).any() or (lengths > size).any() or int(lengths.sum()) != size:
         raise FormatError(f"a mask's runs do not add up to its {size} pixels; export it again")
     return np.repeat(np.arange(len(lengths)) % 2 == 1, lengths)
+
+
+def polygon_pixels(corners: Float64, shape: tuple[int, int]) -> Bool:
+    """Return the pixels (h, w) whose centre lies in a polygon with corners (n, 2), x and y.
+
+    Raises FormatError. Pixel centres lie at halves, as in COCO and CVAT. The even-odd rule gives a polygon
+    that touches itself a hole.
+    """
+    if corners.shape[1:] != (2,) or len(corners) < 3 or not (np.abs(corners) < FARTHEST_PX).all():
+        raise FormatError("a polygon has fewer than three corners on the image; export it again")
+    height, width = shape
+    crossed = np.zeros(height * (width + 1), np.int64)
+    rows, step = np.arange(height) + 0.5, max(1, CELLS // height)
+    ends = np.roll(corners, -1, axis=0)
+    for at in range(0, len(corners), step):
+        (x0, y0), (x1, y1) = corners[at : at + step].T, ends[at : at + step].T
+        edge, row = np.nonzero((y0[:, None] <= rows) != (y1[:, None] <= rows))
+        share = (rows[row] - y0[edge]) / (y1 - y0)[edge]
+        x = x0[edge] + share * (x1 - x0)[edge]
+        column = np.clip(np.ceil(x - 0.5), 0, width).astype(np.intp)
+        crossed += np.bincount(row * (width + 1) + column, minlength=crossed.size)
+    return np.asarray(np.cumsum(crossed.reshape(height, width + 1), axis=1)[:, :width] % 2 == 1)

@@ -1,9 +1,8 @@
 """Parquet as Hugging Face ``datasets`` reads it, images as bytes: ``data/train-NNNNN-of-NNNNN.parquet``.
 
-Columns: id, image (16-bit depth PNG), label (palette PNG of part ids), confidence and persons (8-bit PNGs,
-or null), subject, and ``annotation``, the rest as JSON. ``load_dataset("parquet", data_files=...)`` decodes
-the images. The camera is in the files' own metadata. Needs pyarrow (extra ``exchange``).
-Format: Hugging Face datasets, "Features"; parquet with ``huggingface`` in its schema's metadata.
+Columns: id, image (16-bit depth PNG), label (palette PNG of part ids), confidence and persons (8-bit PNGs, or
+null), subject, and ``annotation``, the rest as JSON. The schema's metadata holds the camera, and the features
+under ``huggingface`` (Hugging Face datasets, "Features"). Needs pyarrow (extra ``exchange``).
 """
 
 import json
@@ -21,22 +20,18 @@ from sensors.files.natural_order import paths_in_order
 from sensors.rig.camera import Intrinsics
 
 DATA = "data"
-ROWS_A_GROUP, GROUPS_A_FILE = 50, 100
-"""Frames that are read together, and such groups in one file. Untuned."""
-MAX_GROUP_BYTES = 1 << 31
-"""Largest row group that is read, in bytes unpacked."""
+ROWS_A_GROUP, GROUPS_A_FILE = 50, 100  # frames read together; groups in a file; untuned
+MAX_GROUP_BYTES = 1 << 31  # largest row group, unpacked
 IMAGES = ("image", "label", "confidence", "persons")
 CAMERA = b"annotate-cloud intrinsics"
-"""Key of the camera in a file's metadata."""
 MALFORMED = (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError, ArithmeticError)
-"""What reading a malformed file raises, beside pyarrow's own errors."""
+"""Errors of a malformed file, beside pyarrow's own."""
 
 Pyarrow = Any
-"""pyarrow, its schemas or tables; it need not be installed where the types are checked."""
 
 
 def write_parquet(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
-    """Write into an empty folder, GROUPS_A_FILE groups of frames a file."""
+    """Write into an empty folder."""
     pa = _pyarrow()
     (out / DATA).mkdir()
     schema = _schema(camera)
@@ -52,18 +47,21 @@ def write_parquet(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) 
 
 
 def is_parquet(source: Path) -> bool:
-    """Whether a folder, or its ``data/``, holds Parquet files."""
+    """Return whether a folder, or its ``data/``, holds Parquet files."""
     return bool(_files(source))
 
 
 def camera_of_parquet(source: Path, intrinsics: Path | None = None) -> Companion:
-    """The camera of Parquet files, or the folder's companion. Raises FormatError, CalibrationError."""
+    """Return the camera of Parquet files, or the folder's companion.
+
+    Raises FormatError, CalibrationError.
+    """
     camera = _camera(_files(source)[0])
     return Companion(camera) if camera else load_companion(source, intrinsics)
 
 
 def read_parquet(source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """The inverse of ``write_parquet``; the rows are complete without the companion. Raises FormatError."""
+    """Invert ``write_parquet``; the companion is not needed. Raises FormatError."""
     for file in _files(source):
         yield from _frames(file)
 
@@ -135,7 +133,7 @@ def _frames(file: Path) -> Iterator[FrameLabels]:
 
 
 def _frame(row: dict[str, Any]) -> FrameLabels:
-    """A row as a frame. Raises one of MALFORMED for what it lacks."""
+    """Decode a row. Raises one of MALFORMED."""
     data = {name: None if row[name] is None else row[name]["bytes"] for name in IMAGES}
     rest = json.loads(row["annotation"])
     if data["image"] is None or data["label"] is None or not isinstance(rest, dict):

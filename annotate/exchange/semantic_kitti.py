@@ -1,11 +1,9 @@
 """SemanticKITTI: ``sequences/00/velodyne/NNNNNN.bin`` and ``labels/NNNNNN.label``.
 
 A point is x, y, z, remission (float32; x forward, y left, z up, metres; remission 0), its label a uint32:
-part id below, person above. ``index/NNNNNN.index`` (uint32) holds each point's pixel, row by row, so that
-the depth image comes back; pixels with a label but no depth are points at the origin, as SemanticKITTI marks
-no return.
-``semantic-kitti.yaml`` names classes and colours for the dataset's own tools.
-Format: semantic-kitti.org, "Dataset"; PRBonn/semantic-kitti-api.
+part id below, person above. ``index/NNNNNN.index`` (uint32) holds each point's pixel, so that the depth image
+comes back. Pixels with a label but no depth are points at the origin. ``semantic-kitti.yaml`` names classes
+and colours. Format: semantic-kitti.org, "Dataset"; PRBonn/semantic-kitti-api.
 """
 
 from collections.abc import Iterator
@@ -45,7 +43,7 @@ def write_kitti(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) ->
 
 
 def read_kitti(source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """The inverse of ``write_kitti``; a lidar's scans have no index. Raises FormatError."""
+    """Invert ``write_kitti``; a lidar's scans have no index. Raises FormatError."""
     folder, names = source / SEQUENCE, list(companion.frames)
     if not (folder / INDEX).is_dir():
         raise FormatError(f"{folder} has no {INDEX} of a depth image; give a folder that export wrote")
@@ -56,7 +54,7 @@ def read_kitti(source: Path, companion: Companion) -> Iterator[FrameLabels]:
 
 
 def _points(frame: FrameLabels, camera: Intrinsics) -> Float64:
-    """(h * w, 4): the camera's right, down, forward as forward, left, up; zero where there is no depth."""
+    """Return points (h * w, 4): forward, left, up, 0; zero without depth."""
     right, down, forward = np.moveaxis(unproject(camera, frame.depth_mm / 1000.0), -1, 0)
     return np.stack([forward, -right, -down, np.zeros_like(forward)], axis=-1).reshape(-1, 4)
 

@@ -1,4 +1,4 @@
-"""An export of another tool as a folder: the folder itself, an archive (.zip), or its annotation file."""
+"""Export of another tool as a folder: the folder itself, an archive (.zip), or its annotation file."""
 
 import shutil
 import zlib
@@ -11,18 +11,14 @@ from zipfile import BadZipFile, LargeZipFile, ZipFile, is_zipfile
 
 from sensors.errors import CalibrationError, FormatError
 
-MAX_FILES = 2_000_000
-"""Files of an archive at most: a million frames have two each. Untuned."""
-FREE_SHARE = 0.8
-"""Share of the free disk that an unpacked archive takes at most. Untuned."""
-ENCRYPTED = 1
-"""Bit of an entry's flags (APPNOTE 4.4.4)."""
-OF_FOLDERS = "annotations"
-"""Folder in which COCO's layout keeps its annotation files."""
+MAX_FILES = 2_000_000  # of an archive; a million frames have two each; untuned
+FREE_SHARE = 0.8  # of the free disk that an unpacked archive may take; untuned
+ENCRYPTED = 1  # bit of an entry's flags (APPNOTE 4.4.4)
+OF_FOLDERS = "annotations"  # where COCO's layout keeps its annotation files
 
 
 class Export(NamedTuple):
-    """An export. annotations: the file of it that was given, or None for the folder's."""
+    """Export. annotations: the file that was given, or None for the folder's."""
 
     folder: Path
     annotations: Path | None = None
@@ -44,7 +40,7 @@ def unpacked(source: Path) -> Iterator[Export]:
 
 @contextmanager
 def _named(archive: Path, folder: str) -> Iterator[None]:
-    """Put the archive's name in place of the temporary folder's into the messages of errors."""
+    """Replace the temporary folder's name by the archive's in messages of errors."""
     try:
         yield
     except (FormatError, CalibrationError) as error:
@@ -52,7 +48,7 @@ def _named(archive: Path, folder: str) -> Iterator[None]:
 
 
 def _extracted(archive: Path, folder: Path) -> Path:
-    """Unpack an archive; return its own only folder, where it has no other entry."""
+    """Unpack an archive; return its innermost folder."""
     try:
         with ZipFile(archive) as file:
             entries = file.infolist()
@@ -79,7 +75,6 @@ def _extracted(archive: Path, folder: Path) -> Path:
 
 
 def _innermost(folder: Path) -> Path:
-    """Return the first folder that holds more than one folder alone."""
     while True:
         inside = [path for path in folder.iterdir() if path.name != "__MACOSX"]
         if len(inside) != 1 or not inside[0].is_dir() or inside[0].name == OF_FOLDERS:

@@ -19,7 +19,7 @@ from sensors.importers.clouds.records import (
     text_numbers,
 )
 
-_TYPES = {
+TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
     "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
     "float32": "f4", "float64": "f8",
@@ -72,9 +72,9 @@ def _header(lines: list[list[str]]) -> tuple[str, list[_Element], tuple[int, int
         elif words[0] == "element":
             elements.append(_Element(words[1], int(words[2]), []))
         elif words[0] == "property" and words[1] == "list":
-            elements[-1].properties.append(_Property(words[4], _TYPES[words[3]], _TYPES[words[2]]))
+            elements[-1].properties.append(_Property(words[4], TYPES[words[3]], TYPES[words[2]]))
         elif words[0] == "property":
-            elements[-1].properties.append(_Property(words[2], _TYPES[words[1]]))
+            elements[-1].properties.append(_Property(words[2], TYPES[words[1]]))
         elif words[0] == "obj_info" and words[1:2] and words[1] in grid:
             grid[words[1]] = int(words[2])
     if order is None:
