@@ -1,4 +1,4 @@
-"""Types of numpy arrays by dtype, named once; shapes, units and frames stand in the docstrings."""
+"""Types of numpy arrays by dtype."""
 
 import numpy as np
 from numpy.typing import NDArray

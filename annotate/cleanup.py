@@ -1,4 +1,4 @@
-"""Clean-up of labels: holes filled, islands given to their neighbours; the parts that a selection touches."""
+"""Clean-up of labels: fill holes, remove islands, list the parts that a selection touches."""
 
 import cv2
 import numpy as np
@@ -7,22 +7,19 @@ from annotate.array_types import Float32, Int32, Int64, UInt8, UInt16
 from annotate.cloud.grid import JUMP, components
 from annotate.parts import BACKGROUND, BODY_PARTS, N_CLASSES, NEIGHBOURS, UNDEFINED
 
-MOST_HOLE_PX = 400
-"""Pixels above which a hole is no slip: something else is seen through it. Chosen by eye."""
-LEAST_PIECE_PX = 120
-"""Pixels below which a piece of a part is an island: at 2 m a patch of 6 cm. Chosen by eye."""
-HOLE_DEPTH = 0.03
-"""Difference of a hole's mean depth to its rim's, as a share, of a hole in a surface. Chosen by eye."""
+MOST_HOLE_PX = 400  # above it, something else is seen through the hole; untuned
+LEAST_PIECE_PX = 120  # below it, a piece of a part is an island: 6 cm at 2 m; untuned
+HOLE_DEPTH = 0.03  # largest difference of a hole's mean depth to its rim's, share; untuned
 _LABELS = np.array([*range(N_CLASSES), UNDEFINED])
 _INDEX = np.searchsorted(_LABELS, np.arange(256))
 """All label values, and the place of each value (256,) among them."""
 
 
 def filled(parts: UInt8, depth_mm: UInt16, part: int) -> UInt8:
-    """Labels uint8 (h, w) with the holes of one part given to it.
+    """Fill the holes of one part in labels uint8 (h, w).
 
-    A hole is at most MOST_HOLE_PX connected pixels of anything else, at the part's depth, with only the part
-    and pixels without depth beside them, mostly the part. depth_mm: uint16 (h, w).
+    A hole is at most MOST_HOLE_PX connected pixels at the part's depth, bordered by the part and by pixels
+    without depth, mostly by the part.
     """
     valid = depth_mm > 0
     mask = valid & (parts == part)
@@ -51,10 +48,10 @@ def filled(parts: UInt8, depth_mm: UInt16, part: int) -> UInt8:
 
 
 def without_islands(parts: UInt8, depth_mm: UInt16) -> UInt8:
-    """Labels uint8 (h, w) with the small islands of every body part given to a neighbour.
+    """Give the small islands of every body part in labels uint8 (h, w) to a neighbour.
 
-    An island is a piece under ``LEAST_PIECE_PX`` pixels, not its part's largest. It goes to the label that it
-    touches most at its depth; an island without contact goes to the background.
+    An island is a piece under ``LEAST_PIECE_PX`` pixels, not its part's largest. It takes the label that it
+    touches most at its depth, or background.
     """
     depth_m = depth_mm.astype(np.float32) / np.float32(1000)
     flat_m = depth_m.ravel()
@@ -82,9 +79,9 @@ def without_islands(parts: UInt8, depth_mm: UInt16) -> UInt8:
 
 
 def neighbours(parts: UInt8, pixels: Int64) -> list[int]:
-    """Labels beside the flat ``pixels``: body parts, most contact first, then parts joined by anatomy.
+    """Return the labels beside flat ``pixels``: by contact, then by anatomy, background last.
 
-    The background is last; the commonest part of the pixels themselves and undefined are left out.
+    The pixels' own commonest part and undefined are left out.
     """
     if not len(pixels):
         return []
@@ -101,7 +98,7 @@ def neighbours(parts: UInt8, pixels: Int64) -> list[int]:
 
 
 def _islands(parts: UInt8, depth_m: Float32, among: list[int]) -> tuple[Int32, int]:
-    """Island ids int32 (h, w) from 1, 0 elsewhere, and one more than the highest."""
+    """Return island ids int32 (h, w) from 1, 0 elsewhere, and one more than the highest."""
     islands, count = np.zeros(parts.shape, np.int32), 1
     for part in among:
         mask = (parts == part) & (depth_m > 0)
@@ -118,7 +115,7 @@ def _islands(parts: UInt8, depth_m: Float32, among: list[int]) -> tuple[Int32, i
 
 
 def _beside(pixels: Int64, shape: tuple[int, ...], reach: int) -> list[Int64]:
-    """Flat neighbours (n,) of flat pixels, an array for each step up to ``reach``; clipped at the border."""
+    """Return flat neighbours (n,) of flat pixels, an array for each step; clipped at the border."""
     v, u = np.divmod(pixels, shape[1])
     steps = range(-reach, reach + 1)
     return [

@@ -1,4 +1,4 @@
-"""Crop of a depth image to the person's square, the input of networks: 212 x 212, depth in [0, 1]."""
+"""Crop of a depth image to the person's square, the network's input: 212 x 212, depth in [0, 1]."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,15 +12,10 @@ from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.rig.camera import Intrinsics
 
-SIZE = 212
-"""Side in pixels of the network's input (Nishi & Miura 2017, section 3.1)."""
-RANGE_MM = 2000.0
-"""Millimetres of depth scaled to [0, 1] (same section). The person's median is moved to the middle first: the
-paper's camera stood within 2 m, other people's do not."""
-LEAST_VALUE = 1 / RANGE_MM
-"""Least value of a person's pixel: 0 means no person."""
-MARGIN = 0.04
-"""Free border on each side, as a share of the person's larger extent. Chosen by eye."""
+SIZE = 212  # px; side of the network's input (Nishi & Miura 2017, section 3.1)
+RANGE_MM = 2000.0  # scaled to [0, 1] (same section); the person's median is moved to the middle
+LEAST_VALUE = 1 / RANGE_MM  # of a person's pixel, because 0 is background
+MARGIN = 0.04  # free border on each side, share of the person's larger extent; untuned
 
 
 @dataclass(frozen=True)
@@ -32,11 +27,11 @@ class Crop:
     side: int
 
     def cut(self, image: NDArray[Any], fill: int | float, size: int = SIZE) -> NDArray[Any]:
-        """Pixels (size, size, ...) of an image's square, by nearest neighbour; ``fill`` outside the image."""
+        """Return the square's pixels (size, size, ...) by nearest neighbour; ``fill`` outside the image."""
         v, u = self.pixels(size)
         v_in, u_in = (v >= 0) & (v < image.shape[0]), (u >= 0) & (u < image.shape[1])
         result = np.full((size, size, *image.shape[2:]), fill, image.dtype)
-        # Indices grow evenly, so those inside are one run.
+        # Indices inside are one run, because they grow evenly.
         rows, columns = (
             slice(*np.flatnonzero(k)[[0, -1]] + (0, 1)) if k.any() else slice(0) for k in (v_in, u_in)
         )
@@ -44,7 +39,7 @@ class Crop:
         return result
 
     def reads(self, shape: tuple[int, ...], size: int = SIZE) -> Bool:
-        """Flags (h, w) of the pixels of an image of that shape that ``cut`` takes."""
+        """Return flags (h, w) of the pixels of an image of that shape that ``cut`` takes."""
         v_read, u_read = np.zeros(shape[0], np.bool_), np.zeros(shape[1], np.bool_)
         for read, start in ((v_read, self.top), (u_read, self.left)):
             source = self._source(start, size)
@@ -52,15 +47,14 @@ class Crop:
         return v_read[:, None] & u_read
 
     def pixels(self, size: int = SIZE) -> tuple[Index, Index]:
-        """Row and column (size,) each of the image for those of the patch, some perhaps outside."""
+        """Return row and column (size,) of the image for the patch, some perhaps outside."""
         return self._source(self.top, size), self._source(self.left, size)
 
     def _source(self, start: int, size: int) -> Index:
-        """Row or column (size,) of the image for each of the patch's; start: the square's first."""
         return start + (np.arange(size) * self.side + self.side // 2) // size
 
     def paste(self, patch: NDArray[Any], shape: tuple[int, int], fill: int | float) -> NDArray[Any]:
-        """Image (h, w, ...) with a patch (size, size, ...) spread over the square: inverse of ``cut``."""
+        """Spread a patch (size, size, ...) over the square of an image (h, w, ...); inverse of ``cut``."""
         result = np.full((*shape, *patch.shape[2:]), fill, patch.dtype)
         (rows, row), (columns, column) = (
             self._within(start, length, patch.shape[0])
@@ -70,21 +64,21 @@ class Crop:
         return result
 
     def _within(self, start: int, length: int, size: int) -> tuple[slice, Index]:
-        """Slice of an image's rows or columns within the square, and the patch's index for each of them."""
+        """Return the slice of an image's side within the square, and the patch's index for each pixel."""
         first, end = max(start, 0), max(0, start, min(start + self.side, length))
         return slice(first, end), ((np.arange(first, end) - start) * size + size // 2) // self.side
 
     def camera(self, camera: Intrinsics, size: int = SIZE) -> Intrinsics:
-        """Pinhole camera of the images of ``cut``; camera: that of the whole image, undistorted."""
+        """Return the pinhole camera of the images of ``cut``; camera: undistorted, of the whole image."""
         scale = size / self.side
         cx, cy = ((c + 0.5) * scale - 0.5 for c in (camera.cx - self.left, camera.cy - self.top))
         return Intrinsics(size, size, camera.fx * scale, camera.fy * scale, cx, cy)
 
 
 def crop_from_note(note: object, name: str) -> Crop:
-    """Square of a frame's note ``name``, [top, left, side] in whole pixels.
+    """Return the square of a frame's note ``name``, [top, left, side] in whole pixels.
 
-    Raises FormatError for anything else, and for a square far beyond every image.
+    Raises FormatError for another value, and for a square far beyond every image.
     """
     if (
         not isinstance(note, list)
@@ -99,9 +93,9 @@ def crop_from_note(note: object, name: str) -> Crop:
 
 
 def window_of(mask: Bool, margin_px: int = 0) -> tuple[slice, slice]:
-    """Slices of the rows and columns with pixels of a mask (h, w), and ``margin_px`` more; empty for none.
+    """Return the slices of a mask's (h, w) rows and columns, with a margin; empty for an empty mask.
 
-    A margin ends at the top and left of the image; slices may pass its bottom and right.
+    Slices may pass the bottom and right of the image.
     """
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     if not rows.size:
@@ -111,7 +105,7 @@ def window_of(mask: Bool, margin_px: int = 0) -> tuple[slice, slice]:
 
 
 def crop_around(mask: Bool, margin: float = MARGIN) -> Crop:
-    """Square around a person's mask (h, w), with a free border on each side as a share of its extent.
+    """Return the square around a person's mask (h, w), with a free border as a share of its extent.
 
     Raises CloudError on an empty mask.
     """
@@ -124,7 +118,7 @@ def crop_around(mask: Bool, margin: float = MARGIN) -> Crop:
 
 
 def network_crop(mask: Bool) -> Crop:
-    """Square of a person's mask (h, w) for a network: the whole of an image that is a crop already.
+    """Return a person's square for a network: all of an image that is a crop already.
 
     Raises CloudError on an empty mask.
     """
@@ -132,10 +126,7 @@ def network_crop(mask: Bool) -> Crop:
 
 
 def normalize(depth_mm: UInt16, mask: Bool) -> Float32:
-    """Depth float32 (h, w) in [0, 1] of a person's pixels, 0 without person or reading.
-
-    depth_mm: uint16 (h, w). mask: bool (h, w), the person.
-    """
+    """Scale depth uint16 (h, w) to float32 in [0, 1] on a person's pixels, 0 elsewhere."""
     person = mask & (depth_mm > 0)
     if not person.any():
         return np.zeros(depth_mm.shape, np.float32)
@@ -145,16 +136,15 @@ def normalize(depth_mm: UInt16, mask: Bool) -> Float32:
 
 
 def person_of(parts: UInt8) -> Bool:
-    """Flags (h, w) of a person's pixels, the undefined ones included."""
+    """Return flags (h, w) of a person's pixels, the undefined ones included."""
     return np.asarray(parts != BACKGROUND, np.bool_)
 
 
 def nearest_seen(seen: Bool) -> Index:
-    """Flat index (h, w) of the ``seen`` pixel nearest to each; its own where none is seen at all."""
+    """Return the flat index (h, w) of the ``seen`` pixel nearest to each, or its own."""
     if not seen.any():
         return np.arange(seen.size).reshape(seen.shape)
-    # Its import takes a tenth of the time that info and refusals have.
-    import cv2
+    import cv2  # here, because info and refusals do not need it
 
     _, label = cv2.distanceTransformWithLabels(
         (~seen).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL

@@ -12,14 +12,11 @@ Status = Literal["auto", "corrected", "reviewed", "truth"]
 
 @dataclass(frozen=True)
 class FrameLabels:
-    """Part labels of one undistorted depth image, pixel by pixel.
+    """Part labels of one undistorted depth image.
 
-    depth_mm: uint16 (h, w), 0 = no reading. parts: uint8 (h, w) part ids, 255 = undefined.
-    confidence: float32 (h, w) in [0, 1], or None. subject: the person's name, "" if unknown.
-    notes: free JSON values (omissions, difficulties).
-    persons: uint8 (h, w), or None: 0 nobody, 1 the labelled person, 2 and on everybody else, by numbers that
-    last over a recording. Where everybody is labelled, 1 is who was the subject at first.
-    Raises FormatError with the wrong shape or value.
+    depth_mm: uint16 (h, w), 0 = no reading. parts: uint8 (h, w) part ids, 255 = undefined. confidence:
+    float32 (h, w) in [0, 1], or None. subject: the person's name. notes: free JSON values. persons: uint8 (h,
+    w), or None: 0 = no person, 1 the labelled one, others by track id. Raises FormatError.
     """
 
     frame_id: str

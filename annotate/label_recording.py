@@ -179,9 +179,9 @@ def run(
 ) -> Run:
     """Label every frame of a source into ``out``; resume an interrupted run with the same bytes.
 
-    progress: called with 1 for each frame that is stored or has failed. Raises ExistsError when ``out`` holds
-    anything but the beginning of this run, ClaimedError while another process writes it, and CloudError,
-    after removing ``out``, when every frame fails.
+    progress: called with 1 for each frame that is stored or has failed. Raises ExistsError when ``out`` is
+    not the beginning of this run, and ClaimedError while another process writes it. When every frame fails,
+    removes ``out`` and raises CloudError.
     """
     fuser = labeller.fuser(source.calibration)
     info = {"source": source.name, "calibration": calibration_to_json(source.calibration), "steps": steps}

@@ -1,4 +1,4 @@
-"""Networks of ONNX files, each run by ONNX Runtime on one thread of the processor."""
+"""Networks of ONNX files, run by ONNX Runtime on one thread."""
 
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -6,27 +6,25 @@ if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
 Network: TypeAlias = "InferenceSession"
-"""A network that can be run."""
 _NOWHERE = "/dev/null/no-external-data"
-"""The folder of tensors outside a file, which does not exist: the file's hash would not cover them, and
-their paths are its author's choice."""
+"""Absent folder of external tensors, because the file's hash would not cover them."""
 
 
 def onnx_session(file: bytes) -> Network:
-    """The network of a file, which several threads may run at once; loading executes no code from the file.
+    """Load the network of a file, for any number of threads, without executing code from the file.
 
-    Raises ONNX Runtime's errors, which share no public base, where it is no network.
+    Raises ONNX Runtime's errors, which share no public base, for another file.
     """
-    import onnxruntime  # 0.1 s, which a refusal need not take
+    import onnxruntime  # 0.1 s
 
     options = onnxruntime.SessionOptions()
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", _NOWHERE)
     options.add_session_config_entry("session.load_model_format", "ONNX")
     options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.log_severity_level = 4  # whoever catches an error says it in one line
+    options.log_severity_level = 4  # because the caller reports errors
     return onnxruntime.InferenceSession(
         file,
         options,
         providers=["CPUExecutionProvider"],
-        enable_fallback=0,  # or it prints, and tries again
+        enable_fallback=0,  # because a fallback prints
     )

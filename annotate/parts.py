@@ -1,7 +1,7 @@
 """The eleven body parts and the background: ids, names, colours, neighbours.
 
-Left and right are the person's own. Hands belong to the forearms, feet to the lower legs, the
-neck to the head (Nishi & Miura 2017, section 2.2, name the eleven parts).
+Left and right are the person's own. Hands belong to the forearms, feet to the lower legs, the neck to the
+head (Nishi & Miura 2017, section 2.2).
 """
 
 from dataclasses import dataclass
@@ -11,14 +11,12 @@ import numpy as np
 from annotate.array_types import Bool, UInt8
 
 BACKGROUND, UNDEFINED = 0, 255
-"""Ids of everything but the labelled person, and of person pixels whose part is unknown."""
 N_CLASSES = 12
-"""The background and eleven parts."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """One class of a label image: its id, machine name, title, and display colour."""
+    """Class of a label image."""
 
     id: int
     name: str
@@ -40,26 +38,22 @@ PARTS = (
     Part(10, "left_lower_leg", "Left lower leg", (94, 203, 217)),
     Part(11, "right_lower_leg", "Right lower leg", (200, 148, 88)),
 )
-"""All classes, indexed by id. Neighbours and twins are at least 23 apart in colour (CIE 1976), also for eyes
-without red, green or blue receptors; found by annealing from the colours of the first edition."""
+"""Classes by id; neighbours and twins are at least 23 apart in colour (CIE 1976), for all eyes."""
 
 BODY_PARTS = PARTS[1:]
-"""All classes but the background."""
 PART_ID = {part.name: part.id for part in PARTS}
-"""Ids by machine name."""
 
 LEFT_RIGHT = ((3, 4), (5, 6), (8, 9), (10, 11))
-"""(left, right) ids of twins."""
 
 NEIGHBOURS = frozenset(
     frozenset(pair)
     for pair in ((1, 2), (2, 3), (2, 4), (3, 5), (4, 6), (2, 7), (7, 8), (7, 9), (8, 10), (9, 11))
 )
-"""Pairs of ids of parts joined by anatomy: the body's part tree."""
+"""Pairs of ids of parts joined by anatomy."""
 
 
 def swap_left_right(labels: UInt8) -> UInt8:
-    """Labels uint8 of any shape, with every left part exchanged for its right twin."""
+    """Exchange left and right parts in labels uint8 of any shape."""
     table = np.arange(256, dtype=np.uint8)
     for left, right in LEFT_RIGHT:
         table[left], table[right] = right, left
@@ -71,12 +65,12 @@ TWIN_PARTS = swap_left_right(np.arange(N_CLASSES, dtype=np.uint8))
 
 
 def on_body(labels: UInt8) -> Bool:
-    """Flags of labels of a body part, neither background nor undefined; any shape."""
+    """Return flags of labels of a body part, neither background nor undefined; any shape."""
     return np.asarray((labels != BACKGROUND) & (labels != UNDEFINED))
 
 
 def palette_rgb() -> UInt8:
-    """Colours uint8 (256, 3) by id, for palette PNGs and pictures; undefined is grey, unused ids black."""
+    """Return colours uint8 (256, 3) by id; undefined is grey, unused ids black."""
     palette = np.zeros((256, 3), np.uint8)
     for part in PARTS:
         palette[part.id] = part.rgb

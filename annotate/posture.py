@@ -1,3 +1,3 @@
-"""Postures that a network tells apart, by index."""
+"""Posture classes of the network, by index."""
 
 POSTURES = ("standing", "sitting", "lying", "crouching", "kneeling", "on all fours")

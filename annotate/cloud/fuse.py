@@ -1,7 +1,7 @@
 """Fusion of depth, colour and temperature of one moment to an organised cloud.
 
-A point takes the colour and temperature of its pixel only in a camera to which it is visible
-(``annotate.cloud.visibility``), so a person's heat is not copied onto the wall behind.
+A point takes the colour and temperature of its pixel only if the camera sees it
+(``annotate.cloud.visibility``). So a person's heat is not copied onto the wall behind.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -86,7 +86,7 @@ class Fuser:
 
         depth_mm: uint16 (h, w) of the sensor; undistorted by nearest neighbour as in libfreenect2, and moved
         by the calibration's depth shift. color_rgb: uint8 (h', w', 3), by nearest pixel. thermal_c: float32
-        (h", w"), NaN = no reading, by bilinear mean of those of the four pixels that show the point's surface
+        (h", w"), NaN = no reading, by bilinear mean of the four pixels that show the point's surface
         alone. A missing image leaves colours invalid or temperatures NaN. Raises CalibrationError for another
         image size or a missing camera.
         """

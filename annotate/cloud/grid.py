@@ -1,8 +1,8 @@
 """Graph of a depth image's pixels, with neighbours joined along surfaces.
 
-Two pixels at most two apart are joined if their depths differ by less than a share of the nearer one, because
-sampling distance and noise grow with range. Two apart, because half of the pixels on dark hair and cloth lack
-a reading: site percolation needs 0.59 of them with 4 neighbours, 0.41 with 8, 0.17 with 24.
+Two pixels at most two apart are joined if their depths differ by less than a share of the nearer one. Two
+apart, because half of the pixels on dark hair and cloth lack a reading. Site percolation needs 0.59 of them
+with 4 neighbours, 0.41 with 8, 0.17 with 24.
 """
 
 import cv2

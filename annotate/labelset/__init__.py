@@ -1,1 +1,1 @@
-"""Labels on disk: the folder, its images, its journal, its one writer."""
+"""Label sets and datasets on disk: folders, images, journal, claims."""

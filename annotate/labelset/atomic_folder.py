@@ -1,4 +1,4 @@
-"""Folders that appear only when they are complete, and folders that must not be replaced."""
+"""Folders that appear only when complete, and folders that must not be replaced."""
 
 import os
 import shutil
@@ -16,8 +16,8 @@ from sensors.files.atomic import is_taken, sweep, temporary_of
 def check_replaceable(out: Path, marker: str, *inputs: Path) -> None:
     """Check that ``out`` may be removed for a new result: it holds ``marker``, or nothing.
 
-    Raises ExistsError for a folder that no run of this command made, that holds one of its ``inputs``, or
-    people's corrections; ClaimedError while somebody writes it.
+    Raises ExistsError for a folder of another origin, with one of its ``inputs`` or with corrections;
+    ClaimedError while another process writes it.
     """
     with claimed_to_replace(out, marker, *inputs):
         pass
@@ -25,10 +25,7 @@ def check_replaceable(out: Path, marker: str, *inputs: Path) -> None:
 
 @contextmanager
 def claimed_to_replace(out: Path, marker: str, *inputs: Path) -> Iterator[None]:
-    """Hold the claim on a folder that is about to be replaced, so that no window corrects it meanwhile.
-
-    Raises as ``check_replaceable``.
-    """
+    """Hold the claim on a folder that is about to be replaced. Raises as ``check_replaceable``."""
     for path in inputs:
         if path.resolve().is_relative_to(out.resolve()):
             raise ExistsError(f"{out} holds the input {path}; choose another folder for the result")
@@ -54,10 +51,10 @@ def remove(out: Path, marker: str, *inputs: Path) -> None:
 
 @contextmanager
 def appearing(out: Path, marker: str, *inputs: Path, overwrite: bool) -> Iterator[Path]:
-    """A temporary folder beside ``out`` that takes its name on success and is removed on any error.
+    """Yield a temporary folder beside ``out`` that takes its name on success and is removed on any error.
 
-    The claim on a folder that is replaced is held from the beginning to the end. Raises ExistsError when
-    ``out`` is there and is not to be replaced, or must not be; ClaimedError while somebody writes it.
+    Holds the claim on a replaced folder throughout. Raises ExistsError when ``out`` exists without
+    ``overwrite``, and as ``check_replaceable``.
     """
     taken = is_taken(out)
     if taken and not overwrite:
@@ -79,7 +76,7 @@ def appearing(out: Path, marker: str, *inputs: Path, overwrite: bool) -> Iterato
 def moved_aside(out: Path) -> Iterator[None]:
     """Rename a folder, if it exists, while another takes its name; then remove it, or restore it on an error.
 
-    A process that is killed during the removal leaves no partial folder under the final name.
+    Rename first, because a killed removal would leave a partial folder under the final name.
     """
     aside = temporary_of(out.with_name(f"{out.name}.old"))
     shutil.rmtree(aside, ignore_errors=True)

@@ -1,6 +1,5 @@
 """Claims: one writer at a time for each folder of results, and the writer's name."""
 
-import fcntl
 import getpass
 import json
 import os
@@ -10,52 +9,41 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
 
+from filelock import Timeout, UnixFileLock
+
 from sensors.errors import CloudError
 from sensors.files.atomic import sweep
 
 CLAIM = "claim.json"
-OWNER_BYTES = 4096
-"""Bytes of the file that are written and read. Untuned."""
-# Nothing is written through a link to a file outside the folder.
-FLAGS = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+OWNER_BYTES = 4096  # of the note; untuned
 
 
 class ClaimedError(CloudError):
-    """Somebody else is writing the folder."""
+    """Another process is writing the folder."""
 
 
 class Claim:
-    """The right to write a label set, a dataset or a training, held while its process lives.
+    """Right to write a label set, a dataset or a training, held while its process lives.
 
-    The kernel's lock on ``claim.json`` (flock) is the claim, so a killed process leaves none behind; the
-    file's content only names the owner.
+    The kernel's lock on ``claim.json`` is the claim, so a killed process leaves none. The content names the
+    owner.
     """
 
-    def __init__(self, path: Path, file: int) -> None:
-        self.path, self._file = path, file
+    def __init__(self, path: Path, lock: UnixFileLock) -> None:
+        self.path, self._lock, self._id = path, lock, _identity(path)
 
     @classmethod
     def take(cls, folder: Path, who: str) -> Self:
-        """Claim ``folder`` for ``who``, and sweep up what killed processes left in it.
+        """Claim ``folder`` for ``who``, and sweep up files that killed processes left in it.
 
         Raises ClaimedError naming the owner when it is taken, CloudError when the folder cannot be written.
         """
         path = folder / CLAIM
+        lock = UnixFileLock(path, timeout=0, thread_local=False, mode=0o644, fallback_to_soft=False)
         try:
-            while True:
-                file = os.open(path, FLAGS, 0o644)
-                try:
-                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    if _is_at(file, path):
-                        _write_owner(file, who)
-                        sweep(folder)
-                        return cls(path, file)
-                except OSError:
-                    os.close(file)
-                    raise
-                # The owner released and removed the file after it was opened here and before it was locked.
-                os.close(file)
-        except BlockingIOError as error:
+            folder.stat()  # because the lock would make an absent folder
+            lock.acquire()
+        except Timeout as error:
             raise ClaimedError(
                 f"{folder} is being written by {_owner(path)}; wait until it has finished, "
                 "close its window, or open the set read-only"
@@ -64,6 +52,10 @@ class Claim:
             raise CloudError(
                 f"{folder} cannot be written to ({error.strerror}); open it read-only, or work on a copy"
             ) from error
+        claim = cls(path, lock)
+        _write_owner(path, who)
+        sweep(folder)
+        return claim
 
     def __enter__(self) -> Self:
         return self
@@ -72,40 +64,40 @@ class Claim:
         self.release()
 
     def release(self) -> None:
-        """Release the folder; idempotent.
-
-        A folder that took this one's place keeps its claim file.
-        """
-        if self._file >= 0:
+        """Release the folder; idempotent. A folder that took this one's place keeps its claim file."""
+        if self._lock.is_locked:
             with suppress(OSError):
-                if _is_at(self._file, self.path):
+                # Removed while locked: a process that waits for the lock sees that and opens a new file.
+                if _identity(self.path) == self._id:
                     self.path.unlink()
-            os.close(self._file)
-            self._file = -1
+            self._lock.release()
 
 
 def login() -> str:
-    """The name of the system's user."""
+    """Return the name of the system's user."""
     try:
         return getpass.getuser()
     except (OSError, KeyError):
-        return "somebody"
+        return "unknown user"
 
 
-def _is_at(file: int, path: Path) -> bool:
-    try:
-        return os.path.samestat(path.lstat(), os.fstat(file))
-    except FileNotFoundError:
-        return False
+def _identity(path: Path) -> tuple[int, int] | None:
+    with suppress(OSError):
+        found = path.lstat()
+        return found.st_dev, found.st_ino
+    return None
 
 
-def _write_owner(file: int, who: str) -> None:
+def _write_owner(path: Path, who: str) -> None:
     since = datetime.now(UTC).isoformat(timespec="seconds")
     owner = {"who": who, "host": socket.gethostname(), "process": os.getpid(), "since": since}
-    os.ftruncate(file, 0)
     # The lock itself needs no space: on a full disk only the name is missing.
-    with suppress(OSError):
-        os.pwrite(file, json.dumps(owner).encode()[:OWNER_BYTES], 0)
+    with suppress(OSError), open(path, "wb", opener=_without_links) as file:
+        file.write(json.dumps(owner).encode()[:OWNER_BYTES])
+
+
+def _without_links(name: str, flags: int) -> int:
+    return os.open(name, flags | os.O_NOFOLLOW)
 
 
 def _owner(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""A dataset: tar shards in the WebDataset layout, a manifest with their hashes, and one reader."""
+"""Dataset: tar shards in the WebDataset layout, and a manifest with their hashes."""
 
 import hashlib
 import json
@@ -11,32 +11,28 @@ from typing import Any, NamedTuple
 
 from annotate.crop import SIZE, Crop
 from annotate.frame_labels import FrameLabels
-from annotate.labelset import manifests
 from annotate.labelset.images import decode_depth, decode_parts, encode_parts, encode_png
 from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 
-MANIFEST = manifests.DATASET
+MANIFEST = "dataset.json"
 ORDER = "order.json"
-"""What the shards of a generated folder belong to, from the first one on."""
+"""Description of a generated folder, from its first shard on."""
 SCHEMA = 1
-MAX_SHARD_BYTES = 2_000_000_000
-"""Of a shard: its headers are held at once, and none is larger than the shard."""
-MAX_MANIFEST_BYTES = 256_000_000
-"""A million shards."""
-MAX_MEMBER_BYTES = 64_000_000
-"""Of an image or a frame's JSON, which are read whole."""
+MAX_SHARD_BYTES = 2_000_000_000  # because its headers are held at once, none larger than the shard
+MAX_MANIFEST_BYTES = 256_000_000  # a million shards
+MAX_MEMBER_BYTES = 64_000_000  # of an image or a frame's JSON
 SUFFIXES = ("depth.png", "parts.png", "json")
-"""The files of a frame, in their order; others are passed over."""
+"""Files of a frame, in their order; others are passed over."""
 FIELDS = {"subject", "status", "notes"}
-"""What a frame's JSON may hold."""
+"""Allowed keys of a frame's JSON."""
 # ValueError: a member's size may have a hundred digits. RecursionError: headers of headers of headers.
 _BROKEN = (OSError, tarfile.TarError, EOFError, ValueError, LookupError, RecursionError)
 
 
 class Entry(NamedTuple):
-    """Where a frame lies: its id, its shard and the first byte there; a label set has no shards."""
+    """Place of a frame: id, shard and first byte; a label set has no shards."""
 
     frame_id: str
     shard: str = ""
@@ -44,9 +40,9 @@ class Entry(NamedTuple):
 
 
 def encode_shard(frames: Iterable[FrameLabels]) -> bytes:
-    """Frames as an uncompressed tar of ``<key>.depth.png``, ``<key>.parts.png``, ``<key>.json``.
+    """Encode frames as an uncompressed tar: ``<key>.depth.png``, ``<key>.parts.png``, ``<key>.json``.
 
-    Owner, mode and time are fixed: the same frames give the same bytes.
+    Deterministic.
     """
     shard = bytearray()
     for frame in frames:
@@ -54,23 +50,12 @@ def encode_shard(frames: Iterable[FrameLabels]) -> bytes:
         text = json.dumps(fields, sort_keys=True).encode()
         contents = encode_png(frame.depth_mm), encode_parts(frame.parts), text
         for suffix, data in zip(SUFFIXES, contents, strict=True):
-            shard += _header(f"{frame.frame_id}.{suffix}", len(data)) + data
+            header = tarfile.TarInfo(f"{frame.frame_id}.{suffix}")
+            header.size = len(data)
+            shard += header.tobuf(tarfile.USTAR_FORMAT) + data
             shard += bytes(-len(data) % tarfile.BLOCKSIZE)
     shard += bytes(2 * tarfile.BLOCKSIZE)
     return bytes(shard + bytes(-len(shard) % tarfile.RECORDSIZE))
-
-
-_BLANK = tarfile.TarInfo().tobuf(tarfile.USTAR_FORMAT)
-
-
-def _header(name: str, size: int) -> bytes:
-    """A member's header (POSIX ustar), in a twentieth of the time of a TarInfo; name: 100 bytes at most."""
-    header = bytearray(_BLANK)
-    header[: len(name)] = name.encode("ascii")
-    header[124:135] = b"%011o" % size
-    header[148:156] = b" " * 8
-    header[148:155] = b"%06o\0" % sum(header)
-    return bytes(header)
 
 
 def read_shard(path: Path, offset: int = 0) -> Iterator[FrameLabels]:
@@ -81,7 +66,7 @@ def read_shard(path: Path, offset: int = 0) -> Iterator[FrameLabels]:
 
 
 def entries_of(path: Path) -> Iterator[Entry]:
-    """Where a shard's frames lie, in order, without decoding them. Raises FormatError as `read_shard`."""
+    """Yield the places of a shard's frames without decoding them. Raises FormatError."""
     with _opened(path) as tar:
         for members in _frames(path, tar):
             yield Entry(_key(members), path.name, members[0].offset)
@@ -101,7 +86,7 @@ def _opened(path: Path, offset: int = 0) -> Iterator[tarfile.TarFile]:
 
 
 def _frames(path: Path, tar: tarfile.TarFile) -> Iterator[list[tarfile.TarInfo]]:
-    """The files of each frame; each checked before the next is looked for."""
+    """Yield the files of each frame."""
     members: list[tarfile.TarInfo] = []
     for member in iter(tar.next, None):
         # A negative size would lead in circles.
@@ -139,10 +124,10 @@ def _decoded(path: Path, tar: tarfile.TarFile, members: list[tarfile.TarInfo]) -
 
 @dataclass(frozen=True)
 class Dataset:
-    """A folder of shards. shards: (file name, sha256) in order; info: the manifest's other entries.
+    """Folder of shards. shards: (file name, sha256) in order; info: the manifest's other entries.
 
-    intrinsics: the middle of the whole image; each crop's own place is in its frame's notes.
-    whole_image: the camera that synthetic images are seen by.
+    intrinsics: of the middle of the whole image; each crop's place is in its frame's notes. whole_image:
+    camera of synthetic images.
     """
 
     path: Path
@@ -155,7 +140,7 @@ class Dataset:
 
     @staticmethod
     def open(path: Path) -> "Dataset":
-        """Read the manifest. Raises FormatError when there is none, it is corrupt, or shards are missing."""
+        """Read the manifest. Raises FormatError when it is absent or corrupt, or shards are missing."""
         manifest = path / MANIFEST
         if not manifest.is_file():
             raise FormatError(f"{path} is not a finished dataset (it has no {MANIFEST}); generate it again")
@@ -175,12 +160,11 @@ class Dataset:
 
     @property
     def source(self) -> str:
-        """The folder's name."""
         return self.path.resolve().name
 
     @property
     def identity(self) -> dict[str, str]:
-        """The manifest's hash, which covers those of the shards."""
+        """Return the manifest's hash, which covers the shards' hashes."""
         return {"dataset": sha256(self.path / MANIFEST)}
 
     def __len__(self) -> int:
@@ -191,17 +175,17 @@ class Dataset:
             yield from read_shard(self.path / name)
 
     def entries(self) -> Iterator[Entry]:
-        """Where the frames lie. Raises FormatError where a shard breaks off."""
+        """Yield the places of the frames. Raises FormatError."""
         for name, _ in self.shards:
             yield from entries_of(self.path / name)
 
     def load(self, entry: Entry, persons: bool = True) -> FrameLabels:
-        """The frame of an entry; datasets have no persons' numbers. Raises FormatError if it is broken."""
+        """Read the frame of an entry; datasets have no persons' numbers. Raises FormatError."""
         return next(read_shard(self.path / entry.shard, entry.offset))
 
 
 def validate(dataset: Dataset) -> list[str]:
-    """Every problem of a dataset, one line each; empty when all hashes and frames are right."""
+    """Return every problem of a dataset, one line each."""
     problems = []
     for name, expected in dataset.shards:
         try:
@@ -215,6 +199,5 @@ def validate(dataset: Dataset) -> list[str]:
 
 
 def sha256(path: Path) -> str:
-    """SHA-256 of a file, hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,4 +1,7 @@
-"""Depth, part, confidence and probability images as PNG bytes, bounded and checked on the way in."""
+"""Depth, part, confidence and probability images as PNG bytes, bounded and checked on reading.
+
+cv2 and Pillow are imported where used, because ``info`` and refusals do not need them.
+"""
 
 import io
 import struct
@@ -21,13 +24,12 @@ from sensors.files.images import PNG_MAGIC, decode_grey, png_shape
 V = TypeVar("V")
 
 NOTE = "probability_crop"
-"""Name of the note with the crop's place in the frame: [top, left, side], pixels."""
-PNG_LEVEL = 1
-"""zlib level of all PNGs. Measured: the highest takes ten times the time and saves little on noisy depth."""
+"""Name of the note on the crop's place in the frame: [top, left, side], pixels."""
+PNG_LEVEL = 1  # of zlib; the highest takes ten times the time and saves little on noisy depth
 
 
 def read_image(file: Path, decode: Callable[[bytes], V]) -> V:
-    """The decoded content of an image file. Raises FormatError naming it."""
+    """Decode an image file. Raises FormatError naming it."""
     data = read_bounded(file)
     try:
         return decode(data)
@@ -36,9 +38,9 @@ def read_image(file: Path, decode: Callable[[bytes], V]) -> V:
 
 
 def decode_depth(data: bytes) -> UInt16:
-    """16-bit greyscale PNG -> uint16 (h, w) millimetres. Raises FormatError.
+    """Decode a 16-bit greyscale PNG to uint16 (h, w) millimetres. Raises FormatError.
 
-    What was decoded last is not decoded again: labels and their truth hold the same image.
+    The last image is cached, because labels and their truth hold the same one.
     """
     return _depth_in(data).copy()
 
@@ -49,29 +51,29 @@ def _depth_in(data: bytes) -> UInt16:
 
 
 def encode_confidence(confidence: Float32) -> bytes:
-    """float (h, w) in [0, 1] -> 8-bit greyscale PNG in steps of 1/255."""
+    """Encode float (h, w) in [0, 1] as 8-bit greyscale PNG in steps of 1/255."""
     return encode_png(_steps(confidence))
 
 
 def decode_confidence(data: bytes) -> Float32:
-    """Inverse of ``encode_confidence``. Raises FormatError."""
+    """Invert ``encode_confidence``. Raises FormatError."""
     return decode_grey(data, np.uint8, "confidence").astype(np.float32) / np.float32(255)
 
 
 def stored_confidence(confidence: Float32) -> Float32:
-    """Confidence (h, w) as it reads back once stored."""
+    """Round confidence (h, w) as storing it does."""
     return _steps(confidence).astype(np.float32) / np.float32(255)
 
 
 def _steps(confidence: Float32) -> UInt8:
-    """Confidence (h, w) rounded to steps of 1/255 from 0 to 255; a tenth of numpy's time."""
+    """Return confidence (h, w) in steps of 1/255; a tenth of numpy's time."""
     import cv2
 
     return np.asarray(cv2.convertScaleAbs(np.maximum(confidence, 0, dtype=np.float32), alpha=255), np.uint8)
 
 
 def encode_parts(parts: UInt8) -> bytes:
-    """uint8 (h, w) part ids -> 8-bit palette PNG, so that any viewer shows the parts' colours."""
+    """Encode uint8 (h, w) part ids as 8-bit palette PNG, so that any viewer shows the parts' colours."""
     height, width = parts.shape
     rows = np.zeros((height, width + 1), np.uint8)  # Each begins with the number of its filter: none.
     rows[:, 1:] = parts
@@ -88,13 +90,12 @@ def _palette() -> bytes:
 
 
 def _chunk(name: bytes, data: bytes) -> bytes:
-    """A chunk of a PNG (ISO/IEC 15948): length, name, data, checksum."""
+    """Return a chunk of a PNG (ISO/IEC 15948): length, name, data, checksum."""
     return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
 
 
 def decode_parts(data: bytes) -> UInt8:
-    """Palette or greyscale 8-bit PNG -> uint8 (h, w) part ids. Raises FormatError."""
-    # Its import takes a tenth of the time that a refusal has.
+    """Decode a palette or greyscale 8-bit PNG to uint8 (h, w) part ids. Raises FormatError."""
     from PIL.PngImagePlugin import PngImageFile
 
     height, width = png_shape(data, "parts")
@@ -112,16 +113,15 @@ def decode_parts(data: bytes) -> UInt8:
 
 
 def decode_persons(data: bytes) -> UInt8:
-    """8-bit greyscale PNG -> uint8 (h, w) person numbers. Raises FormatError."""
+    """Decode an 8-bit greyscale PNG to uint8 (h, w) person numbers. Raises FormatError."""
     return decode_grey(data, np.uint8, "persons")
 
 
 def encode_png(image: UInt8 | UInt16, differences: bool = True) -> bytes:
-    """An image (h, w) as greyscale PNG of run lengths, of the differences to the row above or of its values.
+    """Encode an image (h, w) as greyscale PNG of run lengths, of differences to the row above or of values.
 
-    Measured on depth of a person's crop: 0.3 ms and 8.6 kB, where OpenCV's default takes 0.75 ms and 10.2 kB.
+    A person's depth crop takes 0.3 ms and 8.6 kB; OpenCV's default 0.75 ms and 10.2 kB.
     """
-    # Its import takes a tenth of the time that info and refusals have.
     import cv2
 
     filtering = cv2.IMWRITE_PNG_FILTER_UP if differences else cv2.IMWRITE_PNG_FILTER_NONE
@@ -135,31 +135,24 @@ def encode_png(image: UInt8 | UInt16, differences: bool = True) -> bytes:
 
 @dataclass(frozen=True)
 class Probabilities:
-    """Class probabilities of a crop. crop: where it lies in the depth image.
-
-    planes: float32 (12, 212, 212), by part id, adding up to one at every pixel.
-    """
+    """Class probabilities float32 (12, 212, 212) of a crop, by part id; they add up to one at every pixel."""
 
     crop: Crop
     planes: Float32
 
     def note(self) -> dict[str, list[int]]:
-        """Where the crop lies, for the frame's notes."""
+        """Return the frame's note on the crop's place."""
         return {NOTE: [self.crop.top, self.crop.left, self.crop.side]}
 
 
 def encode_probabilities(probabilities: Probabilities) -> bytes:
-    """The planes below each other, in steps of 1/255, as a greyscale PNG (12 * 212, 212).
-
-    Nearly all values are 0 or 255. Measured: plain runs take 1 ms and 12 kB a frame, differences 1.3 ms and
-    16 kB.
-    """
+    """Encode the planes below each other, in steps of 1/255, as a greyscale PNG (12 * 212, 212)."""
     tall = np.rint(np.clip(probabilities.planes, 0, 1) * 255).astype(np.uint8).reshape(-1, SIZE)
     return encode_png(tall, differences=False)
 
 
 def decode_probabilities(data: bytes, notes: dict[str, Any]) -> Probabilities:
-    """Inverse of ``encode_probabilities`` but for rounding; notes: the frame's. Raises FormatError."""
+    """Invert ``encode_probabilities``; notes: the frame's. Raises FormatError."""
     if png_shape(data, "probability") != (N_CLASSES * SIZE, SIZE):
         raise FormatError(f"probability PNG is not {N_CLASSES * SIZE} x {SIZE} pixels; predict again")
     stored = decode_grey(data, np.uint8, "probability").reshape(N_CLASSES, SIZE, SIZE)

@@ -1,4 +1,4 @@
-"""The journal of a label set: every stroke, one line each, on the disk before the next one begins."""
+"""Journal of a label set: every stroke, one line each, on the disk before the next one begins."""
 
 import os
 import stat
@@ -14,21 +14,19 @@ from sensors.files.atomic import replacing
 from sensors.files.natural_order import in_order
 
 JOURNAL = "journal.jsonl"
-MAX_BYTES = 4_000_000_000
-"""Largest journal that is read, in bytes: a stroke takes one or two kilobytes."""
-# Nothing is written through a link to a file outside the set, and no pipe is waited for.
+MAX_BYTES = 4_000_000_000  # a stroke takes one or two kilobytes
+# Links to files outside the set and pipes are refused.
 FLAGS = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
 REMEDY = "restore it from a copy, or move it and original/ away to continue from the last saved labels"
-"""What to do about a journal that is corrupt or incomplete."""
 
 
 class NotSavedError(CloudError):
-    """The disk refused what was to be saved. Nothing is lost: it is kept in memory and tried again."""
+    """The disk refused a write. The strokes stay in memory and are written later."""
 
 
 @contextmanager
 def nothing_changed(path: Path) -> Iterator[None]:
-    """Where a disk that refuses leaves everything as it was. Raises NotSavedError in place of OSError."""
+    """Raise NotSavedError in place of OSError, where a refused write has changed nothing."""
     try:
         yield
     except OSError as error:
@@ -39,16 +37,16 @@ def nothing_changed(path: Path) -> Iterator[None]:
 
 
 class Journal:
-    """An append-only file of strokes. Only one process may append (``claim``); any may read.
+    """Append-only file of strokes. Only one process may append (``claim``); any may read.
 
-    A line is whole once its newline is written. Bytes after the last newline are from a write that a crash
-    cut off: they are ignored, and removed by the next append.
+    A line is complete with its newline. Bytes after the last newline are from a crash: they are ignored, and
+    removed by the next append.
     """
 
     def __init__(self, path: Path) -> None:
         """Read the journal at ``path``; an absent file is an empty one.
 
-        Raises FormatError naming the first line that is no stroke.
+        Raises FormatError naming the first invalid line.
         """
         self.path = path
         self._by_frame: defaultdict[str, list[Stroke]] = defaultdict(list)
@@ -64,35 +62,35 @@ class Journal:
 
     @classmethod
     def of(cls, folder: Path) -> Self:
-        """The journal of the label set in ``folder``."""
+        """Open the journal of a label set's folder."""
         return cls(folder / JOURNAL)
 
     def __len__(self) -> int:
         return sum(map(len, self._by_frame.values()))
 
     def strokes(self, frame_id: str) -> Sequence[Stroke]:
-        """A frame's entries, the oldest first; those not yet on the disk included."""
+        """Return a frame's entries, the oldest first; those not yet on the disk included."""
         return self._by_frame.get(frame_id, ())
 
     @property
     def frame_ids(self) -> list[str]:
-        """Ids of the frames that have entries, in natural order."""
+        """Return the ids of the frames with entries, in natural order."""
         return in_order(self._by_frame)
 
     @property
     def pending(self) -> Sequence[Stroke]:
-        """Entries that are not on the disk yet."""
+        """Return the entries that are not on the disk yet."""
         return self._pending
 
     def add(self, stroke: Stroke) -> None:
-        """Take one more entry; ``flush`` brings it to the disk."""
+        """Take one more entry; ``flush`` writes it to the disk."""
         self._by_frame[stroke.frame_id].append(stroke)
         self._pending.append(stroke)
 
     def flush(self) -> None:
-        """Append what is pending and wait for the disk. Raises NotSavedError: then it stays pending.
+        """Append the pending entries and wait for the disk. Raises NotSavedError, and keeps them pending.
 
-        Whatever happens, the file ends with a whole line: half-written ones are cut off again.
+        A half-written line is cut off again.
         """
         if not self._pending:
             return
@@ -108,10 +106,7 @@ class Journal:
         self._pending.clear()
 
     def add_together(self, strokes: Sequence[Stroke]) -> None:
-        """Bring entries to the disk all together: after a crash at any moment all of them are there or none.
-
-        Raises NotSavedError: then none is taken.
-        """
+        """Write entries to the disk atomically: all or none. Raises NotSavedError."""
         self.flush()
         lines = b"".join(to_line(stroke) for stroke in strokes)
         with (
@@ -144,7 +139,7 @@ class Journal:
             os.close(file)
 
     def _lines(self) -> Iterator[bytes]:
-        """Whole lines that are there at first, whoever appends meanwhile."""
+        """Yield the complete lines; lines that are appended meanwhile are left out."""
         try:
             with open(self.path, "rb", opener=lambda name, flags: os.open(name, flags | FLAGS)) as file:
                 found = os.fstat(file.fileno())
@@ -155,7 +150,7 @@ class Journal:
                 left = found.st_size
                 for line in file:
                     left -= len(line)
-                    # What is appended meanwhile may begin within a line that was cut off.
+                    # A line appended meanwhile may begin within a truncated one.
                     if left < 0 or not line.endswith(b"\n"):
                         return
                     yield line

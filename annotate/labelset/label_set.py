@@ -1,4 +1,4 @@
-"""A label set: a folder of labelled depth images that any viewer opens and no crash can break."""
+"""Label set: a folder of labelled depth images that any viewer opens and no crash can break."""
 
 import json
 import os
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from annotate.array_types import Float32, UInt8
 from annotate.frame_labels import FrameLabels, Status
-from annotate.labelset import images, manifests
+from annotate.labelset import images
 from annotate.labelset.dataset import Entry
 from annotate.labelset.images import Probabilities
 from annotate.labelset.journal import Journal
@@ -22,21 +22,20 @@ from annotate.parts import PARTS, on_body
 from sensors.errors import CalibrationError, CloudError, ExistsError, FormatError
 from sensors.files.atomic import is_taken, write_bytes
 from sensors.files.bounded import read_bounded
-from sensors.files.natural_order import in_order
+from sensors.files.natural_order import in_order, paths_in_order
 from sensors.rig.camera import Intrinsics
 from sensors.versions import versions
 
 SCHEMA = 1
-MANIFEST = manifests.LABELSET
+MANIFEST = "labelset.json"
 TOOLS = ("annotate-cloud", "numpy", "opencv-contrib-python-headless", "onnxruntime")
 FRAMES, ORIGINAL = "frames", "original"
 LEARNT = "learnt"
-"""Folder of the confidences of each step of learning, and the note of the step whose labels a frame has."""
+"""Folder of the confidences of each fine-tuning step, and the note of the step that labelled a frame."""
 PROBABILITY = "probability.png"
 RECORDING = "recording"
-"""Manifest entry of the recording's name and size. It may be renamed while a run goes on."""
-MAX_JSON_BYTES = 16_000_000
-"""Largest manifest or frame file that is read, in bytes."""
+"""Manifest entry of the recording's name and size; its name may change during a run."""
+MAX_JSON_BYTES = 16_000_000  # of a manifest or a frame
 _STEP = re.compile(r"[0-9]{4,9}")
 _FRAME_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
@@ -46,11 +45,10 @@ Decode = Callable[[bytes], NDArray[T]]
 
 
 class LabelSet:
-    """A label set on disk. Every write is whole or absent; a frame exists once its JSON does.
+    """Label set on disk. Every write is complete or absent; a frame exists once its JSON does.
 
-    intrinsics: the undistorted depth camera that all frames share.
-    info: the manifest's record of how the set was made (source, steps). The manifest also lists the versions
-    of the tools that began it, for people: another version may go on with the set.
+    intrinsics: the undistorted depth camera of all frames. info: the manifest's record of source and steps.
+    The manifest also lists the versions of the tools that began it, for people.
     """
 
     def __init__(self, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> None:
@@ -74,7 +72,7 @@ class LabelSet:
 
     @classmethod
     def open(cls, path: Path) -> Self:
-        """Open an existing label set. Raises FormatError when it is none, or is corrupt."""
+        """Open a label set. Raises FormatError."""
         if not (path / MANIFEST).is_file():
             raise FormatError(_no_label_set(path))
         for name in (FRAMES, ORIGINAL, LEARNT):
@@ -96,7 +94,7 @@ class LabelSet:
 
     @classmethod
     def resume(cls, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> Self:
-        """Go on with a label set begun with the same ``info``, or start it. Raises ExistsError otherwise."""
+        """Continue a label set begun with the same ``info``, or start it. Raises ExistsError otherwise."""
         if not (path / MANIFEST).is_file():
             return cls.create(path, intrinsics, info)
         begun = cls.open(path)
@@ -109,9 +107,9 @@ class LabelSet:
 
     @property
     def frame_ids(self) -> list[str]:
-        """Ids of the finished frames, in natural order."""
+        """Return the ids of the finished frames, in natural order."""
         try:
-            # One by one: a glob holds every file of the folder at once.
+            # scandir, because a glob holds all names of the folder at once.
             with os.scandir(self.path / FRAMES) as files:
                 ids = [file.name[:-5] for file in files if file.name.endswith(".json")]
         except FileNotFoundError:
@@ -129,33 +127,30 @@ class LabelSet:
 
     @property
     def whole_image(self) -> Intrinsics:
-        """The undistorted camera of the frames, or of the image they were cut from."""
+        """Return the undistorted camera of the frames, or of the image they were cut from."""
         return self.intrinsics.undistorted()
 
     @property
     def source(self) -> str:
-        """Source that the labels were made from."""
         return str(self.info.get("source", ""))
 
     @property
     def identity(self) -> dict[str, str]:
-        """Nothing: people go on correcting a label set."""
+        """Return nothing, because people correct label sets."""
         return {}
 
     def entries(self) -> Iterator[Entry]:
-        """Where the frames lie, by id."""
+        """Yield the places of the frames."""
         return map(Entry, self.frame_ids)
 
     def load(self, entry: Entry, persons: bool = True) -> FrameLabels:
-        """The frame of an entry, see ``read``."""
+        """Read the frame of an entry."""
         return self.read(entry.frame_id, persons=persons)
 
     def read(self, frame_id: str, original: bool = False, persons: bool = True) -> FrameLabels:
-        """Read one frame, or its labels as they were before the first correction (``keep_original``).
+        """Read one frame, or its labels before the first correction (``original``).
 
-        persons: whether the numbers of the persons are wanted too.
-
-        Raises FormatError naming the file that is missing or corrupt.
+        persons: read the persons' numbers too. Raises FormatError naming the file that is missing or corrupt.
         """
         folder = ORIGINAL if original else FRAMES
         fields = _load(self._file(frame_id, "json", folder))
@@ -171,43 +166,43 @@ class LabelSet:
             ) from error
 
     def parts(self, frame_id: str) -> UInt8:
-        """A frame's parts alone, uint8 (h, w). Raises FormatError naming the file."""
+        """Read a frame's parts alone, uint8 (h, w). Raises FormatError."""
         return self._image(frame_id, "parts.png", images.decode_parts)
 
     def confidence(self, frame_id: str, step: str = "") -> Float32 | None:
-        """Confidence (h, w) of the labels of a step of learning, or of a frame's first ones, if any."""
+        """Read the confidence (h, w) of a fine-tuning step's labels, or of the first ones, if any."""
         if not step:
             return self._optional_image(frame_id, "confidence.png", images.decode_confidence)
         return self._optional_image(frame_id, _of_step(step), images.decode_confidence, LEARNT)
 
     def write_confidence(self, frame_id: str, step: str, confidence: Float32) -> None:
-        """Keep the confidence (h, w) of the labels of a step of learning, beside that of the first ones."""
+        """Store the confidence (h, w) of a fine-tuning step's labels."""
         (self.path / LEARNT).mkdir(exist_ok=True)
         write_bytes(self._file(frame_id, _of_step(step), LEARNT), images.encode_confidence(confidence))
 
     def notes(self, frame_id: str) -> dict[str, Any]:
-        """A frame's notes alone, without its images."""
+        """Read a frame's notes alone."""
         notes = _load(self._file(frame_id, "json")).get("notes", {})
         return notes if isinstance(notes, dict) else {}
 
     def status(self, frame_id: str, original: bool = False) -> Status:
-        """A frame's status alone, or what it was before the first correction. Raises FormatError."""
+        """Read a frame's status alone. Raises FormatError."""
         status = _load(self._file(frame_id, "json", ORIGINAL if original else FRAMES)).get("status")
         if status not in get_args(Status):
             raise FormatError(f"{self._file(frame_id, 'json')} has an unknown status; restore it from a copy")
         return cast(Status, status)
 
     def probabilities(self, frame_id: str) -> Probabilities | None:
-        """A frame's class probabilities; None where none were stored. Raises FormatError naming the file."""
+        """Read a frame's class probabilities, if stored. Raises FormatError."""
         file = self._file(frame_id, PROBABILITY)
         if not file.is_file():
             return None
         return images.read_image(file, partial(images.decode_probabilities, notes=self.notes(frame_id)))
 
     def write(self, frame: FrameLabels, probabilities: Probabilities | None = None) -> None:
-        """Add or replace one frame, with a network's probabilities where they are to be kept.
+        """Add or replace one frame, with a network's probabilities if they are to be stored.
 
-        The frame's notes must hold ``probabilities.note()`` then. Raises FormatError when its size is not
+        The frame's notes must hold ``probabilities.note()`` then. Raises FormatError for another size than
         the set's.
         """
         if frame.depth_mm.shape != self.intrinsics.shape:
@@ -222,13 +217,13 @@ class LabelSet:
         self.write_labels(frame)
 
     def write_labels(self, frame: FrameLabels) -> None:
-        """Replace a frame's parts, status, subject and notes; its other images stay as they are."""
+        """Replace a frame's parts, status, subject and notes; keep its other images."""
         self._put(frame.frame_id, "parts.png", images.encode_parts, frame.parts)
         fields = {"status": frame.status, "subject": frame.subject, "notes": frame.notes}
         self._put(frame.frame_id, "json", _dump, fields)
 
     def keep_original(self, frame_id: str) -> None:
-        """Copy a frame's parts and JSON to ``original/``, once: what a correction starts from."""
+        """Copy a frame's parts and JSON to ``original/``, once, before its first correction."""
         if not self.has_original(frame_id):
             (self.path / ORIGINAL).mkdir(exist_ok=True)
             for suffix in ("json", "parts.png"):
@@ -236,7 +231,7 @@ class LabelSet:
                 write_bytes(self._file(frame_id, suffix, ORIGINAL), data)
 
     def has_original(self, frame_id: str) -> bool:
-        """Whether a frame's labels before its first correction were kept."""
+        """Return whether a frame's labels before its first correction are stored."""
         return self._file(frame_id, "parts.png", ORIGINAL).is_file()
 
     def _file(self, frame_id: str, suffix: str, folder: str = FRAMES) -> Path:
@@ -245,7 +240,7 @@ class LabelSet:
         return self.path / folder / f"{frame_id}.{suffix}"
 
     def _put(self, frame_id: str, suffix: str, encode: Callable[[V], bytes], value: V | None) -> None:
-        """Write one file of a frame; without a value, remove what an earlier write left."""
+        """Write one file of a frame; without a value, remove an earlier one."""
         if value is None:
             self._file(frame_id, suffix).unlink(missing_ok=True)
         else:
@@ -266,13 +261,13 @@ class LabelSet:
 
 
 def as_read(frame: FrameLabels) -> FrameLabels:
-    """A frame's labels as they read back once written: confidence in steps, notes as JSON keeps them."""
+    """Return a frame's labels as they read back once written."""
     confidence = None if frame.confidence is None else images.stored_confidence(frame.confidence)
     return replace(frame, confidence=confidence, notes=json.loads(_dump(frame.notes)))
 
 
 def validate(labels: LabelSet) -> list[str]:
-    """Every problem of a label set, one line each; empty when all frames read back well."""
+    """Return every problem of a label set, one line each."""
     problems = []
     for frame_id in labels.frame_ids:
         try:
@@ -283,14 +278,14 @@ def validate(labels: LabelSet) -> list[str]:
             continue
         on_nothing = int((on_body(frame.parts) & (frame.depth_mm == 0)).sum())
         if on_nothing:
-            problems.append(f"frame {frame_id}: {on_nothing} pixels carry a part where there is no depth")
+            problems.append(f"frame {frame_id}: {on_nothing} pixels carry a part without depth")
     if not labels.frame_ids:
         problems.append(f"{labels.path} holds no frames")
     return problems + _journal_problems(labels)
 
 
 def _journal_problems(labels: LabelSet) -> list[str]:
-    """A journal that cannot be read, and strokes that a killed correction left out of the labels."""
+    """Return problems of the journal: unreadable, or strokes that the labels lack."""
     try:
         journal = Journal.of(labels.path)
         behind = [
@@ -309,12 +304,12 @@ def _settings(info: dict[str, Any]) -> dict[str, Any]:
 
 
 def _learnt_in(notes: object) -> str:
-    """Step of learning that a frame's notes name, or nothing."""
+    """Return the fine-tuning step that a frame's notes name, or ""."""
     return str(notes.get(LEARNT) or "") if isinstance(notes, dict) else ""
 
 
 def _of_step(step: object) -> str:
-    """Name of a step's confidence. Raises FormatError for what is no step's name."""
+    """Return the file name of a step's confidence. Raises FormatError."""
     if not isinstance(step, str) or not _STEP.fullmatch(step):
         raise FormatError(f"{str(step)[:40]!r} names no step of learning; restore the frame from a copy")
     return f"{step}.confidence.png"
@@ -335,11 +330,16 @@ def _load(path: Path) -> dict[str, Any]:
     return value
 
 
+def label_sets_in(folder: Path) -> list[Path]:
+    """Return the label sets directly inside a folder, as ``label`` and ``predict`` of a folder write them."""
+    return paths_in_order(manifest.parent for manifest in folder.glob(f"*/{MANIFEST}"))
+
+
 def _no_label_set(path: Path) -> str:
-    """Return why a path is no label set, with the remedy."""
+    """Return the reason and the remedy for a path without a label set."""
     if not path.exists():
         return f"{path} does not exist; check its name"
-    if inside := manifests.label_sets_in(path):
+    if inside := label_sets_in(path):
         names = ", ".join(one.name for one in inside[:3]) + (", ..." if len(inside) > 3 else "")
         several = "a label set" if len(inside) == 1 else f"{len(inside)} label sets"
         return f"{path} is a folder with {several} ({names}); give one, e.g. {inside[0]}"

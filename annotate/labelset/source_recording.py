@@ -1,4 +1,4 @@
-"""The recording that a label set was made from: where it lies, and its frames fused beside the labels."""
+"""Recording of a label set: its place, and its frames fused beside the labels."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -19,7 +19,7 @@ from sensors.session.recognise import mcap_files
 
 
 class Fused(NamedTuple):
-    """A labelled frame's points. frame: what was recorded, or None; remark: why that is missing, or ""."""
+    """Points of a labelled frame. frame: as recorded, or None with a remark on the reason."""
 
     cloud: ThermalCloud
     frame: RigFrame | None
@@ -29,9 +29,8 @@ class Fused(NamedTuple):
 class Recorded:
     """Frames of a label set with the colours and temperatures of its recording.
 
-    session: anything that ``open_source`` reads, or None: then clouds have depth alone. calibration: of the
-    frames' images; the depth camera's is the undistorted one of the labels.
-    Raises FormatError where the recording is not of these frames' size.
+    session: of any kind that ``open_source`` reads; None = depth alone. Raises FormatError for a recording of
+    another size.
     """
 
     def __init__(self, labels: LabelSet, session: Path | None) -> None:
@@ -47,16 +46,16 @@ class Recorded:
 
     @property
     def calibration(self) -> RigCalibration:
-        """Calibration of the recording's cameras as recorded, or of the labels' depth camera alone."""
+        """Return the calibration as recorded, or of the labels' depth camera alone."""
         return self._fuser.calibration
 
     @property
     def events(self) -> tuple[tuple[int, str], ...]:
-        """(stamp in nanoseconds, text) of all that a session notes, by time."""
+        """Return (stamp in nanoseconds, text) of all notes of a session, by time."""
         return tuple(sorted(self._source.events)) if self._source else ()
 
     def fused(self, labels: FrameLabels) -> Fused:
-        """Points of a labelled frame; what cannot be read of the recording is left out with a remark."""
+        """Fuse a labelled frame; unreadable parts of the recording are left out with a remark."""
         why = ""
         if self._source is not None:
             try:
@@ -71,7 +70,7 @@ class Recorded:
 
 
 def recording_entry(path: Path | None) -> dict[str, Any]:
-    """Return the manifest's entry on the recording that labels are made from: its name, and a file's size."""
+    """Return the manifest's entry on a recording: its name, and a file's size."""
     if path is None:
         return {}
     size = {"bytes": path.stat().st_size} if path.is_file() else {}
@@ -81,8 +80,8 @@ def recording_entry(path: Path | None) -> dict[str, Any]:
 def find_session(labels: LabelSet) -> Path | None:
     """Return the recording beside the label set, or None.
 
-    It has the manifest's name and size; else, renamed, the manifest's SHA-256; else the name of the
-    manifest's source or of the set.
+    It has the manifest's name and size; else the manifest's SHA-256; else the name of the source or of the
+    set.
     """
     folder, entry = labels.path.resolve().parent, labels.info.get(RECORDING)
     name, size = (entry.get("name"), entry.get("bytes")) if isinstance(entry, dict) else (None, None)

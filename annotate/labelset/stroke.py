@@ -1,4 +1,4 @@
-"""A stroke: one entry of the journal, as the difference it made to the labels of one frame."""
+"""Stroke: one entry of the journal, as the difference it made to the labels of one frame."""
 
 import json
 from dataclasses import asdict, dataclass, field
@@ -21,7 +21,7 @@ Operation = Literal[
     "to_neighbour",
     "copy_previous",
     "propagate",
-    # give a frame that nobody has worked on the labels of a network that learnt,
+    # give an untouched frame the labels of a fine-tuned network,
     "relabel",
     # take changes back and do them again,
     "undo",
@@ -35,7 +35,7 @@ Operation = Literal[
 ]
 Verdict = Literal["accept", "agree", "reject"]
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
-"""Judgements of a frame: the annotator is done, a reviewer agrees, somebody rejects it with a reason."""
+"""Judgements of a frame: annotator done, reviewer agrees, rejected with a reason."""
 
 GestureKind = Literal["supervoxel", "grow", "lasso", "polygon", "rectangle", "brush", "key"]
 Activity = Literal["looking", "painting", "navigating"]
@@ -43,10 +43,9 @@ Activity = Literal["looking", "painting", "navigating"]
 
 @dataclass(frozen=True)
 class Gesture:
-    """Gesture by which a person chose the pixels, in the quantities of the keystroke-level model.
+    """Gesture that chose the pixels, in the quantities of the keystroke-level model.
 
-    clicks: mouse clicks; points: vertices of a lasso, polygon or brush path; path_px: its length on the
-    screen in pixels, the button held down; keys: keys pressed for it. Raises FormatError.
+    points: vertices of a lasso, polygon or brush path; path_px: its length on the screen. Raises FormatError.
     """
 
     kind: GestureKind = "key"
@@ -64,20 +63,16 @@ class Gesture:
 
 
 KEY = Gesture("key", keys=1)
-"""One key stroke."""
 
 
 @dataclass(frozen=True)
 class Stroke:
     """One action of a person on one frame, and the difference it made.
 
-    part: the part given, or None where an operation gives several. how: the gesture.
-    runs: int64 (n, 4), each (start, length, old, new): the pixels [start, start + length) of the image
-    read row by row went from part id old to new. Runs are sorted and do not overlap, so a stroke can be
-    replayed exactly, and its inverse undoes it. Undo and redo carry their own runs.
-    who; when: ISO 8601 UTC; seconds: active seconds since the entry before, by kind of activity.
-    reason: why, for a rejection; the step of learning whose labels a frame gets, for a relabelling.
-    Raises FormatError.
+    part: the part given, None for several. runs: int64 (n, 4), each (start, length, old, new): pixels [start,
+    start + length), row by row, changed from part id old to new; sorted, without overlap. Undo and redo carry
+    their own runs. when: ISO 8601 UTC. seconds: active seconds since the previous entry, by activity. reason:
+    of a rejection; the step of a relabelling. Raises FormatError.
     """
 
     frame_id: str
@@ -107,47 +102,46 @@ class Stroke:
 
     @property
     def changes(self) -> bool:
-        """Whether any pixel is another part afterwards."""
+        """Return whether any pixel changed."""
         return len(self.runs) > 0
 
     @property
     def by_person(self) -> bool:
-        """Whether a person changed labels by it, or gave or took back a verdict."""
+        """Return whether a person changed labels, or gave or took back a verdict."""
         return self.operation not in ("leave", "relabel")
 
     @property
     def end(self) -> int:
-        """Flat index behind the last changed pixel; 0 without changes."""
+        """Return the flat index behind the last changed pixel; 0 without changes."""
         return int(self.runs[-1, :2].sum()) if len(self.runs) else 0
 
     @property
     def pixels(self) -> Int64:
-        """Flat indices (n,) of the pixels that changed, sorted."""
+        """Return the flat indices (n,) of the changed pixels, sorted."""
         start, length = self.runs[:, 0], self.runs[:, 1]
         ends = np.cumsum(length)
         return np.arange(ends[-1] if len(ends) else 0) + np.repeat(start - ends + length, length)
 
     @property
     def old(self) -> UInt8:
-        """Part ids (n,) before, one for each of ``pixels``."""
+        """Return part ids (n,) before, one for each of ``pixels``."""
         return np.repeat(self.runs[:, 2], self.runs[:, 1]).astype(np.uint8)
 
     @property
     def new(self) -> UInt8:
-        """Part ids (n,) after, one for each of ``pixels``."""
+        """Return part ids (n,) after, one for each of ``pixels``."""
         return np.repeat(self.runs[:, 3], self.runs[:, 1]).astype(np.uint8)
 
     @property
     def active_seconds(self) -> float:
-        """Active seconds of all kinds."""
         return float(sum(self.seconds.values()))
 
     def inverse_runs(self) -> Int64:
-        """The runs that undo this stroke."""
+        """Return the runs that undo this stroke."""
         return self.runs[:, [0, 1, 3, 2]]
 
     def apply_to(self, parts: UInt8) -> None:
-        """Make the change in ``parts`` (h, w), contiguous. Raises FormatError where it reaches outside."""
+        """Change ``parts`` (h, w), contiguous. Raises FormatError for a stroke that reaches outside."""
         if self.end > parts.size:
             raise FormatError(
                 f"a stroke on frame {self.frame_id} reaches pixel {self.end - 1} of {parts.size}"
@@ -156,12 +150,12 @@ class Stroke:
 
 
 def is_part(part: int) -> bool:
-    """Whether a number is the id of a part, of the background, or 255."""
+    """Return whether a number is the id of a part, of the background, or 255."""
     return 0 <= part < N_CLASSES or part == UNDEFINED
 
 
 def difference(pixels: Int64, old: UInt8, new: UInt8) -> Int64:
-    """Runs (n, 4) of a change of the sorted flat ``pixels`` from ``old`` to ``new`` part ids, all (m,)."""
+    """Return the runs (n, 4) of a change of sorted flat ``pixels`` from ``old`` to ``new`` ids, all (m,)."""
     differs = old != new
     pixels, old, new = pixels[differs], old[differs], new[differs]
     if not len(pixels):
@@ -174,14 +168,14 @@ def difference(pixels: Int64, old: UInt8, new: UInt8) -> Int64:
 
 
 def to_line(stroke: Stroke) -> bytes:
-    """One line of JSON, its newline included."""
+    """Return one line of JSON with its newline."""
     fields = {name: getattr(stroke, name) for name in Stroke.__dataclass_fields__}
     fields |= {"how": asdict(stroke.how), "runs": stroke.runs.ravel().tolist()}
     return json.dumps(fields, allow_nan=False, separators=(",", ":")).encode() + b"\n"
 
 
 def from_line(line: bytes) -> Stroke:
-    """Inverse of ``to_line``. Raises FormatError on anything else."""
+    """Invert ``to_line``. Raises FormatError."""
     try:
         fields = json.loads(line)
     except (ValueError, RecursionError) as error:
@@ -192,7 +186,7 @@ def from_line(line: bytes) -> Stroke:
         runs, how = _runs(fields.pop("runs")), Gesture(**fields.pop("how"))
         return Stroke(runs=runs, how=how, **fields)
     except (TypeError, KeyError) as error:
-        raise FormatError(f"its fields are not those of a stroke ({str(error)[:100]})") from error
+        raise FormatError(f"its fields do not make a stroke ({str(error)[:100]})") from error
 
 
 def _runs(numbers: object) -> Int64:

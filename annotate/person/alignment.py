@@ -65,8 +65,8 @@ def degrees(shift_px: tuple[float, float], camera: Intrinsics) -> float:
 def contrasts(cloud: ThermalCloud, window_c: tuple[float, float], warm: Bool) -> Float64 | None:
     """Return the contrast (n, n) of shifts, down by rows, right by columns; None with few silhouettes.
 
-    Contrast: mean warmth inside silhouettes less outside, 1 between a person and the room. The middle is no
-    shift. window_c: a person's (least, most). warm: bool (h, w), near which silhouettes count.
+    Contrast: mean warmth inside silhouettes less outside, 1 between a person and the room. The middle is the
+    zero shift. window_c: a person's (least, most). warm: bool (h, w), near which silhouettes count.
     """
     reach_px = SEARCHED * cloud.camera.fx
     inside, outside = _sides(cloud.points_m[..., 2], grown(warm, reach_px))

@@ -50,8 +50,8 @@ class PersonMask:
 class PersonDetection:
     """Persons of one frame, detected in the coarse cloud, without any other frame.
 
-    window_c: least and most surface temperature of a person; None = from the frame. Without such warmth there
-    is no person. suit: of the subject, distinguishes it from others. everybody: label all persons; the
+    window_c: least and most surface temperature of a person; None = from the frame. Without such warmth
+    no person is found. suit: of the subject, distinguishes it from others. everybody: label all persons; the
     earlier subject keeps number 1, and none has to stand out. single_pass: of ``find_people``.
     """
 

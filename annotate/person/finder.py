@@ -94,8 +94,8 @@ def _spacing(grid: Float64) -> float:
 def network_input(depth_m: Float32, warmth: Float32) -> Float32:
     """Return the input (24, h / 2, w / 2) for depth (h, w) in metres, 0 = no reading; h, w even.
 
-    Six channels (valid, log depth, log depth less its mean in a wide and in a narrow window, thermal reading,
-    warmth), each as the four images of every second pixel.
+    Six channels, each as the four images of every second pixel: valid, log depth, log depth less its mean in
+    a wide and in a narrow window, thermal reading, warmth.
     """
     valid = (depth_m > 0).astype(np.float32)
     log = np.where(depth_m > 0, np.log(np.maximum(depth_m, 0.1)), 0).astype(np.float32)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument
 
-from annotate.labelset import manifests
 from cli.console import Json, cell, facts, finish, table
 from cli.event_lines import event_lines
 from cli.info_folder import folder_info, folder_problems, recordings_in
@@ -38,14 +37,12 @@ def info(
     json: Json = False,
 ) -> None:
     """Show what a path holds; for a label set, also who corrected what."""
-    if (path / manifests.LABELSET).is_file() or manifests.label_sets_in(path):
-        from annotate.labelset.label_set import LabelSet
+    from annotate.labelset import dataset, label_set
 
-        result, text = labels_info(LabelSet.open(path))
-    elif (path / manifests.DATASET).is_file():
-        from annotate.labelset.dataset import Dataset
-
-        shards = Dataset.open(path)
+    if (path / label_set.MANIFEST).is_file() or label_set.label_sets_in(path):
+        result, text = labels_info(label_set.LabelSet.open(path))
+    elif (path / dataset.MANIFEST).is_file():
+        shards = dataset.Dataset.open(path)
         result = {"kind": "dataset", "shards": len(shards.shards), **shards.info}
         text = facts(result)
     elif files := recordings_in(path):
