@@ -69,7 +69,7 @@ class Film:
 def correction(folder: Path) -> None:
     """A piece is taken by a click, a loop drawn, undone; the frame accepted, the next one shown in heat."""
     window = open_window(folder, "dark")
-    film, canvas = Film(window), window.cloud_view.plotter
+    film, canvas = Film(window), window.views.cloud.plotter
     film.take(900)
     handle, left, plain = window.windowHandle(), Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
     press(window, "piece")
@@ -110,8 +110,8 @@ def correction(folder: Path) -> None:
 
 def middle_of(window: CorrectionWindow, part: str) -> QPoint:
     """Where the middle of a part lies in the cloud's picture."""
-    pixels = np.flatnonzero(window.desk.parts.ravel() == PART_ID[part])
-    x, y = np.nanmedian(window.cloud_view.view().xy_px[pixels], axis=0)
+    pixels = np.flatnonzero(window.edits.parts.ravel() == PART_ID[part])
+    x, y = np.nanmedian(window.views.cloud.view().xy_px[pixels], axis=0)
     return QPoint(round(x), round(y))
 
 

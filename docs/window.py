@@ -73,8 +73,8 @@ def dark(window: CorrectionWindow) -> None:
         press(window, "accept")
     press(window, "lasso")
     press(window, "right_upper_leg")
-    view = window.cloud_view
-    pixels = np.flatnonzero(window.desk.parts.ravel() == PART_ID["left_upper_leg"])
+    view = window.views.cloud
+    pixels = np.flatnonzero(window.edits.parts.ravel() == PART_ID["left_upper_leg"])
     x, y = np.nanmedian(view.view().xy_px[pixels], axis=0)
     angles = np.linspace(0.3, 6.0, 40)
     ring = [QPoint(round(x + 62 * np.cos(a)), round(y + 40 * np.sin(a))) for a in angles]
@@ -84,7 +84,7 @@ def dark(window: CorrectionWindow) -> None:
     press(window, "help")
     save(window, "window-keys.png")
     press(window, "help")
-    window.set_look(window.cloud_view, Look("temperature", tint=0.25))
+    window.views.set_look(window.views.cloud, Look("temperature", tint=0.25))
     turn(window, QPoint(110, 40))
     save(window, "window-heat.png")
 
@@ -93,7 +93,7 @@ def light(window: CorrectionWindow) -> None:
     """Parts in the light theme; where the network says otherwise."""
     save(window, "window-light.png")
     press(window, "order")
-    window.set_look(window.cloud_view, Look("disagreement"))
+    window.views.set_look(window.views.cloud, Look("disagreement"))
     press(window, "doubt")
     save(window, "window-difference.png")
 
@@ -108,7 +108,7 @@ def press(window: CorrectionWindow, name: str) -> None:
 
 def draw(window: CorrectionWindow, places: list[QPoint]) -> None:
     """Press the left button and move through places of the cloud; it is not released."""
-    handle, canvas = window.windowHandle(), window.cloud_view.plotter
+    handle, canvas = window.windowHandle(), window.views.cloud.plotter
     points = [canvas.mapTo(window, place) for place in places]
     QTest.mouseMove(handle, points[0])
     QTest.mousePress(handle, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, points[0])

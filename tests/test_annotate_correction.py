@@ -422,15 +422,6 @@ def test_what_killed_processes_left_is_swept(folder):
     assert (litter.exists(), alive.exists()) == (False, True)
 
 
-def test_kill_at_random_moments(tmp_path):
-    command = [sys.executable, "-m", "tools.correction.kill_editor", str(tmp_path / "set"), "--kills", "10"]
-    command += ["--size", "106", "128"]
-    root = Path(__file__).resolve().parents[1]
-    done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "none lost" in done.stderr
-
-
 # The audit and the second pair of eyes
 
 

@@ -36,7 +36,6 @@ operations = st.one_of(
     st.tuples(st.just("merge"), ids, ids),
     st.tuples(st.just("to_neighbour"), masks),
     st.tuples(st.just("copy_previous"), maps),
-    st.tuples(st.just("propagate"), maps),
     st.tuples(st.sampled_from(["undo", "redo", "leave"])),
     st.tuples(st.just("judge"), st.sampled_from(["accept", "agree", "reject"]), st.just("blurred")),
 )
@@ -122,7 +121,7 @@ def test_only_one_part_is_replaced_when_asked(frame, only, mask, part):
     editor.only = only
     editor.paint(mask, part)
     editor.swap_left_right()
-    editor.propagate(swap_left_right(frame.parts))
+    editor.copy_previous(swap_left_right(frame.parts))
     assert set(np.unique(frame.parts[editor.parts != frame.parts])) <= {only}
 
 
@@ -181,7 +180,6 @@ def test_painting_takes_masks_and_indices_in_any_order_and_more_than_once():
         lambda e: e.paint(np.ones((H, W + 1), np.bool_), 2),
         lambda e: e.paint(np.ones((H, W), np.bool_), 12),
         lambda e: e.merge(2, -1),
-        lambda e: e.propagate(np.zeros((H, W + 1), np.uint8)),
         lambda e: e.copy_previous(np.zeros((2, 2), np.uint8)),
         lambda e: e.judge("reject", "  "),
     ],
@@ -256,13 +254,19 @@ def test_an_undo_from_before_verdicts_could_be_taken_back_passes_over_them():
     assert not history.done and history.undone == [paint]
 
 
-def test_propagated_labels_replace_all_but_where_they_are_undefined():
-    parts = np.full((H, W), 2, np.uint8)
+def test_a_copy_changes_what_is_of_the_body_in_both_frames():
+    parts, before = np.full((2, 4), 2, np.uint8), np.full((2, 4), 7, np.uint8)
+    parts[0, 0], before[0, 1], before[0, 2] = BACKGROUND, BACKGROUND, UNDEFINED
     editor = Editor(blank(parts), "ann")
-    given_parts = np.full((H, W), 7, np.uint8)
-    given_parts[0] = UNDEFINED
-    assert editor.propagate(given_parts).operation == "propagate"
-    np.testing.assert_array_equal(editor.parts[:2, 0], [2, 7])
+    assert editor.copy_previous(before).operation == "copy_previous"
+    np.testing.assert_array_equal(editor.parts, [[0, 2, 2, 7], [7, 7, 7, 7]])
+
+
+def test_a_journal_with_strokes_that_were_carried_over_replays():
+    carried = Stroke("f", "propagate", np.array([[0, 3, 2, 7]], np.int64))
+    frame = blank(np.full((2, 4), 2, np.uint8))
+    replayed = after(frame, [from_line(to_line(carried))], exact=True)
+    np.testing.assert_array_equal(replayed.parts, [[7, 7, 7, 2], [2, 2, 2, 2]])
 
 
 # Tidying

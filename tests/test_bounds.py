@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import asdict
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
@@ -13,8 +12,6 @@ import pytest
 from test_synth_garments import write_garment
 from test_synth_motion_driven import joint_file, squatting
 
-from annotate.gui import settings as memory
-from annotate.gui.settings import Memory, recall
 from annotate.gui.state.keys import MAX_TOML_BYTES, load_settings
 from eval.scores.counts import WIDTH
 from eval.scores.joints import N_JOINTS
@@ -51,7 +48,6 @@ HONEST: dict[str, float] = {
     "annotate.exchange.unpacked.MAX_FILES": 2 * 1_000_000,  # frames
     "annotate.exchange.parquet.MAX_GROUP_BYTES": 1000 * 1024 * 1024 * 2,  # images of 16 bits
     "annotate.gui.state.keys.MAX_TOML_BYTES": 300 * 100,  # lines
-    "annotate.gui.settings.MAX_BYTES": 300 * 100,
     "annotate.labelset.dataset.MAX_MANIFEST_BYTES": 1_000_000 * 120,  # shards
     "annotate.labelset.dataset.MAX_MEMBER_BYTES": 4096 * 4096 * 3,  # pixels of a colour image
     "annotate.labelset.dataset.MAX_SHARD_BYTES": 1_000_000_000,  # what WebDataset recommends
@@ -215,12 +211,8 @@ def filled(path: Path, text: str, size: int) -> Path:
     return path
 
 
-def test_the_windows_settings_and_its_memory(tmp_path):
+def test_the_windows_settings(tmp_path):
     settings = tmp_path / "window.toml"
     assert load_settings(filled(settings, "theme = 'dark'\n", MAX_TOML_BYTES)).theme == "dark"
     with pytest.raises(CloudError, match="larger than"):
         load_settings(filled(settings, "theme = 'dark'\n", MAX_TOML_BYTES + 1))
-    kept = json.dumps(asdict(Memory()) | {"tool": "brush"})
-    assert recall(filled(tmp_path / "window.json", kept, memory.MAX_BYTES)).tool == "brush"
-    large = filled(tmp_path / "window.json", kept, memory.MAX_BYTES + 1)
-    assert recall(large) == Memory(path=large)

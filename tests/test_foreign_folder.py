@@ -4,7 +4,7 @@ import subprocess
 
 import pytest
 
-from annotate.gui.probe import check_screen
+from annotate.gui.display import check_screen
 from cli.verbs.labelling import learn_command
 from sensors.errors import CloudError
 

@@ -58,7 +58,7 @@ def hand(one_window):
 
 
 def states(driver: Driver) -> list[str]:
-    return [driver.correction.state(frame_id) for frame_id in driver.window.walk.all_ids]
+    return [driver.correction.state(frame_id) for frame_id in driver.window.frames.all_ids]
 
 
 # Verdicts
@@ -73,14 +73,14 @@ def test_no_command_works_behind_the_page_of_keys(hand):
     hand.key("help")
     hand.key("accept")
     hand.key("torso")
-    assert states(hand) == ["auto"] * 5 and hand.window.desk.part == HEAD
-    QTest.mouseClick(hand.window.key_page, Qt.MouseButton.LeftButton, pos=QPoint(3, 3))
+    assert states(hand) == ["auto"] * 5 and hand.edits.part == HEAD
+    QTest.mouseClick(hand.panels.key_page, Qt.MouseButton.LeftButton, pos=QPoint(3, 3))
     hand.key("torso")
-    assert not hand.window.key_page.isVisible() and hand.window.desk.part == TORSO
+    assert not hand.panels.key_page.isVisible() and hand.edits.part == TORSO
 
 
 def test_a_verdict_is_taken_back_and_given_again(hand):
-    first, second = hand.window.walk.all_ids[:2]
+    first, second = hand.window.frames.all_ids[:2]
     hand.key("accept")
     hand.key("accept")
     for left, state in ((second, "auto"), (first, "auto")):
@@ -95,7 +95,7 @@ def test_a_verdict_is_taken_back_and_given_again(hand):
 
 
 def test_space_goes_to_the_next_unfinished_frame_and_wraps(hand):
-    ids = hand.window.walk.all_ids
+    ids = hand.window.frames.all_ids
     hand.window.open_frame(ids[3])
     seen = []
     for _ in range(5):
@@ -103,11 +103,11 @@ def test_space_goes_to_the_next_unfinished_frame_and_wraps(hand):
         seen.append(hand.window.frame_id)
         hand.key("accept")
     assert seen == [ids[i] for i in (3, 4, 0, 1, 2)] and states(hand) == ["accepted"] * 5
-    assert "No unfinished frames left" in hand.said and "5 of 5 done" in hand.window.panel.text.text()
+    assert "No unfinished frames left" in hand.said and "5 of 5 done" in hand.panels.progress.text.text()
 
 
 def test_the_order_by_doubt_opens_the_worst_and_leaves_none(hand):
-    ids, seen = hand.window.walk.all_ids, []
+    ids, seen = hand.window.frames.all_ids, []
     hand.key("order")
     for _ in range(5):
         seen.append(ids.index(hand.window.frame_id))
@@ -135,7 +135,7 @@ def test_reviewers_get_the_frames_of_others_and_the_reasons(figures, tmp_path):
 
 def test_every_command_is_in_a_menu_and_has_a_name_for_every_ear(hand):
     window = hand.window
-    entries = {entry for menu in window.header.menus.findChildren(QMenu) for entry in menu.actions()}
+    entries = {entry for menu in window.panels.header.menus.findChildren(QMenu) for entry in menu.actions()}
     for command in window.settings.commands:
         action = window.actions_by_name[command.name]
         assert action in entries and action.text(), command.name
@@ -143,14 +143,15 @@ def test_every_command_is_in_a_menu_and_has_a_name_for_every_ear(hand):
         if not widget.objectName().startswith("qt_"):
             assert widget.accessibleName() or widget.text(), widget
     assert all(
-        tile.accessibleName() and tile.accessibleDescription() for tile in window.palette_.tiles.values()
+        tile.accessibleName() and tile.accessibleDescription()
+        for tile in window.panels.palette_.tiles.values()
     )
 
 
 def test_words_are_written_once_however_often_they_are_asked_for(hand, monkeypatch):
-    header, written = hand.window.header, []
-    shown = header.show_desk
-    monkeypatch.setattr(header, "show_desk", lambda *what: (written.append(what), shown(*what)))
+    header, written = hand.panels.header, []
+    shown = header.show_edits
+    monkeypatch.setattr(header, "show_edits", lambda *what: (written.append(what), shown(*what)))
     for _ in range(3):
         hand.window.refresh()
     assert not written
@@ -159,18 +160,18 @@ def test_words_are_written_once_however_often_they_are_asked_for(hand, monkeypat
 
 
 def test_a_button_that_needs_a_place_takes_the_next_click(hand):
-    arm, part = hand.middle_of(RIGHT_ARM), hand.window.desk.part
-    button = hand.window.tools.buttons["swap"]
+    arm, part = hand.middle_of(RIGHT_ARM), hand.edits.part
+    button = hand.panels.tools.buttons["swap"]
     QTest.mouseClick(button, Qt.MouseButton.LeftButton)
     hand.settle()
-    assert "Click an arm" in hand.window.status.next.text()
+    assert "Click an arm" in hand.panels.status.next.text()
     hand.click(hand.place(arm))
     assert hand.parts.flat[arm] == LEFT_ARM and len(hand.strokes()) == 1
     hand.click(hand.place(arm))
     assert hand.parts.flat[arm] == part, "the next click paints again"
     QTest.mouseClick(button, Qt.MouseButton.LeftButton)
     hand.key("cancel")
-    assert not hand.window.hand.once
+    assert not hand.window.options.once
 
 
 @pytest.mark.parametrize(("layout", "key"), [("qwertz", "Y"), ("azerty", "W")])
@@ -179,15 +180,15 @@ def test_one_setting_moves_the_keys_to_another_keyboard(hand, tmp_path, layout, 
     settings = load_settings(tmp_path / "window.toml")
     driver = Driver(hand.correction.labels.path, read_only=True, settings=settings)
     driver.press(key)
-    assert driver.window.desk.part == PART_ID["right_lower_leg"]
+    assert driver.edits.part == PART_ID["right_lower_leg"]
     driver.close()
 
 
 def test_a_number_leads_to_its_frame(hand):
     hand.key("go_to")
-    field = hand.window.panel.number
+    field = hand.panels.progress.number
     QTest.keyClicks(field, "3 ")
-    assert hand.window.desk.part == HEAD, "keys in the field are no commands"
+    assert hand.edits.part == HEAD, "keys in the field are no commands"
     QTest.keyClick(field, Qt.Key.Key_Return)
     hand.settle()
     assert hand.window.frame_id == "000003" and not field.hasFocus()
@@ -200,15 +201,15 @@ def test_what_is_outlined_is_what_a_click_takes(hand):
     pixel = hand.middle_of(TORSO)
     for _ in range(2):
         hand.hover(hand.place(pixel))
-        wanted = hand.window.desk.would_take(pixel)
-        shown = hand.window.cloud_view.pointing._veil, hand.window.depth_pane.pointing._veil
+        wanted = hand.edits.would_take(pixel)
+        shown = hand.views.cloud.layer._outline, hand.views.depth.layer._outline
         assert len(wanted) and all(veil is not None for veil in shown)
         hand.click(hand.place(pixel))
         np.testing.assert_array_equal(hand.strokes()[-1].pixels, wanted)
 
 
 def test_a_stroke_leaves_its_outline_in_every_colouring(hand):
-    pane, pixel = hand.window.depth_pane, hand.middle_of(TORSO)
+    pane, pixel = hand.views.depth, hand.middle_of(TORSO)
     hand.look("depth", view=pane)
     before = pane._rgb.copy()
     hand.click(hand.place(pixel))
@@ -218,33 +219,33 @@ def test_a_stroke_leaves_its_outline_in_every_colouring(hand):
     assert changed[taken].any() and not changed[taken].all(), "a line, not a blot"
     peek = hand.window.settings.key("peek")
     QTest.keyPress(hand.window, peek)
-    assert hand.window.look(pane).outlines is False
+    assert hand.views.look(pane).outlines is False
     QTest.keyRelease(hand.window, peek)
-    while hand.window.peeking:
+    while hand.views.peeking:
         QTest.qWait(5)
-    assert hand.window.look(pane).outlines
+    assert hand.views.look(pane).outlines
 
 
 def test_a_hidden_part_is_hidden_in_the_depth_image_too(hand):
-    pane = hand.window.depth_pane
+    pane = hand.views.depth
     hand.press("Alt+W")
     hand.press("Alt+W")
     assert (pane._rgb[hand.parts == TORSO] == hand.window.theme.ground_rgb).all()
 
 
 def test_the_next_doubtful_place_is_shown_with_its_reason(hand):
-    assert "look at" in hand.window.header.facts.text()
+    assert "look at" in hand.panels.header.facts.text()
     hand.key("doubt")
     assert "1 of 2: torso" in hand.said and "hip in the other set" in hand.said
     hand.key("doubt")
     assert "2 of 2: left upper arm" in hand.said and "confidence 0.30" in hand.said
-    assert hand.window.depth_pane.pointing._veil is not None
+    assert hand.views.depth.layer._outline is not None
 
 
 def test_the_pointer_reads_out_part_depth_and_the_other_set(hand):
     pixel = hand.middle_of(TORSO)
     hand.hover(hand.place(pixel))
-    words = hand.window.cloud_view.pointing._words
+    words = hand.views.cloud.layer._words
     assert all(word in words for word in ("torso", " m", "confidence 1.00", "other set: hip"))
 
 
@@ -253,16 +254,16 @@ def test_strokes_take_over_the_other_set_or_the_frame_before(hand):
     hand.key("from_other")
     hand.click(hand.place(pixel))
     assert (
-        hand.parts.flat[pixel] == PART_ID["hip"] and "as in the other set" in hand.window.status.next.text()
+        hand.parts.flat[pixel] == PART_ID["hip"] and "as in the other set" in hand.panels.status.next.text()
     )
     hand.key("from_before")
     assert "no frame before" in hand.said
     hand.key("head")
-    assert hand.window.desk.giver == "part"
+    assert hand.edits.giver == "part"
 
 
 def test_the_frames_picture_and_state_follow_a_stroke(hand):
-    frames, frame_id = hand.window.strip.frames, hand.window.frame_id
+    frames, frame_id = hand.panels.strip.model_, hand.window.frame_id
     before = frames.data(frames.index(0), Qt.ItemDataRole.DecorationRole)
     hand.key("lasso")
     hand.drag(hand.circle(hand.place(hand.middle_of(TORSO)), 40))
@@ -275,16 +276,16 @@ def test_the_frames_picture_and_state_follow_a_stroke(hand):
 
 def test_the_views_swap_places_and_a_double_click_centres(hand):
     window, pixel = hand.window, hand.middle_of(LEFT_ARM)
-    width = window.depth_pane.width()
+    width = window.views.depth.width()
     hand.key("swap_views")
-    assert window.depth_pane.width() > width and window.cloud_view.isVisible()
+    assert window.views.depth.width() > width and window.views.cloud.isVisible()
     hand.key("swap_views")
     for view in window.views:
         place = hand.on_window(hand.place(pixel, view), view)
         QTest.mouseDClick(window.windowHandle(), Qt.MouseButton.RightButton, pos=place)
         QTest.mouseRelease(window.windowHandle(), Qt.MouseButton.RightButton, pos=place)
         hand.settle()
-        middle = view.pointing.rect().center() - hand.place(pixel, view)
+        middle = view.layer.rect().center() - hand.place(pixel, view)
         assert middle.manhattanLength() < 12
 
 
@@ -296,13 +297,14 @@ def test_all_of_it_fits_a_small_screen(hand):
     window.resize(1280, 680)
     hand.settle()
     assert (window.width(), window.height()) == (1280, 680)
-    assert window.tools.verticalScrollBar().maximum() == 0, "every tool is in sight"
+    assert window.panels.tools.verticalScrollBar().maximum() == 0, "every tool is in sight"
     inside = QRect(QPoint(0, 0), window.size())
-    for widget in (window.status, window.strip, window.tools, window.palette_, *window.views, window.header):
+    panels = window.panels
+    for widget in (panels.status, panels.strip, panels.tools, panels.palette_, panels.header, *window.views):
         place = QRect(widget.mapTo(window, QPoint(0, 0)), widget.size())
         assert inside.contains(place) and place.height() > 25, widget
     hand.key("help")
-    assert window.key_page.rect().contains(window.key_page.area.geometry())
+    assert window.panels.key_page.rect().contains(window.panels.key_page.area.geometry())
     hand.key("help")
     window.resize(1000, 760)
 
@@ -315,16 +317,16 @@ def test_size_colours_tool_and_order_are_remembered(qapp, figures, tmp_path):
     driver.key("order")
     driver.look("depth", tint=0.5)
     driver.key("theme")
-    radius = driver.window.hand.radius_px
+    radius = driver.window.options.radius_px
     driver.close()
     system = Settings("system")
     again = Driver(figures / "labels", read_only=True, memory=memory, size=None, settings=system)
     window = again.window
     assert (window.width(), window.height()) == (1040, 700) and window.theme.ground == "#eef0f4"
-    assert (window.hand.tool, window.hand.radius_px, window.walk.order) == ("brush", radius, "worst")
-    assert window.cloud_view.look == replace(window.cloud_view.look, colouring="depth", tint=0.5)
+    assert (window.options.tool, window.options.radius_px, window.frames.order) == ("brush", radius, "worst")
+    assert window.views.cloud.look == replace(window.views.cloud.look, colouring="depth", tint=0.5)
     again.close()
     memory.write_text('{"size": [9, "x"], "tool": "hammer", "looks": 3}')
     third = Driver(figures / "labels", read_only=True, memory=memory)
-    assert third.window.hand.tool == "piece"
+    assert third.window.options.tool == "piece"
     third.close()

@@ -22,7 +22,7 @@ from shiboken6 import Shiboken
 from annotate.correction.correction import Correction
 from annotate.gui.app import recording_of
 from annotate.gui.background import Background
-from annotate.gui.probe import check_opengl, check_screen
+from annotate.gui.display import check_opengl, check_screen
 from annotate.gui.widgets.dialogs import REASONS
 from annotate.labelset.journal import Journal
 from annotate.labelset.label_set import LabelSet
@@ -142,7 +142,7 @@ def test_qts_binding_keeps_its_references(qapp, folder):
     driver.settle()
     before = sys.getrefcount(None)
     for _ in range(20):
-        driver.window.palette_.repaint()
+        driver.panels.palette_.repaint()
     assert sys.getrefcount(None) > before - 20
     driver.close()
 
@@ -169,8 +169,8 @@ def test_read_only_changes_nothing(qapp, folder):
     pixel = driver.middle_of(TORSO)
     driver.click(driver.place(pixel))
     assert driver.parts.flat[pixel] == TORSO and "read-only" in driver.said
-    assert "accept" not in driver.window.status.space.text()
-    assert not driver.window.tools.buttons["swap"].isEnabled()
+    assert "accept" not in driver.panels.status.space.text()
+    assert not driver.panels.tools.buttons["swap"].isEnabled()
     driver.key("accept")
     driver.key("next")
     driver.key("colouring")
@@ -208,7 +208,7 @@ def test_a_full_disk_loses_nothing(qapp, folder, monkeypatch):
     said = answering("Go on")
     pixel = paint(driver)
     assert any("No space left" in text for text in said())
-    assert driver.correction.unsaved == 1 and "not saved" in driver.window.status.saved.text()
+    assert driver.correction.unsaved == 1 and "not saved" in driver.panels.status.saved.text()
     driver.key("undo")
     assert driver.parts.flat[pixel] == TORSO and driver.correction.unsaved == 2
     stays = answering("Stay")
@@ -216,7 +216,7 @@ def test_a_full_disk_loses_nothing(qapp, folder, monkeypatch):
     assert any("could not be written" in text for text in stays()) and driver.window.isVisible()
     monkeypatch.setattr(Journal, "_append", append)
     driver.key("redo")
-    assert driver.correction.unsaved == 0 and "saved" in driver.window.status.saved.text()
+    assert driver.correction.unsaved == 0 and "saved" in driver.panels.status.saved.text()
     painted, frame_id = driver.parts.copy(), driver.window.frame_id
     driver.close()
     assert (LabelSet.open(folder).read(frame_id).parts == painted).all()
@@ -233,8 +233,8 @@ def test_a_frame_is_rejected_with_a_reason(qapp, folder):
     driver.key("reject")
     assert driver.correction.state(frame_id) == "rejected" and driver.window.frame_id != frame_id
     driver.key("back")
-    assert REASONS[1] in driver.window.header.facts.text()
-    assert driver.window.header.facts.textFormat() == Qt.TextFormat.PlainText
+    assert REASONS[1] in driver.panels.header.facts.text()
+    assert driver.panels.header.facts.textFormat() == Qt.TextFormat.PlainText
     QTimer.singleShot(300, lambda: QTest.keyClick(QApplication.activeModalWidget(), Qt.Key.Key_Escape))
     driver.key("reject")
     assert driver.window.frame_id == frame_id
@@ -250,7 +250,7 @@ def test_a_fine_screen_selects_what_is_under_the_pointer(display, folder, tmp_pa
         "d = Driver(Path(sys.argv[1]), size=(760, 580)); assert d.window.devicePixelRatioF() == 2\n"
         "d.key('head'); p = d.middle_of(2); d.click(d.place(p)); shot = d.picture()\n"
         "place = d.place(p); c = shot[place.y() * 2, place.x() * 2].astype(int)\n"
-        "print(d.parts.flat[p], shot.shape[1] / d.window.cloud_view.plotter.width(), c[0] > 2 * c[2])\n"
+        "print(d.parts.flat[p], shot.shape[1] / d.window.views.cloud.plotter.width(), c[0] > 2 * c[2])\n"
         "d.close()"
     )
     environment = {**os.environ, "QT_SCALE_FACTOR": "2"}

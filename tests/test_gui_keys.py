@@ -7,7 +7,7 @@ from PySide6.QtCore import QEvent, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QApplication, QWidget
 
-from annotate.gui.key_repeat import HeldKeys
+from annotate.gui.held_keys import KeyRepeatFilter
 from annotate.gui.state.keys import BODY_GRID, COMMANDS, LAYOUTS, Settings, load_settings, settings_path
 from annotate.parts import LEFT_RIGHT, PARTS
 from sensors.errors import CloudError
@@ -94,7 +94,7 @@ class Listener(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.pressed: list[tuple[int, int]] = []
-        HeldKeys(self)
+        KeyRepeatFilter(self)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:  # noqa: N802
         self.pressed.append((event.key(), event.timestamp()))

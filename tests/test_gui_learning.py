@@ -13,7 +13,7 @@ from PySide6.QtTest import QTest
 from annotate.correction.correction import Correction
 from annotate.frame_labels import FrameLabels
 from annotate.gui.commands import bind
-from annotate.gui.learning import Lesson
+from annotate.gui.learning import LearnCommand
 from annotate.labelset.claim import ClaimedError
 from annotate.labelset.journal import Journal
 from annotate.labelset.label_set import LabelSet
@@ -51,7 +51,7 @@ def window(qapp, sets, tmp_path, monkeypatch, request):
     """A window on a copy of the set whose learning is a small program; its labels are there already."""
     folder = shutil.copytree(sets / "labels", tmp_path / "labels")
     program = f"import sys, time; {SAYS} {request.param}"
-    lesson = Lesson((sys.executable, "-c", program), sets / "learnt")
+    lesson = LearnCommand((sys.executable, "-c", program), sets / "learnt")
     monkeypatch.setattr(gui_driver, "bind", lambda shown: bind(shown, lesson))
     driver = gui_driver.Driver(folder)
     driver.folder = folder
@@ -78,7 +78,7 @@ def test_what_is_learnt_comes_in_one_step_and_is_taken_back_in_one(window, sets)
     wait_until(window, lambda: "labelled again" in window.said)
     assert "90.0% before, 97.0% now" in window.said
     assert window.window.frame_id == here and (window.parts[before == TORSO] == HIP).all()
-    np.testing.assert_array_equal(window.window.desk.scene.other, before)
+    np.testing.assert_array_equal(window.edits.frame.scene.other, before)
     assert [window.correction.state(i) for i in IDS] == ["accepted", "auto", "auto"]
     window.window.open_frame(IDS[2])
     window.settle()
@@ -125,7 +125,7 @@ STAYS = 'print(\'{"before": 0.971, "after": 0.97, "labels": null}\')'
 @pytest.mark.parametrize("window", [f"{PROGRESS} time.sleep(600)"], indirect=True)
 def test_progress_is_shown_and_learning_can_be_stopped_and_begun_again(window):
     before = window.parts.copy()
-    panel = window.window.panel
+    panel = window.panels.progress
     window.key("stop_learning")
     assert window.said == "Nothing is being learnt"
     for _ in range(2):

@@ -7,7 +7,7 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from annotate.gui.hand_keys import PEEK_MS
+from annotate.gui.held_keys import PEEK_MS
 from annotate.gui.state.keys import Settings
 from annotate.gui.widgets.overlay import outline
 from annotate.gui.widgets.theme import DARK
@@ -42,7 +42,7 @@ def corners(hand: Driver, count: int) -> None:
 
 
 def drawing(hand: Driver):
-    return hand.window.cloud_view.pointing.drawing
+    return hand.views.cloud.layer.drawing
 
 
 # A begun polygon
@@ -54,7 +54,7 @@ def test_no_verdict_is_given_over_a_begun_polygon(hand):
     for name in ("accept", "reject", "next", "copy_previous", "order"):
         hand.key(name)
         assert "polygon" in hand.said and "Esc" in hand.said, name
-    hand.window.strip.opened.emit(hand.window.walk.all_ids[1])
+    hand.panels.strip.opened.emit(hand.window.frames.all_ids[1])
     hand.settle()
     assert hand.window.frame_id == frame_id and len(drawing(hand).points_px) == 3
     assert hand.correction.state(frame_id) != "accepted"
@@ -107,7 +107,7 @@ def test_return_closes_a_polygon_even_where_it_accepts(qapp, tmp_path):
     driver = Driver(figure_set(tmp_path / "labels", [0.9] * 2).path, settings=Settings("dark", keys))
     corners(driver, 3)
     driver.press("Return")
-    frame_id = driver.window.walk.all_ids[0]
+    frame_id = driver.window.frames.all_ids[0]
     assert driver.correction.state(frame_id) == "touched" and driver.window.frame_id == frame_id
     driver.press("Return")
     assert driver.correction.state(frame_id) == "accepted"
@@ -117,7 +117,7 @@ def test_return_closes_a_polygon_even_where_it_accepts(qapp, tmp_path):
 def test_a_rubber_band_follows_the_pointer_from_the_last_corner(hand):
     """White on the line between the corner and the pointer, where nothing else is drawn."""
     corners(hand, 1)
-    pointing, corner = hand.window.cloud_view.pointing, hand.place(hand.middle_of(TORSO)) + CORNERS[0]
+    pointing, corner = hand.views.cloud.layer, hand.place(hand.middle_of(TORSO)) + CORNERS[0]
     for by in (QPoint(60, 0), QPoint(0, 60)):
         hand.hover(corner + by)
         image = pointing.grab().toImage()
@@ -128,7 +128,7 @@ def test_a_rubber_band_follows_the_pointer_from_the_last_corner(hand):
 
 
 def said(hand: Driver) -> str:
-    return hand.window.status.next.text()
+    return hand.panels.status.next.text()
 
 
 def test_the_line_follows_shift_and_ctrl(hand):
@@ -160,7 +160,7 @@ def test_the_line_follows_shift_and_ctrl(hand):
 
 def test_in_the_depth_image_nothing_is_said_of_a_surface(hand):
     hand.key("lasso")
-    pane, pixel = hand.window.depth_pane, hand.middle_of(TORSO)
+    pane, pixel = hand.views.depth, hand.middle_of(TORSO)
     hand.hover(hand.place(pixel, pane), view=pane)
     assert said(hand) == "Draw a loop: the inside becomes head"
     hand.hover(hand.place(pixel))
@@ -174,19 +174,19 @@ def test_outline_and_corner_are_of_the_labels_as_they_stand(hand):
     hand.click(hand.place(pixel))
     hand.key("undo")
     hand.key("undo")
-    view = hand.window.cloud_view
-    size = view.pointing.width(), view.pointing.height()
-    color = hand.window.hand.color
+    view = hand.views.cloud
+    size = view.layer.width(), view.layer.height()
+    color = hand.window.options.color
     rgb = color.red(), color.green(), color.blue()
-    wanted = outline(*view.places(hand.window.desk.would_take(pixel)), size, rgb)
-    assert view.pointing._veil.image == wanted.image and view.pointing._veil.corner == wanted.corner
-    assert view.pointing._words.startswith("torso")
+    wanted = outline(*view.places(hand.edits.would_take(pixel)), size, rgb)
+    assert view.layer._outline.image == wanted.image and view.layer._outline.corner == wanted.corner
+    assert view.layer._words.startswith("torso")
     arm = hand.middle_of(PART_ID["left_upper_arm"])
     hand.hover(hand.place(arm))
     hand.key("swap")
-    assert view.pointing._words.startswith("right upper arm")
+    assert view.layer._words.startswith("right upper arm")
     hand.key("lasso")
-    assert view.pointing._veil is None
+    assert view.layer._outline is None
 
 
 def test_a_click_with_ctrl_and_the_right_button_chooses_the_part(hand):
@@ -194,12 +194,12 @@ def test_a_click_with_ctrl_and_the_right_button_chooses_the_part(hand):
         hand.key("head")
         place = hand.on_window(hand.place(hand.middle_of(TORSO), view), view)
         hand.hover(hand.place(hand.middle_of(TORSO), view), view)
-        before = hand.window.cloud_view.orbit
+        before = hand.views.cloud.orbit
         QTest.mouseClick(hand.window.windowHandle(), Qt.MouseButton.RightButton, CTRL, place)
         hand.settle()
-        assert hand.window.desk.part == TORSO
+        assert hand.edits.part == TORSO
         hand.hover(hand.place(hand.middle_of(TORSO), view) + QPoint(20, 0), view)
-        assert hand.window.cloud_view.orbit == before, "nothing is gripped"
+        assert hand.views.cloud.orbit == before, "nothing is gripped"
 
 
 # Seeing
@@ -207,7 +207,7 @@ def test_a_click_with_ctrl_and_the_right_button_chooses_the_part(hand):
 
 def test_peeking_lasts_while_a_server_repeats_the_key_within_a_millisecond(hand):
     """As X11 does; Qt takes the pair for a new press where it reads the two events apart."""
-    hand.look("depth", view=hand.window.depth_pane)
+    hand.look("depth", view=hand.views.depth)
     handle = hand.window.windowHandle()
 
     def send(kind: QEvent.Type, at_ms: int) -> None:
@@ -220,13 +220,13 @@ def test_peeking_lasts_while_a_server_repeats_the_key_within_a_millisecond(hand)
         send(QEvent.Type.KeyRelease, at_ms)
         send(QEvent.Type.KeyPress, at_ms)
         QTest.qWait(2 * PEEK_MS)
-        assert hand.window.peeking
+        assert hand.views.peeking
     send(QEvent.Type.KeyRelease, 800)
     until_no_peek(hand)
 
 
 def test_peeking_lasts_while_a_server_repeats_the_key_as_releases_and_presses(hand):
-    pane, key = hand.window.depth_pane, hand.window.settings.key("peek")
+    pane, key = hand.views.depth, hand.window.settings.key("peek")
     hand.look("depth", view=pane)
     due = hand.window.held.peek_due
     due.setInterval(60_000)
@@ -234,37 +234,37 @@ def test_peeking_lasts_while_a_server_repeats_the_key_as_releases_and_presses(ha
     for _ in range(4):
         QTest.keyRelease(hand.window, key)
         QTest.qWait(10)
-        assert hand.window.peeking
+        assert hand.views.peeking
         QTest.keyPress(hand.window, key)
-        assert hand.window.peeking and not due.isActive()
+        assert hand.views.peeking and not due.isActive()
     due.setInterval(PEEK_MS)
     QTest.keyRelease(hand.window, key)
     until_no_peek(hand)
 
 
 def until_no_peek(hand: Driver) -> None:
-    while hand.window.peeking:
+    while hand.views.peeking:
         QTest.qWait(5)
 
 
 def test_long_sentences_end_in_an_ellipsis_and_the_tool_tip_has_them_whole(hand):
     window = hand.window
-    window.desk.locks.update(range(1, 12))
+    window.edits.locks.update(range(1, 12))
     hand.click(hand.place(hand.middle_of(TORSO)))
-    line = window.status.last
+    line = window.panels.status.last
     assert line.fontMetrics().horizontalAdvance(line.text()) > line.width(), "too long for this window"
     assert line.shown.endswith("…") and line.toolTip() == f"<span>{line.text()}</span>"
     assert line.text().startswith(line.shown[:-1]) and len(line.shown) > 10
-    for button in (window.panel.order, window.panel.filter):
+    for button in (window.panels.progress.order, window.panels.progress.filter):
         assert button.sizeHint().width() <= button.width() + 4, button.text()
 
 
 def test_what_has_no_effect_here_says_so_and_changes_nothing(hand):
     """Outlines and opacity, over a view that shows the parts themselves."""
-    pane = hand.window.cloud_view
+    pane = hand.views.cloud
     hand.look("part")
     hand.hover(hand.place(hand.middle_of(TORSO)))
-    look, buttons = pane.look, hand.window.panes.bars[pane].buttons
+    look, buttons = pane.look, hand.panels.panes.bars[pane].buttons
     for name, button in buttons.items():
         assert not button.isEnabled() and not button.isChecked()
         QTest.mouseClick(button, Qt.MouseButton.LeftButton)
@@ -277,7 +277,7 @@ def test_what_has_no_effect_here_says_so_and_changes_nothing(hand):
 
 def test_a_scale_is_shown_of_the_colours_there_are(hand):
     hand.look("disagreement")
-    assert hand.window.cloud_view.pointing.scale is None
+    assert hand.views.cloud.layer.scale is None
     hand.key("from_other")
     assert hand.said == "Nothing to compare: give another label set with --compare"
 
@@ -293,8 +293,8 @@ def test_another_set_that_does_not_fit_is_named_with_the_reason(qapp, tmp_path):
 
 
 def test_missing_depth_is_dark_in_the_light_theme_too(hand):
-    pane = hand.window.depth_pane
-    labels = hand.window.desk.scene.labels
+    pane = hand.views.depth
+    labels = hand.edits.frame.scene.labels
     hole = np.flatnonzero(labels.depth_mm.ravel() == 0)
     if not len(hole):
         hole = np.array([0])
@@ -321,7 +321,7 @@ def test_counts_are_written_on_low_tiles_too(hand):
     window = hand.window
     window.resize(1000, 600)
     hand.settle()
-    tile = window.palette_.tiles[PART_ID["left_upper_leg"]]
+    tile = window.panels.palette_.tiles[PART_ID["left_upper_leg"]]
     assert tile.height() < 50
     pictures = []
     for tile.count in (0, 1234):

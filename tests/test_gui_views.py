@@ -159,7 +159,8 @@ def test_slips_of_the_hand_are_no_strokes():
 def test_strokes_and_counts_in_words():
     runs = np.array([[0, 9, 1, 2], [9, 3, 3, 2]], np.int64)
     assert described(Stroke("f", "paint", runs, 2)) == "12 pixels to torso (9 head, 3 left upper arm)"
-    assert described(Stroke("f", "propagate", runs)) == "Carried over: 12 pixels (9 head, 3 left upper arm)"
+    copied = described(Stroke("f", "copy_previous", runs))
+    assert copied == "Copied from the frame before: 12 pixels (9 head, 3 left upper arm)"
     assert (
         described(Stroke("f", "paint", np.array([[0, 1, 1, 2]], np.int64), 2)) == "1 pixel from head to torso"
     )
@@ -267,7 +268,7 @@ def test_a_cameras_picture_has_a_dark_ground_in_every_theme(qapp, rig_labels, ri
     for colouring, ground in (("part", LIGHT), ("colour", DARK), ("temperature", LIGHT)):
         for view in window.views:
             driver.look(colouring, view=view)
-        background = np.array(window.cloud_view.plotter.renderer.GetBackground()) * 255
+        background = np.array(window.views.cloud.plotter.renderer.GetBackground()) * 255
         np.testing.assert_allclose(background, ground.ground_rgb, atol=1)
-        assert window.depth_pane.ground.getRgb()[:3] == ground.ground_rgb
+        assert window.views.depth.ground.getRgb()[:3] == ground.ground_rgb
     driver.close()

@@ -61,7 +61,7 @@ def test_lasso_changes_what_it_encloses_and_undo_shows_the_same_picture(at_windo
     middle = at_window.place(at_window.middle_of(TORSO))
     at_window.drag(at_window.circle(middle, 32))
     painted = np.flatnonzero(parts.ravel() != at_window.parts.ravel())
-    xy = at_window.window.cloud_view.view().xy_px[painted]
+    xy = at_window.views.cloud.view().xy_px[painted]
     assert len(painted) > 50 and np.hypot(*(xy - (middle.x(), middle.y())).T).max() < 34
     # Tolerance: the sum of all differences of colour (0 to 765 each pixel) that one point makes.
     assert pv.compare_images(before, at_window.picture()) > 765
@@ -110,7 +110,7 @@ def test_a_stroke_leaves_the_room_alone_unless_asked(at_window):
 
 def test_ctrl_reaches_through_the_body(at_window):
     at_window.key("lasso")
-    view = at_window.window.cloud_view
+    view = at_window.views.cloud
     at_window.drag([QPoint(300, 300), QPoint(560, 300)], button=Qt.MouseButton.RightButton)
     assert abs(view.orbit.azimuth_deg) > 60
     ring = at_window.circle(at_window.place(at_window.middle_of(TORSO)), 60)
@@ -124,7 +124,7 @@ def test_ctrl_reaches_through_the_body(at_window):
 
 
 def test_painting_in_the_depth_image_shows_in_both_views(at_window):
-    pane = at_window.window.depth_pane
+    pane = at_window.views.depth
     at_window.key("brush")
     at_window.key("head")
     before, pixel = at_window.picture(), at_window.middle_of(TORSO)
@@ -143,10 +143,10 @@ def test_keys_under_the_pointer(at_window):
     at_window.key("swap")
     assert at_window.parts.flat[pixel] == right
     at_window.key("pick")
-    assert at_window.window.desk.part == right
+    assert at_window.edits.part == right
     at_window.key("undo")
     at_window.click(at_window.place(pixel), ALT)
-    assert at_window.window.desk.part == left
+    assert at_window.edits.part == left
     at_window.key("torso")
     at_window.key("merge")
     assert not (at_window.parts == left).any()
@@ -164,9 +164,9 @@ def test_clean_up_is_shown_then_applied_or_dropped(at_window):
     island = at_window.parts.copy()
     assert island.flat[pixel] == HEAD
     at_window.key("remove_islands")
-    assert (at_window.parts == island).all() and at_window.window.desk.preview
+    assert (at_window.parts == island).all() and at_window.edits.preview
     at_window.key("cancel")
-    assert at_window.window.desk.preview is None and (at_window.parts == island).all()
+    assert at_window.edits.preview is None and (at_window.parts == island).all()
     at_window.key("remove_islands")
     at_window.key("remove_islands")
     assert at_window.parts.flat[pixel] == TORSO
@@ -174,44 +174,20 @@ def test_clean_up_is_shown_then_applied_or_dropped(at_window):
 
 def test_locked_parts_stay_and_hidden_ones_cannot_be_hit(at_window):
     at_window.press("Shift+W")
-    assert TORSO in at_window.window.desk.locks and "locked" in at_window.said
+    assert TORSO in at_window.edits.locks and "locked" in at_window.said
     pixel = at_window.middle_of(TORSO)
     at_window.key("head")
     at_window.click(at_window.place(pixel))
     assert at_window.parts.flat[pixel] == TORSO and "Shift" in at_window.said
     at_window.press("Shift+W")
     at_window.press("Alt+W")
-    assert at_window.window.desk.visibility[TORSO] == "faded"
+    assert at_window.edits.display.visibility[TORSO] == "faded"
     at_window.press("Alt+W")
-    place = at_window.place(pixel, at_window.window.depth_pane)
-    found = at_window.window.depth_pane.pixel_at(QPointF(place))
+    place = at_window.place(pixel, at_window.views.depth)
+    found = at_window.views.depth.pixel_at(QPointF(place))
     assert found is None or at_window.parts.flat[found] != TORSO
     at_window.key("solo")
-    assert set(np.unique(at_window.parts.ravel()[at_window.window.desk.shown()])) == {HEAD}
-
-
-def test_corrections_are_carried_over_to_the_frame_that_accepting_opens(qapp, folder):
-    labels = LabelSet.open(folder)
-    true = {frame_id: labels.read(frame_id) for frame_id in labels.frame_ids}
-    for frame in true.values():
-        mistaken = np.where(frame.parts == HEAD, np.uint8(PART_ID["left_lower_leg"]), frame.parts)
-        labels.write_labels(replace(frame, parts=mistaken))
-    driver = Driver(folder)
-    driver.key("carry")
-    first = driver.window.frame_id
-    driver.window.desk.editor.paint(true[first].parts == HEAD, HEAD)
-    driver.key("accept")
-    opened = driver.window.frame_id
-    (stroke,) = driver.correction.journal.strokes(opened)
-    assert opened != first and stroke.operation == "propagate" and stroke.how.keys == 0
-    found, wanted = driver.parts == HEAD, true[opened].parts == HEAD
-    assert (found & wanted).sum() > 0.9 * (found | wanted).sum()
-    driver.key("undo")
-    assert not (driver.parts == HEAD).any()
-    driver.key("carry")
-    driver.key("accept")
-    assert not driver.correction.journal.strokes(driver.window.frame_id)
-    driver.close()
+    assert set(np.unique(at_window.parts.ravel()[at_window.edits.shown()])) == {HEAD}
 
 
 def test_space_accepts_and_a_reviewer_agrees(qapp, folder):
@@ -220,14 +196,14 @@ def test_space_accepts_and_a_reviewer_agrees(qapp, folder):
     annotator.key("accept")
     assert annotator.window.frame_id != first
     annotator.key("back")
-    assert annotator.window.frame_id == first and "Space: go on" in annotator.window.status.space.text()
+    assert annotator.window.frame_id == first and "Space: go on" in annotator.panels.status.space.text()
     annotator.key("accept")
     assert annotator.correction.state(first) == "accepted", "nobody reviews their own work"
     annotator.close()
     reviewer = Driver(folder, who="ben")
     reviewer.window.open_frame(first)
     reviewer.settle()
-    assert "Space: agree" in reviewer.window.status.space.text()
+    assert "Space: agree" in reviewer.panels.status.space.text()
     reviewer.key("accept")
     assert reviewer.correction.state(first) == "reviewed"
     reviewer.key("save")
@@ -241,10 +217,10 @@ def test_a_stroke_outdates_a_preview(at_window):
     pixel = at_window.middle_of(TORSO)
     at_window.click(at_window.place(pixel))
     at_window.key("remove_islands")
-    assert at_window.window.desk.preview
+    assert at_window.edits.preview
     at_window.key("piece")
     at_window.click(at_window.place(at_window.middle_of(PART_ID["left_lower_leg"])))
-    assert at_window.window.desk.preview is None and at_window.parts.flat[pixel] == HEAD
+    assert at_window.edits.preview is None and at_window.parts.flat[pixel] == HEAD
 
 
 def test_frames_before_help_and_carry(at_window):
@@ -253,11 +229,11 @@ def test_frames_before_help_and_carry(at_window):
     assert at_window.parts.any()
     for order in ("worst", "teach", "review", "time"):
         at_window.key("order")
-        assert at_window.window.walk.order == order
+        assert at_window.window.frames.order == order
     at_window.key("help")
-    assert at_window.window.key_page.isVisible()
+    assert at_window.panels.key_page.isVisible()
     at_window.key("help")
-    assert not at_window.window.key_page.isVisible()
+    assert not at_window.panels.key_page.isVisible()
     for _ in range(3):
         at_window.key("colouring")
         at_window.key("theme")
@@ -283,16 +259,16 @@ def test_closing_keeps_everything_and_opening_goes_on(qapp, folder, rig_session)
 
 def test_without_a_recording_colour_is_not_offered(qapp, folder):
     driver = Driver(folder)
-    entries = driver.window.panes.bars[driver.window.depth_pane].entries
+    entries = driver.panels.panes.bars[driver.views.depth].entries
     assert not entries["colour"].isEnabled() and "--session" in entries["colour"].text()
     driver.close()
 
 
 def test_two_sets_are_compared(at_window):
     at_window.look("disagreement", outlines=False)
-    scene = at_window.window.desk.scene
+    scene = at_window.edits.frame.scene
     pixels = np.flatnonzero((at_window.parts != scene.other).ravel() & (scene.labels.depth_mm.ravel() > 0))
-    rgb = at_window.window.colors(at_window.window.cloud_view)(pixels)
+    rgb = at_window.views.colors(at_window.views.cloud)(pixels)
     assert (rgb[:, 0] > rgb[:, 2]).all()
 
 
@@ -300,7 +276,7 @@ def test_every_key_can_be_moved(qapp, folder):
     moved = tuple(replace(c, key="Ctrl+K") if c.name == "help" else c for c in Settings().commands)
     driver = Driver(folder, settings=Settings("light", moved))
     driver.press("F1")
-    assert not driver.window.key_page.isVisible()
+    assert not driver.panels.key_page.isVisible()
     driver.press("Ctrl+K")
-    assert driver.window.key_page.isVisible()
+    assert driver.panels.key_page.isVisible()
     driver.close()

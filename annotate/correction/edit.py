@@ -24,7 +24,7 @@ from annotate.labelset.stroke import (
     difference,
     is_part,
 )
-from annotate.parts import BACKGROUND, LEFT_RIGHT, UNDEFINED
+from annotate.parts import BACKGROUND, LEFT_RIGHT, UNDEFINED, on_body
 from sensors.errors import CloudError
 
 ARMS, LEGS = LEFT_RIGHT[:2], LEFT_RIGHT[2:]
@@ -137,12 +137,10 @@ class Editor:
         return self.replace("merge", merged, target, how)
 
     def copy_previous(self, parts: UInt8, how: Gesture = KEY) -> Stroke | None:
-        """Replace the labels by those of another frame moved onto this one (``follow``), as ``propagate``."""
-        return self._replace_known("copy_previous", parts, how)
-
-    def propagate(self, parts: UInt8, how: Gesture = KEY) -> Stroke | None:
-        """Replace the labels by propagated ones (h, w), except where those are undefined."""
-        return self._replace_known("propagate", parts, how)
+        """Copy another frame's parts (h, w) to the pixels that show the body in both frames."""
+        self._same_shape(parts)
+        both = (self._parts != BACKGROUND) & on_body(parts)
+        return self.replace("copy_previous", np.where(both, parts, self._parts), None, how)
 
     def replace(
         self, operation: Operation, parts: UInt8, part: int | None = None, how: Gesture = KEY
@@ -183,10 +181,6 @@ class Editor:
         stroke = Stroke(self.frame_id, "leave", _NONE, None, Gesture(), self.who, self.time.now(), seconds)
         self._record(stroke)
         return stroke
-
-    def _replace_known(self, operation: Operation, parts: UInt8, how: Gesture) -> Stroke | None:
-        self._same_shape(parts)
-        return self.replace(operation, np.where(parts == UNDEFINED, self._parts, parts), None, how)
 
     def _again(self, operation: Operation, stack: list[Stroke], how: Gesture) -> Stroke | None:
         if not stack:

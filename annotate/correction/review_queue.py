@@ -22,7 +22,6 @@ UNSURE = 0.9
 REACH = 10
 """Frames in time around the farthest from what is done among which the least sure one teaches most. Chosen by
 eye."""
-_CARRIED = ("propagate", "copy_previous")
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,5 @@ def _why(entries: Sequence[Stroke], confidence: float | None) -> tuple[str, floa
         return f"accepted unchanged by {who} in {seconds:.1f} s{unsure}", 3 + doubt
     if seconds < HASTY_S:
         return f"accepted by {who} in {seconds:.1f} s{unsure}", 2 + doubt
-    if work and all(stroke.operation in _CARRIED for stroke in work):
-        return f"carried over from other frames and accepted by {who}{unsure}", 2 + doubt
     strokes_text = "1 stroke" if len(work) == 1 else f"{len(work)} strokes"
     return f"{strokes_text} by {who}{unsure}", 1 + doubt

@@ -1,4 +1,4 @@
-"""Agreement of labels with a truth: the share of right pixels, strictly or with a tolerance at borders."""
+"""Agreement of labels with a truth: share of right pixels, with a tolerance at borders."""
 
 import cv2
 import numpy as np
@@ -12,14 +12,12 @@ EVERYWHERE: Box = np.s_[:, :]
 
 
 class Agreement:
-    """A truth to compare labels with, pixel by pixel.
+    """Truth to compare labels with, pixel by pixel.
 
-    Counted are the pixels where truth or labels name a part; those undefined in the truth are left out.
-    A pixel is right where both are equal, and beside a border: where, within ``tolerance_px`` along rows
-    and columns (Chebyshev), the truth has the labelled part and the labels have the true part. So a border
-    may lie a little beside the true one, but a part that is missing altogether is wrong, however thin. Only
-    pixels with a reading count as neighbours, or a dropout would excuse a missing face.
-    truth: uint8 (h, w). valid: bool (h, w), pixels with a depth reading.
+    Counted are pixels where truth or labels name a part, unless the truth is undefined there. A pixel is
+    right where both are equal. A pixel is also right beside a border: within ``tolerance_px`` (Chebyshev) the
+    truth has the labelled part and the labels have the true part. So a missing part is wrong, however thin.
+    truth: uint8 (h, w). valid: bool (h, w), pixels with depth; only these count as neighbours.
     """
 
     def __init__(self, truth: UInt8, valid: Bool, tolerance_px: int = 0) -> None:
@@ -29,7 +27,7 @@ class Agreement:
             self._beside[part] = self._dilated(valid & (truth == part))
 
     def wrong(self, parts: UInt8, box: Box = EVERYWHERE) -> Bool:
-        """Pixels (h, w) of labels that count and are wrong, in a box of the image."""
+        """Return the pixels (h, w) of labels that count and are wrong, in a box of the image."""
         truth, labels = self.truth[box], parts[box]
         wrong: Bool = self._counted(parts, box) & (labels != truth)
         if not self._reach_px or not wrong.any():
@@ -45,10 +43,9 @@ class Agreement:
         return wrong
 
     def gains(self, before: UInt8, pixels: Int64, after: UInt8) -> NDArray[np.int8]:
-        """Map (h, w): 1 where the labels become right when these flat pixels (n,) get the parts ``after``
-        (n,), -1 where wrong, else 0.
+        """Return a map (h, w) of a change: 1 where labels become right, -1 where they become wrong, else 0.
 
-        before: the labels (h, w).
+        before: labels (h, w). pixels, after: flat indices (n,) and the parts (n,) that the change gives.
         """
         gains = np.zeros(before.shape, np.int8)
         if pixels.size:
@@ -58,11 +55,11 @@ class Agreement:
         return gains
 
     def counted(self, parts: UInt8) -> int:
-        """Number of pixels that count for these labels (h, w)."""
+        """Return the number of pixels that count for labels (h, w)."""
         return int(self._counted(parts, EVERYWHERE).sum())
 
     def of(self, parts: UInt8) -> float:
-        """Share of the counted pixels of labels (h, w) that are right; 1 where nothing counts."""
+        """Return the share of counted pixels of labels (h, w) that are right; 1 where nothing counts."""
         counted = self.counted(parts)
         return 1.0 - int(self.wrong(parts).sum()) / counted if counted else 1.0
 
@@ -76,7 +73,7 @@ class Agreement:
         return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)
 
     def _around(self, pixels: Int64) -> Box:
-        """The box of all pixels whose result these can change, and of the neighbours that count there."""
+        """Return the box of all pixels whose result these can change, with the neighbours that count."""
         v, u = np.divmod(pixels, self.truth.shape[1])
         margin = 2 * self._reach_px
         top, left = max(0, int(v.min()) - margin), max(0, int(u.min()) - margin)

@@ -1,4 +1,7 @@
-"""Hand of the simulated annotator: the lines it draws around and over a patch, and their errors."""
+"""Hand of the simulated annotator: lines around and over a patch, and their errors.
+
+Constants are untuned unless a source is given.
+"""
 
 from dataclasses import dataclass
 
@@ -8,16 +11,13 @@ import numpy as np
 from annotate.array_types import Bool, Float64
 
 AROUND = np.ones((3, 3), np.uint8)
-BRUSHES_PX = (3.0, 6.0, 10.0)
-"""Radii of the brush in image pixels, without zoom: those of ``gui.commands`` at the window's usual scale."""
-NOTCH = 1.2
-"""Factor by which one notch of the wheel enlarges the image, as in the window."""
+BRUSHES_PX = (3.0, 6.0, 10.0)  # radii in image pixels, as ``gui.commands`` at the usual scale
 
 
 @dataclass(frozen=True)
 class Hand:
-    """A way of drawing. sd_px: standard deviation of its error in image pixels; slack_px: distance outside
-    the patch at which it aims where that does no harm; notches: of the wheel, to zoom in first."""
+    """Way of drawing. sd_px: standard deviation of the error in image pixels. slack_px: distance outside the
+    patch at which the hand aims. notches: of the wheel, to zoom in first."""
 
     sd_px: float
     slack_px: int
@@ -25,23 +25,20 @@ class Hand:
 
     @property
     def zoom(self) -> float:
-        """Factor by which the image is enlarged for it."""
-        return NOTCH**self.notches
+        """Enlargement of the image: 1.2 for each notch, as in the window."""
+        return 1.2**self.notches
 
 
-CAREFUL = Hand(sd_px=1.0, slack_px=2)
-"""Along a border that must be kept. Chosen by eye."""
-QUICK = Hand(sd_px=2.5, slack_px=5)
-"""Round a patch, two standard deviations outside it, where the tool keeps the surroundings. Chosen by eye."""
-FINE = Hand(sd_px=0.5, slack_px=1, notches=4)
-"""Round details as thin as a finger: the careful hand with an image twice as large."""
+CAREFUL = Hand(sd_px=1.0, slack_px=2)  # along a border that must be kept
+QUICK = Hand(sd_px=2.5, slack_px=5)  # round a patch, where the tool keeps the surroundings
+FINE = Hand(sd_px=0.5, slack_px=1, notches=4)  # round a finger: the careful hand, enlarged twice
 
 
 def outline(patch: Bool, free: Bool, hand: Hand) -> Float64:
-    """Corners (k, 2) as (u, v) of a lasso round a patch (h, w), simplified to the hand's error.
+    """Return the corners (k, 2) as (u, v) of a lasso round a patch (h, w), simplified to the hand's error.
 
-    free: bool (h, w), pixels that the lasso may include. Pieces of the patch closer than five pixels are
-    joined, otherwise the largest counts. Source: Douglas & Peucker 1973.
+    free: bool (h, w), pixels that the lasso may include. Pieces closer than five pixels are joined; then the
+    largest counts. Source: Douglas & Peucker 1973.
     """
     mask = cv2.morphologyEx(patch.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     wide = cv2.dilate(mask, AROUND, iterations=hand.slack_px)
@@ -53,7 +50,7 @@ def outline(patch: Bool, free: Bool, hand: Hand) -> Float64:
 
 
 def loop(patch: Bool, hand: Hand) -> Float64:
-    """Corners (k, 2) as (u, v) of a loop right round a patch (h, w): its convex hull, with slack."""
+    """Return the corners (k, 2) as (u, v) of a patch's convex hull, with slack."""
     wide = cv2.dilate(patch.astype(np.uint8), AROUND, iterations=hand.slack_px)
     v, u = np.nonzero(wide)
     hull = cv2.convexHull(np.stack([u, v], axis=1).astype(np.int32))
@@ -61,7 +58,7 @@ def loop(patch: Bool, hand: Hand) -> Float64:
 
 
 def along(patch: Bool, radius_px: float) -> Float64:
-    """Path (k, 2) as (u, v) of a brush over a patch (h, w), along its main axis."""
+    """Return the path (k, 2) as (u, v) of a brush over a patch (h, w), along its main axis."""
     v, u = np.nonzero(patch)
     points = np.stack([u, v], axis=1).astype(np.float64)
     middle = points.mean(axis=0)
@@ -74,10 +71,10 @@ def along(patch: Bool, radius_px: float) -> Float64:
 
 
 def drawn(corners: Float64, hand: Hand, rng: np.random.Generator) -> Float64:
-    """The corners (k, 2) with the error of the hand."""
+    """Return corners (k, 2) with the error of the hand."""
     return corners + rng.normal(0, hand.sd_px, corners.shape)
 
 
 def length_px(corners: Float64, closed: bool) -> float:
-    """Length of the line through the corners (k, 2)."""
+    """Return the length of the line through corners (k, 2)."""
     return float(cv2.arcLength(corners.astype(np.float32)[:, None], closed)) if len(corners) > 1 else 0.0

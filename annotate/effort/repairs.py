@@ -1,4 +1,7 @@
-"""Repairs of a wrong patch: every operation of the window that could correct it, with its effect."""
+"""Repairs of a wrong patch: every operation of the window that could correct it, with its effect.
+
+Constants are untuned unless a source is given.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,24 +20,16 @@ from annotate.effort.hand import CAREFUL, FINE, QUICK, Hand, drawn
 from annotate.labelset.stroke import GestureKind, Operation
 from annotate.parts import BACKGROUND, BODY_PARTS, swap_left_right
 
-SCALE = 3.0
-"""Screen pixels per pixel of the depth image: a person 250 pixels high fills the window's height."""
-MOST_CLICKS = (1, 2, 4)
-"""Numbers of pieces that a person clicks before looking again. Chosen by eye."""
-MOST_GROWING = 4
-"""Largest number of clicks that grow a piece. Chosen by eye."""
-NEAR_PX = 60
-"""Largest extent of a patch for which zooming in is worth while, in pixels. Chosen by eye."""
-
-
-Identity = tuple[object, ...]
-"""What distinguishes a move or a repair from others."""
+SCALE = 3.0  # screen pixels per pixel of the depth image: a person of 250 px fills the window's height
+MOST_CLICKS = (1, 2, 4)  # pieces clicked before looking again
+MOST_GROWING = 4  # clicks that grow a piece
+NEAR_PX = 60  # largest extent of a patch for which zooming in is worth while
 
 
 @dataclass(frozen=True)
 class Patch:
-    """Connected pixels that should be one part. mask: bool (h, w); part: the true one; was: the label of most
-    of them; wrong: number of them outside the tolerance."""
+    """Connected pixels of one true part. mask: bool (h, w). was: label of most of them. wrong: number of them
+    outside the tolerance."""
 
     mask: Bool
     part: int
@@ -44,10 +39,9 @@ class Patch:
 
 @dataclass(frozen=True)
 class Move:
-    """One action of the hand. part: given, or None. corners: (k, 2) as (u, v) of the drawn line, with the
-    hand that draws it. pixel: flat index under the pointer. clicks: number of mouse clicks there. only: the
-    one part to replace. keep_outline: whether the background stays. pairs: to swap. keys: for the operation
-    itself."""
+    """One action. part: to give, or None. corners: (k, 2) as (u, v), drawn by ``hand``. pixel: flat index
+    under the pointer. only: the one part to replace. keep_outline: the background stays. pairs: to swap.
+    keys: for the operation itself."""
 
     operation: Operation
     kind: GestureKind
@@ -63,8 +57,8 @@ class Move:
     keys: int = 0
 
     @property
-    def identity(self) -> Identity:
-        """All fields of a move that distinguish it from others."""
+    def identity(self) -> object:
+        """Fields that distinguish the move from others; the hand is not one of them."""
         drawn = b"" if self.corners is None else self.corners.tobytes()
         settings = (self.part, self.radius_px, self.only, self.keep_outline, self.pairs)
         return (self.operation, self.kind, *settings, self.pixel, self.clicks, drawn)
@@ -79,37 +73,37 @@ class Repair:
     parts: UInt8
 
     @property
-    def identity(self) -> Identity:
-        """The identities of its moves."""
+    def identity(self) -> object:
+        """Identities of the moves."""
         return tuple(move.identity for move in self.moves)
 
 
 def in_one_go(several: Sequence[Repair]) -> Repair:
-    """Repairs of different patches with the same part, as one."""
+    """Join repairs of different patches with the same part."""
     pixels, first = np.unique(np.concatenate([repair.pixels for repair in several]), return_index=True)
     parts = np.concatenate([repair.parts for repair in several])[first]
     return Repair(tuple(move for repair in several for move in repair.moves), pixels, parts)
 
 
 @dataclass(frozen=True)
-class Sight:
-    """The view of the annotator. supervoxels: int32 (h, w), -1 = none. imagined: random numbers for the
-    errors of the hand that they expect. agreement: with the truth, as they see it."""
+class View:
+    """View of a frame under correction. supervoxels: int32 (h, w), -1 = none. imagined: random
+    numbers for the expected errors of the hand."""
 
     editor: Editor
     agreement: Agreement
-    view: ScreenPoints
+    screen: ScreenPoints
     supervoxels: Int32
     imagined: np.random.Generator
 
     def chosen(self, move: Move, corners: Float64 | None) -> Int64:
-        """Flat pixels (n,) that a move selects, drawn along ``corners``."""
+        """Return the flat pixels (n,) that a move selects, drawn along ``corners``."""
         parts = self.editor.parts
         if corners is not None:
             on_screen = (corners + 0.5) * SCALE
             if move.kind == "brush":
-                return brush(self.view, on_screen, move.radius_px * SCALE)
-            return polygon(self.view, on_screen)
+                return brush(self.screen, on_screen, move.radius_px * SCALE)
+            return polygon(self.screen, on_screen)
         if move.pixel is None:
             return np.arange(parts.size)
         if move.kind == "key":
@@ -121,7 +115,7 @@ class Sight:
 
 
 def patches(parts: UInt8, agreement: Agreement) -> list[Patch]:
-    """The wrong patches of labels (h, w), the largest first. Dropouts do not divide a patch."""
+    """Return the wrong patches of labels (h, w), the largest first. Dropouts do not divide a patch."""
     wrong, truth = agreement.wrong(parts), agreement.truth
     found = []
     for part in np.unique(truth[wrong]).tolist():
@@ -136,36 +130,36 @@ def patches(parts: UInt8, agreement: Agreement) -> list[Patch]:
     return sorted(found, key=lambda patch: -patch.wrong)
 
 
-def repairs(patch: Patch, sight: Sight) -> Iterator[Repair]:
-    """Every repair of one patch."""
-    for move in (*_drawings(patch, sight), *_growings(patch, sight)):
-        yield _painting(sight, (move,))
-    clicks = tuple(_clicks(patch, sight))
+def repairs(patch: Patch, view: View) -> Iterator[Repair]:
+    """Yield every repair of one patch."""
+    for move in (*_drawings(patch, view), *_growings(patch, view)):
+        yield _painting(view, (move,))
+    clicks = tuple(_clicks(patch, view))
     for count in MOST_CLICKS:
         if count <= len(clicks):
-            yield _painting(sight, clicks[:count])
-    yield from _of_piece(patch, sight)
+            yield _painting(view, clicks[:count])
+    yield from _of_piece(patch, view)
 
 
-def repairs_of_frame(sight: Sight, wanted: set[int]) -> Iterator[Repair]:
-    """Every repair of the frame as a whole. wanted: parts that lack pixels."""
-    parts, depth_mm = sight.editor.parts, sight.editor.depth_mm
+def repairs_of_frame(view: View, wanted: set[int]) -> Iterator[Repair]:
+    """Yield every repair of the frame as a whole. wanted: parts that lack pixels."""
+    parts, depth_mm = view.editor.parts, view.editor.depth_mm
     twins = swap_left_right(parts)
     for pairs in (ARMS, LEGS):
         limbs = np.isin(parts, np.ravel(pairs))
         if limbs.any():
             move = Move("swap_left_right", "key", pixel=int(np.flatnonzero(limbs)[0]), pairs=pairs, keys=1)
-            yield _difference(sight, move, np.where(limbs, twins, parts))
+            yield _difference(view, move, np.where(limbs, twins, parts))
     # Once to see the preview, once to apply, with Ctrl.
-    yield _difference(sight, Move("remove_islands", "key", keys=4), without_islands(parts, depth_mm))
+    yield _difference(view, Move("remove_islands", "key", keys=4), without_islands(parts, depth_mm))
     for part in wanted - {BACKGROUND}:
-        yield _difference(sight, Move("fill_holes", "key", part, keys=4), filled(parts, depth_mm, part))
+        yield _difference(view, Move("fill_holes", "key", part, keys=4), filled(parts, depth_mm, part))
 
 
-def _drawings(patch: Patch, sight: Sight) -> Iterator[Move]:
-    """Lassos along the patch and around it, and brush strokes."""
-    parts, part = sight.editor.parts, patch.part
-    free = ~sight.editor.valid | ((parts == part) & (sight.agreement.truth == part)) | patch.mask
+def _drawings(patch: Patch, view: View) -> Iterator[Move]:
+    """Yield lassos along the patch and around it, and brush strokes."""
+    parts, part = view.editor.parts, patch.part
+    free = ~view.editor.valid | ((parts == part) & (view.agreement.truth == part)) | patch.mask
     careful = hand.outline(patch.mask, free, CAREFUL)
     quick = hand.loop(patch.mask, QUICK)
     small = max(np.ptp(axis) for axis in np.nonzero(patch.mask)) < NEAR_PX
@@ -185,46 +179,46 @@ def _drawings(patch: Patch, sight: Sight) -> Iterator[Move]:
                 yield Move("paint", "brush", part, path, drawing, radius_px / drawing.zoom, only=only)
 
 
-def _clicks(patch: Patch, sight: Sight) -> Iterator[Move]:
-    """Clicks on supervoxels, the most useful first."""
-    parts, ids = sight.editor.parts, sight.supervoxels
+def _clicks(patch: Patch, view: View) -> Iterator[Move]:
+    """Yield clicks on supervoxels, the most useful first."""
+    parts, ids = view.editor.parts, view.supervoxels
     key = np.where(ids >= 0, ids * 256 + parts.astype(np.int32), -1).ravel()
     inside = np.flatnonzero(patch.mask & (ids >= 0))
     touched, first = np.unique(key[inside], return_index=True)
     pixels = np.flatnonzero(np.isin(key, touched))
-    gains = sight.agreement.gains(parts, pixels, np.full(len(pixels), patch.part, np.uint8))
+    gains = view.agreement.gains(parts, pixels, np.full(len(pixels), patch.part, np.uint8))
     total = np.bincount(np.searchsorted(touched, key[pixels]), gains.ravel()[pixels], len(touched))
     for best in np.argsort(-total, kind="stable")[: MOST_CLICKS[-1]]:
         if total[best] > 0:
             yield Move("paint", "supervoxel", patch.part, pixel=int(inside[first[best]]), clicks=1)
 
 
-def _growings(patch: Patch, sight: Sight) -> Iterator[Move]:
-    """One click on a supervoxel, and further clicks that grow it."""
-    for start in list(_clicks(patch, sight))[:1]:
+def _growings(patch: Patch, view: View) -> Iterator[Move]:
+    """Yield one click on a supervoxel, and further clicks that grow it."""
+    for start in list(_clicks(patch, view))[:1]:
         for clicks in range(2, 2 + MOST_GROWING):
             yield Move("paint", "grow", patch.part, pixel=start.pixel, clicks=clicks)
 
 
-def _of_piece(patch: Patch, sight: Sight) -> Iterator[Repair]:
-    """The whole piece under the pointer to its neighbour, or the whole part into another."""
-    parts, at = sight.editor.parts, int(np.flatnonzero(patch.mask & (sight.editor.parts == patch.was))[0])
+def _of_piece(patch: Patch, view: View) -> Iterator[Repair]:
+    """Yield the whole piece under the pointer to its neighbour, and the whole part into another."""
+    parts, at = view.editor.parts, int(np.flatnonzero(patch.mask & (view.editor.parts == patch.was))[0])
     if patch.was not in {p.id for p in BODY_PARTS}:
         return
-    pixels = select.patch(parts, sight.editor.depth_mm, at)
+    pixels = select.patch(parts, view.editor.depth_mm, at)
     if patch.part in neighbours(parts, pixels)[:1]:
         move = Move("to_neighbour", "key", pixel=at, keys=1)
         yield Repair((move,), pixels, np.full(len(pixels), patch.part, np.uint8))
     if patch.part != BACKGROUND:
         move = Move("merge", "key", patch.part, pixel=at, keys=2)
-        yield _difference(sight, move, np.where(parts == patch.was, np.uint8(patch.part), parts))
+        yield _difference(view, move, np.where(parts == patch.was, np.uint8(patch.part), parts))
 
 
-def _painting(sight: Sight, moves: tuple[Move, ...]) -> Repair:
-    """The repair by painting, drawn with the expected error of the hand."""
-    lines = [m.corners if m.corners is None else drawn(m.corners, m.hand, sight.imagined) for m in moves]
-    pixels = np.unique(np.concatenate([sight.chosen(*each) for each in zip(moves, lines, strict=True)]))
-    editor, move = sight.editor, moves[0]
+def _painting(view: View, moves: tuple[Move, ...]) -> Repair:
+    """Return the repair by painting, drawn with the expected error of the hand."""
+    lines = [m.corners if m.corners is None else drawn(m.corners, m.hand, view.imagined) for m in moves]
+    pixels = np.unique(np.concatenate([view.chosen(*each) for each in zip(moves, lines, strict=True)]))
+    editor, move = view.editor, moves[0]
     assert move.part is not None
     old = editor.parts.ravel()[pixels]
     allowed = editor.valid.ravel()[pixels]
@@ -236,6 +230,6 @@ def _painting(sight: Sight, moves: tuple[Move, ...]) -> Repair:
     return Repair(moves, pixels, np.full(len(pixels), move.part, np.uint8))
 
 
-def _difference(sight: Sight, move: Move, parts: UInt8) -> Repair:
-    pixels = sight.editor.preview(parts)
+def _difference(view: View, move: Move, parts: UInt8) -> Repair:
+    pixels = view.editor.preview(parts)
     return Repair((move,), pixels, parts.ravel()[pixels])

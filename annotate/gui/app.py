@@ -1,4 +1,4 @@
-"""Opens the window on a label set and runs it until it is closed."""
+"""Open a window on a label set or a rig and run it until it is closed."""
 
 import math
 import signal
@@ -13,10 +13,10 @@ from PySide6.QtWidgets import QApplication, QMainWindow
 from annotate.correction.correction import Correction
 from annotate.correction.replay import STATE_NAMES
 from annotate.gui.commands import bind
-from annotate.gui.learning import Lesson
+from annotate.gui.display import check_screen
+from annotate.gui.learning import LearnCommand
 from annotate.gui.live.live_window import LiveWindow
-from annotate.gui.probe import check_screen
-from annotate.gui.settings import memory_path, recall, remember
+from annotate.gui.settings import Memory, memory_path
 from annotate.gui.state.keys import load_settings, settings_path
 from annotate.gui.state.scene import SceneReader
 from annotate.gui.widgets.theme import theme_of
@@ -26,27 +26,24 @@ from annotate.labelset.source_recording import Recorded, find_session
 from annotate.live.pipeline import LivePipeline
 from sensors.errors import CloudError
 
-LISTEN_MS = 300
-"""Interval in which Python handles signals, in milliseconds: within Qt's loop it would not. Untuned."""
+LISTEN_MS = 300  # interval in which Python handles signals, which Qt's loop does not; untuned
 
 
 def run_window(
-    path: Path, session: Path | None, other: Path | None, who: str, read_only: bool, lesson: Lesson
+    correction: Correction, session: Path | None, other: Path | None, learn: LearnCommand
 ) -> dict[str, int]:
-    """Correct the label set at ``path`` until the window is closed; frames by state.
+    """Correct a label set until the window is closed; return the number of frames by state.
 
-    lesson: how to learn from its corrections. Raises CloudError where set, session, the set to compare,
-    settings or screen are not what they must be.
+    session, other: recording and set to compare, if any. The set is released in any case. Raises CloudError
+    where session, the other set, settings or screen cannot be used.
     """
-    settings = load_settings(settings_path().expanduser())
-    compared = LabelSet.open(other) if other else None
-    correction = Correction.open(path, who, read_only=read_only)
     try:
-        reader = SceneReader(correction, session, compared)
+        settings = load_settings(settings_path().expanduser())
+        reader = SceneReader(correction, session, LabelSet.open(other) if other else None)
         check_screen()
         app = QApplication.instance() or QApplication(sys.argv[:1])
         window = CorrectionWindow(correction, reader, settings, memory_path())
-        bind(window, lesson)
+        bind(window, learn)
     except BaseException:
         correction.abandon()
         raise
@@ -58,17 +55,17 @@ def run_window(
 
 
 def recording_of(path: Path, given: Path | None) -> Path | None:
-    """Return the recording of the label set at ``path``: the given one, the last given one, or one beside it.
+    """Return the recording of a label set: the given one, the last given one, or one beside the set.
 
-    A given recording is stored for the set; a stored one that no longer fits is skipped.
-    Raises CloudError where the set cannot be read or does not fit the recording that is given.
+    A given recording is stored for the set; a stored one that no longer fits is skipped. Raises CloudError
+    where the set cannot be read or does not fit the given recording.
     """
-    labels, known = LabelSet.open(path), recall(memory_path())
+    labels, memory = LabelSet.open(path), Memory(memory_path())
     if given:
         Recorded(labels, given)
-        remember(known.with_session(path, given))
+        memory.put_recording(path, given)
         return given
-    if before := known.session(path):
+    if before := memory.recording(path):
         with suppress(CloudError):
             Recorded(labels, before)
             return before
@@ -80,7 +77,7 @@ def run_live(
 ) -> None:
     """Show a running pipeline until the window is closed, the seconds are over, or ``ending`` is true.
 
-    Raises CloudError where settings or screen are not what they must be.
+    Raises CloudError where settings or screen cannot be used.
     """
     settings = load_settings(settings_path().expanduser())
     check_screen()
@@ -96,9 +93,9 @@ def run_live(
 
 
 def _close_on_signals(window: QMainWindow) -> None:
-    """Ctrl-C and a polite kill close the window as its own button does: everything saved.
+    """Close the window on SIGINT and SIGTERM as its button does, with everything saved.
 
-    Within Qt's loop: a window that closes before the loop runs would never end it.
+    The close runs within Qt's loop, because a window that closes before the loop does not end it.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: QTimer.singleShot(0, window.close))

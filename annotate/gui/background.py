@@ -2,17 +2,29 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from dataclasses import dataclass
+from typing import Any
 
 from PySide6.QtCore import QObject, Qt, Signal
 
 from sensors.errors import CloudError
 
-T = TypeVar("T")
+
+@dataclass(frozen=True)
+class Task:
+    """Work in a thread, then ``then`` with its result, or ``failed``, on the window's thread.
+
+    text: the task in words. failed: None for the window's own way of showing errors.
+    """
+
+    text: str
+    work: Callable[[], object]
+    then: Callable[[Any], None]
+    failed: Callable[[CloudError], None] | None = None
 
 
 class Background(QObject):
-    """busy: what it works on, "" for nothing. The window never waits for it."""
+    """Thread for tasks. busy: text of the running task, "" for none. The window never waits for a task."""
 
     _finished = Signal()
 
@@ -21,33 +33,23 @@ class Background(QObject):
         self.busy = ""
         self._pool = ThreadPoolExecutor(1, "window")
         self._after: Callable[[], None] = lambda: None
-        # Queued also where the work is done at once: what comes of it is an event of its own.
+        # Queued also where the work is done at once, so that the result is an event of its own.
         self._finished.connect(self._finish, Qt.ConnectionType.QueuedConnection)
 
-    def run(
-        self,
-        text: str,
-        work: Callable[[], T],
-        then: Callable[[T], None],
-        failed: Callable[[CloudError], None],
-        idle: Callable[[], None] = lambda: None,
-    ) -> None:
-        """Do ``work`` in a thread, then ``then`` with its result, or ``failed``, on the window's thread.
-
-        idle: called after either.
-        """
+    def run(self, task: Task, failed: Callable[[CloudError], None], idle: Callable[[], None]) -> None:
+        """Begin a task. failed: for a task without its own. idle: called at the end in any case."""
         assert not self.busy, f"{self.busy} goes on"
-        self.busy = text
-        future = self._pool.submit(work)
+        self.busy = task.text
+        future = self._pool.submit(task.work)
 
         def after() -> None:
             self.busy, self._after = "", lambda: None
             try:
                 result = future.result()
             except CloudError as error:
-                failed(error)
+                (task.failed or failed)(error)
             else:
-                then(result)
+                task.then(result)
             idle()
 
         self._after = after
@@ -57,6 +59,6 @@ class Background(QObject):
         self._after()
 
     def close(self) -> None:
-        """Wait for the work that goes on; nothing comes of it."""
+        """Wait for the running task, and drop its result."""
         self._after = lambda: None
         self._pool.shutdown(wait=True, cancel_futures=True)

@@ -1,37 +1,35 @@
-"""What each command does in the window: the names of ``keys.COMMANDS``, their actions, menus and keys."""
+"""Commands of the window: the actions behind the names of ``keys.COMMANDS``, their menus and keys."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TypeVar
 
 from PySide6.QtGui import QAction, QKeySequence
-from PySide6.QtWidgets import QMenu
 
-from annotate.gui.key_repeat import HeldKeys
-from annotate.gui.learning import Learner, Lesson
+from annotate.gui.background import Task
+from annotate.gui.held_keys import KeyRepeatFilter
+from annotate.gui.learning import LearnCommand, Learner
 from annotate.gui.panels.bars import CHANGING, SWITCHES
 from annotate.gui.state.drawing import TOOLS
 from annotate.gui.state.frame_order import FILTERS, ORDERS
 from annotate.gui.state.keys import Command, key_of
-from annotate.gui.state.outcome import Done
-from annotate.gui.state.point_colors import TINTS, colourings
-from annotate.gui.widgets.dialogs import ask_export, ask_reason
+from annotate.gui.state.outcome import Outcome
+from annotate.gui.state.point_colors import TINTS, Look, colourings
+from annotate.gui.verdicts import Verdicts
+from annotate.gui.widgets.dialogs import ask_export
 from annotate.gui.window import CorrectionWindow
 from annotate.parts import PARTS, UNDEFINED
-from sensors.errors import CloudError
 
-C = TypeVar("C")
-Action = Callable[[], Done | None]
-BRUSHES_PX = {"small": 9.0, "medium": 18.0, "large": 30.0}
-"""Radii of the brush in logical pixels of the screen. Untuned."""
-BRUSH_STEP = 1.15
-"""Factor of one step of the brush's radius. Untuned."""
+T = TypeVar("T")
+Action = Callable[[], Outcome | None]
+BRUSHES_PX = {"small": 9.0, "medium": 18.0, "large": 30.0}  # radii in logical pixels; untuned
+BRUSH_STEP = 1.15  # factor of one step of the radius; untuned
 STROKE_SETUP = {
     *(part.name for part in PARTS),
     *("undefined", "pick", "from_other", "from_before", *SWITCHES, *BRUSHES_PX, *TOOLS),
 }
-"""Commands that count towards the price of the stroke that follows them."""
+"""Commands whose keys count for the stroke that follows."""
 POINTED = ("swap", "neighbour", "merge", "pick")
 """Commands that need a place: the pointer's, or else that of the next click."""
 MENUS = {
@@ -43,59 +41,53 @@ MENUS = {
     "View": "&View",
     "Help": "&Help",
 }
-"""Menus with their keys, none of which fades a part."""
 SUBMENUS = {"Lock": "Parts", "Fade": "Parts"}
-CHECKABLE = {*TOOLS, *SWITCHES, "carry", "onion", "solo", "peek", "from_other", "from_before", "help"}
+CHECKABLE = {*TOOLS, *SWITCHES, "onion", "solo", "peek", "from_other", "from_before", "help"}
 
 
-def bind(window: CorrectionWindow, lesson: Lesson | None = None) -> None:
-    """Give a window its commands: menus, keys, and the actions behind its buttons. lesson: how to learn."""
-    HeldKeys(window).repeated.connect(window.held.repeated)
-    actions = _actions(window)
-    judged, learner = Judged(window), Learner(window, lesson)
-    actions |= {"learn": learner.learn, "stop_learning": learner.stop_now, "unlearn": learner.unlearn}
-    actions |= {"accept": judged.accept, "reject": judged.reject, "overrule": judged.overrule}
-    actions["undo"] = judged.undo
+def bind(window: CorrectionWindow, learn: LearnCommand | None = None) -> None:
+    """Give a window its commands: menus, keys, and the actions behind its buttons."""
+    KeyRepeatFilter(window).repeated.connect(window.held.repeated)
+    actions = _actions(window, Verdicts(window), Learner(window, learn))
     run = partial(_run, window, actions)
-    menus = {name: window.header.menus.addMenu(title) for name, title in MENUS.items()}
+    menus = {name: window.panels.header.menus.addMenu(title) for name, title in MENUS.items()}
     menus |= {name: menus[above].addMenu(f"{name} a part") for name, above in SUBMENUS.items()}
     for command in window.settings.commands:
-        window.actions_by_name[command.name] = _made(window, command, menus[command.menu], run)
-    for name, action in window.actions_by_name.items():
-        action.setEnabled(not (window.correction.read_only and name in CHANGING))
+        action = window.actions_by_name[command.name] = _made(window, command, partial(run, command.name))
+        menus[command.menu].addAction(action)
+        action.setEnabled(not (window.correction.read_only and command.name in CHANGING))
     for menu in menus.values():
         menu.aboutToShow.connect(partial(_check, window))
     for view in window.views:
-        view.pointing.sampled.connect(partial(run, "pick"))
+        view.layer.sampled.connect(partial(run, "pick"))
     window.requested.connect(lambda name: _arm(window, name) if name in POINTED else run(name))
-    window.palette_.locked.connect(lambda part: window.act(partial(window.desk.toggle_lock, part)))
-    window.palette_.faded.connect(lambda part: window.act(partial(window.desk.fade, part)))
+    window.panels.palette_.locked.connect(lambda part: window.act(partial(window.edits.toggle_lock, part)))
+    window.panels.palette_.faded.connect(lambda part: window.act(partial(window.edits.fade, part)))
     window.refresh()
 
 
-def _made(window: CorrectionWindow, command: Command, menu: QMenu, run: Callable[[str], None]) -> QAction:
+def _made(window: CorrectionWindow, command: Command, run: Callable[..., None]) -> QAction:
     action = QAction(command.title, window)
     action.setCheckable(command.name in CHECKABLE)
     action.setToolTip(command.hint or command.title)
     action.setStatusTip(command.hint)
     action.setAutoRepeat(command.repeats)
     if command.name == "peek":
-        # Held, so that it is the window's own: see ``keyPressEvent``.
+        # Not a shortcut, because peeking lasts while the key is held: see ``HeldKeys``.
         action.setText(f"{command.title}\t{command.key}")
-        action.setData(key_of(command.key))
+        window.held.peek_key = int(key_of(command.key))
     else:
         action.setShortcuts([QKeySequence(key) for key in command.keys])
-    action.triggered.connect(partial(run, command.name))
-    menu.addAction(action)
+    action.triggered.connect(run)
     window.addAction(action)
     return action
 
 
 def _check(window: CorrectionWindow) -> None:
     """Tick the menu entries of what is on."""
-    hand, desk = window.hand, window.desk
-    on = {hand.tool, *(name for name in SWITCHES if getattr(hand, name)), f"from_{desk.giver}"}
-    states = {"carry": desk.carrying, "onion": desk.onion, "solo": desk.alone, "peek": window.peeking}
+    options, display = window.options, window.edits.display
+    on = {options.tool, *(name for name in SWITCHES if getattr(options, name)), f"from_{window.edits.giver}"}
+    states = {"onion": display.onion, "solo": display.alone, "peek": window.views.peeking}
     on |= {name for name, state in states.items() if state}
     for name in CHECKABLE:
         window.actions_by_name[name].setChecked(name in on)
@@ -104,55 +96,60 @@ def _check(window: CorrectionWindow) -> None:
 def _run(window: CorrectionWindow, actions: dict[str, Action], name: str, *_: object) -> None:
     command = window.settings.command(name)
     if name == "undo" and (done := window.held.remove_corner()):
-        window.status.show_done(done, window.theme)
+        window.say(done)
         return
     refusal = window.background.busy or (window.held.shape if command.menu in ("Edit", "Frames") else "")
     if refusal and command.menu not in ("View", "Help") and name != "close":
-        window.status.show_done(Done(refusal, "warn"), window.theme)
+        window.say(Outcome(refusal, "warn"))
         return
     window.mark("looking")
     if name in STROKE_SETUP:
-        window.desk.keys += 1 + command.key.count("+")
+        window.edits.keys += 1 + command.key.count("+")
     window.act(actions[name])
 
 
-def _actions(window: CorrectionWindow) -> dict[str, Action]:
-    """Name -> action for every command but verdicts and undo."""
-    desk, hand = window.desk, window.hand
+def _actions(window: CorrectionWindow, verdicts: Verdicts, learner: Learner) -> dict[str, Action]:
+    """Return the action of every command by name."""
+    edits, options = window.edits, window.options
     return {
         **{part.name: partial(window.choose, part.id) for part in PARTS},
-        **{f"lock_{part.name}": partial(desk.toggle_lock, part.id) for part in PARTS},
-        **{f"fade_{part.name}": partial(desk.fade, part.id) for part in PARTS},
+        **{f"lock_{part.name}": partial(edits.toggle_lock, part.id) for part in PARTS},
+        **{f"fade_{part.name}": partial(edits.fade, part.id) for part in PARTS},
         "undefined": partial(window.choose, UNDEFINED),
-        "from_other": partial(desk.give_from, "other"),
-        "from_before": partial(desk.give_from, "before"),
+        "from_other": partial(edits.give_from, "other"),
+        "from_before": partial(edits.give_from, "before"),
         **{tool: partial(window.set_tool, tool) for tool in TOOLS},
-        **{name: partial(_toggle, hand, name) for name in SWITCHES},
-        **{size: partial(hand.set_radius, px) for size, px in BRUSHES_PX.items()},
-        "smaller": lambda: hand.set_radius(hand.radius_px / BRUSH_STEP),
-        "larger": lambda: hand.set_radius(hand.radius_px * BRUSH_STEP),
+        **{name: partial(_toggle, options, name) for name in SWITCHES},
+        **{size: partial(options.set_radius, px) for size, px in BRUSHES_PX.items()},
+        "smaller": lambda: options.set_radius(options.radius_px / BRUSH_STEP),
+        "larger": lambda: options.set_radius(options.radius_px * BRUSH_STEP),
         "cancel": partial(_cancel, window),
-        "redo": desk.redo,
+        "undo": verdicts.undo,
+        "redo": edits.redo,
         **{name: partial(_at_pointer, window, name) for name in POINTED},
-        "fill_holes": desk.fill_holes,
-        "remove_islands": desk.remove_islands,
-        "copy_previous": partial(_copy, window),
-        "propagate": partial(_carry_over, window, 2),
-        "carry": desk.toggle_carrying,
+        "fill_holes": edits.fill_holes,
+        "remove_islands": edits.remove_islands,
+        "copy_previous": edits.copy_previous,
+        "accept": verdicts.accept,
+        "reject": verdicts.reject,
+        "overrule": verdicts.overrule,
         "doubt": partial(_doubt, window),
         "next": partial(_step, window, 1),
         "back": partial(_step, window, -1),
-        "go_to": lambda: window.panel.number.setFocus(),
+        "learn": learner.learn,
+        "stop_learning": learner.stop_now,
+        "unlearn": learner.unlearn,
+        "go_to": lambda: window.panels.progress.number.setFocus(),
         "order": partial(_next_order, window),
         "filter": partial(_next_filter, window),
         "colouring": partial(_next_colouring, window),
-        "outlines": partial(_outlines, window),
-        "tint": partial(_next_tint, window),
+        "outlines": partial(_over_colouring, window, lambda look: replace(look, outlines=not look.outlines)),
+        "tint": partial(_over_colouring, window, lambda look: replace(look, tint=_after(TINTS, look.tint))),
         "onion": partial(_switch, window, "onion"),
         "solo": partial(_switch, window, "alone"),
-        "peek": lambda: window.peek(not window.peeking),
-        "swap_views": window.panes.swap,
-        "front_view": window.look_ahead,
+        "peek": lambda: window.views.peek(not window.views.peeking),
+        "swap_views": window.panels.panes.swap,
+        "front_view": partial(_front_view, window),
         "theme": window.toggle_theme,
         "save": partial(_save, window),
         "export": partial(_export, window),
@@ -161,206 +158,116 @@ def _actions(window: CorrectionWindow) -> dict[str, Action]:
     }
 
 
-class Judged:
-    """Verdicts, each followed by the next frame that waits, and undo, which goes back to take one back."""
-
-    def __init__(self, window: CorrectionWindow) -> None:
-        self._window = window
-        # The frame judged, the one that was opened then, and the number of its strokes at that moment.
-        self._way: list[tuple[str, str, int]] = []
-
-    def accept(self) -> Done | None:
-        """Accept the frame or agree with the verdict that stands, and go on."""
-        window = self._window
-        if window.correction.read_only:
-            return self._go_on(Done("Read-only"), False)
-        return self._go_on(window.desk.accept(), window.desk.carrying)
-
-    def reject(self) -> Done | None:
-        """Open the dialog of reasons and reject the frame, or agree with a colleague's rejection; go on."""
-        desk = self._window.desk
-        if desk.rejected and self._window.correction.next_verdict(self._window.frame_id) == "agree":
-            return self._go_on(desk.accept(), False)
-        if not (reason := ask_reason(self._window)):
-            return Done("Not rejected")
-        return self._go_on(desk.reject(reason), False)
-
-    def overrule(self) -> Done | None:
-        """Accept a frame although it stands rejected, and go on."""
-        window = self._window
-        if done := window.desk.overrule():
-            return self._go_on(done, window.desk.carrying)
-        return Done(f"This frame is not rejected: {window.settings.key('accept')} accepts it", "warn")
-
-    def undo(self) -> Done | None:
-        """Take back the last stroke, or the verdict that opened this frame if nothing was done since."""
-        window = self._window
-        editor = window.desk.editor
-        if self._way and editor and not window.desk.preview:
-            judged, opened, strokes = self._way[-1]
-            if opened == window.frame_id and len(editor.history.done) <= strokes:
-                self._way.pop()
-                window.open_frame(judged, window.desk.undo)
-                return None
-        return window.desk.undo()
-
-    def _go_on(self, done: Done, carrying: bool) -> Done | None:
-        window, judged = self._window, self._window.frame_id
-        window.refresh_picture()
-        following = window.walk.next_unfinished(judged)
-        if following is None or following == judged:
-            left = f". {window.walk.all_done()}" if following is None else ""
-            return Done(f"{done.text}{left}", "good")
-
-        def arrived() -> Done | None:
-            editor = window.desk.editor
-            if editor:
-                self._way.append((judged, window.frame_id, len(editor.history.done)))
-            untouched = window.correction.state(window.frame_id) == "auto"
-            return _carry_over(window, 0) if carrying and untouched else None
-
-        window.open_frame(following, arrived)
-        return None
+def _after(values: Sequence[T], value: T) -> T:
+    """Return the value after another one, after the last one the first."""
+    return values[(values.index(value) + 1) % len(values)]
 
 
-def _toggle(hand: object, name: str) -> None:
-    setattr(hand, name, not getattr(hand, name))
+def _toggle(switches: object, name: str) -> None:
+    setattr(switches, name, not getattr(switches, name))
 
 
-def _switch(window: CorrectionWindow, name: str) -> Done | None:
-    _toggle(window.desk, name)
-    window.recolor()
-    if name == "onion" and window.desk.onion and window.desk.before is None:
-        return Done("There is no frame before this one", "warn")
+def _switch(window: CorrectionWindow, name: str) -> Outcome | None:
+    _toggle(window.edits.display, name)
+    window.views.recolor()
+    if name == "onion" and window.edits.display.onion and window.edits.frame.before is None:
+        return Outcome("There is no frame before this one", "warn")
     return None
 
 
-def _at_pointer(window: CorrectionWindow, name: str) -> Done | None:
-    if window.pointed() is not None:
-        return window.at_pixel(name, window.under_pointer())
+def _at_pointer(window: CorrectionWindow, name: str) -> Outcome | None:
+    if window.views.pointed() is not None:
+        return window.at_pixel(name, window.views.under_pointer())
     _arm(window, name)
     return None
 
 
 def _arm(window: CorrectionWindow, name: str) -> None:
     """Let the next click carry out a command."""
-    window.cancel_stroke()
-    window.hand.once = name
+    window.views.cancel()
+    window.options.once = name
     window.refresh()
 
 
-def _cancel(window: CorrectionWindow) -> Done | None:
-    if window.key_page.isVisible():
+def _cancel(window: CorrectionWindow) -> Outcome | None:
+    if window.panels.key_page.isVisible():
         window.toggle_help()
         return None
-    if window.cancel_stroke():
-        return Done("Stroke cancelled")
-    return window.desk.cancel()
+    return Outcome("Stroke cancelled") if window.views.cancel() else window.edits.cancel()
 
 
-def _copy(window: CorrectionWindow) -> Done | None:
-    if (before := window.walk.before(window.frame_id)) is None:
-        return Done("This is the first frame; there is none before it", "warn")
-    _computed(window, "Copying the frame before…", window.desk.copied(before), window.desk.copy_previous)
-    return None
-
-
-def _carry_over(window: CorrectionWindow, keys: int) -> Done | None:
-    then = partial(window.desk.propagate, keys=keys)
-    _computed(window, "Carrying corrections over…", window.desk.carried(), then)
-    return None
-
-
-def _computed(window: CorrectionWindow, text: str, work: Callable[[], C], then: Callable[[C], Done]) -> None:
-    """Compute labels beside the window, and apply them; show the reason where there are none."""
-
-    def failed(error: CloudError) -> None:
-        window.status.show_done(Done(str(error), "warn"), window.theme)
-
-    window.busy(text, work, lambda computed: window.act(partial(then, computed)), failed)
-
-
-def _doubt(window: CorrectionWindow) -> Done:
-    done, doubt = window.desk.next_doubt()
+def _doubt(window: CorrectionWindow) -> Outcome:
+    done, doubt = window.edits.next_doubt()
     if doubt:
-        window.show_place(doubt.pixels, doubt.middle)
+        window.views.show_place(doubt.pixels, doubt.middle)
     return done
 
 
-def _step(window: CorrectionWindow, by: int) -> Done | None:
-    if (frame_id := window.walk.beside(window.frame_id, by)) is None:
-        return Done("That was the last frame" if by > 0 else "This is the first frame", "warn")
+def _step(window: CorrectionWindow, by: int) -> Outcome | None:
+    if (frame_id := window.frames.beside(window.frame_id, by)) is None:
+        return Outcome("That was the last frame" if by > 0 else "This is the first frame", "warn")
     window.open_frame(frame_id)
     return None
 
 
-def _next_order(window: CorrectionWindow) -> Done | None:
-    orders = list(ORDERS)
-    order = orders[(orders.index(window.walk.order) + 1) % len(orders)]
-    window.arrange(order, window.walk.filter)
-    waiting = next((i for i in window.walk.frame_ids if window.walk.waits(i)), None)
-    done = Done(f"Frames: {ORDERS[order].lower()}")
+def _next_order(window: CorrectionWindow) -> Outcome | None:
+    frames = window.frames
+    order = _after(tuple(ORDERS), frames.order)
+    window.arrange(order, frames.filter)
+    waiting = next((i for i in frames.frame_ids if frames.waits(i)), None)
+    done = Outcome(f"Frames: {ORDERS[order].lower()}")
     if order == "review":
-        done = Done(f"{len(window.walk.reasons)} frames of others to review")
+        done = Outcome(f"{len(frames.reasons)} frames of others to review")
     if order == "time" or waiting in (None, window.frame_id):
         return done
     window.open_frame(str(waiting), lambda: done)
     return None
 
 
-def _next_filter(window: CorrectionWindow) -> Done:
-    filters = list(FILTERS)
-    kept = filters[(filters.index(window.walk.filter) + 1) % len(filters)]
-    window.arrange(window.walk.order, kept)
-    return Done(f"Frames shown: {FILTERS[kept].lower()}")
+def _next_filter(window: CorrectionWindow) -> Outcome:
+    kept = _after(tuple(FILTERS), window.frames.filter)
+    window.arrange(window.frames.order, kept)
+    return Outcome(f"Frames shown: {FILTERS[kept].lower()}")
 
 
 def _next_colouring(window: CorrectionWindow) -> None:
-    look, there = window.pane.look, colourings(window.desk.scene)
-    at = there.index(look.colouring) + 1 if look.colouring in there else 1
-    window.set_look(window.pane, replace(look, colouring=there[at % len(there)]))
+    view, there = window.views.last, colourings(window.edits.frame.scene)
+    shown = view.look.colouring if view.look.colouring in there else there[0]
+    window.views.set_look(view, replace(view.look, colouring=_after(there, shown)))
 
 
-def _outlines(window: CorrectionWindow) -> Done | None:
-    if refusal := _all_parts(window):
-        return refusal
-    window.set_look(window.pane, replace(window.pane.look, outlines=not window.pane.look.outlines))
+def _over_colouring(window: CorrectionWindow, changed: Callable[[Look], Look]) -> Outcome | None:
+    """Change outlines or opacity; refuse in a view of the parts themselves, where both have no effect."""
+    view = window.views.last
+    if window.views.look(view).colouring not in colourings(window.edits.frame.scene)[1:]:
+        key = window.settings.key("colouring")
+        return Outcome(f"This view shows the parts themselves: {key} changes that", "warn")
+    window.views.set_look(view, changed(view.look))
     return None
 
 
-def _all_parts(window: CorrectionWindow) -> Done | None:
-    """Return a warning for a pane that shows parts alone, where outlines have no effect; None elsewhere."""
-    if window.look(window.pane).colouring in colourings(window.desk.scene)[1:]:
-        return None
-    return Done(
-        f"This view shows the parts themselves: {window.settings.key('colouring')} changes that", "warn"
-    )
+def _front_view(window: CorrectionWindow) -> None:
+    """Show the person from the depth camera."""
+    window.views.cloud.look_ahead()
+    window.views.depth.fit()
 
 
-def _next_tint(window: CorrectionWindow) -> Done | None:
-    if refusal := _all_parts(window):
-        return refusal
-    look = window.pane.look
-    window.set_look(window.pane, replace(look, tint=TINTS[(TINTS.index(look.tint) + 1) % len(TINTS)]))
-    return None
-
-
-def _save(window: CorrectionWindow) -> Done:
-    if window.desk.editor:
+def _save(window: CorrectionWindow) -> Outcome:
+    if window.edits.frame.editor:
         window.correction.save(window.frame_id)
-    return Done("Everything is saved", "good")
+    return Outcome("Everything is saved", "good")
 
 
 def _close(window: CorrectionWindow) -> None:
     window.close()
 
 
-def _export(window: CorrectionWindow) -> Done | None:
+def _export(window: CorrectionWindow) -> Outcome | None:
     # Its import takes half a second.
     from annotate.exchange.formats import FORMATS, export_labels
 
     if not (chosen := ask_export(window, list(FORMATS))):
-        return Done("Not exported")
+        return Outcome("Not exported")
     name, folder = chosen
     _save(window)
 
@@ -369,7 +276,7 @@ def _export(window: CorrectionWindow) -> Done | None:
 
     def then(lost: tuple[str, ...]) -> None:
         left_out = f"; it cannot carry {' and '.join(lost)}" if lost else ""
-        window.act(lambda: Done(f"Exported to {folder}{left_out}", "good"))
+        window.say(Outcome(f"Exported to {folder}{left_out}", "good"))
 
-    window.busy(f"Exporting to {folder.name}…", work, then)
+    window.busy(Task(f"Exporting to {folder.name}…", work, then))
     return None

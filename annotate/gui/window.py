@@ -1,4 +1,4 @@
-"""The correction window: frames, commands and strokes, and their outcome."""
+"""The correction window: its frames, the actions on them, and their outcomes."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -6,316 +6,325 @@ from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QPointF, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QColor
+from PySide6.QtGui import QAction, QCloseEvent, QColor
+from PySide6.QtWidgets import QMainWindow
 
-from annotate.array_types import UInt8
 from annotate.correction.correction import Correction
-from annotate.gui.background import Background
-from annotate.gui.hand_keys import HandKeys
-from annotate.gui.opening import first, restored
-from annotate.gui.panels.bars import CHANGING, View
-from annotate.gui.settings import order_key, recall
+from annotate.gui.background import Background, Task
+from annotate.gui.held_keys import HeldKeys
+from annotate.gui.panels.bars import CHANGING
+from annotate.gui.panels.layout import Panels
+from annotate.gui.placement import Placement
+from annotate.gui.settings import Memory, order_key
 from annotate.gui.state.drawing import Drawing, Tool
-from annotate.gui.state.edit_controller import Desk
-from annotate.gui.state.frame_order import Filter, Order, Walk
+from annotate.gui.state.edit_controller import EditController
+from annotate.gui.state.frame_order import ORDERS, Filter, FrameOrder, FrameRead, Order
 from annotate.gui.state.keys import Settings
-from annotate.gui.state.outcome import Done
-from annotate.gui.state.scene import FrameScene, SceneReader
+from annotate.gui.state.outcome import Outcome
+from annotate.gui.state.scene import SceneReader
+from annotate.gui.views.drawing_layer import StrokeOptions
+from annotate.gui.views.view_pair import View, ViewPair
 from annotate.gui.widgets import dialogs
-from annotate.gui.widgets.theme import DARK, LIGHT, part_color
-from annotate.gui.window_layout import Shell
+from annotate.gui.widgets.theme import DARK, LIGHT, part_color, style_app, theme_of
 from annotate.labelset.journal import NotSavedError
 from annotate.labelset.stroke import Activity
 from sensors.errors import CloudError
 
-AT_ONCE_MS = 20
-"""Milliseconds after which it is said what the window is busy with: a frame that was read ahead opens without
-a flicker. Untuned."""
+AT_ONCE_MS = 20  # delay of the sentence on running work, because a frame that was read ahead opens at once
+STRIP_MS = 150  # delay of the frame's picture after a stroke; untuned
 NO_RECORDING = "No recording found: reopen with --session RECORDING for colour and heat"
-"""First sentence of a window that shows depth alone."""
-Read = tuple[FrameScene, UInt8 | None]
-"""A frame as it was read, and the parts (h, w) of the frame before."""
 
 
-class CorrectionWindow(Shell):
-    """Corrects one label set, and closes it when it is closed itself. ``commands.bind`` gives it commands.
+class CorrectionWindow(QMainWindow):
+    """Window that corrects one label set, and closes the set with itself. ``commands.bind`` adds commands.
 
-    closed: it is closed, and everything saved. memory: file of what is remembered from one time to the next,
-    None for nothing. Raises CloudError when no frame can be opened.
+    memory: file of the remembered settings, None for nowhere. requested: the button of a command was clicked.
+    closed: everything is saved. Raises CloudError when no frame can be opened.
     """
 
+    requested = Signal(str)
     closed = Signal()
 
     def __init__(
         self, correction: Correction, reader: SceneReader, settings: Settings, memory: Path | None = None
     ) -> None:
-        known, walk = recall(memory), Walk(correction, reader)
-        walk.arrange(known.order(order_key(correction)), "all")
-        opened = first(walk)
-        desk = Desk(correction, opened.scene, opened.editor, opened.before)
-        super().__init__(desk, walk, settings, known)
-        self.correction, self.background = correction, Background()
+        self.memory, self.frames = Memory(memory), FrameOrder(correction, reader)
+        self.frames.arrange(self.memory.choice(order_key(correction), ORDERS, "time"), "all")
+        frame = self.frames.begin_first(
+            lambda frame_id, error: dialogs.restored(correction, frame_id, error, None)
+        )
+        super().__init__()
+        self.correction, self.settings, self.background = correction, settings, Background()
+        self.edits = EditController(correction, frame)
+        self.actions_by_name: dict[str, QAction] = {}
+        own = self.memory.choice("theme", ("light", "dark"), settings.theme)
+        self.theme = theme_of(own if settings.theme == "system" else settings.theme)
+        # Before there are widgets, because styling them one by one is quicker than all at once.
+        style_app(self.theme)
+        self.options = StrokeOptions()
+        self.views = ViewPair(self.edits, self.options, self.theme)
+        self.panels = Panels(self.views, self.frames, settings)
+        self.setCentralWidget(self.panels)
+        self.setWindowTitle(f"{correction.labels.path.resolve().name} - annotate-cloud")
+        self.held = HeldKeys(self, self.views)
+        self._doubt: str | None = None
         self._retry_declined, self._closing = False, False
-        self.held = HandKeys(self)
-        # What is ready at once shows no sentence in between; frames are saved when the next one is shown.
-        self.busy_due = QTimer(self, singleShot=True, interval=AT_ONCE_MS)
-        self.busy_due.timeout.connect(self._show_busy)
-        self.leave_due = QTimer(self, singleShot=True, interval=0)
-        self.leave_due.timeout.connect(lambda: self.act(lambda: correction.leave_others(self.frame_id)))
+        self.words_due = self._timer(0, self._show_words)
+        self.picture_due = self._timer(STRIP_MS, self.refresh_picture)
+        self.busy_due = self._timer(AT_ONCE_MS, self._show_busy)
+        # Frames are saved when the next one is shown.
+        self.leave_due = self._timer(0, lambda: self.act(lambda: correction.leave_others(self.frame_id)))
+        self._placement = Placement(self, self.memory, self.views, self.panels.panes)
         self._connect()
-        self.strip.frames.order(self.walk.frame_ids)
-        self.choose(self.desk.part)
-        self.show_theme()
+        self.panels.strip.model_.order(self.frames.frame_ids)
+        self.choose(self.edits.part)
+        self._show_theme()
         self.show_frame()
-        if not reader.has_recording and not desk.scene.remark:
-            self.status.show_done(Done(NO_RECORDING, "warn"), self.theme)
+        if not reader.has_recording and not frame.scene.remark:
+            self.say(Outcome(NO_RECORDING, "warn"))
+
+    def _timer(self, after_ms: int, action: Callable[[], None]) -> QTimer:
+        timer = QTimer(self, singleShot=True, interval=after_ms)
+        timer.timeout.connect(action)
+        return timer
+
+    def _connect(self) -> None:
+        self.views.changed.connect(self.refresh)
+        self.held.said.connect(self.say)
+        self.held.changed.connect(self.refresh)
+        for view in self.views:
+            view.layer.drawn.connect(partial(self._drawn, view))
+            view.layer.hovered.connect(partial(self.views.show_hovered, view))
+            view.layer.held.connect(self.refresh)
+            view.moved.connect(partial(self.mark, "navigating"))
+            view.moved.connect(partial(view.layer.show_under_pointer, None, ""))
+            bar = self.panels.panes.bars[view]
+            bar.coloured.connect(
+                lambda name, view=view: self.views.set_look(view, replace(view.look, colouring=name))
+            )
+            bar.requested.connect(partial(self._requested_by, view))
+        self.panels.palette_.chosen.connect(lambda part: self.act(lambda: self.choose(part)))
+        self.panels.tools.requested.connect(self.requested)
+        self.panels.progress.ordered.connect(lambda name: self.arrange(name, self.frames.filter))
+        self.panels.progress.filtered.connect(lambda name: self.arrange(self.frames.order, name))
+        self.panels.progress.went.connect(lambda number: self.act(partial(self.go_to, number)))
+        self.panels.strip.opened.connect(self.open_frame)
+        self.panels.key_page.closed.connect(self.toggle_help)
+
+    def _requested_by(self, view: View, name: str) -> None:
+        self.views.last = view
+        self.requested.emit(name)
 
     # Frames
 
     @property
     def frame_id(self) -> str:
-        """The frame that is open."""
-        return self.desk.scene.labels.frame_id
+        """Id of the open frame."""
+        return self.edits.frame.frame_id
 
-    def open_frame(self, frame_id: str, then: Callable[[], Done | None] = lambda: None) -> None:
+    def open_frame(self, frame_id: str, then: Callable[[], Outcome | None] = lambda: None) -> None:
         """Open another frame, at once where it was read ahead; then do something on it."""
         if frame_id == self.frame_id or self.background.busy:
             return
         if shape := self.held.shape:
-            self.strip.choose(self.frame_id)
-            self.status.show_done(Done(shape, "warn"), self.theme)
+            self.panels.strip.choose(self.frame_id)
+            self.say(Outcome(shape, "warn"))
             return
 
-        def read() -> Read:
-            return self.walk.read(frame_id), self.walk.parts_before(frame_id)
-
-        def show(read: Read) -> None:
-            self.act(partial(self._show_opened, read, then))
-
         def failed(error: CloudError) -> None:
-            if restored(self.correction, frame_id, error, self):
+            if dialogs.restored(self.correction, frame_id, error, self):
                 self.open_frame(frame_id, then)
                 return
-            self.strip.choose(self.frame_id)
-            self.status.show_done(Done(str(error), "bad"), self.theme)
+            self.panels.strip.choose(self.frame_id)
+            self.say(Outcome(str(error), "bad"))
 
-        self.busy(f"Opening frame {frame_id.lstrip('0') or '0'}…", read, show, failed)
+        def show(read: FrameRead) -> None:
+            self.act(partial(self._show_opened, read, then))
 
-    def _show_opened(self, read: Read, then: Callable[[], Done | None]) -> Done | None:
+        text = f"Opening frame {frame_id.lstrip('0') or '0'}…"
+        self.busy(Task(text, partial(self.frames.read, frame_id), show, failed))
+
+    def _show_opened(self, read: FrameRead, then: Callable[[], Outcome | None]) -> Outcome | None:
         if self.picture_due.isActive():
             self.refresh_picture()
-        opened = self.walk.begin(*read)
-        self.desk.put(opened.scene, opened.editor, opened.before)
+        self.edits.open(self.frames.begin(read))
         self.leave_due.start()
-        if self.strip.frames.frame_ids is not self.walk.frame_ids:
-            self.strip.frames.order(self.walk.frame_ids)
+        if self.panels.strip.model_.frame_ids is not self.frames.frame_ids:
+            self.panels.strip.model_.order(self.frames.frame_ids)
         self.show_frame()
-        self.hover_again()
+        self.views.hover_again()
         return then()
 
-    def show_anew(self, read: Read, done: Done) -> Done:
+    def show_anew(self, read: FrameRead, done: Outcome) -> Outcome:
         """Show the open frame and all pictures as they were read after labels changed."""
-        opened = self.walk.begin(*read)
-        self.desk.put(opened.scene, opened.editor, opened.before)
-        self.strip.frames.forget()
-        self.arrange(self.walk.order, self.walk.filter)
+        self.edits.open(self.frames.begin(read))
+        self.panels.strip.model_.forget()
+        self.arrange(self.frames.order, self.frames.filter)
         self.show_frame()
         return done
 
-    def busy(
-        self,
-        text: str,
-        work: Callable[[], object],
-        then: Callable[..., None],
-        failed: Callable[[CloudError], None] | None = None,
-    ) -> None:
-        """Do something beside the window, which takes no commands that change anything meanwhile."""
+    def arrange(self, order: Order, kept: Filter) -> None:
+        """Show the frames in an order, and those that pass a filter."""
+        self.frames.arrange(order, kept, self.frame_id)
+        self.panels.strip.model_.order(self.frames.frame_ids)
+        self.panels.strip.choose(self.frame_id)
+        self.refresh()
 
-        def fail(error: CloudError) -> None:
-            self.status.show_done(Done(str(error), "bad"), self.theme)
+    def go_to(self, number: str) -> Outcome | None:
+        """Open the frame of a number, without its leading zeros."""
+        ids = self.frames.all_ids
+        found = [i for i in ids if number in (i, i.lstrip("0") or "0")]
+        if not found:
+            first, last = (i.lstrip("0") or "0" for i in (ids[0], ids[-1]))
+            return Outcome(f"Frame {number} does not exist: frames are numbered {first} to {last}", "warn")
+        self.open_frame(found[0])
+        return None
 
-        self.background.run(text, work, then, failed or fail, self._idle)
+    # Work beside the window
+
+    def busy(self, task: Task) -> None:
+        """Do a task beside the window, which refuses commands that change anything meanwhile."""
+        self.background.run(task, lambda error: self.say(Outcome(str(error), "bad")), self._idle)
         self.busy_due.start()
 
     def _idle(self) -> None:
-        """Close a window that was to close when its work was done."""
+        """Close a window whose close waited for the task."""
         if self._closing and not self.background.busy:
             self.close()
 
     def _show_busy(self) -> None:
         if self.background.busy:
-            self.status.show_done(Done(self.background.busy), self.theme)
-
-    def arrange(self, order: Order, kept: Filter) -> None:
-        """Show the frames in an order, and those that pass a filter."""
-        self.walk.arrange(order, kept, self.frame_id)
-        self.strip.frames.order(self.walk.frame_ids)
-        self.strip.choose(self.frame_id)
-
-    def go_to(self, number: str) -> Done | None:
-        """Open the frame of this number, zeros at its beginning left out."""
-        found = [i for i in self.walk.all_ids if number in (i, i.lstrip("0") or "0")]
-        if not found:
-            first, last = (i.lstrip("0") or "0" for i in (self.walk.all_ids[0], self.walk.all_ids[-1]))
-            return Done(f"There is no frame {number}: they are numbered {first} to {last}", "warn")
-        self.open_frame(found[0])
-        return None
+            self.say(Outcome(self.background.busy))
 
     # Showing
 
-    def show_frame(self) -> None:
-        """Show the frame on the desk everywhere."""
-        self._shown = self.desk.shown()
-        self.doubt = None
-        self.hand.once = ""
-        for view in self.views:
-            view.pointing.cancel()
-            view.pointing.show_under_pointer(None, "")
-            view.load(self.desk.scene, self.colors(view), self._shown)
-        self.strip.choose(self.frame_id)
-        self.refresh()
-        self.status.show_done(Done(self.desk.scene.remark, "warn"), self.theme)
+    def say(self, done: Outcome | None) -> None:
+        """Show an outcome in the status line."""
+        if done is not None:
+            self.panels.status.show_done(done, self.theme)
 
-    # Settings that keys change
+    def show_frame(self) -> None:
+        """Show the open frame everywhere."""
+        self._doubt = None
+        self.views.load()
+        self.panels.strip.choose(self.frame_id)
+        self.refresh()
+        self.say(Outcome(self.edits.frame.scene.remark, "warn"))
+
+    def refresh(self) -> None:
+        """Update palette, tools, header and sentences, once all events under way are done."""
+        self.words_due.start()
+
+    def _show_words(self) -> None:
+        if self._doubt is None:
+            self._doubt = next((f"look at {doubt.reason}" for doubt in self.edits.frame.doubts()), "")
+        enabled = {name: action.isEnabled() for name, action in self.actions_by_name.items()}
+        self.panels.show_edits(self.edits, self.theme, self._doubt, enabled)
+        self.views.show_scales()
+
+    def refresh_picture(self) -> None:
+        """Draw the frame's picture in the strip as its labels are now."""
+        self.picture_due.stop()
+        labels = self.edits.frame.scene.labels
+        self.panels.strip.model_.refresh(replace(labels, parts=self.edits.parts.copy()))
 
     def choose(self, part: int) -> None:
         """Choose the part that strokes give."""
-        self.desk.part, self.desk.giver = part, "part"
-        self.hand.color = part_color(part, self.theme) if part else QColor("white")
-        if self.desk.alone:
-            self.recolor()
-        self.hover_again()
+        self.edits.part, self.edits.giver = part, "part"
+        self.options.color = part_color(part, self.theme) if part else QColor("white")
+        if self.edits.display.alone:
+            self.views.recolor()
+        self.views.hover_again()
 
     def set_tool(self, tool: Tool) -> None:
         """Choose another tool; a shape begun with the last one is dropped."""
-        self.hand.tool = tool
-        self.cancel_stroke()
-        self.hover_again()
-
-    def cancel_stroke(self) -> bool:
-        """Drop the shapes being drawn and a command that waits for a click; whether there were any."""
-        once, self.hand.once = self.hand.once, ""
-        return sum(view.pointing.cancel() for view in self.views) > 0 or bool(once)
-
-    def look_ahead(self) -> None:
-        """Show the person as the depth camera sees them."""
-        self.cloud_view.look_ahead()
-        self.depth_pane.fit()
+        self.options.tool = tool
+        self.views.cancel()
+        self.views.hover_again()
 
     def toggle_theme(self) -> None:
         """Switch between light and dark."""
         self.theme = LIGHT if self.theme is DARK else DARK
-        self.style_app()
-        self.show_theme()
-        self.recolor()
+        style_app(self.theme)
+        self._show_theme()
+        self.views.recolor()
+
+    def _show_theme(self) -> None:
+        self.panels.set_theme(self.theme)
+        self.views.set_theme(self.theme)
 
     def toggle_help(self) -> None:
-        """Show or hide the page of all keys; meanwhile no other command works."""
-        shown = not self.key_page.isVisible()
-        self.key_page.setVisible(shown)
-        self.key_page.raise_()
+        """Show or hide the page of all keys, under which no other command works."""
+        page = self.panels.key_page
+        shown = not page.isVisible()
+        page.setVisible(shown)
+        page.raise_()
         for name, action in self.actions_by_name.items():
             if name not in ("help", "cancel"):
-                action.setEnabled(not shown and not self._refused(name))
-
-    def _refused(self, name: str) -> bool:
-        return self.correction.read_only and name in CHANGING
+                action.setEnabled(not shown and not (self.correction.read_only and name in CHANGING))
 
     # Actions
 
-    def act(self, action: Callable[[], Done | None]) -> None:
+    def act(self, action: Callable[[], Outcome | None]) -> None:
         """Do something, and show its outcome or error."""
         try:
             done = action()
         except NotSavedError as error:
             # The stroke took effect nevertheless.
-            self.recolor()
+            self.views.recolor()
             done = self._not_saved(error)
         except CloudError as error:
-            done = Done(str(error), "bad")
-        if done is not None:
-            if len(done.pixels):
-                self.recolor(done.pixels)
-                self.picture_due.start()
-                self.hover_again()
-            self.status.show_done(done, self.theme)
+            done = Outcome(str(error), "bad")
+        if done is not None and len(done.pixels):
+            self.views.recolor(done.pixels)
+            self.picture_due.start()
+            self.views.hover_again()
+        self.say(done)
         self._retry_declined = self._retry_declined and self.correction.unsaved > 0
         self.refresh()
 
-    def pointed(self) -> View | None:
-        """The view that the pointer is in."""
-        return next((view for view in self.views if view.pointing.place is not None), None)
-
-    def under_pointer(self) -> int | None:
-        """The pixel under the pointer, in whichever view it is."""
-        view = self.pointed()
-        return view.pixel_at(view.pointing.place) if view and view.pointing.place else None
-
-    def _not_saved(self, error: NotSavedError) -> Done:
-        """Ask whether to write again what the disk refused; once declined, not until it was written."""
+    def _not_saved(self, error: NotSavedError) -> Outcome:
+        """Ask whether to write again; after a refusal not again until the strokes are saved."""
         while not self._retry_declined and dialogs.ask_retry(self, str(error), self.correction.unsaved):
             try:
                 self.correction.flush()
-                return Done("Everything is saved again", "good")
+                return Outcome("Everything is saved again", "good")
             except NotSavedError as again:
                 error = again
         self._retry_declined = True
-        return Done(str(error), "bad")
+        return Outcome(str(error), "bad")
 
     def _drawn(self, view: View, drawing: Drawing) -> None:
         start = view.pixel_at(QPointF(*drawing.start_px))
         if self.background.busy:
-            self.status.show_done(Done(self.background.busy), self.theme)
-        elif once := self.hand.once:
-            self.hand.once = ""
+            self.say(Outcome(self.background.busy))
+        elif once := self.options.once:
+            self.options.once = ""
             self.act(partial(self.at_pixel, once, start))
         elif drawing.tool == "piece":
-            self.act(lambda: self.desk.piece(start, drawing))
+            self.act(lambda: self.edits.piece(start, drawing))
         else:
-            self.act(lambda: self.desk.stroke(drawing, start, view.pixels_in(drawing)))
-        self.show_hovered(view, view.pointing.place)
+            self.act(lambda: self.edits.stroke(drawing, start, view.pixels_in(drawing)))
+        self.views.show_hovered(view, view.layer.place)
 
-    def at_pixel(self, name: str, pixel: int | None) -> Done:
+    def at_pixel(self, name: str, pixel: int | None) -> Outcome:
         """Carry out a command that needs a place."""
-        desk = self.desk
-        actions = {"swap": desk.swap, "neighbour": desk.to_neighbour, "merge": desk.merge, "pick": desk.pick}
+        edits = self.edits
+        actions = {
+            "swap": edits.swap,
+            "neighbour": edits.to_neighbour,
+            "merge": edits.merge,
+            "pick": edits.pick,
+        }
         done = actions[name](pixel)
         if name == "pick":
-            self.choose(desk.part)
+            self.choose(edits.part)
         return done
 
     def mark(self, activity: Activity) -> None:
         """Count the time since the last event for an activity."""
-        if self.desk.editor:
-            self.desk.editor.time.mark(activity)
-
-    def _connect(self) -> None:
-        for view in self.views:
-            view.pointing.drawn.connect(partial(self._drawn, view))
-            view.pointing.hovered.connect(partial(self.show_hovered, view))
-            view.pointing.held.connect(self.show_next)
-            view.moved.connect(partial(self.mark, "navigating"))
-            view.moved.connect(partial(view.pointing.show_under_pointer, None, ""))
-            bar = self.panes.bars[view]
-            bar.coloured.connect(
-                lambda name, view=view: self.set_look(view, replace(view.look, colouring=name))
-            )
-            bar.requested.connect(partial(self._requested_by, view))
-        self.palette_.chosen.connect(lambda part: self.act(lambda: self.choose(part)))
-        self.tools.requested.connect(self.requested)
-        self.panel.ordered.connect(lambda name: self._arranged(name, self.walk.filter))
-        self.panel.filtered.connect(lambda name: self._arranged(self.walk.order, name))
-        self.panel.went.connect(lambda number: self.act(partial(self.go_to, number)))
-        self.strip.opened.connect(self.open_frame)
-        self.key_page.closed.connect(self.toggle_help)
-
-    def _arranged(self, order: Order, kept: Filter) -> None:
-        self.arrange(order, kept)
-        self.refresh()
-
-    def _requested_by(self, view: View, name: str) -> None:
-        self.pane = view
-        self.requested.emit(name)
+        if editor := self.edits.frame.editor:
+            editor.time.mark(activity)
 
     def closeEvent(self, event: QCloseEvent) -> None:  # noqa: N802
         """Qt's hook: close the window when everything is saved; it stays open otherwise.
@@ -324,7 +333,7 @@ class CorrectionWindow(Shell):
         """
         if self.background.busy and not self._closing:
             self._closing = True
-            self.status.show_done(Done(f"{self.background.busy} Then the window closes"), self.theme)
+            self.say(Outcome(f"{self.background.busy} Then the window closes"))
             event.ignore()
             return
         self.background.close()
@@ -339,9 +348,11 @@ class CorrectionWindow(Shell):
             self.correction.abandon()
         for due in (self.words_due, self.busy_due, self.leave_due, self.picture_due, self.held.peek_due):
             due.stop()
-        self.remember()
+        self.memory.put("theme", "dark" if self.theme is DARK else "light")
+        self.memory.put(order_key(self.correction), self.frames.order)
+        self._placement.remember()
         self.closed.emit()
-        self.walk.close()
-        self.strip.frames.close()
-        self.cloud_view.end()
+        self.frames.close()
+        self.panels.strip.model_.close()
+        self.views.cloud.end()
         event.accept()

@@ -103,7 +103,7 @@ def _screen() -> Finding:
     if find_spec("PySide6") is None:
         found = "not tested without the extra gui"
         return Finding("screen", False, found, cost, "pip install 'annotate-cloud[gui]'")
-    from annotate.gui.probe import check_screen
+    from annotate.gui.display import check_screen
 
     return _tried(check_screen, "screen", "a window can be shown", cost)
 

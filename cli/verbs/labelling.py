@@ -290,6 +290,7 @@ def fix(
     read_only: Annotated[bool, Option("--read-only", help="Open without changing anything.")] = False,
 ) -> None:
     """Correct part labels in a window; F1 shows the keys. Every stroke is saved at once."""
+    from annotate.correction.correction import Correction
     from annotate.labelset.label_set import LabelSet
 
     check_extra("gui", "PySide6", "pyvista", "pyvistaqt")
@@ -300,11 +301,12 @@ def fix(
         opener_at(session)
     with needing("gui"):
         from annotate.gui.app import recording_of, run_window
-        from annotate.gui.learning import Lesson
+        from annotate.gui.learning import LearnCommand
     recording = recording_of(labels, session)
     model = labels.resolve().with_name(f"{labels.resolve().name}.learnt")
     command = learn_command(labels, recording, model)
-    states = run_window(labels, recording, compare, who, read_only, Lesson(command, model / "labels"))
+    correction = Correction.open(labels, who, read_only=read_only)
+    states = run_window(correction, recording, compare, LearnCommand(command, model / "labels"))
     print(f"{labels}: " + ", ".join(f"{count} {state}" for state, count in states.items()))
 
 

@@ -16,12 +16,12 @@ from PySide6.QtWidgets import QApplication, QLabel, QPushButton
 
 from annotate.correction.correction import Correction
 from annotate.gui.commands import bind
-from annotate.gui.settings import Memory
+from annotate.gui.placement import LOOKS
 from annotate.gui.state.keys import Settings
 from annotate.gui.state.point_colors import Look
 from annotate.gui.state.scene import SceneReader
 from annotate.gui.views.cloud_view import CloudView
-from annotate.gui.views.pointing import Hand
+from annotate.gui.views.drawing_layer import StrokeOptions
 from annotate.gui.window import CorrectionWindow
 from annotate.labelset.stroke import Stroke
 
@@ -43,6 +43,7 @@ class Driver:
         reader = SceneReader(self.correction, session, other)
         self.window = CorrectionWindow(self.correction, reader, settings, memory)
         bind(self.window)
+        self.panels, self.views, self.edits = self.window.panels, self.window.views, self.window.edits
         if size:
             self.window.resize(*size)
         # The screen's own pointer, under the window, would interfere.
@@ -54,33 +55,34 @@ class Driver:
 
     def start_again(self) -> None:
         """Everything as in a new window, and all strokes and verdicts taken back."""
-        window, first = self.window, self.window.walk.all_ids[0]
-        window.walk.arrange("time", "all", window.frame_id)
-        for frame_id in window.walk.all_ids:
+        window, first = self.window, self.window.frames.all_ids[0]
+        window.frames.arrange("time", "all", window.frame_id)
+        for frame_id in window.frames.all_ids:
             if len(self.correction.journal.strokes(frame_id)) > self._begun.get(frame_id, 0):
                 window.open_frame(frame_id)
                 self.settle()
-                while window.desk.editor.undo():
+                while window.edits.frame.editor.undo():
                     pass
         window.open_frame(first)
         self.settle()
         assert window.frame_id == first
-        fresh = Hand()
+        fresh = StrokeOptions()
         for name in ("tool", "once", "radius_px", "through", "only", "room"):
-            setattr(window.hand, name, getattr(fresh, name))
-        desk = window.desk
-        desk.alone, desk.onion, desk.carrying, desk.keys = False, False, False, 0
-        desk.visibility.clear()
-        desk.locks.clear()
+            setattr(window.options, name, getattr(fresh, name))
+        edits = window.edits
+        edits.display.alone = edits.display.onion = False
+        edits.display.visibility.clear()
+        edits.locks.clear()
         window.arrange("time", "all")
         window.choose(1)
-        for view, look in zip(window.views, Memory().looks, strict=True):
+        for view, look in zip(window.views, LOOKS.values(), strict=True):
             view.look = look
-        desk.put(desk.scene, desk.editor, desk.before)
-        window.look_ahead()
+        edits.open(edits.frame)
+        window.views.cloud.look_ahead()
+        window.views.depth.fit()
         window.show_frame()
         self.settle()
-        self._begun = {i: len(self.correction.journal.strokes(i)) for i in window.walk.all_ids}
+        self._begun = {i: len(self.correction.journal.strokes(i)) for i in window.frames.all_ids}
 
     def strokes(self) -> list[Stroke]:
         """The entries on the open frame since the test began."""
@@ -89,17 +91,17 @@ class Driver:
 
     def look(self, colouring: str, view=None, **options) -> None:
         """Choose a view's colouring."""
-        view = view or self.window.cloud_view
-        self.window.set_look(view, Look(colouring, **options))
+        view = view or self.window.views.cloud
+        self.window.views.set_look(view, Look(colouring, **options))
         self.settle()
 
     @property
     def said(self) -> str:
-        return self.window.status.last.text()
+        return self.window.panels.status.last.text()
 
     @property
     def parts(self) -> NDArray[np.uint8]:
-        return self.window.desk.parts
+        return self.window.edits.parts
 
     def settle(self) -> None:
         """Let everything that is due happen: work beside the window, events, timers at once, repaints."""
@@ -144,7 +146,7 @@ class Driver:
 
     def place(self, pixel: int, view=None) -> QPoint:
         """Where a pixel is on a view's widget."""
-        view = view or self.window.cloud_view
+        view = view or self.window.views.cloud
         if isinstance(view, CloudView):
             x, y = view.view().xy_px[pixel]
             return QPoint(round(float(x)), round(float(y)))
@@ -152,7 +154,7 @@ class Driver:
 
     def on_window(self, place: QPoint | QPointF, view=None) -> QPoint:
         """A place of a view as one of the window, to which all events are sent as the system does."""
-        view = view or self.window.cloud_view
+        view = view or self.window.views.cloud
         canvas = view.plotter if isinstance(view, CloudView) else view
         return canvas.mapTo(self.window, QPointF(place).toPoint())
 
@@ -214,7 +216,7 @@ class Driver:
     def picture(self) -> NDArray[np.uint8]:
         """What the 3D view shows, as pixels (h, w, 3)."""
         self.settle()
-        return np.asarray(self.window.cloud_view.plotter.screenshot(return_img=True))
+        return np.asarray(self.window.views.cloud.plotter.screenshot(return_img=True))
 
     def close(self) -> None:
         self.settle()

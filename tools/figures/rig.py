@@ -20,7 +20,6 @@ from sensors.recording.rig_templates import TEMPLATES
 from sensors.session.reader import Session
 from synth.rig.simulate import simulate, suit_path, truth_path
 from synth.rig.virtual_rig import RigOptions, VirtualRig
-from tools.correction.effort import copy_of
 from tools.figures.figure import Figure, Rows, mean, median, share
 from tools.measure import ablation, pyrometer, rigs
 from tools.measure.labels import reliability
@@ -110,18 +109,17 @@ def effort(seed: int) -> Rows:
                 Session(path), SuitLabeller(rig.suit), Path(folder) / "l", lambda n: None
             ).labels
             truth = LabelSet.open(truth_path(path))
-            for name, propagating in (("each frame alone", False), ("carried over", True)):
-                copied, annotator = copy_of(found, Path(folder) / name, None), Annotator()
-                with Correction.open(copied.path, WHO, clock=annotator.clock) as correction:
-                    done = list(correct_set(correction, truth, annotator, lambda i: None, propagating))
-                seconds = [one.seconds for one in done]
-                rows[f"`{difficulty}`, {name}"] = {
-                    "frames": Figure(len(done)),
-                    "median, s": median(seconds),
-                    "mean, s": mean(seconds),
-                    "one key": share(sum(one.repairs == 0 for one in done), len(done)),
-                    "right in the end": share(sum(one.agreement >= AGREEMENT for one in done), len(done)),
-                }
+            annotator = Annotator()
+            with Correction.open(found.path, WHO, clock=annotator.clock) as correction:
+                done = list(correct_set(correction, truth, annotator, lambda i: None))
+            seconds = [one.seconds for one in done]
+            rows[f"`{difficulty}`, each frame alone"] = {
+                "frames": Figure(len(done)),
+                "median, s": median(seconds),
+                "mean, s": mean(seconds),
+                "one key": share(sum(one.repairs == 0 for one in done), len(done)),
+                "right in the end": share(sum(one.agreement >= AGREEMENT for one in done), len(done)),
+            }
     return rows
 
 

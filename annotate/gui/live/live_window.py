@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from annotate.gui.key_repeat import HeldKeys
+from annotate.gui.held_keys import KeyRepeatFilter
 from annotate.gui.live.joint_lines import PoseLines
 from annotate.gui.live.live_commands import COMMANDS
 from annotate.gui.live.live_pictures import TITLES, joints_px, live_scene, pictures
@@ -29,7 +29,7 @@ from annotate.gui.live.live_tile import Tile
 from annotate.gui.state.point_colors import Colouring, Look, Painting, colourings
 from annotate.gui.state.scene import FrameScene
 from annotate.gui.views.cloud_view import CloudView
-from annotate.gui.views.pointing import Hand
+from annotate.gui.views.drawing_layer import StrokeOptions
 from annotate.gui.widgets.building_blocks import Elided, button, laid, line, named
 from annotate.gui.widgets.dialogs import show_keys
 from annotate.gui.widgets.theme import DARK, LIGHT, Theme, scaled, style_app
@@ -109,7 +109,7 @@ class LiveWindow(QMainWindow):
 
     def _bound(self) -> dict[str, QAction]:
         """The commands as actions with their keys, in the menus and as buttons at the foot."""
-        HeldKeys(self)
+        KeyRepeatFilter(self)
         actions = {}
         for command in COMMANDS:
             action = QAction(command.title, self)
@@ -163,8 +163,8 @@ class LiveWindow(QMainWindow):
 
     def _open_cloud(self, scene: FrameScene) -> None:
         """Only a first frame has the cloud that the view needs."""
-        self.cloud_view = CloudView(scene, Hand())
-        self.cloud_view.pointing.hide()
+        self.cloud_view = CloudView(scene, StrokeOptions())
+        self.cloud_view.layer.hide()
         self.cloud_view.set_ground(self.theme.ground_rgb)
         self._bones = PoseLines(self.cloud_view.plotter)
         self._large.insertWidget(0, self.cloud_view)

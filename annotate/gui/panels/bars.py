@@ -1,4 +1,4 @@
-"""The bars of buttons: menus and the frame's state above, a bar over each view, at the left the tools."""
+"""Bars of buttons: menus and the frame's state above, a bar over each view, at the left the tools."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -20,13 +20,12 @@ from PySide6.QtWidgets import (
 from annotate.correction.replay import STATE_NAMES, rejected_by, verdicts
 from annotate.gui.panels.frame_strip import state_color
 from annotate.gui.state.drawing import TOOLS
-from annotate.gui.state.edit_controller import Desk
-from annotate.gui.state.frame_order import Walk
+from annotate.gui.state.edit_controller import EditController
+from annotate.gui.state.frame_order import FrameOrder
 from annotate.gui.state.keys import Settings
 from annotate.gui.state.point_colors import Colouring, Look, colourings
-from annotate.gui.views.cloud_view import CloudView
-from annotate.gui.views.depth_pane import DepthPane
-from annotate.gui.views.pointing import Hand
+from annotate.gui.views.drawing_layer import StrokeOptions
+from annotate.gui.views.view_pair import View
 from annotate.gui.widgets.building_blocks import ICON, Elided, button, icon, laid, named
 from annotate.gui.widgets.theme import Theme, scaled
 
@@ -43,23 +42,19 @@ MISSING: dict[Colouring, str] = {
     "temperature": "no temperature: give the recording with --session",
     "confidence": "these labels carry no confidence",
 }
-SWITCHES = ("through", "only", "room")
-"""The switches of ``Hand``."""
+SWITCHES = ("through", "only", "room")  # of ``StrokeOptions``
 EDITS = (
     *("undo", "redo", "swap", "neighbour", "merge", "remove_islands", "fill_holes"),
-    *("copy_previous", "propagate", "carry", "learn"),
+    *("copy_previous", "learn"),
 )
-CHANGING = {*EDITS, "reject", "overrule", "stop_learning", "unlearn"} - {"carry"}
+CHANGING = {*EDITS, "reject", "overrule", "stop_learning", "unlearn"}
 """Commands that a set open read-only refuses."""
-ROW_PX = 25
-"""Height of a row of the tool column in logical pixels: all of them fit on a screen of 1280 x 720."""
-COLUMN_PX = 242
-"""Width of the tool column in logical pixels: the longest title and its key."""
-View = CloudView | DepthPane
+ROW_PX = 25  # height of a row of the tool column, so that all rows fit on a screen of 1280 x 720
+COLUMN_PX = 242  # width of the tool column: the longest title and its key
 
 
 class Header(QWidget):
-    """Menus, the frame, its state, and why it is worth a look."""
+    """Menus, the frame, its state, and the reason for a look."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -75,31 +70,31 @@ class Header(QWidget):
             row.setAlignment(widget, Qt.AlignmentFlag.AlignVCenter)
         row.setStretchFactor(self.facts, 1)
 
-    def show_desk(self, desk: Desk, walk: Walk, theme: Theme, doubt: str) -> None:
-        """Update the frame's name, state and place. doubt: its worst places in words."""
-        frame_id = desk.scene.labels.frame_id
-        state = desk.correction.state(frame_id)
+    def show_edits(self, edits: EditController, frames: FrameOrder, theme: Theme, doubt: str) -> None:
+        """Update the frame's name, state and place. doubt: the worst place in words."""
+        frame_id = edits.frame.frame_id
+        state = edits.correction.state(frame_id)
         self.frame.setText(f"Frame {frame_id.lstrip('0') or '0'}")
         self.badge.setText(STATE_NAMES[state])
         color = state_color(state, theme).name()
         self.badge.setStyleSheet(f"color: {color}; border: 1px solid {color}")
-        facts = ["READ-ONLY" if desk.correction.read_only else "", _place(walk, frame_id)]
-        facts.append(_rejection(desk) or walk.reasons.get(frame_id, ""))
+        facts = ["READ-ONLY" if edits.correction.read_only else "", _place(frames, frame_id)]
+        facts.append(_rejection(edits) or frames.reasons.get(frame_id, ""))
         facts.append(doubt)
         self.facts.setText("   ·   ".join(filter(None, facts)))
 
 
-def _place(walk: Walk, frame_id: str) -> str:
-    """Return a frame's place among those that are shown, in words."""
-    shown = len(walk.frame_ids)
-    if not walk.passes(frame_id):
+def _place(frames: FrameOrder, frame_id: str) -> str:
+    """Return a frame's place among the shown ones, in words."""
+    shown = len(frames.frame_ids)
+    if not frames.passes(frame_id):
         return f"not among the {shown - 1} shown"
-    return f"place {walk.frame_ids.index(frame_id) + 1} of {shown}"
+    return f"place {frames.frame_ids.index(frame_id) + 1} of {shown}"
 
 
-def _rejection(desk: Desk) -> str:
-    """Return who rejected the frame, why, and who agrees, in words; "" where it does not stand rejected."""
-    strokes = desk.correction.journal.strokes(desk.scene.labels.frame_id)
+def _rejection(edits: EditController) -> str:
+    """Return the rejection that stands in words, with person, reason and agreement; "" for none."""
+    strokes = edits.correction.journal.strokes(edits.frame.frame_id)
     if (rejected := rejected_by(strokes)) is None:
         return ""
     last = verdicts(strokes)[-1]
@@ -143,14 +138,14 @@ class PaneBar(QWidget):
         swap.clicked.connect(partial(self.requested.emit, "swap_views"))
         row.addWidget(swap)
 
-    def show_look(self, look: Look, desk: Desk) -> None:
+    def show_look(self, look: Look, edits: EditController) -> None:
         """Update the buttons."""
-        there = colourings(desk.scene)
+        there = colourings(edits.frame.scene)
         shown = look.colouring if look.colouring in there else "part"
         self.colouring.setText(f"{COLOURINGS[shown]} ▾")
         for name, entry in self.entries.items():
             entry.setEnabled(name in there)
-            missing = MISSING.get(name, desk.scene.no_other)
+            missing = MISSING.get(name, edits.frame.scene.no_other)
             entry.setText(COLOURINGS[name] + ("" if name in there else f" ({missing})"))
         self.buttons["outlines"].setChecked(look.outlines and shown != "part")
         self.buttons["tint"].setText(f"Opacity {look.tint:.0%}")
@@ -159,7 +154,7 @@ class PaneBar(QWidget):
 
 
 class ToolButton(QToolButton):
-    """A row: picture, title, and the key at its right end."""
+    """Row: picture, title, and the key at the right end."""
 
     def __init__(self, title: str, key: str) -> None:
         super().__init__()
@@ -177,7 +172,7 @@ class ToolButton(QToolButton):
 
 
 class ToolColumn(QScrollArea):
-    """requested: a button with a command's name was clicked."""
+    """Column of tools. requested: the button of a command was clicked."""
 
     requested = Signal(str)
 
@@ -199,25 +194,24 @@ class ToolColumn(QScrollArea):
                 item.setToolTip(f"{command.hint} ({command.key})")
                 item.setAccessibleName(command.title)
                 item.setAccessibleDescription(command.hint)
-                item.setCheckable(name not in EDITS or name == "carry")
+                item.setCheckable(name not in EDITS)
                 item.clicked.connect(partial(self.requested.emit, name))
                 column.addWidget(item)
             column.addSpacing(2)
         column.addStretch(1)
         self.setWidget(inner)
 
-    def show_state(self, hand: Hand, carrying: bool, enabled: Mapping[str, bool], theme: Theme) -> None:
-        """Press the buttons in that are on; disable those whose command is."""
-        on = {hand.once or hand.tool, *(name for name in SWITCHES if getattr(hand, name))}
-        on |= {"carry"} if carrying else set()
+    def show_state(self, options: StrokeOptions, enabled: Mapping[str, bool], theme: Theme) -> None:
+        """Show which buttons are on, and which commands are enabled."""
+        on = {options.once or options.tool, *(name for name in SWITCHES if getattr(options, name))}
         ratio = self.devicePixelRatioF()
         for name, item in self.buttons.items():
             item.setEnabled(enabled[name])
-            item.setCheckable(item.isCheckable() or name == hand.once)
+            item.setCheckable(item.isCheckable() or name == options.once)
             item.setChecked(name in on)
             color = theme.on_accent if name in on else theme.text if enabled[name] else theme.quiet
             drawn = color, theme.on_accent if name in on else theme.quiet, ratio
-            # Drawing all icons anew takes longer than showing a frame.
+            # Because drawing all icons anew takes longer than showing a frame.
             if self._drawn.get(name) != drawn:
                 self._drawn[name] = drawn
                 item.key.setStyleSheet(f"color: {drawn[1]}")

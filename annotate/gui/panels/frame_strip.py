@@ -1,4 +1,4 @@
-"""The frames of the set in a row, with their pictures and states, by time or the worst first."""
+"""Frames of the set in a row, with pictures and states."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -25,13 +25,13 @@ ModelIndex = QModelIndex | QPersistentModelIndex
 
 
 def state_color(state: State, theme: Theme) -> QColor:
-    """The colour of a state's badge."""
+    """Return the colour of a state's badge."""
     names = {"auto": theme.quiet, "touched": theme.warn, "accepted": theme.good}
     return QColor(names.get(state, theme.accent if state == "reviewed" else theme.bad))
 
 
 def thumbnail(labels: FrameLabels) -> QImage:
-    """A frame's parts over its depth, cut to the person."""
+    """Draw a frame's parts over its depth, cut to the person."""
     window = _window(labels.parts)
     parts, depth = labels.parts[window], labels.depth_mm[window].astype(np.float32)
     grey = np.where(depth > 0, 90 - np.clip(depth / 5000, 0, 1) * 70, 12)
@@ -44,7 +44,7 @@ def thumbnail(labels: FrameLabels) -> QImage:
 
 
 def _window(parts: UInt8) -> tuple[slice, slice]:
-    """The person with a margin, at the picture's proportions as far as the image goes."""
+    """Return the slices of the person with a margin, at the picture's proportions within the image."""
     there = parts > 0
     rows, columns = window_of(there if there.any() else np.ones_like(there))
     slope = THUMBNAIL.height() / THUMBNAIL.width()
@@ -55,7 +55,7 @@ def _window(parts: UInt8) -> tuple[slice, slice]:
 
 
 class Frames(QAbstractListModel):
-    """The frames in the order shown. Pictures are drawn in a thread, as they come into view."""
+    """Frames in the order shown. A thread draws pictures as frames come into view."""
 
     _drawn = Signal(str, QImage)
 
@@ -103,7 +103,7 @@ class Frames(QAbstractListModel):
         self.changed(labels.frame_id)
 
     def forget(self) -> None:
-        """Draw all pictures anew: labels have changed beside the window."""
+        """Draw all pictures anew, because labels changed beside the window."""
         self._images.clear()
         self.order(self.frame_ids)
 
@@ -118,7 +118,7 @@ class Frames(QAbstractListModel):
         return self._images[frame_id]
 
     def _draw(self, frame_id: str) -> None:
-        """Draw a frame's picture, in the thread; an empty one where it cannot be read."""
+        """Draw a frame's picture in the thread; an empty one where the frame is broken."""
         try:
             image = thumbnail(self._read(frame_id))
         except CloudError:
@@ -130,7 +130,7 @@ class Frames(QAbstractListModel):
         self.changed(frame_id)
 
     def changed(self, frame_id: str) -> None:
-        """Let a frame's cell be drawn again: its state may be another one."""
+        """Draw a frame's cell again, because its state may have changed."""
         if frame_id in self.frame_ids:
             index = self.index(self.frame_ids.index(frame_id))
             self.dataChanged.emit(index, index)
@@ -147,7 +147,7 @@ class _Cell(QStyledItemDelegate):
         painter.save()
         cell = QRectF(option.rect).adjusted(3, 3, -3, -3)
         chosen = bool(option.state & QStyle.StateFlag.State_Selected)
-        draw_card(painter, cell, 7, theme, chosen)
+        draw_card(painter, cell, theme, chosen)
         image = index.data(Qt.ItemDataRole.DecorationRole)
         if isinstance(image, QImage) and not image.isNull():
             size = QSize(image.size()).scaled(THUMBNAIL, Qt.AspectRatioMode.KeepAspectRatio)
@@ -174,7 +174,7 @@ class _Cell(QStyledItemDelegate):
 
 
 class FrameStrip(QListView):
-    """The frames in a row. opened: a frame was clicked."""
+    """Frames in a row. opened: a frame was clicked."""
 
     opened = Signal(str)
 
@@ -182,10 +182,10 @@ class FrameStrip(QListView):
         self, read: Callable[[str], FrameLabels], state: Callable[[str], State], score: Score
     ) -> None:
         super().__init__()
-        self.frames = Frames(read, state, score)
+        self.model_ = Frames(read, state, score)
         self.setAccessibleName("Frames")
         self._cell = _Cell(self)
-        self.setModel(self.frames)
+        self.setModel(self.model_)
         self.setItemDelegate(self._cell)
         self.setFlow(QListView.Flow.LeftToRight)
         self.setWrapping(False)
@@ -202,8 +202,8 @@ class FrameStrip(QListView):
         self.viewport().update()
 
     def choose(self, frame_id: str) -> None:
-        """Mark a frame as the one that is open, and bring it into view."""
-        if frame_id in self.frames.frame_ids:
-            index = self.frames.index(self.frames.frame_ids.index(frame_id))
+        """Mark a frame as the open one, and bring it into view."""
+        if frame_id in self.model_.frame_ids:
+            index = self.model_.index(self.model_.frame_ids.index(frame_id))
             self.setCurrentIndex(index)
             self.scrollTo(index, QListView.ScrollHint.PositionAtCenter)

@@ -1,4 +1,4 @@
-"""The status line, which describes the next click, and the page of all keys."""
+"""Status line, which describes the next click, and the page of all keys."""
 
 from collections.abc import Sequence
 from html import escape
@@ -16,10 +16,10 @@ from PySide6.QtWidgets import (
 )
 
 from annotate.correction.doubtful_places import part_title as title
-from annotate.gui.state.edit_controller import Desk
+from annotate.gui.state.edit_controller import EditController
 from annotate.gui.state.keys import BODY_GRID, Settings, settings_path
-from annotate.gui.state.outcome import Done, strokes_text
-from annotate.gui.views.pointing import Hand
+from annotate.gui.state.outcome import Outcome, strokes_text
+from annotate.gui.views.drawing_layer import StrokeOptions
 from annotate.gui.widgets.building_blocks import Elided, laid, named
 from annotate.gui.widgets.theme import DARK, Theme, part_color, scaled
 from annotate.parts import PARTS
@@ -39,45 +39,45 @@ MOUSE = (
     ("Shift + part", "lock the part: it cannot gain or lose pixels"),
     ("Alt + part", "fade the part, hide it, show it again"),
 )
-
-
 ONCE = {
     "swap": "Click an arm or a leg: left and right are swapped",
     "neighbour": "Click a patch: it goes to the part that it touches most",
     "merge": "Click a part: all of it becomes",
     "pick": "Click a part to choose it",
 }
-"""The next click after a command that needs a place."""
+"""Effect of the next click after a command that needs a place."""
 
 
-def next_click(hand: Hand, desk: Desk, in_image: bool) -> str:
-    """Return the effect of the left button now, with the keys that are held, as a sentence.
+def next_click(options: StrokeOptions, edits: EditController, in_image: bool) -> str:
+    """Describe the effect of the left button now, with the held keys.
 
-    in_image: whether the pointer is in the depth image, where nothing lies behind a pixel.
+    in_image: the pointer is in the depth image, in which nothing lies behind a pixel.
     """
-    if hand.once:
-        whole = f"{ONCE[hand.once]} {title(desk.part)}" if hand.once == "merge" else ONCE[hand.once]
+    if options.once:
+        whole = f"{ONCE[options.once]} {title(edits.part)}" if options.once == "merge" else ONCE[options.once]
         return f"{whole} · Esc cancels"
-    becomes = "is erased" if desk.part == 0 else f"becomes {title(desk.part)}"
-    if desk.giver != "part":
-        becomes = f"becomes as in the {'other set' if desk.giver == 'other' else 'frame before'}"
+    becomes = "is erased" if edits.part == 0 else f"becomes {title(edits.part)}"
+    if edits.giver != "part":
+        becomes = f"becomes as in the {'other set' if edits.giver == 'other' else 'frame before'}"
     act = {
         "piece": f"Click: the piece {becomes} · click it again to grow it",
         "lasso": f"Draw a loop: the inside {becomes}",
         "polygon": f"Click corners, Return closes: the inside {becomes}",
         "rectangle": f"Drag a rectangle: the inside {becomes}",
         "brush": f"Drag over it: it {becomes}",
-    }[hand.tool]
-    if hand.tool == "piece":
+    }[options.tool]
+    if options.tool == "piece":
         return act
-    limits = ["only the part I start on"] if hand.takes_only else ["background too"] if hand.room else []
+    limits = (
+        ["only the part I start on"] if options.takes_only else ["background too"] if options.room else []
+    )
     if not in_image:
-        limits.append("through the body" if hand.goes_through else "visible surface only")
+        limits.append("through the body" if options.goes_through else "visible surface only")
     return f"{act} ({', '.join(limits)})" if limits else act
 
 
 class StatusLine(QWidget):
-    """Left: the effect of the next click. Right: the outcome of the last one, and whether all is saved."""
+    """Effect of the next click at the left; the last outcome and the saved state at the right."""
 
     def __init__(self, settings: Settings) -> None:
         super().__init__()
@@ -96,24 +96,25 @@ class StatusLine(QWidget):
         row.setStretchFactor(self.next, 1)
         row.setStretchFactor(self.last, 1)
 
-    def show_next(self, desk: Desk, hand: Hand, in_image: bool) -> None:
-        """Update the effect of the next click. in_image: whether the pointer is in the depth image."""
+    def show_next(self, edits: EditController, options: StrokeOptions, in_image: bool) -> None:
+        """Update the effect of the next click. in_image: the pointer is in the depth image."""
         read_only = "Read-only: nothing can be changed"
-        self.next.setText(read_only if desk.correction.read_only else next_click(hand, desk, in_image))
+        self.next.setText(read_only if edits.correction.read_only else next_click(options, edits, in_image))
 
-    def show_desk(self, desk: Desk, theme: Theme) -> None:
+    def show_edits(self, edits: EditController, theme: Theme) -> None:
         """Update the part's colour, the key for accepting, and the unsaved strokes."""
-        correction, color = desk.correction, part_color(desk.part, theme).name()
+        correction, color = edits.correction, part_color(edits.part, theme).name()
         self.chip.setStyleSheet(f"background: {color}; border: 1px solid {theme.quiet}; border-radius: 7px")
-        verdict = correction.next_verdict(desk.scene.labels.frame_id)
-        agree = "agree with the rejection" if desk.rejected else "agree"
+        frame_id = edits.frame.frame_id
+        verdict = correction.next_verdict(frame_id)
+        agree = "agree with the rejection" if correction.state(frame_id) == "rejected" else "agree"
         act = {"accept": "accept and go on", "agree": f"{agree} and go on", "none": "go on"}[verdict]
         self.space.setText(f"{self._accept_key}: {'go on' if correction.read_only else act}")
         unsaved = correction.unsaved
         self.saved.setText(f"{strokes_text(unsaved)} not saved" if unsaved else "✓ saved")
         self.saved.setStyleSheet(f"color: {theme.bad if unsaved else theme.good}")
 
-    def show_done(self, done: Done, theme: Theme) -> None:
+    def show_done(self, done: Outcome, theme: Theme) -> None:
         """Show the outcome of the last key or stroke."""
         color = {"plain": theme.quiet, "good": theme.good, "warn": theme.warn, "bad": theme.bad}[done.tone]
         self.last.setStyleSheet(f"color: {color}")
@@ -121,7 +122,7 @@ class StatusLine(QWidget):
 
 
 class KeyPage(QWidget):
-    """All keys over the window; any click beside the scroll bar closes it. closed: it was clicked."""
+    """Page of all keys over the window. closed: a click beside the scroll bar."""
 
     closed = Signal()
 
@@ -164,14 +165,14 @@ class KeyPage(QWidget):
         self.hide()
 
     def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
-        """Qt's hook: the card in the middle, or scrolled where it is larger than the window."""
+        """Qt's hook: put the card in the middle, scrolled if it is larger than the window."""
         wanted = self.card.sizeHint() + QSize(12, 4)
         size = wanted.boundedTo(self.size())
         self.area.setGeometry((self.width() - size.width()) // 2, (self.height() - size.height()) // 2, 0, 0)
         self.area.resize(size)
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
-        """Qt's hook: dims the window behind."""
+        """Qt's hook: dim the window behind."""
         color = QColor(self.theme.ground)
         color.setAlpha(205)
         QPainter(self).fillRect(self.rect(), color)
@@ -181,7 +182,7 @@ class KeyPage(QWidget):
         self.closed.emit()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802
-        """Qt's hook: a click on the card."""
+        """Qt's hook: close on a click on the card."""
         if event.type() == QEvent.Type.MouseButtonPress:
             self.closed.emit()
         return False
@@ -192,7 +193,7 @@ def _caption(text: str) -> QLabel:
 
 
 def _list(name: str, rows: Sequence[tuple[str, str]]) -> QVBoxLayout:
-    """A heading, and what each key does."""
+    """Lay out a heading, and the effect of each key."""
     grid = QGridLayout()
     grid.setHorizontalSpacing(10)
     grid.setVerticalSpacing(3)
@@ -204,7 +205,7 @@ def _list(name: str, rows: Sequence[tuple[str, str]]) -> QVBoxLayout:
 
 
 def _body(settings: Settings) -> QGridLayout:
-    """The parts' keys where they lie."""
+    """Lay out the parts' keys in their places."""
     grid = QGridLayout()
     grid.setHorizontalSpacing(6)
     grid.setVerticalSpacing(4)

@@ -4,31 +4,26 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QSplitter, QVBoxLayout, QWidget
 
-from annotate.gui.panels.bars import PaneBar, View
+from annotate.gui.panels.bars import PaneBar
 from annotate.gui.panels.part_palette import Palette
+from annotate.gui.settings import Memory
 from annotate.gui.state.keys import Settings
-from annotate.gui.views.cloud_view import CloudView
-from annotate.gui.views.depth_pane import DepthPane
+from annotate.gui.views.view_pair import View, ViewPair
 from annotate.gui.widgets.building_blocks import laid, named
 from annotate.gui.widgets.theme import scaled
 
-HANDLE_PX = 7
-"""Width of the handles between the panes in logical pixels. Untuned."""
-SIDE_PX, PANE_PX = 344, 150
-"""Least width of the side, for the buttons over its view, and least height of that view, where the window is
-high enough; in logical pixels (untuned)."""
-PALETTE_PX, PALETTE_SHARE = 390, 0.52
-"""Height of the parts where there is room for it, in logical pixels, and else their share. Untuned."""
+SIDE_PX, PANE_PX = 344, 150  # least width of the side, for its buttons, and least height of its view
+PALETTE_PX, PALETTE_SHARE = 390, 0.52  # height of the parts if there is room, and else their share
 
 
 class Panes(QSplitter):
-    """bars: the bar over each view. swapped: whether the depth image has the large place."""
+    """Splitters of views and palette. bars: over each view. swapped: the depth image has the large place."""
 
-    def __init__(self, cloud: CloudView, depth: DepthPane, palette: Palette, settings: Settings) -> None:
+    def __init__(self, views: ViewPair, palette: Palette, settings: Settings) -> None:
         super().__init__(Qt.Orientation.Horizontal)
         self.swapped = False
-        self.bars = {view: PaneBar(view, settings) for view in (cloud, depth)}
-        self._framed = [self._frame(view) for view in (cloud, depth)]
+        self.bars = {view: PaneBar(view, settings) for view in views}
+        self._framed = [self._frame(view) for view in views]
         self._side = named(QSplitter(Qt.Orientation.Vertical), "panel")
         for splitter, widgets in (
             (self._side, (self._framed[1], palette)),
@@ -38,7 +33,7 @@ class Panes(QSplitter):
                 splitter.addWidget(widget)
             splitter.setStretchFactor(0, 1)
             splitter.setStretchFactor(1, 0)
-            splitter.setHandleWidth(HANDLE_PX)
+            splitter.setHandleWidth(7)
             splitter.setChildrenCollapsible(False)
         self._side.setMinimumWidth(scaled(SIDE_PX))
         self.setSizes([1030, scaled(SIDE_PX)])
@@ -46,7 +41,7 @@ class Panes(QSplitter):
         self._side.splitterMoved.connect(self._keep)
 
     def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
-        """Qt's hook: the parts get their height, or about half of a low window."""
+        """Qt's hook: give the parts their height, or about half of a low window."""
         super().resizeEvent(event)
         if not self._moved:
             parts = min(scaled(PALETTE_PX), round(PALETTE_SHARE * self.height()))
@@ -69,19 +64,18 @@ class Panes(QSplitter):
         for view in self.bars:
             view.fit()
 
-    def splits(self) -> tuple[tuple[int, ...], ...]:
-        """Sizes of the panes of both splitters."""
-        sizes = tuple(self.sizes()), tuple(self._side.sizes())
-        return sizes if self._moved else sizes[:1]
+    def remember(self, memory: Memory) -> None:
+        """Store the places and sizes; the sizes of the side only after they were moved."""
+        memory.put("swapped", self.swapped)
+        memory.put("panes", self.saveState())
+        memory.put("side", self._side.saveState() if self._moved else "")
 
-    def restore(self, splits: tuple[tuple[int, ...], ...], swapped: bool) -> None:
-        """The sizes and places of an earlier time."""
-        if swapped:
+    def restore(self, memory: Memory) -> None:
+        """Restore the places and sizes of an earlier window."""
+        if memory.choice("swapped", (False, True), False):
             self.swap()
-        self._moved = len(splits) > 1
-        for splitter, sizes in zip((self, self._side), splits, strict=False):
-            if len(sizes) == splitter.count():
-                splitter.setSizes(list(sizes))
+        self.restoreState(memory.state("panes"))
+        self._moved = self._side.restoreState(memory.state("side"))
 
     def _frame(self, view: View) -> QWidget:
         frame = named(QWidget(), "panel")

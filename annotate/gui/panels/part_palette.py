@@ -1,18 +1,17 @@
-"""The part palette: twelve tiles laid out like a body that faces you, as the keys are."""
+"""Part palette: twelve tiles laid out like a body that faces the user, as the keys are."""
 
 from PySide6.QtCore import QRect, QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QFont, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
 
-from annotate.gui.state.edit_controller import Desk
+from annotate.gui.state.edit_controller import EditController
 from annotate.gui.state.keys import BODY_GRID, Settings
 from annotate.gui.state.point_colors import Visibility
 from annotate.gui.widgets.building_blocks import draw_card, draw_icon, laid, named
 from annotate.gui.widgets.theme import DARK, Theme, part_color, scaled
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
 
-ICON_PX, HEIGHTS_PX = 16, (42, 62)
-"""Size of the lock and the eye, least and greatest height of a tile, in logical pixels. Untuned."""
+ICON_PX, HEIGHTS_PX = 16, (42, 62)  # size of lock and eye, least and greatest height of a tile; untuned
 
 
 class PartTile(QWidget):
@@ -33,17 +32,17 @@ class PartTile(QWidget):
 
     @property
     def lock_rect(self) -> QRect:
-        """The lock, to click."""
+        """Place of the lock."""
         return QRect(self.width() - 2 * ICON_PX - 10, self._icon_top, ICON_PX + 2, ICON_PX + 4)
 
     @property
     def eye_rect(self) -> QRect:
-        """The eye, to click."""
+        """Place of the eye."""
         return QRect(self.width() - ICON_PX - 6, self._icon_top, ICON_PX + 2, ICON_PX + 4)
 
     @property
     def _is_low(self) -> bool:
-        """Whether the three lines need smaller letters."""
+        """True where the three lines need smaller letters."""
         return self.height() < scaled(HEIGHTS_PX[1] - 8)
 
     @property
@@ -66,7 +65,7 @@ class PartTile(QWidget):
         """Qt's hook."""
         painter, theme = QPainter(self), self.theme
         body = QRectF(self.rect()).adjusted(1.5, 1.5, -1.5, -1.5)
-        draw_card(painter, body, 8, theme, self.chosen, part_color(self.part, theme))
+        draw_card(painter, body, theme, self.chosen, part_color(self.part, theme))
         if self.visibility == "hidden":
             painter.setOpacity(0.5)
         self._write(painter)
@@ -87,7 +86,7 @@ class PartTile(QWidget):
         beneath, middle = Qt.AlignmentFlag.AlignBottom, Qt.AlignmentFlag.AlignVCenter
         side = left
         if self.part == UNDEFINED:
-            # A low and wide tile: its name beside the key, its count at the right.
+            # A low and wide tile: the name beside the key, the count at the right.
             above, middle, beneath, side = middle, middle, middle, Qt.AlignmentFlag.AlignRight
             inside = inside.adjusted(0, 0, -2 * ICON_PX - 8, 0)
         centre = inside.adjusted(scaled(56) if self.part == UNDEFINED else 0, 2 if low else 0, 0, 0)
@@ -105,10 +104,7 @@ class PartTile(QWidget):
 
 
 class Palette(QScrollArea):
-    """The tiles, scrolled where there is no room for them.
-
-    chosen, locked, faded: a part's tile, lock or eye was clicked.
-    """
+    """Tiles, scrolled without enough room. chosen, locked, faded: a part's tile, lock or eye was clicked."""
 
     chosen = Signal(int)
     locked = Signal(int)
@@ -141,14 +137,14 @@ class Palette(QScrollArea):
             tile.setFixedHeight(scaled(HEIGHTS_PX[0] - 4))
         return tile
 
-    def show_desk(self, desk: Desk, theme: Theme) -> None:
+    def show_edits(self, edits: EditController, theme: Theme) -> None:
         """Update counts, choice, locks and eyes."""
-        counts = desk.counts()
+        counts, display = edits.frame.counts(), edits.display
         for part, tile in self.tiles.items():
             tile.theme, tile.count = theme, counts[part]
-            tile.chosen, tile.locked = part == desk.part, part in desk.locks
-            alone = desk.alone and not tile.chosen
-            tile.visibility = "hidden" if alone else desk.visibility.get(part, "shown")
+            tile.chosen, tile.locked = part == edits.part, part in edits.locks
+            alone = display.alone and not tile.chosen
+            tile.visibility = "hidden" if alone else display.visibility.get(part, "shown")
             held = [f"{tile.count} pixels", "chosen" * tile.chosen, "locked" * tile.locked, tile.visibility]
             tile.setAccessibleDescription(", ".join(filter(None, held)))
             tile.update()

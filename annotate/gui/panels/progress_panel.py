@@ -1,4 +1,4 @@
-"""Beside the frames: their order and filter, a field to go to one, progress of the work and of learning."""
+"""Panel of the frames: order, filter, a field to go to one, progress of the work and of learning."""
 
 from collections.abc import Iterable
 from functools import partial
@@ -8,13 +8,13 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QGridLayout, QLineEdit, QMenu, QProgressBar, QToolButton, QWidget
 
 from annotate.correction.review_queue import Progress
-from annotate.gui.state.frame_order import FILTERS, ORDERS, Walk
+from annotate.gui.state.frame_order import FILTERS, ORDERS, FrameOrder
 from annotate.gui.widgets.building_blocks import Elided, button, named
 from annotate.gui.widgets.theme import scaled
 
 
 class ProgressPanel(QWidget):
-    """ordered, filtered: one was chosen by name; went: a frame's number was given."""
+    """Panel. ordered, filtered: an order or filter was chosen by name. went: a frame's number was given."""
 
     ordered = Signal(str)
     filtered = Signal(str)
@@ -48,11 +48,11 @@ class ProgressPanel(QWidget):
         grid.addWidget(self.bar, 2, 0, 1, 2)
         grid.addWidget(self.text, 3, 0, 1, 2)
 
-    def show_walk(self, walk: Walk, progress: Progress) -> None:
-        """Update everything."""
-        self.order.setText(f"{ORDERS[walk.order]} ▾")
-        self.filter.setText(f"{FILTERS[walk.filter]} ▾")
-        # Without updates it does not paint the whole window at once, but in its turn.
+    def show_frames(self, frames: FrameOrder, progress: Progress) -> None:
+        """Update order, filter and progress."""
+        self.order.setText(f"{ORDERS[frames.order]} ▾")
+        self.filter.setText(f"{FILTERS[frames.filter]} ▾")
+        # Without updates, because a progress bar paints the whole window at once.
         self.bar.setUpdatesEnabled(False)
         self.bar.setRange(0, max(1, progress.total))
         self.bar.setValue(progress.done)
@@ -61,7 +61,7 @@ class ProgressPanel(QWidget):
         self._show_text()
 
     def show_learning(self, text: str) -> None:
-        """Show the progress of a learning in place of the work's; "" for none."""
+        """Show the progress of learning in place of the work's; "" ends that."""
         self._learning = text
         self._show_text()
 
@@ -69,7 +69,7 @@ class ProgressPanel(QWidget):
         self.text.setText(self._learning or self._progress)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802
-        """Qt's hook: Escape leaves the field; its other keys are no commands."""
+        """Qt's hook: leave the field on Escape; its other keys are not commands."""
         if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
             event.accept()
         elif isinstance(event, QKeyEvent) and event.key() == Qt.Key.Key_Escape:

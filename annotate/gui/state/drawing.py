@@ -1,4 +1,4 @@
-"""A shape being drawn on a view, from the first press to the last release. No window here."""
+"""Shape being drawn on a view, from the first press to the last release. No window here."""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -12,19 +12,17 @@ from annotate.labelset.stroke import Gesture, GestureKind
 
 Tool = Literal["piece", "lasso", "polygon", "rectangle", "brush"]
 TOOLS: tuple[Tool, ...] = ("piece", "lasso", "polygon", "rectangle", "brush")
-STEP_PX = 2.0
-"""Distance between points of a drawn line in logical pixels. Untuned."""
-LEAST_PX = 4.0
-"""Least extent of a lasso or rectangle in logical pixels: smaller ones are slips. Untuned."""
+STEP_PX = 2.0  # distance between points of a drawn line in logical pixels; untuned
+LEAST_PX = 4.0  # least extent of a lasso or rectangle in logical pixels: smaller ones are slips; untuned
 
 
 @dataclass
 class Drawing:
-    """A shape as drawn so far.
+    """Shape as drawn so far, in logical pixels.
 
-    start_px: its first point, in logical pixels. radius_px: of the brush. through: not only the front.
-    only: replace only the part under the start. room: include the background. points_px: its line, corners
-    or path. clicks: number of corners of a polygon, 1 for a piece or a rectangle. held_keys: number of them.
+    start_px: first point. radius_px: of the brush. through: not only the front. only: replace only the part
+    under the start. room: include the background. points_px: line, corners or path. clicks: number of corners
+    of a polygon, 1 for a piece or a rectangle. held_keys: their number.
     """
 
     tool: Tool
@@ -39,11 +37,11 @@ class Drawing:
 
     def __post_init__(self) -> None:
         self.points_px = self.points_px or [self.start_px]
-        # The keystroke-level model adds press and release of a drawn line by itself.
+        # The keystroke-level model adds press and release of a drawn line.
         self.clicks = 0 if self.tool in ("lasso", "brush") else self.clicks
 
     def drag(self, x: float, y: float) -> None:
-        """The pointer moved with the button down."""
+        """Extend the shape to the pointer."""
         if self.tool == "rectangle":
             self.points_px[1:] = [(x, y)]
         elif self.tool in ("lasso", "brush"):
@@ -52,26 +50,26 @@ class Drawing:
                 self.points_px.append((x, y))
 
     def corner(self, x: float, y: float) -> None:
-        """One more corner of a polygon."""
+        """Add a corner of a polygon."""
         self.points_px.append((x, y))
         self.clicks += 1
 
     def without_corner(self) -> bool:
-        """Remove a polygon's last corner; returns whether any is left."""
+        """Remove a polygon's last corner; return whether any is left."""
         self.points_px.pop()
         self.clicks -= 1
         return bool(self.points_px)
 
     @property
     def is_slip(self) -> bool:
-        """Whether the shape is too small to be meant."""
+        """True where the shape is too small to be meant."""
         if self.tool in ("piece", "brush"):
             return False
         extent = np.ptp(np.array(self.points_px), axis=0)
         return bool(extent.max() < LEAST_PX) or (self.tool != "rectangle" and len(self.points_px) < 3)
 
     def outline_px(self) -> Float64:
-        """Points (n, 2) of the line to show; the four corners of a rectangle."""
+        """Return the points (n, 2) of the line to show; the four corners of a rectangle."""
         points = np.array(self.points_px, np.float64)
         if self.tool == "rectangle" and len(points) == 2:
             (left, top), (right, bottom) = points
@@ -79,18 +77,18 @@ class Drawing:
         return points
 
     def pixels(self, view: ScreenPoints) -> Int64:
-        """Flat indices (n,) of the points that it selects in a view, drawn in the view's coordinates."""
+        """Return the flat indices (n,) of the points that the shape selects in a view."""
         if self.tool == "brush":
             return select.brush(view, self.outline_px(), self.radius_px, self.through)
         return select.polygon(view, self.outline_px(), self.through)
 
     def scaled(self, left_px: float, top_px: float, scale: float) -> "Drawing":
-        """The same shape with (left, top) as origin and ``scale`` pixels as one: in a zoomed image."""
+        """Return the shape in a zoomed image, with (left, top) as origin and ``scale`` pixels as one."""
         points = [((x - left_px) / scale, (y - top_px) / scale) for x, y in self.points_px]
         return replace(self, start_px=points[0], radius_px=self.radius_px / scale, points_px=points)
 
     def gesture(self, kind: GestureKind, keys: int = 0) -> Gesture:
-        """Its gesture for the journal: clicks, points and length."""
+        """Return the gesture for the journal: clicks, points and length."""
         line = np.array(self.points_px, np.float64)
         held = self.tool != "polygon" and len(line) > 1
         path_px = float(np.hypot(*np.diff(line, axis=0).T).sum()) if held else 0.0

@@ -1,4 +1,4 @@
-"""Every command of the window: its names, its keys, its menu, and how users change the keys.
+"""Commands of the window: names, keys and menus, and the user's file that changes the keys.
 
 The keys of parts and tools lie under the left hand while the right hand holds the mouse. The parts are laid
 out like a body that faces you: head on top, its right arm on the left.
@@ -23,8 +23,7 @@ from annotate.parts import PARTS
 from sensors.errors import CloudError
 from sensors.files.bounded import read_toml
 
-MAX_TOML_BYTES = 100_000
-"""Largest window.toml that is read, in bytes."""
+MAX_TOML_BYTES = 100_000  # largest window.toml
 THEMES = ("system", "light", "dark")
 
 BODY_KEYS = "123QWEASDZXC"
@@ -43,8 +42,8 @@ printed (Ctrl+Z undoes everywhere)."""
 
 @dataclass(frozen=True)
 class Command:
-    """One command. name: as in window.toml; key, also: in Qt's notation, "" for none; menu: where it is;
-    title: there and on buttons; hint: on the page of keys; repeats: while its key is held."""
+    """Command. name: as in window.toml. key, also: in Qt's notation, or "". title: in menus and on buttons.
+    hint: on the page of keys. repeats: while the key is held."""
 
     name: str
     key: str
@@ -56,7 +55,7 @@ class Command:
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Its keys, the main one first."""
+        """Keys of the command, the main one first."""
         return tuple(filter(None, (self.key, self.also)))
 
 
@@ -68,19 +67,17 @@ COMMANDS: tuple[Command, ...] = (
     ),
     Command("undefined", "Ctrl+X", "Parts", "Undefined"),
     Command("pick", "`", "Parts", "Part under the pointer", "Choose the part under the pointer"),
+    Command("from_other", "Ctrl+4", "Parts", "As in the other set", "Strokes give the other set's parts"),
     Command(
-        "from_other", "Ctrl+4", "Parts", "As in the other set", "Strokes take over the other set's parts"
+        "from_before",
+        "Ctrl+5",
+        "Parts",
+        "As in the frame before",
+        "Strokes give the parts of the frame before",
     ),
-    Command("from_before", "Ctrl+5", "Parts", "As in the frame before", "Strokes take over the frame before"),
     Command("piece", "F", "Tools", "Piece", "Click a piece, click again to grow it"),
     Command("lasso", "G", "Tools", "Lasso", "Draw a loop"),
-    Command(
-        "polygon",
-        "T",
-        "Tools",
-        "Polygon",
-        "Click corners, Return closes it",
-    ),
+    Command("polygon", "T", "Tools", "Polygon", "Click corners, Return closes it"),
     Command("rectangle", "R", "Tools", "Rectangle", "Drag a rectangle"),
     Command("brush", "B", "Tools", "Brush", "Drag over it"),
     Command("small", "Ctrl+1", "Tools", "Small brush"),
@@ -92,48 +89,15 @@ COMMANDS: tuple[Command, ...] = (
     Command("only", "4", "Tools", "Only the part I start on", "Replace only the part where a stroke starts"),
     Command("room", "6", "Tools", "Include background", "Change the background too, not only the body"),
     Command("cancel", "Esc", "Tools", "Cancel", "Cancel the stroke or the preview"),
-    Command(
-        "undo",
-        "Ctrl+Z",
-        "Edit",
-        "Undo",
-        "Undo strokes and verdicts of this frame",
-        repeats=True,
-    ),
+    Command("undo", "Ctrl+Z", "Edit", "Undo", "Undo strokes and verdicts of this frame", repeats=True),
     Command("redo", "Ctrl+Shift+Z", "Edit", "Redo", "Redo what was undone", "Ctrl+Y", repeats=True),
     Command("swap", "V", "Edit", "Swap left/right", "Swap left and right of the limb under the pointer"),
-    Command(
-        "neighbour",
-        "5",
-        "Edit",
-        "Give patch to neighbour",
-        "Give the patch under the pointer to its neighbour",
-    ),
+    Command("neighbour", "5", "Edit", "Give patch to neighbour", "Give the patch here to its neighbour"),
     Command("merge", "Ctrl+E", "Edit", "Merge part", "Turn the part under the pointer into the chosen one"),
     Command("remove_islands", "Ctrl+D", "Edit", "Islands", "Mark islands of all parts; again: remove"),
     Command("fill_holes", "Ctrl+F", "Edit", "Holes", "Mark holes of the chosen part; again: fill"),
-    Command(
-        "copy_previous",
-        "Ctrl+V",
-        "Edit",
-        "Copy previous frame",
-        "Copy the parts of the frame before, following movement",
-    ),
-    Command("propagate", "Ctrl+G", "Edit", "Carry over", "Carry over the corrections of nearby frames"),
-    Command(
-        "carry",
-        "Ctrl+Shift+G",
-        "Edit",
-        "Carry over automatically",
-        "Carry over in each frame opened by Accept",
-    ),
-    Command(
-        "accept",
-        "Space",
-        "Frames",
-        "Accept",
-        "Accept or agree; open the next frame",
-    ),
+    Command("copy_previous", "Ctrl+V", "Edit", "Copy previous frame", "Copy the parts of the frame before"),
+    Command("accept", "Space", "Frames", "Accept", "Accept or agree; open the next frame"),
     Command("reject", "Ctrl+R", "Frames", "Reject…", "Reject with a reason, or agree to that"),
     Command("overrule", "Ctrl+Shift+A", "Frames", "Accept although rejected", "Overrule a rejection"),
     Command("doubt", "N", "Frames", "Next doubtful place", "Show the next doubtful place", repeats=True),
@@ -163,7 +127,7 @@ COMMANDS: tuple[Command, ...] = (
 
 
 def derived(commands: tuple[Command, ...]) -> tuple[Command, ...]:
-    """Commands that lock and fade each part: Shift and Alt with its key; no key where that has one held."""
+    """Return the commands that lock and fade parts: Shift and Alt with the part's key, if that is one key."""
     keys = {command.name: command.key for command in commands}
     made = []
     for part in PARTS:
@@ -176,30 +140,30 @@ def derived(commands: tuple[Command, ...]) -> tuple[Command, ...]:
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of a user in window.toml. theme: of THEMES; commands: with the user's own keys."""
+    """Settings of a user in window.toml. theme: of THEMES. commands: with the user's keys."""
 
     theme: str = "system"
     commands: tuple[Command, ...] = (*COMMANDS, *derived(COMMANDS))
 
     def command(self, name: str) -> Command:
-        """A command by name. Raises KeyError for a name that does not exist."""
+        """Return a command by name. Raises KeyError."""
         return {command.name: command for command in self.commands}[name]
 
     def key(self, name: str) -> str:
-        """The main key of a command. Raises KeyError for a name that does not exist."""
+        """Return the main key of a command. Raises KeyError."""
         return self.command(name).key
 
 
 def settings_path() -> Path:
-    """window.toml in the user's configuration folder (XDG Base Directory Specification 0.8)."""
+    """Return window.toml in the user's configuration folder (XDG Base Directory Specification 0.8)."""
     home = os.environ.get("XDG_CONFIG_HOME") or "~/.config"
     return Path(home) / "annotate-cloud" / "window.toml"
 
 
 def load_settings(path: Path) -> Settings:
-    """Read ``theme``, ``layout`` and the table ``[keys]`` (name = "Ctrl+K"); as delivered without a file.
+    """Read ``theme``, ``layout`` and the table ``[keys]`` (name = "Ctrl+K"); the defaults without a file.
 
-    Raises CloudError naming the line, the name or the key that is wrong or used twice.
+    Raises CloudError with the wrong line, the unknown name, or the key that two commands have.
     """
     if not path.exists():
         return Settings()
@@ -216,7 +180,7 @@ def load_settings(path: Path) -> Settings:
 
 
 def laid_out(layout: str) -> tuple[Command, ...]:
-    """All but the derived commands with the keys of a keyboard's layout."""
+    """Return all but the derived commands with the keys of a keyboard's layout."""
     places = LAYOUTS[layout]
 
     def moved(key: str) -> str:
@@ -253,9 +217,9 @@ def _with_keys(commands: tuple[Command, ...], keys: Mapping[str, str]) -> tuple[
 
 
 def key_of(text: str) -> Qt.Key:
-    """The key of a text in Qt's notation, without those held with it; Key_unknown unless it is one key."""
+    """Return the key of a text in Qt's notation without modifiers; Key_unknown unless it is one key."""
     sequence = QKeySequence(text)
     if sequence.count() != 1:
         return Qt.Key.Key_unknown
-    key: Qt.Key = sequence[0].key()  # type: ignore[index]  # PySide6's types do not know it
+    key: Qt.Key = sequence[0].key()  # type: ignore[index]  # missing in PySide6's types
     return key

@@ -1,8 +1,7 @@
-"""A camera that turns around the person, shifts and zooms, and the projection of a cloud onto its screen.
+"""Camera that turns around the person, shifts and zooms, and the projection of a cloud onto its screen.
 
-Screen coordinates are Qt's logical pixels, x right and y down from the view's upper left corner, whatever
-the screen's pixel ratio, so that a selection is under the pointer on high-resolution screens too. No window
-here.
+Screen coordinates are Qt's logical pixels, x right and y down from the view's upper left corner, at every
+pixel ratio of the screen. Constants are untuned. No window here.
 """
 
 from dataclasses import dataclass, replace
@@ -12,23 +11,18 @@ import numpy as np
 from annotate.array_types import Bool, Float32, Float64
 from annotate.correction.select import CELL_PX, ScreenPoints
 
-DEGREES_PER_PX = 0.35
-"""Angle by which one pixel of dragging turns the view. Untuned."""
-ZOOM_PER_STEP = 1.15
-"""Factor of one step of the wheel. Untuned."""
-STEEPEST_DEG = 88.0
-"""Largest elevation in degrees: at 90 the view would have no upright. Untuned."""
-CELL_SPACINGS = 2.2
-"""Side of a view's cells in distances of neighbouring points, without gaps for points behind. Chosen by
-eye."""
+DEGREES_PER_PX = 0.35  # turn of the view by one pixel of dragging
+ZOOM_PER_STEP = 1.15  # factor of one step of the wheel
+STEEPEST_DEG = 88.0  # largest elevation: at 90 degrees the view has no upright
+CELL_SPACINGS = 2.2  # side of a view's cells in distances of neighbouring points, without gaps
 
 
 @dataclass(frozen=True)
 class Orbit:
-    """A camera that looks at ``target_m`` from a distance, in the depth camera's frame (y down, z forward).
+    """Camera that looks at ``target_m`` from a distance, in the depth camera's frame (y down, z forward).
 
-    azimuth_deg: 0 looks along z as the depth camera does, positive from the right. elevation_deg:
-    positive from above. angle_deg: the vertical field of view.
+    azimuth_deg: 0 looks along z, positive from the right. elevation_deg: positive from above. angle_deg: the
+    vertical field of view.
     """
 
     target_m: tuple[float, float, float]
@@ -55,18 +49,20 @@ class Orbit:
         return float(height_px / 2 / np.tan(np.radians(self.angle_deg / 2)))
 
     def turned(self, right_px: float, down_px: float) -> "Orbit":
-        """The orbit after dragging the scene by this many pixels."""
+        """Return the orbit after dragging the scene."""
         elevation = np.clip(self.elevation_deg + DEGREES_PER_PX * down_px, -STEEPEST_DEG, STEEPEST_DEG)
         azimuth = (self.azimuth_deg - DEGREES_PER_PX * right_px + 180) % 360 - 180
         return replace(self, azimuth_deg=azimuth, elevation_deg=float(elevation))
 
     def shifted(self, right_px: float, down_px: float, height_px: int) -> "Orbit":
-        """The orbit after shifting the scene by this many pixels: the target stays under the pointer."""
+        """Return the orbit after shifting the scene: the target stays under the pointer."""
         return replace(self, target_m=tuple(self.ray(-right_px, -down_px, height_px).tolist()))
 
     def neared(self, steps: float, towards_m: Float64 | None = None) -> "Orbit":
-        """The orbit after this many steps of the wheel towards a point (3,), which stays where it is on the
-        screen; without one, towards the target."""
+        """Return the orbit after steps of the wheel towards a point (3,), which stays in place on the screen.
+
+        Without a point: towards the target.
+        """
         distance_m = float(np.clip(self.distance_m * ZOOM_PER_STEP**-steps, 0.15, 20.0))
         if towards_m is None:
             return replace(self, distance_m=distance_m)
@@ -76,14 +72,14 @@ class Orbit:
         )
 
     def ray(self, right_px: float, down_px: float, height_px: int) -> Float64:
-        """The point (3,) at the target's distance that is this far from the middle of a view."""
+        """Return the point (3,) at the target's distance for an offset from the middle of a view."""
         right, down, _ = self.axes
         metre_per_px = self.distance_m / self.focal_px(height_px)
         return np.asarray(np.array(self.target_m) + metre_per_px * (right_px * right + down_px * down))
 
 
 def front_view(points_m: Float32, aspect: float) -> Orbit:
-    """The view along the depth camera that contains these points (n, 3), with a margin; n may be 0."""
+    """Return the view along the depth camera that contains points (n, 3), with a margin; n may be 0."""
     if not len(points_m):
         return Orbit((0.0, 0.0, 2.0), 3.0)
     low, high = np.percentile(points_m, [1, 99], axis=0)
@@ -99,7 +95,7 @@ def project(
 ) -> ScreenPoints:
     """Project points (n, 3), depth-camera frame, with a VTK composite matrix (4, 4) onto a view.
 
-    shown: bool (n,); the others neither hide nor can be chosen. size_px: (width, height). spacing_px:
+    shown: bool (n,); other points neither hide nor can be chosen. size_px: (width, height). spacing_px:
     distance of neighbouring points on the screen. Points at or behind the eye are not on the screen.
     """
     matrix = screen_from_world.astype(np.float32)

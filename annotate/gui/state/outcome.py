@@ -10,19 +10,11 @@ from annotate.correction.doubtful_places import pixels_text
 from annotate.labelset.stroke import Stroke
 
 NOTHING: Int64 = np.empty(0, np.int64)
-"""No pixels."""
-NAMED = 3
-"""Number of parts that a sentence names. Untuned."""
-OPERATIONS = {
-    "remove_islands": "Islands removed",
-    "copy_previous": "Copied from the frame before",
-    "propagate": "Carried over",
-}
-"""Operations in words, as their buttons have them."""
+NAMED = 3  # parts that a sentence names
 
 
-class Done(NamedTuple):
-    """An outcome. text: a sentence for the status line. pixels: flat indices (n,) that look different now."""
+class Outcome(NamedTuple):
+    """Outcome of a command. text: for the status line. pixels: flat indices (n,) that changed their look."""
 
     text: str
     tone: Literal["plain", "good", "warn", "bad"] = "plain"
@@ -30,22 +22,12 @@ class Done(NamedTuple):
 
 
 def strokes_text(count: int) -> str:
-    """A number of strokes in words."""
+    """Return a number of strokes in words."""
     return "1 stroke" if count == 1 else f"{count:,} strokes"
 
 
-VERDICT_TITLES = {"accept": "Accepted", "agree": "Agreed", "reject": "Rejected"}
-"""Verdicts as outcomes."""
-
-
-def rejected_text(reason: str) -> str:
-    """Return a rejection in words. reason: one of the dialog's or the person's own, which keeps its case."""
-    first = reason[:1].lower() if reason[1:2].islower() else reason[:1]
-    return f"Rejected ({first}{reason[1:]})"
-
-
 def described(stroke: Stroke, limb: str = "") -> str:
-    """A stroke in words: how many pixels went from which parts to which. limb: of a swap."""
+    """Describe a stroke: how many pixels went from which parts to which. limb: of a swap."""
     count = pixels_text(len(stroke.pixels))
     if stroke.operation in ("undo", "redo"):
         return f"{'Undone' if stroke.operation == 'undo' else 'Redone'}: {count}"
@@ -56,7 +38,8 @@ def described(stroke: Stroke, limb: str = "") -> str:
     sources = ", ".join(f"{numbers[part]:,} {title(part)}" for part in lost[:NAMED])
     sources += f" and {len(lost) - NAMED} more" if len(lost) > NAMED else ""
     if stroke.part is None:
-        return f"{OPERATIONS.get(stroke.operation, 'Taken over')}: {count} ({sources})"
+        names = {"remove_islands": "Islands removed", "copy_previous": "Copied from the frame before"}
+        return f"{names.get(stroke.operation, 'Taken over')}: {count} ({sources})"
     if len(lost) == 1:
         return f"{count} from {title(lost[0])} to {title(stroke.part)}"
     return f"{count} to {title(stroke.part)} ({sources})"

@@ -1,6 +1,6 @@
-"""The colours of all points: by part, camera colour, temperature, depth, confidence or disagreement.
+"""Colours of all points: by part, camera colour, temperature, depth, confidence or disagreement.
 
-Parts are shown over any of them, as outlines and as a tint.
+Parts are shown over other colourings as outlines and as a tint. Constants are untuned.
 """
 
 from collections.abc import Callable, Mapping
@@ -22,14 +22,10 @@ Rgb = tuple[int, int, int]
 Colors = Callable[[Int64], UInt8]
 """Colours (n, 3) of flat pixels (n,)."""
 
-ROOM_RGB = {True: (74, 80, 92), False: (168, 174, 184)}
-"""Colours of background points on a dark (True) and on a light ground. Untuned."""
-DIFFERS_RGB, SAME_RGB = np.array([(255, 176, 32), (110, 126, 150)], np.float32)
-"""Colours of points to check, where two sets differ or confidence is low, and of others. Untuned."""
-FADE = 0.82
-"""Share of the ground's colour in a faded part. Untuned."""
-TINTS = (0.0, 0.25, 0.5, 0.8)
-"""Shares of the parts' colours over other colourings. Untuned."""
+ROOM_RGB = {True: (74, 80, 92), False: (168, 174, 184)}  # background on a dark (True) and on a light ground
+DIFFERS_RGB, SAME_RGB = np.array([(255, 176, 32), (110, 126, 150)], np.float32)  # points to check, and others
+FADE = 0.82  # share of the ground's colour in a faded part
+TINTS = (0.0, 0.25, 0.5, 0.8)  # shares of the parts' colours over other colourings
 MAPS = {"temperature": HEAT, "depth": cv2.COLORMAP_CIVIDIS}
 
 
@@ -43,7 +39,7 @@ class Look:
 
 
 def colourings(scene: FrameScene) -> tuple[Colouring, ...]:
-    """The colourings for which the frame has data; "part" always, and first."""
+    """Return the colourings for which the frame has data; "part" always, and first."""
     has: dict[Colouring, bool] = {
         "part": True,
         "colour": bool(scene.cloud.color_valid.any()),
@@ -56,10 +52,7 @@ def colourings(scene: FrameScene) -> tuple[Colouring, ...]:
 
 
 def edges(parts: UInt8, valid: Bool) -> Bool:
-    """Pixels (h, w) of the body beside another label: an outline one pixel wide on each side of a border.
-
-    valid: bool (h, w), pixels with depth: gaps have no outline.
-    """
+    """Return the pixels (h, w) of the body beside another label. valid: bool (h, w), pixels with depth."""
     differs = np.zeros(parts.shape, np.bool_)
     down = (parts[1:] != parts[:-1]) & valid[1:] & valid[:-1]
     across = (parts[:, 1:] != parts[:, :-1]) & valid[:, 1:] & valid[:, :-1]
@@ -72,10 +65,10 @@ def edges(parts: UInt8, valid: Bool) -> Bool:
 
 @dataclass
 class Painting:
-    """The colours of a frame at one moment.
+    """Colours of a frame at one moment.
 
-    parts: uint8 (h, w), as they stand. before: uint8 (h, w), whose outlines are drawn too, or None.
-    visibility: of parts that are not fully shown. ground: the colour behind, into which faded parts blend.
+    parts: uint8 (h, w). before: uint8 (h, w), labels of which outlines are drawn too, or None. visibility: of
+    parts that are not fully shown. ground: the colour behind, into which faded parts blend.
     """
 
     scene: FrameScene
@@ -92,7 +85,7 @@ class Painting:
     @cached_property
     def _edges_before(self) -> Bool:
         assert self.before is not None
-        # Without its gaps, whose depth is not known here.
+        # Without gaps, because the depth of the frame before is not at hand.
         whole = np.asarray(cv2.medianBlur(self.before, 5), np.uint8)
         return edges(whole, np.ones(whole.shape, np.bool_)).ravel()
 
@@ -107,7 +100,7 @@ class Painting:
         return np.array(ROOM_RGB[sum(self.ground) < 3 * 128], np.float32)
 
     def __call__(self, pixels: Int64) -> UInt8:
-        """Colours (n, 3) of flat pixels (n,); those without a value are grey like the room."""
+        """Return the colours (n, 3) of flat pixels (n,); pixels without a value are grey like the room."""
         scene, look = self.scene, self.look
         colouring = look.colouring if look.colouring in colourings(scene) else "part"
         part = self.parts.ravel()[pixels]

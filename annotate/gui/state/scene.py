@@ -1,4 +1,4 @@
-"""One frame as the window shows it: its points and the data for all colourings. No window here."""
+"""Scene of one frame: its points and the data for all colourings. No window here."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,24 +17,20 @@ from annotate.labelset.label_set import LabelSet
 from annotate.labelset.source_recording import Recorded
 from sensors.errors import CloudError, FormatError
 
-NEAR_PX = 10
-"""Width of the room around the person that is shown in full, in pixels: a limb may be missing. Chosen by
-eye."""
-ROOM_POINTS = 50_000
-"""Number of points, about, to which the rest of the room is thinned. Untuned."""
+NEAR_PX = 10  # width of the room around the person that is shown in full: a limb may be missing; untuned
+ROOM_POINTS = 50_000  # to which the rest of the room is thinned, about; untuned
 
 
 @dataclass(frozen=True)
 class FrameScene:
     """One frame, read and fused; arrays are (h, w, ...) or flat over its pixels.
 
-    labels: as stored when it was read. cloud: its points; colours and temperatures where a session is
-    known. other: part ids (h, w) of the compared set, else those before
-    the last learning, or None. near: bool (h * w,), points shown in
-    full. room: int64 (k,), pixels of the thinned rest, every ``room_step``th along each side.
-    shade: float32 (h * w,), 0 edge-on to 1 head-on. pieces: int32 (h, w), supervoxels for clicks, -1 = none.
-    remark: the missing data and the reason, "" if none are missing. no_other: the reason why nothing is
-    compared.
+    labels: as stored at the time of reading. cloud: points, with colours and temperatures of a session.
+    other: part ids (h, w) of the compared set, or from before the last learning, or None.
+    near: bool (h * w,), points shown in full. room: int64 (k,), pixels of the thinned rest, every
+    ``room_step``th along each side. shade: float32 (h * w,), 0 edge-on to 1 head-on. pieces: int32 (h, w),
+    supervoxels for clicks, -1 = none. remark: missing data and the reason, or "". no_other: the reason why
+    nothing is compared.
     """
 
     labels: FrameLabels
@@ -55,7 +51,7 @@ class FrameScene:
 
     @cached_property
     def depth_range_m(self) -> tuple[float, float]:
-        """Least and greatest depth of the colours of depth: the person's, with a margin; else the room's."""
+        """Least and greatest depth of the depth colours: the person's with a margin, else the room's."""
         depth_mm = self.labels.depth_mm
         person = depth_mm[(self.labels.parts > 0) & (depth_mm > 0)]
         known = person if len(person) else depth_mm[depth_mm > 0]
@@ -64,15 +60,12 @@ class FrameScene:
 
 
 class SceneReader:
-    """Reads scenes of the set that is being corrected; also from a thread beside the window's.
-
-    has_recording: whether scenes have the colours and temperatures of a recording.
-    """
+    """Reader of scenes of a set under correction, for any thread. has_recording: scenes have colours."""
 
     def __init__(
         self, correction: Correction, session: Path | None = None, other: LabelSet | None = None
     ) -> None:
-        """Raises FormatError where the session or the other set is not of these frames' size."""
+        """Raise FormatError where the session or the other set has frames of another size."""
         self._correction, self.other = correction, other
         labels = self.labels = correction.labels
         self._recorded = Recorded(labels, session)
@@ -84,10 +77,9 @@ class SceneReader:
             )
 
     def read(self, frame_id: str) -> FrameScene:
-        """One frame. Raises FormatError naming the file of the label set that is missing or corrupt.
+        """Read one frame. Raises FormatError with the file that is missing or corrupt.
 
         Colours, temperatures and parts of the other set that cannot be read are left out with a remark.
-        Raises RestorableError where the label set can be restored.
         """
         labels = self._correction.frame(frame_id)
         other, unlike = self._compared(labels)
@@ -114,9 +106,9 @@ class SceneReader:
 def levels(
     labels: FrameLabels, other: UInt8 | None, room_points: int = ROOM_POINTS
 ) -> tuple[Bool, Int64, int]:
-    """Pixels (h * w,) shown in full, pixels (k,) of the thinned rest, and the step between those.
+    """Return the pixels (h * w,) shown in full, pixels (k,) of the thinned rest, and their step.
 
-    room_points: how many that rest has, about.
+    room_points: number of the rest, about.
     """
     valid = labels.depth_mm > 0
     person = labels.parts > 0
@@ -125,7 +117,7 @@ def levels(
     kernel = np.ones((2 * NEAR_PX + 1, 2 * NEAR_PX + 1), np.uint8)
     near = (cv2.dilate(person.astype(np.uint8), kernel) > 0) & valid
     rest = valid & ~near
-    # A regular lattice of larger points still closes a surface, where a random choice leaves noise.
+    # A regular lattice, because a random choice leaves noise.
     step = max(1, int(np.ceil(np.sqrt(rest.sum() / room_points))))
     lattice = np.zeros_like(rest)
     lattice[::step, ::step] = True
@@ -133,10 +125,7 @@ def levels(
 
 
 def shade_of(cloud: ThermalCloud) -> Float32:
-    """Cosine between the surface and the line of sight, from central differences of the points.
-
-    Points are drawn unlit, and would show no shape by colour alone.
-    """
+    """Return the cosine (h * w,) between surface and line of sight, because points are drawn unlit."""
     smooth = cv2.medianBlur(cloud.depth_mm, 5).astype(np.float32) / np.float32(1000)
     # d(point)/du = z' * ray + z * d(ray)/du: the slope per metre of surface is z' * f / z.
     along_u, along_v = (cv2.Sobel(smooth, cv2.CV_32F, *d, ksize=3) / 8 for d in ((1, 0), (0, 1)))

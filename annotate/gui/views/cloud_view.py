@@ -18,21 +18,17 @@ from annotate.gui.state.drawing import Drawing
 from annotate.gui.state.orbit_camera import Orbit, front_view, project
 from annotate.gui.state.point_colors import Colors, Look
 from annotate.gui.state.scene import FrameScene
-from annotate.gui.views.pointing import Hand, Pointing, samples
+from annotate.gui.views.drawing_layer import DrawingLayer, StrokeOptions, samples
 from annotate.gui.widgets.building_blocks import laid
 
-MOVING_POINTS = 16_000
-"""Number of points drawn while the view moves. Measured: a frame every 20 ms without a graphics card."""
-MOVING_MS = 180
-"""Time for which the view counts as moving after a step of the wheel, in milliseconds. Untuned."""
-IN_VIEW = 0.97
-"""Share of the person that must be on the screen for the view to stay from frame to frame. Untuned."""
-POINT_PX = (2.0, 14.0)
-"""Least and greatest size of a point in logical pixels. Untuned."""
+MOVING_POINTS = 16_000  # points while the view moves: a frame every 20 ms without a graphics card (measured)
+MOVING_MS = 180  # the view counts as moving for so long after a step of the wheel; untuned
+IN_VIEW = 0.97  # share of the person on the screen for which the view stays from frame to frame; untuned
+POINT_PX = (2.0, 14.0)  # least and greatest size of a point in logical pixels; untuned
 
 
 class Points:
-    """One VTK actor of coloured points, each of them a pixel of the depth image."""
+    """VTK actor of coloured points, each a pixel of the depth image."""
 
     def __init__(self, plotter: QtInteractor) -> None:
         self._mesh = pv.PolyData(np.zeros((1, 3), np.float32))
@@ -41,7 +37,7 @@ class Points:
         self.actor = plotter.add_mesh(
             self._mesh, scalars="rgb", rgb=True, style="points", lighting=False, render=False
         )
-        # Without a search for transparent colours, which took a quarter of the time of a frame.
+        # Because the search for transparent colours took a quarter of the time of a frame.
         self.actor.ForceOpaqueOn()
 
     def load(self, pixels: Int64, points_m: Float32, rgb: UInt8) -> None:
@@ -49,14 +45,14 @@ class Points:
         self.pixels = pixels
         self._row = np.full(int(pixels.max(initial=-1)) + 1, -1, np.int32)
         self._row[pixels] = np.arange(len(pixels), dtype=np.int32)
-        # Not by its constructor, which would make a cell of every point: ``show_only`` does.
+        # Not by the constructor, because it makes a cell of every point: ``show_only`` does.
         self._mesh = pv.PolyData()
         self._mesh.points = points_m if len(points_m) else np.zeros((1, 3), np.float32)
         self._mesh["rgb"] = rgb if len(rgb) else np.zeros((1, 3), np.uint8)
         self.actor.mapper.dataset = self._mesh
 
     def recolor(self, pixels: Int64, rgb: UInt8) -> None:
-        """New colours (n, 3) for pixels (n,), those that are not drawn here left out."""
+        """Give pixels (n,) new colours (n, 3); pixels that are not drawn here are left out."""
         rows = np.full(len(pixels), -1, np.int64)
         known = pixels < len(self._row)
         rows[known] = self._row[pixels[known]]
@@ -64,26 +60,26 @@ class Points:
         colors[rows[rows >= 0]] = rgb[rows >= 0]
 
     def show_only(self, shown: Bool) -> None:
-        """Draw only those of ``pixels`` (n,) for which ``shown`` (n,) is set."""
+        """Draw only the ``pixels`` (n,) for which ``shown`` (n,) is true."""
         rows = np.flatnonzero(shown) if len(self.pixels) else np.empty(0, np.int64)
         self._mesh.verts = np.r_[len(rows), rows] if len(rows) else np.empty(0, np.int64)
 
 
 class CloudView(QWidget):
-    """A frame's cloud. look: its colours. pointing: shapes drawn on it. moved: it was turned or zoomed."""
+    """A frame's cloud. look: its colours. layer: shapes drawn on it. moved: it was turned or zoomed."""
 
     name = "Cloud"
 
     moved = Signal()
 
-    def __init__(self, scene: FrameScene, hand: Hand) -> None:
+    def __init__(self, scene: FrameScene, options: StrokeOptions) -> None:
         super().__init__()
         self.scene, self.look = scene, Look()
         self.setAccessibleName("Cloud of the frame in three dimensions")
         self.plotter = QtInteractor(self, auto_update=False, multi_samples=0)
         laid(QVBoxLayout(self), self.plotter)
-        self.pointing = Pointing(self.plotter, hand)
-        # Installed last, so it comes before the drawing tools: they get no events that move the view.
+        self.layer = DrawingLayer(self.plotter, options)
+        # Installed last, so that events that move the view do not reach the layer.
         self.plotter.installEventFilter(self)
         self.plotter.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._person, self._room, self._moving = (Points(self.plotter) for _ in range(3))
@@ -91,19 +87,18 @@ class CloudView(QWidget):
         self._shown: Bool = np.zeros(scene.labels.depth_mm.size, np.bool_)
         self._seen: ScreenPoints | None = None
         self._grip: QPointF | None = None
-        # Whether the view was fitted and has not been moved since.
         self._fitted, self._running = True, False
         self._still = QTimer(self, singleShot=True, interval=MOVING_MS)
         self._still.timeout.connect(lambda: self._set_moving(False))
 
     def end(self) -> None:
-        """Draw no more, and let go of all graphics while they are still there.
+        """End drawing, and release all graphics while they exist.
 
-        pyvistaqt refers to the surface that it draws on. If Qt deleted that with the window, its binding
-        would take for it whatever comes to lie at the same address, another window's viewport for instance.
+        pyvistaqt refers to the surface that it draws on. After the end of the window, Qt's binding would take
+        another object at the same address for that surface.
         """
         self.plotter.close()
-        # Qt takes a widget's graphics down, and says so, when it leaves its window, if only for a moment.
+        # Qt releases a widget's graphics, with a signal, when the widget leaves its window.
         self.plotter.setParent(None)
         self.plotter.setParent(self)
 
@@ -112,8 +107,7 @@ class CloudView(QWidget):
     def load(self, scene: FrameScene, colors: Colors, shown: Bool, *, keep: bool = False) -> None:
         """Show another frame, from the same side if the person is in view. shown: bool (h * w,).
 
-        keep: from where the last one was seen, wherever the person is, and all points while it moves: frames
-        of a rig that runs have few, and are gone before they are turned.
+        keep: for a rig that runs: keep the camera wherever the person is, and draw all points while it moves.
         """
         self.scene, self._running = scene, keep
         near = np.flatnonzero(scene.near)
@@ -129,21 +123,21 @@ class CloudView(QWidget):
             self.fit()
 
     def recolor(self, pixels: Int64 | None, colors: Colors) -> None:
-        """New colours for some pixels, or for all."""
+        """Give some pixels, or all, new colours."""
         for points in (self._person, self._room, self._moving):
             changed = points.pixels if pixels is None else pixels
             points.recolor(changed, colors(changed))
         self.plotter.update()
 
     def set_shown(self, shown: Bool) -> None:
-        """Draw, and allow to choose, only these pixels, bool (h * w,)."""
+        """Draw, and allow to choose, only some pixels, bool (h * w,)."""
         self._shown, self._seen = shown, None
         for points in (self._person, self._room, self._moving):
             points.show_only(shown[points.pixels])
         self.plotter.update()
 
     def set_ground(self, rgb: tuple[int, int, int]) -> None:
-        """The colour behind the cloud."""
+        """Set the colour behind the cloud."""
         self.plotter.renderer.SetBackground([c / 255 for c in rgb])
         self.plotter.update()
 
@@ -161,14 +155,13 @@ class CloudView(QWidget):
         self._apply()
 
     def _in_view(self, scene: FrameScene) -> bool:
-        """Whether the person is on the screen."""
         person = np.flatnonzero(_person(scene))
         return not len(person) or float(np.isin(person, self.view().pixels).mean()) > IN_VIEW
 
     # Choosing pixels
 
     def view(self) -> ScreenPoints:
-        """Screen positions of all points, computed once after every move."""
+        """Return the screen positions of all points, computed once after every move."""
         if self._seen is None:
             matrix = self.plotter.camera.GetCompositeProjectionTransformMatrix(self._aspect, -1, 1)
             numbers = np.array([[matrix.GetElement(r, c) for c in range(4)] for r in range(4)])
@@ -177,15 +170,15 @@ class CloudView(QWidget):
         return self._seen
 
     def pixel_at(self, place: QPointF) -> int | None:
-        """The pixel whose point is drawn at a position of the view, or None."""
+        """Return the pixel whose point is drawn at a position of the view, or None."""
         return select.nearest(self.view(), (place.x(), place.y()))
 
     def pixels_in(self, drawing: Drawing) -> Int64:
-        """The pixels that a shape drawn on the view selects."""
+        """Return the pixels that a shape drawn on the view selects."""
         return drawing.pixels(self.view())
 
     def places(self, pixels: Int64) -> tuple[Float32, float]:
-        """Positions (n, 2) of pixels on the view, NaN off it, and the distance of neighbouring ones."""
+        """Return positions (n, 2) of pixels on the view, NaN off it, and the distance of neighbours."""
         return self.view().xy_px[pixels], self._spacing_px
 
     def bring(self, pixel: int) -> None:
@@ -198,12 +191,12 @@ class CloudView(QWidget):
     def mark(self, pixel: int | None) -> None:
         """Ring the point of a pixel, or none."""
         x, y = self.view().xy_px[pixel].tolist() if pixel is not None else (np.nan, np.nan)
-        self.pointing.ring(QPointF(x, y) if np.isfinite(x) else None)
+        self.layer.ring(QPointF(x, y) if np.isfinite(x) else None)
 
     # Moving the view
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802
-        """Qt's hook: keeps all events from VTK's own interaction and keys."""
+        """Qt's hook: keep all events from VTK's own interaction and keys."""
         kind = event.type()
         if isinstance(event, QWheelEvent):
             if event.modifiers() & Qt.KeyboardModifier.ShiftModifier:
@@ -220,7 +213,7 @@ class CloudView(QWidget):
         return isinstance(event, QMouseEvent) and self._gripped(kind, event)
 
     def _gripped(self, kind: QEvent.Type, event: QMouseEvent) -> bool:
-        """Turn with the right button, shift with the middle one; returns whether the event was for that."""
+        """Turn with the right button, shift with the middle one; return whether the event was for that."""
         grips = (Qt.MouseButton.RightButton, Qt.MouseButton.MiddleButton)
         pressed = QEvent.Type.MouseButtonPress, QEvent.Type.MouseButtonDblClick
         if kind == QEvent.Type.MouseButtonDblClick and event.button() == Qt.MouseButton.RightButton:
@@ -246,7 +239,7 @@ class CloudView(QWidget):
         return False
 
     def _under(self, place: QPointF) -> Float64:
-        """The point (3,) under a position, or one at the target's distance."""
+        """Return the point (3,) under a position, or one at the target's distance."""
         pixel = self.pixel_at(place)
         if pixel is not None:
             return np.asarray(self.scene.points_m[pixel], np.float64)
@@ -265,7 +258,7 @@ class CloudView(QWidget):
         self._apply()
 
     def _apply(self) -> None:
-        """Place the camera on its orbit, and give the points a size that closes the surface."""
+        """Place the camera on its orbit, and size the points so that the surface closes."""
         camera, orbit = self.plotter.camera, self.orbit
         camera.position, camera.focal_point = orbit.position_m.tolist(), orbit.target_m
         camera.up, camera.view_angle = (0.0, -1.0, 0.0), orbit.angle_deg
@@ -288,5 +281,5 @@ class CloudView(QWidget):
 
 
 def _person(scene: FrameScene) -> Bool:
-    """Pixels (h * w,) of the person as the frame was read."""
+    """Return the pixels (h * w,) of the person as the frame was read."""
     return np.asarray((scene.labels.parts.ravel() > 0) & (scene.labels.depth_mm.ravel() > 0))

@@ -12,38 +12,34 @@ from annotate.crop import window_of
 from annotate.gui.state.drawing import Drawing
 from annotate.gui.state.point_colors import Colors, Look
 from annotate.gui.state.scene import FrameScene
-from annotate.gui.views.pointing import Hand, Pointing
+from annotate.gui.views.drawing_layer import DrawingLayer, StrokeOptions
 from annotate.gui.widgets.theme import DARK
 
-SCALES = (0.2, 40.0)
-"""Least and greatest zoom, logical pixels per pixel of the image. Untuned."""
-REACH_PX = 6.0
-"""Distance from the pointer at which a click finds a pixel with depth, in logical pixels. Untuned."""
+SCALES = (0.2, 40.0)  # least and greatest zoom, logical pixels per pixel of the image
+REACH_PX = 6.0  # from the pointer to a pixel with depth that a click finds, in logical pixels; untuned
 
 
 class DepthPane(QWidget):
-    """A frame's depth image. look: its colours. pointing: shapes drawn on it. moved: shifted or zoomed."""
+    """A frame's depth image. look: its colours. layer: shapes drawn on it. moved: shifted or zoomed."""
 
     name = "Depth image"
 
     moved = Signal()
 
-    def __init__(self, scene: FrameScene, hand: Hand) -> None:
+    def __init__(self, scene: FrameScene, options: StrokeOptions) -> None:
         super().__init__()
         self.scene, self.look = scene, Look()
         self.setAccessibleName("Depth image of the frame")
-        self.pointing = Pointing(self, hand)
+        self.layer = DrawingLayer(self, options)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setMinimumSize(120, 90)
         self.ground = QColor("black")
-        # On a light ground, missing depth would be specks all over a picture.
         self._hole_rgb = DARK.ground_rgb
         self._rgb: UInt8 = np.zeros((*scene.labels.parts.shape, 3), np.uint8)
         self._view = ScreenPoints.of_image(scene.labels.depth_mm)
         self._scale, self._corner = 1.0, QPointF(0, 0)
         self._marked: int | None = None
         self._grip: QPointF | None = None
-        # Whether the pane was fitted to the person and has not been moved since.
         self._fitted = True
 
     # Showing
@@ -69,17 +65,17 @@ class DepthPane(QWidget):
         self.update()
 
     def set_shown(self, shown: Bool) -> None:
-        """Allow to choose only these pixels, bool (h * w,)."""
+        """Allow to choose only some pixels, bool (h * w,)."""
         view = ScreenPoints.of_image(self.scene.labels.depth_mm)
         self._view = ScreenPoints(np.where(shown[:, None], view.xy_px, np.nan), view.distance_m, view.size_px)
 
     def set_ground(self, rgb: tuple[int, int, int]) -> None:
-        """The colour around the image."""
+        """Set the colour around the image."""
         self.ground = QColor(*rgb)
         self.update()
 
     def fit(self) -> None:
-        """Zoom to the person, or to the whole image where there is none."""
+        """Zoom to the person, or to the whole image without a person."""
         there = self.scene.labels.parts > 0
         rows, columns = window_of(there if there.any() else np.ones_like(there))
         across, down = columns.stop - columns.start, rows.stop - rows.start
@@ -103,7 +99,7 @@ class DepthPane(QWidget):
     # Choosing pixels
 
     def pixel_at(self, place: QPointF) -> int | None:
-        """The pixel at a position of the pane, else the nearest one shown, or None."""
+        """Return the pixel at a position of the pane, else the nearest one shown, or None."""
         at = (place - self._corner) / self._scale
         (height, width), (u, v) = self._rgb.shape[:2], (int(at.x() // 1), int(at.y() // 1))
         under = v * width + u
@@ -112,18 +108,18 @@ class DepthPane(QWidget):
         return select.nearest(self._view, (at.x(), at.y()), max(1.0, REACH_PX / self._scale))
 
     def pixels_in(self, drawing: Drawing) -> Int64:
-        """The pixels that a shape drawn on the pane selects; an image hides none of its pixels."""
+        """Return the pixels that a shape drawn on the pane selects; an image hides no pixel."""
         drawing = drawing.scaled(self._corner.x(), self._corner.y(), self._scale)
         drawing.through = True
         return drawing.pixels(self._view)
 
     def place_of(self, pixel: int) -> QPointF:
-        """The position of a pixel's centre on the pane."""
+        """Return the position of a pixel's centre on the pane."""
         v, u = divmod(pixel, self._rgb.shape[1])
         return self._corner + QPointF(u + 0.5, v + 0.5) * self._scale
 
     def places(self, pixels: Int64) -> tuple[Float32, float]:
-        """Positions (n, 2) of pixels on the pane, and the distance of neighbouring ones."""
+        """Return positions (n, 2) of pixels on the pane, and the distance of neighbours."""
         v, u = np.divmod(pixels, self._rgb.shape[1])
         corner = np.array([self._corner.x(), self._corner.y()])
         xy_px = corner + (np.stack([u, v], axis=1) + 0.5) * self._scale
@@ -138,7 +134,7 @@ class DepthPane(QWidget):
     def mark(self, pixel: int | None) -> None:
         """Ring a pixel, or none."""
         self._marked = pixel
-        self.pointing.ring(self.place_of(pixel) if pixel is not None else None)
+        self.layer.ring(self.place_of(pixel) if pixel is not None else None)
 
     # Moving the view
 
@@ -151,11 +147,11 @@ class DepthPane(QWidget):
         self._moved()
 
     def mousePressEvent(self, event: QMouseEvent) -> None:  # noqa: N802
-        """Qt's hook: any button that does not draw shifts the image."""
+        """Qt's hook: shift the image with any button that does not draw."""
         self._grip = event.position()
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:  # noqa: N802
-        """Qt's hook: the right button brings the place under it into the middle."""
+        """Qt's hook: bring the place under the right button into the middle."""
         if event.button() == Qt.MouseButton.RightButton:
             if (pixel := self.pixel_at(event.position())) is not None:
                 self.bring(pixel)
@@ -174,7 +170,7 @@ class DepthPane(QWidget):
         self._grip = None
 
     def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
-        """Qt's hook: the person stays in view."""
+        """Qt's hook: keep the person in view."""
         if self._fitted:
             self.fit()
 

@@ -1,4 +1,4 @@
-"""The parts of all widgets: layouts, cards, lines of text, and the pictures of tools and tiles as SVG."""
+"""Parts of all widgets: layouts, cards, lines of text, and icons of tools and tiles as SVG."""
 
 from html import escape
 from typing import TypeVar
@@ -13,8 +13,7 @@ from annotate.gui.widgets.theme import Theme
 B = TypeVar("B", bound=QBoxLayout)
 W = TypeVar("W", bound=QWidget)
 
-ICON = QSize(30, 30)
-"""Size of a tool's picture in logical pixels."""
+ICON = QSize(30, 30)  # of a tool, in logical pixels
 _LOCK = '<path d="M3.5 8h10v7.5h-10z" fill="COLOR" stroke-linejoin="round"/>'
 _EYE = '<path d="M1.5 10Q8.5 2 15.5 10Q8.5 18 1.5 10"/><circle cx="8.5" cy="10" r="2.2"'
 _SHAPES = {
@@ -38,9 +37,6 @@ _SHAPES = {
     '<path d="M20 2L29 11"/>',
     "fill_holes": '<ellipse cx="15" cy="15" rx="11" ry="10"/><circle cx="16" cy="14" r="4" fill="COLOR"/>',
     "copy_previous": '<path d="M4 8h13v17h-13z" stroke-dasharray="3 3"/><path d="M12 4h14v17h-14z"/>',
-    "propagate": '<path d="M3 7h8v16h-8z" fill="COLOR" fill-opacity=".4"/>'
-    '<path d="M13 15H27M21 9L27 15L21 21"/>',
-    "carry": '<path d="M3 15H16M10 9L16 15L10 21M15 9L21 15L15 21M27 7V23"/>',
     "learn": '<path d="M2 12L15 6L28 12L15 18Z"/><path d="M8 15V22Q15 27 22 22V15M28 12V21"/>',
     "locked": _LOCK + '<path d="M11.5 8A3 4.5 0 0 0 5.5 8"/>',
     "unlocked": _LOCK + '<path d="M14.5 8A3 4.5 0 0 0 8.5 8"/>',
@@ -51,7 +47,7 @@ _SHAPES = {
 
 
 def named(widget: W, name: str) -> W:
-    """A widget with a name for the style sheet."""
+    """Return a widget with a name for the style sheet."""
     widget.setObjectName(name)
     return widget
 
@@ -62,7 +58,7 @@ def laid(
     gap: int = 0,
     margins: tuple[int, int, int, int] = (0, 0, 0, 0),
 ) -> B:
-    """A layout of widgets, layouts, spaces in logical pixels, and None for all the space that is left.
+    """Fill a layout with widgets, layouts, spaces in logical pixels, and None for the rest of the space.
 
     margins: left, top, right, bottom.
     """
@@ -81,7 +77,7 @@ def laid(
 
 
 class Elided(QLabel):
-    """A line of plain text that ends in an ellipsis where it is too long; its tool tip holds the whole."""
+    """Line of plain text with an ellipsis if it is too long; its tool tip holds the whole."""
 
     def __init__(self) -> None:
         super().__init__(textFormat=Qt.TextFormat.PlainText)
@@ -89,14 +85,14 @@ class Elided(QLabel):
 
     @property
     def shown(self) -> str:
-        """The part of the text that is visible, with the ellipsis."""
+        """Visible part of the text, with the ellipsis."""
         room = self.contentsRect().width()
         return self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, room)
 
     def setText(self, text: str) -> None:  # noqa: N802
         """Qt's setter."""
         super().setText(text)
-        # As rich text always, because Qt otherwise guesses by the contents.
+        # Always as rich text, because Qt otherwise guesses by the contents.
         self.setToolTip(f"<span>{escape(text, quote=False)}</span>" if text else "")
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
@@ -107,7 +103,7 @@ class Elided(QLabel):
 
 
 def line(vertical: bool = False) -> QFrame:
-    """A thin line between areas."""
+    """Return a thin line between areas."""
     made = named(QFrame(), "line")
     if vertical:
         made.setStyleSheet("max-height: 100000px; min-width: 1px; max-width: 1px")
@@ -115,7 +111,7 @@ def line(vertical: bool = False) -> QFrame:
 
 
 def button(text: str) -> QToolButton:
-    """A button with words, which leaves the keys to the window."""
+    """Return a button with words, which leaves the keys to the window."""
     made = QToolButton()
     made.setText(text)
     made.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -123,12 +119,12 @@ def button(text: str) -> QToolButton:
 
 
 def draw_card(
-    painter: QPainter, place: QRectF, radius: float, theme: Theme, chosen: bool, stripe: QColor | None = None
+    painter: QPainter, place: QRectF, theme: Theme, chosen: bool, stripe: QColor | None = None
 ) -> None:
-    """Draw a raised area with round corners, its edge in the accent if it is chosen. stripe: at its left."""
+    """Draw a raised area with round corners, with an accent if it is chosen. stripe: at its left."""
     painter.setRenderHints(QPainter.RenderHint.Antialiasing | QPainter.RenderHint.SmoothPixmapTransform)
     path = QPainterPath()
-    path.addRoundedRect(place, radius, radius)
+    path.addRoundedRect(place, 8, 8)
     painter.fillPath(path, QColor(theme.raised))
     if stripe:
         painter.setClipPath(path)
@@ -139,7 +135,7 @@ def draw_card(
 
 
 def icon(name: str, color: str, ratio: float) -> QIcon:
-    """The picture of a tool in a colour, sharp at a screen's pixel ratio."""
+    """Return the icon of a tool in a colour, sharp at a screen's pixel ratio."""
     pixmap = QPixmap(ICON * ratio)
     pixmap.setDevicePixelRatio(ratio)
     pixmap.fill(Qt.GlobalColor.transparent)
@@ -150,7 +146,7 @@ def icon(name: str, color: str, ratio: float) -> QIcon:
 
 
 def draw_icon(painter: QPainter, place: QRectF, name: str, color: str, line_px: float) -> None:
-    """Draw the picture of a tool, or of a lock or an eye, which take a place of 18 x 20 logical pixels."""
+    """Draw the icon of a tool, or of a lock or an eye, which are 18 x 20 logical pixels."""
     shapes = _SHAPES.get(name, "").replace("COLOR", color)
     box = f'viewBox="0 0 {place.width():g} {place.height():g}"'
     style = f'fill="none" stroke="{color}" stroke-width="{line_px}"'

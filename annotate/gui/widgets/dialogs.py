@@ -1,4 +1,4 @@
-"""Dialogs: the reason for a rejection, and what to do when a file or the disk fails."""
+"""Dialogs: the reason for a rejection, exports, and choices when a file or the disk fails."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -18,8 +18,10 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from annotate.correction.correction import Correction, RestorableError
 from annotate.gui.state.outcome import strokes_text
 from annotate.gui.widgets.building_blocks import laid, named
+from sensors.errors import CloudError
 
 REASONS = (
     "Body cut off or hidden",
@@ -38,13 +40,12 @@ FORMAT_TITLES = {
     "semantic-kitti": "SemanticKITTI",
     "parquet": "Parquet",
 }
-"""Names of export formats on their buttons."""
 
 
 class ReasonDialog(QDialog):
     """Question for the reason of a rejection: a button for each of REASONS, and a field for own words.
 
-    reason: the one given, "" for none. Typed text goes into the field, also while a button has the focus.
+    reason: the given one, or "". Typed text goes into the field, also while a button has the focus.
     """
 
     def __init__(self, parent: QWidget) -> None:
@@ -71,7 +72,7 @@ class ReasonDialog(QDialog):
             self.accept()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:  # noqa: N802
-        """Qt's hook: keys that no widget takes; letters go on in the field."""
+        """Qt's hook: write letters that no widget takes into the field."""
         if event.text().strip() and event.text().isprintable():
             self.words.setFocus()
             self.words.insert(event.text())
@@ -80,14 +81,14 @@ class ReasonDialog(QDialog):
 
 
 def ask_reason(parent: QWidget) -> str | None:
-    """Return why a frame is not to be used: one of REASONS, or own words; None keeps the frame."""
+    """Return the reason of a rejection: one of REASONS, or own words; None keeps the frame."""
     dialog = ReasonDialog(parent)
     dialog.exec()
     return dialog.reason or None
 
 
 def show_keys(parent: QWidget, keys: Sequence[tuple[str, str]]) -> None:
-    """Show keys and what each does, until Escape, Return or F1 is pressed."""
+    """Show keys and their effects, until Escape, Return or F1 is pressed."""
     dialog = QDialog(parent)
     dialog.setWindowTitle("All keys")
     grid = QGridLayout()
@@ -103,10 +104,10 @@ def show_keys(parent: QWidget, keys: Sequence[tuple[str, str]]) -> None:
 
 
 def _ask(parent: QWidget | None, title: str, text: str, yes: str, no: str) -> bool:
-    """A question with two answers; Escape is ``no``."""
+    """Ask a question with two answers; Escape is ``no``."""
     dialog = QDialog(parent)
     dialog.setWindowTitle(title)
-    # Plain: a file's name is no markup.
+    # Plain, because a file's name is not markup.
     words = QLabel(text, textFormat=Qt.TextFormat.PlainText, wordWrap=True)
     words.setMinimumWidth(440)
     decline, agree = QPushButton(no), QPushButton(yes, default=True)
@@ -119,7 +120,7 @@ def _ask(parent: QWidget | None, title: str, text: str, yes: str, no: str) -> bo
 
 
 def ask_export(parent: QWidget, formats: Sequence[str]) -> tuple[str, Path] | None:
-    """The format and the folder of an export; None for none."""
+    """Ask for the format and the folder of an export; None cancels."""
     dialog = QDialog(parent)
     dialog.setWindowTitle("Export")
     question = named(QLabel("Export format"), "title")
@@ -140,17 +141,22 @@ def ask_export(parent: QWidget, formats: Sequence[str]) -> tuple[str, Path] | No
     return (given[0], Path(folder)) if folder else None
 
 
-def ask_restore(parent: QWidget | None, error: str) -> bool:
-    """Whether to rebuild a frame whose file is corrupt."""
+def restored(correction: Correction, frame_id: str, error: CloudError, parent: QWidget | None) -> bool:
+    """Rebuild a broken frame if that is possible and the user agrees; return whether it was rebuilt."""
+    if not isinstance(error, RestorableError) or correction.read_only:
+        return False
     text = (
         f"{error}\n\nThe labels from before the first correction and every stroke since then are intact. "
         "Restoring rebuilds the broken files from them; nothing else is touched."
     )
-    return _ask(parent, "A broken frame can be restored", text, "Restore the frame", "Leave it")
+    if not _ask(parent, "A broken frame can be restored", text, "Restore the frame", "Leave it"):
+        return False
+    correction.restore(frame_id)
+    return True
 
 
 def ask_retry(parent: QWidget | None, error: str, strokes: int) -> bool:
-    """Whether to write strokes that the disk refused again now, or to go on until the next stroke."""
+    """Ask whether to write refused strokes again now, or to go on until the next stroke."""
     text = (
         f"{error}\n\n{strokes_text(strokes)} kept in this window; nothing is lost while it is open. "
         "Free some space, then try again; or go on: every stroke tries again."
@@ -159,7 +165,7 @@ def ask_retry(parent: QWidget | None, error: str, strokes: int) -> bool:
 
 
 def ask_close(parent: QWidget | None, strokes: int) -> bool:
-    """Whether to close although strokes would be lost."""
+    """Ask whether to close although strokes would be lost."""
     text = (
         f"{strokes_text(strokes)} could not be written and would be lost. Free some space first, if you can."
     )

@@ -9,15 +9,13 @@ from PySide6.QtGui import QColor, QImage, QPainter
 
 from annotate.array_types import Float32, UInt8
 
-PAD_PX = 3
-"""Room for the line around the pixels, in logical pixels."""
+PAD_PX = 3  # room for the line around the pixels, in logical pixels
 MARGIN_PX = 8.0
-SCALE_PX = (110.0, 8.0)
-"""Size of the scale in logical pixels. Untuned."""
+SCALE_PX = (110.0, 8.0)  # size of the scale in logical pixels; untuned
 
 
-class Veil(NamedTuple):
-    """An outline to draw. image: with transparency; corner: its place on the view."""
+class Outline(NamedTuple):
+    """Outline to draw. image: with transparency. corner: its place on the view."""
 
     image: QImage
     corner: QPointF
@@ -25,10 +23,10 @@ class Veil(NamedTuple):
 
 def outline(
     xy_px: Float32, point_px: float, size_px: tuple[int, int], rgb: tuple[int, int, int]
-) -> Veil | None:
-    """The outline of points (n, 2) on a view of this size, filled with a little of a colour; None for none.
+) -> Outline | None:
+    """Return the outline of points (n, 2) on a view, filled with a tint; None where no point is on the view.
 
-    point_px: distance of neighbouring points, over which they close to a surface.
+    point_px: distance of neighbouring points, over which they close to a surface. size_px: of the view.
     """
     on = (xy_px >= 0).all(axis=1) & (xy_px < np.array(size_px, np.float32)).all(axis=1)
     if not on.any():
@@ -46,11 +44,11 @@ def outline(
     rgba[black], rgba[white] = (0, 0, 0, 200), (255, 255, 255, 255)
     rgba[mask > 0] = (*rgb, 110)
     image = QImage(rgba.data, width, height, 4 * width, QImage.Format.Format_RGBA8888).copy()
-    return Veil(image, QPointF(*low.tolist()))
+    return Outline(image, QPointF(*low.tolist()))
 
 
 def draw_words(painter: QPainter, size: QRectF, text: str) -> None:
-    """Words, wrapped, at the lower left corner, on a dark ground of their own."""
+    """Draw words, wrapped, at the lower left corner, on a dark ground."""
     if not text:
         return
     left = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter | Qt.TextFlag.TextWordWrap
@@ -62,7 +60,7 @@ def draw_words(painter: QPainter, size: QRectF, text: str) -> None:
 
 
 def draw_title(painter: QPainter, text: str) -> None:
-    """Draw a title at the upper left corner, on a dark ground of its own, visible on any picture."""
+    """Draw a title at the upper left corner, on a dark ground."""
     size = painter.fontMetrics().size(0, text)
     box = QRectF(0, 0, size.width() + 2 * MARGIN_PX, size.height() + MARGIN_PX)
     painter.fillRect(box, QColor(0, 0, 0, 170))
@@ -71,7 +69,7 @@ def draw_title(painter: QPainter, text: str) -> None:
 
 
 def draw_scale(painter: QPainter, size: QRectF, scale: tuple[str, str, UInt8] | None) -> None:
-    """A scale at the upper right corner, its ends named beneath; see ``colors.legend``."""
+    """Draw a scale at the upper right corner, its ends named beneath (``point_colors.legend``)."""
     if scale is None:
         return
     low, high, rgb = scale

@@ -1,4 +1,4 @@
-"""The light and the dark theme: named colours, and Qt's style from them."""
+"""Light and dark theme: named colours, and Qt's style from them."""
 
 from dataclasses import dataclass
 
@@ -9,22 +9,20 @@ from PySide6.QtWidgets import QApplication
 from annotate.parts import PARTS, UNDEFINED
 
 Rgb = tuple[int, int, int]
-USUAL_PX = 13
-"""Size of the desktop's font for which sizes are given, in logical pixels."""
-FONT_PX = (10, 26)
-"""Least and greatest size of the desktop's font that is followed, in logical pixels. Untuned."""
+USUAL_PX = 13  # size of the desktop's font for which sizes are given, in logical pixels
+FONT_PX = (10, 26)  # least and greatest size of the desktop's font that is followed
 
 
 def scaled(px: float) -> int:
-    """A size in logical pixels at the desktop's own size of font."""
+    """Return a size in logical pixels at the desktop's size of font."""
     font_px = QFontInfo(QGuiApplication.font()).pixelSize()
     return round(px * min(max(font_px, FONT_PX[0]), FONT_PX[1]) / USUAL_PX)
 
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours as "#rrggbb". ground: behind the cloud; surface: panels; raised: buttons; line: borders;
-    text, quiet: words; accent: what is chosen; good, warn, bad: states."""
+    """Colours as "#rrggbb". ground: behind the cloud. surface: panels. raised: buttons. line: borders. text,
+    quiet: words. accent: chosen things. good, warn, bad: states."""
 
     ground: str
     surface: str
@@ -40,7 +38,7 @@ class Theme:
 
     @property
     def ground_rgb(self) -> Rgb:
-        """The cloud's background as numbers."""
+        """Colour behind the cloud as numbers."""
         color = QColor(self.ground)
         return color.red(), color.green(), color.blue()
 
@@ -56,7 +54,7 @@ LIGHT = Theme(
 
 
 def theme_of(name: str) -> Theme:
-    """The theme of a setting: "light", "dark", or the system's own."""
+    """Return the theme of a setting: "light", "dark", or "system"."""
     if name == "system":
         scheme = QGuiApplication.styleHints().colorScheme()
         return LIGHT if scheme == Qt.ColorScheme.Light else DARK
@@ -64,7 +62,7 @@ def theme_of(name: str) -> Theme:
 
 
 def part_color(part: int, theme: Theme) -> QColor:
-    """The colour a part has in lists; the background takes the room's grey."""
+    """Return the colour of a part in lists; the background has the room's grey."""
     if part == UNDEFINED:
         return QColor(128, 128, 128)
     return QColor(*PARTS[part].rgb) if part else QColor(theme.line)
@@ -79,7 +77,7 @@ def style_app(theme: Theme) -> None:
 
 
 def qt_palette(theme: Theme) -> QPalette:
-    """Qt's own palette, for widgets that no style sheet reaches."""
+    """Return Qt's palette, for widgets outside the style sheet."""
     palette = QPalette()
     for color, roles in (
         (theme.surface, ("Window", "Base")),
@@ -95,7 +93,7 @@ def qt_palette(theme: Theme) -> QPalette:
 
 
 def style_sheet(theme: Theme) -> str:
-    """The style sheet of all widgets."""
+    """Return the style sheet of all widgets."""
     t = theme
     body, small, title = scaled(13), scaled(11), scaled(14)
     return f"""

@@ -1,4 +1,4 @@
-"""The mouse over a view: draws shapes with the left button, and leaves moving the view to the view itself."""
+"""Layer over a view that draws shapes with the left button; the view itself handles its moves."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,19 +11,18 @@ from PySide6.QtWidgets import QWidget
 
 from annotate.array_types import UInt8
 from annotate.gui.state.drawing import Drawing, Tool
-from annotate.gui.widgets.overlay import Veil, draw_scale, draw_words
+from annotate.gui.widgets.overlay import Outline, draw_scale, draw_words
 
-BRUSH_PX = (3.0, 120.0)
-"""Least and greatest radius of the brush in logical pixels. Untuned."""
+BRUSH_PX = (3.0, 120.0)  # least and greatest radius of the brush in logical pixels; untuned
 _MODIFIER = Qt.KeyboardModifier
 
 
 @dataclass
-class Hand:
-    """The tool and its settings, shared by all views; see ``Drawing``.
+class StrokeOptions:
+    """Tool and switches of the next stroke, shared by all views; see ``Drawing``.
 
-    once: the command that the next click carries out instead, "" for none. ctrl, shift: whether the key is
-    held, which turns a switch round for the next stroke.
+    once: command that the next click carries out instead, "" for none. ctrl, shift: held keys, which turn a
+    switch round for the next stroke.
     """
 
     tool: Tool = "piece"
@@ -38,16 +37,16 @@ class Hand:
 
     @property
     def goes_through(self) -> bool:
-        """Whether the next stroke goes through the body."""
+        """True where the next stroke goes through the body."""
         return self.through ^ self.ctrl
 
     @property
     def takes_only(self) -> bool:
-        """Whether the next stroke replaces only the part that it starts on."""
+        """True where the next stroke replaces only the part under its start."""
         return self.only ^ self.shift
 
     def hold(self, modifiers: Qt.KeyboardModifier) -> bool:
-        """Note the modifier keys that are held; returns whether they are others than before."""
+        """Store the modifier keys that are held; return whether they changed."""
         before = self.ctrl, self.shift
         self.ctrl, self.shift = (
             bool(modifiers & m) for m in (_MODIFIER.ControlModifier, _MODIFIER.ShiftModifier)
@@ -59,14 +58,13 @@ class Hand:
         self.radius_px = float(np.clip(radius_px, *BRUSH_PX))
 
 
-class Pointing(QWidget):
-    """A layer over a view that draws with the left button; the wheel with Shift sizes the brush.
+class DrawingLayer(QWidget):
+    """Layer over a view that repaints without rendering the view again.
 
-    It shows the shape being drawn, the brush, a ring at the position in the other view, the outline of what a
-    click would take (veil), words on the pixel under the pointer and the scale of the colours, and repaints
-    without rendering the view below again. drawn: a finished Drawing. hovered: the pointer's position, or
-    None when it left. sampled: a click with Alt, or one with Ctrl and the right button, since many window
-    managers take Alt. held: other modifier keys are held than before.
+    The layer shows the shape being drawn, the brush, a ring at the position in the other view, the outline of
+    a click, words on the pixel under the pointer, and the scale of the colours. drawn: a finished Drawing.
+    hovered: position of the pointer, or None when it left. held: other modifier keys are held. sampled: click
+    with Alt, or with Ctrl and the right button, because window managers take Alt.
     """
 
     drawn = Signal(object)
@@ -74,21 +72,19 @@ class Pointing(QWidget):
     sampled = Signal()
     held = Signal()
 
-    def __init__(self, view: QWidget, hand: Hand) -> None:
+    def __init__(self, view: QWidget, options: StrokeOptions) -> None:
         super().__init__(view)
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self.hand = hand
+        self.options = options
         self.drawing: Drawing | None = None
         self.place: QPointF | None = None
         self._marker: QPointF | None = None
-        self._veil: Veil | None = None
+        self._outline: Outline | None = None
         self._words = ""
         self.scale: tuple[str, str, UInt8] | None = None
         self._view = view
         view.setMouseTracking(True)
         view.installEventFilter(self)
-
-    # Showing
 
     def ring(self, place: QPointF | None) -> None:
         """Ring a position of the view, or none."""
@@ -96,10 +92,10 @@ class Pointing(QWidget):
             self._marker = place
             self.update()
 
-    def show_under_pointer(self, veil: Veil | None, words: str) -> None:
-        """Show what a click would take, and what is under the pointer."""
-        if veil is not None or self._veil is not None or words != self._words:
-            self._veil, self._words = veil, words
+    def show_under_pointer(self, outline: Outline | None, words: str) -> None:
+        """Show the outline of a click, and words on the pixel under the pointer."""
+        if outline is not None or self._outline is not None or words != self._words:
+            self._outline, self._words = outline, words
             self.update()
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
@@ -107,13 +103,13 @@ class Pointing(QWidget):
         painter = QPainter(self)
         draw_scale(painter, QRectF(self.rect()), self.scale)
         draw_words(painter, QRectF(self.rect()), self._words)
-        if self._veil and not self.drawing:
-            painter.drawImage(self._veil.corner, self._veil.image)
+        if self._outline and not self.drawing:
+            painter.drawImage(self._outline.corner, self._outline.image)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         if self.drawing:
             self._draw_shape(painter, self.drawing)
-        radius_px = self.hand.radius_px
-        if self.place and self.hand.tool == "brush" and not self.hand.once:
+        radius_px = self.options.radius_px
+        if self.place and self.options.tool == "brush" and not self.options.once:
             _stroke(painter, partial(painter.drawEllipse, self.place, radius_px, radius_px))
         if self._marker:
             _stroke(painter, partial(painter.drawEllipse, self._marker, 6, 6))
@@ -124,7 +120,7 @@ class Pointing(QWidget):
         if drawing.tool == "polygon" and self.place:
             # A rubber band from the last corner to the pointer.
             points = [*points, self.place]
-        color = QColor(self.hand.color)
+        color = QColor(self.options.color)
         color.setAlpha(110 if drawing.tool == "brush" else 90)
         if drawing.tool == "brush":
             round_ = Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin
@@ -137,30 +133,28 @@ class Pointing(QWidget):
             for corner in corners:
                 _stroke(painter, partial(painter.drawEllipse, corner, 3, 3))
 
-    # Drawing
-
     def cancel(self) -> bool:
-        """Drop the shape being drawn; returns whether there was one."""
+        """Drop the shape being drawn; return whether there was one."""
         had, self.drawing = self.drawing is not None, None
         self.update()
         return had
 
     def remove_corner(self) -> bool:
-        """Remove the last corner of the polygon being drawn; returns whether any is left."""
+        """Remove the last corner of the polygon being drawn; return whether any is left."""
         if self.drawing and not self.drawing.without_corner():
             self.drawing = None
         self.update()
         return self.drawing is not None
 
     def close_polygon(self) -> bool:
-        """Finish the polygon being drawn; returns whether it has the corners for that."""
+        """Finish the polygon being drawn; return whether it has enough corners."""
         if self.drawing is None or self.drawing.is_slip:
             return False
         self._finish()
         return True
 
     def eventFilter(self, view: QObject, event: QEvent) -> bool:  # noqa: N802
-        """Qt's hook: true for events that are handled here."""
+        """Qt's hook: whether the event goes no further."""
         kind = event.type()
         if kind == QEvent.Type.Resize:
             self.resize(self._view.size())
@@ -174,14 +168,14 @@ class Pointing(QWidget):
         elif isinstance(event, QWheelEvent) and event.modifiers() & _MODIFIER.ShiftModifier:
             # With Alt, and on some desktops with Shift, Qt turns the wheel sideways.
             turned = event.angleDelta().y() or event.angleDelta().x()
-            self.hand.set_radius(self.hand.radius_px * (1.15 if turned > 0 else 1 / 1.15))
+            self.options.set_radius(self.options.radius_px * (1.15 if turned > 0 else 1 / 1.15))
             self.update()
             return True
         return False
 
     def _mouse(self, kind: QEvent.Type, event: QMouseEvent) -> bool:
         self.place = event.position()
-        if self.hand.hold(event.modifiers()):
+        if self.options.hold(event.modifiers()):
             self.held.emit()
         if kind == QEvent.Type.MouseMove:
             return self._moved(event)
@@ -211,15 +205,16 @@ class Pointing(QWidget):
         return dragging
 
     def _pressed(self, event: QMouseEvent) -> None:
-        x, y, held, hand = event.position().x(), event.position().y(), event.modifiers(), self.hand
-        if held & _MODIFIER.AltModifier:
+        x, y, options = event.position().x(), event.position().y(), self.options
+        if event.modifiers() & _MODIFIER.AltModifier:
             self.sampled.emit()
         elif self.drawing and self.drawing.tool == "polygon":
             self.drawing.corner(x, y)
         else:
-            options = hand.radius_px, hand.goes_through, hand.takes_only, hand.room
-            tool: Tool = "piece" if hand.once else hand.tool
-            self.drawing = Drawing(tool, (x, y), *options, held_keys=hand.ctrl + hand.shift)
+            tool: Tool = "piece" if options.once else options.tool
+            switches = options.goes_through, options.takes_only, options.room
+            held_keys = options.ctrl + options.shift
+            self.drawing = Drawing(tool, (x, y), options.radius_px, *switches, held_keys=held_keys)
         self.update()
 
     def _finish(self) -> None:
@@ -230,14 +225,14 @@ class Pointing(QWidget):
 
 
 def samples(event: QMouseEvent) -> bool:
-    """Return whether a button is pressed that chooses the part under the pointer, or released again."""
+    """Return whether an event is the click that chooses the part under the pointer."""
     return event.button() == Qt.MouseButton.RightButton and bool(
         event.modifiers() & _MODIFIER.ControlModifier
     )
 
 
 def _stroke(painter: QPainter, draw: Callable[[], None]) -> None:
-    """A white line on a black one, visible on any ground, filled with the painter's brush."""
+    """Draw a white line on a black one, visible on any ground, filled with the painter's brush."""
     brush = painter.brush()
     painter.setPen(QPen(QColor(0, 0, 0, 200), 4))
     draw()
