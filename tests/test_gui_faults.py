@@ -21,7 +21,7 @@ from shiboken6 import Shiboken
 
 from annotate.correction.correction import Correction
 from annotate.gui.app import recording_of
-from annotate.gui.background import Background
+from annotate.gui.background import Background, Task
 from annotate.gui.display import check_opengl, check_screen
 from annotate.gui.widgets.dialogs import REASONS
 from annotate.labelset.journal import Journal
@@ -127,7 +127,7 @@ def test_the_command_opens_the_window_and_ends_politely(display, folder):
 def test_what_comes_of_work_is_an_event_of_its_own(qapp):
     """Also where the work is done at once: the window never waits for it."""
     background, came = Background(), []
-    background.run("Working", lambda: 1, came.append, came.append)
+    background.run(Task("Working", lambda: 1, came.append), came.append, lambda: None)
     time.sleep(0.05)
     assert background.busy == "Working" and came == []
     while background.busy:

@@ -161,26 +161,6 @@ def test_where_nothing_is_gained_both_figures_are_said(window):
     np.testing.assert_array_equal(window.parts, before)
 
 
-@pytest.mark.parametrize("window", [RESULT], indirect=True)
-def test_taking_back_has_words_of_its_own(window):
-    shown, busy = window.window, []
-    run = shown.background.run
-
-    def noted(text, *rest):
-        busy.append(text)
-        run(text, *rest)
-
-    shown.background.run = noted
-    window.key("learn")
-    wait_until(window, lambda: "labelled again" in window.said)
-    window.key("unlearn")
-    assert busy == [
-        "Taking over the learnt labels…",
-        "Restoring the labels from before the last learning…",
-    ]
-    assert window.said == "The last learning is taken back: 3 frames restored"
-
-
 # Closing while something is under way
 
 
