@@ -15,7 +15,7 @@ from annotate.segmentation.suit_network import shipped_suit_network
 from eval.network.onnx_network import OnnxNetwork
 from eval.report.gallery import cloud_picture, make_frame
 from synth.body.body import shipped_bodies
-from synth.body.body_picture import save_picture
+from synth.body.body_picture import picture, save_picture
 from synth.images.dataset_page import contact_sheet
 from synth.images.presets import PRESETS, sample
 from synth.rig.difficulty import DIFFICULTIES
@@ -100,7 +100,7 @@ def _framed(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 if __name__ == "__main__":
     IMAGES.mkdir(exist_ok=True)
-    save_picture(IMAGES / "bodies.png", shipped_bodies())
+    save_picture(IMAGES / "bodies.png", picture(shipped_bodies()))
     difficulties = str(IMAGES / "difficulties.png")
     cv2.imwrite(difficulties, difficulties_picture()[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
     cv2.imwrite(str(IMAGES / "frame.png"), frame_picture()[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])

@@ -9,7 +9,7 @@ from annotate.parts import PART_ID
 from synth.body.body import pose, shipped_bodies
 from synth.body.flesh import CHAINS, N_STATIONS, flesh_of
 from synth.body.skeleton import JOINT_ID, LIMITS_RAD, Posture, clamp, forward, kinematics
-from synth.pose.halfspaces import ROW_CAPACITY, add_flesh, no_rows, reaches_m
+from synth.pose.halfspaces import ROW_CAPACITY, add_flesh, no_rows, pairs_of
 from synth.pose.postures import height_to_rest, lift_needed
 from synth.pose.settle import RULES, Pull, settle, sink, stations_m
 from synth.surface.furniture import FLOOR, Solid, Surface
@@ -89,8 +89,7 @@ def deepest_overlap(asked: Posture) -> float:
     flesh = flesh_of(BODY)
     _, frames, joints = kinematics(asked.angles_rad, asked.pelvis_m, flesh.rest_joints_m, flesh.aligned)
     rows = no_rows()
-    reaches = reaches_m(RULES.pairs, flesh)
-    n = add_flesh(rows, 0, RULES.pairs, reaches, flesh, stations_m(flesh, frames, joints))
+    n = add_flesh(rows, 0, pairs_of(RULES.pairs, flesh), flesh, stations_m(flesh, frames, joints))
     assert n < ROW_CAPACITY
     return float(rows.depths_m[:n].max(initial=0.0))
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from synth.body.body import shipped_bodies
 from synth.body.flesh import flesh_of
 from synth.body.inverse import reach
-from synth.body.skeleton import JOINT_ID, LIMITS_RAD, Posture, alignment, forward
+from synth.body.skeleton import JOINT_ID, LIMITS_RAD, Posture, forward
 from synth.pose import postures
 from synth.pose.pose_parameters import Behaviour, glide, mirrored
 from synth.pose.postures import (
@@ -177,11 +177,11 @@ def test_motion_is_smooth_at_thirty_frames_a_second(made):
 def test_an_arm_reaches_a_target_inside_its_limits(seed, side):
     """A target that an arm inside its limits has reached is reached again, unless the swivel forbids."""
     rng, body = np.random.default_rng(seed), BODIES[seed % 8]
-    aligned = alignment(body.joints_m)
+    flesh = flesh_of(body)
     angles = np.zeros((20, 3))
     angles[JOINT_ID[f"{side}_shoulder"]] = np.radians([rng.uniform(20, 80), rng.uniform(5, 25), 0])
     angles[JOINT_ID[f"{side}_elbow"], 0] = np.radians(rng.uniform(20, 90))
     wrist = JOINT_ID[f"{side}_wrist"]
-    target = forward(Posture(angles, np.zeros(3)), body.joints_m, aligned)[1][wrist]
-    again = reach(Posture.zero(), body.joints_m, aligned, side, target, np.radians(10))
-    assert np.linalg.norm(forward(again, body.joints_m, aligned)[1][wrist] - target) < 0.03
+    target = forward(Posture(angles, np.zeros(3)), flesh.rest_joints_m, flesh.aligned)[1][wrist]
+    again = reach(Posture.zero(), flesh, side, target, np.radians(10))
+    assert np.linalg.norm(forward(again, flesh.rest_joints_m, flesh.aligned)[1][wrist] - target) < 0.03

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from synth.body.body import shipped_bodies
 from synth.body.flesh import flesh_of
-from synth.body.inverse import place_hand, plant
+from synth.body.inverse import FootGoal, place_hand, plant
 from synth.body.skeleton import JOINT_ID, Posture, forward
 from synth.data_files import table
 from synth.pose.standing import stand
@@ -76,11 +76,11 @@ def test_a_foot_is_planted_and_a_hand_is_placed_where_they_are_wanted(side):
     hip, shoulder = joints[JOINT_ID[f"{side}_hip"]], joints[JOINT_ID[f"{side}_shoulder"]]
     foot = Rotation.from_euler("z", sign * 0.2).as_matrix()
     ankle = hip + np.array([sign * 0.05, -0.1, -0.7])
-    posture, beyond = plant(posture, flesh.rest_joints_m, flesh.aligned, side, ankle, foot, 0.1)
+    posture, beyond = plant(posture, flesh, side, FootGoal(ankle, foot, 0.1))
     assert beyond == 0
     for hand in ((0.1, -0.3, 0.1), (0.02, -0.05, -0.5), (0.1, 0.15, -0.4), (0.2, -0.1, 0.4)):
         target = shoulder + np.array(hand) * (sign, 1, 1)
-        posed = place_hand(posture, flesh.rest_joints_m, flesh.aligned, side, target, 0.3)
+        posed = place_hand(posture, flesh, side, target, 0.3)
         frames, joints = forward(posed, flesh.rest_joints_m, flesh.aligned)
         assert np.linalg.norm(joints[JOINT_ID[f"{side}_wrist"]] - target) < 0.03
         assert np.linalg.norm(joints[JOINT_ID[f"{side}_ankle"]] - ankle) < 0.005

@@ -71,12 +71,12 @@ def bodies(
         check_free(path, overwrite)
     made = _bake(names, sizes, np.random.default_rng(seed))
     from synth.body.body import save_body
-    from synth.body.body_picture import save_picture
+    from synth.body.body_picture import picture, save_picture
 
     out.mkdir(parents=True, exist_ok=True)
     for body in made:
         save_body(out / f"{body.name}.npz", body)
-    save_picture(out / PICTURE, made)
+    save_picture(out / PICTURE, picture(made))
     rows = [describe(body, size) for body, size in zip(made, sizes, strict=True)]
     finish({"bodies": rows}, json, _sizes(rows))
 

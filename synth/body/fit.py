@@ -139,8 +139,8 @@ def fit(model: BodyModel, size: BodySize, starts: int = 8) -> Float64:
 def random_adult(rng: np.random.Generator) -> Float64:
     """Draw phenotypes (6,) of an adult of either sex.
 
-    anny's middle is tall and light. Spread about 0.4 and 0.72, heights come to 170 +- 10 cm and body mass
-    indices to 22 +- 3, about as adults' are.
+    anny's middle is tall and light. Spread about 0.4 and 0.72, heights are 170 +- 10 cm and body mass
+    indices 22 +- 3, about as adults' are.
     """
     gender = np.clip(rng.choice((0.1, 0.9)) + rng.normal(0, 0.08), 0, 1)
     age = rng.uniform(0.6, 0.97)

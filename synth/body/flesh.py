@@ -68,10 +68,10 @@ def flesh_of(body: Body) -> Flesh:
     owned = _vertices_of_joints(body)
     _fit_trunk(body, owned, centres, radii, joints)
     for side in ("left", "right"):
-        for limb, (_, start, end) in _LIMBS.items():
+        for limb, (_, start, _) in _LIMBS.items():
             j = JOINT_ID[f"{side}_{start}"]
             s = CHAINS[f"{side}_{limb}"]
-            own, axis = _limb(body, owned[j], j, limb, side, end)
+            own, axis = _limb(body, owned, limb, side)
             _fit_chain(own, axis, centres[s], radii[s])
             joints[s] = j
             if start == "wrist":
@@ -108,9 +108,11 @@ def _half(own: Float32, start: Float64, along: Float64, towards: Float64) -> Flo
     return chosen
 
 
-def _limb(body: Body, owned: Int64, joint: int, limb: str, side: str, end: str) -> tuple[Float32, Float64]:
+def _limb(body: Body, owned: list[Int64], limb: str, side: str) -> tuple[Float32, Float64]:
     """Return the vertices (n, 3) of a limb or its half, and the first and last station (2, 3) of its line."""
-    own, start = body.vertices_m[owned], body.joints_m[joint]
+    _, origin, end = _LIMBS[limb]
+    joint = JOINT_ID[f"{side}_{origin}"]
+    own, start = body.vertices_m[owned[joint]], body.joints_m[joint]
     if end:
         along = body.joints_m[JOINT_ID[f"{side}_{end}"]] - start
         return own, np.stack([start + 0.08 * along, start + 0.94 * along])

@@ -16,6 +16,9 @@ import numpy as np
 
 from annotate.array_types import Float64
 
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
 
 @dataclass(frozen=True)
 class Joint:
@@ -218,16 +221,8 @@ def shortest_arc(source: Float64, target: Float64) -> Float64:
     return matrix
 
 
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
-
-
 def euler_rad(turn: "Rotation") -> Float64:
-    """Return angles (..., 3) about x, y, z, in this order, of a scipy ``Rotation``.
-
-    Where the second is a right angle (somebody who lies on the side), the first and the third are one turn;
-    the third is 0 then, without scipy's warning.
-    """
+    """Return the XYZ angles (..., 3) of a rotation; the third is 0 where the second is a right angle."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return np.asarray(turn.as_euler("XYZ"))

@@ -1,7 +1,7 @@
 """Compiled forward kinematics with its exact derivative in every variable of a posture.
 
-The same joints, angles and frames as ``skeleton.forward``, whose anatomical zero is the rest pose here:
-``bones_m[j]`` is joint j seen from its parent with the limbs hanging. Inside, angles are signed as rotations
+Joints, angles and frames are as in ``skeleton.forward``, with anatomical zero as the rest pose.
+``bones_m[j]`` leads to joint j from its parent with the limbs hanging. Angles are signed as rotations
 (``skeleton`` counts flexion the same way on both sides). Pelvis and shoulders turn by rotation vectors,
 because their Euler angles lock with a raised arm or a lying person.
 """
@@ -17,7 +17,7 @@ from synth.body.skeleton import SIGNS as ANGLE_SIGNS
 
 
 class Tree(NamedTuple):
-    """Joints as compiled code takes them: parents (J,), -1 for the root; ball (J,), which turn by rotation
+    """Joints for compiled code: parents (J,), -1 for the root; ball (J,), joints that turn by rotation
     vectors; limits_rad (J, 3, 2) of the signed angles."""
 
     parents: Int64
@@ -32,9 +32,9 @@ TREE = Tree(PARENTS.astype(np.int64), _BALL, _LIMITS_RAD)
 
 
 class State(NamedTuple):
-    """A posed skeleton as the solver keeps it.
+    """Posed skeleton of the solver.
 
-    pelvis_m: (3,) world. signed_rad: (J, 3) signed Euler angles. local: (J, 3, 3) the joints' rotations.
+    pelvis_m: (3,) world. signed_rad: (J, 3) signed Euler angles. local: (J, 3, 3) joint rotations.
     """
 
     pelvis_m: Float64
@@ -43,7 +43,7 @@ class State(NamedTuple):
 
     @staticmethod
     def of(angles_rad: Float64, pelvis_m: Float64) -> "State":
-        """State of angle triples (J, 3) as ``skeleton`` counts them."""
+        """Return the state of angle triples (J, 3) as ``skeleton`` counts them."""
         return State(pelvis_m.copy(), angles_rad * ANGLE_SIGNS, rotations(angles_rad))
 
     @property
@@ -55,8 +55,10 @@ class State(NamedTuple):
 
 
 class Subject(NamedTuple):
-    """A person's bones (J, 3), joint from parent in anatomical zero, and markers: marker_joint (M,) the joint
-    each is fixed to, offsets_m (M, 3) in the joint's frame at anatomical zero."""
+    """Bones (J, 3) of a person, joint from parent in anatomical zero, and markers.
+
+    marker_joint: (M,) the joint of each marker; offsets_m: (M, 3) in the joint's frame at anatomical zero.
+    """
 
     bones_m: Float64
     marker_joint: Int64
@@ -64,7 +66,7 @@ class Subject(NamedTuple):
 
 
 def markers_at(state: State, subject: Subject) -> Float64:
-    """Markers (M, 3) of a posed subject: world, metres."""
+    """Return the markers (M, 3) of a posed subject: world, metres."""
     frames, joints = joint_frames(TREE, state, subject.bones_m)
     turned = np.einsum("mij,mj->mi", frames[subject.marker_joint], subject.offsets_m)
     return np.asarray(joints[subject.marker_joint] + turned)
@@ -72,7 +74,7 @@ def markers_at(state: State, subject: Subject) -> Float64:
 
 @numba.njit(cache=True)
 def joint_frames(tree: Tree, state: State, bones_m: Float64) -> tuple[Float64, Float64]:
-    """Frames (J, 3, 3), which turn anatomical zero to the world, and joints (J, 3), world, metres."""
+    """Return frames (J, 3, 3), from anatomical zero to the world, and joints (J, 3), world, metres."""
     n = len(tree.parents)
     frames = np.empty((n, 3, 3))
     joints = np.empty((n, 3))
@@ -95,7 +97,7 @@ def joint_frames(tree: Tree, state: State, bones_m: Float64) -> tuple[Float64, F
 
 @numba.njit(cache=True)
 def axes_of(tree: Tree, frames: Float64, signed: Float64) -> Float64:
-    """World axes (J, 3, 3) about which each of a joint's three variables turns it; rows are axes."""
+    """Return the world axes (J, 3, 3) of each joint's three variables; rows are axes."""
     n = len(tree.parents)
     axes = np.zeros((n, 3, 3))
     for j in range(n):
@@ -119,7 +121,7 @@ def axes_of(tree: Tree, frames: Float64, signed: Float64) -> Float64:
 
 @numba.njit(cache=True)
 def euler_matrix(a: float, b: float, c: float, out: Float64) -> None:
-    """Rx(a) Ry(b) Rz(c) into ``out``."""
+    """Write Rx(a) Ry(b) Rz(c) into ``out``."""
     ca, sa, cb, sb, cc, sc = np.cos(a), np.sin(a), np.cos(b), np.sin(b), np.cos(c), np.sin(c)
     out[0, 0], out[0, 1], out[0, 2] = cb * cc, -cb * sc, sb
     out[1, 0], out[1, 1], out[1, 2] = ca * sc + sa * sb * cc, ca * cc - sa * sb * sc, -sa * cb
@@ -133,8 +135,11 @@ def _wrapped(x: float) -> float:
 
 @numba.njit(cache=True)
 def limit_ball(rotation: Float64, signed: Float64, limits: Float64) -> None:
-    """Euler angles (3,) of a ball joint's rotation (3, 3), written into ``signed``: nearest to those before
-    and inside the limits (3, 2). Where no triple is inside, both arguments are clamped."""
+    """Write the Euler angles (3,) of a ball joint's rotation (3, 3) into ``signed``.
+
+    The triple nearest to the one before and inside the limits (3, 2) is taken; without one both arguments are
+    clamped.
+    """
     best = np.inf
     chosen = np.zeros(3)
     b = np.arcsin(min(1.0, max(-1.0, rotation[0, 2])))
@@ -171,7 +176,7 @@ def limit_ball(rotation: Float64, signed: Float64, limits: Float64) -> None:
 
 @numba.njit(cache=True)
 def turn(w: Float64, rotation: Float64) -> None:
-    """Rotation (3, 3) turned further by a rotation vector (3,), in place: exp(w) R (Rodrigues)."""
+    """Turn a rotation (3, 3) further by a rotation vector (3,), in place: exp(w) R (Rodrigues)."""
     angle = np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
     if angle < 1e-12:
         return
@@ -193,29 +198,24 @@ def turn(w: Float64, rotation: Float64) -> None:
     rotation[:] = result
 
 
-@numba.njit(cache=True)
-def chain_of(parents: Int64, j: int, chain: Int64) -> int:
-    """Number of joints from ``j`` to the root; they are written into ``chain``."""
-    n = 0
-    while j >= 0:
-        chain[n] = j
-        n += 1
-        j = parents[j]
-    return n
+class Derivative(NamedTuple):
+    """Derivative (3, K) of one marker in the first K variables ``index`` (V,) that move it."""
+
+    columns: Float64
+    index: Int64
 
 
 @numba.njit(cache=True)
-def marker_columns(
-    chain: Int64, n: int, axes: Float64, joints: Float64, at: Float64, columns: Float64, index: Int64
-) -> int:
-    """Derivative (3, K) of one marker in the K variables ``index`` that move it; returns K."""
+def derive(tree: Tree, j: int, placed: tuple[Float64, Float64], at: Float64, into: Derivative) -> int:
+    """Write the derivative of a marker at joint ``j`` and return K; placed: axes and joints."""
+    axes, joints = placed
+    columns, index = into
     for k in range(3):
         index[k] = k
         for i in range(3):
             columns[i, k] = 1.0 if i == k else 0.0
     count = 3
-    for link in range(n):
-        j = chain[link]
+    while j >= 0:
         dx, dy, dz = at[0] - joints[j, 0], at[1] - joints[j, 1], at[2] - joints[j, 2]
         for k in range(3):
             ax, ay, az = axes[j, k, 0], axes[j, k, 1], axes[j, k, 2]
@@ -224,12 +224,13 @@ def marker_columns(
             columns[2, count] = ax * dy - ay * dx
             index[count] = 3 + 3 * j + k
             count += 1
+        j = tree.parents[j]
     return count
 
 
 @numba.njit(cache=True)
 def marker_at(frames: Float64, joints: Float64, subject: Subject, m: int, at: Float64) -> None:
-    """Place (3,) of marker m, written into ``at``: world, metres."""
+    """Write the place (3,) of marker m into ``at``: world, metres."""
     j, offset = subject.marker_joint[m], subject.offsets_m[m]
     for i in range(3):
         at[i] = joints[j, i]
@@ -239,7 +240,7 @@ def marker_at(frames: Float64, joints: Float64, subject: Subject, m: int, at: Fl
 
 @numba.njit(cache=True)
 def _factor(h: Float64) -> None:
-    """Cholesky factor in place; at this size faster than LAPACK, whose threads fight for the cores."""
+    """Factorise (Cholesky) in place; at this size faster than LAPACK, whose threads fight for the cores."""
     for i in range(len(h)):
         for j in range(i + 1):
             total = h[i, j]
@@ -265,7 +266,8 @@ def solve_in_place(h: Float64, x: Float64) -> None:
 
 @numba.njit(cache=True)
 def eliminate(h: Float64, g: Float64, mixed: Float64, matrix: Float64, gradient: Float64) -> None:
-    """Schur complement: matrix -= B' A^-1 B, gradient -= B' A^-1 g, with A = ``h`` and B = ``mixed``."""
+    """Form the Schur complement: matrix -= B' A^-1 B, gradient -= B' A^-1 g, with A = ``h`` and B =
+    ``mixed``."""
     _factor(h)
     n, size = mixed.shape
     for i in range(n):
@@ -286,7 +288,7 @@ def eliminate(h: Float64, g: Float64, mixed: Float64, matrix: Float64, gradient:
 
 
 def solve_positive(matrix: Float64, right: Float64) -> Float64:
-    """Solution (n,) of a positive definite system (n, n); leaves its arguments alone."""
+    """Solve a positive definite system (n, n) without changing the arguments."""
     solution = right.copy()
     solve_in_place(matrix.copy(), solution)
     return solution

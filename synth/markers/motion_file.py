@@ -1,4 +1,4 @@
-"""A solved motion: joint angles over time that drive any body, and how well they explain the markers."""
+"""Solved motion: joint angles over time that drive any body, and the fit of each marker."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,21 +13,21 @@ from synth.body.body import Body
 from synth.body.skeleton import N_JOINTS, Posture
 from synth.markers.person_fit import bones_of_leg, leg_length_m, zero_bones
 
-SEEN, BRIDGED, MISSING, GHOST, SWAPPED = range(5)
-"""Status of a marker in a frame: as it is; bridged over a short gap; missing; thrown out; relabelled."""
+SEEN, BRIDGED, MISSING, GHOST, SWAPPED = range(5)  # status of a marker in a frame
 VERSION = 1
 REMEDY = "write it with 'solve'"
-MAX_BYTES = 500_000_000
-"""Of a motion unpacked: three hours of 40 markers at 60 frames/s."""
+MAX_BYTES = 500_000_000  # of an unpacked motion: three hours of 40 markers at 60 frames/s
+# types of the arrays over frames
 _TYPES = {"angles_rad": "f8", "pelvis_m": "f8", "error_m": "f4", "status": "u1"}
-"""Types of the arrays (``numpy.dtype.str`` without byte order) over frames."""
 
 
 @dataclass(frozen=True)
 class MarkerReport:
-    """Fit of each marker. error_m: float32 (F, M) distance to the body's marker, NaN where not
-    seen or discarded. status: uint8 (F, M). unknown: labels of the file that the marker set does not know.
-    assumed: a line for each defect of the files and how it was read."""
+    """Fit of each marker.
+
+    error_m: float32 (F, M) distance to the body's marker, NaN where not seen or discarded. status: uint8 (F,
+    M). unknown: labels outside the marker set. assumed: a line for each defect of the files.
+    """
 
     names: tuple[str, ...]
     error_m: Float32
@@ -37,22 +37,22 @@ class MarkerReport:
 
     @property
     def median_mm(self) -> float:
-        """Median distance over all frames and markers seen, 0 where there is none."""
+        """Median distance over all seen markers, 0 without any."""
         found = self.error_m[np.isfinite(self.error_m)]
         return float(np.median(found)) * 1000 if found.size else 0.0
 
     @property
     def rms_mm(self) -> float:
-        """Root mean square distance over all frames and markers seen, 0 where there is none."""
+        """Root mean square distance over all seen markers, 0 without any."""
         found = self.error_m[np.isfinite(self.error_m)].astype(np.float64)
         return float(np.sqrt(np.mean(found**2))) * 1000 if found.size else 0.0
 
     def count(self, status: int) -> Int64:
-        """Frames (M,) in which each marker had a status."""
+        """Return the frames (M,) of each marker with a status."""
         return np.asarray((self.status == status).sum(axis=0), np.int64)
 
     def longest_gap(self) -> Int64:
-        """Frames (M,) of the longest run in which each marker was not seen."""
+        """Return the frames (M,) of each marker's longest gap."""
         longest = np.zeros(len(self.names), np.int64)
         run = np.zeros(len(self.names), np.int64)
         for row in np.isin(self.status, (BRIDGED, MISSING)):
@@ -65,10 +65,9 @@ class MarkerReport:
 class Motion:
     """Joint angles over time.
 
-    angles_rad: float64 (F, J, 3) as ``skeleton`` counts them. pelvis_m: float64 (F, 3) world, z up.
-    bones_m: float64 (J, 3) of the recorded person, joint from parent in anatomical zero, by whose legs a body
-    of another size strides.
-    report: how the markers fared. Raises FormatError when shapes or numbers are impossible.
+    angles_rad: float64 (F, J, 3), see ``skeleton``. pelvis_m: float64 (F, 3) world, z up. bones_m: float64
+    (J, 3) of the recorded person, joint from parent in anatomical zero. Raises FormatError for impossible
+    shapes or numbers.
     """
 
     angles_rad: Float64
@@ -101,9 +100,9 @@ class Motion:
         return leg_length_m(self.bones_m)
 
     def posture(self, frame: int, body: Body) -> Posture:
-        """One frame on a body: the same angles, the pelvis' path scaled to its legs.
+        """Return one frame on a body: the same angles, the pelvis' path scaled to its legs.
 
-        The floor is as wrong as it was recorded; ``synth.motion`` puts feet on it and clears limbs.
+        The floor is as wrong as recorded; ``synth.motion`` puts feet on it and clears limbs.
         """
         scale = leg_length_m(zero_bones(body.joints_m)) / self.leg_m
         return Posture(self.angles_rad[frame], scale * self.pelvis_m[frame])
@@ -130,7 +129,7 @@ def save_motion(path: Path, motion: Motion, *, overwrite: bool = False) -> None:
 
 
 def load_motion(path: Path) -> Motion:
-    """Read a motion. Raises FormatError when the file is not one, damaged or too large."""
+    """Read a motion. Raises FormatError for another, damaged or too large file."""
     arrays = load_arrays(path, MAX_BYTES, REMEDY)
     try:
         if int(arrays["version"]) != VERSION:

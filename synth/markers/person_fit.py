@@ -1,4 +1,7 @@
-"""A person for the solver: bone lengths and places of markers, fitted to recorded frames."""
+"""Fit of a person to recorded frames: bone lengths and places of markers; and the person as a body.
+
+Constants are untuned unless a source is given.
+"""
 
 from dataclasses import dataclass, replace
 from itertools import product
@@ -23,29 +26,24 @@ from synth.markers.kinematics import State, Subject, markers_at, solve_positive
 from synth.markers.posture_fit import Basis, Observed, Prior, fit_posture, shape_normal
 from synth.motion_files.marker_set import MarkerSet
 
+# Groups with a scale of their own.
 _GROUPS = (
     "height", "hip_width", "pelvis", "spine", "head",
     "shoulder_width", "upper_arm", "forearm", "thigh", "shank",
 )  # fmt: skip
-"""What has a scale of its own."""
+# standard deviation of a segment's scale about the body's (Pheasant & Haslegrave 2005: 3 to 6 %)
 SCALE_SPREAD = 0.06
-"""How far a segment's scale strays from the body's (Pheasant & Haslegrave 2005: 3 to 6 % of length)."""
-HEIGHT_SPREAD = 0.2
-"""Standard deviation of a person's scale about the reference body. Untuned."""
+HEIGHT_SPREAD = 0.2  # standard deviation of a person's scale about the reference body
+# Frames that a recording counts as: all err alike, since skin slides the same way every time. Measured: from
+# 2 to 8, markers come 0.2 to 0.5 mm nearer in seven recordings of three laboratories; at 12, not nearer.
 EFFECTIVE_FRAMES = 8.0
-"""Frames that a recording counts as: all err alike, since skin slides the same way every time. Measured: from
-2 to 8, markers come 0.2 to 0.5 mm nearer in seven recordings of three laboratories; at 12, no nearer."""
+# Standard deviation of the mean of one ankle's markers, which are on both sides of it. Measured: without it,
+# a moving heel marker drew all of its foot's 40 mm to one side.
 FOOT_M = 0.005
-"""Standard deviation of how far the markers about one ankle lie to one side, all together: they are on both
-sides of it. Measured: free, a heel marker that moves drew all of its foot's 40 mm to one side."""
-ABOUT_ANKLE_M = 0.1
-"""A shank's marker so near to the ankle is one of them. Untuned."""
-FLAT_M = 0.05
-"""Extent, as a root of summed squares, by which a trunk's markers span a plane. Untuned."""
-SHAPE_STEPS = 12
-"""Gauss-Newton steps at most. Untuned."""
-LENIENT_M = 10.0
-"""Robust residual while a posture is sought from nothing: every marker pulls. Untuned."""
+ABOUT_ANKLE_M = 0.1  # a shank's marker this near to the ankle is on it
+FLAT_M = 0.05  # extent, as a root of summed squares, by which a trunk's markers span a plane
+SHAPE_STEPS = 12  # greatest number of Gauss-Newton steps
+LENIENT_M = 10.0  # robust residual of a search from nothing: every marker pulls
 _LEG = [JOINT_ID["left_knee"], JOINT_ID["left_ankle"]]
 _TRUNK = [JOINT_ID[name] for name in ("pelvis", "spine_lower", "spine_middle", "spine_upper")]
 _ARMS: tuple[dict[str, tuple[float, float, float]], ...] = (
@@ -57,27 +55,28 @@ _LEGS: tuple[dict[str, tuple[float, float, float]], ...] = (
     {"hip": (5, 0, 0), "knee": (-10, 0, 0)},
     {"hip": (80, 10, 0), "knee": (-80, 0, 0)},
 )
+# End of a limb's segment.
 _CHILD = {
     JOINT_ID[f"{side}_{joint}"]: JOINT_ID[f"{side}_{child}"]
     for side in ("left", "right")
     for joint, child in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
 }
-"""Where a limb's segment ends."""
 
 
 def leg_length_m(bones_m: Float64) -> float:
-    """Length from hip to ankle of bones (J, 3)."""
+    """Return the length from hip to ankle of bones (J, 3)."""
     return float(np.linalg.norm(bones_m[_LEG], axis=1).sum())
 
 
 def zero_bones(rest_joints_m: Float64) -> Float64:
-    """Bones (J, 3) of a body in anatomical zero, joint from parent, of its rest joints (J, 3)."""
+    """Return the bones (J, 3) in anatomical zero, joint from parent, of rest joints (J, 3)."""
     _, joints = forward(Posture.zero(), rest_joints_m, alignment(rest_joints_m))
     return np.asarray(joints - np.where(PARENTS[:, None] < 0, 0, joints[PARENTS]))
 
 
 def posture_prior(rest_deg: float, hold_deg: float) -> Prior:
-    """Pulls that let a joint stray ``rest_deg`` from zero and ``hold_deg`` from its start at one sigma."""
+    """Return pulls that let a joint stray ``rest_deg`` from zero and ``hold_deg`` from its start at one
+    sigma."""
     spread = np.full((N_JOINTS, 3), rest_deg)
     for j, joint in enumerate(JOINTS):
         spread[j] = np.minimum(spread[j], table("joints")[joint.kind].get("stray_deg", 180))
@@ -85,13 +84,13 @@ def posture_prior(rest_deg: float, hold_deg: float) -> Prior:
 
 
 def _groups(joint: Joint) -> list[int]:
-    """The group that scales the bone to a joint, and the group that scales markers fixed to it."""
+    """Return the group that scales the bone to a joint, and the group that scales its markers."""
     return [_GROUPS.index(group) for group in table("joints")[joint.kind]["scaled_by"]]
 
 
 @dataclass(frozen=True)
 class Template:
-    """How shape parameters make a subject. marker_joint, spread_m: (M,) as in ``MarkerSet``."""
+    """Map from shape parameters to a subject. marker_joint, spread_m: (M,) as in ``MarkerSet``."""
 
     marker_joint: Int64
     spread_m: Float64
@@ -99,7 +98,7 @@ class Template:
 
     @staticmethod
     def of(markers: MarkerSet) -> "Template":
-        """Template of a marker set on the reference body."""
+        """Return the template of a marker set on the reference body."""
         reference = zero_bones(reference_body().joints_m)
         bones = np.zeros((len(_GROUPS), N_JOINTS, 3))
         for j, joint in enumerate(JOINTS):
@@ -114,7 +113,7 @@ class Template:
         return Template(markers.joint, markers.spread_m, Basis(bones, offsets))
 
     def subject(self, shape: Float64) -> Subject:
-        """Subject of shape parameters (G + 3 M,): scales, then a shift of every marker."""
+        """Return the subject of shape parameters (G + 3 M,): scales, then a shift of every marker."""
         groups = len(_GROUPS)
         scales, shifts = shape[:groups], shape[groups:].reshape(-1, 3)
         return Subject(
@@ -124,11 +123,12 @@ class Template:
         )
 
     def shape(self, scale: float) -> Float64:
-        """Shape of a body ``scale`` times the reference, markers at the places of the set."""
+        """Return the shape of a body ``scale`` times the reference, markers at the places of the set."""
         return np.concatenate([np.full(len(_GROUPS), scale), np.zeros(3 * len(self.marker_joint))])
 
     def precision(self, seen: Bool) -> Float64:
-        """Prior precision (S, S): scales near the height, height near 1, markers near their places.
+        """Return the prior precision (S, S): scales near the height, height near 1, markers near their
+        places.
 
         seen: (M,) markers of the recording; those about an ankle stay on both sides of it.
         """
@@ -143,7 +143,7 @@ class Template:
         return np.asarray(result)
 
     def _about_ankle(self, side: str) -> Bool:
-        """Flags (M,) of the markers on a foot, and of those on its shank that are near the ankle."""
+        """Return flags (M,) of the markers on a foot, and of the shank's near the ankle."""
         knee, ankle = JOINT_ID[f"{side}_knee"], JOINT_ID[f"{side}_ankle"]
         near = np.linalg.norm(self.basis.offsets.sum(axis=0) - self.basis.bones[:, ankle].sum(axis=0), axis=1)
         on_shank = (self.marker_joint == knee) & (near < ABOUT_ANKLE_M)
@@ -151,7 +151,7 @@ class Template:
 
 
 def start_states(subject: Subject, observed_m: Float64) -> list[State]:
-    """Guesses at one frame's posture from nothing: the trunk laid over its markers, limbs in common poses."""
+    """Guess one frame's posture from nothing: the trunk laid over its markers, limbs in common poses."""
     seen = np.isfinite(observed_m).all(axis=1)
     trunk = seen & np.isin(subject.marker_joint, _TRUNK)
     places = markers_at(State.of(np.zeros((N_JOINTS, 3)), np.zeros(3)), subject)
@@ -178,14 +178,14 @@ def start_states(subject: Subject, observed_m: Float64) -> list[State]:
 
 
 def _spans_a_plane(points_m: Float64) -> bool:
-    """Return whether points (n, 3) determine a rotation: they lie neither in one place nor on a line."""
+    """Return whether points (n, 3) determine a rotation."""
     return bool(np.linalg.svd(points_m - points_m.mean(axis=0), compute_uv=False)[1] > FLAT_M)
 
 
 def fit_from_nothing(
     subject: Subject, observed_m: Float64, weights: Float64, prior: Prior
 ) -> tuple[State, float]:
-    """Best posture of one frame over all starts, and its cost."""
+    """Return the best posture of one frame over all starts, and its cost."""
     clean, starts = np.nan_to_num(observed_m), start_states(subject, observed_m)
     lenient = Observed(clean, weights, LENIENT_M)
     rough = [fit_posture(start, subject, lenient, prior, steps=40) for start in starts]
@@ -196,7 +196,7 @@ def fit_from_nothing(
 def fit_shape(
     template: Template, shape: Float64, observed_m: Float64, weights: Float64
 ) -> tuple[Float64, list[State]]:
-    """Shape (S,) that explains frames (K, M, 3) best under the prior, and the frames' postures.
+    """Return the shape (S,) that explains frames (K, M, 3) best under the prior, and the frames' postures.
 
     weights: (K, M), 0 where a marker is missing. Gauss-Newton on the shape with the postures eliminated
     (variable projection, Golub & Pereyra 2003; the Schur complement of bundle adjustment).
@@ -226,13 +226,13 @@ def fit_shape(
 
 
 def bones_of_leg(leg_m: float) -> Float64:
-    """Bones (J, 3) of a person of whom only the leg's length is known: the reference body's proportions."""
+    """Return the bones (J, 3) of a person of a leg's length: the reference body's proportions."""
     bones = zero_bones(reference_body().joints_m)
     return np.asarray(leg_m / leg_length_m(bones) * bones)
 
 
 def person_body(bones_m: Float64) -> Body:
-    """A body whose bones have these lengths (J, 3), joint from parent in anatomical zero.
+    """Return a body with bones (J, 3), joint from parent in anatomical zero.
 
     Limbs are stretched along their bones; trunk, hands, feet and all thicknesses grow with the whole.
     """

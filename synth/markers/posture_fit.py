@@ -1,4 +1,4 @@
-"""The damped least squares that poses a skeleton to markers, and its derivative in the body's shape."""
+"""Damped least squares that pose a skeleton to markers, and their derivative in the body's shape."""
 
 from typing import NamedTuple
 
@@ -8,25 +8,23 @@ import numpy as np
 from annotate.array_types import Float64
 from synth.markers.kinematics import (
     TREE,
+    Derivative,
     State,
     Subject,
     Tree,
     axes_of,
-    chain_of,
+    derive,
     eliminate,
     euler_matrix,
     joint_frames,
     limit_ball,
     marker_at,
-    marker_columns,
     solve_in_place,
     turn,
 )
 
-MARKER_SIGMA_M = 0.005
-"""Unit of a marker's residual: noise, soft tissue and the model's own error together. Chosen by eye."""
-ROBUST_M = 0.08
-"""Residual from which a marker's pull weakens, metres (Geman & McClure 1987). Chosen by eye."""
+MARKER_SIGMA_M = 0.005  # noise, soft tissue and the model's error together; untuned
+ROBUST_M = 0.08  # residual from which a marker's pull weakens (Geman & McClure 1987); untuned
 
 
 class Prior(NamedTuple):
@@ -41,8 +39,10 @@ class Prior(NamedTuple):
 
 
 class Observed(NamedTuple):
-    """One frame's markers (M, 3), world, metres, and weights (M,), 0 where missing; robust_m: the residual
-    from which a marker's pull weakens."""
+    """Markers (M, 3) of one frame, world, metres, and weights (M,), 0 where missing.
+
+    robust_m: the residual from which a marker's pull weakens.
+    """
 
     markers_m: Float64
     weights: Float64
@@ -50,7 +50,7 @@ class Observed(NamedTuple):
 
 
 class _Start(NamedTuple):
-    """Where a fit began: signed angles (J, 3), pelvis (3,); drift (J, 3): turns of the ball joints since."""
+    """Start of a fit: signed angles (J, 3), pelvis (3,); drift (J, 3): turns of the ball joints since."""
 
     signed_rad: Float64
     pelvis_m: Float64
@@ -65,6 +65,22 @@ class _Target(NamedTuple):
     robust2: float
 
 
+class _Problem(NamedTuple):
+    """Arguments of a fit in compiled code."""
+
+    tree: Tree
+    subject: Subject
+    target: _Target
+    prior: Prior
+
+
+class _System(NamedTuple):
+    """Gauss-Newton matrix (V, V) and gradient (V,)."""
+
+    h: Float64
+    g: Float64
+
+
 class Basis(NamedTuple):
     """Metres per shape parameter: bones (G, J, 3) and markers (G, M, 3)."""
 
@@ -75,38 +91,39 @@ class Basis(NamedTuple):
 def fit_posture(
     start: State, subject: Subject, observed: Observed, prior: Prior, *, steps: int
 ) -> tuple[State, float]:
-    """Posture whose markers come nearest to the observed ones, inside the joint limits, and its cost.
+    """Return the posture whose markers come nearest to the observed ones, inside the joint limits, and its
+    cost.
 
-    Levenberg-Marquardt (Nocedal & Wright 2006, section 10.3), angles at a limit frozen while they
-    push outwards.
+    Levenberg-Marquardt (Nocedal & Wright 2006, section 10.3), angles at a limit frozen while they push
+    outwards.
     """
     state = State(*(array.copy() for array in start))
-    return state, float(_fit(TREE, state, subject, _target(observed), prior, steps))
+    return state, float(_fit(_problem(subject, observed, prior), state, steps))
 
 
 def shape_normal(
     state: State, subject: Subject, observed: Observed, prior: Prior, basis: Basis
 ) -> tuple[Float64, Float64]:
-    """Gauss-Newton matrix (S, S) and gradient (S,) of one frame's cost in shape, its posture following along.
+    """Return Gauss-Newton matrix (S, S) and gradient (S,) of one frame's cost in shape.
 
-    After the G parameters of the basis come three free coordinates a marker, in the frame of its joint:
-    S = G + 3 M. The posture is eliminated by the Schur complement, as in bundle adjustment
-    (Triggs et al. 2000, section 6.1).
+    After the G parameters of the basis come three free coordinates a marker, in its joint's frame: S = G + 3
+    M. The posture follows along: it is eliminated by the Schur complement, as in bundle adjustment (Triggs et
+    al. 2000, section 6.1).
     """
-    matrix, gradient = _shape_normal(TREE, state, subject, _target(observed), prior, basis)
+    matrix, gradient = _shape_normal(_problem(subject, observed, prior), state, basis)
     return matrix, gradient
 
 
-def _target(observed: Observed) -> _Target:
-    return _Target(observed.markers_m, observed.weights / MARKER_SIGMA_M**2, observed.robust_m**2)
+def _problem(subject: Subject, observed: Observed, prior: Prior) -> _Problem:
+    weights, robust2 = observed.weights / MARKER_SIGMA_M**2, observed.robust_m**2
+    return _Problem(TREE, subject, _Target(observed.markers_m, weights, robust2), prior)
 
 
 @numba.njit(cache=True)
-def _cost(
-    tree: Tree, state: State, start: _Start, frames: Float64, joints: Float64, subject: Subject,
-    target: _Target, prior: Prior,
-) -> float:  # fmt: skip
-    """Cost of the markers' residuals, and of what the prior pulls on."""
+def _cost(problem: _Problem, state: State, start: _Start, placed: tuple[Float64, Float64]) -> float:
+    """Return the cost of the markers' residuals and of the prior's pulls; placed: frames and joints."""
+    tree, subject, target, prior = problem
+    frames, joints = placed
     at = np.empty(3)
     total = 0.0
     for m in range(len(subject.marker_joint)):
@@ -130,27 +147,21 @@ def _cost(
 
 @numba.njit(cache=True)
 def _normal(
-    tree: Tree, state: State, start: _Start, frames: Float64, joints: Float64, subject: Subject,
-    target: _Target, prior: Prior, h: Float64, g: Float64,
-) -> None:  # fmt: skip
-    """Gauss-Newton matrix (V, V) and gradient (V,) of the cost, written into the last two arguments.
-
-    Angles that push against their limit are cut out.
-    """
+    problem: _Problem, state: State, start: _Start, placed: tuple[Float64, Float64], system: _System
+) -> None:
+    """Write the system of the cost; angles that push against their limit are cut out."""
+    tree, subject, target, prior = problem
+    (frames, joints), (h, g) = placed, system
     n = len(tree.parents)
     axes, signed = axes_of(tree, frames, state.signed_rad), state.signed_rad
-    chain = np.empty(n, np.int64)
-    columns = np.empty((3, 3 + 3 * n))
-    index = np.empty(3 + 3 * n, np.int64)
-    at = np.empty(3)
+    columns, index, at = np.empty((3, 3 + 3 * n)), np.empty(3 + 3 * n, np.int64), np.empty(3)
     h[:] = 0.0
     g[:] = 0.0
     for m in range(len(subject.marker_joint)):
         if target.weights[m] <= 0:
             continue
         marker_at(frames, joints, subject, m, at)
-        links = chain_of(tree.parents, subject.marker_joint[m], chain)
-        count = marker_columns(chain, links, axes, joints, at, columns, index)
+        count = derive(tree, subject.marker_joint[m], (axes, joints), at, Derivative(columns, index))
         goal = target.markers_m[m]
         rx, ry, rz = at[0] - goal[0], at[1] - goal[1], at[2] - goal[2]
         w = target.weights[m] / (1 + (rx * rx + ry * ry + rz * rz) / target.robust2) ** 2
@@ -182,16 +193,17 @@ def _normal(
 
 
 @numba.njit(cache=True)
-def _fit(tree: Tree, state: State, subject: Subject, target: _Target, prior: Prior, steps: int) -> float:
-    """Cost of the best posture found, which is written into ``state``."""
+def _fit(problem: _Problem, state: State, steps: int) -> float:
+    """Write the best posture found into ``state`` and return its cost."""
+    tree, bones_m = problem.tree, problem.subject.bones_m
     n = 3 + 3 * len(tree.parents)
     start = _Start(state.signed_rad.copy(), state.pelvis_m.copy(), np.zeros_like(state.signed_rad))
     h, g = np.empty((n, n)), np.empty(n)
-    frames, joints = joint_frames(tree, state, subject.bones_m)
-    cost = _cost(tree, state, start, frames, joints, subject, target, prior)
+    placed = joint_frames(tree, state, bones_m)
+    cost = _cost(problem, state, start, placed)
     damping = 1e-3
     for _ in range(steps):
-        _normal(tree, state, start, frames, joints, subject, target, prior, h, g)
+        _normal(problem, state, start, placed, _System(h, g))
         improved = False
         for _ in range(8):
             damped = h.copy()
@@ -202,8 +214,8 @@ def _fit(tree: Tree, state: State, subject: Subject, target: _Target, prior: Pri
             new = State(state.pelvis_m.copy(), state.signed_rad.copy(), state.local.copy())
             new_start = _Start(start.signed_rad, start.pelvis_m, start.drift.copy())
             _apply(tree, step, new, new_start.drift)
-            new_frames, new_joints = joint_frames(tree, new, subject.bones_m)
-            new_cost = _cost(tree, new, new_start, new_frames, new_joints, subject, target, prior)
+            new_placed = joint_frames(tree, new, bones_m)
+            new_cost = _cost(problem, new, new_start, new_placed)
             if new_cost < cost:
                 improved = True
                 break
@@ -214,7 +226,7 @@ def _fit(tree: Tree, state: State, subject: Subject, target: _Target, prior: Pri
         damping = max(1e-7, damping / 10)
         state.pelvis_m[:], state.signed_rad[:], state.local[:] = new.pelvis_m, new.signed_rad, new.local
         start.drift[:] = new_start.drift
-        frames, joints, cost = new_frames, new_joints, new_cost
+        placed, cost = new_placed, new_cost
         if gain < 1e-4 * cost + 1e-9:
             break
     return cost
@@ -222,7 +234,7 @@ def _fit(tree: Tree, state: State, subject: Subject, target: _Target, prior: Pri
 
 @numba.njit(cache=True)
 def _apply(tree: Tree, step: Float64, state: State, drift: Float64) -> None:
-    """A step (V,), no variable farther than is safe, added to a state and to its drift."""
+    """Add a step (V,), bounded per variable, to a state and to its drift."""
     for k in range(3):
         state.pelvis_m[k] += min(0.5, max(-0.5, step[k]))
     for j in range(len(tree.ball)):
@@ -242,18 +254,16 @@ def _apply(tree: Tree, step: Float64, state: State, drift: Float64) -> None:
 
 
 @numba.njit(cache=True)
-def _shape_normal(
-    tree: Tree, state: State, subject: Subject, target: _Target, prior: Prior, basis: Basis
-) -> tuple[Float64, Float64]:
+def _shape_normal(problem: _Problem, state: State, basis: Basis) -> tuple[Float64, Float64]:
+    tree, subject, target, _ = problem
     n, groups, markers = 3 + 3 * len(tree.parents), len(basis.bones), len(subject.marker_joint)
     size = groups + 3 * markers
     frames, joints = joint_frames(tree, state, subject.bones_m)
     h, g = np.empty((n, n)), np.empty(n)
     start = _Start(state.signed_rad, state.pelvis_m, np.zeros_like(state.signed_rad))
-    _normal(tree, state, start, frames, joints, subject, target, prior, h, g)
+    _normal(problem, state, start, (frames, joints), _System(h, g))
     axes = axes_of(tree, frames, state.signed_rad)
     mixed, matrix, gradient = np.zeros((n, size)), np.zeros((size, size)), np.zeros(size)
-    chain = np.empty(len(tree.parents), np.int64)
     columns, index = np.empty((3, n)), np.empty(n, np.int64)
     at, rows, which = np.empty(3), np.empty((3, groups + 3)), np.empty(groups + 3, np.int64)
     for m in range(markers):
@@ -261,8 +271,7 @@ def _shape_normal(
             continue
         j = subject.marker_joint[m]
         marker_at(frames, joints, subject, m, at)
-        links = chain_of(tree.parents, j, chain)
-        count = marker_columns(chain, links, axes, joints, at, columns, index)
+        count = derive(tree, j, (axes, joints), at, Derivative(columns, index))
         r = at - target.markers_m[m]
         w = target.weights[m] / (1 + (r[0] ** 2 + r[1] ** 2 + r[2] ** 2) / target.robust2) ** 2
         for i in range(3):
@@ -271,10 +280,11 @@ def _shape_normal(
                 rows[i, q] = 0.0
                 for k in range(3):
                     rows[i, q] += frames[j, i, k] * basis.offsets[q, m, k]
-                for link in range(links - 1):
-                    c = chain[link]
+                c = j
+                while tree.parents[c] >= 0:
                     for k in range(3):
                         rows[i, q] += frames[tree.parents[c], i, k] * basis.bones[q, c, k]
+                    c = tree.parents[c]
             for k in range(3):
                 which[groups + k] = groups + 3 * m + k
                 rows[i, groups + k] = frames[j, i, k]

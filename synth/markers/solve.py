@@ -1,8 +1,12 @@
-"""From markers to joint angles: fit the person to the recording, then pose it frame after frame."""
+"""From markers to joint angles: fit the person to the recording, then pose it frame after frame.
+
+Constants are untuned unless a source is given.
+"""
 
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,29 +33,19 @@ from synth.motion_files.marker_set import (
 from synth.motion_files.vertical_axis import GIVEN, Upward
 
 CALIBRATION_FRAMES = 30
-STATIC_FRAMES = 10
-"""Frames of a recording, and of its static trial, that the person is fitted to. Untuned."""
-MIN_SEEN = 4
-"""Markers without which a frame keeps the posture before it. Untuned."""
-BRIDGE_SECONDS = 0.25
-"""Longest gap that is bridged by a straight line. Untuned."""
-BRIDGE_WEIGHT = 0.05
-"""Weight of a bridged marker beside a seen one's 1. Untuned."""
-GHOST_M = 0.08
-"""Distance from the posture of the others beyond which a marker is a ghost. Untuned."""
-SAME_LENGTHS_M = 0.004
-"""Median difference of the bones of one person in two takes, at most. Untuned."""
+STATIC_FRAMES = 10  # frames of a recording, and of its static trial, that the person is fitted to
+MIN_SEEN = 4  # a frame with fewer markers keeps the posture before it
+BRIDGE_SECONDS = 0.25  # longest gap that is bridged by a straight line
+BRIDGE_WEIGHT = 0.05  # of a bridged marker beside a seen one's 1
+GHOST_M = 0.08  # distance from the posture of the others beyond which a marker is a ghost
+SAME_LENGTHS_M = 0.004  # greatest median difference of the bones of one person in two takes
+# ratio to the median marker's distance from its place on the body beyond which a marker is unsteady
 UNSTEADY = 3.0
-"""How many times farther than the median marker one is off its place on the body if it counts for less."""
+# least such distance. Measured on a runner: 13 mm for a filled-in heel marker, others up to 7 mm
 UNSTEADY_M = 0.01
-"""And how far at least. Measured on a running person: 13 mm for a heel marker that was filled in, up to 7 mm
-for all others."""
 UNSTEADY_WEIGHT = 0.1
-"""Weight of such a marker. Untuned."""
-MOST_UNSTEADY = 4
-"""Markers that may be found so, each of which takes another fit of the person. Untuned."""
-TRACK_STEPS = 15
-"""Levenberg-Marquardt steps a frame at most. Untuned."""
+MOST_UNSTEADY = 4  # each takes another fit of the person
+TRACK_STEPS = 15  # greatest number of Levenberg-Marquardt steps a frame
 
 
 def solve(
@@ -60,11 +54,10 @@ def solve(
     markerset: MarkerSet | None = None,
     advance: Callable[[int], None] = lambda _: None,
 ) -> Motion:
-    """Joint angles of a recording; a static trial of the same person sharpens the fit of the body.
+    """Return the joint angles of a recording; a static trial of the same person sharpens the fit.
 
-    Without ``markerset`` the shipped set with most of the labels is taken; ``advance`` gets 1 a frame.
-    Raises CloudError when the markers are unknown, never seen, of impossible size, or the static is another
-    person's.
+    Without ``markerset`` the shipped set with most of the labels is taken; ``advance`` gets 1 a frame. Raises
+    CloudError for unknown or unseen markers, impossible sizes, or another person's static.
     """
     trial, person, markerset, assumed = fit_person(markers, static, markerset)
     motion = _track(trial, person, markerset, markers.frames_per_second, advance)
@@ -74,8 +67,10 @@ def solve(
 def fit_person(
     markers: Markers, static: Markers | None = None, markerset: MarkerSet | None = None
 ) -> tuple[KnownMarkers, Subject, MarkerSet, tuple[str, ...]]:
-    """The known markers of a recording, the person who wears them, the marker set with the weights found for
-    this person, and lines on what was assumed. Arguments and errors as in ``solve``."""
+    """Return known markers, the person, the marker set with fitted weights, and lines on assumptions.
+
+    Arguments and errors as in ``solve``.
+    """
     markerset = markerset or choose_marker_set(markers.labels)
     trial, standing = _trials(markers, static, markerset)
     assumed = [*markers.assumed, *trial.assumed]
@@ -88,7 +83,7 @@ def fit_person(
 
 
 def places_m(markers: Markers, static: Markers | None = None, markerset: MarkerSet | None = None) -> Float64:
-    """Markers (F, M, 3) of a recording in the world that ``solve`` gives its motion, NaN: unseen."""
+    """Return the markers (F, M, 3) of a recording in the world of ``solve``, NaN: unseen."""
     trial, _ = _trials(markers, static, markerset or choose_marker_set(markers.labels))
     return trial.positions_m
 
@@ -110,7 +105,7 @@ def _trials(
 
 
 def solve_takes(takes: dict[str, Markers], markerset: MarkerSet) -> dict[str, Motion]:
-    """Joint angles of many takes of joint positions; takes of one person are fitted together.
+    """Return the joint angles of takes of joint positions; takes of one person are fitted together.
 
     Raises CloudError as ``solve`` does.
     """
@@ -137,7 +132,7 @@ def solve_takes(takes: dict[str, Markers], markerset: MarkerSet) -> dict[str, Mo
 
 
 def _lengths(trial: KnownMarkers) -> Float64:
-    """Median distances (M - 1,) of neighbouring joints."""
+    """Return the median distances (M - 1,) of neighbouring joints."""
     apart = np.linalg.norm(np.diff(trial.positions_m, axis=1), axis=2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -145,12 +140,12 @@ def _lengths(trial: KnownMarkers) -> Float64:
 
 
 def _same(a: Float64, b: Float64) -> bool:
-    """Whether two skeletons are one person's: limbs keep their lengths, other distances nearly do."""
+    """Return whether two skeletons are one person's: limbs keep their lengths, other distances nearly do."""
     return bool(np.nanmedian(np.abs(a - b)) < SAME_LENGTHS_M)
 
 
 def _steady_person(frames: Float64, markerset: MarkerSet) -> tuple[Subject, MarkerSet, list[str]]:
-    """The person, and the marker set in which markers that move on their bones weigh less, a line for each.
+    """Return the person, the marker set with less weight on markers that move on their bones, and lines.
 
     They are found one after the other, since one draws its neighbours off their places.
     """
@@ -171,7 +166,7 @@ def _steady_person(frames: Float64, markerset: MarkerSet) -> tuple[Subject, Mark
 
 
 def _person(frames: Float64, markerset: MarkerSet) -> tuple[Subject, Float64]:
-    """The person fitted to frames (K, M, 3), and each marker's RMS distance (M,) to its place, 0: unseen."""
+    """Fit the person to frames (K, M, 3); return each marker's RMS distance (M,) to its place, 0: unseen."""
     weights = np.isfinite(frames).all(axis=2) * markerset.weight
     template = Template.of(markerset)
     shape, states = fit_shape(template, template.shape(1.0), frames, weights)
@@ -182,7 +177,7 @@ def _person(frames: Float64, markerset: MarkerSet) -> tuple[Subject, Float64]:
 
 
 def _calibration_frames(trial: KnownMarkers, count: int) -> Float64:
-    """Positions (K, M, 3) of the fullest frame of each of ``count`` equal stretches."""
+    """Return the positions (K, M, 3) of the fullest frame of each of ``count`` equal stretches."""
     seen = trial.seen.sum(axis=1)
     stretches = np.array_split(np.arange(len(seen)), min(count, len(seen)))
     chosen = np.array([s[np.argmax(seen[s])] for s in stretches])
@@ -202,13 +197,14 @@ def _track(
     positions, status = bridge(trial.positions_m, round(BRIDGE_SECONDS * rate))
     used = np.asarray(trial.seen.any(axis=0))
     prior = posture_prior(200, 12 * min(4.0, max(1.0, 60 / rate)))
+    tracker = _Tracker(subject, prior, markerset.weight)
     error = np.full(status.shape, np.nan, np.float32)
     angles: list[Float64] = []
     pelvis: list[Float64] = []
     state: State | None = None
     for f, observed in enumerate(positions):
         if (status[f] == SEEN).sum() >= MIN_SEEN:
-            state, error[f] = _frame(subject, state, observed, status[f], markerset.weight, prior)
+            state, error[f] = tracker.frame(state, observed, status[f])
         if state is not None:
             angles += [state.angles_rad] * (f + 1 - len(angles))
             pelvis += [state.pelvis_m] * (f + 1 - len(pelvis))
@@ -218,51 +214,55 @@ def _track(
     return Motion(np.array(angles), np.array(pelvis), rate, subject.bones_m, report)
 
 
-def _frame(
-    subject: Subject, before: State | None, observed: Float64, status: UInt8, weight: Float64, prior: Prior
-) -> tuple[State, Float32]:
-    """Posture of one frame, and its markers' errors; marks ghosts and swaps in ``status``."""
-    seen = np.asarray(status == SEEN)
-    weights = np.where(seen, weight, np.where(status == BRIDGED, BRIDGE_WEIGHT * weight, 0.0))
-    if before is None:
-        before, _ = fit_from_nothing(subject, np.where(seen[:, None], observed, np.nan), weights, prior)
-    observed = unswap(observed, markers_at(before, subject), status)
-    clean = np.nan_to_num(observed)
-    state, _ = fit_posture(before, subject, Observed(clean, weights), prior, steps=TRACK_STEPS)
-    distance = _distances(subject, state, clean)
-    if (distance[seen] > GHOST_M).any():
-        state = _refitted(subject, before, state, observed, weights, prior)
-        distance = _distances(subject, state, clean)
-    ghosts = np.asarray(seen & (distance > GHOST_M))
-    if ghosts.any():
-        status[ghosts] = GHOST
-        rest = Observed(clean, np.where(ghosts, 0.0, weights))
-        state, _ = fit_posture(state, subject, rest, prior, steps=TRACK_STEPS)
-        distance = _distances(subject, state, clean)
-    counted = (status == SEEN) | (status == SWAPPED)
-    return state, np.where(counted, distance, np.nan).astype(np.float32)
+class _Tracker(NamedTuple):
+    """Person, prior and weights (M,) of markers of a recording."""
 
+    subject: Subject
+    prior: Prior
+    weight: Float64
 
-def _distances(subject: Subject, state: State, observed: Float64) -> Float64:
-    return np.asarray(np.linalg.norm(markers_at(state, subject) - observed, axis=1))
+    def frame(self, before: State | None, observed: Float64, status: UInt8) -> tuple[State, Float32]:
+        """Return a frame's posture and its markers' errors; mark ghosts and swaps in ``status``."""
+        seen, weight = np.asarray(status == SEEN), self.weight
+        weights = np.where(seen, weight, np.where(status == BRIDGED, BRIDGE_WEIGHT * weight, 0.0))
+        if before is None:
+            before = self._anew(np.where(seen[:, None], observed, np.nan), weights)
+        observed = unswap(observed, markers_at(before, self.subject), status)
+        clean = np.nan_to_num(observed)
+        state = self._fit(before, Observed(clean, weights))
+        distance = self._distances(state, clean)
+        if (distance[seen] > GHOST_M).any():
+            state = self._refitted(before, state, observed, weights)
+            distance = self._distances(state, clean)
+        ghosts = np.asarray(seen & (distance > GHOST_M))
+        if ghosts.any():
+            status[ghosts] = GHOST
+            state = self._fit(state, Observed(clean, np.where(ghosts, 0.0, weights)))
+            distance = self._distances(state, clean)
+        counted = (status == SEEN) | (status == SWAPPED)
+        return state, np.where(counted, distance, np.nan).astype(np.float32)
 
+    def _fit(self, start: State, observed: Observed, steps: int = TRACK_STEPS) -> State:
+        return fit_posture(start, self.subject, observed, self.prior, steps=steps)[0]
 
-def _refitted(
-    subject: Subject, before: State, state: State, observed: Float64, weights: Float64, prior: Prior
-) -> State:
-    """A limb that moved fast, or a lost person, is no ghost: the best of three ways to fit a frame."""
-    clean = np.nan_to_num(observed)
-    lenient = Observed(clean, weights, LENIENT_M)
-    plain, _ = fit_posture(before, subject, lenient, prior, steps=3 * TRACK_STEPS)
-    followed, _ = fit_posture(plain, subject, Observed(clean, weights), prior, steps=TRACK_STEPS)
-    seen = np.where((weights > 0)[:, None], observed, np.nan)
-    anew, _ = fit_from_nothing(subject, seen, weights, prior)
+    def _anew(self, observed: Float64, weights: Float64) -> State:
+        return fit_from_nothing(self.subject, observed, weights, self.prior)[0]
 
-    def misfit(candidate: State) -> float:
-        squared = _distances(subject, candidate, clean) ** 2
-        return float((weights * squared / (1 + squared / ROBUST_M**2)).sum())
+    def _distances(self, state: State, observed: Float64) -> Float64:
+        return np.asarray(np.linalg.norm(markers_at(state, self.subject) - observed, axis=1))
 
-    return min((state, followed, anew), key=misfit)
+    def _refitted(self, before: State, state: State, observed: Float64, weights: Float64) -> State:
+        """Return the best of three fits: a fast limb or a lost person is not a ghost."""
+        clean = np.nan_to_num(observed)
+        plain = self._fit(before, Observed(clean, weights, LENIENT_M), 3 * TRACK_STEPS)
+        followed = self._fit(plain, Observed(clean, weights))
+        anew = self._anew(np.where((weights > 0)[:, None], observed, np.nan), weights)
+
+        def misfit(candidate: State) -> float:
+            squared = self._distances(candidate, clean) ** 2
+            return float((weights * squared / (1 + squared / ROBUST_M**2)).sum())
+
+        return min((state, followed, anew), key=misfit)
 
 
 def bridge(positions_m: Float64, longest: int) -> tuple[Float64, UInt8]:
@@ -281,10 +281,10 @@ def bridge(positions_m: Float64, longest: int) -> tuple[Float64, UInt8]:
 
 
 def unswap(observed_m: Float64, predicted_m: Float64, status: UInt8) -> Float64:
-    """Give two markers their labels back where exchanging them brings both nearer to the prediction.
+    """Exchange the labels of two markers where that brings both nearer to the prediction.
 
-    observed_m, predicted_m: (M, 3); marks them in ``status``. The test is the difference of summed squares,
-    2 (x_i - x_j) . (p_j - p_i): negative enough, and each comes nearer than half the pair's distance.
+    observed_m, predicted_m: (M, 3); marks them in ``status``. The test is the difference of summed squares, 2
+    (x_i - x_j) . (p_j - p_i): negative enough, and each comes nearer than half the pair's distance.
     """
     usable = np.flatnonzero(np.isin(status, (SEEN, SWAPPED)))
     x, p = observed_m[usable], predicted_m[usable]

@@ -1,4 +1,7 @@
-"""The floor under a motion: which foot stands when, and how high everything is over the floor beneath it."""
+"""Floor under a motion: standing phases of each foot, and heights over the floor.
+
+Constants are untuned unless a source is given.
+"""
 
 from typing import NamedTuple
 
@@ -10,27 +13,22 @@ from synth.body.flesh import CHAINS, N_STATIONS, SOLE_M, Flesh
 from synth.body.skeleton import kinematics
 from synth.pose.settle import stations_m
 
+# greatest speed and least time of a standing foot: in the air, gravity allows it for 0.07 s
 STILL_M_S, STILL_S = 0.35, 0.09
-"""What is slower than this for at least so long stands: in the air, gravity allows it for 0.07 s. Chosen by
-eye."""
+# greatest height of a standing foot over the lowest of the body: fitted skeletons limp by so much
 LIMP_M = 0.06
-"""What stands is no higher than this over the lowest of the body: skeletons fitted to other people's joints
-limp by so much. Chosen by eye."""
-SPEED_S = 1 / 30
-"""Time to either side over which a speed is measured: noise of shorter spans is no movement."""
-TOUCH_M = 0.02
-"""So near to the lowest, flesh may be what stands. Chosen by eye."""
+SPEED_S = 1 / 30  # time to either side over which a speed is measured: noise of shorter spans is not movement
+TOUCH_M = 0.02  # flesh this near to the lowest may stand
+# Stations of the left and of the right foot.
 FEET: tuple[Int64, Int64] = tuple(
     np.r_[CHAINS[f"{side}_foot"], CHAINS[f"{side}_foot_outside"]].astype(np.int64)
     for side in ("left", "right")
 )
-"""Stations of the left and of the right foot."""
-REST: Int64 = np.setdiff1d(np.arange(N_STATIONS), np.concatenate(FEET))
-"""Stations of all other flesh."""
+REST: Int64 = np.setdiff1d(np.arange(N_STATIONS), np.concatenate(FEET))  # stations of all other flesh
 
 
 class Traces(NamedTuple):
-    """Where a person went: stations (F, S, 3) of the flesh, joints (F, J, 3), world, metres; radii (S,)."""
+    """Path of a person: stations (F, S, 3) of the flesh, joints (F, J, 3), world, metres; radii (S,)."""
 
     stations_m: Float64
     joints_m: Float64
@@ -38,7 +36,7 @@ class Traces(NamedTuple):
 
     @staticmethod
     def of(flesh: Flesh, angles_rad: Float64, pelvis_m: Float64) -> "Traces":
-        """Traces of a motion's angles (F, J, 3) and pelvis (F, 3) on a body."""
+        """Return the traces of a motion's angles (F, J, 3) and pelvis (F, 3) on a body."""
         return Traces(*_trace(flesh, angles_rad, pelvis_m), flesh.radii_m)
 
 
@@ -54,18 +52,18 @@ def _trace(flesh: Flesh, angles_rad: Float64, pelvis_m: Float64) -> tuple[Float6
 
 
 def lowest_m(stations_m: Float64, radii_m: Float64) -> Float64:
-    """Height of the lowest of left foot, right foot and all else (..., 3) of stations (..., S, 3)."""
+    """Return the heights (..., 3) of the lowest of both feet and all else, of stations (..., S, 3)."""
     bottom = stations_m[..., 2] - radii_m
     feet = [bottom[..., foot].min(axis=-1) + SOLE_M for foot in FEET]
     return np.stack([*feet, bottom[..., REST].min(axis=-1)], axis=-1)
 
 
 def clearance_m(traces: Traces, frames_per_second: float) -> tuple[Float64, Float64]:
-    """Heights (F, 3) of left foot, right foot and all else over the floor, and the floor's own height (F,).
+    """Return heights (F, 3) over the floor of both feet and all else, and the floor's height (F,).
 
-    The floor is where things stand, at every moment anew: recorded floors wobble by centimetres, and a
-    skeleton of other proportions than the person's stands above or below it. What stands is what keeps still
-    near the lowest; what moves is as high as it is over a line between the stands before and after.
+    Recorded floors wobble by centimetres, and a skeleton of other proportions stands above or below its
+    person's floor. So the floor is found anew at every moment, under still flesh near the lowest. Moving
+    flesh is as high as it is over a line between the stands before and after.
     """
     lowest = lowest_m(traces.stations_m, traces.radii_m)
     bottom = lowest.min(axis=1)
@@ -80,7 +78,7 @@ def clearance_m(traces: Traces, frames_per_second: float) -> tuple[Float64, Floa
 
 
 def _still(traces: Traces, rate: float) -> Bool:
-    """Flags (F, 3): the lowest of left foot, right foot and all else has kept still for a while."""
+    """Return flags (F, 3): the lowest of left foot, right foot and all else has kept still for a while."""
     stations = traces.stations_m
     frames = len(stations)
     if frames < 3:
@@ -99,12 +97,12 @@ def _still(traces: Traces, rate: float) -> Bool:
 
 
 def runs(flags: Bool) -> Int64:
-    """First frame, and the one behind the last (n, 2), of every run of flags (F,)."""
+    """Return the first frame, and the one behind the last (n, 2), of every run of flags (F,)."""
     return np.flatnonzero(np.diff(np.r_[False, flags, False])).reshape(-1, 2)
 
 
 def lasting(flags: Bool, seconds: float, rate: float) -> Bool:
-    """Flags (F,) less the runs that last shorter than this; of single poses all."""
+    """Clear the runs of flags (F,) that are shorter than this; single poses stay."""
     kept = np.zeros_like(flags)
     for start, end in runs(flags):
         kept[start:end] = len(flags) < 3 or end - start >= min(seconds * rate, len(flags))
@@ -112,7 +110,7 @@ def lasting(flags: Bool, seconds: float, rate: float) -> Bool:
 
 
 def _between(values: Float64, known: Bool, otherwise: Float64) -> Float64:
-    """Values (F,) where they are known, lines between; a low quantile of others where none is known."""
+    """Return known values (F,) with lines between; a low quantile of ``otherwise`` without known values."""
     if not known.any():
         return np.full(len(values), np.quantile(otherwise, 0.05))
     at = np.flatnonzero(known)

@@ -1,4 +1,7 @@
-"""A motion ready for any body: heights over the floor, when the person sits, which frames are glitches."""
+"""Motion ready for any body: heights over the floor, seated frames, glitches; other frame rates.
+
+Constants are untuned unless a source is given.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -11,6 +14,7 @@ from synth.markers.motion_file import Motion
 from synth.markers.person_fit import person_body
 from synth.motion.floor import LIMP_M, Traces, clearance_m, lasting, runs
 
+# From joint to joint, percent of the body's mass: de Leva 1996, means of both sexes, rounded.
 _SEGMENTS = [(JOINT_ID["head"], JOINT_ID["head"], 6.9), (JOINT_ID["pelvis"], JOINT_ID["neck"], 43.5)] + [
     (JOINT_ID[f"{side}_{start}"], JOINT_ID[f"{side}_{end}"], percent)
     for side in ("left", "right")
@@ -22,34 +26,25 @@ _SEGMENTS = [(JOINT_ID["head"], JOINT_ID["head"], 6.9), (JOINT_ID["pelvis"], JOI
         ("ankle", "ankle", 1.4),
     )
 ]
-"""From joint to joint, share of the body's mass in percent: de Leva 1996, means of both sexes, rounded."""
-SEAT_RANGE = (0.2, 0.75)
-"""Height of the hips over the ankles of a sitter, of the leg's length: from a low stool to a bar stool."""
-THIGH_DIP = 0.6
-"""Sine of the steepest thigh of a sitter. Untuned."""
-HEEL_M = 0.06
-"""Nobody stands whose mass is farther behind the ankles than the heels are. Untuned."""
+SEAT_RANGE = (0.2, 0.75)  # hips over ankles of a sitter, by the leg's length: from a low stool to a bar stool
+THIGH_DIP = 0.6  # sine of a sitter's steepest thigh
+HEEL_M = 0.06  # greatest distance of a standing person's mass behind the ankles
+# shortest stay on a seat and fastest hips there: falls, jumps and kicks are out of balance too
 SEATED_S, SEATED_M_S = 0.3, 0.3
-"""Shortest stay on a seat and fastest hips there: who falls, jumps or kicks is out of balance too. Chosen by
-eye."""
-FASTEST_TURN_RAD_S = 15.0
-"""A pelvis turns no faster: a figure skater's comes to it."""
-FREE_FALL_M_S2 = (-16.0, -4.0)
-"""Acceleration of a person in the air: gravity, and the error of a fit to few frames. Untuned."""
-SKIP_M = 0.12
-"""Lifted no higher, feet shuffle, and nobody need fall. Untuned."""
+FASTEST_TURN_RAD_S = 15.0  # of a pelvis: a figure skater's comes to it
+FREE_FALL_M_S2 = (-16.0, -4.0)  # of a person in the air: gravity, and the error of a fit to few frames
+SKIP_M = 0.12  # feet lifted less shuffle without a fall
 GRAVITY_M_S2 = 9.81
-FLIP_RAD = 1.5
-"""Angles that differ by more between two frames are the same rotation spelled otherwise. Untuned."""
+FLIP_RAD = 1.5  # greater differences between two frames are two triples of one rotation
 
 
 @dataclass(frozen=True, eq=False)
 class Grounded:
-    """A motion that knows its floor, ready for any body.
+    """Motion with its floor, ready for any body.
 
-    angles_rad: float64 (F, J, 3). path_m: float64 (F, 2) of the pelvis over the ground, world.
-    clear_m: float64 (F, 3), height over the floor of the lowest of left foot, right foot and all else, 0
-    where one stands. sits: bool (F,). sound: bool (F,), False where it was a glitch. leg_m: of the person.
+    angles_rad: float64 (F, J, 3). path_m: float64 (F, 2) of the pelvis over the ground, world. clear_m:
+    float64 (F, 3), height over the floor of the lowest of left foot, right foot and all else, 0 while it
+    stands. sits: bool (F,). sound: bool (F,), False for a glitch. leg_m: of the person.
     """
 
     angles_rad: Float64
@@ -65,7 +60,7 @@ class Grounded:
 
 
 def ground(motion: Motion) -> Grounded:
-    """Find the floor under a motion, frame by frame, and where its person sits; bridge what nobody can do."""
+    """Find the floor under a motion and its seated frames; bridge impossible frames."""
     flesh, rate = flesh_of(person_body(motion.bones_m)), motion.frames_per_second
     sound = np.ones(len(motion), np.bool_)
     for again in (True, True, False):
@@ -85,7 +80,7 @@ def ground(motion: Motion) -> Grounded:
 
 
 def bridged(motion: Motion, sound: Bool) -> Motion:
-    """The motion with all frames but the sound ones (F,) taken from the way between their neighbours."""
+    """Interpolate all frames except the sound ones (F,) from their neighbours."""
     from scipy.spatial.transform import Rotation, Slerp
 
     at, frames = np.flatnonzero(sound), np.arange(len(motion))
@@ -100,7 +95,7 @@ def bridged(motion: Motion, sound: Bool) -> Motion:
 
 
 def _impossible(motion: Motion, traces: Traces, clear: Float64) -> Bool:
-    """Flags (F,) of frames between turns that are too fast, and of those in the air that do not fall."""
+    """Return flags (F,) of frames between too fast turns, and of flights without free fall."""
     from scipy.spatial.transform import Rotation
 
     frames, rate = len(motion), motion.frames_per_second
@@ -127,7 +122,7 @@ def _impossible(motion: Motion, traces: Traces, clear: Float64) -> Bool:
 
 
 def _speed_m_s(places_m: Float64, rate: float) -> Float64:
-    """Speed (F,) of a point (F, 3), over a tenth of a second."""
+    """Return the speed (F,) of a point (F, 3), over a tenth of a second."""
     frames = np.arange(len(places_m))
     reach = max(1, round(0.05 * rate))
     after, before = (np.clip(frames + k, 0, len(frames) - 1) for k in (reach, -reach))
@@ -136,7 +131,7 @@ def _speed_m_s(places_m: Float64, rate: float) -> Float64:
 
 
 def _unbalanced(joints_m: Float64, leg_m: float) -> Bool:
-    """Flags (F,) of frames whose hips are at a seat's height and whose mass is behind the heels."""
+    """Return flags (F,) of frames with hips at a seat's height and mass behind the heels."""
     sides = ([JOINT_ID[f"{side}_{name}"] for side in ("left", "right")] for name in ("hip", "knee", "ankle"))
     hips, knees, ankles = (joints_m[:, ids] for ids in sides)
     ahead = (knees - hips).mean(axis=1)[:, :2]
@@ -149,7 +144,7 @@ def _unbalanced(joints_m: Float64, leg_m: float) -> Bool:
 
 
 def mass_centre(joints_m: Float64) -> Float64:
-    """Centre of mass (..., 3) of joints (..., J, 3)."""
+    """Return the centre of mass (..., 3) of joints (..., J, 3)."""
     middles = [
         percent * (joints_m[..., start, :] + joints_m[..., end, :]) / 2 for start, end, percent in _SEGMENTS
     ]
@@ -157,7 +152,7 @@ def mass_centre(joints_m: Float64) -> Float64:
 
 
 def resampled(motion: Motion, frames_per_second: float) -> Motion:
-    """The motion at these frames a second, between its own frames by linear angles, the pelvis by slerp."""
+    """Resample by linear angles, the pelvis by slerp; markers are dropped."""
     from scipy.spatial.transform import Rotation, Slerp
 
     frames = max(1, round((len(motion) - 1) / motion.frames_per_second * frames_per_second) + 1)

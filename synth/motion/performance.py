@@ -1,4 +1,7 @@
-"""A whole motion on one body, smooth from frame to frame: on a floor, and on one seat if somebody sits."""
+"""Whole motion on one body, smooth from frame to frame: on a floor, and on one seat for a sitter.
+
+Constants are untuned.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -14,19 +17,15 @@ from synth.motion.placed import cleared, heading_rad, standing
 from synth.pose.postures import rest_on
 from synth.surface.furniture import FLOOR, Chair, Seat
 
-LEASH_M = 0.8
-"""Farther from the middle nobody goes: who walks on walks on the spot. Chosen by eye, for a room."""
-STRIDE_S = 0.5
-"""Time over which a way is a walk and no swaying. Chosen by eye."""
-CALM_S = 0.06
-"""Time over which contacts begin and end. Chosen by eye."""
-TRIED_SITS = 8
-"""Seated frames whose median height a seat has. Chosen by eye."""
+LEASH_M = 0.8  # greatest way from the middle: longer walks are drawn together
+STRIDE_S = 0.5  # time over which a way is a walk rather than swaying
+CALM_S = 0.06  # time over which contacts begin and end
+TRIED_SITS = 8  # seated frames whose median height a seat has
 
 
 @dataclass(frozen=True, eq=False)
 class Performance:
-    """Postures of every frame in a room: who sits, faces -y from a seat; else the middle is the origin."""
+    """Postures of every frame in a room: a sitter faces -y from a seat; else the middle is the origin."""
 
     body: Body
     postures: tuple[Posture, ...]
@@ -34,7 +33,6 @@ class Performance:
 
 
 def perform(body: Body, grounded: Grounded) -> Performance:
-    """Play a motion on a body."""
     seat, place, turn = _stage(body, grounded)
     way = _way(body, grounded, turn)
     way += (place - way[grounded.sits].mean(axis=0)) if seat is not None else 0.0
@@ -49,7 +47,7 @@ def perform(body: Body, grounded: Grounded) -> Performance:
 
 
 def _stage(body: Body, grounded: Grounded) -> tuple[Seat | None, Float64, float]:
-    """The seat, if there is one, the pelvis' place (2,) on it, and the turn that makes everybody face -y."""
+    """Return the seat, if any, the pelvis' place (2,) on it, and the turn to face -y."""
     frames = np.flatnonzero(grounded.sits) if grounded.sits.any() else np.arange(len(grounded))
     headings = np.array([heading_rad(grounded.angles_rad[f, 0]) for f in frames])
     turn = -float(np.arctan2(np.sin(headings).mean(), np.cos(headings).mean()))
@@ -67,7 +65,7 @@ def _stage(body: Body, grounded: Grounded) -> tuple[Seat | None, Float64, float]
 
 
 def _way(body: Body, grounded: Grounded, turn: float) -> Float64:
-    """The pelvis' way (F, 2) about the middle, scaled to the body's legs, long walks drawn together."""
+    """Return the pelvis' way (F, 2), scaled to the body's legs, long walks drawn together."""
     from scipy.ndimage import gaussian_filter1d
 
     scale = leg_length_m(zero_bones(body.joints_m)) / grounded.leg_m
@@ -80,7 +78,7 @@ def _way(body: Body, grounded: Grounded, turn: float) -> Float64:
 
 
 def _calmed(raw: list[Posture], settled: list[Posture], rate: float) -> tuple[Posture, ...]:
-    """Settled postures whose difference from the raw ones changes smoothly; heights stay as they are."""
+    """Smooth the settled postures' difference from the raw ones; heights stay."""
     from scipy.ndimage import gaussian_filter1d
 
     given, angles = (np.array([posture.angles_rad for posture in some]) for some in (raw, settled))

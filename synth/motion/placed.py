@@ -1,4 +1,7 @@
-"""A frame of a motion on any body: its angles, feet where the motion's are, limbs clear of each other."""
+"""Frame of a motion on any body: its angles, feet as in the motion, limbs clear of each other.
+
+Constants are untuned.
+"""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -17,29 +20,21 @@ from synth.pose.postures import height_to_rest, rest_on
 from synth.pose.settle import Pull, settle, stations_m
 from synth.surface.furniture import FLOOR, Seat, Solid
 
-HOVER_M = 0.02
-"""A foot that is lifted by less is drawn to the floor, by 7 mm at most. Untuned."""
-STEP_M = 0.05
-"""A foot so much higher than the other decides less and less about the height of the hips. Untuned."""
-FOOT_HOLD = 0.5
-"""Share of the way, per axis and round, by which a standing foot is drawn back when its leg gives way.
-Untuned."""
-ASTRAY_M = 0.015
-"""A standing foot may be so far from its height after its leg gave way. Untuned."""
-OUT_OF_REACH_M = 0.06
-"""A foot that is farther from the floor lies or hangs. Untuned."""
-LEANS_RAD = (0.0, 0.2, 0.4, 0.6)
-"""Angles by which a trunk leans back, tried in this order. Untuned."""
-LEAN_COST_M = 0.05
-"""Gain in a foot's distance that is worth a trunk leaning back by one radian. Untuned."""
+HOVER_M = 0.02  # a foot lifted by less is drawn to the floor, by 7 mm at most
+STEP_M = 0.05  # a foot this much higher than the other decides less and less about the height of the hips
+FOOT_HOLD = 0.5  # share of the way, per axis and round, by which a standing foot is drawn back
+ASTRAY_M = 0.015  # tolerated distance of a standing foot from its height
+OUT_OF_REACH_M = 0.06  # a foot farther from the floor lies or hangs
+LEANS_RAD = (0.0, 0.2, 0.4, 0.6)  # of a trunk backwards, tried in this order
+LEAN_COST_M = 0.05  # gain in a foot's distance that is worth a lean of one radian
 _LEGS = [[JOINT_ID[f"{side}_{name}"] for name in ("hip", "knee", "ankle")] for side in ("left", "right")]
 
 
 def stand(body: Body, grounded: Grounded, frame: int) -> Posed:
-    """A body in one frame, over the origin and facing -y: vertices float32 (V, 3) and joints (J, 3), metres.
+    """Put a body in one frame, over the origin and facing -y: vertices float32 (V, 3), joints (J, 3), metres.
 
-    What stands in the motion stands on the floor, what is in the air is as high over it, scaled to the body's
-    legs; limbs keep clear of each other and of the floor.
+    Standing feet of the motion stand on the floor. Airborne feet are as high over it, scaled to the body's
+    legs. Limbs keep clear of each other and of the floor.
     """
     turn = -heading_rad(grounded.angles_rad[frame, 0])
     posture, wanted = standing(body, grounded, frame, turn)
@@ -47,7 +42,7 @@ def stand(body: Body, grounded: Grounded, frame: int) -> Posed:
 
 
 def cleared(body: Body, posture: Posture, wanted_m: Float64, solids: list[Solid]) -> Posture:
-    """A posture from ``standing``, its limbs clear of each other and of solids, its lowest at its height."""
+    """Clear a posture of ``standing`` of itself and of solids, its lowest at its height."""
     low = wanted_m.min()
     airborne = np.array([0.0, 0.0, low])
     placed, goal = _trunk_up(body, _moved(posture, -airborne)), (wanted_m - low)[:2]
@@ -72,7 +67,7 @@ def cleared(body: Body, posture: Posture, wanted_m: Float64, solids: list[Solid]
 
 
 def _trunk_up(body: Body, posture: Posture) -> Posture:
-    """The posture with its trunk out of the floor: limbs make room for it, but nothing moves a trunk."""
+    """Lift the trunk out of the floor: limbs make room for it, but nothing moves a trunk."""
     vertices, _ = pose(body, posture)
     sunk = -FLOOR.give_m - float(vertices[flesh_of(body).trunk, 2].min())
     return _moved(posture, np.array([0.0, 0.0, max(sunk, 0.0)]))
@@ -80,12 +75,12 @@ def _trunk_up(body: Body, posture: Posture) -> Posture:
 
 @lru_cache(maxsize=16)
 def _feet(body: Body) -> list[Int64]:
-    """Vertices of the left, and of the right foot."""
+    """Return the vertices of the left, and of the right foot."""
     return [np.flatnonzero(body.strongest_joints == ankle) for _, _, ankle in _LEGS]
 
 
 def take_seat(body: Body, grounded: Grounded, frame: int, seat: Seat) -> tuple[Posed, Seat]:
-    """A body in a frame in which it sits, as from ``stand``, and its seat, as high as the motion's."""
+    """Put a body in a seated frame as ``stand`` does; return also its seat, as high as the motion's."""
     trunk = flesh_of(body).trunk
     posture, wanted = standing(body, grounded, frame, -heading_rad(grounded.angles_rad[frame, 0]))
     vertices, joints = pose(body, posture)
@@ -96,10 +91,10 @@ def take_seat(body: Body, grounded: Grounded, frame: int, seat: Seat) -> tuple[P
 
 
 def _settled(body: Body, posture: Posture, goal_m: Float64, near: Float64, solids: list[Solid]) -> Posture:
-    """The posture with its limbs clear of each other and of solids.
+    """Clear the limbs of each other and of solids.
 
-    goal_m: height (2,) to which each foot is drawn meanwhile; near: (2,) how much it is. A trunk whose belly
-    would push the thighs aside leans over them less than the motion's.
+    goal_m: height (2,) to which each foot is drawn meanwhile; near: (2,) strength. A trunk whose belly would
+    push the thighs aside leans less than the motion's.
     """
     flesh = flesh_of(body)
     best, least = posture, np.inf
@@ -122,7 +117,7 @@ def _settled(body: Body, posture: Posture, goal_m: Float64, near: Float64, solid
 
 
 def _leaning(posture: Posture, back_rad: float) -> Posture:
-    """The posture with pelvis and trunk leant back by so much, while the legs stay where they are."""
+    """Lean pelvis and trunk back, while the legs stay."""
     if back_rad == 0:
         return posture
     angles = posture.angles_rad.copy()
@@ -135,10 +130,9 @@ def _leaning(posture: Posture, back_rad: float) -> Posture:
 
 
 def standing(body: Body, grounded: Grounded, frame: int, turn_rad: float) -> tuple[Posture, Float64]:
-    """The posture of a frame, turned about the vertical, pelvis over the origin, its feet at their heights.
+    """Return a frame's posture, its pelvis over the origin, limbs not yet clear, and heights (3,).
 
-    Limbs are not yet clear of each other. Returns it and the heights (3,) over the floor of left foot, right
-    foot and all else.
+    The heights over the floor are of left foot, right foot and all else; turn_rad: about the vertical.
     """
     scale = leg_length_m(zero_bones(body.joints_m)) / grounded.leg_m
     wanted = scale * hovering(grounded.clear_m[frame])
@@ -148,7 +142,7 @@ def standing(body: Body, grounded: Grounded, frame: int, turn_rad: float) -> tup
 
 
 def heading_rad(pelvis_rad: Float64) -> float:
-    """Angle about the vertical from -y to where the front of a pelvis with these angles (3,) points."""
+    """Return the angle about the vertical from -y to the front of a pelvis with these angles (3,)."""
     x, y, _ = -_rotation(pelvis_rad)[:, 1]
     return float(np.arctan2(x, -y))
 
@@ -160,14 +154,14 @@ def _rotation(pelvis_rad: Float64) -> Float64:
 
 
 def _angles_of(rotation: Float64) -> Float64:
-    """The pelvis' angles (3,) of its rotation (3, 3)."""
+    """Return the pelvis' angles (3,) of its rotation (3, 3)."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(euler_rad(Rotation.from_matrix(rotation)) * (1, -1, 1))
 
 
 def _turned(pelvis_rad: Float64, turn_rad: float) -> Float64:
-    """The pelvis' angles (3,) after a turn about the vertical."""
+    """Turn the pelvis' angles (3,) about the vertical."""
     c, s = np.cos(turn_rad), np.sin(turn_rad)
     return _angles_of(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ _rotation(pelvis_rad))
 
@@ -177,17 +171,17 @@ def _moved(posture: Posture, way_m: Float64) -> Posture:
 
 
 def _near(wanted_m: Float64) -> Float64:
-    """How much each height (3,) is one at which something stands, 1 for the lowest."""
+    """Weigh each height (3,) by its nearness to the lowest, 1 for the lowest."""
     return np.asarray(np.exp(-(((wanted_m - wanted_m.min()) / (2 * STEP_M)) ** 2)))
 
 
 def hovering(clear_m: Float64) -> Float64:
-    """Heights over the floor, those of millimetres brought down to it: no recorded foot keeps still."""
+    """Lower heights of millimetres to the floor: no recorded foot keeps still."""
     return np.asarray(clear_m * (1 - np.exp(-clear_m / HOVER_M)))
 
 
 def feet_to(flesh: Flesh, posture: Posture, wanted_m: Float64) -> Posture:
-    """The posture with its hips as high as its feet need to come to theirs, and knees bent as it takes.
+    """Bring hips and knees to where the feet have their heights.
 
     wanted_m: (3,) height of left foot, right foot and all else over the floor.
     """
@@ -199,7 +193,7 @@ def feet_to(flesh: Flesh, posture: Posture, wanted_m: Float64) -> Posture:
 
 
 def _bent(flesh: Flesh, posture: Posture, wanted_m: Float64) -> Posture:
-    """The posture with its legs bent, or stretched, so that feet near the floor come to their heights."""
+    """Bend, or stretch, the legs so that feet near the floor come to their heights."""
     bent = Posture(posture.angles_rad.copy(), posture.pelvis_m)
     near = _near(wanted_m)
     goal = (1 - near) * _lowest(flesh, bent) + near * wanted_m
@@ -216,7 +210,7 @@ def _lowest(flesh: Flesh, posture: Posture) -> Float64:
 
 
 def _bend(flesh: Flesh, angles: Float64, leg: list[int], rise_m: float) -> None:
-    """Bend a leg so that its foot rises by so much; the foot's pitch and the leg's direction stay."""
+    """Bend a leg so that its foot rises; the foot's pitch and the leg's direction stay."""
     hip, knee, ankle = leg
     rest = flesh.rest_joints_m
     thigh, shank = (float(np.linalg.norm(rest[b] - rest[a])) for a, b in ((hip, knee), (knee, ankle)))
@@ -236,7 +230,7 @@ def _bend(flesh: Flesh, angles: Float64, leg: list[int], rise_m: float) -> None:
 
 
 def _triangle(thigh: float, shank: float, reach: float) -> tuple[float, float]:
-    """Bend of the knee, and angle from the line between hip and ankle to the thigh (law of cosines)."""
+    """Return the bend of the knee, and the angle between hip-ankle line and thigh (law of cosines)."""
     at_knee = (thigh**2 + shank**2 - reach**2) / (2 * thigh * shank)
     at_hip = (thigh**2 + reach**2 - shank**2) / (2 * thigh * reach)
     return float(np.pi - np.arccos(np.clip(at_knee, -1, 1))), float(np.arccos(np.clip(at_hip, -1, 1)))

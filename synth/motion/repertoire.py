@@ -13,16 +13,16 @@ from sensors.errors import CloudError
 from synth.motion.grounded import Grounded, ground
 from synth.motion.library import digest, is_motion, motion_files, read_motions
 
-POSES_PER_SECOND = 10.0
-"""Frames of a motion nearer to each other than this differ too little. Untuned."""
-MOST_POSES = 20_000
-"""Largest number in a repertoire: some 0.3 kB each go to every worker with every task. Untuned."""
+POSES_PER_SECOND = 10.0  # frames of a motion nearer to each other differ too little; untuned
+MOST_POSES = 20_000  # 0.3 kB each go to every worker with every task; untuned
 
 
 @dataclass(frozen=True, eq=False)
 class Repertoire:
-    """Motions to draw poses from. sha256: of the files they were read from, which ``name`` was given for.
-    assumed: lines on how files that were solved on the way were read, each with its number of files."""
+    """Motions to draw poses from.
+
+    sha256: of the files. assumed: lines on the files solved on the way, each with its number of files.
+    """
 
     name: str
     sha256: str
@@ -30,20 +30,19 @@ class Repertoire:
     assumed: tuple[str, ...] = ()
 
     def draw(self, rng: np.random.Generator) -> tuple[str, Grounded, int]:
-        """A motion's name, the motion, and one of its frames; every motion is as likely."""
+        """Draw a motion's name, the motion, and one of its frames; every motion is as likely."""
         name = str(rng.choice(list(self.motions)))
         motion = self.motions[name]
         return name, motion, int(rng.integers(len(motion)))
 
     def manifest(self) -> dict[str, Any]:
-        """What identifies it, as JSON values."""
         return {"name": self.name, "sha256": self.sha256, "motions": len(self.motions)}
 
 
 def read_repertoire(path: Path, advance: Callable[[int], None] = lambda _: None) -> Repertoire:
-    """Repertoire of a motion file, or of a folder of them; ``advance`` gets 1 a file.
+    """Read a motion file, or a folder of them; ``advance`` gets 1 a file.
 
-    Raises CloudError when there is none, or when one cannot be read.
+    Raises CloudError without motions, or for an unreadable one.
     """
     files = motion_files(path)
     motions: dict[str, Grounded] = {}

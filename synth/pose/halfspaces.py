@@ -12,16 +12,11 @@ from annotate.array_types import Float64, Int64
 from synth.body.flesh import Flesh
 from synth.surface.facets import Triple
 
-SKIN_M = 0.004
-"""Flesh is kept this far apart: its spheres are means, the skin is not round."""
-PULL_STEP_M = 0.06
-"""A pull moves its point by no more than this a round."""
-ROW_CAPACITY = 256
-"""Half-spaces that a round regards; further ones wait for the next. Chosen by eye."""
-SOLID, NOTHING = -1, -2
-"""In place of a second point's joint: the first pushes against furniture, or against nothing at all."""
-_LAST_FIXED = 4
-"""Joints up to the neck are laid down before; no limb of theirs could give way to furniture."""
+SKIN_M = 0.004  # m; flesh is kept this far apart: its spheres are means, the skin is not round
+PULL_STEP_M = 0.06  # m; greatest way of a pulled point a round
+ROW_CAPACITY = 256  # half-spaces of a round; untuned
+SOLID, NOTHING = -1, -2  # in place of a second point's joint: against furniture, or against nothing
+_LAST_FIXED = 4  # joints up to the neck rest already; none of their limbs can give way to furniture
 
 
 class Rows(NamedTuple):
@@ -36,16 +31,33 @@ class Rows(NamedTuple):
     movers: Int64
 
 
+class Pulls(NamedTuple):
+    """Joints (k,) drawn to places; ends (k, 6): target and weight per axis."""
+
+    joints: Int64
+    ends: Float64
+
+
+class Pairs(NamedTuple):
+    """Pairs of chains that may touch.
+
+    stations: (n, 4), lo..hi of one and lo..hi of another. reach_m: (n,) distance of the middle stations.
+    """
+
+    stations: Int64
+    reach_m: Float64
+
+
 @numba.njit(cache=True)
 def no_rows() -> Rows:
-    """Room for ``ROW_CAPACITY`` rows."""
     n = ROW_CAPACITY
     return Rows(np.empty((n, 3)), np.empty(n), np.empty((n, 2, 3)), np.empty((n, 2), np.int64))
 
 
 @numba.njit(cache=True)
-def add_pulls(rows: Rows, n: int, positions: Float64, pulled: Int64, ends: Float64, strength: float) -> int:
-    """Rows that draw joints to places; ends (k, 6): target and weight per axis. Returns the new count."""
+def add_pulls(rows: Rows, n: int, positions: Float64, pulls: Pulls, strength: float) -> int:
+    """Add rows that draw joints to places; return the new count."""
+    pulled, ends = pulls.joints, pulls.ends
     for k in range(len(pulled)):
         way = (ends[k, :3] - positions[pulled[k]]) * ends[k, 3:]
         length = np.sqrt(np.dot(way, way))
@@ -59,8 +71,8 @@ def add_pulls(rows: Rows, n: int, positions: Float64, pulled: Int64, ends: Float
 
 
 @numba.njit(cache=True)
-def reaches_m(pairs: Int64, flesh: Flesh) -> Float64:
-    """Distances (n,) of the middle stations of a pair at which its flesh may touch; chains are rigid."""
+def pairs_of(pairs: Int64, flesh: Flesh) -> Pairs:
+    """Return the pairs with their reach on a body; chains are rigid."""
     result = np.empty(len(pairs))
     for r in range(len(pairs)):
         total = SKIN_M
@@ -71,7 +83,7 @@ def reaches_m(pairs: Int64, flesh: Flesh) -> Float64:
                 farthest = max(farthest, _distance(flesh.centres_m[s], middle) + flesh.radii_m[s])
             total += farthest
         result[r] = total
-    return result
+    return Pairs(pairs, result)
 
 
 @numba.njit(cache=True)
@@ -81,11 +93,11 @@ def _distance(a: Float64, b: Float64) -> float:
 
 
 @numba.njit(cache=True)
-def add_flesh(rows: Rows, n: int, pairs: Int64, reaches: Float64, flesh: Flesh, stations: Float64) -> int:
-    """Rows that part flesh from flesh: each station of one chain against the nearest place of the other."""
-    for r in range(len(pairs)):
-        a_lo, a_hi, b_lo, b_hi = pairs[r]
-        if _distance(stations[(a_lo + a_hi) // 2], stations[(b_lo + b_hi) // 2]) > reaches[r]:
+def add_flesh(rows: Rows, n: int, pairs: Pairs, flesh: Flesh, stations: Float64) -> int:
+    """Add rows that part flesh from flesh: stations of one chain against the nearest place of the other."""
+    for r in range(len(pairs.reach_m)):
+        a_lo, a_hi, b_lo, b_hi = pairs.stations[r]
+        if _distance(stations[(a_lo + a_hi) // 2], stations[(b_lo + b_hi) // 2]) > pairs.reach_m[r]:
             continue
         for s in range(a_lo, a_hi):
             depth, b, share = _deepest(s, b_lo, b_hi, flesh, stations)
@@ -107,7 +119,8 @@ def add_flesh(rows: Rows, n: int, pairs: Int64, reaches: Float64, flesh: Flesh, 
 
 @numba.njit(cache=True, fastmath=True)
 def _deepest(s: int, lo: int, hi: int, flesh: Flesh, stations: Float64) -> tuple[float, int, float]:
-    """How deep station s is in the flesh over stations lo..hi: there after a station, a share to the next."""
+    """Return the depth of station s in the flesh over stations lo..hi, the station there, and the share to
+    the next."""
     radii = flesh.radii_m
     px, py, pz = stations[s]
     deepest, where, share = 0.0, lo, 0.0
@@ -128,18 +141,14 @@ def _deepest(s: int, lo: int, hi: int, flesh: Flesh, stations: Float64) -> tuple
 
 @numba.njit(cache=True)
 def add_solids(rows: Rows, n: int, boxes: Float64, flesh: Flesh, stations: Float64) -> int:
-    """Rows that push limbs out of furniture; boxes (k, 17): packed ``Solid``s."""
+    """Add rows that push limbs out of furniture; boxes (k, 17): packed ``Solid``s."""
     for k in range(len(boxes)):
         give, bias, turn = boxes[k, 6], boxes[k, 7], boxes[k, 8:]
         for s in range(len(stations)):
             if flesh.joints[s] <= _LAST_FIXED:
                 continue
             room = flesh.radii_m[s] - give
-            x, y, z = (
-                stations[s, 0] - boxes[k, 0],
-                stations[s, 1] - boxes[k, 1],
-                stations[s, 2] - boxes[k, 2],
-            )
+            x, y, z = stations[s, 0] - boxes[k, 0], stations[s, 1] - boxes[k, 1], stations[s, 2] - boxes[k, 2]
             off = (
                 turn[0] * x + turn[3] * y + turn[6] * z,
                 turn[1] * x + turn[4] * y + turn[7] * z,
@@ -164,9 +173,9 @@ def add_solids(rows: Rows, n: int, boxes: Float64, flesh: Flesh, stations: Float
 
 @numba.njit(cache=True)
 def _leave(off: Triple, half: Triple, bias: float) -> tuple[float, Triple]:
-    """How deep a point lies in a box about the origin (negative: how far from it), and the way out.
+    """Return a point's depth in a box about the origin (negative: its distance), and the way out.
 
-    The way up is taken where it is no more than ``bias`` longer than the shortest.
+    The way up is taken where it is at most ``bias`` longer than the shortest.
     """
     x, y, z = abs(off[0]) - half[0], abs(off[1]) - half[1], abs(off[2]) - half[2]
     if max(x, y, z) > 0:

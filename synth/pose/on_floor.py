@@ -1,6 +1,7 @@
-"""People on an open floor before a wall: on their feet, bending, kneeling, slumped at the wall, fallen.
+"""People on an open floor in front of a wall: on their feet, bending, kneeling, slumped at the wall, fallen.
 
-Postures of each kind come from its own generator. From one of them to the next the joints' angles glide.
+Postures of each kind come from its own generator; joint angles glide from one posture to the next. Constants
+are untuned unless a source is given.
 """
 
 from collections.abc import Iterator
@@ -30,31 +31,28 @@ from synth.pose.standing import stood
 from synth.pose.standing_parameters import draw_standing
 from synth.surface.furniture import FLOOR, Ground, Solid, Surface
 
+# of the kinds of postures: each has enough frames
 SHARES = {"standing": 0.4, "upright": 0.3, "slumped": 0.12, "fallen": 0.18}
-"""Of the kinds of postures. No source: chosen by eye, so that each has enough frames."""
+# standard deviation of the heading, beside -y
 FACING_DEG = {"standing": 60.0, "upright": 60.0, "slumped": 12.0, "fallen": 180.0}
-"""Standard deviation of where they face, beside -y. Chosen by eye."""
-ROAM_M = 0.3
-"""The middle of a body is at most so far from the place's, across and along. Chosen by eye."""
-GLIDE_S, STAYS = (1.0, 3.0), (2, 5)
-"""Seconds from one posture to the next; number of postures of one kind in a row. Chosen by eye."""
-OFF_WALL_M = 0.01
-"""Of the rearmost skin: what hangs flat on a wall."""
+ROAM_M = 0.3  # greatest distance of a body's middle from the place's, across and along
+GLIDE_S, STAYS = (1.0, 3.0), (2, 5)  # seconds from one posture to the next; postures of one kind in a row
+OFF_WALL_M = 0.01  # distance of the rearmost skin, for clothes on a wall
 
 
 @dataclass(frozen=True)
 class OnFloor:
-    """Doing it before a wall at wall_y. A moment: two postures' kinds and seeds, and a share of the way."""
+    """Behaviour in front of a wall at wall_y; a moment: two postures' kinds and seeds, and a share of the
+    way."""
 
     wall_y: float
 
     def draw(self, rng: np.random.Generator) -> Moment:
-        """A moment of any kind."""
         key = _draw(_kind(rng), rng)
         return _between(key, key, 0.0)
 
     def stream(self, rng: np.random.Generator, frames_per_second: float) -> Iterator[Moment]:
-        """An endless stream: some postures of a kind, then of another."""
+        """Yield an endless stream: some postures of a kind, then of another."""
         current = _draw(_kind(rng), rng)
         while True:
             kind = _kind(rng)
@@ -65,7 +63,7 @@ class OnFloor:
                 current = following
 
     def pose(self, body: Body, moment: Moment) -> Posed:
-        """A body in a moment: vertices float32 (V, 3) and joints (J, 3), world, metres."""
+        """Return a body in a moment: vertices float32 (V, 3) and joints (J, 3), world, metres."""
         start = _posture(body, self.wall_y, moment["kind"], moment["seed"])
         if moment["share"] == 0:
             return pose(body, start)
@@ -93,7 +91,7 @@ def _between(start: tuple[int, int], end: tuple[int, int], share: float) -> Mome
 
 @lru_cache(maxsize=16)
 def _posture(body: Body, wall_y: float, kind: float, seed: float) -> Posture:
-    """The posture of a kind and a seed in its place on the floor."""
+    """Return the posture of a kind and a seed in its place on the floor."""
     name, rng = KINDS[int(kind)], np.random.default_rng(int(seed))
     if name == "standing":
         posture = stood(body, draw_standing(rng))
@@ -113,7 +111,7 @@ def _posture(body: Body, wall_y: float, kind: float, seed: float) -> Posture:
 
 
 def slumped(body: Body, moment: Moment) -> Posture:
-    """The posture of a body that sits on the floor, its back at a wall at y = 0."""
+    """Return the posture of a body that sits on the floor, its back at a wall at y = 0."""
     flesh, posture = flesh_of(body), posture_of_moment(moment)
     trunk, _ = pose(body, posture, flesh.trunk)
     place = np.array([0.0, -OFF_WALL_M - float(trunk[:, 1].max()), height_to_rest(trunk, [FLOOR])])
@@ -129,7 +127,7 @@ def _pelvis(posture: Posture) -> Rotation:
 
 
 def _glided(start: Posture, end: Posture, share: float) -> Posture:
-    """The posture a share of the way: angles linearly, the pelvis by the shortest turn."""
+    """Return the posture a share of the way: angles linearly, the pelvis by the shortest rotation."""
     angles = (1 - share) * start.angles_rad + share * end.angles_rad
     both = Rotation.concatenate([_pelvis(start), _pelvis(end)])
     angles[0] = Slerp([0.0, 1.0], both)(share).as_euler("XYZ") * SIGNS[0]
@@ -137,7 +135,7 @@ def _glided(start: Posture, end: Posture, share: float) -> Posture:
 
 
 def _on_floor(body: Body, posture: Posture, wall_y: float) -> Posture:
-    """Moved so that its lowest skin stands on the floor and none is in the wall."""
+    """Move a posture so that its lowest skin stands on the floor and none is in the wall."""
     vertices, _ = pose(body, posture)
     out = min(0.0, wall_y - OFF_WALL_M - float(vertices[:, 1].max()))
     up = height_to_rest(vertices, [FLOOR])

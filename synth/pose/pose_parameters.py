@@ -1,7 +1,7 @@
-"""Moments: named numbers that describe somebody who sits, lies or stands; families of them, drawn and glided.
+"""Moments: named numbers of a sitting, lying or standing person; families of moments, drawn and glided.
 
-A family's activities are data (``synth/data/poses/*.toml``). Every family has its own way of turning a moment
-into a posed body; drawing, gliding and the stream of moments are here, once.
+A family's activities are data (``synth/data/poses/*.toml``). Every family has its own way of posing a body.
+Constants are untuned.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -15,24 +15,17 @@ from annotate.array_types import Float32, Float64
 from synth.body.body import Body
 from synth.data_files import table
 
-Moment = Mapping[str, float]
-"""Numbers by name: degrees, metres and shares."""
-Posed = tuple[Float32, Float64]
-"""A posed body: vertices (V, 3) and joints (J, 3), world, metres."""
-Spreads = dict[str, tuple[float, float]]
-"""Mean and standard deviation by name."""
+Moment = Mapping[str, float]  # numbers by name: degrees, metres and shares
+Posed = tuple[Float32, Float64]  # vertices (V, 3) and joints (J, 3) of a posed body, world, metres
+Spreads = dict[str, tuple[float, float]]  # mean and standard deviation by name
 
-KEY_SECONDS = (0.6, 2.5)
-"""Seconds from one drawn moment to the next, least and most. No source: chosen by eye."""
-PACE_PER_S = 110.0
-"""No number changes faster than this on the mean of a glide: degrees (metres and shares never come near).
-No source: chosen by eye."""
-SHARE_AT_REST = 0.6
-"""Of single images, those in mid-activity; the others glide to another one. No source: chosen by eye."""
-NEARLY_THERE = 0.25
-"""Share of the way to another activity up to which a moment is one of the first. No source: chosen by eye."""
+KEY_SECONDS = (0.6, 2.5)  # least and greatest seconds from one drawn moment to the next
+PACE_PER_S = 110.0  # greatest mean change of a number in a glide, degrees; metres and shares never come near
+SHARE_AT_REST = 0.6  # of single images in mid-activity; the others glide to another one
+NEARLY_THERE = 0.25  # share of the way to another activity up to which a moment belongs to the first
+# numbers that change their sign when left and right are exchanged
 _TO_THE_LEFT = {"heading", "roll", "off", "lean", "twist", "turn", "hand_x"}
-"""Numbers that change their sign when left and right are exchanged."""
+# Postures of upright activities; a person who gets up is between two postures.
 _ON_THE_FLOOR = {
     "standing": "standing",
     "stooping": "standing",
@@ -45,23 +38,21 @@ _ON_THE_FLOOR = {
     "half_kneeling_right": "kneeling",
     "all_fours": "on all fours",
 }
-"""Upright and standing people; somebody who gets up is between two postures and has none."""
 
 
 @dataclass(frozen=True)
 class PoseFamily:
-    """Moments of one kind. base: every number's spread; activities: what differs from it, by name."""
+    """Moments of one kind. base: every number's spread; activities: other spreads by name."""
 
     base: Spreads
     activities: dict[str, Spreads]
 
     def draw(self, activity: str, rng: np.random.Generator) -> Moment:
-        """A random moment of an activity."""
         spreads = {**self.base, **self.activities[activity]}
         return {name: float(rng.normal(*spread)) for name, spread in spreads.items()}
 
     def single(self, rng: np.random.Generator) -> tuple[tuple[str, ...], Moment]:
-        """A moment of one activity, or on the way to another; its name, or both, the nearer one's first."""
+        """Draw a moment of one activity, or between two; return its name, or both, the nearer first."""
         names = tuple(self.activities)
         first = str(rng.choice(names))
         second = first if rng.random() < SHARE_AT_REST else str(rng.choice(names))
@@ -74,18 +65,17 @@ class PoseFamily:
 
 @dataclass(frozen=True)
 class Behaviour:
-    """What somebody does in one place. activities: those of the family done here; pose: of a body."""
+    """Activities of a family in one place, and their pose on a body."""
 
     family: PoseFamily
     activities: tuple[str, ...]
     pose: Callable[[Body, Moment], Posed]
 
     def draw(self, rng: np.random.Generator) -> Moment:
-        """A moment of any activity."""
         return self.family.draw(str(rng.choice(self.activities)), rng)
 
     def stream(self, rng: np.random.Generator, frames_per_second: float) -> Iterator[Moment]:
-        """An endless stream: activity after activity, gliding from one key moment to the next."""
+        """Yield an endless stream: activity after activity, gliding from one key moment to the next."""
         current = self.draw(rng)
         while True:
             activity = str(rng.choice(self.activities))
@@ -99,7 +89,7 @@ class Behaviour:
 
 
 def glide(start: Moment, end: Moment, share: float) -> Moment:
-    """The moment a share in [0, 1] of the way, starting and ending at rest (smoothstep)."""
+    """Return the moment a share in [0, 1] of the way, starting and ending at rest (smoothstep)."""
     s = _eased(share)
     return {name: (1 - s) * start[name] + s * end[name] for name in start}
 
@@ -110,7 +100,7 @@ def _eased(share: float) -> float:
 
 @cache
 def pose_families(file: str) -> dict[str, PoseFamily]:
-    """Families of ``synth/data/poses/FILE.toml`` by the table that holds their activities."""
+    """Return the families of ``synth/data/poses/FILE.toml`` by the table of their activities."""
     tables = deepcopy(table(f"poses/{file}"))
     base = _spreads(tables.pop("base"))
     known: dict[str, Spreads] = {}
@@ -123,7 +113,7 @@ def pose_families(file: str) -> dict[str, PoseFamily]:
 
 
 def mirrored(spreads: Spreads) -> Spreads:
-    """The same activity with left and right exchanged."""
+    """Exchange left and right."""
     other = {"left": "right", "right": "left"}
     result = {}
     for name, (mean, deviation) in spreads.items():
@@ -135,7 +125,7 @@ def mirrored(spreads: Spreads) -> Spreads:
 
 
 def _spreads(entry: dict[str, list[float]]) -> Spreads:
-    """Spreads of a table, ``both_NAME`` as left_NAME and right_NAME."""
+    """Return the spreads of a table, ``both_NAME`` as left_NAME and right_NAME."""
     result: Spreads = {}
     for name, (mean, deviation) in entry.items():
         spread = (float(mean), float(deviation))
@@ -148,7 +138,7 @@ def _spreads(entry: dict[str, list[float]]) -> Spreads:
 
 
 def posture_class(*activities: str) -> str | None:
-    """Posture that activities of ``synth/data/poses`` share; None between two, or of one not known."""
+    """Return the posture (of ``annotate.posture.POSTURES``) that activities share, None between two."""
     postures = {_postures().get(activity) for activity in activities}
     return postures.pop() if len(postures) == 1 else None
 

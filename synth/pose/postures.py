@@ -1,7 +1,7 @@
-"""Sitting, lying, crouching and standing: moments become bodies that rest on what carries them.
+"""Sitting, lying, crouching and standing: moments become bodies that rest on their support.
 
-Numbers of a moment are described in ``synth/data/poses``; flexion is forwards, a knee's positive. No limb is
-in another or in the furniture.
+``synth/data/poses`` describes a moment's numbers; flexion is forwards, a knee's positive. Limbs keep clear of
+each other and of the furniture. Constants are untuned.
 """
 
 import numba
@@ -17,10 +17,8 @@ from synth.pose.pose_parameters import Behaviour, Moment, Posed, pose_families
 from synth.pose.settle import Pull, settle, sink
 from synth.surface.furniture import FLOOR, Bed, Ground, Seat, Solid
 
-KNEE_ROOM_M = 0.07
-"""Room for a calf between the knee joint and the seat's front edge. Chosen by eye."""
-HAND_HOLD = np.full(3, 0.5)
-"""Share of the way, per axis and round, by which a hand is drawn to its target. Chosen by eye."""
+KNEE_ROOM_M = 0.07  # for a calf between the knee joint and the seat's front edge
+HAND_HOLD = np.full(3, 0.5)  # share of the way, per axis and round, by which a hand is drawn to its target
 
 _SPINE = [JOINT_ID[name] for name in ("spine_lower", "spine_middle", "spine_upper")]
 _NECK, _KNEES = [JOINT_ID["neck"], JOINT_ID["head"]], [JOINT_ID["left_knee"], JOINT_ID["right_knee"]]
@@ -28,13 +26,13 @@ SITTING = pose_families("sitting")["sitting"]
 
 
 def on_seat(seat: Seat, *activities: str) -> Behaviour:
-    """Doing these activities, by default all of the family, on a seat."""
+    """Return the behaviour of these activities, by default of all, on a seat."""
     chosen = activities or tuple(SITTING.activities)
     return Behaviour(SITTING, chosen, lambda body, moment: sit(body, seat, moment))
 
 
 def sit(body: Body, seat: Seat, moment: Moment) -> Posed:
-    """A body on a seat: vertices float32 (V, 3) and joints (J, 3) of a moment, world, metres.
+    """Put a body on a seat: vertices float32 (V, 3) and joints (J, 3) of a moment, world, metres.
 
     The trunk rests on the seat, hands are at their targets, feet on the floor, limbs clear.
     """
@@ -48,7 +46,7 @@ def sit(body: Body, seat: Seat, moment: Moment) -> Posed:
     for side in ("left", "right"):
         hand = middle + scale * np.array([moment[f"{side}_hand_{k}"] for k in "xyz"])
         swivel = np.radians(moment[f"{side}_swivel"])
-        posture = reach(posture, flesh.rest_joints_m, flesh.aligned, side, hand, swivel)
+        posture = reach(posture, flesh, side, hand, swivel)
         down = moment[f"{side}_hand_sink"]
         pulls.append(Pull(f"{side}_wrist", hand, HAND_HOLD * (1, 1, 1 - down)))
         pulls.append(sink(f"{side}_wrist", down))
@@ -75,7 +73,7 @@ def _sitting_angles(moment: Moment) -> Float64:
 
 
 def rest_on(seat: Seat, trunk: Float32, joints: Float64, slide: float) -> Float64:
-    """Shift (3,) that puts the seat under the trunk, the back rest behind it, the knees before its edge."""
+    """Return the shift (3,) to the seat: trunk on it, back at the back rest, knees in front of its edge."""
     up = seat.height - seat.give_m - float(trunk[:, 2].min())
     gap = seat.back_y(trunk[:, 2] + up) - trunk[:, 1]
     leant_back = float(gap.min()) + seat.give_m - max(slide, 0.0)
@@ -83,24 +81,22 @@ def rest_on(seat: Seat, trunk: Float32, joints: Float64, slide: float) -> Float6
     return np.array([0.0, min(leant_back, knees_free), up])
 
 
+# from the head joint to the bed's upper end where ``along`` is 0: the middle of the pillow
 HEAD_FROM_EDGE_M = 0.20
-"""The head joint lies this far from the bed's upper end where ``along`` is 0: in the middle of the pillow."""
-HEAVE = 0.03
-"""Readiness of the body to rise off an arm under it, rad^2/m^2 beside a limb's 1. Chosen by eye."""
+HEAVE = 0.03  # rad^2/m^2; readiness of the body to rise off an arm under it, beside a limb's 1
 
 _FAMILIES = pose_families("recumbent")
 IN_BED, FALLEN, SLUMPED = (_FAMILIES[name] for name in ("in_bed", "fallen", "slumped"))
 
 
 def in_bed(bed: Bed) -> Behaviour:
-    """Lying in a bed."""
     return Behaviour(IN_BED, tuple(IN_BED.activities), lambda body, moment: lie(body, bed, moment))
 
 
 def lie(body: Body, support: Bed | Ground, moment: Moment) -> Posed:
-    """A lying body: vertices float32 (V, 3) and joints (J, 3) of a moment, world, metres.
+    """Lay a body down: vertices float32 (V, 3) and joints (J, 3) of a moment, world, metres.
 
-    The trunk rests on the support, sunk in by its give; limbs and head sink until something carries them.
+    The trunk rests on the support, sunk in by its give; limbs and head sink until they are supported.
     """
     vertices, joints = pose(body, lain(body, support, moment))
     up = lift_needed(vertices, _carriers(support))
@@ -108,7 +104,7 @@ def lie(body: Body, support: Bed | Ground, moment: Moment) -> Posed:
 
 
 def lain(body: Body, support: Bed | Ground, moment: Moment) -> Posture:
-    """Its posture, up to a lift onto the support."""
+    """Return the posture of ``lie``, up to a lift onto the support."""
     flesh, posture = flesh_of(body), posture_of_moment(moment)
     trunk, joints = pose(body, posture, flesh.trunk)
     place = _place(support, moment, joints)
@@ -122,29 +118,28 @@ def _carriers(support: Bed | Ground) -> list[Solid]:
 
 
 def _place(support: Bed | Ground, moment: Moment, joints: Float64) -> Float64:
-    """Place (3,) of the pelvis, its height left open: the head lies near the support's upper end."""
+    """Return the pelvis' place (3,), its height left open: the head lies near the support's upper end."""
     half = support.length / 2 - HEAD_FROM_EDGE_M
     spine = joints[JOINT_ID["head"]] - joints[JOINT_ID["pelvis"]]
     along = half - float(np.hypot(spine[0], spine[1])) - moment["along"]
     return np.array([moment["off"] * (support.width / 2), along, 0.0])
 
 
-SEAT_GAP_M = 0.02
-"""Distance of legs from a seat behind them. Chosen by eye."""
+SEAT_GAP_M = 0.02  # from legs to a seat behind them
 
 UPRIGHT = pose_families("upright")["upright"]
 
 
 def on_legs(seat: Seat | None, *activities: str) -> Behaviour:
-    """Doing these activities, by default all of the family, on the floor, perhaps before a seat."""
+    """Return the behaviour of these activities, by default of all, on the floor, perhaps by a seat."""
     chosen = activities or tuple(UPRIGHT.activities)
     return Behaviour(UPRIGHT, chosen, lambda body, moment: rise(body, seat, moment))
 
 
 def rise(body: Body, seat: Seat | None, moment: Moment) -> Posed:
-    """A body on the floor: vertices float32 (V, 3) and joints (J, 3) of a moment, world, metres.
+    """Put a body on its legs: vertices float32 (V, 3) and joints (J, 3) of a moment, world, metres.
 
-    The lowest skin stands on the floor; with a seat behind, the legs keep before its front edge (y = 0).
+    The lowest skin stands on the floor; with a seat behind, the legs keep in front of its front edge (y = 0).
     """
     vertices, joints = pose(body, risen(body, seat, moment))
     shift = np.array([0.0, 0.0, height_to_rest(vertices, [FLOOR])])
@@ -154,7 +149,7 @@ def rise(body: Body, seat: Seat | None, moment: Moment) -> Posed:
 
 
 def risen(body: Body, seat: Seat | None, moment: Moment) -> Posture:
-    """Its posture, up to a small shift onto the floor and off the seat."""
+    """Return the posture of ``rise``, up to a small shift onto the floor and off the seat."""
     flesh, posture = flesh_of(body), posture_of_moment(_soles_level(moment))
     vertices, _ = pose(body, posture)
     place = np.array([moment["off"] / 2, -moment["along"], height_to_rest(vertices, [FLOOR])])
@@ -166,12 +161,12 @@ def risen(body: Body, seat: Seat | None, moment: Moment) -> Posture:
 
 
 def _behind(vertices: Float32, up: float, seat: Seat) -> float:
-    """The rearmost y of what is lower than the seat when lifted by ``up``."""
+    """Return the rearmost y of all skin lower than the seat when lifted by ``up``."""
     return float(vertices[vertices[:, 2] + up < seat.height, 1].max(initial=-10.0))
 
 
 def _soles_level(moment: Moment) -> Moment:
-    """A moment whose ankles count from level soles."""
+    """Return a moment whose ankles count from level soles."""
     level = {
         f"{side}_ankle": moment[f"{side}_knee"] - moment[f"{side}_hip"] + moment["pitch"]
         + moment[f"{side}_ankle"]
@@ -181,7 +176,7 @@ def _soles_level(moment: Moment) -> Moment:
 
 
 def posture_of_moment(moment: Moment) -> Posture:
-    """Posture of a moment inside all joint limits, the pelvis at the origin, nothing yet carried."""
+    """Return the posture inside all joint limits, the pelvis at the origin, nothing supported yet."""
     angles = np.zeros((N_JOINTS, 3))
     angles[_SPINE] = np.array([moment["bend"], moment["lean"], moment["twist"]]) / 3
     angles[_NECK] = np.array([moment["nod"], 0.0, moment["turn"]]) / 2
@@ -208,7 +203,7 @@ _LIMB_FIELDS = (
 
 
 def pulls_of(moment: Moment) -> list[Pull]:
-    """Pulls of gravity on head and limbs."""
+    """Return the pulls of gravity on head and limbs."""
     pulls = [sink("head", moment["head_sink"])]
     for side in ("left", "right"):
         leg, arm = moment[f"{side}_leg_sink"], moment[f"{side}_arm_sink"]
@@ -218,7 +213,7 @@ def pulls_of(moment: Moment) -> list[Pull]:
 
 
 def height_to_rest(vertices_m: Float32, carriers: list[Solid]) -> float:
-    """Rise (m, may be negative) that puts vertices (V, 3) on the upright solids under them.
+    """Return the rise (m, may be negative) that puts vertices (V, 3) on the upright solids under them.
 
     The vertex that needs it most ends as deep in the highest solid under it as that solid gives.
     """
@@ -228,7 +223,7 @@ def height_to_rest(vertices_m: Float32, carriers: list[Solid]) -> float:
 
 @numba.njit(cache=True)
 def _height_to_rest(vertices: Float32, tops: Float64) -> float:
-    """``height_to_rest``; tops (k, 5): least x and y, greatest x and y, and the height that carries."""
+    """Compute ``height_to_rest``; tops (k, 5): least x and y, greatest x and y, and supporting height."""
     rise = -np.inf
     for v in range(len(vertices)):
         x, y, top = vertices[v, 0], vertices[v, 1], -np.inf
@@ -240,7 +235,7 @@ def _height_to_rest(vertices: Float32, tops: Float64) -> float:
 
 
 def lift_needed(vertices_m: Float32, carriers: list[Solid]) -> float:
-    """Rise (m, at least 0) after which no vertex (V, 3) is deeper below an upright solid's top than it gives.
+    """Return the rise (m) after which no vertex (V, 3) is deeper below a solid's top than its give.
 
     A vertex nearer to a side of the solid than to its top would leave by the side and does not count.
     """

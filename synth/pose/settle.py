@@ -1,11 +1,10 @@
 """Settling: joint angles moved as little as needed so that no limb is in another or in the furniture.
 
-Where a posture violates contact, inequalities hold that are linear for a small step: flesh that
-overlaps has to part, flesh inside furniture has to leave it, a hand has to come to its target, a limb at
-rest has to sink until something carries it. Each round projects the step onto one half-space after the
-other and onto the box of the joint limits (cyclic projections; Bauschke & Borwein 1996), contacts
-last, so that they win. The result depends continuously on the posture given, but where a limb
-would have to pass through another.
+Where a posture violates contact, inequalities hold that are linear for a small step. Overlapping flesh has to
+part, and flesh inside furniture has to leave it. A hand has to come to its target, a limb at rest has to sink
+onto a support. Each round projects the step onto one half-space after the other and onto the box of the joint
+limits (cyclic projections; Bauschke & Borwein 1996). Contacts come last, so that they win. The result is
+continuous in the given posture, except where a limb would pass through another. Constants are untuned.
 """
 
 from dataclasses import dataclass
@@ -18,26 +17,20 @@ from annotate.array_types import Bool, Float64, Int64
 from synth.body.flesh import CHAINS, Flesh
 from synth.body.skeleton import JOINT_ID, JOINTS, LIMITS_RAD, N_JOINTS, PARENTS, Posture, kinematics, place
 from synth.data_files import table
-from synth.pose.halfspaces import SOLID, Rows, add_flesh, add_pulls, add_solids, no_rows, reaches_m
+from synth.pose.halfspaces import SOLID, Pulls, Rows, add_flesh, add_pulls, add_solids, no_rows, pairs_of
 from synth.surface.furniture import Solid
 
 ROUNDS = 18
-PULL_ROUNDS = 9
-"""Linearisations, and how many of them pull, ever less; after them only contacts act. Chosen by eye."""
-SWEEPS = 5
-"""Times each round goes over all half-spaces."""
-CLEAR_M = 0.002
-"""Overlap that is left alone once nothing pulls any more."""
-ENTRY_CAPACITY = 36
-"""Angles that can move the two points of one row: six joints on each side."""
-STEP_LIMIT_RAD = 0.35
-"""No angle moves farther a round: there the half-spaces are still near to linear. Chosen by eye."""
-HEAVE_LIMIT_M = 0.05
-"""What lies under a body lifts it by no more than this."""
+PULL_ROUNDS = 9  # rounds that pull, ever less; after them only contacts act
+SWEEPS = 5  # times each round goes over all half-spaces
+CLEAR_M = 0.002  # overlap that is left alone once nothing pulls any more
+ENTRY_CAPACITY = 36  # angles that can move the two points of one row: six joints on each side
+STEP_LIMIT_RAD = 0.35  # greatest change of an angle a round: half-spaces are still near to linear
+HEAVE_LIMIT_M = 0.05  # greatest lift of a body by an object under it
 
 
 def _ancestors() -> Bool:
-    """Flags (J, J) [point's joint, joint]: turning the joint moves the point."""
+    """Return flags (J, J) [point's joint, joint]: turning the joint moves the point."""
     moves = np.zeros((N_JOINTS, N_JOINTS), bool)
     for i, parent in enumerate(PARENTS):
         moves[i] = moves[parent] if parent >= 0 else False
@@ -46,7 +39,7 @@ def _ancestors() -> Bool:
 
 
 def _pairs() -> Int64:
-    """Pairs (n, 4): stations lo..hi of one chain against the flesh over stations lo..hi of another."""
+    """Return pairs (n, 4): stations lo..hi of one chain against the flesh over stations lo..hi of another."""
     rows = []
     for side, other, rules in (
         ("left", "right", "on_each_side"),
@@ -63,7 +56,7 @@ def _pairs() -> Int64:
 
 
 class Rules(NamedTuple):
-    """What holds for every body, handed to compiled code, whose cache would keep old globals.
+    """Constants of all bodies, handed to compiled code, whose cache would keep old globals.
 
     limits_rad: (J, 3, 2). mobility: (J, 3). moved_by: (J, J) bool [point's joint, joint]. pairs: (n, 4).
     """
@@ -80,7 +73,7 @@ RULES = Rules(LIMITS_RAD, _MOBILITY, _ancestors(), _pairs())
 
 @dataclass(frozen=True)
 class Pull:
-    """A joint drawn to a place. target_m: (3,) world; weight: (3,) share of the way per axis and round."""
+    """Joint drawn to a place. target_m: (3,) world; weight: (3,) share of the way per axis and round."""
 
     joint: str
     target_m: Float64
@@ -88,33 +81,46 @@ class Pull:
 
 
 def sink(joint: str, weight: float) -> Pull:
-    """A joint drawn straight down, until something carries it."""
+    """Return the pull of a joint straight down, onto a support."""
     return Pull(joint, np.array([0.0, 0.0, -10.0]), np.array([0.0, 0.0, weight]))
 
 
 def settle(
     flesh: Flesh, posture: Posture, solids: list[Solid], pulls: list[Pull], heave: float = 0.0
 ) -> Posture:
-    """The posture nearest to the given one whose limbs keep clear of each other and of the solids.
+    """Return the nearest posture whose limbs keep clear of each other and of the solids.
 
-    Angles come back inside their limits. The pelvis stays, but that solids may lift the whole body by up to
+    Angles come back inside their limits. The pelvis stays, but solids may lift the whole body by up to
     ``HEAVE_LIMIT_M``; heave: its readiness, rad^2/m^2 beside a limb's 1.
     """
     boxes = np.array([s.packed() for s in solids]).reshape(-1, 17)
-    pulled = np.array([JOINT_ID[p.joint] for p in pulls], np.int64)
+    joints = np.array([JOINT_ID[p.joint] for p in pulls], np.int64)
     ends = np.array([np.concatenate([p.target_m, p.weight]) for p in pulls]).reshape(-1, 6)
     angles, pelvis = posture.angles_rad.copy(), posture.pelvis_m.copy()
-    _settle(RULES, angles, pelvis, heave, flesh, boxes, pulled, ends)
+    _settle(RULES, angles, pelvis, _Surroundings(flesh, boxes, Pulls(joints, ends), heave))
     return Posture(angles, pelvis)
 
 
+class _Surroundings(NamedTuple):
+    """Flesh, boxes (k, 17) about it, pulls on it, and readiness to heave."""
+
+    flesh: Flesh
+    boxes: Float64
+    pulls: Pulls
+    heave: float
+
+
+class _Placed(NamedTuple):
+    """Axes (J, 3, 3) and joints (J, 3) of a posture, from ``kinematics``."""
+
+    axes: Float64
+    positions: Float64
+
+
 @numba.njit(cache=True)
-def _settle(
-    rules: Rules, angles: Float64, pelvis: Float64, heave: float, flesh: Flesh, boxes: Float64,
-    pulled: Int64, ends: Float64,
-) -> None:  # fmt: skip
-    rows, heaved = no_rows(), 0.0
-    reaches = reaches_m(rules.pairs, flesh)
+def _settle(rules: Rules, angles: Float64, pelvis: Float64, around: _Surroundings) -> None:
+    room, heaved, flesh = no_rows(), 0.0, around.flesh
+    pairs = pairs_of(rules.pairs, flesh)
     # The pelvis' own row is its orientation and free.
     for i in range(1, N_JOINTS):
         for a in range(3):
@@ -123,13 +129,15 @@ def _settle(
         pulling = round_ < PULL_ROUNDS
         axes, frames, positions = kinematics(angles, pelvis, flesh.rest_joints_m, flesh.aligned)
         stations = stations_m(flesh, frames, positions)
-        n = add_pulls(rows, 0, positions, pulled, ends, 1 - round_ / PULL_ROUNDS) if pulling else 0
-        n = add_flesh(rows, n, rules.pairs, reaches, flesh, stations)
-        n = add_solids(rows, n, boxes, flesh, stations)
-        if n == 0 or (not pulling and np.max(rows.depths_m[:n]) < CLEAR_M):
+        n = add_pulls(room, 0, positions, around.pulls, 1 - round_ / PULL_ROUNDS) if pulling else 0
+        n = add_flesh(room, n, pairs, flesh, stations)
+        n = add_solids(room, n, around.boxes, flesh, stations)
+        rows = Rows(room.normals[:n], room.depths_m[:n], room.points[:n], room.movers[:n])
+        if n == 0 or (not pulling and np.max(rows.depths_m) < CLEAR_M):
             break
         # Not while limbs are drawn down, or they would lift the body off what it lies on.
-        step, rise = _project(rules, angles, axes, positions, 0.0 if pulling else heave, rows, n)
+        heave = 0.0 if pulling else around.heave
+        step, rise = _project(rules, angles, _Placed(axes, positions), heave, rows)
         angles += step
         rise = min(rise, HEAVE_LIMIT_M - heaved)
         heaved += rise
@@ -138,7 +146,7 @@ def _settle(
 
 @numba.njit(cache=True)
 def stations_m(flesh: Flesh, frames: Float64, positions: Float64) -> Float64:
-    """Places (S, 3) of a body's stations, from ``kinematics``."""
+    """Return the places (S, 3) of a body's stations, from ``kinematics``."""
     stations = np.empty_like(flesh.centres_m)
     for s in range(len(stations)):
         j = flesh.joints[s]
@@ -147,11 +155,9 @@ def stations_m(flesh: Flesh, frames: Float64, positions: Float64) -> Float64:
 
 
 @numba.njit(cache=True)
-def _gradient(
-    rules: Rules, axes: Float64, positions: Float64, rows: Rows, r: int, where: Int64, value: Float64
-) -> int:
-    """Number of angles that move row r's points; how far these part per radian goes into ``value``."""
-    n = 0
+def _gradient(rules: Rules, placed: _Placed, rows: Rows, r: int, entry: tuple[Int64, Float64]) -> int:
+    """Return how many angles move row r's points; write them, and the parting per radian, into the entry."""
+    n, axes, (where, value) = 0, placed.axes, entry
     u, v, w = rows.normals[r]
     for side in range(2):
         mover, first = rows.movers[r, side], n
@@ -159,7 +165,7 @@ def _gradient(
         for j in range(1, N_JOINTS):
             if mover < 0 or not rules.moved_by[mover, j]:
                 continue
-            x, y, z = rows.points[r, side] - positions[j]
+            x, y, z = rows.points[r, side] - placed.positions[j]
             p, q, s = y * w - z * v, z * u - x * w, x * v - y * u
             for a in range(3):
                 if rules.mobility[j, a] > 0:
@@ -175,16 +181,17 @@ def _gradient(
 
 @numba.njit(cache=True)
 def _project(
-    rules: Rules, angles: Float64, axes: Float64, positions: Float64, heave: float, rows: Rows, n: int
+    rules: Rules, angles: Float64, placed: _Placed, heave: float, rows: Rows
 ) -> tuple[Float64, float]:
-    """The small step towards satisfying all rows: angles (J, 3) and how far the whole body rises (m)."""
+    """Return the small step towards satisfying all rows: angles (J, 3) and rise of the whole body (m)."""
+    n = len(rows.depths_m)
     where, value = np.empty((n, ENTRY_CAPACITY), np.int64), np.empty((n, ENTRY_CAPACITY))
     count, size, up = np.empty(n, np.int64), np.empty(n), np.zeros(n)
     mobility, now = rules.mobility.ravel(), angles.ravel()
     low = np.maximum(rules.limits_rad[:, :, 0].copy().ravel() - now, -STEP_LIMIT_RAD)
     high = np.minimum(rules.limits_rad[:, :, 1].copy().ravel() - now, STEP_LIMIT_RAD)
     for r in range(n):
-        count[r] = _gradient(rules, axes, positions, rows, r, where[r], value[r])
+        count[r] = _gradient(rules, placed, rows, r, (where[r], value[r]))
         if rows.movers[r, 1] == SOLID:
             up[r] = max(rows.normals[r, 2], 0.0)
         size[r] = 1e-3 + heave * up[r] ** 2

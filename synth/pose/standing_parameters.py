@@ -1,4 +1,4 @@
-"""Ways of standing: legs, trunk and hands as numbers, drawn as ``synth/data/poses/standing.toml`` says."""
+"""Ways of standing: legs, trunk and hands as numbers, drawn from ``synth/data/poses/standing.toml``."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,17 +16,16 @@ from synth.surface.rasterize import Mesh, box
 
 SIDES = ("left", "right")
 OTHER = {"left": "right", "right": "left"}
-GREATEST_TURN_DEG = 60.0
-"""The head turns no farther by itself."""
-ANKLES_M = (0.03, 0.9)
-"""Least and greatest lateral distance of the ankles."""
+GREATEST_TURN_DEG = 60.0  # of the head by itself
+ANKLES_M = (0.03, 0.9)  # least and greatest lateral distance
 
 
 @dataclass(frozen=True)
 class Standing:
-    """How somebody stands. stance, hands: names in the data; stands: the side of the leg that carries more.
+    """Way of standing.
 
-    legs: the stance's numbers. arms: each side's, by side. sizes_m: (3,) of what is carried, by its kind.
+    stance, hands: names in the data; stands: the side of the leg that carries more. legs: the stance's
+    numbers. arms: each side's, by side. sizes_m: (3,) of carried things, by kind.
     """
 
     stance: str
@@ -39,7 +38,7 @@ class Standing:
 
 @cache
 def stances() -> dict[str, dict[str, Any]]:
-    """Stances by name, each with all its numbers."""
+    """Return the stances by name, each with all its numbers."""
     known: dict[str, dict[str, Any]] = {}
     for name, entry in table("poses/standing")["stances"].items():
         known[name] = {**known.get(entry.get("like", ""), {}), **entry}
@@ -62,7 +61,6 @@ def _numbers(entry: Mapping[str, Any], rng: np.random.Generator) -> dict[str, fl
 
 
 def draw_standing(rng: np.random.Generator) -> Standing:
-    """A random way of standing."""
     data = table("poses/standing")
     stance = _chosen({name: entry["share"] for name, entry in stances().items()}, rng)
     entry = stances()[stance]
@@ -81,7 +79,7 @@ def draw_standing(rng: np.random.Generator) -> Standing:
 
 
 def carried(how: Standing, joints: Float64) -> list[Mesh]:
-    """Boxes, trays and bags in the hands of somebody whose joints (J, 3) are there; world, metres."""
+    """Return boxes, trays and bags in the hands of a person with joints (J, 3), world, metres."""
     wrists = {side: joints[JOINT_ID[f"{side}_wrist"]] for side in SIDES}
     across = wrists["left"] - wrists["right"]
     heading = turn(2, float(np.arctan2(across[1], across[0])))

@@ -13,6 +13,7 @@ from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose
 
 T = TypeVar("T", bound=np.floating[Any])
+_Pinhole = tuple[float, float, float, float]
 
 NEAR_M = 0.05  # m; triangles that reach nearer to the camera plane are dropped
 # compiler flags that change no bit: reassociation or fused steps would depend on the processor
@@ -63,16 +64,15 @@ def rasterize(camera: Intrinsics, vertices_m: Float32, faces: Int32, closed: boo
     drawn; ``closed`` promises surfaces without holes and faces outwards: the same image in half the time.
     Source: Pineda 1988, edge functions.
     """
-    pinhole = camera.fx, camera.fy, camera.cx, camera.cy
-    return ZBuffer(*_rasterize(vertices_m, faces, camera.width, camera.height, *pinhole, closed))
+    size, pinhole = (camera.width, camera.height), (camera.fx, camera.fy, camera.cx, camera.cy)
+    return ZBuffer(*_rasterize(vertices_m, faces, size, pinhole, closed))
 
 
 @numba.njit(cache=True, nogil=True)
 def _rasterize(
-    vertices: Float32, faces: Int32, width: int, height: int,
-    fx: float, fy: float, cx: float, cy: float, closed: bool,
-) -> tuple[Float32, Int32]:  # fmt: skip
-    points = _project(vertices, fx, fy, cx, cy)
+    vertices: Float32, faces: Int32, size: tuple[int, int], pinhole: _Pinhole, closed: bool
+) -> tuple[Float32, Int32]:
+    points, (width, height) = _project(vertices, pinhole), size
     depth, face = np.zeros((height, width), np.float32), np.full((height, width), np.int32(-1))
     _fill(points, faces, _candidates(points, faces, width, height, closed), depth, face)
     for v in range(height):
@@ -83,8 +83,9 @@ def _rasterize(
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _project(vertices: Float32, fx: float, fy: float, cx: float, cy: float) -> Float32:
+def _project(vertices: Float32, pinhole: _Pinhole) -> Float32:
     """Return pixel coordinates and nearness 1/z (V, 3); nearness 0 in front of the near plane."""
+    fx, fy, cx, cy = pinhole
     points = np.empty((len(vertices), 3), np.float32)
     for i in range(len(vertices)):
         z = vertices[i, 2]
@@ -206,13 +207,12 @@ def grid_faces(rows: int, columns: int) -> Int32:
 
 
 def look_at(eye_m: Float64, target_m: Float64, roll_rad: float = 0.0) -> Pose:
-    """Return ``camera_from_world`` of a camera at ``eye_m`` that looks at ``target_m``, x level but for the
-    roll."""
+    """Return ``camera_from_world`` of a camera at ``eye_m`` that looks at ``target_m``, level but rolled."""
     forward = (target_m - eye_m) / np.linalg.norm(target_m - eye_m)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     if np.linalg.norm(right) < 1e-6:
         right = np.array([1.0, 0.0, 0.0])
-    from scipy.spatial.transform import Rotation  # `predict`, which places nobody, works without
+    from scipy.spatial.transform import Rotation  # `predict` works without scipy
 
     right = right / np.linalg.norm(right)
     level = np.stack([right, np.cross(forward, right), forward])
