@@ -1,4 +1,4 @@
-"""Mirror images and several people: left stays left, and nobody wears the markers of another."""
+"""Mirror images and several people: left stays left, and no person wears the markers of another."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ MIRRORS = {
 
 
 def assert_same_person(found: np.ndarray, truth: np.ndarray) -> None:
-    """Both recordings (F, M, 3) are one but for a turn and a move: distances and signed volumes agree."""
+    """Both recordings (F, M, 3) are one up to a turn and a move: distances and signed volumes agree."""
     for frame, true in zip(found, truth, strict=True):
         a, b = frame - frame.mean(axis=0), true - true.mean(axis=0)
         left, _, right = np.linalg.svd(a.T @ b)

@@ -73,27 +73,6 @@ def test_every_activity_settles_inside_the_joint_limits(monkeypatch, made, activ
     assert (angles[:, 1:] <= LIMITS_RAD[1:, :, 1] + 1e-9).all()
 
 
-@pytest.mark.parametrize("family", [SITTING, IN_BED, FALLEN, UPRIGHT])
-def test_a_family_names_only_numbers_of_its_base(family):
-    assert all(set(spreads) <= set(family.base) for spreads in family.activities.values())
-
-
-def test_glide_starts_and_ends_at_its_ends_and_at_rest():
-    rng = np.random.default_rng(1)
-    start, end = SITTING.draw("reading", rng), SITTING.draw("slumping", rng)
-    assert glide(start, end, 0.0) == start
-    assert np.allclose(list(glide(start, end, 1.0).values()), list(end.values()))
-    near = glide(start, end, 1e-4)
-    assert np.allclose(list(near.values()), list(start.values()), atol=1e-5)
-
-
-def test_mirroring_twice_changes_nothing():
-    left, right = (IN_BED.activities[f"lateral_{side}"] for side in ("left", "right"))
-    assert mirrored(mirrored(left)) == left
-    assert mirrored(left) == right
-    assert right["roll"][0] == -left["roll"][0]
-
-
 @pytest.mark.parametrize("seat", [Sofa(), Chair()], ids=["sofa", "chair"])
 def test_a_sitter_touches_seat_and_back_rest_by_its_give(seat):
     for i, activity in enumerate(("resting", "reading", "arms_up")):
@@ -103,6 +82,16 @@ def test_a_sitter_touches_seat_and_back_rest_by_its_give(seat):
         assert trunk[:, 2].min() == pytest.approx(seat.height - seat.give_m, abs=8e-3)
         assert (seat.back_y(trunk[:, 2]) - trunk[:, 1]).min() >= -seat.give_m - 1e-3
         assert vertices[:, 2].min() > -FLOOR_M
+
+
+def test_families_name_numbers_of_their_base_and_glides_start_and_end_at_rest():
+    for family in (SITTING, IN_BED, FALLEN, UPRIGHT):
+        assert all(set(spreads) <= set(family.base) for spreads in family.activities.values())
+    left, right = (IN_BED.activities[f"lateral_{side}"] for side in ("left", "right"))
+    assert mirrored(left) == right and mirrored(right) == left and right["roll"][0] == -left["roll"][0]
+    start, end = (SITTING.draw(name, np.random.default_rng(1)) for name in ("reading", "slumping"))
+    for share, moment in ((0.0, start), (1e-4, start), (1.0, end)):
+        assert np.allclose(list(glide(start, end, share).values()), list(moment.values()), atol=1e-5)
 
 
 def test_hands_reach_what_they_hold_and_feet_the_floor():
@@ -131,7 +120,7 @@ def test_a_trunk_lies_on_the_mattress_and_never_through_it(activity):
         trunk, carriers = vertices[flesh_of(body).trunk], [FLOOR, bed.solids()[0]]
         rise_left = height_to_rest(trunk, carriers)
         assert rise_left > -0.09
-        # Over the mattress' edge flesh hangs down beside it: there only what is through its top counts.
+        # Over the mattress' edge flesh hangs down beside it: there only flesh through its top counts.
         assert (lift_needed(trunk, carriers) if activity == "half_off_left" else rise_left) < 4e-3
 
 

@@ -11,7 +11,6 @@ from synth.motion_files.bvh import LEG_M, read_bvh
 from synth.motion_files.joint_file import SMPL_JOINTS, SMPL_PARENTS, joints_of_rotations, read_joint_file
 from synth.motion_files.marker_set import known_markers
 from tests.helpers.walker import JOINTS, bvh_of, places_cm
-from tests.test_synth_solve import BVH_NAMES
 
 PLACE = {
     "Hips": "pelvis", "Neck": "neck", "Head": "head", "Top": "head_end", "LeftShoulder": "left_clavicle",
@@ -29,7 +28,7 @@ def file_of(path, **options):
 
 
 def assert_walks(markers, places):
-    """Every joint is where the walker's is, but for a turn about the vertical."""
+    """Every joint is at the walker's, up to a turn about the vertical."""
     known = known_markers(markers, places)
     truth = places_cm() * LEG_M / LEG_CM
     columns = [JOINTS.index(name) for name in PLACE if PLACE[name] in places.names]
@@ -66,57 +65,44 @@ MIXAMO = " ".join(LIMBS)
 UPPER = "Clavicle UpperArm Forearm Hand Thigh Calf Foot Toe0"
 SMPL = "Collar Shoulder Elbow Wrist Hip Knee Ankle Foot"
 VRM = "Shoulder UpperArm LowerArm Hand UpperLeg LowerLeg Foot ToeBase"
+SMPL_TRUNK = "Hips=Pelvis Spine=Spine1 Chest=Spine3"
+METARIG = "Hips=hips Spine=spine.001 Chest=spine.003 Neck=spine.004 Head=spine.006"
+KINECT = "Clavicle Shoulder Elbow Wrist Hip Knee Ankle Foot"
+RIGIFY = "shoulder upper_arm forearm hand thigh shin foot toe"
+SCAPULA = "Scapula Shoulder Elbow Wrist Hip Knee Ankle Toes"
 DIALECTS = {
-    "Xsens": ("Left% Right% %", "Collar Shoulder Elbow Wrist Hip Knee Ankle Toe", {}),
-    "SMPL": ("L_% R_% %", SMPL, {"Hips": "Pelvis", "Spine": "Spine1", "Chest": "Spine3"}),
-    "AIST": ("left_% right_% %", SMPL.lower(), {"Hips": "root"}),
-    "Biped": ("Bip01~L~% Bip01~R~% Bip01~%", UPPER, {"Hips": "Pelvis"}),
-    "Valve": ("ValveBiped.Bip01_L_% ValveBiped.Bip01_R_% ValveBiped.Bip01_%", UPPER, {"Hips": "Pelvis"}),
-    "Mixamo": ("mixamorig:Left% mixamorig:Right% mixamorig:%", MIXAMO, {}),
-    "Mixamo without colon": ("mixamorigLeft% mixamorigRight% mixamorig%", MIXAMO, {}),
-    "Mixamo numbered": ("mixamorig1:Left% mixamorig1:Right% mixamorig1:%", MIXAMO, {}),
-    "MotionBuilder": ("Character1_Left% Character1_Right% Character1_%", MIXAMO, {}),
+    "Xsens": ("Left% Right% %", "Collar Shoulder Elbow Wrist Hip Knee Ankle Toe", ""),
+    "SMPL": ("L_% R_% %", SMPL, SMPL_TRUNK),
+    "AIST": ("left_% right_% %", SMPL.lower(), "Hips=root"),
+    "Biped": ("Bip01~L~% Bip01~R~% Bip01~%", UPPER, "Hips=Pelvis"),
+    "Valve": ("ValveBiped.Bip01_L_% ValveBiped.Bip01_R_% ValveBiped.Bip01_%", UPPER, "Hips=Pelvis"),
+    "Mixamo": ("mixamorig:Left% mixamorig:Right% mixamorig:%", MIXAMO, ""),
+    "Mixamo without colon": ("mixamorigLeft% mixamorigRight% mixamorig%", MIXAMO, ""),
+    "Mixamo numbered": ("mixamorig1:Left% mixamorig1:Right% mixamorig1:%", MIXAMO, ""),
+    "MotionBuilder": ("Character1_Left% Character1_Right% Character1_%", MIXAMO, ""),
     "Unreal": (
         "%_l %_r %",
         "clavicle upperarm lowerarm hand thigh calf foot ball",
-        {"Hips": "pelvis", "Neck": "neck_01"},
+        "Hips=pelvis Neck=neck_01",
     ),
-    "Bandai Namco": ("%_L %_R %", VRM.replace("ToeBase", "Toes"), {}),
-    "Rokoko": ("Left% Right% %", "Shoulder Arm ForeArm Hand Thigh Shin Foot Toe", {}),
-    "MVN": ("Left% Right% %", VRM.replace("LowerArm", "ForeArm"), {"Hips": "Pelvis"}),
-    "Daz": ("l% r% %", "Collar Shldr ForeArm Hand Thigh Shin Foot Toe", {"Hips": "hip"}),
-    "Motive": ("A_L% A_R% A_%", "Shoulder UArm FArm Hand Thigh Shin Foot Toe", {"Hips": "Hip"}),
-    "Kinect": (
-        "%Left %Right %",
-        "Clavicle Shoulder Elbow Wrist Hip Knee Ankle Foot",
-        {"Hips": "SpineBase"},
-    ),
-    "VRM": ("J_Bip_L_% J_Bip_R_% J_Bip_C_%", VRM, {}),
-    "Rigify": ("DEF-%.L DEF-%.R DEF-%", "shoulder upper_arm forearm hand thigh shin foot toe", {}),
-    "Rigify's metarig": (
-        "%.L %.R %",
-        "shoulder upper_arm forearm hand thigh shin foot toe",
-        {
-            "Hips": "hips",
-            "Spine": "spine.001",
-            "Chest": "spine.003",
-            "Neck": "spine.004",
-            "Head": "spine.006",
-        },
-    ),
-    "DeepMotion": ("l_%_JNT r_%_JNT %_JNT", "shoulder arm forearm hand upleg leg foot toebase", {}),
-    "AdvancedSkeleton": (
-        "%_L %_R %_M",
-        "Scapula Shoulder Elbow Wrist Hip Knee Ankle Toes",
-        {"Hips": "Root"},
-    ),
+    "Bandai Namco": ("%_L %_R %", VRM.replace("ToeBase", "Toes"), ""),
+    "Rokoko": ("Left% Right% %", "Shoulder Arm ForeArm Hand Thigh Shin Foot Toe", ""),
+    "MVN": ("Left% Right% %", VRM.replace("LowerArm", "ForeArm"), "Hips=Pelvis"),
+    "Daz": ("l% r% %", "Collar Shldr ForeArm Hand Thigh Shin Foot Toe", "Hips=hip"),
+    "Motive": ("A_L% A_R% A_%", "Shoulder UArm FArm Hand Thigh Shin Foot Toe", "Hips=Hip"),
+    "Kinect": ("%Left %Right %", KINECT, "Hips=SpineBase"),
+    "VRM": ("J_Bip_L_% J_Bip_R_% J_Bip_C_%", VRM, ""),
+    "Rigify": ("DEF-%.L DEF-%.R DEF-%", RIGIFY, ""),
+    "Rigify's metarig": ("%.L %.R %", RIGIFY, METARIG),
+    "DeepMotion": ("l_%_JNT r_%_JNT %_JNT", "shoulder arm forearm hand upleg leg foot toebase", ""),
+    "AdvancedSkeleton": ("%_L %_R %_M", SCAPULA, "Hips=Root"),
 }
 """Patterns of left, right and middle names (~: a blank), names of the limbs' joints, and of the trunk's."""
 
 
 def mapped(patterns, limbs, trunk):
     """Names of the walker's joints in a dialect."""
-    own = dict(zip(LIMBS, limbs.split(), strict=True)) | trunk
+    own = dict(zip(LIMBS, limbs.split(), strict=True)) | dict(pair.split("=") for pair in trunk.split())
     left, right, middle = patterns.split()
 
     def name(joint):
@@ -191,6 +177,7 @@ def saved(path, **arrays):
     return path
 
 
+LIMB_OF = dict(zip(("shoulder", "elbow", "wrist", "hip", "knee", "ankle"), LIMBS[1:7], strict=True))
 COCO = "nose left_eye right_eye left_ear right_ear left_shoulder right_shoulder left_elbow right_elbow "
 COCO += "left_wrist right_wrist left_hip right_hip left_knee right_knee left_ankle right_ankle"
 
@@ -201,7 +188,7 @@ def test_key_points_without_parents_are_joints(tmp_path):
     face |= {"right_eye": (-3, 8, 9), "right_ear": (-7, 6, 0)}
     names = COCO.split()
     take = [
-        at["Head"] + face[n] if n in face else at[n.split("_")[0].capitalize() + BVH_NAMES[n.split("_")[1]]]
+        at["Head"] + face[n] if n in face else at[n.split("_")[0].capitalize() + LIMB_OF[n.split("_")[1]]]
         for n in names
     ]
     path = saved(tmp_path / "coco.npz", joint_names=np.array(names), walk=np.stack(take, axis=1))
@@ -249,7 +236,7 @@ def test_a_reference_above_the_hips_and_props_beside_them_change_nothing(tmp_pat
 
 
 def amass(turn_x, **more):
-    """An AMASS file's arrays: somebody who lifts the left thigh by 50 degrees, by SMPL's own zero pose."""
+    """Arrays of an AMASS file: a person lifts the left thigh by 50 degrees, by SMPL's own zero pose."""
     poses, trans = np.zeros((8, 156)), np.tile([0.3, -0.2, 0.9], (8, 1))
     poses[:, 0] = np.radians(turn_x)
     poses[:, 3] = -np.radians(np.linspace(0, 50, 8))

@@ -1,4 +1,4 @@
-"""Motions drive data: joints in files, floors found, feet on any body, films, and what is no motion."""
+"""Motions drive data: joints in files, floors found, feet on any body, films, and other files."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +18,7 @@ from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Posture, fo
 from synth.images.generate import Order, make_shard
 from synth.images.presets import preset_of
 from synth.markers.motion_file import MarkerReport, Motion, save_motion
-from synth.markers.person_fit import bones_of_leg, person_body, zero_bones
+from synth.markers.person_fit import person_body, zero_bones
 from synth.markers.solve import solve_takes
 from synth.motion.grounded import ground, resampled
 from synth.motion.library import motion_files, read_motions, read_take
@@ -219,10 +219,3 @@ def test_recorded_people_stand_on_the_floor(shared_data):
         vertices, _ = stand(body, grounded, frame)
         standing = [foot for foot, clear in zip(feet, grounded.clear_m[frame], strict=False) if clear == 0]
         assert all(abs(vertices[foot, 2].min()) < STOOD_M for foot in standing)
-
-
-def test_old_files_of_a_leg_have_the_proportions_of_the_reference():
-    bones = bones_of_leg(0.9)
-    assert np.linalg.norm(
-        bones[[JOINT_ID["left_knee"], JOINT_ID["left_ankle"]]], axis=1
-    ).sum() == pytest.approx(0.9)

@@ -1,4 +1,4 @@
-"""People on an open floor: they touch it, none goes through it or the wall, and nobody jumps."""
+"""People on an open floor: they touch it, keep out of the wall, and never jump."""
 
 from itertools import islice
 
@@ -44,7 +44,7 @@ def test_who_is_slumped_leans_on_the_wall():
 
 
 def test_from_posture_to_posture_joints_go_a_short_way_and_arrive():
-    """At 30 frames a second nobody jumps, whatever two postures are glided between."""
+    """At 30 frames a second no person jumps, whatever two postures are glided between."""
     stream = SCENE.stream(np.random.default_rng(2), 30.0)
     joints = np.array([SCENE.pose(BODY, moment)[1] for moment in islice(stream, 60)])
     assert np.linalg.norm(np.diff(joints, axis=0), axis=2).max() < 0.25

@@ -13,7 +13,7 @@ from synth.body.body import shipped_bodies
 from synth.images.view import _window
 from synth.pose.postures import SITTING, sit
 from synth.surface.furniture import Sofa
-from synth.surface.rasterize import box, look_at, merge, rasterize
+from synth.surface.rasterize import look_at, rasterize
 
 SMALL = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 
@@ -144,10 +144,3 @@ def test_triangles_at_the_camera_and_slivers_are_dropped():
     line = np.array([[0, 0, 1], [1, 1, 1], [2, 2, 1]], np.float32)
     for points in (behind, line):
         assert (rasterize(SMALL, points, np.array([[0, 1, 2]], np.int32)).face == -1).all()
-
-
-def test_merge_keeps_every_face_and_tag():
-    a, b = box((0, 0, 0), (1, 1, 1), 5), box((2, 0, 0), (3, 1, 1), 7)
-    both = merge([a, b])
-    np.testing.assert_array_equal(both.vertices_m[both.faces[12:]], b.vertices_m[b.faces])
-    assert both.tags.tolist() == [5] * 12 + [7] * 12

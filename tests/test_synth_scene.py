@@ -6,22 +6,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from synth.body.body import volume_m3
 from synth.images.viewpoints import above
 from synth.surface.furniture import FLOOR, Bed, Chair, Ground, Sofa, Solid, Surface
-from synth.surface.rasterize import Mesh, box, look_at, sheet
+from synth.surface.rasterize import box, look_at, merge, sheet
 
 FURNITURE = [Sofa(), Chair(), Bed()]
 
 
-def volume(mesh: Mesh) -> float:
-    a, b, c = (mesh.vertices_m[mesh.faces[:, i]].astype(float) for i in range(3))
-    return abs(float(np.einsum("ij,ij->", np.cross(a, b), c))) / 6
-
-
-def test_a_box_is_closed_and_has_its_volume():
-    mesh = box((0, -1, 2), (2, 0.5, 3), Surface.TABLE)
-    assert volume(mesh) == pytest.approx(2 * 1.5 * 1)
-    assert (mesh.tags == Surface.TABLE).all()
+def test_boxes_and_sheets_have_their_volume_and_area_and_merge_keeps_faces_and_tags():
+    a, b = box((0, -1, 2), (2, 0.5, 3), Surface.TABLE), box((2, 0, 0), (3, 1, 1), 7)
+    assert volume_m3(a.vertices_m, a.faces) == pytest.approx(2 * 1.5 * 1)
+    both = merge([a, b])
+    np.testing.assert_array_equal(both.vertices_m[both.faces[12:]], b.vertices_m[b.faces])
+    assert both.tags.tolist() == [Surface.TABLE] * 12 + [7] * 12
+    mesh = sheet(np.zeros(3), np.array([2.0, 0, 0]), np.array([0, 1.1, 0]), Surface.FLOOR)
+    a, b, c = (mesh.vertices_m[mesh.faces[:, i]] for i in range(3))
+    assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(2.2, rel=1e-5)
 
 
 @given(
@@ -64,12 +65,6 @@ def test_sampled_furniture_has_the_sizes_of_furniture(seed):
 def test_the_ground_is_the_floor_and_floor_stops_everything():
     assert Ground().solids() == [] and np.ptp(Ground().mesh().vertices_m[:, 2]) == 0
     assert FLOOR.depth_m(np.array([[3.0, -2.0, -0.25]]))[0] == pytest.approx(0.25)
-
-
-def test_a_sheet_covers_its_rectangle():
-    mesh = sheet(np.zeros(3), np.array([2.0, 0, 0]), np.array([0, 1.1, 0]), Surface.FLOOR)
-    a, b, c = (mesh.vertices_m[mesh.faces[:, i]] for i in range(3))
-    assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(2.2, rel=1e-5)
 
 
 @given(eye=st.tuples(*[st.floats(-3, 3)] * 3), roll=st.floats(-1, 1))

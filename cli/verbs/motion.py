@@ -1,4 +1,4 @@
-"""The verb ``solve``: markers to joint angles; and what ``info`` shows of them."""
+"""Verb ``solve``: markers to joint angles; and the facts of a motion for ``info``."""
 
 import time
 from dataclasses import replace
@@ -14,12 +14,11 @@ from sensors.files.atomic import check_free, check_there
 
 if TYPE_CHECKING:
     from synth.markers.motion_file import MarkerReport
+    from synth.motion_files.marker_files import Markers
+    from synth.motion_files.marker_set import MarkerSet
 
-ANGLES = ("flexion", "abduction", "rotation")
-"""A joint's three angles, in the order of ``synth.body.skeleton``."""
-
-STATUSES = ("bridged", "missing", "ghost", "swapped")
-"""What can become of a marker in a frame (``synth/markers/motion_file.py``)."""
+ANGLES = ("flexion", "abduction", "rotation")  # in the order of ``synth.body.skeleton``
+STATUSES = ("bridged", "missing", "ghost", "swapped")  # as in ``synth/markers/motion_file.py``
 
 
 def solve(
@@ -49,23 +48,11 @@ def solve(
         from synth.markers.solve import places_m
         from synth.markers.solve import solve as solve_markers
         from synth.motion.picture import check_animation, save_animation, save_picture
-        from synth.motion_files.bvh import read_bvh
-        from synth.motion_files.joint_file import read_joints
-        from synth.motion_files.marker_files import read_markers
-        from synth.motion_files.marker_set import load_marker_set
         from synth.motion_files.vertical_axis import given
 
     if film is not None:
         check_animation(film)
-    places = None if markerset is None else load_marker_set(markerset)
-    skeletons = {".bvh": read_bvh, ".npz": read_joints}
-    if (read := skeletons.get(markers.suffix.lower())) is not None:
-        if static is not None or places is not None:
-            raise CloudError(f"{markers} has its own skeleton; leave out --static and --markerset")
-        recorded, places = read(markers)
-    else:
-        recorded = read_markers(markers)
-    standing = None if static is None else read_markers(static)
+    recorded, standing, places = _read(markers, static, markerset)
     if up is not None:
         recorded = replace(recorded, up=given(up))
     started = time.monotonic()
@@ -80,7 +67,11 @@ def solve(
             save(path, motion, places_m(recorded, standing, places))
     report = motion.report
     result = {"frames": len(motion), "frames_per_second": round(rate, 1), **_solved(report)}
-    _say_remarks(report)
+    for line in report.assumed:
+        say(line)
+    if report.unknown:
+        shown = ", ".join(report.unknown[:8]) + (", ..." if len(report.unknown) > 8 else "")
+        say(f"{len(report.unknown)} labels belong to no marker of the set: {shown}")
     text = (
         f"{len(motion)} frames in {out}, {rate:.0f} a second; "
         f"markers off by {report.median_mm:.1f} mm (median), {report.rms_mm:.1f} mm (rms)"
@@ -88,8 +79,27 @@ def solve(
     finish(result, json, "\n".join([text, *_odd_markers(result["markers"])]))
 
 
+def _read(
+    markers: Path, static: Path | None, markerset: Path | None
+) -> "tuple[Markers, Markers | None, MarkerSet | None]":
+    """Read a recording, its static trial, and its marker set, which skeletons bring along."""
+    from synth.motion_files.bvh import read_bvh
+    from synth.motion_files.joint_file import read_joints
+    from synth.motion_files.marker_files import read_markers
+    from synth.motion_files.marker_set import load_marker_set
+
+    skeletons = {".bvh": read_bvh, ".npz": read_joints}
+    if (read := skeletons.get(markers.suffix.lower())) is not None:
+        if static is not None or markerset is not None:
+            raise CloudError(f"{markers} has its own skeleton; leave out --static and --markerset")
+        recorded, places = read(markers)
+        return recorded, None, places
+    chosen = None if markerset is None else load_marker_set(markerset)
+    return read_markers(markers), None if static is None else read_markers(static), chosen
+
+
 def _solved(report: "MarkerReport") -> dict[str, Any]:
-    """How well markers were explained, as JSON."""
+    """Return the fit of the markers as JSON."""
     return {
         "marker_median_mm": round(report.median_mm, 2),
         "marker_rms_mm": round(report.rms_mm, 2),
@@ -99,17 +109,8 @@ def _solved(report: "MarkerReport") -> dict[str, Any]:
     }
 
 
-def _say_remarks(report: "MarkerReport") -> None:
-    """Say what was assumed of the file, and which labels are of no marker."""
-    for line in report.assumed:
-        say(line)
-    if report.unknown:
-        shown = ", ".join(report.unknown[:8]) + (", ..." if len(report.unknown) > 8 else "")
-        say(f"{len(report.unknown)} labels belong to no marker of the set: {shown}")
-
-
 def motion_info(path: Path) -> tuple[dict[str, Any], str]:
-    """What a motion holds, as JSON and as text: its length, the person, and the range of every joint."""
+    """Return length, person, and range of every joint of a motion, as JSON and as text."""
     import numpy as np
 
     from synth.body.skeleton import JOINTS
@@ -140,7 +141,7 @@ def motion_info(path: Path) -> tuple[dict[str, Any], str]:
 
 
 def _per_marker(report: "MarkerReport") -> dict[str, dict[str, float]]:
-    """Median distance of each marker to the body, and its numbers of frames by status."""
+    """Return each marker's median distance to the body, and its frames by status."""
     import numpy as np
 
     from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SWAPPED
@@ -158,7 +159,7 @@ def _per_marker(report: "MarkerReport") -> dict[str, dict[str, float]]:
 
 
 def _odd_markers(markers: dict[str, dict[str, float]]) -> list[str]:
-    """A table of the markers that were bridged, missing, ghosts or swapped; none if there are none."""
+    """Return a table of the bridged, missing, ghost or swapped markers, if any."""
     columns = ("median_mm", *STATUSES, "longest_gap")
     odd = [
         (name, *(marker.get(column) for column in columns))

@@ -93,7 +93,6 @@ def save_picture(path: Path, image: UInt8) -> None:
 
 
 def _view(body: Body, azimuth_rad: float) -> UInt8:
-    """Draw a body at rest with its skeleton."""
     canvas = draw_body(body, body.vertices_m, azimuth_rad, TILE)
     at = canvas.pixels(body.joints_m)
     for colour, extra in ((INK, 3), (PAPER, 0)):

@@ -81,7 +81,6 @@ class BodyModel:
         return cut_into_parts(vertices, self.faces, joints, self._weights_by_joint(len(vertices)))
 
     def _standing(self, phenotype: Float64) -> tuple[Float64, Float64]:
-        """Return vertices (V, 3) and joints (J, 3), metres, with the soles on the ground."""
         vertices, heads = self.shape(phenotype)
         joints = np.stack([heads[self._model.bone_labels.index(_head_bone(j))] for j in JOINTS])
         floor = np.array([0.0, 0.0, vertices[:, 2].min()])
@@ -103,7 +102,6 @@ def _joint_of(bone: str) -> int:
 
 
 def _head_bone(joint: Joint) -> str:
-    """Return anny's bone whose head is a joint."""
     bone: str = table("joints")[joint.kind]["head"]
     return bone if joint.kind == joint.name else f"{bone}.{joint.name[0].upper()}"
 

@@ -163,10 +163,7 @@ def _fit_head(body: Body, owned: list[Int64], centres: Float64, radii: Float64, 
 
 
 def _vertices_of_joints(body: Body) -> list[Int64]:
-    """Return, by joint, the vertices that it moves most.
-
-    Vertices on a border between parts are left out: they stand in a dense row and would weigh in every mean.
-    """
+    """Return, by joint, the vertices that it moves most, off the dense rows on borders between parts."""
     parts, corners = body.vertex_parts, body.faces.ravel()
     inner = parts > 0
     inner[corners[parts[corners] != np.repeat(body.face_parts, 3)]] = False
@@ -210,7 +207,6 @@ def _fit_chain(own: Float32, axis: Float64, centres: Float64, radii: Float64) ->
 
 
 def _slices(own: Float32, heights: Float64, half: float) -> Float64:
-    """Return left, right, front and back (n, 4) of the vertices (n, 3) about each height."""
     near = [own[np.abs(own[:, 2] - height) < half, :2].T for height in heights]
     return np.array(
         [(x.max(initial=-1e3), x.min(initial=1e3), y.min(initial=1e3), y.max(initial=-1e3)) for x, y in near],

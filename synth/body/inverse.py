@@ -163,7 +163,6 @@ def _triangle(limb: _Limb, line: Float64) -> tuple[float, float]:
 
 @numba.njit(cache=True)
 def _turn_first(limb: _Limb, frames: Float64, turned: Float64) -> None:
-    """Turn shoulder or hip so that the first bone has a rotation (3, 3) in the world."""
     parent = PARENTS[limb.first]
     before = frames[parent] @ np.ascontiguousarray(limb.aligned[parent].T)
     local = np.ascontiguousarray(before.T) @ turned
@@ -179,7 +178,6 @@ def _clamp(angles_rad: Float64, joint: int) -> None:
 
 @numba.njit(cache=True)
 def _about(axis: Float64, angle: float, vector: Float64) -> Float64:
-    """Turn a vector about a unit axis (Rodrigues)."""
     turned: Float64 = (
         vector * np.cos(angle)
         + np.cross(axis, vector) * np.sin(angle)

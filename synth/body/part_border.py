@@ -105,19 +105,16 @@ def _plane(point_m: Float64, normal: Float64) -> Level:
 
 
 def _bisector(start: Float64, bend: Float64, end: Float64) -> Float64:
-    """Return the normal of the plane that halves the bend between two bones, towards the second."""
     first, second = bend - start, end - bend
     return np.asarray(first / np.linalg.norm(first) + second / np.linalg.norm(second))
 
 
 def _crotch_z(vertices_m: Float64, hip_z: float) -> float:
-    """Return the height of the lowest skin at the midline below the hip joints."""
     x, z = np.abs(vertices_m[:, 0]), vertices_m[:, 2]
     return float(z[(x < 0.002) & (z < hip_z)].min())
 
 
 def _thigh_m(vertices_m: Float64, hip: Float64) -> float:
-    """Return the thighs' distance from the midline below the hip joint."""
     beside = np.abs(vertices_m[:, 2] - (hip[2] - 0.08)) < 0.02
     x = np.abs(vertices_m[beside, 0])
     return float(x[x < 2.5 * abs(hip[0])].max())
@@ -134,7 +131,6 @@ def _groin(hip: Float64, sign: int, crotch_z: float, thigh_m: float, points: Flo
 
 
 def _roughly(faces: Int32, by_joint: Float32) -> UInt8:
-    """Return the part (F,) whose joints weigh most at a face's centre."""
     by_part = np.zeros((len(by_joint), len(PART_ID)), np.float32)
     for joint, weights in zip(JOINTS, by_joint.T, strict=True):
         part = table("joints")[joint.kind]["part"]

@@ -199,10 +199,10 @@ def turn(w: Float64, rotation: Float64) -> None:
 
 
 class Derivative(NamedTuple):
-    """Derivative (3, K) of one marker in the first K variables ``index`` (V,) that move it."""
+    """Derivative (3, K) of one marker in the first K ``variables`` (V,), which move it."""
 
     columns: Float64
-    index: Int64
+    variables: Int64
 
 
 @numba.njit(cache=True)

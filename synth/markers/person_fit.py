@@ -143,7 +143,6 @@ class Template:
         return np.asarray(result)
 
     def _about_ankle(self, side: str) -> Bool:
-        """Return flags (M,) of the markers on a foot, and of the shank's near the ankle."""
         knee, ankle = JOINT_ID[f"{side}_knee"], JOINT_ID[f"{side}_ankle"]
         near = np.linalg.norm(self.basis.offsets.sum(axis=0) - self.basis.bones[:, ankle].sum(axis=0), axis=1)
         on_shank = (self.marker_joint == knee) & (near < ABOUT_ANKLE_M)
@@ -178,7 +177,6 @@ def start_states(subject: Subject, observed_m: Float64) -> list[State]:
 
 
 def _spans_a_plane(points_m: Float64) -> bool:
-    """Return whether points (n, 3) determine a rotation."""
     return bool(np.linalg.svd(points_m - points_m.mean(axis=0), compute_uv=False)[1] > FLAT_M)
 
 
@@ -253,8 +251,5 @@ def person_body(bones_m: Float64) -> Body:
     vertices = np.einsum("vk,vki->vi", reference.weights, moved)
     floor = np.array([0.0, 0.0, vertices[:, 2].min()])
     return replace(
-        reference,
-        name="person",
-        vertices_m=(vertices - floor).astype(np.float32),
-        joints_m=joints - floor,
+        reference, name="person", vertices_m=(vertices - floor).astype(np.float32), joints_m=joints - floor
     )

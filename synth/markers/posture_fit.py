@@ -66,8 +66,6 @@ class _Target(NamedTuple):
 
 
 class _Problem(NamedTuple):
-    """Arguments of a fit in compiled code."""
-
     tree: Tree
     subject: Subject
     target: _Target
@@ -75,8 +73,6 @@ class _Problem(NamedTuple):
 
 
 class _System(NamedTuple):
-    """Gauss-Newton matrix (V, V) and gradient (V,)."""
-
     h: Float64
     g: Float64
 
@@ -194,7 +190,6 @@ def _normal(
 
 @numba.njit(cache=True)
 def _fit(problem: _Problem, state: State, steps: int) -> float:
-    """Write the best posture found into ``state`` and return its cost."""
     tree, bones_m = problem.tree, problem.subject.bones_m
     n = 3 + 3 * len(tree.parents)
     start = _Start(state.signed_rad.copy(), state.pelvis_m.copy(), np.zeros_like(state.signed_rad))

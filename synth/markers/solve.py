@@ -14,13 +14,7 @@ from annotate.array_types import Float32, Float64, UInt8
 from sensors.errors import CloudError
 from synth.markers.kinematics import State, Subject, markers_at
 from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SEEN, SWAPPED, MarkerReport, Motion
-from synth.markers.person_fit import (
-    LENIENT_M,
-    Template,
-    fit_from_nothing,
-    fit_shape,
-    posture_prior,
-)
+from synth.markers.person_fit import LENIENT_M, Template, fit_from_nothing, fit_shape, posture_prior
 from synth.markers.posture_fit import ROBUST_M, Observed, Prior, fit_posture
 from synth.motion_files.marker_files import Markers
 from synth.motion_files.marker_set import (
@@ -91,10 +85,8 @@ def places_m(markers: Markers, static: Markers | None = None, markerset: MarkerS
 def _trials(
     markers: Markers, static: Markers | None, markerset: MarkerSet
 ) -> tuple[KnownMarkers, KnownMarkers | None]:
-    """Return the known markers of a recording and of its static trial, which must be of the same person.
-
-    Both get the vertical axis of the static trial, because its person stands.
-    """
+    """Return the known markers of recording and static trial; the standing person gives both the vertical
+    axis."""
     if static is None:
         return known_markers(markers, markerset), None
     standing = known_markers(static, markerset, standing=True)
@@ -132,7 +124,6 @@ def solve_takes(takes: dict[str, Markers], markerset: MarkerSet) -> dict[str, Mo
 
 
 def _lengths(trial: KnownMarkers) -> Float64:
-    """Return the median distances (M - 1,) of neighbouring joints."""
     apart = np.linalg.norm(np.diff(trial.positions_m, axis=1), axis=2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -145,10 +136,7 @@ def _same(a: Float64, b: Float64) -> bool:
 
 
 def _steady_person(frames: Float64, markerset: MarkerSet) -> tuple[Subject, MarkerSet, list[str]]:
-    """Return the person, the marker set with less weight on markers that move on their bones, and lines.
-
-    They are found one after the other, since one draws its neighbours off their places.
-    """
+    """Return the person, the marker set with less weight on markers that move on their bones, and lines."""
     lines: list[str] = []
     person, off_m = _person(frames, markerset)
     steady = off_m > 0
@@ -177,7 +165,6 @@ def _person(frames: Float64, markerset: MarkerSet) -> tuple[Subject, Float64]:
 
 
 def _calibration_frames(trial: KnownMarkers, count: int) -> Float64:
-    """Return the positions (K, M, 3) of the fullest frame of each of ``count`` equal stretches."""
     seen = trial.seen.sum(axis=1)
     stretches = np.array_split(np.arange(len(seen)), min(count, len(seen)))
     chosen = np.array([s[np.argmax(seen[s])] for s in stretches])
@@ -215,8 +202,6 @@ def _track(
 
 
 class _Tracker(NamedTuple):
-    """Person, prior and weights (M,) of markers of a recording."""
-
     subject: Subject
     prior: Prior
     weight: Float64

@@ -78,7 +78,6 @@ def clearance_m(traces: Traces, frames_per_second: float) -> tuple[Float64, Floa
 
 
 def _still(traces: Traces, rate: float) -> Bool:
-    """Return flags (F, 3): the lowest of left foot, right foot and all else has kept still for a while."""
     stations = traces.stations_m
     frames = len(stations)
     if frames < 3:

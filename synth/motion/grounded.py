@@ -122,7 +122,6 @@ def _impossible(motion: Motion, traces: Traces, clear: Float64) -> Bool:
 
 
 def _speed_m_s(places_m: Float64, rate: float) -> Float64:
-    """Return the speed (F,) of a point (F, 3), over a tenth of a second."""
     frames = np.arange(len(places_m))
     reach = max(1, round(0.05 * rate))
     after, before = (np.clip(frames + k, 0, len(frames) - 1) for k in (reach, -reach))

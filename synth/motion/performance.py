@@ -78,7 +78,6 @@ def _way(body: Body, grounded: Grounded, turn: float) -> Float64:
 
 
 def _calmed(raw: list[Posture], settled: list[Posture], rate: float) -> tuple[Posture, ...]:
-    """Smooth the settled postures' difference from the raw ones; heights stay."""
     from scipy.ndimage import gaussian_filter1d
 
     given, angles = (np.array([posture.angles_rad for posture in some]) for some in (raw, settled))

@@ -54,7 +54,6 @@ def save_animation(path: Path, motion: Motion, markers_m: Float64) -> None:
 
 
 def _views(motion: Motion, markers_m: Float64, moments: Int64, azimuth_rad: float) -> list[UInt8]:
-    """Draw frames from an azimuth about the front of the first frame, the pelvis in the middle."""
     body = person_body(motion.bones_m)
     posed = [pose(body, Posture(motion.angles_rad[f], motion.pelvis_m[f]))[0] for f in moments]
     azimuth = azimuth_rad + heading_rad(motion.angles_rad[moments[0], 0])

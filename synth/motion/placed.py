@@ -75,7 +75,6 @@ def _trunk_up(body: Body, posture: Posture) -> Posture:
 
 @lru_cache(maxsize=16)
 def _feet(body: Body) -> list[Int64]:
-    """Return the vertices of the left, and of the right foot."""
     return [np.flatnonzero(body.strongest_joints == ankle) for _, _, ankle in _LEGS]
 
 
@@ -91,11 +90,8 @@ def take_seat(body: Body, grounded: Grounded, frame: int, seat: Seat) -> tuple[P
 
 
 def _settled(body: Body, posture: Posture, goal_m: Float64, near: Float64, solids: list[Solid]) -> Posture:
-    """Clear the limbs of each other and of solids.
-
-    goal_m: height (2,) to which each foot is drawn meanwhile; near: (2,) strength. A trunk whose belly would
-    push the thighs aside leans less than the motion's.
-    """
+    """Clear the limbs, each foot drawn to a height (2,) with a strength (2,); the trunk leans less for the
+    belly."""
     flesh = flesh_of(body)
     best, least = posture, np.inf
     for lean in LEANS_RAD:
@@ -117,7 +113,6 @@ def _settled(body: Body, posture: Posture, goal_m: Float64, near: Float64, solid
 
 
 def _leaning(posture: Posture, back_rad: float) -> Posture:
-    """Lean pelvis and trunk back, while the legs stay."""
     if back_rad == 0:
         return posture
     angles = posture.angles_rad.copy()
@@ -154,14 +149,12 @@ def _rotation(pelvis_rad: Float64) -> Float64:
 
 
 def _angles_of(rotation: Float64) -> Float64:
-    """Return the pelvis' angles (3,) of its rotation (3, 3)."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(euler_rad(Rotation.from_matrix(rotation)) * (1, -1, 1))
 
 
 def _turned(pelvis_rad: Float64, turn_rad: float) -> Float64:
-    """Turn the pelvis' angles (3,) about the vertical."""
     c, s = np.cos(turn_rad), np.sin(turn_rad)
     return _angles_of(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ _rotation(pelvis_rad))
 
@@ -230,7 +223,6 @@ def _bend(flesh: Flesh, angles: Float64, leg: list[int], rise_m: float) -> None:
 
 
 def _triangle(thigh: float, shank: float, reach: float) -> tuple[float, float]:
-    """Return the bend of the knee, and the angle between hip-ankle line and thigh (law of cosines)."""
     at_knee = (thigh**2 + shank**2 - reach**2) / (2 * thigh * shank)
     at_hip = (thigh**2 + reach**2 - shank**2) / (2 * thigh * reach)
     return float(np.pi - np.arccos(np.clip(at_knee, -1, 1))), float(np.arccos(np.clip(at_hip, -1, 1)))

@@ -112,7 +112,6 @@ def _keeping_offset(bones: list[Bone], rows: Float64) -> tuple[list[bool], tuple
 
 
 def _several_people(bones: list[Bone]) -> tuple[str, ...]:
-    """Return a line where a file has several skeletons with the joints of the first."""
     people: list[set[str]] = []
     for bone in bones:
         if bone.parent < 0:
@@ -195,7 +194,6 @@ def _hierarchy(tokens: list[str]) -> list[Bone]:
 
 
 def _bone(tokens: list[str], at: int, name: str, column: int, parent: int) -> tuple[Bone, int]:
-    """Return the bone whose OFFSET is the token ``at``, and the place behind its channels."""
     if tokens[at].upper() != "OFFSET":
         raise FormatError(f"joint {name[:40]!r} has no OFFSET; export it again")
     x, y, z = (float(v.replace(",", ".")) for v in tokens[at + 1 : at + 4])
@@ -213,7 +211,6 @@ def _bone(tokens: list[str], at: int, name: str, column: int, parent: int) -> tu
 
 
 def _motion(text: str, columns: int, assumed: list[str]) -> tuple[Float64, float]:
-    """Return the channels (F, C) of all frames, and seconds a frame."""
     head = re.match(r"\s*Frames\s*:\s*(\d+)\s+Frame\s+Time\s*:\s*(\S+)", text, re.IGNORECASE)
     if head is None:
         raise FormatError("no number of frames and frame time; copy it again")

@@ -272,7 +272,6 @@ def _statements(file: _File) -> dict[str, tuple[list[int], list[int]]]:
 
 
 def _usable(values: Sequence[float], least: int) -> list[int]:
-    """Return the first different whole numbers that can be a count or a place."""
     whole = (int(value) for value in values if math.isfinite(value) and least <= value < _ALL)
     return list(dict.fromkeys(whole))[:_MOST_STATEMENTS]
 
@@ -320,7 +319,6 @@ def _rate(file: _File, assumed: list[str]) -> float:
 
 
 def _scale(file: _File, assumed: list[str]) -> float:
-    """Return the factor of positions that are written as words."""
     scales = [abs(s) for s in (*file.numbers("POINT:SCALE"), file.header_float(12))]
     scale = next((s for s in scales if s and math.isfinite(s)), 1.0)
     if not all(math.isclose(other, scale, rel_tol=1e-4) for other in scales):

@@ -168,7 +168,7 @@ def joints_of_rotations(poses: Float64, root_m: Float64) -> Float64:
 
 
 def _t_pose_m() -> Float64:
-    """Return SMPL's joints (24, 3) on the reference body in a T-pose: x to its left, y up, z ahead."""
+    """Return SMPL's joints (24, 3) in a T-pose: x to the left, y up, z ahead."""
     body = reference_body()
     angles = np.zeros((N_JOINTS, 3))
     for side in ("left", "right"):

@@ -87,7 +87,6 @@ def _places(names: Sequence[str], parents: Int64, centres: Float64) -> dict[str,
 
 
 def _at_wrist(side: str, found: dict[str, int], centres: Float64) -> None:
-    """Make the hand the wrist where the two are one, as in ASF skeletons."""
     wrist, hand = found.get(f"{side}wrist"), found.get(f"{side}hand_end")
     hip, knee = found.get(f"{side}hip"), found.get(f"{side}knee")
     if wrist is None or hand is None or hip is None or knee is None:
@@ -153,7 +152,6 @@ _POINTS = {
 
 
 def _row(place: str) -> tuple[int, tuple[float, float, float], float]:
-    """Return joint, place in metres from it and spread of one point."""
     side, _, kind = place.partition("_") if "_" in place else ("", "", place)
     if kind == "toe":
         return JOINT_ID[f"{side}_ankle"], (0.0, -0.15, -0.05), 0.05

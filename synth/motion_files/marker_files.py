@@ -81,7 +81,6 @@ def read_markers(path: Path) -> Markers:
 
 
 def _without_zeros(markers: Markers) -> Markers:
-    """Set places of exactly (0, 0, 0), which some programs write for a gap, to NaN."""
     zero = (markers.positions == 0).all(axis=2)
     markers.positions[zero | ~(np.abs(markers.positions) < FARTHEST).all(axis=2)] = np.nan
     if np.isnan(markers.positions).all():
@@ -159,7 +158,6 @@ class _Head:
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
-    """Split a line at the separator, or at blanks if the line has none."""
     found = separator if separator is not None and separator in line else None
     return [cell.strip() for cell in line.rstrip("\r\n").split(found)] or [""]
 
@@ -176,7 +174,6 @@ def _labels(cells: list[str]) -> tuple[str, ...]:
 def _frames(
     lines: Iterable[str], head: _Head, odd: Counter[str]
 ) -> tuple[list[float], list[Float64], tuple[str, ...]]:
-    """Return times and positions (M, 3) of frames, and M labels; count defects in ``odd``."""
     times: list[float] = []
     rows: list[Float64] = []
     labels = head.labels
@@ -216,7 +213,6 @@ def _row(cells: list[str], markers: int, odd: Counter[str]) -> Float64:
 
 
 def _number(cell: str) -> float:
-    """Parse a number with a decimal point or comma; NaN for other text."""
     try:
         return float(cell.replace(",", "."))
     except ValueError:

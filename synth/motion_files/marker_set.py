@@ -171,10 +171,8 @@ def known_markers(markers: Markers, markerset: MarkerSet, standing: bool = False
 
 
 def _picked(markers: Markers, markerset: MarkerSet) -> tuple[Float64, tuple[str, ...], tuple[str, ...]]:
-    """Return positions (F, M, 3) in the file's unit, labels of no marker, and lines.
-
-    The lines name several people, and labels that occur twice, of which the one seen most is used.
-    """
+    """Return positions (F, M, 3) in the file's unit, labels of no marker, and lines on people and repeated
+    labels."""
     places = markerset.columns(markers.labels)
     frames = np.isfinite(markers.positions).all(axis=2).sum(axis=0)
     others, lines = _other_people(markers.labels, places, frames)
@@ -208,11 +206,7 @@ def _picked(markers: Markers, markerset: MarkerSet) -> tuple[Float64, tuple[str,
 def _other_people(
     labels: Sequence[str], places: Sequence[int | None], frames: Int64
 ) -> tuple[set[int], tuple[str, ...]]:
-    """Return the columns of all but the person seen most, and a line on several people.
-
-    Each person has a prefix ("Anna:LASI") and a marker that others have too. frames: count of each column's
-    frames.
-    """
+    """Return the columns of all but the person seen most, and a line; ``frames`` counts each column's."""
     people: dict[str, dict[int, int]] = {}
     for column, (label, place) in enumerate(zip(labels, places, strict=True)):
         if place is not None:
@@ -240,7 +234,6 @@ def _unit(positions: Float64, unit: str) -> tuple[str, tuple[str, ...]]:
 
 
 def _span(positions: Float64) -> float:
-    """Return the median diagonal of the box around the markers, over the frames with most of them."""
     count = np.isfinite(positions).all(axis=2).sum(axis=1)
     full = positions[count >= max(4, 0.8 * count.max())]
     if not len(full):
@@ -270,7 +263,6 @@ def check_same_person(trial: KnownMarkers, static: KnownMarkers, markerset: Mark
 
 
 def _distance(trial: KnownMarkers, a: int, b: int) -> float:
-    """Return the median distance of two markers over the frames with both, NaN without any."""
     both = trial.seen[:, a] & trial.seen[:, b]
     if not both.any():
         return float("nan")

@@ -72,11 +72,7 @@ def direction(axis: str) -> Float64:
 
 @dataclass(frozen=True)
 class _Person:
-    """Person in a recording, metres.
-
-    rises: (F, 3) along the trunk, and from legs to head. pelvis, ankles: places (F, 3). points: all markers
-    (F, M, 3). soles: directions, rise at rest and its spread, degrees.
-    """
+    """Rises (F, 3) of trunk and whole person, places (F, 3) of pelvis and ankles, markers, and soles."""
 
     rises: tuple[Float64, Float64]
     pelvis: Float64
@@ -187,11 +183,8 @@ def zero_pose_axis(positions: Float64, joint: Int64) -> str:
 def _unstated(
     person: _Person, shares: dict[str, float], best: str, moves: bool, usual: str
 ) -> tuple[str, tuple[str, ...]]:
-    """Return the likeliest axis of a file that states none, and a line on it.
-
-    moves: the person walks or squats along the best axis. Otherwise the person lies if a usual axis has the
-    floor and the best axis has none.
-    """
+    """Return the likeliest axis of a file that states none, and a line; moves: walks or squats along the
+    best."""
     grounds = [axis for axis in (usual, "y", "z") if person.on_floor(axis) and shares[axis] < MOST]
     ground = "" if person.on_floor(best) else next(iter(grounds), "")
     if moves or (shares[best] >= MOST and person.stands(best, ground)):
@@ -209,7 +202,6 @@ def _unstated(
 
 
 def _option(axis: str) -> str:
-    """Quote an axis for the command line."""
     return axis if axis[0] != "-" else f"'{axis}'"
 
 
@@ -247,7 +239,6 @@ def _sole(positions_m: Float64, on_foot: Bool, at_m: Float64) -> tuple[Float64, 
 
 
 def _first(*places: Float64) -> Float64:
-    """Return the first finite of several places (F, 3)."""
     found = places[0]
     for other in places[1:]:
         found = np.where(np.isfinite(found), found, other)

@@ -91,7 +91,6 @@ def _between(start: tuple[int, int], end: tuple[int, int], share: float) -> Mome
 
 @lru_cache(maxsize=16)
 def _posture(body: Body, wall_y: float, kind: float, seed: float) -> Posture:
-    """Return the posture of a kind and a seed in its place on the floor."""
     name, rng = KINDS[int(kind)], np.random.default_rng(int(seed))
     if name == "standing":
         posture = stood(body, draw_standing(rng))
@@ -127,7 +126,6 @@ def _pelvis(posture: Posture) -> Rotation:
 
 
 def _glided(start: Posture, end: Posture, share: float) -> Posture:
-    """Return the posture a share of the way: angles linearly, the pelvis by the shortest rotation."""
     angles = (1 - share) * start.angles_rad + share * end.angles_rad
     both = Rotation.concatenate([_pelvis(start), _pelvis(end)])
     angles[0] = Slerp([0.0, 1.0], both)(share).as_euler("XYZ") * SIGNS[0]
@@ -135,7 +133,6 @@ def _glided(start: Posture, end: Posture, share: float) -> Posture:
 
 
 def _on_floor(body: Body, posture: Posture, wall_y: float) -> Posture:
-    """Move a posture so that its lowest skin stands on the floor and none is in the wall."""
     vertices, _ = pose(body, posture)
     out = min(0.0, wall_y - OFF_WALL_M - float(vertices[:, 1].max()))
     up = height_to_rest(vertices, [FLOOR])

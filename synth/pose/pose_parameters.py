@@ -125,7 +125,7 @@ def mirrored(spreads: Spreads) -> Spreads:
 
 
 def _spreads(entry: dict[str, list[float]]) -> Spreads:
-    """Return the spreads of a table, ``both_NAME`` as left_NAME and right_NAME."""
+    """Read a table, ``both_NAME`` as left_NAME and right_NAME."""
     result: Spreads = {}
     for name, (mean, deviation) in entry.items():
         spread = (float(mean), float(deviation))

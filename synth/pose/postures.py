@@ -161,12 +161,10 @@ def risen(body: Body, seat: Seat | None, moment: Moment) -> Posture:
 
 
 def _behind(vertices: Float32, up: float, seat: Seat) -> float:
-    """Return the rearmost y of all skin lower than the seat when lifted by ``up``."""
     return float(vertices[vertices[:, 2] + up < seat.height, 1].max(initial=-10.0))
 
 
 def _soles_level(moment: Moment) -> Moment:
-    """Return a moment whose ankles count from level soles."""
     level = {
         f"{side}_ankle": moment[f"{side}_knee"] - moment[f"{side}_hip"] + moment["pitch"]
         + moment[f"{side}_ankle"]

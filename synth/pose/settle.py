@@ -111,8 +111,6 @@ class _Surroundings(NamedTuple):
 
 
 class _Placed(NamedTuple):
-    """Axes (J, 3, 3) and joints (J, 3) of a posture, from ``kinematics``."""
-
     axes: Float64
     positions: Float64
 

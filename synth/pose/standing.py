@@ -79,7 +79,6 @@ class _Foot:
 
 @cache
 def _gives() -> Float64:
-    """Return the share of the radius at each station (S,) that gives to other flesh."""
     gives = np.zeros(N_STATIONS)
     for name, chain in CHAINS.items():
         kind = name.removeprefix("left_").removeprefix("right_")
@@ -142,7 +141,6 @@ class _Stander:
         return result
 
     def _on_feet(self, angles: Float64, feet: Mapping[str, _Foot]) -> Posture:
-        """Put the pelvis over the feet, and the feet in their places."""
         how = self.how
         _, joints = self._places(Posture(angles, np.zeros(3)))
         share = min(max(how.legs["weight"], 0.0), 1.0)
@@ -187,7 +185,6 @@ class _Stander:
         return planted
 
     def _with_arms(self, posture: Posture) -> tuple[Posture, list[Pull]]:
-        """Put both hands in their places; return pulls that keep them there while the body settles."""
         pulls = []
         frames, joints = self._places(posture)
         for side in SIDES:
@@ -210,10 +207,7 @@ class _Stander:
     def _hung(
         self, posture: Posture, side: str, frames: Float64, joints: Float64
     ) -> tuple[Posture, list[Pull]]:
-        """Hang one arm; flexion counts from the vertical, whatever the trunk does.
-
-        An arm with a gap starts spread, and pulls draw it to its place, beside trunk and thigh.
-        """
+        """Hang one arm, its flexion from the vertical; with a gap it starts spread, and pulls draw it in."""
         arm, angles = self.how.arms[side], posture.angles_rad.copy()
         shoulder, chest = JOINT_ID[f"{side}_shoulder"], frames[JOINT_ID["spine_upper"]]
         forwards = np.degrees(np.arctan2(-chest[1, 2], chest[2, 2]))
@@ -230,7 +224,6 @@ class _Stander:
         return Posture(clamp(angles), posture.pelvis_m), drawn
 
     def _target(self, side: str, frames: Float64, joints: Float64) -> Float64:
-        """Return the place (3,) of a wrist in the world."""
         arm = self.how.arms[side]
         if "azimuth" in arm:
             azimuth, elevation = np.radians([arm["azimuth"], arm["elevation"]])

@@ -119,7 +119,6 @@ def _candidates(points: Float32, faces: Int32, width: int, height: int, closed: 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _fill(points: Float32, faces: Int32, candidates: Int32, nearness: Float32, face: Int32) -> None:
-    """Write nearness and index of the nearest candidate at every pixel into the last two arguments."""
     height, width = nearness.shape
     for f in candidates:
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]

@@ -74,20 +74,12 @@ class C3d:
         return struct.pack("bBBB", -1, 2, width, len(value)) + texts
 
     def _parameters(self, order: str, data_block: int) -> bytes:
-        own: list[tuple[str, str, Value | None]] = [
-            ("POINT", "USED", self.points.shape[1]),
-            ("POINT", "SCALE", float(self.scale)),
-            ("POINT", "RATE", float(self.rate)),
-            ("POINT", "DATA_START", data_block),
-            ("POINT", "FRAMES", len(self.points)),
-            ("POINT", "LABELS", self.labels),
-            ("POINT", "UNITS", [self.unit]),
-            ("ANALOG", "USED", self.analog.shape[1] if len(self.analog) else 0),
-            ("ANALOG", "RATE", float(self.rate)),
-            ("ANALOG", "SCALE", 1.0),
-            ("ANALOG", "GEN_SCALE", 1.0),
-            ("ANALOG", "OFFSET", 0),
-        ]
+        point = {"USED": self.points.shape[1], "SCALE": float(self.scale), "RATE": float(self.rate)}
+        point |= {"DATA_START": data_block, "FRAMES": len(self.points), "LABELS": self.labels}
+        analog = {"USED": self.analog.shape[1] if len(self.analog) else 0, "RATE": float(self.rate)}
+        analog |= {"SCALE": 1.0, "GEN_SCALE": 1.0, "OFFSET": 0}
+        own = [("POINT", name, value) for name, value in (point | {"UNITS": [self.unit]}).items()]
+        own += [("ANALOG", name, value) for name, value in analog.items()]
         given = {(group, name) for group, name, _ in self.parameters}
         rows = [row for row in own if row[:2] not in given] + self.parameters
         groups = {group: number + 1 for number, group in enumerate(dict.fromkeys(r[0] for r in rows))}
@@ -111,9 +103,8 @@ class C3d:
                     counts = [round(v / self.scale) for v in numbers[:3]]
                     frames += struct.pack(f"{order}4h", *counts, int(numbers[3]))
             for sample in self.analog[f] if len(self.analog) else ():
-                frames += (
-                    self._float(order, sample) if self.scale < 0 else struct.pack(f"{order}h", int(sample))
-                )
+                word = struct.pack(f"{order}h", int(sample))
+                frames += self._float(order, sample) if self.scale < 0 else word
         return bytes(frames)
 
 

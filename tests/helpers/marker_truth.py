@@ -1,6 +1,6 @@
 """Markers synthesised from known angles: the truth that the solver is measured against."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,6 +20,15 @@ def plug_in_gait() -> MarkerSet:
     return next(s for s in shipped_marker_sets() if s.name == "plug_in_gait")
 
 
+def worn(
+    places: MarkerSet, angles_rad: np.ndarray, pelvis_m: np.ndarray, scale: float = 1.0, body: int = 7
+) -> np.ndarray:
+    """Return the markers (F, M, 3) of a set on a body in postures (F, J, 3), pelvis (3,) or (F, 3)."""
+    subject = Subject(zero_bones(shipped_bodies()[body].joints_m), places.joint, scale * places.at_m)
+    pelvis = np.broadcast_to(pelvis_m, (len(angles_rad), 3)).copy()
+    return np.array([markers_at(State.of(a, p), subject) for a, p in zip(angles_rad, pelvis, strict=True)])
+
+
 @dataclass(frozen=True)
 class Truth:
     """A person of known bones and marker places, standing and moving; angles (F, J, 3), pelvis (F, 3)."""
@@ -36,16 +45,13 @@ def synthesise(
     """Smooth random motion of a body that is not the solver's reference, markers 8 mm off their places."""
     rng = np.random.default_rng(seed)
     markerset = plug_in_gait()
-    bones = zero_bones(shipped_bodies()[body].joints_m)
     scale = shipped_bodies()[body].height_cm / 170
     offsets = scale * markerset.at_m + rng.normal(0, misplaced_mm / 1000, markerset.at_m.shape)
 
     def recorded(angles: np.ndarray, pelvis: np.ndarray) -> Markers:
-        places = [
-            markers_at(State.of(a, p), Subject(bones, markerset.joint, offsets))
-            for a, p in zip(angles, pelvis, strict=True)
-        ]
-        noisy = np.array(places) + rng.normal(0, noise_mm / 1000, (len(angles), len(offsets), 3))
+        noisy = worn(replace(markerset, at_m=offsets), angles, pelvis, body=body) + rng.normal(
+            0, noise_mm / 1000, (len(angles), len(offsets), 3)
+        )
         return Markers(markerset.names, 1000 * noisy, RATE, "mm", Upward("z", "the test"))
 
     standing = np.zeros((40, N_JOINTS, 3))

@@ -1,4 +1,4 @@
-"""How deep a posed body is in itself, measured on its skin, and in furniture: what generating is judged by.
+"""Penetration of a posed body by itself, measured on its skin, and by furniture.
 
 The skin is cut into the eleven parts, each closed by a fan over its open borders. A vertex of one part
 inside another is as deep as its distance to that other part's skin (fans do not count); the deepest of all

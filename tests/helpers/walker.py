@@ -1,4 +1,4 @@
-"""Somebody who walks, lies, or stands and moves the arms: joints in the world, and BVH of many dialects."""
+"""Person who walks, lies, or stands and moves the arms: joints in the world, and BVH of many dialects."""
 
 from collections.abc import Callable
 

@@ -47,10 +47,11 @@ from tests.helpers.bags import STORAGES, realsense, write_bag
 from tests.helpers.bags import write_old_bag as write_ros1_bag
 from tests.helpers.cloud_files import pcd
 from tests.helpers.flir_files import Written, flir_jpeg
-from tests.helpers.marker_samples import bvh_text, positions, write_c3d, write_trc
+from tests.helpers.marker_samples import positions, write_c3d, write_trc
 from tests.helpers.orbbec_files import jpeg_of, write_orbbec_bag
 from tests.helpers.realsense_files import write_old_bag
 from tests.helpers.samples import azure_mkv, las
+from tests.helpers.walker import bvh_of
 from tools.fuzz.reader import Reader
 
 CAMERA = Intrinsics(16, 12, 20.0, 21.0, 7.5, 5.5)
@@ -248,7 +249,7 @@ def _markers(suffix: str, folder: Path) -> Path:
 
 
 def _bvh(folder: Path) -> Path:
-    return _written(folder / "x.bvh", bvh_text().encode())
+    return _written(folder / "x.bvh", bvh_of().encode())
 
 
 def _suit(folder: Path) -> Path:
