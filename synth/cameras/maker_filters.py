@@ -1,4 +1,4 @@
-"""Depth images after a maker's filters, which leave almost no faults."""
+"""Depth images after a maker's filters."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -6,21 +6,22 @@ from typing import Any, ClassVar
 import numba
 import numpy as np
 
-from annotate.array_types import Bool, Float32, Int32, UInt16
+from annotate.array_types import Float32
 from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE
 from sensors.rig.camera import Intrinsics
 from synth.cameras.pixel_random import NORMALS, lattice, ramps, smooth
 from synth.cameras.relief import FARTHEST_MM
-from synth.cameras.sensor import CleanDepth, Reading, drawn_camera, key_of, strength
+from synth.cameras.sensor import CleanDepth, Pixels, Reading, drawn_camera, key_of, strength
 from synth.surface.rasterize import EXACT
+
+RIPPLE_LOG2 = 2  # size of ripples after a filter of 5 x 5 pixels; untuned
 
 
 @dataclass(frozen=True)
 class Filtered:
-    """A stream after spatial and temporal filters and filled holes: no dropout, a smooth rim.
+    """Depth camera with spatial and temporal filters and filled holes.
 
-    ripple_mm: standard deviation of what is left of the noise, alike over 4 pixels. least_px: width below
-    which a person's fingers are lost, 1 for none.
+    ripple_mm: standard deviation of the remaining noise. least_px: width of the narrowest limb kept.
     """
 
     ripple_mm: float = 1.0
@@ -31,32 +32,27 @@ class Filtered:
 
     @staticmethod
     def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "Filtered":
-        """A stream of a size of ``sensors.toml``, with a ripple of 0 to 2 mm."""
+        """Draw a unit of a model of ``sensors.toml``."""
         return Filtered(strength(rng, 2.0), int(rng.integers(1, 4)), drawn_camera(entry, rng), entry["model"])
 
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
-        """What the stream shows of a clean depth image, dark or not; see ``Sensor.read``."""
-        reading, wanted = clean.blank(), clean.wanted(0) & clean.shown(self.least_px)
-        ripple = np.float32(self.ripple_mm)
-        _read(clean.filled(), wanted, ripple, key_of(rng), NORMALS, ramps(RIPPLE_LOG2), *reading)
+        """Return a reading, as ``Sensor.read``."""
+        reading, noise = clean.blank(), (NORMALS, ramps(RIPPLE_LOG2))
+        _read(clean.pixels(0, self.least_px), np.float32(self.ripple_mm), key_of(rng), noise, reading)
         return reading
-
-
-RIPPLE_LOG2 = 2
-"""Size of ripples left by a filter of 5 x 5 pixels: 4. Chosen by eye."""
 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _read(
-    depth: Float32, wanted: Bool, ripple_mm: np.float32, key: np.uint64, normals: Float32,
-    weights: Float32, depth_mm: UInt16, source: Int32,
-) -> None:  # fmt: skip
-    """Writes the readings of the wanted pixels into the last two arguments."""
+    pixels: Pixels, ripple_mm: np.float32, key: np.uint64, noise: tuple[Float32, Float32], reading: Reading
+) -> None:
+    depth, _, wanted, shown, _, _ = pixels
+    (normals, weights), (depth_mm, source) = noise, reading
     height, width = depth.shape
     ripples = lattice(key, height, width, RIPPLE_LOG2, normals)
     for v in range(height):
         for u in range(width):
-            if not wanted[v, u] or depth[v, u] > np.float32(FARTHEST_MM / 1000):
+            if not (wanted[v, u] and shown[v, u]) or depth[v, u] > np.float32(FARTHEST_MM / 1000):
                 continue
             mm = depth[v, u] * np.float32(1000)
             if ripple_mm > 0:

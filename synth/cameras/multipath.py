@@ -1,4 +1,4 @@
-"""Multipath of time-of-flight cameras: how much light that bounces twice lengthens the depth."""
+"""Multipath of time-of-flight cameras: the depth error by light that bounces twice."""
 
 import cv2
 import numba
@@ -8,22 +8,16 @@ from annotate.array_types import Float32
 from sensors.rig.camera import Intrinsics
 from synth.surface.rasterize import EXACT
 
-STRIDE = 12
-"""Bounced light is diffuse: it is computed between patches of so many pixels a side."""
-MODULATION_HZ = 80e6
-"""The middle one of the Kinect v2's three frequencies (libfreenect2's phase unwrapping: 16, 80, 120 MHz)."""
+STRIDE = 12  # pixels a patch's side: bounced light is diffuse
+MODULATION_HZ = 80e6  # the middle frequency of a Kinect v2 (libfreenect2: 16, 80, 120 MHz)
 _RAD_PER_M = 4 * np.pi * MODULATION_HZ / 299_792_458
 
 
 def multipath_m(camera: Intrinsics, depth_m: Float32, reflectance: float, stride: int = STRIDE) -> Float32:
-    """By how much depth (h, w), metres along z, is overestimated; NaN where depth is.
+    """Return the overestimate of depth (h, w), metres along z; NaN at a NaN depth.
 
-    stride: pixels along a patch's side.
-
-    Every surface is Lambertian with the same reflectance at 860 nm, in [0, 1]; light goes from the camera to
-    one surface, on to another and back; the sum's phase at ``MODULATION_HZ`` is what is measured. The lens'
-    distortion is left aside. Source: the radiometric model of Jimenez et al. 2014 (Image and Vision
-    Computing 32), two bounces.
+    Two bounces of Jimenez et al. 2014 (Image and Vision Computing 32) between Lambertian surfaces of one
+    reflectance in [0, 1]; the lens' distortion is ignored.
     """
     height, width = depth_m.shape
     v, u = np.mgrid[stride // 2 : height : stride, stride // 2 : width : stride]
@@ -45,7 +39,7 @@ def multipath_m(camera: Intrinsics, depth_m: Float32, reflectance: float, stride
 
 
 def _normals(points: Float32) -> Float32:
-    """Unit normals (h, w, 3) towards the camera; NaN beside what has no depth."""
+    """Return unit normals (h, w, 3) towards the camera; NaN beside NaN."""
     normal = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0))
     normal /= np.linalg.norm(normal, axis=2, keepdims=True) + np.float32(1e-12)
     normal *= -np.sign((normal * points).sum(axis=2, keepdims=True))
@@ -54,7 +48,7 @@ def _normals(points: Float32) -> Float32:
 
 @numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _bounce(points: Float32, normals: Float32, area: Float32, reflectance: float) -> Float32:
-    """Mean excess of path length (n,), metres, one way."""
+    """Return the mean excess of path length (n,), metres, one way."""
     n = len(points)
     excess = np.zeros(n, np.float32)
     away = np.empty(n)
@@ -75,7 +69,7 @@ def _bounce(points: Float32, normals: Float32, area: Float32, reflectance: float
             at_q = -(normals[q, 0] * x + normals[q, 1] * y + normals[q, 2] * z)
             if at_p <= 0 or at_q <= 0 or square < 1e-6:
                 continue
-            # Patches that nearly touch would exceed their own size: solid angle is bounded by their area.
+            # The area bounds the solid angle of patches that nearly touch.
             form = at_p * at_q / square / (np.pi * max(square, area[q]))
             share = reflectance * area[q] / (away[q] * away[q]) * form / direct
             phase = _RAD_PER_M * (away[q] + np.sqrt(square) - away[p]) / 2

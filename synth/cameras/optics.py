@@ -1,4 +1,4 @@
-"""Lenses of the virtual rig's cameras, and how they render."""
+"""Rendering through the lenses of the virtual rig's cameras."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,12 +11,14 @@ from annotate.array_types import Bool, Float64, Int32
 from sensors.rig.camera import Distortion, Intrinsics, brown, distort
 from synth.surface.rasterize import ZBuffer, rasterize
 
+LEAST_STEPS, MOST_STEPS, STILL = 12, 100, 1e-5  # of the inverse lens model, and the move that ends it
+WIDEST = 3.0  # tangent of the widest view, 143 degrees; the rigs' lenses are narrower
+
 
 class Lens:
-    """Renders through a distorting lens: a wider pinhole image, and where each real pixel looks in it.
+    """Distorting lens, rendered by a wider pinhole image ``pinhole``.
 
-    supersample: rendered pixels per real pixel side. camera: the real one. maps: x and y of ``cv2.remap``,
-    float32, the size of the supersampled real image.
+    supersample: rendered pixels per pixel side. maps: x and y of ``cv2.remap`` for the supersampled image.
     """
 
     def __init__(self, camera: Intrinsics, supersample: int) -> None:
@@ -45,11 +47,11 @@ class Lens:
         self.maps = ((x + left).astype(np.float32), (y + top).astype(np.float32))
 
     def render_pinhole(self, points: Float64, faces: Int32) -> ZBuffer:
-        """The wide pinhole image; points (V, 3) in the camera frame, metres."""
+        """Render the wide pinhole image of points (V, 3), camera frame, metres."""
         return rasterize(self.pinhole, points.astype(np.float32), faces)
 
     def render(self, points: Float64, faces: Int32) -> ZBuffer:
-        """The image through the lens, every pixel taking the nearest pinhole pixel; blind ones nothing."""
+        """Render the image through the lens, by nearest pinhole pixels."""
         wide = self.render_pinhole(points, faces)
         u, v = (np.rint(m).astype(np.intp) for m in self.maps)
         depth_m, face = wide.depth_m[v, u], wide.face[v, u]
@@ -57,19 +59,11 @@ class Lens:
         return ZBuffer(depth_m, face)
 
 
-lens_of = lru_cache(maxsize=6)(Lens)
-"""Rigs of one kind have the same cameras, and the colour camera's map takes a quarter of a second."""
-LEAST_STEPS, MOST_STEPS, STILL = 12, 100, 1e-5
-"""Steps of the inverse lens model, and the move per step, normalised, at which it ends. Chosen by eye."""
-WIDEST = 3.0
-"""Tangent of the widest view, 143 degrees: all lenses of the rigs are narrower."""
+lens_of = lru_cache(maxsize=6)(Lens)  # because a colour camera's map takes a quarter of a second
 
 
 def _undistort_fast(camera: Intrinsics, distorted: Float64) -> tuple[Float64, Bool]:
-    """Fixed-point inverse (..., 2) of the lens model, to under 0.01 px; a wide lens takes more steps.
-
-    Also (...): where there is none, in corners beyond a round view.
-    """
+    """Return the fixed-point inverse (..., 2) of the lens model, to 0.01 px, and the mask of pixels without."""
     radius = np.linspace(0, WIDEST, 1000)
     radial = replace(camera, p1=0.0, p2=0.0)
     beyond = np.diff(distort(radial, np.stack([radius, 0 * radius], axis=-1))[:, 0]) <= 0
@@ -88,7 +82,7 @@ _distorted = numba.njit(cache=True)(_at_point)
 
 @numba.njit(cache=True)
 def _step(lens: Distortion, distorted: Float64, ideal: Float64, far: Bool, widest: float) -> float:
-    """Greatest move of a step of ``ideal`` (h, w, 2), but of the ``far`` (h, w), which are kept at widest."""
+    """Step ``ideal`` (h, w, 2) and return the greatest move; ``far`` (h, w) pixels stay at widest."""
     most = 0.0
     for v in range(len(ideal)):
         for u in range(ideal.shape[1]):

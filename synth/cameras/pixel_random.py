@@ -1,7 +1,4 @@
-"""Random numbers of a pixel: hashes of a key and a place, so that no pixel depends on another's draws.
-
-Blocks and noise that is alike over some pixels come in sides of powers of two, given as their logarithm.
-"""
+"""Random numbers of a pixel: hashes of a key and the place. Sides of blocks are powers of two (``log2``)."""
 
 from functools import cache
 
@@ -13,13 +10,12 @@ from annotate.array_types import Float32
 from synth.surface.rasterize import EXACT
 
 NORMALS = ndtri((np.arange(4096) + 0.5) / 4096)
-NORMALS = (NORMALS / NORMALS.std()).astype(np.float32)
-"""The normal distribution by its inverse: twelve random bits make a number, 3.7 sigma at most."""
+NORMALS = (NORMALS / NORMALS.std()).astype(np.float32)  # normal numbers by twelve random bits
 
 
 @numba.njit(cache=True)
 def hashed(key: np.uint64, counter: int) -> np.uint64:
-    """64 random bits of a key and a counter. Source: splitmix64, Steele et al. 2014."""
+    """Return 64 random bits of a key and a counter (splitmix64, Steele et al. 2014)."""
     z = np.uint64(key) + np.uint64(counter + 1) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -28,28 +24,25 @@ def hashed(key: np.uint64, counter: int) -> np.uint64:
 
 @numba.njit(cache=True)
 def share_of(bits: np.uint64) -> np.float32:
-    """The sixteen low bits as a number in [0, 1)."""
+    """Return the sixteen low bits as a number in [0, 1)."""
     return np.float32(bits & np.uint64(0xFFFF)) * np.float32(1 / 65536)
 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def chance_of(normal: np.float32) -> np.float32:
-    """A standard normal number as one uniform in (0, 1). Logistic: within 0.01 (Bowling et al. 2009)."""
+    """Return the normal distribution function to 0.01 (logistic, Bowling et al. 2009)."""
     return np.float32(np.float32(1) / (np.float32(1) + np.exp(np.float32(-1.702) * normal)))
 
 
 @numba.njit(cache=True)
 def block_bits(key: np.uint64, v: int, u: int, log2: int) -> np.uint64:
-    """64 random bits of the square block, 2^log2 pixels wide, that holds pixel (v, u)."""
+    """Return 64 random bits of the block of pixel (v, u)."""
     return hashed(key, (v >> log2) * 65536 + (u >> log2))
 
 
 @cache
 def ramps(log2: int) -> Float32:
-    """Weights (side, side, 4) of the four corners at each pixel of a cell of 2^log2 pixels, for ``smooth``.
-
-    Bilinear, divided so that independent corners of unit variance make unit variance at every pixel.
-    """
+    """Return bilinear weights (side, side, 4) of a cell's corners, scaled to unit variance."""
     x = (np.arange(2**log2) + 0.5) / 2**log2
     ends = np.stack([1 - x, x], axis=1)
     ends /= np.linalg.norm(ends, axis=1, keepdims=True)
@@ -59,7 +52,7 @@ def ramps(log2: int) -> Float32:
 
 @numba.njit(cache=True)
 def lattice(key: np.uint64, height: int, width: int, log2: int, normals: Float32) -> Float32:
-    """Standard normal numbers at the corners of an image's cells, for ``smooth``; normals: ``NORMALS``."""
+    """Return normal numbers at the corners of an image's cells; normals: ``NORMALS``."""
     corners = np.empty(((height >> log2) + 2, (width >> log2) + 2), np.float32)
     for i in range(corners.shape[0]):
         for j in range(corners.shape[1]):
@@ -69,7 +62,7 @@ def lattice(key: np.uint64, height: int, width: int, log2: int, normals: Float32
 
 @numba.njit(cache=True, fastmath=EXACT)
 def smooth(corners: Float32, weights: Float32, v: int, u: int, log2: int) -> np.float32:
-    """Standard normal noise at pixel (v, u) that is alike within 2^log2 pixels: value noise."""
+    """Return normal value noise at pixel (v, u)."""
     i, j, side = v >> log2, u >> log2, (1 << log2) - 1
     weight = weights[v & side, u & side]
     return np.float32(

@@ -1,4 +1,4 @@
-"""Random depth sensor of an image: a kind by the mix of ``synth/data/sensors.toml``, a model, its faults."""
+"""Random depth sensor by the mix of ``synth/data/sensors.toml``."""
 
 from collections.abc import Callable
 from typing import Any
@@ -19,11 +19,10 @@ KINDS: dict[str, Callable[[np.random.Generator, dict[str, Any]], Sensor]] = {
     "azure_kinect": TimeOfFlight.azure_kinect,
     "stereo": Stereo.sample,
 }
-"""How a sensor of each kind of ``sensors.toml`` is drawn."""
 
 
 def draw_sensor(rng: np.random.Generator) -> Sensor:
-    """A sensor with its own image size, focal length and faults, by the mix of ``sensors.toml``."""
+    """Draw kind, model, camera and faults of a sensor."""
     kinds: dict[str, Any] = table("sensors")
     shares = np.array([entry["share"] for entry in kinds.values()])
     kind = list(kinds)[int(rng.choice(len(kinds), p=shares / shares.sum()))]

@@ -1,4 +1,4 @@
-"""Depth sensors: what one reads of a clean depth image, and from which surface."""
+"""Depth sensors: readings of a clean depth image, and their surfaces."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
@@ -10,33 +10,31 @@ from annotate.array_types import Bool, Float32, Int32, UInt8, UInt16
 from sensors.rig.camera import Intrinsics
 from synth.cameras.relief import FAR_M
 
-NOTHING = -1
-"""The source of a pixel without a reading."""
+NOTHING = -1  # source of a pixel without a reading
+REACH_PX = 4  # pixels by which rims grow at most
+CENTRE_SD = 0.012  # of the principal point, share of the width; Kinect v2: 254 to 264 of 512
 
 
 class Reading(NamedTuple):
-    """A sensor's image (h, w) of a window.
+    """Depth (h, w) of a window, 0 without a reading.
 
-    depth_mm: uint16, 0 where nothing is read. source: int32, flat index of the pixel of the clean image whose
-    surface the reading shows, so that labels follow; ``NOTHING`` without a reading.
+    source: flat index of the clean image's pixel whose surface is read, or ``NOTHING``.
     """
 
     depth_mm: UInt16
     source: Int32
 
     def carry(self, image: UInt8) -> UInt8:
-        """Values (h, w) of a clean image (h, w) at the surfaces that the readings show; 0 without one."""
+        """Return a clean image's values (h, w) at the readings' surfaces, 0 without a reading."""
         return np.where(self.source >= 0, image.ravel()[self.source], np.uint8(0))
 
 
 @dataclass(frozen=True)
 class CleanDepth:
-    """A depth image (h, w) before a sensor's faults, and the pixels whose readings are wanted.
+    """Depth image (h, w) without faults, and the pixels to read.
 
-    window: pinhole of the image, as a rule cut out of the sensor's. depth_m: float32, metres along z, NaN
-    where nothing is hit. dark: share of the infrared that a surface swallows, 1 or True for hair. only: bool,
-    pixels that are wanted; the others have no reading. person: bool, pixels of one person; then there are
-    readings of this person alone, and some pixels outside where the sensor's rims grow. Default of both: all.
+    window: pinhole. depth_m: metres along z, NaN without a hit. dark: absorbed share of infrared. only:
+    pixels to read. person: mask of the only person to read; rims can grow beyond it. None means all.
     """
 
     window: Intrinsics
@@ -46,15 +44,11 @@ class CleanDepth:
     person: Bool | None = None
 
     def filled(self) -> Float32:
-        """Depth (h, w) with a background at ``FAR_M`` in place of NaN."""
+        """Return the depth (h, w) with ``FAR_M`` in place of NaN."""
         return np.where(np.isnan(self.depth_m), np.float32(FAR_M), self.depth_m)
 
-    def swallowed(self) -> Float32:
-        """Share (h, w) of the infrared that surfaces swallow, float32."""
-        return self.dark.astype(np.float32)
-
     def wanted(self, reach_px: int) -> Bool:
-        """Pixels (h, w) to compute: wanted, and at most ``reach_px`` from the person."""
+        """Return the mask (h, w) of pixels to read, at most ``reach_px`` from the person."""
         if self.person is None:
             return np.ones(self.depth_m.shape, np.bool_) if self.only is None else self.only
         side = 2 * reach_px + 1
@@ -62,7 +56,7 @@ class CleanDepth:
         return near if self.only is None else near & self.only
 
     def shown(self, least_px: int = 1) -> Bool:
-        """Pixels (h, w) whose surfaces are read: of a person, the squares of ``least_px`` that fit inside."""
+        """Return the mask (h, w) of readable surfaces: the squares of ``least_px`` inside the person."""
         if self.person is None:
             return np.ones(self.depth_m.shape, np.bool_)
         if least_px == 1:
@@ -71,22 +65,37 @@ class CleanDepth:
         fits = cv2.erode(self.person.view(np.uint8), square, anchor=first)
         return cv2.dilate(fits, square, anchor=last).view(np.bool_)
 
-    def pinhole(self) -> Float32:
-        """(fx, fy, cx, cy) for kernels, float32."""
-        window = self.window
-        return np.array([window.fx, window.fy, window.cx, window.cy], np.float32)
-
     def blank(self) -> Reading:
-        """An image (h, w) without readings, for kernels to fill."""
+        """Return an image (h, w) without readings."""
         shape = self.depth_m.shape
         return Reading(np.zeros(shape, np.uint16), np.full(shape, NOTHING, np.int32))
 
+    def pixels(self, reach_px: int = 0, least_px: int = 1) -> "Pixels":
+        """Return the arrays of the image for kernels."""
+        window, depth = self.window, self.filled()
+        return Pixels(
+            depth,
+            self.dark.astype(np.float32),
+            self.wanted(reach_px),
+            self.shown(least_px),
+            np.asarray(1 / depth.min(axis=1), np.float32),
+            np.array([window.fx, window.fy, window.cx, window.cy], np.float32),
+        )
+
+
+class Pixels(NamedTuple):
+    """Arrays (h, w) of a clean image for kernels; nearness (h,): 1 / least depth of a row; pinhole (4,)."""
+
+    depth: Float32
+    dark: Float32
+    wanted: Bool
+    shown: Bool
+    nearness: Float32
+    pinhole: Float32
+
 
 class Sensor(Protocol):
-    """A depth camera with the faults of one unit and moment.
-
-    model: its name. kind: how it measures. camera: pinhole of its whole image, undistorted.
-    """
+    """Depth camera with the faults of one unit; camera: pinhole of the whole image, undistorted."""
 
     @property
     def model(self) -> str: ...
@@ -96,29 +105,20 @@ class Sensor(Protocol):
     def camera(self) -> Intrinsics: ...
 
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
-        """What the sensor makes of a clean depth image (h, w).
+        """Return the reading of a clean depth image.
 
-        Randomness is a hash of one number drawn from ``rng`` and the pixel: no pixel depends on another.
+        Random numbers are hashes of one number from ``rng`` and the pixel, so that pixels are independent.
         """
         ...
 
 
-REACH_PX = 4
-"""Pixels by which rims grow at most; what melts into the ground reaches further."""
-
-
 def key_of(rng: np.random.Generator) -> np.uint64:
-    """The image's random number, from which all others are hashed."""
+    """Draw the key of an image's random numbers."""
     return np.uint64(rng.integers(0, 2**64, dtype=np.uint64))
 
 
-CENTRE_SD = 0.012
-"""Standard deviation of the principal point from the image's middle, as a share of its width: that of the
-units whose calibration is known (Kinect v2: 254 to 264 of 512)."""
-
-
 def drawn_camera(entry: dict[str, Any], rng: np.random.Generator) -> Intrinsics:
-    """A unit of a model of ``sensors.toml``: focal length in its span, principal point about the middle."""
+    """Draw the camera of a model of ``sensors.toml``."""
     width, height = entry["size"]
     focal = float(rng.uniform(*entry["focal_px"]))
     cx, cy = ((side - 1) / 2 + width * rng.normal(0, CENTRE_SD) for side in (width, height))
@@ -126,5 +126,5 @@ def drawn_camera(entry: dict[str, Any], rng: np.random.Generator) -> Intrinsics:
 
 
 def strength(rng: np.random.Generator, most: float, absent: float = 0.3) -> float:
-    """A fault's strength: none in a share ``absent`` of the images, else anything up to ``most``."""
+    """Draw a fault's strength: 0 in a share ``absent``, else up to ``most``."""
     return 0.0 if rng.random() < absent else float(rng.uniform(0, most))

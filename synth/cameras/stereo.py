@@ -1,4 +1,4 @@
-"""Faults of a stereo camera, applied to a clean depth image: RealSense, Gemini, OAK."""
+"""Faults of a stereo camera: RealSense, Gemini, OAK."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -7,28 +7,34 @@ import cv2
 import numba
 import numpy as np
 
-from annotate.array_types import Bool, Float32, Int32, UInt16
+from annotate.array_types import Float32
 from sensors.rig.camera import Intrinsics
 from synth.cameras.pixel_random import NORMALS, chance_of, hashed, lattice, ramps, smooth
-from synth.cameras.relief import EDGE_M, FARTHEST_MM, Number, grazed, nearness_of, shadowed
-from synth.cameras.sensor import NOTHING, REACH_PX, CleanDepth, Reading, drawn_camera, key_of, strength
+from synth.cameras.relief import EDGE_M, FARTHEST_MM, Number, grazed, shadowed
+from synth.cameras.sensor import (
+    NOTHING,
+    REACH_PX,
+    CleanDepth,
+    Pixels,
+    Reading,
+    drawn_camera,
+    key_of,
+    strength,
+)
 from synth.surface.rasterize import EXACT
 
-D435 = Intrinsics(848, 480, 427.0, 427.0, 423.5, 239.5)
-"""A RealSense D435 in the mode that its maker recommends."""
+D435 = Intrinsics(848, 480, 427.0, 427.0, 423.5, 239.5)  # in the mode recommended by its maker
+MATCH_LOG2, WAVE_LOG2 = 2, 4  # sizes of matching windows, and of waves and patches; untuned
 
 
 @dataclass(frozen=True)
 class Stereo:
-    """A stereo depth camera's faults, each with its own strength; 0 switches it off.
+    """Stereo depth camera; 0 switches a fault off.
 
-    In its whole image, the band at the left that the other eye does not see is empty.
-
-    noise_px, wave_px: standard deviations of the disparity over a matching window and over a wide region.
-    fattened_px: by how much silhouettes grow. steps: of disparity a pixel, 0 for any. shadow: share of the
-    strip hidden from the other eye, ``baseline_m`` to the right, that stays empty. grazing, dark: share lost
-    at 90 degrees of incidence, and where infrared is swallowed. patches: share lost in patches without
-    texture. All losses are blobs as large as the matching window, patches larger.
+    noise_px, wave_px: standard deviations of the disparity in a matching window and a wide region.
+    fattened_px: growth of silhouettes. steps: of disparity a pixel, 0 for any. shadow: empty share of the
+    strip hidden from the second camera, ``baseline_m`` to the right. grazing, dark: share lost at 90 degrees
+    of incidence, and on absorbing surfaces. patches: share lost in patches without texture.
     """
 
     noise_px: float = 0.06
@@ -46,7 +52,7 @@ class Stereo:
 
     @staticmethod
     def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "Stereo":
-        """A unit of a model of ``sensors.toml`` with more or fewer filters; every strength reaches zero."""
+        """Draw a unit of a model of ``sensors.toml``; every strength reaches zero."""
         return Stereo(
             noise_px=strength(rng, 0.12),
             wave_px=strength(rng, 0.12),
@@ -62,44 +68,32 @@ class Stereo:
         )
 
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
-        """What the sensor makes of a clean depth image; see ``Sensor.read``."""
-        reading, depth = clean.blank(), clean.filled()
-        parallax = clean.window.fx * self.baseline_m
+        """Return a reading; the left band that the second camera does not see is empty."""
+        reading, pixels = clean.blank(), clean.pixels(REACH_PX)
+        depth, parallax = pixels.depth, clean.window.fx * self.baseline_m
         side = 2 * REACH_PX + 1
+        nearest = np.asarray(cv2.erode(depth, np.ones((side, side), np.uint8)), np.float32)
         faults = (self.noise_px, self.wave_px, self.fattened_px, self.steps, parallax, parallax * self.shadow)
-        _read(
-            depth,
-            np.asarray(cv2.erode(depth, np.ones((side, side), np.uint8)), np.float32),
-            clean.swallowed(),
-            clean.wanted(REACH_PX),
-            clean.shown(),
-            np.array((*faults, self.grazing, self.dark, self.patches), np.float32),
-            nearness_of(depth),
-            clean.pinhole(),
-            key_of(rng),
-            NORMALS,
-            ramps(MATCH_LOG2),
-            ramps(WAVE_LOG2),
-            *reading,
-        )
+        strengths = np.array((*faults, self.grazing, self.dark, self.patches), np.float32)
+        noise = (nearest, NORMALS, ramps(MATCH_LOG2), ramps(WAVE_LOG2))
+        _read(pixels, strengths, key_of(rng), noise, reading)
         if depth.shape == self.camera.shape:
             alone = parallax / depth > np.arange(depth.shape[1])
             reading.depth_mm[alone], reading.source[alone] = 0, NOTHING
         return reading
 
 
-MATCH_LOG2, WAVE_LOG2 = 2, 4
-"""Sizes of what a matching window makes alike, 4 pixels, of waves on flat walls and of patches without
-texture, 16. Chosen by eye."""
-
-
 @numba.njit(cache=True, fastmath=EXACT)
 def _read(
-    depth: Float32, nearest: Float32, dark: Float32, wanted: Bool, shown: Bool, strengths: Float32,
-    nearness: Float32, pinhole: Float32, key: np.uint64, normals: Float32, matched: Float32,
-    waved: Float32, depth_mm: UInt16, source: Int32,
-) -> None:  # fmt: skip
-    """Writes the readings of the wanted pixels into the last two arguments."""
+    pixels: Pixels,
+    strengths: Float32,
+    key: np.uint64,
+    noise_tables: tuple[Float32, Float32, Float32, Float32],
+    reading: Reading,
+) -> None:
+    """Fill the reading; noise_tables: nearest depth in reach, ``NORMALS``, weights of windows and waves."""
+    depth, dark, wanted, shown, nearness, pinhole = pixels
+    (nearest, normals, matched, waved), (depth_mm, source) = noise_tables, reading
     height, width = depth.shape
     noise, wave, fattened, steps, parallax, hidden, grazing, darkness, patches = strengths
     fine = lattice(hashed(key, 0), height, width, MATCH_LOG2, normals)
@@ -137,7 +131,7 @@ def _read(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _fattened(depth: Float32, v: int, u: int, radius: Number) -> tuple[int, int]:
-    """The nearest surface's pixel within a radius of (v, u), if it is another surface."""
+    """Return the nearest other surface's pixel within a radius of (v, u), or (v, u)."""
     y, x, best = v, u, depth[v, u] - np.float32(EDGE_M)
     reach = min(int(radius), REACH_PX)
     for i in range(max(v - reach, 0), min(v + reach + 1, depth.shape[0])):

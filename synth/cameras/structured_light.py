@@ -1,4 +1,4 @@
-"""Faults of a structured-light camera, applied to a clean depth image: Kinect v1 and similar cameras."""
+"""Faults of a structured-light camera: Kinect v1 and similar cameras."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -6,28 +6,28 @@ from typing import Any, ClassVar
 import numba
 import numpy as np
 
-from annotate.array_types import Bool, Float32, Int32, UInt16
+from annotate.array_types import Bool, Float32
 from sensors.rig.camera import Intrinsics
 from synth.cameras.pixel_random import NORMALS, block_bits, hashed, lattice, ramps, share_of, smooth
-from synth.cameras.relief import EDGE_M, FARTHEST_MM, grazed, nearness_of, shadowed
-from synth.cameras.sensor import REACH_PX, CleanDepth, Reading, drawn_camera, key_of, strength
+from synth.cameras.relief import EDGE_M, FARTHEST_MM, grazed, shadowed
+from synth.cameras.sensor import REACH_PX, CleanDepth, Pixels, Reading, drawn_camera, key_of, strength
 from synth.surface.rasterize import EXACT
 
-KINECT1 = Intrinsics(320, 240, 285.63, 285.63, 159.5, 119.5)
-"""A Kinect v1 as recordings of people have it: half of 640 x 480."""
+KINECT1 = Intrinsics(320, 240, 285.63, 285.63, 159.5, 119.5)  # half of 640 x 480
+NEAREST_MM = 400  # least reading of a Kinect v1 (OpenNI, near mode)
+WINDOW_LOG2 = 2  # size of a correlation window; untuned
+MELT_M = 0.06  # step between a person and a surface that melts into it: three steps at 2.5 m; untuned
 
 
 @dataclass(frozen=True)
 class StructuredLight:
-    """A structured-light depth camera's faults, each with its own strength; 0 switches it off.
+    """Structured-light depth camera; 0 switches a fault off.
 
-    step_per_m: depth's steps over its square, 1/m (0.0029: 23 mm at 2.8 m). speckle: standard deviation of
-    the disparity in steps, alike within a correlation window. rim_px, ragged_px: by how much silhouettes
-    grow, and its standard deviation over blocks. block_log2: logarithm of a block's side in pixels.
-    least_px: width below which a person's fingers are lost, 1 for none. shadow: share of the strip hidden
-    from the projector, ``baseline_m`` to the right (negative: in a mirrored image), that stays empty.
-    grazing, dark: share of blocks lost at 90 degrees of incidence, and where infrared is swallowed. holes:
-    share of all blocks lost. melted: share of blocks in which a person and what touches it are exchanged.
+    step_per_m: depth step over squared depth, 1/m. speckle: standard deviation of the disparity in steps.
+    rim_px, ragged_px: growth of silhouettes, and its standard deviation over blocks. least_px: width of the
+    narrowest limb kept. shadow: empty share of the strip hidden from the projector, ``baseline_m`` to the
+    right (negative: mirrored). grazing, dark: share of blocks lost at 90 degrees of incidence, and on
+    absorbing surfaces. holes: share of blocks lost. melted: share of blocks that mix person and ground.
     """
 
     step_per_m: float = 0.0029
@@ -48,7 +48,7 @@ class StructuredLight:
 
     @staticmethod
     def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "StructuredLight":
-        """A unit of a model of ``sensors.toml`` and what a tracker leaves of its image; see the class."""
+        """Draw a unit of a model of ``sensors.toml``."""
         camera = drawn_camera(entry, rng)
         fine = camera.width // 320
         mirror = -1 if rng.random() < 0.5 else 1
@@ -70,48 +70,26 @@ class StructuredLight:
         )
 
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
-        """What the sensor makes of a clean depth image; see ``Sensor.read``.
-
-        Without person nothing melts. What a person touches has to be in the image, or feet stay whole.
-        """
-        reading, depth = clean.blank(), clean.filled()
+        """Return a reading, as ``Sensor.read``; surfaces melt only with ``clean.person``."""
+        reading = clean.blank()
         parallax = clean.window.fx * self.baseline_m * self.shadow
         faults = (self.step_per_m, self.speckle, self.rim_px, self.ragged_px, parallax)
         melted = self.melted if clean.person is not None else 0.0
         losses = (self.grazing, self.dark, self.holes, melted)
         reach_px = max(REACH_PX, 2 << self.block_log2) if melted else REACH_PX
-        _read(
-            depth,
-            clean.swallowed(),
-            clean.wanted(reach_px),
-            clean.shown(self.least_px),
-            np.array((*faults, *losses), np.float32),
-            self.block_log2,
-            nearness_of(depth),
-            clean.pinhole(),
-            key_of(rng),
-            NORMALS,
-            ramps(WINDOW_LOG2),
-            *reading,
-        )
+        strengths = np.array((*faults, *losses), np.float32)
+        noise = (key_of(rng), self.block_log2, NORMALS, ramps(WINDOW_LOG2))
+        _read(clean.pixels(reach_px, self.least_px), strengths, noise, reading)
         return reading
-
-
-NEAREST_MM = 400
-"""A Kinect v1 reads nothing nearer (OpenNI, near mode)."""
-WINDOW_LOG2 = 2
-"""Size of what a correlation window makes alike: 4 pixels. Chosen by eye; the window is 9 of 640 wide."""
-MELT_M = 0.06
-"""What is no further from a person in depth melts into it: three steps at 2.5 m. Chosen by eye."""
 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _read(
-    depth: Float32, dark: Float32, wanted: Bool, shown: Bool, strengths: Float32, block_log2: int,
-    nearness: Float32, pinhole: Float32, key: np.uint64, normals: Float32, weights: Float32,
-    depth_mm: UInt16, source: Int32,
-) -> None:  # fmt: skip
-    """Writes the readings of the wanted pixels into the last two arguments."""
+    pixels: Pixels, strengths: Float32, noise: tuple[np.uint64, int, Float32, Float32], reading: Reading
+) -> None:
+    """Fill the reading; noise: key, block size, ``NORMALS`` and weights of windows."""
+    depth, dark, wanted, shown, nearness, pinhole = pixels
+    (key, block_log2, normals, weights), (depth_mm, source) = noise, reading
     height, width = depth.shape
     step, speckle, rim, ragged, parallax, grazing, darkness, holes, melted = strengths
     loss_key = hashed(key, 0)
@@ -126,7 +104,7 @@ def _read(
             i, j = y, x
             if melted > 0 and share_of(bits >> np.uint64(12)) < melted:
                 grows = bool(share_of(bits >> np.uint64(28)) < np.float32(0.5))
-                i, j = _melted(depth, shown, y, x, 2 << block_log2, grows)
+                i, j = _melted(depth, shown, (y, x), 2 << block_log2, grows)
             if i < 0 or not shown[i, j]:
                 continue
             z = depth[y, x]
@@ -150,7 +128,7 @@ def _read(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _rim(depth: Float32, v: int, u: int, grown: int) -> tuple[int, int]:
-    """The pixel whose surface is read at (v, u): a neighbour's where the rim has grown or shrunk."""
+    """Return the pixel whose surface is read at (v, u), with grown or shrunk rims."""
     z, y, x = depth[v, u], v, u
     if grown == 0:
         return y, x
@@ -165,11 +143,9 @@ def _rim(depth: Float32, v: int, u: int, grown: int) -> tuple[int, int]:
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _melted(depth: Float32, shown: Bool, y: int, x: int, reach: int, grows: bool) -> tuple[int, int]:
-    """The pixel as whose surface that of (y, x) counts, where the person and what it touches are as far away.
-
-    grows: the person takes the ground; else the ground takes the person, and the row is -1.
-    """
+def _melted(depth: Float32, shown: Bool, pixel: tuple[int, int], reach: int, grows: bool) -> tuple[int, int]:
+    """Return the pixel whose label a pixel has; the person takes the ground, or (row -1) the reverse."""
+    y, x = pixel
     if shown[y, x] == grows:
         return y, x
     for k in range(1, reach + 1):

@@ -1,4 +1,4 @@
-"""Faults of a time-of-flight camera, applied to a clean depth image: Kinect v2, Azure Kinect, Femto."""
+"""Faults of a time-of-flight camera: Kinect v2, Azure Kinect, Femto."""
 
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
@@ -6,25 +6,29 @@ from typing import Any, ClassVar
 import numba
 import numpy as np
 
-from annotate.array_types import Bool, Float32, Int32, UInt16
+from annotate.array_types import Float32
 from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE
 from sensors.rig.camera import Intrinsics
 from synth.cameras.pixel_random import NORMALS, hashed, lattice, ramps, share_of, smooth
 from synth.cameras.relief import Number
-from synth.cameras.sensor import CleanDepth, Reading, drawn_camera, key_of, strength
+from synth.cameras.sensor import CleanDepth, Pixels, Reading, drawn_camera, key_of, strength
 from synth.surface.rasterize import EXACT
+
+NEAR_CLEAN = 0.25  # share of units with noise alone; untuned
+EDGE_DELTA_MM = 50.0  # step that makes a silhouette (libfreenect2's close edge delta)
+CLIP_RAD = np.radians(82.0)  # because the noise model diverges at 90 degrees; it was measured up to 80
+MIXED_M = 0.6  # greatest distance of a flying pixel behind its foreground
+PATCH_EDGE = (0.8, 1.6)  # smooth noise at a patch's rim and middle; untuned
 
 
 @dataclass(frozen=True)
 class TimeOfFlight:
-    """A time-of-flight depth camera's faults, each with its own strength; 0 switches it off.
+    """Time-of-flight depth camera; 0 switches a fault off.
 
-    axial: factor on the axial noise of Fankhauser 2015. flying: share of silhouette pixels that mix
-    foreground and background. grazing: share lost at an incidence of 90 degrees. dark: share lost on
-    hair (low infrared return). lateral_px: jitter of edges. offset_mm and scale: the unit's error.
-    rejected: share of the mixed pixels that the driver leaves out. patches: share lost in the middle of
-    patches on any surface. patch_log2: logarithm of their size in pixels. range_mm: nearest and farthest
-    reading.
+    axial: factor on the noise of Fankhauser 2015. flying: share of silhouette pixels that mix foreground and
+    background. rejected: share of these without a reading. grazing, dark: share lost at 90 degrees of
+    incidence, and on hair. lateral_px: jitter of edges. offset_mm, scale: of the unit. patches: share lost
+    in the middle of patches of 2^patch_log2 pixels.
     """
 
     axial: float = 1.0
@@ -44,7 +48,7 @@ class TimeOfFlight:
 
     @staticmethod
     def kinect2(rng: np.random.Generator) -> "TimeOfFlight":
-        """A Kinect v2 and a moment somewhere between good and bad, never perfect: the first presets' draw."""
+        """Draw a Kinect v2 of the paper's presets, never perfect."""
         return TimeOfFlight(
             axial=rng.uniform(0.5, 2.0),
             flying=rng.uniform(0.2, 1.0),
@@ -57,11 +61,9 @@ class TimeOfFlight:
 
     @staticmethod
     def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "TimeOfFlight":
-        """A unit of a model of ``sensors.toml``, between perfect and bad; every strength reaches zero.
+        """Draw a unit of a model of ``sensors.toml``; every strength reaches zero.
 
-        Rims and losses get worse together by ``bad``, as a unit's light and its driver's filters are. Hair is
-        lost in few images and patches of any surface in more, so that holes do not tell the back of a head
-        from a face.
+        Hair is lost in few images and patches of any surface in more, so that holes do not mark hair.
         """
         bad = strength(rng, 1.0, absent=NEAR_CLEAN)
         return TimeOfFlight(
@@ -81,51 +83,26 @@ class TimeOfFlight:
 
     @staticmethod
     def azure_kinect(rng: np.random.Generator, entry: dict[str, Any]) -> "TimeOfFlight":
-        """An Azure Kinect or Orbbec Femto: a third of the noise, still edges, mixed pixels left out."""
+        """Draw an Azure Kinect or Orbbec Femto: a third of the noise, still edges, few mixed pixels."""
         drawn = TimeOfFlight.sample(rng, entry)
         flying = 1.0 if rng.random() < 0.5 else drawn.flying
         axial, lateral_px = drawn.axial / 3, drawn.lateral_px / 2
         return replace(drawn, axial=axial, flying=flying, lateral_px=lateral_px, rejected=0.95)
 
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
-        """What the sensor makes of a clean depth image; see ``Sensor.read``.
-
-        Order as in a real device: edges jitter and mix, then axial noise, then what the driver rejects.
-        """
+        """Return a reading, as ``Sensor.read``."""
         reading = clean.blank()
         losses = (self.flying, self.rejected, self.grazing, self.dark, self.patches)
         errors = (self.axial, self.lateral_px, self.offset_mm, self.scale)
-        _read(
-            clean.filled(),
-            clean.swallowed(),
-            clean.wanted(0),
-            clean.shown(),
-            np.array((*losses, *errors, *self.range_mm), np.float32),
-            clean.pinhole(),
-            key_of(rng),
-            NORMALS,
-            self.patch_log2,
-            ramps(self.patch_log2),
-            *reading,
-        )
+        strengths = np.array((*losses, *errors, *self.range_mm), np.float32)
+        noise = (key_of(rng), self.patch_log2, NORMALS, ramps(self.patch_log2))
+        _read(clean.pixels(), strengths, noise, reading)
         return reading
-
-
-NEAR_CLEAN = 0.25
-"""Of the drawn moments, those with noise alone: no holes, no mixed pixels. Chosen by eye."""
-EDGE_DELTA_MM = 50.0
-"""Neighbouring readings further apart than this make a silhouette (libfreenect2's close edge delta)."""
-CLIP_RAD = np.radians(82.0)
-"""The noise model diverges at 90 degrees; its measurements end at about 80."""
-MIXED_M = 0.6
-"""A flying pixel floats at most this far behind its foreground."""
-PATCH_EDGE = (0.8, 1.6)
-"""Values of smooth noise at a patch's rim and in its middle: a fifth of a surface has any. Chosen by eye."""
 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def axial_sigma_mm(depth_m: Number, incidence_rad: Number) -> Number:
-    """Standard deviation along the ray, millimetres. Source: Fankhauser et al. 2015, Kinect v2, eq. 4."""
+    """Return the standard deviation along the ray, mm (Fankhauser et al. 2015, Kinect v2, eq. 4)."""
     z = depth_m
     theta = min(incidence_rad, np.float32(CLIP_RAD))
     tilt = theta / (np.float32(np.pi / 2) - theta)
@@ -135,11 +112,11 @@ def axial_sigma_mm(depth_m: Number, incidence_rad: Number) -> Number:
 
 @numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _read(
-    depth: Float32, dark: Float32, wanted: Bool, shown: Bool, strengths: Float32, pinhole: Float32,
-    key: np.uint64, normals: Float32, log2: int, weights: Float32,
-    depth_mm: UInt16, source: Int32,
-) -> None:  # fmt: skip
-    """Writes the readings of the wanted pixels into the last two arguments."""
+    pixels: Pixels, strengths: Float32, noise: tuple[np.uint64, int, Float32, Float32], reading: Reading
+) -> None:
+    """Fill the reading; noise: key, size of patches, ``NORMALS`` and weights of patches."""
+    depth, dark, wanted, shown, _, pinhole = pixels
+    (key, log2, normals, weights), (depth_mm, source) = noise, reading
     height, width = depth.shape
     flying, rejected, grazing, darkness, patches = strengths[:5]
     axial, lateral, offset_mm, scale, nearest_mm, farthest_mm = strengths[5:]
@@ -150,26 +127,24 @@ def _read(
                 continue
             bits = hashed(key, 2 * (v * width + u))
             more = hashed(key, 2 * (v * width + u) + 1)
-            # Lateral noise: a pixel reads a neighbour now and then.
+            # Lateral noise: some pixels read a neighbour.
             y = v + int(np.rint(normals[bits & np.uint64(4095)] * lateral * np.float32(0.6)))
-            x = u + int(
-                np.rint(normals[(bits >> np.uint64(12)) & np.uint64(4095)] * lateral * np.float32(0.6))
-            )
+            aside = normals[(bits >> np.uint64(12)) & np.uint64(4095)]
+            x = u + int(np.rint(aside * lateral * np.float32(0.6)))
             y, x = min(max(y, 0), height - 1), min(max(x, 0), width - 1)
             if not shown[y, x]:
                 continue
             z = depth[y, x]
             near, far, z_u, z_v = _around(depth, y, x)
-            theta = _incidence(pinhole, y, x, z, z_u, z_v)
+            theta = _incidence(pinhole, (y, x), z, z_u, z_v)
             if far - near > np.float32(EDGE_DELTA_MM / 1000):
                 chance = share_of(bits >> np.uint64(48))
                 if chance < rejected * flying:
                     continue  # rejected by the driver
                 if chance < flying:
                     near_share = share_of(more) ** np.float32(0.35)
-                    z = near * near_share + min(far, near + np.float32(MIXED_M)) * (
-                        np.float32(1) - near_share
-                    )
+                    behind = min(far, near + np.float32(MIXED_M))
+                    z = near * near_share + behind * (np.float32(1) - near_share)
             if dark[v, u] > 0 and share_of(more >> np.uint64(16)) < darkness * dark[v, u]:
                 continue
             slant = theta / np.float32(np.pi / 2)
@@ -181,10 +156,8 @@ def _read(
                 inner = (smooth(patch, weights, v, u, log2) - rim) / (middle - rim)
                 if share_of(more >> np.uint64(48)) < patches * inner:
                     continue
-            sigma, normal = (
-                axial * axial_sigma_mm(z, theta),
-                normals[(bits >> np.uint64(24)) & np.uint64(4095)],
-            )
+            sigma = axial * axial_sigma_mm(z, theta)
+            normal = normals[(bits >> np.uint64(24)) & np.uint64(4095)]
             mm = z * np.float32(1000) * scale + offset_mm + sigma * normal
             if nearest_mm <= mm <= farthest_mm:
                 depth_mm[v, u] = int(np.rint(mm))
@@ -193,7 +166,7 @@ def _read(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _around(depth: Float32, y: int, x: int) -> tuple[Number, Number, Number, Number]:
-    """Nearest and farthest of the 3x3 neighbours; Sobel slopes along u and v, metres a pixel."""
+    """Return least and greatest of the 3x3 neighbours, and Sobel slopes along u and v, m a pixel."""
     above, below = max(y - 1, 0), min(y + 1, depth.shape[0] - 1)
     left, right = max(x - 1, 0), min(x + 1, depth.shape[1] - 1)
     a, b, c = depth[above, left], depth[above, x], depth[above, right]
@@ -207,11 +180,11 @@ def _around(depth: Float32, y: int, x: int) -> tuple[Number, Number, Number, Num
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _incidence(pinhole: Float32, v: int, u: int, z: Number, z_u: Number, z_v: Number) -> Number:
-    """Angle between the viewing ray and the surface normal, radians, from depth and its slopes at a pixel."""
-    fx, fy, cx, cy = pinhole
+def _incidence(pinhole: Float32, pixel: tuple[int, int], z: Number, z_u: Number, z_v: Number) -> Number:
+    """Return the angle of viewing ray and surface normal from depth and its slopes, radians."""
+    (v, u), (fx, fy, cx, cy) = pixel, pinhole
     x, y = (np.float32(u) - cx) / fx, (np.float32(v) - cy) / fy
-    # Normal of the surface (x z, y z, z) over the pixel grid, up to a common positive factor.
+    # Normal of the surface (x z, y z, z), up to a positive factor.
     n_x, n_y = -z_u * fx, -z_v * fy
     n_z = z - x * n_x - y * n_y
     square = (n_x * n_x + n_y * n_y + n_z * n_z) * (np.float32(1) + x * x + y * y)
