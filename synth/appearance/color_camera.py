@@ -1,4 +1,7 @@
-"""The colour camera: exposure and white balance that follow the room, blur, Bayer mosaic, noise, JPEG."""
+"""Colour camera: exposure, white balance, blur, Bayer mosaic, noise and JPEG.
+
+Constants are untuned unless a source is given.
+"""
 
 from dataclasses import dataclass
 from functools import cache
@@ -15,38 +18,26 @@ from sensors.rig.camera import Intrinsics
 from synth.appearance.outfit import GAMMA
 from synth.surface.rasterize import EXACT
 
-JPEG_QUALITY = 90
-"""The Kinect v2 encodes its own JPEG; files of like size, 300 to 600 kB, have about this quality."""
-GREY = 0.21
-"""Mean linear light that auto-exposure aims at, a little over a photographer's grey card (0.18)."""
-CATCH_UP = 0.4
-"""Share of its error, in the logarithm, that a controller makes good from frame to frame."""
-LONGEST_S = 1 / 30
-"""Exposure beyond a frame's time is not to be had: gain makes up for the rest (facts: 30 frames a second)."""
-BRIGHT_S = 0.02
-"""Exposure in light of level 1. No source: chosen by eye."""
-FULL_WELL = 6000.0
-"""Electrons at white in light of level 1: a phone camera's pixel. No source: chosen by eye."""
-READ_E = 4.0
-"""Read noise, electrons. No source: a common figure for small CMOS pixels."""
+JPEG_QUALITY = 90  # as of a Kinect v2's files of 300 to 600 kB
+GREY = 0.21  # aim of auto-exposure, mean linear light; a grey card has 0.18
+CATCH_UP = 0.4  # share of a controller's logarithmic error corrected a frame
+LONGEST_S = 1 / 30  # exposure; gain supplies the rest
+BRIGHT_S = 0.02  # exposure in light of level 1
+FULL_WELL = 6000.0  # electrons at white in light of level 1, as of a phone's pixel
+READ_E = 4.0  # read noise, electrons
 TOP_GAIN = 16.0
-"""Greatest gain. No source: chosen by eye."""
-VISIBLE_PX = 0.7
-"""A shorter motion is less than the lens' own blur."""
-TAPS = 9
-"""Places along a motion at which its blur is read."""
-RAW_TOP = 16000
-"""White of the raw image in its uint16: room above for white balance."""
+VISIBLE_PX = 0.7  # shortest motion beyond the lens' blur
+TAPS = 9  # samples along a motion
+RAW_TOP = 16000  # white of the raw image, with reserve for white balance
 
 
 @dataclass(frozen=True)
 class CameraFaults:
-    """Faults of a colour camera; no source for any strength: chosen by eye.
+    """Faults of a colour camera.
 
-    noise: factor on shot and read noise. blur_px: the lens'. exposure_sd: the controller's standing error
-    in factors of e. balance_sd: drift of red and blue, likewise. balanced: share of a cast it takes out.
-    vignette: light lost in the corners. offset_s: greatest time between depth and colour. shutter: factor
-    on the motion blur.
+    noise: factor on shot and read noise. blur_px: of the lens. exposure_sd, balance_sd: logarithmic drift of
+    exposure, and of red and blue. balanced: corrected share of a cast. vignette: light lost in the corners.
+    offset_s: greatest time between depth and colour. shutter: factor on the motion blur.
     """
 
     noise: float = 0.0
@@ -61,7 +52,7 @@ class CameraFaults:
 
 @dataclass(frozen=True)
 class CameraState:
-    """State of the controllers. exposure: factor on light; balance: (3,) factors, green 1; drift: (3,)."""
+    """State of the controllers: factor on light, factors (3,) of white balance, drift (3,)."""
 
     exposure: float
     balance: Float64
@@ -74,16 +65,15 @@ class CameraState:
 
     @property
     def gain(self) -> float:
-        """Amplification of what the shutter cannot supply."""
+        """Gain that supplies the rest of the exposure."""
         return self.exposure * BRIGHT_S / self.exposure_s
 
 
-RESTING = CameraState(1.0, np.ones(3), np.zeros(3))
-"""Neither exposure nor balance changed: a camera set by hand for white light of level 1."""
+RESTING = CameraState(1.0, np.ones(3), np.zeros(3))  # set for white light of level 1
 
 
 def metered(light: Float32) -> Float64:
-    """Mean light (3,) of a linear image (h, w, 3), highlights cut so that a lamp does not darken a room."""
+    """Return the mean light (3,) of a linear image (h, w, 3) without highlights."""
     coarse = light[::8, ::8].reshape(-1, 3)
     seen = coarse[coarse.any(axis=1)]
     if not len(seen):
@@ -94,7 +84,7 @@ def metered(light: Float32) -> Float64:
 def adjusted(
     state: CameraState, mean_rgb: Float64, faults: CameraFaults, rng: np.random.Generator
 ) -> CameraState:
-    """The controllers one frame later, having seen a mean light (3,): lagging, wandering by themselves."""
+    """Return the controllers one frame after a mean light (3,), with lag and drift."""
     if faults.balanced == faults.exposure_sd == 0 or not (mean_rgb > 0).all():
         return state
     wander = rng.normal(size=3)
@@ -110,7 +100,7 @@ def adjusted(
 
 
 def first_state(mean_rgb: Float64, faults: CameraFaults, rng: np.random.Generator) -> CameraState:
-    """The controllers of a camera that has been on for a while."""
+    """Return the settled controllers."""
     state = RESTING
     for _ in range(12):
         state = adjusted(state, mean_rgb, faults, rng)
@@ -118,16 +108,16 @@ def first_state(mean_rgb: Float64, faults: CameraFaults, rng: np.random.Generato
 
 
 def flow_px(camera: Intrinsics, points_m: Float64, velocity_m_s: Float64, seconds: float) -> Float32:
-    """Image motion float32 (V, 2) of points (V, 3), camera frame, during an exposure; pixels."""
+    """Return the image motion (V, 2) of points (V, 3), camera frame, during an exposure, pixels."""
     ends = [points_m + sign * seconds / 2 * velocity_m_s for sign in (-1, 1)]
     pixels = [end[:, :2] / np.maximum(end[:, 2:], 0.05) for end in ends]
     return np.asarray((pixels[1] - pixels[0]) * (camera.fx, camera.fy), np.float32)
 
 
 def smear(light: Float32, face: Int32, flow_by_face: Float32) -> Float32:
-    """Blur light (h, w, 3) along the motion of every pixel's face; flow_by_face: (F + 1, 2) pixels, last 0.
+    """Return light (h, w, 3) blurred along the motion of the faces; flow_by_face: (F + 1, 2) px, last 0.
 
-    What moves also spreads over still pixels beside it (gathering, after McGuire et al. 2012).
+    Motion also spreads over still pixels beside it (McGuire et al. 2012).
     """
     top = float(np.abs(flow_by_face).max(initial=0))
     if top < VISIBLE_PX:
@@ -148,7 +138,7 @@ def smear(light: Float32, face: Int32, flow_by_face: Float32) -> Float32:
 
 @numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _gather(light: Float32, flow: Float32, moves: Float32) -> Float32:
-    """Mean of ``TAPS`` places along each pixel's motion; a still pixel takes only what moves over it."""
+    """Return means along each pixel's motion; a still pixel gathers moving pixels only."""
     height, width, _ = light.shape
     result = light.copy()
     for v in range(height):
@@ -171,32 +161,29 @@ def _gather(light: Float32, flow: Float32, moves: Float32) -> Float32:
 
 
 def develop(light: Float32, state: CameraState, faults: CameraFaults, rng: np.random.Generator) -> UInt8:
-    """Linear light (h, w, 3), distorted already -> sRGB uint8 (h, w, 3): Bayer raw, noise, demosaicing.
-
-    Shot noise has the variance of the electrons counted; gain multiplies it. Clean faults skip the mosaic.
-    """
+    """Return sRGB (h, w, 3) of linear light (h, w, 3): Bayer raw, noise, demosaicing; no mosaic if clean."""
     if faults.blur_px > 0:
         light = np.asarray(cv2.GaussianBlur(light, (0, 0), faults.blur_px), np.float32)
     if faults.noise == 0:
         white = light * np.asarray(state.exposure * state.balance, np.float32)
         return np.asarray(np.rint(255 * np.power(np.clip(white, 0, 1), 1 / GAMMA)), np.uint8)
     grain = rng.standard_normal(light.shape[:2], dtype=np.float32)
-    well = FULL_WELL / state.gain
-    raw = _expose(light, grain, state.exposure, state.balance, faults.vignette, well, faults.noise)
-    # The mosaic starts with red, green: OpenCV names a pattern after its second row's second column.
+    optics = (state.exposure, faults.vignette, FULL_WELL / state.gain, faults.noise)
+    raw = _expose(light, grain, state.balance, optics)
+    # RGGB: OpenCV names a pattern after its second row's second column.
     linear = cv2.cvtColor(raw, cv2.COLOR_BayerBG2RGB)
     return np.asarray(_curve()[linear], np.uint8)
 
 
 @numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _expose(
-    light: Float32, grain: Float32, exposure: float, balance: Float64, vignette: float, well: float,
-    noise: float,
-) -> NDArray[np.uint16]:  # fmt: skip
-    """Raw mosaic (h, w), RGGB, white balance applied as the Kinect's own processor does before its JPEG."""
+    light: Float32, grain: Float32, balance: Float64, optics: tuple[float, float, float, float]
+) -> NDArray[np.uint16]:
+    """Return the balanced raw mosaic (h, w), RGGB; optics: exposure, vignette, full well, noise."""
+    exposure, vignette, well, noise = optics
     height, width, _ = light.shape
     raw = np.empty((height, width), np.uint16)
-    # Gains are 1 and more, so that what is clipped in every channel stays white.
+    # Gains are 1 and more, so that clipped pixels stay white.
     low = balance.min()
     for v in range(height):
         for u in range(width):
@@ -211,12 +198,11 @@ def _expose(
 
 @cache
 def _curve() -> UInt8:
-    """sRGB by raw value (65536,)."""
     return np.asarray(np.rint(255 * np.power(np.clip(np.arange(65536) / RAW_TOP, 0, 1), 1 / GAMMA)), np.uint8)
 
 
 def encode(rgb: UInt8) -> bytes:
-    """The camera's JPEG of an sRGB image (h, w, 3)."""
+    """Return the JPEG of an sRGB image (h, w, 3)."""
     ok, data = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     if not ok:
         raise FormatError(f"colour image {rgb.shape} cannot be encoded as JPEG")

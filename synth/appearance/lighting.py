@@ -1,10 +1,10 @@
-"""Light in a room: lamps of any size and colour, their soft shadows, and light reflected by the walls.
+"""Illuminants of a room: lamps with soft shadows, and light reflected by the walls.
 
-Shadows come from shadow maps (Williams 1978): what a lamp sees is lit. A lamp has several places, each
-with a map of its own, so that its shadows have penumbras; what the walls send back is one more such lamp.
+Shadows are shadow maps (Williams 1978) of several points of each lamp; the walls are one more lamp.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -15,35 +15,26 @@ from synth.appearance.paint import Surfaces
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import EXACT, Mesh, look_at, rasterize
 
-STRIDE = 4
-"""Shadows are soft: looked up at every fourth pixel and spread over the like surface between."""
-PLACES = 4
-"""Shadow maps to a lamp."""
-MAP_PX = 256
-"""Side of a shadow map, pixels. Chosen by eye."""
-_MAP_CAMERA = Intrinsics(MAP_PX, MAP_PX, 120.0, 120.0, (MAP_PX - 1) / 2, (MAP_PX - 1) / 2)
-"""A field of view of 94 degrees: the person and the seat from any lamp in the room."""
-_LIFT_M, _BIAS_M = 0.012, 0.012
-"""A shadow starts this far off its surface, and behind its caster, or it would fall on the caster."""
+STRIDE = 4  # pixels between shadows, which are interpolated on the same surface
+PLACES = 4  # shadow maps a lamp
+MAP_PX = 256  # side of a shadow map
+_MAP_CAMERA = Intrinsics(MAP_PX, MAP_PX, 120.0, 120.0, (MAP_PX - 1) / 2, (MAP_PX - 1) / 2)  # 94 degrees
+_LIFT_M, _BIAS_M = 0.012, 0.012  # start of a shadow off its surface, and behind its caster
 _TINY = np.float32(1e-9)
-_ALIKE_M = 0.04
-"""Pixels nearer to one another in space than this share their shadow."""
-CHEST_M = np.array([0.0, 0.0, 0.7])
-"""Where a lamp's strength is stated, world."""
+_ALIKE_M = 0.04  # distance of pixels that share a shadow
+CHEST_M = np.array([0.0, 0.0, 0.7])  # reference point of a lamp's strength, world
 BOUNCE_M = np.array(
     [(-1.6, -1.2, 2.4), (1.6, -1.2, 2.4), (0.0, -2.8, 1.9), (-2.3, -0.6, 1.0), (2.3, -0.6, 1.0)]
-)
-"""From where ceiling and walls send light back."""
-BOUNCE_FLOOR = 0.3
-"""Share of the returned light that reaches even the deepest corner."""
+)  # sources of the light reflected by ceiling and walls
+BOUNCE_FLOOR = 0.3  # share of the reflected light in the deepest corner
 
 
 @dataclass(frozen=True)
 class LightSpread:
-    """Light of a room; no source for any strength: chosen by eye.
+    """Ranges of a room's light; untuned.
 
-    level: light on the chest, and its spread in factors of e. lamps: least and most. returned: least and
-    greatest share that walls send back. kelvin: coldest and warmest lamp's colour.
+    level: median light on the chest, and its logarithmic standard deviation. lamps: their number. returned:
+    share reflected by walls. kelvin: coldest and warmest lamp.
     """
 
     level: tuple[float, float]
@@ -54,8 +45,8 @@ class LightSpread:
 
 @dataclass(frozen=True)
 class Lighting:
-    """The lamps of one room. place_m: (L, PLACES, 3) world; rgb: (L, 3) irradiance on a chest that faces the
-    lamp; ambient: (3,) what the walls send back; sky: share of it that comes from above."""
+    """Lamps of a room. place_m: (L, PLACES, 3) world; rgb: (L, 3) irradiance on a chest facing the lamp;
+    ambient: (3,) reflected by the walls; sky: its share from above."""
 
     place_m: Float64
     rgb: Float64
@@ -64,19 +55,16 @@ class Lighting:
 
 
 EVEN_LIGHT = Lighting(np.zeros((0, PLACES, 3)), np.zeros((0, 3)), np.ones(3), 0.0)
-"""White from everywhere: every surface shows its own colour."""
-
+# Window, ceiling lamp, standing lamp: place, its spread, half the size (metres), and warmth, 0 to 1.
 _KINDS = (
-    # centre and its spread, size across; the window is the largest, the standing lamp the warmest.
     ((2.35, -1.4, 1.45), (0.05, 0.6, 0.15), (0.05, 0.6, 0.6), 0.0),
     ((0.2, -1.0, 2.35), (0.6, 0.6, 0.05), (0.2, 0.2, 0.02), 0.6),
     ((1.5, 0.1, 1.55), (0.25, 0.5, 0.15), (0.1, 0.1, 0.12), 1.0),
 )
-"""Window, ceiling lamp, standing lamp: place, its spread, half its size (metres), and how warm, 0 to 1."""
 
 
 def light_room(spread: LightSpread, rng: np.random.Generator) -> Lighting:
-    """A room with some of a window, a ceiling lamp and a standing lamp on."""
+    """Draw a room with some of a window, a ceiling lamp and a standing lamp."""
     count = rng.integers(spread.lamps[0], spread.lamps[1] + 1)
     on = sorted(rng.choice(len(_KINDS), count, replace=False))
     level = spread.level[0] * np.exp(spread.level[1] * rng.normal())
@@ -98,16 +86,13 @@ def light_room(spread: LightSpread, rng: np.random.Generator) -> Lighting:
 
 
 def _stratified(rng: np.random.Generator) -> Float64:
-    """Four places (4, 3) in [-1, 1], one in every quarter of y and z."""
+    """Draw places (4, 3) in [-1, 1], one in every quarter of y and z."""
     quarter = np.array([(0, -1, -1), (0, -1, 1), (0, 1, -1), (0, 1, 1)])
     return np.asarray((quarter + rng.uniform(-1, 1, (4, 3))) / 2)
 
 
 def white_rgb(kelvin: float) -> Float64:
-    """Linear sRGB (3,) of a black body, mean 1; D65's 6500 K is near (1, 1, 1).
-
-    Chromaticity by the cubic splines of Kim et al. 2002 (US patent 7024034), 1667 to 25000 K.
-    """
+    """Return the linear sRGB (3,) of a black body, mean 1 (Kim et al. 2002, US patent 7024034)."""
     t = 1000.0 / np.clip(kelvin, 1667.0, 25000.0)
     if kelvin < 4000:
         x = -0.2661239 * t**3 - 0.2343589 * t**2 + 0.8776956 * t + 0.179910
@@ -127,7 +112,7 @@ def white_rgb(kelvin: float) -> Float64:
 
 
 def illuminate(surfaces: Surfaces, scene: Mesh, lighting: Lighting) -> Float32:
-    """Light leaving every pixel's surface, linear float32 (h, w, 3); the scene's mesh casts the shadows."""
+    """Return the linear light (h, w, 3) of every pixel's surface; the scene casts shadows."""
     places = [*lighting.place_m.reshape(-1, 3)]
     if lighting.sky == 0 and not places:
         return np.asarray(surfaces.albedo * lighting.ambient.astype(np.float32), np.float32)
@@ -141,33 +126,42 @@ def illuminate(surfaces: Surfaces, scene: Mesh, lighting: Lighting) -> Float32:
     centre = lighting.place_m.mean(axis=1).reshape(-1, 3)
     size2 = ((lighting.place_m - centre[:, None]) ** 2).sum(axis=-1).mean(axis=-1)
     chest2 = ((centre - CHEST_M) ** 2).sum(axis=-1) + size2
-    _shine(
-        surfaces.albedo, surfaces.normal, surfaces.point_m, shadow,
-        centre.astype(np.float32), size2.astype(np.float32),
-        (lighting.rgb * chest2[:, None]).astype(np.float32), lighting.ambient.astype(np.float32),
-        lighting.sky, light,
-    )  # fmt: skip
+    power = lighting.rgb * chest2[:, None]
+    arrays = (array.astype(np.float32) for array in (centre, size2, power, lighting.ambient))
+    _shine(surfaces, shadow, _Lamps(*arrays, lighting.sky), light)
     return light
 
 
+class _Lamps(NamedTuple):
+    """Lamps for kernels: centres (L, 3), squared sizes (L,), power (L, 3), ambient (3,), sky's share."""
+
+    centre: Float32
+    size2: Float32
+    power: Float32
+    ambient: Float32
+    sky: float
+
+
 def _lit(surfaces: Surfaces, scene: Mesh, places_m: Float64) -> Float32:
-    """Whether each place (N, 3) sees every fourth pixel's surface: float32 (h/4, w/4, N), 0 or 1."""
+    """Return the lit share (h/4, w/4, N) of every fourth pixel's surface by places (N, 3)."""
     point, normal = (a[::STRIDE, ::STRIDE] for a in (surfaces.point_m, surfaces.normal))
-    # A convex room throws no shadow on itself.
+    # A convex room does not shadow itself.
     casts = ~np.isin(scene.tags, (Surface.FLOOR, Surface.WALL))
     faces = np.ascontiguousarray(scene.faces[casts])
     lit = np.ones((*point.shape[:2], len(places_m)), np.float32)
     for n, place in enumerate(places_m):
         pose = look_at(place, CHEST_M)
         seen = rasterize(_MAP_CAMERA, pose.apply(scene.vertices_m).astype(np.float32), faces)
-        _look_up(point, normal, pose.rotation, pose.translation_m, seen.depth_m, lit[..., n])
+        _look_up(point, normal, (pose.rotation, pose.translation_m), seen.depth_m, lit[..., n])
     return lit
 
 
 @numba.njit(cache=True, nogil=True, fastmath=EXACT)
-def _look_up(point: Float32, normal: Float32, r: Float64, t: Float64, depth: Float32, lit: Float32) -> None:
-    """0 where a map's surface lies before the point, between its four nearest pixels by their shares."""
-    centre = (MAP_PX - 1) / 2
+def _look_up(
+    point: Float32, normal: Float32, pose: tuple[Float64, Float64], depth: Float32, lit: Float32
+) -> None:
+    """Write the lit share of the points: bilinear over the map, 0 behind its surface."""
+    (r, t), centre = pose, (MAP_PX - 1) / 2
     for v in range(lit.shape[0]):
         for u in range(lit.shape[1]):
             x = point[v, u, 0] + _LIFT_M * normal[v, u, 0]
@@ -183,18 +177,16 @@ def _look_up(point: Float32, normal: Float32, r: Float64, t: Float64, depth: Flo
             i0, j0 = int(i), int(j)
             a, b = i - i0, j - j0
             near = far - _BIAS_M
-            # A NaN, nothing hit, compares false: lit.
+            # NaN, without a hit, compares false: lit.
             shade = (1 - a) * (1 - b) * (depth[j0, i0] < near) + a * (1 - b) * (depth[j0, i0 + 1] < near)
             shade += (1 - a) * b * (depth[j0 + 1, i0] < near) + a * b * (depth[j0 + 1, i0 + 1] < near)
             lit[v, u] = 1 - shade
 
 
 @numba.njit(cache=True, nogil=True, fastmath=EXACT)
-def _shine(
-    albedo: Float32, normal: Float32, point: Float32, shadow: Float32, lamps: Float32, size2: Float32,
-    power: Float32, ambient: Float32, sky: float, light: Float32,
-) -> None:  # fmt: skip
-    """Lambertian light of every lamp and of the walls, written into the last array."""
+def _shine(surfaces: Surfaces, shadow: Float32, lamps: _Lamps, light: Float32) -> None:
+    """Write the Lambertian light of lamps and walls into the last array."""
+    albedo, normal, point = surfaces
     height, width, _ = albedo.shape
     rows, columns, n = shadow.shape
     open_ = np.empty(n, np.float32)
@@ -209,10 +201,8 @@ def _shine(
             for v in range(j * STRIDE, min(j * STRIDE + STRIDE, height)):
                 for u in range(i * STRIDE, min(i * STRIDE + STRIDE, width)):
                     if not even:
-                        _between(point, shadow, v, u, j, i, below, right, open_)
-                    red, green, blue = _falling(
-                        point[v, u], normal[v, u], open_, lamps, size2, power, ambient, sky
-                    )
+                        _between(point, shadow, (v, u), (j, i, below, right), open_)
+                    red, green, blue = _falling(point[v, u], normal[v, u], open_, lamps)
                     light[v, u, 0] = red * albedo[v, u, 0]
                     light[v, u, 1] = green * albedo[v, u, 1]
                     light[v, u, 2] = blue * albedo[v, u, 2]
@@ -220,9 +210,10 @@ def _shine(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _between(
-    point: Float32, shadow: Float32, v: int, u: int, j: int, i: int, below: int, right: int, open_: Float32
+    point: Float32, shadow: Float32, pixel: tuple[int, int], cell: tuple[int, int, int, int], open_: Float32
 ) -> None:
-    """Shadows at a pixel from the four looked up around it, those on its own surface before others."""
+    """Interpolate shadows at a pixel from its cell's four corners, mostly on its own surface."""
+    (v, u), (j, i, below, right) = pixel, cell
     b, a = (v - j * STRIDE) / STRIDE, (u - i * STRIDE) / STRIDE
     open_[:] = 0
     total = 0.0
@@ -241,11 +232,9 @@ def _between(
 
 
 @numba.njit(cache=True, fastmath=EXACT, inline="always")
-def _falling(
-    at: Float32, normal: Float32, open_: Float32, lamps: Float32, size2: Float32, power: Float32,
-    ambient: Float32, sky: float,
-) -> tuple[float, float, float]:  # fmt: skip
-    """Light that falls on one place, as far as each lamp and, last, the walls are ``open_`` to it."""
+def _falling(at: Float32, normal: Float32, open_: Float32, lit_by: _Lamps) -> tuple[float, float, float]:
+    """Return the light on a place; open_: lit share by each lamp and, last, the walls."""
+    lamps, size2, power, ambient, sky = lit_by
     last = len(open_) - 1
     k = np.float32((1 + sky * (normal[2] - 1) / 2) * (BOUNCE_FLOOR + (1 - BOUNCE_FLOOR) * open_[last]))
     red, green, blue = k * ambient[0], k * ambient[1], k * ambient[2]

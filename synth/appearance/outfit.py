@@ -1,8 +1,7 @@
-"""A person's outfit, cloth by cloth: irregular seams, folds, wear and bare skin.
+"""Outfit of a person: irregular seams, folds, wear and bare skin.
 
-A colour belongs to a zone: the eleven parts of a suit by their ids, then skin, hair and shoes. Zones meet
-where a field over the body's skin is zero; a field is a distance in metres, so that noise added to it
-moves the seam by just as much.
+A zone has one colour: the eleven parts of a suit by ids, then skin, hair and shoes. Zones meet at the zeros
+of fields, distances in metres over the skin, so that noise in a field moves a seam as far.
 """
 
 from dataclasses import dataclass
@@ -21,34 +20,26 @@ from synth.data_files import table
 
 SKIN, HAIR, SHOE = 12, 13, 14
 N_ZONES = 15
-SEAMS = tuple(sorted((min(pair), max(pair)) for pair in NEIGHBOURS))
-"""Pairs of parts whose border carries a field: negative in the first, positive in the second."""
+SEAMS = tuple(sorted((min(pair), max(pair)) for pair in NEIGHBOURS))  # field: negative in the first part
 HAND, FOOT, FACE, HAIRLINE = (len(SEAMS) + i for i in range(4))
 N_FIELDS = len(SEAMS) + 4
-GAMMA = 2.2
-"""Exponent from sRGB to linear light, near enough to IEC 61966-2-1."""
-
+GAMMA = 2.2  # exponent from sRGB to linear light, close to IEC 61966-2-1
 SKIN_RGB, HAIR_RGB, SHOE_RGB, SHIRT_RGB, TROUSERS_RGB = (
     np.array(table("people")[what]) for what in ("skin", "hair", "shoe", "shirt", "trousers")
-)
-"""sRGB (n, 3) of people and everyday clothes; sources in ``synth/data/people.toml``."""
-BLUSH = np.array([1.04, 0.94, 0.90])
-"""The scale's swatches are greyer than lit skin, whose blood is red. No source: chosen by eye."""
-FOLD_REACH_M = 0.14
-"""How far from a bending joint its folds die out."""
-SEAM_REACH_M = 0.08
-"""Farther from its border no seam is looked for."""
+)  # sRGB (n, 3)
+BLUSH = np.array([1.04, 0.94, 0.90])  # because lit skin is redder than the scale's swatches; untuned
+FOLD_REACH_M = 0.14  # of folds about a bending joint
+SEAM_REACH_M = 0.08  # of a seam's field
 FOLDING = ("elbow", "knee", "hip", "shoulder")
 
 
 @dataclass(frozen=True)
 class Wear:
-    """Deviation of a worn suit from its palette; no source for any strength: chosen by eye.
+    """Deviations of a worn suit from its palette; untuned.
 
-    seam_sd_m: a seam's distance from the part's border. fold_m: height of folds at a joint. hue_sd_deg and
-    lightness_sd: a cloth's shift in CIELAB. fade: greatest share of a cloth's chroma that washing took.
-    patch: spread of wear within a cloth. alike: how far one pair of cloths moved towards each other.
-    hood_down: share of people with bare hair. bare: hands, neck and shoes are no cloth of the suit.
+    seam_sd_m: of a seam from the part's border. fold_m: height of folds at a joint. hue_sd_deg,
+    lightness_sd: of a cloth in CIELAB. fade: greatest lost share of chroma. patch: of wear within a cloth.
+    alike: approach of one pair of cloths. hood_down: share of people with bare hair. bare: hands and feet.
     """
 
     seam_sd_m: float = 0.0
@@ -64,8 +55,8 @@ class Wear:
 
 @dataclass(frozen=True)
 class Outfit:
-    """A dressed body. zone_rgb: linear (15, 3). fields_m: float32 (V, 14), see ``SEAMS``. folds_m: float32
-    (V,) height of folds. rest_m: float32 (V, 3), where noise is read, apart from every other person's."""
+    """Dressed body. zone_rgb: linear (15, 3). fields_m: (V, 14), see ``SEAMS``. folds_m: (V,) height of
+    folds. rest_m: (V, 3), places of the noise, unlike another person's."""
 
     face_parts: UInt8
     rest_m: Float32
@@ -76,7 +67,7 @@ class Outfit:
     patch: float
 
     def face_rgb(self, faces: Int32) -> Float64:
-        """Linear colour (F, 3) at the centre of each of the body's faces (F, 3), seams where they belong."""
+        """Return the linear colour (F, 3) at the centres of the body's faces, seams without noise."""
         fields = self.fields_m[faces].mean(axis=1)
         zone = self.face_parts.copy()
         zone[np.isin(zone, (5, 6)) & (fields[:, HAND] > 0)] = SKIN
@@ -87,7 +78,7 @@ class Outfit:
 
 
 def dress(body: Body, suit: Suit, wear: Wear, rng: np.random.Generator) -> Outfit:
-    """A body in the suit as worn, skin, hair and shoes of any human colour."""
+    """Dress a body in the worn suit, with random skin, hair and shoes."""
     zone_rgb = _zones(_worn(suit, wear, rng), rng)
     fields = _fields(body, rng.normal(0, (0.012, 0.015)))
     if rng.random() < wear.hood_down:
@@ -98,7 +89,7 @@ def dress(body: Body, suit: Suit, wear: Wear, rng: np.random.Generator) -> Outfi
 
 
 def dress_plainly(body: Body, wear: Wear, rng: np.random.Generator) -> Outfit:
-    """A body in shirt and trousers, bare-headed; sleeves long or short."""
+    """Dress a body in shirt and trousers, with a bare head and long or short sleeves."""
     shirt, trousers = rng.choice(SHIRT_RGB), rng.choice(TROUSERS_RGB)
     cloth = np.zeros((N_CLASSES, 3))
     cloth[:] = shirt + rng.normal(0, 6, 3)
@@ -112,19 +103,13 @@ def dress_plainly(body: Body, wear: Wear, rng: np.random.Generator) -> Outfit:
 
 
 def _outfit(body: Body, fields: Float64, zone_rgb: Float64, wear: Wear, rng: np.random.Generator) -> Outfit:
-    return Outfit(
-        body.face_parts,
-        (body.vertices_m + rng.uniform(0, 10, 3)).astype(np.float32),
-        fields.astype(np.float32),
-        (wear.fold_m * _bending(body)).astype(np.float32),
-        zone_rgb,
-        wear.seam_sd_m,
-        wear.patch,
-    )
+    rest, folds = body.vertices_m + rng.uniform(0, 10, 3), wear.fold_m * _bending(body)
+    by_vertex = (array.astype(np.float32) for array in (rest, fields, folds))
+    return Outfit(body.face_parts, *by_vertex, zone_rgb, wear.seam_sd_m, wear.patch)
 
 
 def _zones(cloth_rgb: Float64, rng: np.random.Generator) -> Float64:
-    """Linear colours (15, 3): cloth by part, then skin, hair and shoes."""
+    """Return linear colours (15, 3): cloth by part, then skin, hair and shoes."""
     zones = np.zeros((N_ZONES, 3))
     zones[:N_CLASSES] = cloth_rgb
     tone = rng.uniform(0, len(SKIN_RGB) - 1)
@@ -137,7 +122,7 @@ def _zones(cloth_rgb: Float64, rng: np.random.Generator) -> Float64:
 
 
 def _worn(suit: Suit, wear: Wear, rng: np.random.Generator) -> Float64:
-    """sRGB (12, 3) of every part's cloth after washing and sun, its palette's first swatch before."""
+    """Return the sRGB (12, 3) of every part's cloth after wear, from the palette's first swatches."""
     swatches = np.stack([suit.colors_rgb[suit.parts == part][0] for part in range(1, N_CLASSES)])
     lab = np.asarray(rgb2lab(swatches / 255.0), np.float64)
     hue, faded, lighter = (rng.normal(size=11), rng.uniform(size=11), rng.normal(size=11))
@@ -154,9 +139,9 @@ def _worn(suit: Suit, wear: Wear, rng: np.random.Generator) -> Float64:
 
 
 def _fields(body: Body, shift_m: Float64) -> Float64:
-    """Distances (V, 14) along the skin at rest: to ten seams, beyond wrist and ankle, into face and hair.
+    """Return the fields (V, 14): of ten seams, beyond wrist and ankle, into face and hair.
 
-    shift_m: (2,) how much farther than the joint a sleeve and a trouser leg reach.
+    shift_m: (2,) length of sleeve and trouser leg beyond the joint.
     """
     fields = np.zeros((len(body.vertices_m), N_FIELDS))
     for n, pair in enumerate(SEAMS):
@@ -175,7 +160,7 @@ def _fields(body: Body, shift_m: Float64) -> Float64:
 
 
 def _beyond(points: Float64, at: dict[str, Float64], side: NDArray[np.int_], near: str, end: str) -> Float64:
-    """How far (V,) points lie beyond the joint ``end`` of a limb, along its last bone, each on its side."""
+    """Return the distance (V,) of points beyond the joint ``end`` of a limb, each on its side."""
     level = []
     for name in ("left", "right"):
         joint, before = at[f"{name}_{end}"], at[f"{name}_{near}"]
@@ -184,7 +169,7 @@ def _beyond(points: Float64, at: dict[str, Float64], side: NDArray[np.int_], nea
 
 
 def _seam_field(body: Body, pair: tuple[int, int]) -> Float64:
-    """Distance (V,) to the border of two parts, positive in the second, 0 on it; elsewhere unused."""
+    """Return the distance (V,) to the border of two parts, positive in the second part."""
     first, second = (np.unique(body.faces[body.face_parts == part]) for part in pair)
     border = np.zeros(len(body.vertices_m), bool)
     border[np.intersect1d(first, second)] = True
@@ -202,7 +187,7 @@ def _seam_field(body: Body, pair: tuple[int, int]) -> Float64:
 
 
 def _bending(body: Body) -> Float64:
-    """Where cloth folds (V,): 1 at a bending joint, little in the middle of a limb, 0.25 everywhere."""
+    """Return the strength of folds (V,): 1 at a bending joint, at least 0.25."""
     joints = body.joints_m[[i for name, i in JOINT_ID.items() if name.endswith((*FOLDING, "spine_lower"))]]
     away = cKDTree(joints).query(body.vertices_m)[0]
     return np.asarray(0.25 + 0.75 * np.exp(-((away / FOLD_REACH_M) ** 2)))

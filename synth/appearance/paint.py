@@ -1,4 +1,4 @@
-"""Colour and normal of the surface at every pixel, before lighting."""
+"""Colour and normal of the surface at every pixel, without light."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -38,18 +38,14 @@ from synth.surface.facets import (
 )
 from synth.surface.rasterize import EXACT, Mesh, ZBuffer
 
-SEAM_WAVE_M, FOLD_WAVE_M, PATCH_WAVE_M, HAIR_WAVE_M = 0.12, 0.055, 0.16, 0.008
-"""How far apart a seam's swings, folds, worn patches and strands of hair are. No source: chosen by eye."""
-_SEAM_CELLS, _FOLD_CELLS, _PATCH_CELLS, _HAIR_CELLS = map(
-    wavelength_cells, (SEAM_WAVE_M, FOLD_WAVE_M, PATCH_WAVE_M, HAIR_WAVE_M)
-)
-_FOLD_STEP_M = 0.004
-_SKIN_GRAIN, _HAIR_GRAIN = 0.03, 0.2
-"""Metres between two heights of a fold; shares by which skin and hair stray in brightness. Chosen by eye."""
+# Wavelengths in metres of seams, folds, worn patches and strands of hair; untuned.
+_SEAM_CELLS, _FOLD_CELLS, _PATCH_CELLS, _HAIR_CELLS = map(wavelength_cells, (0.12, 0.055, 0.16, 0.008))
+_FOLD_STEP_M = 0.004  # of a fold's slope
+_SKIN_GRAIN, _HAIR_GRAIN = 0.03, 0.2  # deviations of brightness; untuned
 
 
 def _part_seams() -> tuple[Int32, Float64]:
-    """By part: its seams and the parts beyond (12, 4, 2), -1 where there are fewer; fields' signs."""
+    """Return by part its seams and the parts beyond (12, 4, 2), -1 for none, and the fields' signs."""
     seams = np.full((N_CLASSES, 4, 2), -1, np.int32)
     sign = np.ones((N_CLASSES, 4))
     for n, pair in enumerate(SEAMS):
@@ -60,10 +56,12 @@ def _part_seams() -> tuple[Int32, Float64]:
 
 
 _PART_SEAMS, _SEAM_SIGN = _part_seams()
+_OnFace = tuple[int, Triple, Triple]
+"""Place on a face: face, barycentric coordinates, place in the rest pose."""
 
 
 class Surfaces(NamedTuple):
-    """Images float32 (h, w, 3) of a scene: albedo, linear, 0 where nothing; normal and point_m, world."""
+    """Images (h, w, 3) of a scene: albedo, linear, 0 without a hit; normal and point_m, world."""
 
     albedo: Float32
     normal: Float32
@@ -71,14 +69,14 @@ class Surfaces(NamedTuple):
 
 
 class RoomColors(NamedTuple):
-    """Colours of furniture by tag, linear (T, 3); grain: (T, 3) share, cells a metre across and along y."""
+    """Linear colours (T, 3) of furniture by tag; grain: (T, 3) share, cells a metre across and along y."""
 
     rgb: Float64
     grain: Float64
 
 
 class _Eye(NamedTuple):
-    """A camera: lens (4,) fx, fy, cx, cy; rotation (3, 3) and translation (3,), camera from world."""
+    """Camera: lens (4,) fx, fy, cx, cy; rotation (3, 3) and translation (3,), camera from world."""
 
     lens: Float64
     rotation: Float64
@@ -86,8 +84,7 @@ class _Eye(NamedTuple):
 
 
 class _Shell(NamedTuple):
-    """A scene's vertices (V, 3), faces (F, 3) and tags (F,); normals of faces, flat (F, 3), and vertices,
-    rounded (V, 3)."""
+    """Vertices (V, 3), faces (F, 3) and tags (F,) of a scene; normals of faces (F, 3) and vertices (V, 3)."""
 
     vertices: Float32
     faces: Int32
@@ -97,8 +94,7 @@ class _Shell(NamedTuple):
 
 
 class _Clothes(NamedTuple):
-    """Outfits one after another. By face (F,): wearer, parts. By vertex: rest (V, 3), fields (V, 14), folds
-    (V,). By wearer: zones (n, 15, 3) linear colour, wear (n, 2) seam's deviation and patches."""
+    """Outfits by face (F,), by vertex (V,) and by wearer: colours of zones (n, 15, 3), wear (n, 2)."""
 
     wearer: Int64
     parts: UInt8
@@ -111,21 +107,21 @@ class _Clothes(NamedTuple):
 
 def paint(
     seen: ZBuffer,
-    camera: Intrinsics,
-    camera_from_world: Pose,
+    camera: tuple[Intrinsics, Pose],
     scene: Mesh,
     outfits: Sequence[Outfit],
     room: RoomColors,
 ) -> Surfaces:
-    """Colours and smooth normals at every pixel of a pinhole render of ``scene`` (world frame).
+    """Return colours and smooth normals of a pinhole render of ``scene`` (world frame).
 
-    The scene's first faces and vertices are those of the ``outfits``, one after another.
+    camera: pinhole and camera_from_world. The scene begins with the faces and vertices of the outfits.
     """
+    pinhole, pose = camera
     sizes = [len(outfit.face_parts) for outfit in outfits]
     surfaces = Surfaces(*(np.zeros((*seen.face.shape, 3), np.float32) for _ in range(3)))
     flat, rounded = _normals(scene.vertices_m, scene.faces, sum(sizes))
-    lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-    eye = _Eye(lens, camera_from_world.rotation, camera_from_world.translation_m)
+    lens = np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy])
+    eye = _Eye(lens, pose.rotation, pose.translation_m)
     shell = _Shell(scene.vertices_m, scene.faces, scene.tags, flat, rounded)
     clothes = _Clothes(
         np.repeat(np.arange(len(outfits)), sizes),
@@ -136,13 +132,13 @@ def paint(
         np.array([o.zone_rgb for o in outfits]).reshape(-1, N_ZONES, 3),
         np.array([(o.seam_sd_m, o.patch) for o in outfits]).reshape(-1, 2),
     )
-    _paint(seen.face, seen.depth_m, eye, shell, clothes, room, noise_tile(), surfaces)
+    _paint((seen.face, seen.depth_m, eye), shell, clothes, (*room, noise_tile()), surfaces)
     return surfaces
 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _normals(vertices: Float32, faces: Int32, smooth: int) -> tuple[Float32, Float32]:
-    """Unit normals (F, 3) of faces, and (V, 3) any length of vertices over the first ``smooth`` faces."""
+    """Return unit normals (F, 3) of faces, and sums (V, 3) at vertices over the first ``smooth`` faces."""
     flat, rounded = np.empty((len(faces), 3), np.float32), np.zeros(vertices.shape, np.float32)
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -159,15 +155,19 @@ def _normals(vertices: Float32, faces: Int32, smooth: int) -> tuple[Float32, Flo
 
 @numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _paint(
-    face: Int32, depth: Float32, eye: _Eye, shell: _Shell, clothes: _Clothes, room: RoomColors,
-    tile: Float32, surfaces: Surfaces,
-) -> None:  # fmt: skip
-    """``paint``, written into ``surfaces``."""
-    # Taken out of the tuples once: every access in the loops would count references.
-    lens, r, translation = eye
+    seen: tuple[Int32, Float32, _Eye],
+    shell: _Shell,
+    clothes: _Clothes,
+    room: tuple[Float64, Float64, Float32],
+    surfaces: Surfaces,
+) -> None:
+    """Write the surfaces; seen: faces, depth and camera. room: colours, grain and noise."""
+    # Unpacked once, because every access in the loops would count references.
+    face, depth, (lens, r, translation) = seen
     vertices, faces, tags, flat, rounded = shell
     wearer, parts, rest, fields, folds, zones, wear = clothes
-    room_rgb, grain = room
+    room_rgb, grain, tile = room
+    skin, cloth = (fields, faces, tile), (vertices, rest, faces, folds, tile)
     albedo, normal, point = surfaces
     height, width = face.shape
     place = -r.T @ translation
@@ -189,12 +189,12 @@ def _paint(
                 share = shares(vertices, faces, f, p)
                 q, w = mix(rest, faces, f, share), wearer[f]
                 n = unit(mix(rounded, faces, f, share))
-                rgb, is_cloth = _clothed(fields, faces, f, share, parts[f], q, zones[w], wear[w], tile)
+                rgb, is_cloth = _clothed(skin, (f, share, q), parts[f], zones[w], wear[w])
                 if is_cloth and folds[faces[f, 0]] > 0:
-                    n = _folded(n, vertices, rest, faces, f, share, q, folds, tile)
+                    n = _folded(n, cloth, (f, share, q))
             else:
                 tag = tags[f]
-                # Both sides of furniture are seen: the normal turns to the camera, which is at ``place``.
+                # The normal turns to the camera at ``place``, because both sides of furniture are visible.
                 if n[0] * (p[0] - place[0]) + n[1] * (p[1] - place[1]) + n[2] * (p[2] - place[2]) > 0:
                     n = (-n[0], -n[1], -n[2])
                 bright = 1.0
@@ -208,20 +208,19 @@ def _paint(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _clothed(
-    fields: Float32, faces: Int32, f: int, share: Triple, part: int, q: Triple,
-    zones: Float64, wear: Float64, tile: Float32,
-) -> tuple[Triple, bool]:  # fmt: skip
-    """Linear colour at a place of a body's skin, q in its rest pose, and whether it is cloth."""
+    skin: tuple[Float32, Int32, Float32], place: _OnFace, part: int, zones: Float64, wear: Float64
+) -> tuple[Triple, bool]:
+    """Return the linear colour at a place of a body's skin, and True for cloth."""
+    (fields, faces, tile), (f, share, q) = skin, place
     stray = 0.0
     if wear[0] > 0:
         stray = wear[0] * _noise(tile, q, _SEAM_CELLS)
-    zone = _zone(fields, faces, f, share, part, stray)
+    zone = _zone(fields, faces, (f, share), part, stray)
     is_cloth = zone < SKIN
     bright, grey = 1.0, 0.0
     if zone == HAIR:
-        bright += _HAIR_GRAIN * smooth_noise(
-            tile, _HAIR_CELLS * q[0], _HAIR_CELLS * q[1], 0.2 * _HAIR_CELLS * q[2]
-        )
+        c = _HAIR_CELLS
+        bright += _HAIR_GRAIN * smooth_noise(tile, c * q[0], c * q[1], 0.2 * _HAIR_CELLS * q[2])
     elif zone == SKIN:
         bright += _SKIN_GRAIN * _noise(tile, q, _PATCH_CELLS)
     elif wear[1] > 0:
@@ -235,9 +234,9 @@ def _clothed(
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _zone(fields: Float32, faces: Int32, f: int, share: Triple, part: int, stray: float) -> int:
-    """Which zone a place of a face belongs to once every seam has moved by ``stray`` metres."""
-    zone = part
+def _zone(fields: Float32, faces: Int32, place: tuple[int, Triple], part: int, stray: float) -> int:
+    """Return the zone of a place of a face, with seams moved by ``stray`` metres."""
+    (f, share), zone = place, part
     for k in range(4):
         seam = _PART_SEAMS[part, k, 0]
         if seam < 0:
@@ -255,11 +254,9 @@ def _zone(fields: Float32, faces: Int32, f: int, share: Triple, part: int, stray
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _folded(
-    n: Triple, vertices: Float32, rest: Float32, faces: Int32, f: int, share: Triple, q: Triple,
-    folds: Float32, tile: Float32,
-) -> Triple:  # fmt: skip
-    """A normal tilted by folds: heights are noise over the rest pose, their gradient is the face's."""
+def _folded(n: Triple, cloth: tuple[Float32, Float32, Int32, Float32, Float32], place: _OnFace) -> Triple:
+    """Return a normal tilted by the gradient of folds, noise over the rest pose."""
+    (vertices, rest, faces, folds, tile), (f, share, q) = cloth, place
     a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
     height = share[0] * folds[a] + share[1] * folds[b] + share[2] * folds[c]
     first, second = edge(vertices, a, b), edge(vertices, a, c)
@@ -282,7 +279,7 @@ def _folded(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _rise(tile: Float32, q: Triple, here: float, edge: Triple) -> float:
-    """How much folds of height 1 rise along an edge of the rest pose, from their slope at its start."""
+    """Return the rise of folds of height 1 along an edge of the rest pose, from the slope at its start."""
     step = _FOLD_STEP_M / (np.sqrt(dot(edge, edge)) + 1e-9)
     there = _ridge(tile, (q[0] + step * edge[0], q[1] + step * edge[1], q[2] + step * edge[2]))
     slope: float = (there - here) / step
@@ -291,7 +288,7 @@ def _rise(tile: Float32, q: Triple, here: float, edge: Triple) -> float:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _ridge(tile: Float32, q: Triple) -> float:
-    """Folds of height 1: rounded noise, wider along the limbs' hang than across."""
+    """Return the height of folds, 1 at most, at a place."""
     c = _FOLD_CELLS
     return smooth_noise(tile, c * q[0], c * q[1], 1.6 * c * q[2])
 

@@ -1,7 +1,4 @@
-"""The colour camera's view of a scene: dressed people among furniture, lit, photographed, as a JPEG.
-
-A ``ColorDifficulty`` holds how hard it is: ``CLEAN``, ``NORMAL`` and ``HARD``.
-"""
+"""Photographs of a scene by the colour camera: dressed people among furniture, as a JPEG."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,8 +34,7 @@ from synth.surface.rasterize import Mesh, face_means, rasterize
 
 @dataclass(frozen=True)
 class ColorDifficulty:
-    """Difficulty of colour: what is worn, the room's light (None = even white), the camera's faults, and the
-    chance ``equal`` that a thing of the room has a colour of the suit (no source: chosen by eye)."""
+    """Difficulty of colour. light: None is even white. equal: chance of a thing in a colour of the suit."""
 
     wear: Wear
     light: LightSpread | None
@@ -53,21 +49,17 @@ def _color(entry: dict[str, Any]) -> ColorDifficulty:
 
 COLORS = {name: _color(entry["color"]) for name, entry in table("difficulties").items()}
 CLEAN, NORMAL, HARD = COLORS.values()
-
-
-_PLAIN = (0.0, 1.0, 1.0)
-"""Grain of what has none."""
+_PLAIN = (0.0, 1.0, 1.0)  # without grain
 COLORFUL = (Surface.SOFA, Surface.MUG, Surface.BED, Surface.BLANKET, Surface.PILLOW)
-"""What may have a colour of the suit."""
 
 
 def plain_room() -> RoomColors:
-    """Even colours without grain."""
+    """Return even colours without grain."""
     return _room({}, with_grain=False)
 
 
 def paint_room(suit_rgb: UInt8, equal: float, rng: np.random.Generator) -> RoomColors:
-    """A room of common colours; with a chance of ``equal`` each, a thing has one of the suit's (K, 3)."""
+    """Draw common colours; with chance ``equal`` each, a thing has one of the suit's (K, 3)."""
     chosen = {
         Surface.SOFA: rng.choice(SURFACES[Surface.SOFA]["often"]),
         Surface.FLOOR: rng.choice(SURFACES[Surface.FLOOR]["often"]),
@@ -94,7 +86,7 @@ def _room(chosen: dict[Surface, NDArray[np.generic]], with_grain: bool) -> RoomC
 
 @dataclass(frozen=True)
 class Setting:
-    """What stays while one person is recorded: the room's colours and lamps, colour's time after depth."""
+    """Room's colours and lamps of an episode, and the colour image's time after depth."""
 
     room: RoomColors
     lighting: Lighting
@@ -102,7 +94,7 @@ class Setting:
 
 
 def set_up(color: ColorDifficulty, suit: Suit, rng: np.random.Generator) -> Setting:
-    """A room to be recorded in. Sampled alike at every difficulty, so that a seed keeps its room."""
+    """Draw the setting, with the same random numbers at every difficulty."""
     room = paint_room(suit.colors_rgb, color.equal, rng)
     offset_s = color.camera.offset_s * rng.uniform(-1, 1)
     if color.light is None:
@@ -111,10 +103,9 @@ def set_up(color: ColorDifficulty, suit: Suit, rng: np.random.Generator) -> Sett
 
 
 class ColorCamera:
-    """A colour camera left running before one scene after another; its exposure and balance follow them.
+    """Colour camera whose exposure and balance follow the scenes.
 
-    pinhole: the wide camera that is rendered; maps: where each distorted pixel looks in it (cv2.remap's x
-    and y); color_from_world: where it stands. state: its controllers at the latest photograph.
+    pinhole: rendered wide camera; maps: of cv2.remap from it. state: controllers at the latest photograph.
     """
 
     def __init__(
@@ -137,17 +128,16 @@ class ColorCamera:
         rng: np.random.Generator,
         velocity_m_s: Float64 | None = None,
     ) -> bytes:
-        """A JPEG of a scene (world frame) that moves at velocity_m_s (V, 3); None = all stands still.
+        """Return the JPEG of a scene (world frame), ``setting.offset_s`` after the depth image.
 
-        The scene is given as depth sees it and photographed ``setting.offset_s`` later. It begins with the
-        faces and vertices of the ``outfits``, one after another.
+        The scene begins with the faces and vertices of the outfits and moves at velocity_m_s (V, 3).
         """
         if velocity_m_s is not None:
             later = scene.vertices_m + self.setting.offset_s * velocity_m_s
             scene = Mesh(later.astype(np.float32), scene.faces, scene.tags)
         points = self.color_from_world.apply(scene.vertices_m)
         seen = rasterize(self.pinhole, points.astype(np.float32), scene.faces)
-        surfaces = paint(seen, self.pinhole, self.color_from_world, scene, outfits, self.setting.room)
+        surfaces = paint(seen, (self.pinhole, self.color_from_world), scene, outfits, self.setting.room)
         light = illuminate(surfaces, scene, self.setting.lighting)
         if self.state is None:
             state = first_state(metered(light), self.faults, rng)
@@ -161,7 +151,7 @@ class ColorCamera:
         return encode(develop(image, state, self.faults, rng))
 
     def _flow(self, points_m: Float64, faces: Int32, velocity_m_s: Float64, seconds: float) -> Float32:
-        """Image motion (F + 1, 2) of every face during an exposure, pixels; the last, nothing hit, is 0."""
+        """Return the image motion (F + 1, 2) of every face during an exposure, pixels; last 0."""
         turned = velocity_m_s @ self.color_from_world.rotation.T
         by_vertex = flow_px(self.pinhole, points_m, turned, seconds)
         return np.concatenate([face_means(by_vertex, faces), np.zeros((1, 2), np.float32)])

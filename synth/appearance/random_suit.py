@@ -1,4 +1,4 @@
-"""Colour-coded suits drawn at random, to measure and to train labelling on palettes that it has not seen."""
+"""Random colour-coded suits, to train and test on new palettes. Constants are untuned."""
 
 import colorsys
 
@@ -8,24 +8,16 @@ from annotate.array_types import Float64, UInt8
 from annotate.parts import BODY_PARTS, NEIGHBOURS, PART_ID
 from annotate.suit.palette import Suit, chromaticity
 
-COLORS = (8, 11)
-"""Fewest and most cloths of a suit; with fewer than eleven some parts share one. Chosen by eye."""
-APART = (0.03, 0.09)
-"""Range of the least distance in chromaticity between two cloths of a suit: 0.06 looks alike in a shaded
-image (`annotate.suit.palette.MIN_CHROMA_DISTANCE`). Chosen by eye."""
-GREY, SKIN_NAMED = 0.25, 0.5
-"""Chance that one of the cloths is grey, and that a palette names the colour of skin for the head. Chosen by
-eye."""
-SKIN_RGB = (201, 143, 115)
-"""The skin that a palette names, as ``DEFAULT_SUIT`` does."""
-DRAWS = 60
-"""Colours drawn at most before the least distance is halved; chosen by eye."""
-DOMAIN = 40
-"""Sets a seed's palette apart from what else is drawn by that seed."""
+COLORS = (8, 11)  # number of cloths; with fewer than eleven some parts share one
+APART = (0.03, 0.09)  # least distance in chromaticity; see ``palette.MIN_CHROMA_DISTANCE``
+GREY, SKIN_NAMED = 0.25, 0.5  # chances of a grey cloth, and of skin in the palette
+SKIN_RGB = (201, 143, 115)  # as in ``DEFAULT_SUIT``
+DRAWS = 60  # colours drawn until the least distance is halved
+DOMAIN = 40  # key of the random stream
 
 
 def random_suit(seed: int) -> Suit:
-    """A palette of 8 to 11 cloths of any hues, some look-alikes; neighbouring parts never share one."""
+    """Return a palette of 8 to 11 cloths; neighbouring parts have different ones."""
     rng = np.random.default_rng((seed, DOMAIN))
     count = int(rng.integers(COLORS[0], COLORS[1] + 1))
     colors = _cloths(count, float(rng.uniform(*APART)), rng)
@@ -41,7 +33,7 @@ def random_suit(seed: int) -> Suit:
 
 
 def _cloths(count: int, apart: float, rng: np.random.Generator) -> UInt8:
-    """Colours uint8 (count, 3), in chromaticity as far apart as there is room for."""
+    """Draw colours (count, 3) with a least distance in chromaticity, halved if necessary."""
     found: list[Float64] = [np.full(3, rng.uniform(90, 220))] if rng.random() < GREY else []
     tries = 0
     while len(found) < count:

@@ -1,4 +1,7 @@
-"""Surface temperatures of a person and of the things in a room."""
+"""Surface temperatures of a person and of the things in a room.
+
+Constants are untuned unless a source is given.
+"""
 
 from dataclasses import dataclass
 
@@ -20,40 +23,26 @@ PART_C = {
     "forearm": 30.5,
     "upper_leg": 29.5,
     "lower_leg": 28.8,
-}
-"""Clothed and bare surface temperatures of a person at rest in a 21 C room (tight thin clothing sits
-between skin, 32-34 C, and air; ISO 7933 annex on clothing surface temperature)."""
-MEAN_ROOM_C = 20.5
-"""The room ``PART_C`` is for."""
-FOLLOWS_ROOM = 0.4
-"""Degrees of cloth per degree of room: half insulation, half boundary layer, less what skin regulates."""
+}  # of a person at rest in a room of 21 C, between skin and air (ISO 7933, clothing surface temperature)
+MEAN_ROOM_C = 20.5  # room of ``PART_C``
+FOLLOWS_ROOM = 0.4  # degrees of cloth a degree of the room
 HAIR_C = 27.5
-"""Hair. No source: chosen by eye."""
-HAND_C, COLD_HAND_C = 31.0, 26.0
-"""Bare hands; at rest in a cool room fingers fall to 25 C and less (thermal comfort literature)."""
+HAND_C, COLD_HAND_C = 31.0, 26.0  # fingers fall to 25 C in a cool room (thermal comfort literature)
 SOCK_C, COLD_FOOT_C = 27.5, 23.0
-"""Feet in socks, warm and cold. No source: chosen by eye."""
-SLEEVE_DROP_C = 4.5
-"""A loose or damp sleeve or trouser leg is this much colder than a tight one; no source: chosen by eye."""
-LOOSE_DROP_C, LOOSE_M = 1.5, 0.03
-"""Cloth this far off the skin, or farther, is so much colder than tight cloth; between, in proportion. No
-source: chosen by eye; people stay within 25 to 35 C (Nishi & Miura 2017, section 4.2.1)."""
-CONTACT_C = 32.5
-"""Where cloth is pressed on cloth over skin it comes near to skin."""
-CONTACT_M = 0.02
-"""Nearer than this two limbs warm each other."""
-TOUCH_WARM_S, TOUCH_COOL_S = 15.0, 30.0
-"""Thin cloth follows within half a minute; order of magnitude, no source."""
+SLEEVE_DROP_C = 4.5  # of a loose or damp sleeve or trouser leg
+LOOSE_DROP_C, LOOSE_M = 1.5, 0.03  # drop of cloth that far off the skin, in proportion below
+CONTACT_C = 32.5  # of cloth pressed on cloth
+CONTACT_M = 0.02  # distance of limbs that warm each other
+TOUCH_WARM_S, TOUCH_COOL_S = 15.0, 30.0  # time constants of thin cloth
 SURFACE_C = {surface: entry["celsius"] for surface, entry in SURFACES.items() if "celsius" in entry}
-"""Mean and standard deviation of what is not as warm as the room."""
 
 
 @dataclass(frozen=True)
 class Clothing:
     """Personal differences of surface temperature.
 
-    offset_c: thicker or thinner cloth all over. patch_c: unevenness. cold_feet, cold_hands: shares in [0, 1]
-    of the way to the cold values. cold_sleeves: part ids whose cloth is loose.
+    offset_c: of all cloth. patch_c: unevenness. cold_feet, cold_hands: share of the way to the cold values.
+    cold_sleeves: ids of parts with loose cloth.
     """
 
     offset_c: float = 0.0
@@ -64,7 +53,7 @@ class Clothing:
 
     @staticmethod
     def sample(rng: np.random.Generator, strength: float) -> "Clothing":
-        """Somebody's clothes today; strength 0 is everybody the same, 1 a good room, 2 a hard one."""
+        """Draw a person's clothing; strength 0 is no difference, 1 a good room, 2 a hard one."""
         limbs = [PART_ID[f"{side}_{limb}"] for side in ("left", "right") for limb in ("forearm", "lower_leg")]
         loose = tuple(part for part in limbs if rng.random() < 0.05 * strength**2)
         return Clothing(
@@ -77,10 +66,7 @@ class Clothing:
 
 
 class BodyWarmth:
-    """The surface temperature of one person, which remembers where limbs touched.
-
-    worn: the same body with loose clothes for its skin, which are colder; by default, tight ones.
-    """
+    """Surface temperature of a person, with memory of touching limbs; worn: the body in loose clothes."""
 
     def __init__(
         self,
@@ -98,19 +84,19 @@ class BodyWarmth:
         self._limbs = _limb_vertices(body)
 
     def update(self, vertices_m: Float32, pressed: Bool, seconds: float) -> None:
-        """Let a posed body (V, 3) stay so long; pressed: (V,) where furniture touches it."""
+        """Hold a posed body (V, 3) for some seconds; pressed: (V,) by furniture."""
         touched = pressed | _touching(vertices_m, self._limbs)
         lag_s = np.where(touched, TOUCH_WARM_S, TOUCH_COOL_S)
         self._touch += (touched - self._touch) * (1 - np.exp(-seconds / lag_s))
 
     def celsius(self) -> Float64:
-        """Temperature (F,) of every body face now."""
+        """Return the temperature (F,) of every face."""
         touch = face_means(self._touch, self._body.faces)
         return np.asarray(self._apart + touch * np.maximum(CONTACT_C - self._apart, 0.0), np.float64)
 
 
 def surface_temperatures(tags: Int32, room_c: float, spread: float, rng: np.random.Generator) -> Float64:
-    """Temperature (F,) of lifeless faces by tag, each kind off by ``spread`` times its own spread."""
+    """Draw the temperature (F,) of lifeless faces by tag; spread: factor on the deviations."""
     table = np.full(max(Surface) + 1, room_c) + 0.3 * spread * rng.normal(size=max(Surface) + 1)
     for surface, (celsius, deviation) in SURFACE_C.items():
         table[surface] = celsius + spread * deviation * float(rng.normal())
@@ -118,7 +104,7 @@ def surface_temperatures(tags: Int32, room_c: float, spread: float, rng: np.rand
 
 
 def _apart(body: Body, clothing: Clothing, room_c: float, rng: np.random.Generator) -> Float64:
-    """Temperature (F,) of the body's faces where nothing touches them."""
+    """Return the temperature (F,) of untouched faces."""
     by_part = np.zeros(N_CLASSES)
     for part in BODY_PARTS:
         celsius = PART_C[part.name.removeprefix("left_").removeprefix("right_")]
@@ -141,14 +127,14 @@ def _apart(body: Body, clothing: Clothing, room_c: float, rng: np.random.Generat
 
 
 def _looseness(body: Body, worn: Body) -> Float64:
-    """How loose the cloth of faces (F,) is, in [0, 1]; shoes lift both bodies' soles to the floor."""
+    """Return the looseness (F,) of cloth, in [0, 1], without the lift by shoes."""
     lift = worn.joints_m[0] - body.joints_m[0]
     off_m = np.linalg.norm(worn.vertices_m - body.vertices_m - lift, axis=1)
     return np.asarray(face_means(np.clip(off_m / LOOSE_M, 0, 1), body.faces), np.float64)
 
 
 def _limb_vertices(body: Body) -> list[tuple[Int64, Int64]]:
-    """Pairs of vertex sets that can touch though they are no neighbours: arm and trunk, arm and leg, legs."""
+    """Return pairs of vertex sets that can touch: arm and trunk, arm and leg, both legs."""
     part = body.vertex_parts
     sides: dict[str, dict[str, Int64]] = {}
     for side in ("left", "right"):
@@ -169,7 +155,7 @@ def _limb_vertices(body: Body) -> list[tuple[Int64, Int64]]:
 
 
 def _touching(vertices_m: Float32, pairs: list[tuple[Int64, Int64]]) -> Bool:
-    """Return whether each vertex (V,) is near to the other set of its pair."""
+    """Return True (V,) for vertices near the other set of their pair."""
     touched = np.zeros(len(vertices_m), np.bool_)
     for one, other in pairs:
         a, b = vertices_m[one], vertices_m[other]
@@ -183,7 +169,7 @@ def _touching(vertices_m: Float32, pairs: list[tuple[Int64, Int64]]) -> Bool:
 
 
 def _beside(points_m: Float32, others_m: Float32) -> Bool:
-    """Which points (N, 3) are within reach of the box around the others (M, 3)."""
+    """Return True (N,) for points in reach of the box around the others (M, 3)."""
     near: Bool = (points_m > others_m.min(axis=0) - CONTACT_M) & (points_m < others_m.max(axis=0) + CONTACT_M)
     x, y, z = near.T  # in a third of the time that ``all`` takes
     return np.asarray(x & y & z, np.bool_)

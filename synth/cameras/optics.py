@@ -63,7 +63,7 @@ lens_of = lru_cache(maxsize=6)(Lens)  # because a colour camera's map takes a qu
 
 
 def _undistort_fast(camera: Intrinsics, distorted: Float64) -> tuple[Float64, Bool]:
-    """Return the fixed-point inverse (..., 2) of the lens model, to 0.01 px, and the mask of pixels without."""
+    """Return the fixed-point inverse (..., 2) of the lens model, to 0.01 px, and the pixels without one."""
     radius = np.linspace(0, WIDEST, 1000)
     radial = replace(camera, p1=0.0, p2=0.0)
     beyond = np.diff(distort(radial, np.stack([radius, 0 * radius], axis=-1))[:, 0]) <= 0

@@ -1,4 +1,4 @@
-"""Attire in numbers: garments drawn from the ranges of ``synth/data/clothes.toml``."""
+"""Attire as numbers, drawn from the ranges of ``synth/data/clothes.toml``."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -11,13 +11,13 @@ from synth.data_files import table
 
 @dataclass(frozen=True)
 class Worn:
-    """Numbers of a garment, as the data file explains them; mm, and places of the skin map."""
+    """Numbers of a garment, explained in the data file; mm, and places of the skin map."""
 
     dark: float
 
     @classmethod
     def drawn(cls, entry: Mapping[str, Any], rng: np.random.Generator) -> Self:
-        """One whose numbers lie in the ranges of an entry."""
+        """Draw a garment within the ranges of an entry."""
         names = [field.name for field in fields(cls) if field.name in entry]
         return cls(**{name: float(rng.uniform(*entry[name])) for name in names})
 
@@ -37,7 +37,7 @@ class Top(Worn):
 
 @dataclass(frozen=True)
 class Trousers(Worn):
-    """Garment on hips and legs, each leg by itself."""
+    """Garment on hips and single legs."""
 
     waist: float
     hem: float
@@ -49,7 +49,7 @@ class Trousers(Worn):
 
 @dataclass(frozen=True)
 class Skirt(Worn):
-    """Garment about both legs together: a skirt, or the lower half of a coat, a dress, a long shirt."""
+    """Garment about both legs: a skirt, or the lower half of a coat, a dress, a long shirt."""
 
     waist: float
     hem: float
@@ -60,7 +60,7 @@ class Skirt(Worn):
 
 @dataclass(frozen=True)
 class Shoes(Worn):
-    """Shoes on the feet; boots also cover the shanks."""
+    """Shoes or boots."""
 
     sole_mm: float
     upper_mm: float
@@ -70,7 +70,7 @@ class Shoes(Worn):
 
 @dataclass(frozen=True)
 class Hair(Worn):
-    """Hair or what covers it."""
+    """Hair, cap or hat."""
 
     lift_mm: float
     fall: float
@@ -80,7 +80,7 @@ class Hair(Worn):
 
 @dataclass(frozen=True)
 class Attire:
-    """All that a person wears. names: its entries of the data file; bag: "" for none."""
+    """Clothes of a person. names: entries of the data file; bag: "" for none."""
 
     names: tuple[str, ...]
     hair: Hair
@@ -95,7 +95,7 @@ BAGS = ("backpack", "shoulder_bag")
 
 
 def draw_attire(rng: np.random.Generator, bags: bool = True) -> Attire:
-    """Clothes, hair and bag at random; bags: whether one may be carried."""
+    """Draw clothes, hair and, with ``bags``, perhaps a bag."""
     known = table("clothes")
     style = _by_share(known["styles"], rng)
     worn = {kind: str(rng.choice(known["styles"][style][kind])) for kind in ("tops", "bottoms", "shoes")}
@@ -119,7 +119,6 @@ def draw_attire(rng: np.random.Generator, bags: bool = True) -> Attire:
 
 
 def _by_share(entries: Mapping[str, Mapping[str, Any]], rng: np.random.Generator) -> str:
-    """The name of one entry, drawn by their shares."""
     names: Sequence[str] = tuple(entries)
     shares = np.array([entries[name]["share"] for name in names])
     return str(rng.choice(names, p=shares / shares.sum()))

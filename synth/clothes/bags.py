@@ -1,4 +1,4 @@
-"""Bags: a backpack behind the trunk, a shoulder bag beside the hip, as rounded boxes that follow the body."""
+"""Bags: a backpack behind the trunk, a shoulder bag beside the hip; rounded boxes that follow the body."""
 
 from dataclasses import dataclass
 
@@ -11,23 +11,17 @@ from synth.body.skeleton import JOINT_ID
 from synth.clothes.skin_map import Limb, SkinMap
 from synth.surface.rasterize import grid_faces
 
-ROUND = 5
-"""Cells of a box's side: its edges are rounded over the outer ones."""
-POWER = 6.0
-"""Of the superellipsoid that rounds the box (Barr 1981): 2 is an ellipsoid, more is squarer. Chosen by
-eye."""
-BACKPACK_M = ((0.24, 0.32), (0.10, 0.24), (0.36, 0.52))
+ROUND = 5  # cells of a box's side
+POWER = 6.0  # of the superellipsoid that rounds the box (Barr 1981): 2 is an ellipsoid; untuned
+BACKPACK_M = ((0.24, 0.32), (0.10, 0.24), (0.36, 0.52))  # ranges of breadth, depth and height
 SHOULDER_BAG_M = ((0.08, 0.16), (0.24, 0.38), (0.20, 0.34))
-"""Least and greatest breadth, depth and height."""
 
 
 @dataclass(frozen=True, eq=False)
 class Bag:
-    """A stiff bag that moves with some of the body's skin.
+    """Stiff bag that moves with the middles of three sets of vertices, the anchors: left, right and below.
 
-    anchors: three sets of vertices (indices) of the dressed body, whose middles carry it: left, right and
-    below. nodes_m: float64 (v, 3) in the frame of the anchors: to the left, back, up from between the first
-    two.
+    nodes_m: (v, 3) to the left, back and up from between the first two.
     """
 
     anchors: tuple[Int32, Int32, Int32]
@@ -37,13 +31,13 @@ class Bag:
     dark: Float32
 
     def place(self, vertices_m: Float32, joints_m: Float64) -> Float32:
-        """Vertices float32 (v, 3) on a posed body's vertices (V, 3), world, metres."""
+        """Return the vertices (v, 3) on a posed body (V, 3), world, metres."""
         origin, axes = _frame(vertices_m, self.anchors)
         return (origin + self.nodes_m @ axes).astype(np.float32)
 
 
 def backpack(naked: Body, worn: Body, places: SkinMap, dark: float, rng: np.random.Generator) -> Bag:
-    """A backpack on a dressed body; naked: the same body undressed."""
+    """Return a backpack on the body ``worn``; naked: the same body without clothes."""
     size = np.array([rng.uniform(*span) for span in BACKPACK_M])
     behind = (places.limb == Limb.TRUNK) & (np.abs(places.trunk.around_rad) > 2.0)
     x = naked.vertices_m[:, 0]
@@ -53,11 +47,11 @@ def backpack(naked: Body, worn: Body, places: SkinMap, dark: float, rng: np.rand
     top = worn.joints_m[JOINT_ID["neck"], 2] - rng.uniform(0.0, 0.06)
     rear = np.percentile(worn.vertices_m[back, 1], 80)
     middle = np.array([0.0, rear + 0.4 * size[1], top - size[2] / 2])
-    return _bag(naked, worn, anchors, middle, size, dark)
+    return _bag((naked, worn), anchors, middle, size, dark)
 
 
 def shoulder_bag(naked: Body, worn: Body, places: SkinMap, dark: float, rng: np.random.Generator) -> Bag:
-    """A bag at the back of one hip; naked: the same body undressed."""
+    """Return a bag at the back of one hip of the body ``worn``."""
     size = np.array([rng.uniform(*span) for span in SHOULDER_BAG_M])
     sign = 1.0 if rng.random() < 0.5 else -1.0
     trunk, x = places.limb == Limb.TRUNK, naked.vertices_m[:, 0]
@@ -67,7 +61,7 @@ def shoulder_bag(naked: Body, worn: Body, places: SkinMap, dark: float, rng: np.
     hip = worn.joints_m[JOINT_ID["left_hip"]]
     outside = sign * (np.abs(beside[:, 0]).max() - 0.02)
     middle = np.array([outside, float(beside[:, 1].mean()) + 0.3 * size[1], hip[2] + rng.uniform(-0.05, 0.1)])
-    return _bag(naked, worn, anchors, middle, size, dark)
+    return _bag((naked, worn), anchors, middle, size, dark)
 
 
 def _indices(*masks: np.ndarray) -> tuple[Int32, Int32, Int32]:
@@ -76,14 +70,13 @@ def _indices(*masks: np.ndarray) -> tuple[Int32, Int32, Int32]:
 
 
 def _bag(
-    naked: Body,
-    worn: Body,
+    bodies: tuple[Body, Body],
     anchors: tuple[Int32, Int32, Int32],
     middle_m: Float64,
     size_m: Float64,
     dark: float,
 ) -> Bag:
-    nodes, faces = _rounded_box()
+    (naked, worn), (nodes, faces) = bodies, _rounded_box()
     at_rest = middle_m + nodes * size_m / 2
     origin, axes = _frame(worn.vertices_m, anchors)
     parts = _parts_beneath(naked, at_rest[faces].mean(axis=1))
@@ -91,7 +84,7 @@ def _bag(
 
 
 def _frame(vertices_m: Float32, anchors: tuple[Int32, Int32, Int32]) -> tuple[Float64, Float64]:
-    """Origin (3,) and axes (3, 3), rows to the left, back and up, of three sets of vertices."""
+    """Return origin (3,) and axes (3, 3), rows to the left, back and up, of the anchors."""
     left, right, below = (vertices_m[own].mean(axis=0, dtype=np.float64) for own in anchors)
     origin = (left + right) / 2
     across = left - right
@@ -101,7 +94,7 @@ def _frame(vertices_m: Float32, anchors: tuple[Int32, Int32, Int32]) -> tuple[Fl
 
 
 def _rounded_box() -> tuple[Float64, Int32]:
-    """Nodes (v, 3) of a rounded box of half sides 1, and its faces (f, 3), outwards."""
+    """Return nodes (v, 3) and faces (f, 3) of a rounded box of half sides 1."""
     line = np.linspace(-1, 1, ROUND + 1)
     u, v = (grid.ravel() for grid in np.meshgrid(line, line, indexing="ij"))
     ends = [(axis, np.full_like(u, end)) for axis in range(3) for end in (1.0, -1.0)]
@@ -112,7 +105,7 @@ def _rounded_box() -> tuple[Float64, Int32]:
 
 
 def _parts_beneath(naked: Body, middles_m: Float64) -> UInt8:
-    """Parts (f,) of the trunk or thigh at each face's height, on its side."""
+    """Return the parts (f,) of trunk or thigh at each face's height and side."""
     crest = naked.vertices_m[naked.faces[naked.face_parts == PART_ID["hip"]], 2].max()
     thigh = naked.joints_m[JOINT_ID["left_hip"], 2] - 0.04
     side = np.where(middles_m[:, 0] > 0, PART_ID["left_upper_leg"], PART_ID["right_upper_leg"])

@@ -1,4 +1,4 @@
-"""Cloth on skin: the directions it stands off in, and its folds."""
+"""Cloth on skin: its normals and folds."""
 
 import numba
 import numpy as np
@@ -6,16 +6,16 @@ import numpy as np
 from annotate.array_types import Float32, Float64, Int32, Int64
 from synth.body.body import Body
 from synth.clothes.skin_map import ARMS, Limb, SkinMap
-from synth.surface.facets import noise_tile, smooth_noise, wavelength_cells
+from synth.surface.facets import cross, noise_tile, smooth_noise, wavelength_cells
 from synth.surface.rasterize import EXACT
 
-ROUNDS = 6
-"""Times that normals are averaged over neighbours. Chosen by eye: a seam of the buttocks closes, a calf
-stays."""
+ROUNDS = 6  # of averaging normals over neighbours: keeps a calf; untuned
+ROOM_SHARE = 0.4  # of the gap between facing skins, for the cloth on either
+REACH_M = 0.15  # greatest gap between skins that limit their cloth
 
 
 def smooth_normals(body: Body) -> Float32:
-    """Unit normals (V, 3) outwards, averaged over about 5 cm of skin: cloth along them does not cross."""
+    """Return outward unit normals (V, 3), averaged over about 5 cm, so that cloth does not cross."""
     normals = _normals(body.vertices_m, body.faces)
     for _ in range(ROUNDS):
         normals = _averaged(normals, body.faces)
@@ -27,17 +27,18 @@ def _normals(vertices: Float32, faces: Int32) -> Float32:
     normals = np.zeros_like(vertices)
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        ux, uy, uz = (
+        # In float32, unlike ``facets.edge``.
+        u = (
             vertices[b, 0] - vertices[a, 0],
             vertices[b, 1] - vertices[a, 1],
             vertices[b, 2] - vertices[a, 2],
         )
-        vx, vy, vz = (
+        v = (
             vertices[c, 0] - vertices[a, 0],
             vertices[c, 1] - vertices[a, 1],
             vertices[c, 2] - vertices[a, 2],
         )
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        nx, ny, nz = cross(u, v)
         for k in (a, b, c):
             normals[k, 0] += nx
             normals[k, 1] += ny
@@ -48,7 +49,6 @@ def _normals(vertices: Float32, faces: Int32) -> Float32:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _averaged(normals: Float32, faces: Int32) -> Float32:
-    """Unit means of each normal and its neighbours' (V, 3)."""
     means = normals.copy()
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -70,7 +70,7 @@ def _to_unit(vectors: Float32) -> None:
 
 
 def fold_heights(vertices_m: Float32, rng: np.random.Generator) -> Float32:
-    """Smooth noise (V,) of mean 0 and standard deviation 1 over the skin at rest, longer down than across."""
+    """Return normal smooth noise (V,) over the skin at rest, longer down than across."""
     across = wavelength_cells(rng.uniform(0.07, 0.16))
     stretch = np.array([across, across, across / rng.uniform(1.0, 2.5)], np.float32)
     return _noise(noise_tile(), vertices_m, stretch, rng.uniform(0, 64, 3).astype(np.float32))
@@ -89,14 +89,8 @@ def _noise(tile: Float32, vertices: Float32, scale: Float32, shift: Float32) -> 
     return heights
 
 
-ROOM_SHARE = 0.4
-"""Of the gap between two skins that face each other, what the cloth on either may fill at rest."""
-REACH_M = 0.15
-"""Skins farther apart leave each other's cloth alone."""
-
-
 def hold_apart(body: Body, places: SkinMap, normals: Float32, off_m: Float32) -> Float32:
-    """Displacements (V, 3) shortened in the armpits, so that cloth of arm and trunk do not cross at rest."""
+    """Return displacements (V, 3) shortened in the armpits, so that cloth does not cross at rest."""
     result = off_m.copy()
     high = (places.level > 0.3) & (places.level < 0.98)
     for limb, sign in zip(ARMS, (1, -1), strict=True):
@@ -110,7 +104,7 @@ def hold_apart(body: Body, places: SkinMap, normals: Float32, off_m: Float32) ->
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _shorten(vertices: Float32, normals: Float32, off: Float32, first: Int64, second: Int64) -> None:
-    """Shorten the displacements of two sets of vertices where their normals face each other."""
+    """Shorten the displacements of two sets of vertices with facing normals."""
     room_1, room_2 = np.full(len(first), REACH_M), np.full(len(second), REACH_M)
     for a in range(len(first)):
         i = first[a]

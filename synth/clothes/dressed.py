@@ -1,4 +1,4 @@
-"""A dressed person: a body whose skin stands off by its clothes, and pieces that hang about it."""
+"""Dressed person: a body with displaced skin, and hanging pieces."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,10 +11,10 @@ from synth.body.body import Body
 
 
 class Piece(Protocol):
-    """What hangs about a body rather than follows its skin: a skirt, a bag.
+    """Hanging piece that does not follow the skin: a skirt, a bag.
 
-    faces: int32 (f, 3) among the piece's own v vertices, outwards, closed. face_parts: uint8 (f,) part of the
-    body beneath. dark: float32 (f,) share of infrared that is lost.
+    faces: (f, 3) among the piece's v vertices, outwards, closed. face_parts: (f,) part of the body beneath.
+    dark: (f,) lost share of infrared.
     """
 
     @property
@@ -24,17 +24,14 @@ class Piece(Protocol):
     @property
     def dark(self) -> Float32: ...
     def place(self, vertices_m: Float32, joints_m: Float64) -> Float32:
-        """Vertices float32 (v, 3) about a posed body's vertices (V, 3) and joints (J, 3), world, metres."""
+        """Return the vertices (v, 3) about a posed body (V, 3) with joints (J, 3), world, metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class Dressed:
-    """A dressed person, ready to be posed, settled, draped and seen.
+    """Dressed person. body: with displaced skin, to be posed and settled.
 
-    clothes: names of what is worn. body: displaced skin, topology, joints and parts as the naked body's;
-    this is posed and settled. pieces: what hangs. faces: int32 (F', 3), face_parts: uint8 (F',) part of the
-    body beneath, dark: float32 (F',) share of infrared that is lost (hair, dark cloth): the body's faces
-    first, then those of the pieces.
+    faces: (F', 3), face_parts: (F',) and dark: (F',) lost share of infrared: of the body, then the pieces.
     """
 
     clothes: tuple[str, ...]
@@ -45,10 +42,7 @@ class Dressed:
     dark: Float32
 
     def drape(self, vertices_m: Float32, joints_m: Float64) -> Float32:
-        """Vertices float32 (V', 3): the posed body's (V, 3), then the hanging pieces' about it.
-
-        joints_m: (J, 3); all world, metres, as ``pose`` and ``settle`` leave them.
-        """
+        """Return the vertices (V', 3) of the posed body (V, 3), then of the pieces, world, metres."""
         if not self.pieces:
             return vertices_m
         return np.concatenate([vertices_m, *(piece.place(vertices_m, joints_m) for piece in self.pieces)])
@@ -57,7 +51,7 @@ class Dressed:
 def assembled(
     body: Body, dark: Float32, pieces: Sequence[Piece] = (), clothes: Sequence[str] = ()
 ) -> Dressed:
-    """A displaced body, the darkness (F,) of its faces, the pieces about it, names of what is worn."""
+    """Return the dressed person of a displaced body; dark: (F,) of its faces."""
     faces, first = [body.faces], len(body.vertices_m)
     for piece in pieces:
         faces.append(piece.faces + np.int32(first))

@@ -1,4 +1,4 @@
-"""Hair, caps and hats: a head's skin lifted to a smooth shell; long hair continues below it."""
+"""Hair, caps and hats: the head's skin lifted to a smooth shell, with long hair below."""
 
 from typing import NamedTuple
 
@@ -12,26 +12,19 @@ from synth.clothes.skin_map import Limb
 from synth.clothes.tops_trousers import SLACK_LIMIT_M, Fitting, ramp
 from synth.clothes.tube import slack_m
 
-BROW = 0.55
-"""Hair begins at this share of the way from the head's joint to its top."""
-HALF_BACK_M = 0.13
-"""Hair falls on the back no farther to the side than this."""
-EARS_MM = 8.0
-"""Thinner hair lets the ears stand out; that twice as thick covers them."""
-FALL_GIVE = 0.25
-"""Hair that falls draws in by this much a metre."""
-BUN_RAD = 0.45
-"""Half the angle over which a bun stands out from the head's middle."""
-PEAK_RAD, PEAK_HALF_M = 1.1, 0.008
-"""How far round the brow a cap's peak goes, and half its height where it begins."""
+BROW = 0.55  # hairline: share of the way from the head's joint to its top
+HALF_BACK_M = 0.13  # half width of hair on the back
+EARS_MM = 8.0  # thickness of hair with visible ears; twice that covers them
+FALL_GIVE = 0.25  # narrowing of falling hair, metres a metre
+BUN_RAD = 0.45  # half the angle of a bun
+PEAK_RAD, PEAK_HALF_M = 1.1, 0.008  # half angle and half thickness of a cap's peak
 
 
 class _Head(NamedTuple):
-    """Vertices (n,) of head, neck and upper back about the middle of the skull at rest.
+    """Vertices ``own`` (n,) of head, neck and upper back, relative to the middle of the skull at rest.
 
-    own: their indices. skull: those of the head above its joint. off_m: (n, 3) from the middle; out: its
-    direction; away_m: its length. around_rad: 0 in front, a quarter turn on the left. over_brow_m: height
-    over where hair begins.
+    skull: above the head's joint. off_m: (n, 3) of direction ``out`` and length ``away_m``. around_rad: 0 in
+    front, a quarter turn on the left. over_brow_m: height over the hairline.
     """
 
     own: Int64
@@ -59,7 +52,7 @@ def _head(body: Body, limb: UInt8) -> _Head:
 
 
 def put_on_hair(fitting: Fitting, hair: Hair) -> None:
-    """Lift the head's skin where hair or a hat is; lay long hair on nape and back."""
+    """Lift the head's skin under hair or a hat; lay long hair on nape and back."""
     head = _head(fitting.body, fitting.places.limb)
     level = fitting.places.level[head.own]
     above = np.where(head.skull, np.clip(head.over_brow_m / np.float32(0.012), 0, 1), 0)
@@ -67,8 +60,7 @@ def put_on_hair(fitting: Fitting, hair: Hair) -> None:
     mask = np.maximum(above, falls).astype(np.float32)
     fitting.dark[head.own[mask > 0.5]] = hair.dark
     over_ears = np.float32(np.clip((hair.lift_mm - EARS_MM) / EARS_MM, 0, 1))
-    shell = slack_m(-head.out[:, 2] * np.float32(0.1), head.around_rad, head.away_m, head.skull, 9.0)
-    # It gets thinner towards its ends.
+    shell = slack_m((-head.out[:, 2] * np.float32(0.1), head.around_rad, head.away_m), head.skull, 9.0)
     thins = np.where(head.skull, 1, ramp(level, hair.fall - 0.03, hair.fall + 0.15))
     outwards = np.where(head.skull[:, None], head.out, fitting.normals[head.own])
     moved = _moved(over_ears * np.where(head.skull, mask, 0) * shell, head.out)
@@ -81,22 +73,21 @@ def put_on_hair(fitting: Fitting, hair: Hair) -> None:
 
 
 def _moved(by_m: Float32, direction: Float32) -> Float32:
-    """Displacements (n, 3) by so much (n,) in one direction (3,) or each its own (n, 3)."""
     return np.asarray(by_m[:, None] * direction, np.float32)
 
 
 def _fall(head: _Head, mask: Float32) -> Float32:
-    """Displacements (n, 3) of hair below the skull's middle, which hangs from its widest place."""
+    """Return displacements (n, 3) of hair that hangs from the skull's widest place."""
     low = head.off_m[:, 2] < 0
     flat = np.hypot(head.off_m[:, 0], head.off_m[:, 1])
-    slack = slack_m(-head.off_m[:, 2], head.around_rad, flat, (mask > 0) & low, FALL_GIVE)
+    slack = slack_m((-head.off_m[:, 2], head.around_rad, flat), (mask > 0) & low, FALL_GIVE)
     flattened = head.off_m * np.array([1, 1, 0], np.float32)
     level = np.asarray(flattened / np.maximum(flat, 0.02)[:, None], np.float32)
     return _moved(np.where(low, mask * np.minimum(slack, SLACK_LIMIT_M), 0), level)
 
 
 def _bun(head: _Head, bulge_m: float, tilt_rad: float) -> Float32:
-    """Displacements (n, 3) of a half sphere that stands off the back of the head, tilted up."""
+    """Return displacements (n, 3) of a half sphere at the back of the head, tilted up."""
     place = np.array([0, np.cos(tilt_rad), np.sin(tilt_rad)], np.float32)
     angle = np.arccos(np.clip(head.out @ place, -1, 1))
     height = bulge_m * np.sqrt(np.clip(1 - (angle / BUN_RAD) ** 2, 0, 1))
@@ -104,7 +95,7 @@ def _bun(head: _Head, bulge_m: float, tilt_rad: float) -> Float32:
 
 
 def _peak(head: _Head, peak_m: float) -> Float32:
-    """Displacements (n, 3) of a shelf before the brow."""
+    """Return displacements (n, 3) of a shelf in front of the brow."""
     round_the_brow = np.cos(np.clip(head.around_rad * (np.pi / 2 / PEAK_RAD), -np.pi / 2, np.pi / 2))
     band = np.clip(1.5 - np.abs(head.over_brow_m) / PEAK_HALF_M, 0, 1)
     reach = np.where(head.skull, peak_m * band * np.sqrt(np.maximum(round_the_brow, 0)), 0)

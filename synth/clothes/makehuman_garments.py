@@ -1,6 +1,6 @@
-"""Garments made for MakeHuman's base mesh, from a folder of ``.mhclo`` and ``.obj`` files, on any body.
+"""Garments of MakeHuman's base mesh hm08 (``.mhclo`` and ``.obj`` files) on any body.
 
-The project ships none; MakeHuman's own are CC0. Source of the format: makehuman/shared/proxy.py.
+The package contains no garments. Format: makehuman/shared/proxy.py.
 """
 
 from dataclasses import dataclass
@@ -11,40 +11,29 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from annotate.array_types import Bool, Float32, Float64, Int32, Int64, UInt8
-from sensors.errors import FormatError
+from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import read_bounded
 from synth.body.body import BONES_PER_VERTEX, Body, hair_faces
 from synth.body.crowd import BASE_VERTICES, base_mesh_m, covered_skin
 from synth.body.skeleton import JOINT_ID, N_JOINTS
 from synth.clothes.cloth import smooth_normals
 from synth.clothes.dressed import Dressed, assembled
-from synth.clothes.garment_files import garment_files
 
 BASE_MESH = "hm08"
-MAX_FILE_BYTES = 100_000_000
-"""Of a garment's two text files each: MakeHuman's largest has 2 MB."""
-SKIN_NEIGHBOURS = 6
-"""Skin vertices whose joints move a garment's vertex: their mean keeps a skirt whole between the legs.
-Chosen by eye."""
-KINDS = ("clothes", "shoes", "hair")
-"""What a garment is, by where it sits; of each kind one is worn at most."""
-WORN = {"clothes": 1.0, "shoes": 0.7, "hair": 0.8}
-"""Shares of the people who wear a garment of each kind. No source: chosen by eye."""
-DRAWN_IN_M = 0.012
-"""By so much covered skin draws in: it neither shows through a garment nor leaves a hole. Chosen by eye."""
-SHOE_M, CROWN_M = 0.35, 0.10
-"""A shoe stays below this height; hair and hats alone reach so far over the joint of the head. Chosen by
-eye."""
+MAX_FILE_BYTES = 100_000_000  # MakeHuman's largest has 2 MB
+SKIN_NEIGHBOURS = 6  # skin vertices whose mean moves a garment's vertex; untuned
+WORN = {"clothes": 1.0, "shoes": 0.7, "hair": 0.8}  # share of people with a garment of each kind; untuned
+DRAWN_IN_M = 0.012  # of covered skin, so that it does not show; untuned
+SHOE_M, CROWN_M = 0.35, 0.10  # top of shoes; least height of hair over the head's joint; untuned
 
 
 @dataclass(frozen=True, eq=False)
 class Garment:
-    """A garment bound to hm08.
+    """Garment bound to hm08.
 
-    corners: int32 (n, 3) vertices of hm08 under each of its own, and their shares (n, 3); offsets (n, 3) in
-    the file's units and axes: x left, y up, z forward. spans: (3, 3) of each axis two vertices of hm08, and
-    how far they are from each other along it in the file's units. faces: int32 (F, 3).
-    hidden: bool (19158,) vertices of hm08 that it covers.
+    corners: (n, 3) vertices of hm08 under each vertex, with shares (n, 3). offsets: (n, 3) in the file's
+    units; x left, y up, z forward. spans: (3, 3), of each axis two vertices of hm08 and their distance in
+    the file's units. hidden: (19158,) covered vertices of hm08.
     """
 
     name: str
@@ -56,7 +45,7 @@ class Garment:
     hidden: Bool
 
     def place(self, base_m: Float32) -> Float32:
-        """Own vertices (n, 3) about hm08's vertices (19158, 3) of a body at rest, body frame, metres."""
+        """Return the vertices (n, 3) about hm08's (19158, 3) of a body at rest, metres."""
         pairs = base_m[self.spans[:, :2].astype(int)]
         # The file's x, y, z are the body's x, z, -y.
         axes = np.array([0, 2, 1])
@@ -67,21 +56,22 @@ class Garment:
 
 
 def read_garments(folder: Path) -> tuple[Garment, ...]:
-    """Every garment of a folder and its subfolders, by path. Raises CloudError where there is none."""
-    return tuple(read_garment(path) for path in garment_files(folder))
+    """Read every ``.mhclo`` file of a folder and its subfolders. Raises CloudError without any."""
+    paths = sorted(folder.rglob("*.mhclo"))
+    if not paths:
+        raise CloudError(f"{folder} has no .mhclo garment; give a folder of MakeHuman's clothes")
+    return tuple(read_garment(path) for path in paths)
 
 
 def read_garment(path: Path) -> Garment:
-    """A ``.mhclo`` file and the ``.obj`` beside it that it names.
+    """Read a ``.mhclo`` file and its ``.obj`` file.
 
-    Raises FormatError when either is damaged, they do not belong together, or the base mesh is another one.
+    Raises FormatError for damaged files, files that do not match, and another base mesh.
     """
     try:
         return _parse(path, _text(path))
     except (ValueError, IndexError, KeyError) as error:
-        raise FormatError(
-            f"{path} is no garment ({str(error)[:120]}); export it from MakeHuman again"
-        ) from error
+        raise FormatError(f"{path} is not a garment ({str(error)[:120]}); export again") from error
 
 
 def _text(path: Path) -> list[str]:
@@ -101,10 +91,10 @@ def _parse(path: Path, lines: list[str]) -> Garment:
     spans = np.array([[float(v) for v in head[f"{axis}_scale"]] for axis in "xyz"])
     ids = np.concatenate([table[:, :3].ravel(), spans[:, :2].ravel()])
     if not len(table) or not np.isfinite(table).all() or (spans[:, 2] <= 0).any():
-        raise ValueError("numbers that are none, or a scale that is not positive")
+        raise ValueError("malformed numbers, or a scale that is not positive")
     if ids.min() < 0 or ids.max() >= BASE_VERTICES:
         raise ValueError(f"vertices beyond the {BASE_VERTICES} of {BASE_MESH}")
-    # A name only: what lies elsewhere is not read.
+    # A name only, so that other folders are not read.
     faces = _faces(path.parent / Path(head["obj_file"][0]).name, len(table))
     return Garment(
         path.stem, table[:, :3].astype(np.int32), table[:, 3:6], table[:, 6:], spans, faces, _hidden(words)
@@ -112,7 +102,7 @@ def _parse(path: Path, lines: list[str]) -> Garment:
 
 
 def _hidden(words: list[list[str]]) -> Bool:
-    """Flags (19158,) of ``delete_verts``: numbers, and ranges as FIRST - LAST, in the rows that follow it."""
+    """Return the flags (19158,) of ``delete_verts``: numbers, and ranges as FIRST - LAST."""
     hidden = np.zeros(BASE_VERTICES, np.bool_)
     start = next((i + 1 for i, row in enumerate(words) if row[0] == "delete_verts"), len(words))
     tokens = [t for row in takewhile(lambda row: row[0].isdigit(), words[start:]) for t in row]
@@ -125,7 +115,7 @@ def _hidden(words: list[list[str]]) -> Bool:
 
 
 def _faces(path: Path, n_vertices: int) -> Int32:
-    """Triangles (F, 3) of an ``.obj`` file; polygons are cut into fans."""
+    """Return the triangles (F, 3) of an ``.obj`` file; polygons are cut into fans."""
     triangles = []
     for line in _text(path):
         if line.startswith("f "):
@@ -138,7 +128,7 @@ def _faces(path: Path, n_vertices: int) -> Int32:
 
 
 def kind_of(garment: Garment, body: Body) -> str:
-    """One of ``KINDS``, by where the garment sits on a body."""
+    """Return the kind, a key of ``WORN``, by the garment's height on a body."""
     z = garment.place(base_mesh_m(body))[:, 2]
     if z.max() < SHOE_M:
         return "shoes"
@@ -146,10 +136,10 @@ def kind_of(garment: Garment, body: Body) -> str:
 
 
 def choose(garments: tuple[Garment, ...], body: Body, rng: np.random.Generator) -> list[Garment]:
-    """What somebody wears of a folder: of each kind one, shoes and hair not always."""
+    """Draw at most one garment of each kind."""
     kinds = [kind_of(garment, body) for garment in garments]
     chosen = []
-    for kind in KINDS:
+    for kind in WORN:
         own = [g for g, its in zip(garments, kinds, strict=True) if its == kind]
         if own and rng.random() < WORN[kind]:
             chosen.append(own[int(rng.integers(len(own)))])
@@ -157,21 +147,14 @@ def choose(garments: tuple[Garment, ...], body: Body, rng: np.random.Generator) 
 
 
 def wear(body: Body, garments: list[Garment]) -> Dressed:
-    """A body in garments: their vertices and faces, seen from both sides, behind the body's own.
+    """Return a body in garments: their vertices and faces, both sides, after the body's own.
 
-    Garments move with the skin next to them, and their faces are of the part of that skin. Skin that they
-    cover draws in by ``DRAWN_IN_M``. It stands on its soles.
+    Garments have the bones and parts of the nearest skin.
     """
     base = base_mesh_m(body)
     skin = _inwards(body, np.logical_or.reduce([g.hidden for g in garments]))
-    vertices, faces, parts, bones, weights = (
-        [skin],
-        [body.faces],
-        [body.face_parts],
-        [body.bones],
-        [body.weights],
-    )
-    dark = [hair_faces(body)]
+    vertices, faces, parts, dark = [skin], [body.faces], [body.face_parts], [hair_faces(body)]
+    bones, weights = [body.bones], [body.weights]
     outer = np.flatnonzero(body.vertex_parts > 0)
     tree = cKDTree(body.vertices_m[outer])
     count = len(skin)
@@ -189,7 +172,7 @@ def wear(body: Body, garments: list[Garment]) -> Dressed:
         dark.append(np.full(len(both_sides), kind_of(garment, body) == "hair"))
         count += len(own)
     whole = np.concatenate(vertices)
-    # Soles are lower than the skin's.
+    # Soles are below the skin's.
     lift = np.array([0, 0, -whole[:, 2].min()], np.float32)
     worn = Body(
         body.name,
@@ -205,7 +188,7 @@ def wear(body: Body, garments: list[Garment]) -> Dressed:
 
 
 def _inwards(body: Body, hidden: Bool) -> Float32:
-    """Rest vertices (V, 3) with those of the covered skin drawn in along their normals."""
+    """Return the rest vertices (V, 3), covered ones drawn in along their normals."""
     covered = covered_skin(body, hidden)
     return np.where(
         covered[:, None], body.vertices_m - np.float32(DRAWN_IN_M) * smooth_normals(body), body.vertices_m
@@ -213,7 +196,7 @@ def _inwards(body: Body, hidden: Bool) -> Float32:
 
 
 def _mean_influences(body: Body, near: Int64) -> tuple[UInt8, Float32]:
-    """Bones and weights (n, 4) of the mean of skin vertices (n, k)."""
+    """Return bones and weights (n, 4) of the mean of skin vertices (n, k)."""
     n = len(near)
     by_joint = np.zeros((n, N_JOINTS), np.float32)
     rows = np.repeat(np.arange(n), near.shape[1] * BONES_PER_VERTEX)

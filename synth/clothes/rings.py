@@ -1,9 +1,7 @@
 """Rings of cloth about both legs of a posed body.
 
-A ring runs about the middles of the two legs at one height of the rest pose, like a belt about two wheels
-that each turn with their leg. Where the posed flesh is, there it stands outside of it; on its way from
-waist to hem it hangs from the widest place above, but where it lies on top of flesh it lies. Every ring
-follows the legs, so the cloth over a leg stays that leg's.
+A ring runs about the middles of the legs at one height of the rest pose, like a belt about two wheels. It
+stays outside the posed flesh and hangs from the widest place above. Constants are untuned.
 """
 
 from typing import NamedTuple
@@ -15,44 +13,29 @@ from annotate.array_types import Float32, Float64, Int32
 from synth.surface.facets import Triple, cross, dot, unit
 from synth.surface.rasterize import EXACT
 
-RING_M = 0.028
-"""From ring to ring at rest. Chosen by eye: a knee spans four."""
+RING_M = 0.028  # from ring to ring at rest: a knee spans four
+# Nodes about each leg, and between the legs in front and behind: from the front of the left leg round its
+# back, along the back, round the right leg and along the front.
 CAP, BRIDGE = 10, 6
-"""Nodes of a ring about each leg, and between the legs in front and behind. The first is in front of the
-left leg; they go round it to its back, along the back, round the right leg and along the front."""
 NODES = 2 * (CAP + BRIDGE)
-BACK, FRONT = CAP + BRIDGE // 2, 2 * CAP + 3 * BRIDGE // 2
-"""Nodes in the middle between the legs."""
-LINED = 4
-"""Rings of the inside, from the hem up to where it is closed: a hem is hollow."""
-SMOOTHING = 4
-"""Times that the rings' middles are averaged with their neighbours': a buttock moves them, cloth hides it."""
-REACH = 6
-"""Rings up and down by which a ring's plane is set square to the legs. Chosen by eye: a bent knee is
-rounded."""
-TURN = 10.0
-"""Rings above and below the hips over which cloth turns from the pelvis to the legs. Chosen by eye."""
-LIES = 1.5
-"""On top of flesh cloth comes down to it by so many metres a metre; where it stands upright it hangs
-straight."""
-LID = 0.7
-"""How far between the legs and the hem's front and back the lower lid comes down to it. Chosen by eye."""
-LINING_M = 0.006
-"""From the outside of a hem to its inside."""
-HAND_M = 0.015
-"""Cloth stays this far below a hand that lies on it."""
-NEAR_M = 0.35
-"""A hand farther than this from a leg's middle lies on no cloth."""
-CLEAR_M = 0.008
-"""Cloth keeps this far off the posed flesh: its chords would cut into it."""
+BACK, FRONT = CAP + BRIDGE // 2, 2 * CAP + 3 * BRIDGE // 2  # nodes in the middle between the legs
+LINED = 4  # rings of the inside of a hem
+SMOOTHING = 4  # rounds of averaging the rings' middles
+REACH = 6  # rings up and down that set a ring's plane: rounds a bent knee
+TURN = 10.0  # rings about the hips over which cloth turns from the pelvis to the legs
+LIES = 1.5  # descent of cloth on top of flesh, metres a metre
+LID = 0.7  # share of the lower lid's way down to the hem between the legs
+LINING_M = 0.006  # from the outside of a hem to its inside
+HAND_M = 0.015  # from cloth to a hand on it
+NEAR_M = 0.35  # greatest distance of a hand on cloth from a leg's middle
+CLEAR_M = 0.008  # from cloth to flesh, because chords would cut into it
 
 
 class Carrier(NamedTuple):
-    """What of a body carries rings of cloth (a named tuple, which compiled code takes).
+    """Vertices of a body that carry cloth.
 
-    held: int32 (n,) vertices of trunk and legs; ring: float32 (n,) the ring each is at, between rings;
-    left: float32 (n,) 1 for the left half's, 0 for the right's. arms: int32 (m,) vertices to which the
-    cloth gives way. hips: the ring at the hip joints, between rings.
+    held: (n,) vertices of trunk and legs; ring: (n,) place between rings; left: (n,) 1 of the left half, 0
+    of the right. arms: (m,) vertices that press cloth. hips: place of the hip joints between rings.
     """
 
     held: Int32
@@ -64,11 +47,10 @@ class Carrier(NamedTuple):
 
 @numba.njit(cache=True, fastmath=EXACT)
 def hung(vertices: Float32, down: Triple, carrier: Carrier, ease: Float32, flare: float) -> Float32:
-    """Vertices ((R + LINED) NODES + 5, 3) of rings of cloth about a posed body's (V, 3), world, metres.
+    """Return the vertices ((R + LINED) NODES + 5, 3) of cloth about a posed body (V, 3), world, z up.
 
-    down: from the pelvis towards the feet, as the pelvis is turned. ease: (R, NODES) off the flesh; flare:
-    metres wider a metre down. The outside ring by ring, the inside of the hem, the middles of the lids. World
-    with z up, by which cloth that lies on flesh is told from cloth that hangs.
+    Order: the outside by rings, the inside of the hem, middles of the lids. down: the pelvis' direction to
+    the feet. ease: (R, NODES) off the flesh. flare: widening, metres a metre.
     """
     rings = len(ease)
     middles = _leg_middles(vertices, carrier, rings)
@@ -77,13 +59,13 @@ def hung(vertices: Float32, down: Triple, carrier: Carrier, ease: Float32, flare
     _touch(flesh, vertices, carrier, middles, frames)
     flesh = np.maximum(flesh, _spread(flesh))
     radii = _hanging(flesh, ease, flare, frames)
-    _give_way(radii, flesh, vertices, carrier.arms, middles, frames)
+    _give_way(radii, flesh, (vertices, carrier.arms), middles, frames)
     return _nodes(radii, middles, frames)
 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _leg_middles(vertices: Float32, carrier: Carrier, rings: int) -> Float64:
-    """Means (R, 2, 3) of each leg's vertices about each ring: the right leg's, the left leg's."""
+    """Return the means (R, 2, 3) of the right and the left leg's vertices about each ring."""
     middles, weight = np.zeros((rings, 2, 3)), np.full((rings, 2), 1e-9)
     held, ring, left = carrier.held, carrier.ring, carrier.left
     for n in range(len(held)):
@@ -115,10 +97,9 @@ def _triple(vector: Float64) -> Triple:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _frames(middles: Float64, pelvis: Triple, hips: float) -> Float64:
-    """Unit vectors (R, 2, 2, 3) across each leg, away from the other one, and to its front, by ring and leg.
+    """Return unit vectors (R, 2, 2, 3) by ring and leg: across, away from the other leg, and to the front.
 
-    They span the plane of the ring, turned the shortest way so that it crosses the leg at a right angle.
-    About the trunk it lies as the pelvis does; over ``TURN`` rings it comes to lie as the legs do.
+    The vectors span the ring's plane, square to the pelvis above and to the leg below.
     """
     rings = len(middles)
     frames = np.empty((rings, 2, 2, 3))
@@ -141,14 +122,14 @@ def _frames(middles: Float64, pelvis: Triple, hips: float) -> Float64:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _between(start: Triple, end: Triple, share: float) -> Triple:
-    """A unit vector a share of the way from one to another."""
+    """Return a unit vector between two others."""
     a, b = 1 - share, share
     return unit((a * start[0] + b * end[0], a * start[1] + b * end[1], a * start[2] + b * end[2]))
 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _turned(vector: Triple, source: Triple, target: Triple) -> Triple:
-    """A vector turned as the shortest way turns one unit vector into another."""
+    """Return a vector turned as the shortest rotation turns ``source`` into ``target``."""
     axis, cosine = cross(source, target), dot(source, target)
     aside = cross(axis, vector)
     share = dot(axis, vector) / max(1 + cosine, 0.05)
@@ -163,10 +144,9 @@ def _turned(vector: Triple, source: Triple, target: Triple) -> Triple:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _in_ring(point: Triple, side: int, middles: Float64, frames: Float64) -> tuple[float, float]:
-    """The node (a fraction) that a point of a leg is behind, and the radius at which cloth clears it.
+    """Return the node (a fraction) outside a point of a leg, and the radius at which cloth clears the point.
 
-    A point off the ring's plane lies between this ring's cloth and the next one's, whose chord is to clear
-    it.
+    The chord to the next ring clears a point off the ring's plane.
     """
     a, b, square, along, length = 0.0, 0.0, 0.0, 0.0, 1e-9
     for i in range(3):
@@ -197,14 +177,13 @@ def _in_ring(point: Triple, side: int, middles: Float64, frames: Float64) -> tup
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _mixed(a: Float64, b: Float64, share: float) -> Triple:
-    """The unit vector a share of the way from b to a."""
+    """Return the unit vector between b and a."""
     other = 1 - share
     return unit((share * a[0] + other * b[0], share * a[1] + other * b[1], share * a[2] + other * b[2]))
 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _touch(flesh: Float32, vertices: Float32, carrier: Carrier, middles: Float64, frames: Float64) -> None:
-    """Widen each node to the flesh beside it."""
     rings = len(flesh)
     held, ring, left = carrier.held, carrier.ring, carrier.left
     for n in range(len(held)):
@@ -219,7 +198,6 @@ def _touch(flesh: Float32, vertices: Float32, carrier: Carrier, middles: Float64
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _spread(radii: Float32) -> Float32:
-    """Means (R, NODES) of neighbours around and along."""
     rings = len(radii)
     result = np.empty_like(radii)
     for r in range(rings):
@@ -232,7 +210,7 @@ def _spread(radii: Float32) -> Float32:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _hanging(flesh: Float32, ease: Float32, flare: float, frames: Float64) -> Float32:
-    """Radii (R, NODES) of the cloth: on the flesh, and below its widest place hanging from there."""
+    """Return the radii (R, NODES) of the cloth, hanging from the widest place."""
     rings = len(flesh)
     radii = flesh + ease
     for r in range(2, rings):
@@ -249,7 +227,7 @@ def _hanging(flesh: Float32, ease: Float32, flare: float, frames: Float64) -> Fl
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _left_share(j: int) -> float:
-    """How much of node j's place is the left leg's."""
+    """Return the left leg's share of node j's place."""
     if j <= CAP:
         return 1.0
     if j < CAP + BRIDGE:
@@ -259,7 +237,7 @@ def _left_share(j: int) -> float:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _outwards(j: int, frames: Float64) -> Triple:
-    """The direction in which node j stands off the ring's core."""
+    """Return the direction from the ring's core to node j."""
     share, turn = _left_share(j), 0.0
     if j <= CAP:
         turn = np.pi * j / CAP
@@ -279,10 +257,10 @@ def _outwards(j: int, frames: Float64) -> Triple:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _give_way(
-    radii: Float32, flesh: Float32, vertices: Float32, arms: Int32, middles: Float64, frames: Float64
+    radii: Float32, flesh: Float32, body: tuple[Float32, Int32], middles: Float64, frames: Float64
 ) -> None:
-    """Press the cloth in where a hand or forearm is, down to the flesh."""
-    rings = len(radii)
+    """Press the cloth under hands and forearms down to the flesh; body: vertices, and indices of arms."""
+    rings, (vertices, arms) = len(radii), body
     for n in range(len(arms)):
         v = arms[n]
         point = (np.float64(vertices[v, 0]), np.float64(vertices[v, 1]), np.float64(vertices[v, 2]))
@@ -306,10 +284,9 @@ def _give_way(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _nodes(radii: Float32, middles: Float64, frames: Float64) -> Float32:
-    """Vertices of the outside, of the inside of the hem, and of the lids.
+    """Return the vertices of the outside, of the inside of the hem, and of the lids.
 
-    The lower lid comes down to the hem within each leg, and at the middles of its back and its front between
-    the legs: where legs are spread nobody sees far up between them.
+    The lower lid comes down to the hem, so that spread legs show little above it.
     """
     rings = len(radii)
     nodes = np.empty(((rings + LINED) * NODES + 5, 3), np.float32)

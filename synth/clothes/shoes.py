@@ -1,4 +1,4 @@
-"""Shoes: feet without toes, thicker all round, on soles."""
+"""Shoes: thickened feet without toes, on soles."""
 
 import numpy as np
 
@@ -9,22 +9,15 @@ from synth.clothes.skin_map import LEGS
 from synth.clothes.tops_trousers import Fitting, between, ramp
 from synth.clothes.tube import slack_m
 
-AXIS_M = 0.03
-"""Height of a foot's axis over the ground."""
-ANKLE_M = (0.05, 0.085)
-"""Heights at rest over which a shoe's upper turns from foot to shank."""
-SOLE_EDGE_M = (0.012, 0.035)
-"""Skin up to the first height is sole and moves down as a whole; above the second nothing of it moves
-down."""
-GIVE = 1.5
-"""A shoe gets lower towards the toes by this much a metre at most: it spans the toes but follows the
-instep."""
-TOES = 2
-"""Sectors that it spans to hide the gaps between toes."""
+AXIS_M = 0.03  # height of a foot's axis
+ANKLE_M = (0.05, 0.085)  # heights between foot and shank
+SOLE_EDGE_M = (0.012, 0.035)  # top of the sole, and of skin that moves down with it
+GIVE = 1.5  # narrowing towards the toes, metres a metre: follows the instep
+TOES = 2  # spanned sectors, to hide gaps between toes
 
 
 def put_on_shoes(fitting: Fitting, shoes: Shoes) -> None:
-    """Cover feet, and shanks up to the shaft's end."""
+    """Cover the feet, and the shanks up to the shaft's end."""
     legs = np.isin(fitting.places.limb, LEGS)
     shaft = np.where(legs, between(fitting.places.along, shoes.shaft, 9), 0).astype(np.float32)
     for side in ("left", "right"):
@@ -36,7 +29,7 @@ def put_on_shoes(fitting: Fitting, shoes: Shoes) -> None:
 
 
 def _foot(fitting: Fitting, own: Int64, ankle: Float32, shoes: Shoes) -> None:
-    """Move a foot's vertices off its axis from heel to toes, and its sole down."""
+    """Move a foot's vertices off its axis, and its sole down."""
     points = fitting.body.vertices_m[own]
     ahead = points.mean(axis=0) - ankle
     ahead[2] = 0
@@ -45,14 +38,13 @@ def _foot(fitting: Fitting, own: Int64, ankle: Float32, shoes: Shoes) -> None:
     along = off @ ahead
     across, up = off[:, 0] - along * ahead[0], points[:, 2] - np.float32(AXIS_M)
     away = np.hypot(across, up)
-    slack = slack_m(along, np.arctan2(across, up), away, np.ones(len(own), bool), GIVE, TOES)
-    # Over the ankle cloth stands off the shank, below it off the foot.
+    slack = slack_m((along, np.arctan2(across, up), away), np.ones(len(own), bool), GIVE, TOES)
+    # Cloth stands off the shank above the ankle, off the foot below.
     high = ramp(points[:, 2], *ANKLE_M)
     thick = (1 - high) * (slack + np.float32(shoes.upper_mm / 1000))
     fitting.hang_m[own] += (high * np.float32(shoes.shaft_mm / 1000))[:, None] * fitting.normals[own]
     near = np.maximum(away, np.float32(0.01))
     fitting.hang_m[own] += thick[:, None] * np.stack([across / near, np.zeros_like(up), up / near], axis=1)
-    # Toes and heel: the cloth goes round them.
     end = np.abs(along - along.mean()) / (np.ptp(along) / 2)
     reach = np.sign(along - along.mean()) * np.clip(10 * end - 9, 0, 1) * np.float32(shoes.upper_mm / 1000)
     fitting.hang_m[own] += reach[:, None] * ahead

@@ -1,4 +1,4 @@
-"""Where each vertex of a skin lies: on which limb, how far along it, around it, away from its axis."""
+"""Cylindrical coordinates of a skin's vertices about limbs and trunk."""
 
 from enum import IntEnum
 from typing import NamedTuple
@@ -15,8 +15,7 @@ Limb = IntEnum("Limb", "TRUNK HEAD LEFT_ARM RIGHT_ARM LEFT_LEG RIGHT_LEG", start
 ARMS, LEGS = (Limb.LEFT_ARM, Limb.RIGHT_ARM), (Limb.LEFT_LEG, Limb.RIGHT_LEG)
 _BONES = {"arm": ("shoulder", "elbow", "wrist"), "leg": ("hip", "knee", "ankle")}
 _SPINE = ("pelvis", "spine_lower", "spine_middle", "spine_upper", "neck")
-TRUNK_FORWARD_M = 0.02
-"""The middle of a trunk lies before its spine. Chosen by eye."""
+TRUNK_FORWARD_M = 0.02  # from the spine to the trunk's middle; untuned
 
 
 def _limb_of(name: str) -> Limb:
@@ -30,11 +29,10 @@ def _limb_of(name: str) -> Limb:
 _LIMB_OF_JOINT = np.array([_limb_of(joint.name) for joint in JOINTS], np.uint8)
 
 
-class Around(NamedTuple):
-    """Places of vertices (V,) about an axis.
+class Cylindrical(NamedTuple):
+    """Coordinates of vertices (V,) about an axis: distance, direction (V, 3), and angle.
 
-    away_m: distance from the axis. out: (V, 3) unit vectors away from it. around_rad: 0 in front, a quarter
-    turn on the person's left, for arms at rest as for legs.
+    around_rad: 0 in front, a quarter turn on the person's left.
     """
 
     away_m: Float32
@@ -45,21 +43,20 @@ class Around(NamedTuple):
 class SkinMap(NamedTuple):
     """Places of a body's vertices (V,) at rest.
 
-    limb: ``Limb`` of the joint that moves a vertex most. along: on an arm 0 at the shoulder, 1 at the elbow,
-    2 at the wrist; on a leg 0 at the hip, 1 at the knee, 2 at the ankle; else level. level: height,
-    0 at the hip joints, 1 at the neck. limbs: about the bones of arms and legs, else about the trunk.
-    trunk: about the trunk, for all.
+    limb: of the joint with the largest weight. along: 0 at shoulder or hip, 1 at elbow or knee, 2 at wrist or
+    ankle; else level. level: height, 0 at the hips, 1 at the neck. limbs: about the bones of arms and legs,
+    else about the trunk. trunk: of all vertices.
     """
 
     limb: UInt8
     along: Float32
     level: Float32
-    limbs: Around
-    trunk: Around
+    limbs: Cylindrical
+    trunk: Cylindrical
 
 
 def skin_map(body: Body) -> SkinMap:
-    """The places of a body's skin."""
+    """Return the places of a body's skin."""
     limb, at = _LIMB_OF_JOINT[body.strongest_joints], {n: body.joints_m[i] for n, i in JOINT_ID.items()}
     points, hip_z = body.vertices_m, at["left_hip"][2]
     level = (points[:, 2] - np.float32(hip_z)) / np.float32(at["neck"][2] - hip_z)
@@ -71,29 +68,22 @@ def skin_map(body: Body) -> SkinMap:
         side, _, which = one.name.lower().partition("_")
         chains[one] = [at[f"{side}_{bone}"] for bone in _BONES[which]]
     along = level.copy()
-    limbs = Around(*(a.copy() for a in trunk))
-    _about_limbs(points, limb, chains, along, *limbs)
+    limbs = Cylindrical(*(a.copy() for a in trunk))
+    _about_limbs(points, limb, chains, along, limbs)
     return SkinMap(limb, along, level, limbs, trunk)
 
 
-def _about_upright(points: Float32, middle_y: Float64) -> Around:
+def _about_upright(points: Float32, middle_y: Float64) -> Cylindrical:
     x, y = points[:, 0], (points[:, 1] - middle_y).astype(np.float32)
     away = np.hypot(x, y)
     near = np.maximum(away, np.float32(1e-6))
-    return Around(away, np.stack([x / near, y / near, np.zeros_like(x)], axis=1), np.arctan2(x, -y))
+    return Cylindrical(away, np.stack([x / near, y / near, np.zeros_like(x)], axis=1), np.arctan2(x, -y))
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _about_limbs(
-    points: Float32,
-    limb: UInt8,
-    chains: Float64,
-    along: Float32,
-    away: Float32,
-    out: Float32,
-    around: Float32,
-) -> None:
-    """Write the places of the vertices of arms and legs into the last four."""
+def _about_limbs(points: Float32, limb: UInt8, chains: Float64, along: Float32, limbs: Cylindrical) -> None:
+    """Write the places of the vertices of arms and legs into the last two."""
+    away, out, around = limbs
     bones, lengths = np.empty((len(chains), 2, 3)), np.empty((len(chains), 2))
     for c in range(2, len(chains)):
         for k in range(2):
@@ -110,17 +100,14 @@ def _about_limbs(
         if beyond > 0:
             k = 1
         bx, by, bz = bones[c, k]
-        x, y, z = (
-            points[i, 0] - chains[c, k, 0],
-            points[i, 1] - chains[c, k, 1],
-            points[i, 2] - chains[c, k, 2],
-        )
+        joint = chains[c, k]
+        x, y, z = points[i, 0] - joint[0], points[i, 1] - joint[1], points[i, 2] - joint[2]
         reach = x * bx + y * by + z * bz
         x, y, z = x - reach * bx, y - reach * by, z - reach * bz
         length = np.sqrt(x * x + y * y + z * z) + 1e-9
         along[i], away[i] = k + reach / lengths[c, k], length
         out[i, 0], out[i, 1], out[i, 2] = x / length, y / length, z / length
-        # To the left, across the bone; and in front, across both (limbs point down).
+        # Axes to the left and in front, across the bone (limbs point down).
         sx, sy, sz = 1 - bx * bx, -bx * by, -bx * bz
         fx, fy, fz = by * sz - bz * sy, bz * sx - bx * sz, bx * sy - by * sx
         around[i] = np.arctan2(x * sx + y * sy + z * sz, x * fx + y * fy + z * fz)

@@ -1,4 +1,4 @@
-"""Skirts, and the lower halves of coats, dresses and long shirts: what hangs about both legs together."""
+"""Skirts, and the lower halves of coats, dresses and long shirts, about both legs."""
 
 from dataclasses import dataclass
 
@@ -15,22 +15,16 @@ from synth.clothes.rings import BACK, CLEAR_M, FRONT, LINED, NODES, RING_M, Carr
 from synth.clothes.skin_map import ARMS, LEGS, Limb, SkinMap
 from synth.surface.facets import Triple
 
-TUCK_M = 0.012
-"""The first ring is so far inside the flesh, where nobody sees its edge."""
-
-LIDS = 2 * NODES + 6
-"""Faces of the two lids."""
-
-FOREARM, EVERY = 1.2, 6
-"""Cloth gives way to an arm from this place on it, and to one in so many of its vertices."""
+TUCK_M = 0.012  # of the first ring inside the flesh, to hide its edge
+LIDS = 2 * NODES + 6  # faces of the two lids
+FOREARM, EVERY = 1.2, 6  # first place on an arm that presses cloth, and stride of its vertices
 
 
 @dataclass(frozen=True, eq=False)
 class HangingSkirt:
-    """Rings of cloth about the legs of one dressed body.
+    """Rings of cloth about the legs of a dressed body.
 
-    carrier: what of the body carries it. ease_m: float32 (R, NODES) off the flesh, folds included. flare:
-    metres wider a metre down. upright: the pelvis' way down at rest, see ``_down``.
+    ease_m: (R, NODES) off the flesh. flare: widening, metres a metre. upright: see ``_down``.
     """
 
     carrier: Carrier
@@ -42,7 +36,7 @@ class HangingSkirt:
     dark: Float32
 
     def place(self, vertices_m: Float32, joints_m: Float64) -> Float32:
-        """Vertices float32 (v, 3) about a posed body's vertices (V, 3) and joints (J, 3), world, metres."""
+        """Return the vertices (v, 3), as ``Piece.place``."""
         down = _down(joints_m, self.upright)
         return hung(vertices_m, down, self.carrier, self.ease_m, self.flare)
 
@@ -50,7 +44,7 @@ class HangingSkirt:
 def hang_skirt(
     naked: Body, worn: Body, places: SkinMap, skirt: Skirt, rng: np.random.Generator
 ) -> HangingSkirt:
-    """A skirt about a dressed body. naked: the same body undressed; places: its skin's."""
+    """Return a skirt about the body ``worn``; naked: the same body without clothes; places: its skin's."""
     top, hem = _heights(naked, skirt)
     rings = max(4, round((top - hem) / RING_M) + 1)
     step = (top - hem) / (rings - 1)
@@ -65,7 +59,7 @@ def hang_skirt(
 
 
 def _carrier(body: Body, places: SkinMap, top: float, step: float, rings: int) -> Carrier:
-    """What of a body carries rings from a height on, so far from each other."""
+    """Return the carrier of rings at distance ``step`` from a height."""
     ring = (np.float32(top) - body.vertices_m[:, 2]) / np.float32(step)
     feet = np.isin(body.strongest_joints, (JOINT_ID["left_ankle"], JOINT_ID["right_ankle"]))
     about = np.isin(places.limb, (Limb.TRUNK, *LEGS)) & ~feet
@@ -76,9 +70,9 @@ def _carrier(body: Body, places: SkinMap, top: float, step: float, rings: int) -
 
 
 def _down(joints_m: Float64, upright: tuple[float, float]) -> Triple:
-    """The pelvis' way down (3,) for joints (J, 3).
+    """Return the pelvis' direction down for joints (J, 3).
 
-    A mixture of the line from spine to hips and the one across it forwards, in the shares ``upright``.
+    upright: shares of the line from spine to hips and of the line across it, forwards.
     """
     left, right, spine = (joints_m[JOINT_ID[n]] for n in ("left_hip", "right_hip", "spine_lower"))
     line = (left + right) / 2 - spine
@@ -87,14 +81,14 @@ def _down(joints_m: Float64, upright: tuple[float, float]) -> Triple:
 
 
 def _upright(rest_joints_m: Float64) -> tuple[float, float]:
-    """The shares with which ``_down`` of a body at rest is straight down."""
+    """Return the shares that make ``_down`` of a body at rest vertical."""
     axes = np.array([_down(rest_joints_m, shares) for shares in ((1.0, 0.0), (0.0, 1.0))])
     along, across = np.linalg.lstsq(axes.T, np.array([0.0, 0.0, -1.0]), rcond=None)[0]
     return float(along), float(across)
 
 
 def _heights(body: Body, skirt: Skirt) -> tuple[float, float]:
-    """Heights at rest of waist and hem."""
+    """Return the heights of waist and hem at rest."""
     hip, knee, ankle, neck = (
         body.joints_m[JOINT_ID[n], 2] for n in ("left_hip", "left_knee", "left_ankle", "neck")
     )
@@ -104,7 +98,7 @@ def _heights(body: Body, skirt: Skirt) -> tuple[float, float]:
 
 
 def _ease(rings: int, skirt: Skirt, rng: np.random.Generator) -> Float32:
-    """Distance (R, NODES) from the flesh, from none at the waist; folds run down and grow downwards."""
+    """Return the distance (R, NODES) from the flesh; folds grow downwards."""
     down = np.arange(rings, dtype=np.float32)[:, None] * np.float32(RING_M)
     angle = np.linspace(0, 2 * np.pi, NODES, endpoint=False)
     around = np.stack([np.cos(angle), np.sin(angle)], axis=1) * 0.15
@@ -118,7 +112,7 @@ def _ease(rings: int, skirt: Skirt, rng: np.random.Generator) -> Float32:
 
 
 def _faces(rings: int) -> Int32:
-    """Faces (F, 3), outwards: of the outside and the inside, two a quad, then of the two lids.
+    """Return the outward faces (F, 3): outside and inside, two a quad, then the two lids.
 
     The lower lid's faces meet in the middle of each leg; six are between the legs.
     """
@@ -140,10 +134,7 @@ def _faces(rings: int) -> Int32:
 
 
 def _parts_beneath(body: Body, at_rest: Float32, faces: Int32) -> UInt8:
-    """Parts (F,) of the body inside each face at rest, by the borders of the parts on the skin.
-
-    Both faces of a quad have one part: a border runs along rings and between nodes.
-    """
+    """Return the parts (F,) of the body inside each face at rest; both faces of a quad have one part."""
     middles = at_rest[faces].mean(axis=1, dtype=np.float64)
     quads = middles[: len(faces) - LIDS].reshape(-1, 2, 3)
     quads[:] = quads.mean(axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Skin that becomes cloth: how far each vertex stands off, along its normal and away from its limb."""
+"""Tops and trousers: skin displaced along its normals and away from its limb."""
 
 from dataclasses import dataclass, replace
 
@@ -12,27 +12,19 @@ from synth.clothes.cloth import fold_heights, hold_apart, smooth_normals
 from synth.clothes.skin_map import ARMS, LEGS, Limb, SkinMap, skin_map
 from synth.clothes.tube import slack_m
 
-EDGE = 0.04
-"""A hem's cloth comes up over this share of a limb: about an edge of the skin."""
-COLLAR = (0.9, 1.0)
-"""Levels over which a top ends at the neck."""
-MIDLINE_M = 0.003
-"""Cloth of a leg stays this far on its own side at rest."""
-PRESSED = 0.25
-"""Share of its thickness that cloth keeps between legs, and between arm and trunk, which press it. Chosen
-by eye."""
-FIRM = {"TRUNK": 0.6, "HEAD": 1.0, "ARM": 0.5, "LEG": 0.3}
-"""Share of a cloth's thickness that stays where limbs touch: wide trousers do not force legs apart. By
-eye."""
-SLACK_LIMIT_M = 0.07
-"""Farther than this no cloth hangs off the skin under it."""
+EDGE = 0.04  # width of a hem's edge, share of a limb: about an edge of the skin
+COLLAR = (0.9, 1.0)  # levels of a top's end at the neck
+MIDLINE_M = 0.003  # distance of a leg's cloth from the midline at rest
+PRESSED = 0.25  # share of thickness left between legs, and between arm and trunk; untuned
+FIRM = {"TRUNK": 0.6, "HEAD": 1.0, "ARM": 0.5, "LEG": 0.3}  # share left between touching limbs; untuned
+SLACK_LIMIT_M = 0.07  # greatest distance of hanging cloth from skin
 
 
 @dataclass(frozen=True, eq=False)
 class Fitting:
-    """A body at rest while it is being dressed: what its clothes add up to, by vertex, in metres.
+    """Body at rest, and the displacements of its clothes: ease_m (V,) along normals, hang_m (V, 3).
 
-    ease_m: float32 (V,) along ``normals``. hang_m: float32 (V, 3). dark: float32 (V,) of the outermost cloth.
+    dark: (V,) of the outermost cloth.
     """
 
     body: Body
@@ -45,30 +37,24 @@ class Fitting:
 
     @classmethod
     def of(cls, body: Body, rng: np.random.Generator) -> "Fitting":
-        """A body before it puts anything on."""
+        """Return the fitting of a naked body."""
         n = len(body.vertices_m)
-        return cls(
-            body,
-            skin_map(body),
-            smooth_normals(body),
-            fold_heights(body.vertices_m, rng),
-            np.zeros(n, np.float32),
-            np.zeros((n, 3), np.float32),
-            np.zeros(n, np.float32),
-        )
+        ease, hang, dark = (np.zeros(shape, np.float32) for shape in (n, (n, 3), n))
+        folds = fold_heights(body.vertices_m, rng)
+        return cls(body, skin_map(body), smooth_normals(body), folds, ease, hang, dark)
 
     def lay(self, mask: Float32, ease_mm: Float32 | float, folds_mm: float, dark: float) -> None:
-        """Lay cloth where the mask (V,) in [0, 1] is 1, so far off what is there, with folds so high."""
+        """Add cloth with folds over the mask (V,) in [0, 1]."""
         off = np.asarray(ease_mm + folds_mm * self.folds, np.float32)
         self.ease_m[:] += mask * np.maximum(off, 0) / np.float32(1000)
         self.dark[mask > 0.5] = dark
 
     def let_hang(self, mask: Float32, slack: Float32, out: Float32) -> None:
-        """Move skin away from its axis where the mask (V,) is 1 by the slack (V,) of a tube about it."""
+        """Move skin away from its axis over the mask (V,) by the slack (V,) of a tube."""
         self.hang_m[:] += (mask * np.minimum(slack, np.float32(SLACK_LIMIT_M)))[:, None] * out
 
     def dressed_body(self) -> Body:
-        """The body whose skin is cloth, soles at z = 0."""
+        """Return the body whose skin is cloth, soles at z = 0."""
         off = self.ease_m[:, None] * self.normals + self.hang_m
         off = hold_apart(self.body, self.places, self.normals, off)
         skin = self._apart(off)
@@ -78,7 +64,7 @@ class Fitting:
         return replace(self.body, vertices_m=skin + up, joints_m=joints, firm_m=firm + up)
 
     def _apart(self, off_m: Float32) -> Float32:
-        """Vertices (V, 3) moved by so much, but that no leg's cloth comes over to the other's side."""
+        """Return displaced vertices (V, 3); a leg's cloth stays on its side."""
         vertices = self.body.vertices_m + off_m
         legs = np.isin(self.places.limb, LEGS)
         side = np.where(self.places.limb == Limb.LEFT_LEG, np.float32(1), np.float32(-1))
@@ -87,20 +73,20 @@ class Fitting:
         return vertices
 
     def _firmness(self) -> Float32:
-        """Share (V,) of a cloth's thickness that stays where limbs touch: all of a shoe's."""
+        """Return the share (V,) of thickness left between touching limbs; 1 of shoes."""
         share = np.array([FIRM[limb.name.split("_")[-1]] for limb in Limb], np.float32)[self.places.limb]
         feet = [JOINT_ID["left_ankle"], JOINT_ID["right_ankle"]]
         return np.where(np.isin(self.body.strongest_joints, feet), np.float32(1), share)
 
 
 def between(along: Float32, start: float, end: float) -> Float32:
-    """A mask (V,) that is 1 between two places of a limb, with soft edges."""
+    """Return a mask (V,) that is 1 between two places of a limb, with soft edges."""
     up = np.clip((along - np.float32(start)) / np.float32(EDGE) + np.float32(0.5), 0, 1)
     return np.asarray(up * np.clip((np.float32(end) - along) / np.float32(EDGE) + np.float32(0.5), 0, 1))
 
 
 def ramp(along: Float32, start: float, end: float) -> Float32:
-    """Smoothly from 0 at one place to 1 at another (V,)."""
+    """Return a smooth step (V,) from 0 at one place to 1 at another."""
     share = np.clip((along - np.float32(start)) / np.float32(end - start), 0, 1)
     return np.asarray(share * share * (3 - 2 * share))
 
@@ -116,7 +102,7 @@ def put_on_top(fitting: Fitting, top: Top) -> None:
     fitting.lay(mask, (1 - beside) * np.float32(top.body_mm), top.folds_mm, top.dark)
     source = trunk & (places.level > top.hem - EDGE) & (places.level < 0.8)
     height = -fitting.body.vertices_m[:, 2]
-    slack = slack_m(height, places.trunk.around_rad, places.trunk.away_m, source, top.give)
+    slack = slack_m((height, places.trunk.around_rad, places.trunk.away_m), source, top.give)
     hanging = mask * (1 - beside * ramp(places.level, 0.1, 0.5)) * (1 - ramp(places.level, 0.5, 0.8))
     fitting.let_hang(hanging, slack, places.trunk.out)
     if top.hood_mm:
@@ -139,7 +125,7 @@ def _sleeves(fitting: Fitting, top: Top, arms: Bool) -> None:
     for limb, side in zip(ARMS, ("left", "right"), strict=True):
         source = (places.limb == limb) & (places.along > 0.15) & (places.along < top.sleeve + EDGE)
         down = places.along * _bone_m(fitting.body, f"{side}_shoulder", f"{side}_elbow")
-        slack = slack_m(down, places.limbs.around_rad, places.limbs.away_m, source, 0.1 + top.give)
+        slack = slack_m((down, places.limbs.around_rad, places.limbs.away_m), source, 0.1 + top.give)
         fitting.let_hang(hanging, slack, places.limbs.out)
 
 
@@ -160,12 +146,12 @@ def put_on_trousers(fitting: Fitting, worn: Trousers) -> None:
     for limb, side in zip(LEGS, ("left", "right"), strict=True):
         source = (places.limb == limb) & (places.along > 0.1) & (places.along < worn.hem + EDGE)
         down = places.along * _bone_m(fitting.body, f"{side}_hip", f"{side}_knee")
-        slack = slack_m(down, places.limbs.around_rad, places.limbs.away_m, source, worn.give)
+        slack = slack_m((down, places.limbs.around_rad, places.limbs.away_m), source, worn.give)
         fitting.let_hang(hanging, slack, places.limbs.out)
 
 
 def _inner(places: SkinMap, left: Limb) -> Float32:
-    """How much (V,) a limb's skin faces the body's midline, in [0, 1]; left: the left one of the pair."""
+    """Return 1 (V,) for a limb's skin that faces the midline, 0 across; left: the left limb of the pair."""
     side = np.where(places.limb == left, np.float32(-1), np.float32(1))
     return np.asarray(np.clip(side * places.limbs.out[:, 0], 0, 1))
 

@@ -1,4 +1,4 @@
-"""Tubes of cloth about a limb: as wide as the limb at its widest, hanging from there on."""
+"""Tubes of cloth that hang from the widest place of a limb."""
 
 import numba
 import numpy as np
@@ -6,22 +6,20 @@ import numpy as np
 from annotate.array_types import Bool, Float32
 from synth.surface.rasterize import EXACT
 
-SECTORS = 24
-"""Directions around the axis in which a tube's radius is kept."""
-STEP_M = 0.02
-"""From one of a tube's rings to the next: about an edge of the skin."""
+SECTORS = 24  # directions around the axis
+STEP_M = 0.02  # from ring to ring: about an edge of the skin
+Places = tuple[Float32, Float32, Float32]
+"""Vertices (V,): place along the axis, downwards, angle and distance as in ``Cylindrical``."""
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def slack_m(
-    down_m: Float32, around_rad: Float32, away_m: Float32, source: Bool, give: float, spans: int = 0
-) -> Float32:
-    """How far (V,) a tube about the source's vertices stands away from each vertex, at least 0.
+def slack_m(places: Places, source: Bool, give: float, spans: int = 0) -> Float32:
+    """Return the distance (V,) of the vertices from a tube about the vertices ``source``.
 
-    down_m: (V,) places along the axis, downwards; around_rad, away_m: as ``Around`` has them. give: how
-    much narrower the tube may become a metre downwards: 0 hangs straight from the widest, 2 follows the
-    limb. spans: sectors on either side that it spans without sinking in.
+    give: narrowing of the tube a metre down, 0 hangs straight from the widest place, 2 follows the limb.
+    spans: sectors on either side that the tube spans.
     """
+    down_m, around_rad, away_m = places
     start, end = np.inf, -np.inf
     for i in range(len(source)):
         if source[i]:
@@ -29,7 +27,7 @@ def slack_m(
     slack = np.zeros(len(source), np.float32)
     if end <= start:
         return slack
-    radii = _widest(down_m, around_rad, away_m, source, start, int((end - start) / STEP_M) + 3)
+    radii = _widest(places, source, start, int((end - start) / STEP_M) + 3)
     for k in range(1, len(radii)):
         for j in range(SECTORS):
             radii[k, j] = max(radii[k, j], radii[k - 1, j] - np.float32(give * STEP_M))
@@ -46,8 +44,9 @@ def slack_m(
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _widest(down: Float32, around: Float32, away: Float32, source: Bool, start: float, rings: int) -> Float32:
-    """Greatest distances (rings, SECTORS) of vertices near each node; gaps take their neighbours'."""
+def _widest(places: Places, source: Bool, start: float, rings: int) -> Float32:
+    """Return the greatest distances (rings, SECTORS) of vertices near each node; gaps take neighbours'."""
+    down, around, away = places
     radii = np.zeros((rings, SECTORS), np.float32)
     for i in range(len(down)):
         if source[i]:
@@ -68,7 +67,7 @@ def _widest(down: Float32, around: Float32, away: Float32, source: Bool, start: 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _smoothed(radii: Float32) -> Float32:
-    """Means (n, SECTORS) of each node and its neighbours around and along."""
+    """Return means (n, SECTORS) of each node and its neighbours."""
     n = len(radii)
     result = np.empty_like(radii)
     for k in range(n):
@@ -81,7 +80,7 @@ def _smoothed(radii: Float32) -> Float32:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _read(radii: Float32, ring: float, around: float) -> float:
-    """The radius between nodes, bilinear."""
+    """Interpolate the radius between nodes."""
     sector = around * (SECTORS / (2 * np.pi))
     k, j = int(ring), int(np.floor(sector))
     a, b = ring - k, sector - j
