@@ -1,17 +1,17 @@
-"""The events of a recording as lines for people."""
+"""Events of a recording as lines of text."""
 
 import re
 from collections import Counter
 from collections.abc import Mapping
 
+# As in ``sensors.recording.arrival_times``.
 DROPPED = re.compile(r"(?P<stream>\w+): (?P<lost>\d+) dropped(?:, (?P<slow>\d+) as writing was too slow)?")
-"""Text of an event of ``sensors.recording.arrival_times``: images of a stream that are lost."""
 
 
 def event_lines(events: Mapping[str, int]) -> list[str]:
-    """Return a line for each text, and a single one for all images that a stream lost.
+    """Return a line for each text, and one line for all lost images of a stream.
 
-    events: how often each text was noted.
+    events: number of each text.
     """
     lines, gaps, lost, slow = list[str](), Counter[str](), Counter[str](), Counter[str]()
     for text, times in events.items():

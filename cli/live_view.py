@@ -1,5 +1,6 @@
-"""What ``live`` does: a rig or a session that plays, labelled as it runs, and shown."""
+"""The verb ``live``: a rig or a played session, labelled as it runs, in the window or as JSON lines."""
 
+import json as json_text
 import math
 import sys
 import time
@@ -8,20 +9,20 @@ from contextlib import AbstractContextManager, closing, contextmanager, nullcont
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import typer
 
 from annotate.cloud.coarse import CoarseCloud
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import SuitLabeller, label_cloud
-from annotate.live.live_frame import BodyPose, Labelling, Rig
+from annotate.live.live_frame import BodyPose, Labelling, LiveFrame, Rig
 from annotate.live.pipeline import LivePipeline
 from annotate.segmentation.suit_network import shipped_suit_network
 from annotate.suit.palette import Suit
 from cli.console import finish, say
 from cli.extras import needing
-from cli.live_lines import print_joints, show_latest, show_lines
-from eval.network.body_state import Bearing
+from eval.network.body_state import Bearing, joint_row
 from eval.network.joint_sides import sided
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import NetworkSurvey
@@ -30,18 +31,21 @@ from eval.scores.skeleton_fit import BONES
 from sensors.interrupt import Ending, ended_by_signals, interrupted_by_signals
 from sensors.rig.camera import Intrinsics
 
+# s after which a computing thread yields the interpreter, because each thermal image passes three threads, and
+# its camera keeps 0.125 s of images; untuned.
 SWITCH_S = 0.001
-"""Seconds after which a thread that computes hands on the interpreter, a fifth of Python's own: each thermal
-image passes through three threads, and its camera keeps an eighth of a second of them. Untuned."""
 BONE_ENDS = tuple((JOINT[a], JOINT[b]) for a, b, _ in BONES)
+Show = Callable[[LiveFrame], None] | None  # shows a labelled frame; None = no output
+# Streams a pipeline's frames during the context.
+Stream = Callable[[LivePipeline], AbstractContextManager[None]]
 
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """Options of a live rig. suit: None = parts by the network. record: session to record from the start.
+    """Options of ``live``. suit: None = parts by the network. record: session to record from the start.
 
-    subject: name of the person, "" if unknown. seconds: duration, None = until the user ends it.
-    json: print one object at the end.
+    subject: name of the person, "" if unknown. seconds: None = until the user ends it. json: print one object
+    at the end. port: of the server for Foxglove, None = no server.
     """
 
     suit: Suit | None = None
@@ -50,21 +54,22 @@ class LiveOptions:
     seconds: float | None = None
     overwrite: bool = False
     json: bool = False
+    window: bool = True
+    port: int | None = None
 
 
-def watch(open_source: Callable[[], Rig], options: LiveOptions, window: bool, port: int | None) -> None:
-    """Label a rig and show it in the window or as lines. port: of the server for Foxglove, if any."""
+def watch(open_source: Callable[[], Rig], options: LiveOptions) -> None:
+    """Label a rig and show it in the window or as lines."""
     with (
         interrupted_by_signals(),
-        serving(port) as stream,
+        serving(options.port) as stream,
         closing(open_source()) as running,
         ended_by_signals() as ending,
     ):
-        (look_at if window else _print)(running, options, ending, stream)
+        (show_window if options.window else _print_lines)(running, options, ending, stream)
 
 
-def _print(running: Rig, options: LiveOptions, ending: Ending, stream: "Stream") -> None:
-    """Print a line for every labelled frame."""
+def _print_lines(running: Rig, options: LiveOptions, ending: Ending, stream: Stream) -> None:
     show = None if options.json else print_joints
     if options.record is not None:
         running.record(options.record, options.subject, options.overwrite)
@@ -75,18 +80,14 @@ def _print(running: Rig, options: LiveOptions, ending: Ending, stream: "Stream")
     _finish(running, pipeline, options.json)
 
 
-Stream = Callable[[LivePipeline], AbstractContextManager[None]]
-"""What hands a pipeline's frames on while its context lasts."""
-
-
 def unstreamed(_: LivePipeline) -> AbstractContextManager[None]:
-    """Hands nothing on."""
+    """Stream nothing."""
     return nullcontext()
 
 
 @contextmanager
 def serving(port: int | None) -> Iterator[Stream]:
-    """A server for Foxglove that has its port before a rig is opened; without a port, none."""
+    """Run a server for Foxglove, which takes its port before a rig is opened; None = no server."""
     if port is None:
         yield unstreamed
         return
@@ -98,11 +99,11 @@ def serving(port: int | None) -> Iterator[Stream]:
         yield partial(streamed, server=server)
 
 
-def look_at(running: Rig, options: LiveOptions, ending: Ending, stream: Stream = unstreamed) -> None:
-    """Show a rig in the window until it is closed."""
+def show_window(running: Rig, options: LiveOptions, ending: Ending, stream: Stream = unstreamed) -> None:
+    """Show a rig in the window until the window is closed."""
     with needing("gui"):
         from annotate.gui.app import run_live
-        from annotate.gui.live.live_commands import takes
+        from annotate.gui.live.live_window import takes
     names = takes(options.record)
     if options.record is not None:
         running.record(next(names), options.subject, options.overwrite)
@@ -113,7 +114,7 @@ def look_at(running: Rig, options: LiveOptions, ending: Ending, stream: Stream =
 
 @contextmanager
 def run_pipeline(running: Rig, labelling: Labelling, stream: Stream = unstreamed) -> Iterator[LivePipeline]:
-    """A rig and its labelling at work, both ended in the end, the recording too."""
+    """Run a rig and its labelling; end both, and the recording, at the end of the context."""
     with closing(running), _switching(SWITCH_S), closing(LivePipeline(running, labelling)) as pipeline:
         running.start()
         pipeline.start()
@@ -126,7 +127,7 @@ def run_pipeline(running: Rig, labelling: Labelling, stream: Stream = unstreamed
 
 @contextmanager
 def _switching(seconds: float) -> Iterator[None]:
-    """Threads that compute hand on the interpreter after so long."""
+    """Set the interpreter's switch interval."""
     before_s = sys.getswitchinterval()
     sys.setswitchinterval(seconds)
     try:
@@ -135,33 +136,73 @@ def _switching(seconds: float) -> Iterator[None]:
         sys.setswitchinterval(before_s)
 
 
-def labelling_by(suit: Suit | None) -> Labelling:
-    """Parts by a suit, or else by the shipped network, which gives joints, facing and posture to both.
+def show_lines(pipeline: LivePipeline, end_s: float, show: Show, ending: Ending) -> int:
+    """Show every latest frame until the time is over, the rig ends or a signal comes; print warnings.
 
-    It is asked once: a picture of now is worth more than the last hundredth (docs/adr/0024).
+    Returns the number of the last frame.
+    """
+    seen, printed = 0, set[str]()
+    while not ending.asked and time.monotonic() < end_s and not pipeline.frames.ended:
+        seen = show_latest(pipeline, seen, show, 0.2)
+        # Not the frame's warnings, because a silent camera gives no frame.
+        active = pipeline.warnings
+        for warning in active:
+            if warning.kind not in printed:
+                say(warning.text)
+        printed = {warning.kind for warning in active}
+    return seen
+
+
+def show_latest(pipeline: LivePipeline, seen: int, show: Show, timeout_s: float = 0.0) -> int:
+    """Show the frames after number ``seen`` that are there in time; return the last number, or ``seen``."""
+    latest = pipeline.frames.since(seen, timeout_s)
+    if show is not None:
+        for _, frame in latest:
+            show(frame)
+    return latest[-1][0] if latest else seen
+
+
+def print_joints(frame: LiveFrame) -> None:
+    """Print one JSON line: frame, time, joints, facing and posture of a person, and warnings."""
+    row: dict[str, Any] = {"frame": frame.labels.frame_id, "time_ns": frame.synced.host_ns}
+    if (pose := frame.body_pose) is not None:
+        row |= {
+            "facing_deg": round(pose.facing_deg, 1),
+            "facing_sure": round(pose.facing_sure, 3),
+            "posture": pose.posture,
+            "posture_sure": round(pose.posture_sure, 3),
+            "joints_mm": joint_row(pose.joints_m * 1000),
+        }
+    row["complaints"] = {warning.kind: warning.text for warning in frame.warnings}
+    print(json_text.dumps(row), flush=True)
+
+
+def labelling_by(suit: Suit | None) -> Labelling:
+    """Return labelling by a suit or the shipped network, which always gives joints, facing and posture.
+
+    The network runs without test-time augmentation, because latency matters more (docs/adr/0024).
     """
     network = OnnxNetwork(mirrored=False)
     if suit is None:
         detect = partial(NetworkSurvey, network=network, single_pass=True)
-        return Labelling(lambda cloud, before: detect(CoarseCloud.of(cloud)).labels(before), _body_pose)
+        return Labelling(
+            lambda cloud, before: detect(CoarseCloud.of(cloud)).labels(before),
+            lambda labels, camera: _body_pose(Bearing.from_note(labels.notes.get("bearing")), camera),
+        )
     labeller = SuitLabeller(suit, shipped_suit_network(), single_pass=True)
-    return Labelling(partial(label_cloud, labeller), partial(_body_pose_beside, network))
+    return Labelling(partial(label_cloud, labeller), partial(_suit_body_pose, network))
 
 
-def _body_pose_beside(network: OnnxNetwork, labels: FrameLabels, camera: Intrinsics) -> BodyPose | None:
-    """Stance by a network of a person whose parts, and so whose sides, are known."""
+def _suit_body_pose(network: OnnxNetwork, labels: FrameLabels, camera: Intrinsics) -> BodyPose | None:
+    """Return the network's body pose of a person whose parts, and so sides, are known by the suit."""
     assert labels.persons is not None
-    note = network.segment(labels.depth_mm, labels.persons == 1).bearing
-    bearing = Bearing.from_note(note)
-    return None if bearing is None else _as_body_pose(sided(bearing, labels.parts).seen_by(camera), camera)
+    bearing = Bearing.from_note(network.segment(labels.depth_mm, labels.persons == 1).bearing)
+    return _body_pose(bearing and sided(bearing, labels.parts).seen_by(camera), camera)
 
 
-def _body_pose(labels: FrameLabels, camera: Intrinsics) -> BodyPose | None:
-    bearing = Bearing.from_note(labels.notes.get("bearing"))
-    return None if bearing is None else _as_body_pose(bearing, camera)
-
-
-def _as_body_pose(bearing: Bearing, camera: Intrinsics) -> BodyPose:
+def _body_pose(bearing: Bearing | None, camera: Intrinsics) -> BodyPose | None:
+    if bearing is None:
+        return None
     return BodyPose(
         JOINT_NAMES,
         bearing.joints_mm(camera) / 1000,
@@ -182,7 +223,7 @@ def _finish(running: Rig, pipeline: LivePipeline, json: bool) -> None:
         "skipped": frames - labelled,
         "dropped": health.dropped,
         "latency_ms_p95": None if math.isnan(p95) else round(p95, 1),
-        "complaints": pipeline.said,
+        "complaints": pipeline.warned,
     }
     text = f"{frames} frames: {labelled} labelled, {frames - labelled} skipped as labelling was busy; "
     text += f"{health.dropped} dropped by devices"

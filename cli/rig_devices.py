@@ -1,4 +1,4 @@
-"""The devices of a rig file, or at addresses, opened and started; what virtual ones see."""
+"""The devices of a rig file or of addresses, opened and started; scenes of virtual cameras."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
@@ -25,17 +25,13 @@ if TYPE_CHECKING:
     from synth.rig.virtual_rig import VirtualRig
 
 VIRTUAL_SEED = 7
-VIRTUAL_FRAMES = 30
-"""One second of the virtual rig at 30 frames a second, which the virtual cameras repeat."""
+VIRTUAL_FRAMES = 30  # at 30 a second, which the virtual cameras repeat
+# Views of the plate, of which a calibration takes 12 to 14; s of each; untuned.
 VIRTUAL_VIEWS, HELD_S = 24, 4.0
-"""Number of views of the plate, of which a calibration takes 12 to 14; seconds each is held (untuned)."""
 
 
 class Shown:
-    """The frames of the virtual cameras, rendered when the first of them is read.
-
-    plate: the hole plate that is held in front of them, view after view; None = a person is there.
-    """
+    """Frames of the virtual cameras, rendered on first use. plate: hole plate in view, None = a person."""
 
     def __init__(self, plate: "HolePlate | None" = None) -> None:
         self._plate = plate
@@ -56,7 +52,7 @@ class Shown:
 
     @property
     def calibration(self) -> RigCalibration:
-        """Calibration of the virtual rig; in front of a plate an approximate one."""
+        """Calibration of the virtual rig; approximate with a plate."""
         if self._plate is None:
             return self._rig.calibration
         from synth.rig.plate_views import roughly
@@ -75,9 +71,9 @@ class Shown:
 
 
 def open_rig(rig: Path | None, device: list[str] | None, plate: "HolePlate | None" = None) -> LiveRig:
-    """Open the rig of a file or of addresses and start its devices. Raises DeviceError, CalibrationError.
+    """Open a rig and start its devices. plate: in view of virtual cameras, None = a person.
 
-    plate: hole plate in front of virtual cameras in place of a person.
+    Raises DeviceError, CalibrationError.
     """
     with ExitStack() as stack:
         wanted, devices, calibration, open_one = opened_rig(rig, device, stack, plate)
@@ -87,7 +83,7 @@ def open_rig(rig: Path | None, device: list[str] | None, plate: "HolePlate | Non
 
 
 def check_one_source(**given: object) -> None:
-    """Raise DeviceError unless exactly one source is given. given: by the name of its argument."""
+    """Raise DeviceError unless exactly one source is given. given: by argument name."""
     names = ["--" + name if name != "session" else "a session" for name in given]
     chosen = [name for name, value in zip(names, given.values(), strict=True) if value]
     choice = f"{', '.join(names[:-1])} or one or more {names[-1]}"
@@ -97,11 +93,8 @@ def check_one_source(**given: object) -> None:
         raise DeviceError(f"{' and '.join(chosen)} are given; give only one of {choice}")
 
 
-def asked_rig(rig: Path | None, device: list[str] | None) -> RecordingRig:
-    """The rig that a file or addresses name, nothing opened yet.
-
-    Raises DeviceError for devices of no known kind, CalibrationError where the file cannot be read.
-    """
+def rig_of(rig: Path | None, device: list[str] | None) -> RecordingRig:
+    """Return the rig of a file or of addresses; open nothing. Raises DeviceError, CalibrationError."""
     check_one_source(rig=rig, device=device)
     wanted = load_rig(rig) if rig is not None else RecordingRig("rig", tuple(device or ()))
     for address in wanted.devices:
@@ -112,25 +105,24 @@ def asked_rig(rig: Path | None, device: list[str] | None) -> RecordingRig:
 def opened_rig(
     rig: Path | None, device: list[str] | None, stack: ExitStack, plate: "HolePlate | None" = None
 ) -> tuple[RecordingRig, list[Device], RigCalibration, Callable[[str], Device]]:
-    """A rig, its devices opened and started within a stack, its calibration, what opens a device again.
+    """Return a rig, its started devices, its calibration, and a function that reopens a device.
 
-    The rig names its devices, and their latency, by the addresses that they have themselves.
+    The returned rig uses the devices' own addresses.
     """
-    wanted = asked_rig(rig, device)
+    wanted = rig_of(rig, device)
     shown = Shown(plate) if any(address.startswith("virtual:") for address in wanted.devices) else None
-
-    asked = dict[str, str]()
+    given_address = dict[str, str]()
 
     def started(address: str) -> Device:
-        # A device's own address need not have the options that it was asked for with.
-        given = asked.get(address, address)
+        # A device's own address may lack the options of the given address.
+        given = given_address.get(address, address)
         opened = open_device(given, shown or ())
         try:
             opened.start()
         except BaseException:
             opened.close()
             raise
-        asked[opened.address] = given
+        given_address[opened.address] = given
         return opened
 
     devices = [stack.enter_context(closing(started(address))) for address in wanted.devices]
@@ -141,7 +133,7 @@ def opened_rig(
 
 
 def _calibration(rig: RecordingRig, devices: list[Device], shown: Shown | None) -> RigCalibration:
-    """The rig file's; else the virtual rig's; else the factory's, of a depth camera that has started."""
+    """Return the calibration of the rig file, else of the virtual rig, else of the depth camera's factory."""
     if rig.calibration is not None:
         return rig.calibration
     if shown is not None:
@@ -154,7 +146,7 @@ def _calibration(rig: RecordingRig, devices: list[Device], shown: Shown | None) 
 
 
 def check_infrared(session: "Session") -> None:
-    """Raise CalibrationError where a session has no infrared images."""
+    """Raise CalibrationError for a session without infrared images."""
     if "/infrared/image" not in session.streams:
         raise CalibrationError(
             f"{session.path} has no infrared images; record with --infrared, or give --check"

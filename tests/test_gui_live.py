@@ -11,10 +11,9 @@ from PySide6.QtCore import Qt, QTimer
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel
 
-from annotate.gui.live.live_commands import takes
 from annotate.gui.live.live_pictures import TITLES, joints_px, pictures
 from annotate.gui.live.live_tile import Tile
-from annotate.gui.live.live_window import LiveWindow
+from annotate.gui.live.live_window import LiveWindow, takes
 from annotate.gui.widgets.theme import DARK, LIGHT
 from annotate.live.pipeline import LivePipeline
 from annotate.live.warning import LiveWarning
@@ -78,14 +77,14 @@ def test_the_record_key_begins_and_ends_a_recording(window, monkeypatch):
     monkeypatch.setattr(rig, "end_recording", lambda: told.append("end"))
     window.actions_by_name["record"].trigger()
     monkeypatch.setattr(rig, "health", lambda: replace(health, recording=Path("a.mcap"), recorded_s=61.0))
-    window.look()
+    window.update_view()
     assert "a.mcap" in window.state.text() and "1:01" in window.state.text()
     window.actions_by_name["record"].trigger()
     assert told == [(Path("a.mcap"), "anna"), "end"]
 
 
 def test_the_end_of_a_playback_is_said(window):
-    window.look()
+    window.update_view()
     assert window.state.text() == "The recording is played to its end"
     assert "a second" not in window.facts.text() and "frames shown" in window.facts.text()
 
@@ -127,7 +126,7 @@ def test_a_marked_event_is_confirmed(window, monkeypatch):
     health = rig.health()
     monkeypatch.setattr(rig, "health", lambda: replace(health, recording=Path("a.mcap"), recorded_s=1.0))
     pressed(window, Qt.Key.Key_M, write)
-    window.look()
+    window.update_view()
     assert marked == ["turned over"] and "Marked: turned over" in window.facts.text()
     assert "nothing is recorded" not in window.facts.text()
 
@@ -135,10 +134,10 @@ def test_a_marked_event_is_confirmed(window, monkeypatch):
 def test_the_record_button_names_what_it_does(window, monkeypatch):
     rig = window.pipeline.rig
     health = rig.health()
-    window.look()
+    window.update_view()
     assert window.buttons["record"].text() == "Record   Space"
     monkeypatch.setattr(rig, "health", lambda: replace(health, recording=Path("a.mcap"), recorded_s=1.0))
-    window.look()
+    window.update_view()
     assert window.buttons["record"].text() == "End recording   Space"
 
 

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from annotate.live.shift_watch import EVERY_NS, FRAMES, ShiftWatch
 
 from annotate.cloud.fuse import Fuser
 from annotate.label_recording import SuitLabeller, label_cloud
@@ -20,12 +21,11 @@ from annotate.live.frame_warnings import color_warning, person_warnings
 from annotate.live.live_frame import Labelling
 from annotate.live.pipeline import WORKERS, LivePipeline
 from annotate.live.rig_warnings import rig_warnings
-from annotate.live.shift_watch import EVERY_NS, FRAMES, ShiftWatch
 from annotate.live.warning import HOLD_S, ActiveWarnings, LiveWarning
 from annotate.person.extract import PersonMask
 from annotate.segmentation.segmented_person import unlabelled
 from annotate.suit.palette import load_suit
-from cli.live_lines import show_lines
+from cli.live_view import show_lines
 from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, Flag, ThermalImage
 from sensors.errors import CloudError
 from sensors.interrupt import Ending
@@ -299,7 +299,7 @@ def test_it_is_said_why_frames_have_no_labels(monkeypatch):
     while not pipeline.frames.ended and time.monotonic() < end_s:
         time.sleep(0.01)
     pipeline.close()
-    assert pipeline.error is None and pipeline.said == {"frame": "no person in the mask"}
+    assert pipeline.error is None and pipeline.warned == {"frame": "no person in the mask"}
 
 
 def test_complaints_are_said_of_a_rig_that_gives_no_images(capsys):

@@ -15,9 +15,9 @@ from typer.testing import CliRunner
 from annotate.cloud.fuse import Fuser
 from annotate.parts import UNDEFINED
 from cli.main import app
+from sensors.device.address import KINDS
 from sensors.device.mounting import Mounting
 from sensors.errors import CloudError
-from sensors.recording.how_tested import KINDS
 from sensors.recording.open_device import OPENERS, open_device
 from sensors.recording.rig_file import load_rig
 from sensors.recording.rig_templates import TEMPLATES

@@ -6,7 +6,7 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
 from itertools import count, pairwise
@@ -32,10 +32,10 @@ from sensors.drivers.lepton import Lepton
 from sensors.drivers.optris import LAYOUTS, Optris
 from sensors.drivers.optris_direct import OptrisDirect
 from sensors.drivers.orbbec import Orbbec, depth_of, load_sdk, orbbec_serials
-from sensors.drivers.pyrometer import Pyrometer
+from sensors.drivers.pyrometer import Pyrometer, PyrometerOptions
 from sensors.drivers.pyrometer_protocol import CS, CT
 from sensors.drivers.realsense import RealSense, Settings, realsense_serials
-from sensors.drivers.y16 import Boson, Radiometry, Y16Camera
+from sensors.drivers.y16 import Radiometry, WordCamera, boson_mode, y16_mode
 from sensors.errors import (
     CloudError,
     DeviceAccessError,
@@ -51,15 +51,13 @@ from sensors.recording.open_device import find_devices, open_device
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import calibration_to_json
-from sensors.virtual.fake_kernel import FakeKernel
 from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.kinect2 import VirtualKinect2
-from sensors.virtual.optris import VirtualOptris
 from sensors.virtual.optris_direct import VirtualDirect
 from sensors.virtual.pyrometer import LineFaults, VirtualPyrometer
 from sensors.virtual.realsense import VirtualRealSense
 from sensors.virtual.schedule import Faults
-from sensors.virtual.y16 import VirtualLepton, VirtualY16
+from sensors.virtual.v4l2 import VirtualLepton, VirtualOptris, VirtualWords, VirtualY16
 from tests.helpers.samples import azure_calibration
 from tests.helpers.swinging_ball import small_ball, swinging_ball
 
@@ -105,31 +103,25 @@ def bench_realsense(faults, folder):
 
 def bench_optris(mode):
     def make(faults, folder):
-        layout = LAYOUTS[mode]
-        twin = VirtualOptris(layout, FrameLoop(swinging_ball()), faults)
-
-        def opened():
-            return Optris(twin.node, layout, kind=FakeKernel(twin))
-
-        return Bench(opened, twin.unplug)
+        twin = VirtualOptris(LAYOUTS[mode], FrameLoop(swinging_ball()), faults)
+        return Bench(lambda: Optris(twin.node, LAYOUTS[mode]), twin.unplug)
 
     return make
 
 
 def bench_lepton(faults, folder):
-    twin = VirtualLepton(FrameLoop(swinging_ball()), faults, hurry=10)
-    return Bench(lambda: Lepton(twin.node, kind=FakeKernel(twin)), twin.unplug)
+    twin = VirtualLepton(FrameLoop(swinging_ball()), replace(faults, hurry=10))
+    return Bench(lambda: Lepton(twin.node), twin.unplug)
 
 
 def bench_y16(faults, folder):
-    twin = VirtualY16(FrameLoop(swinging_ball()), faults, Radiometry(0.01), 90.0)
-    opener = FakeKernel(twin)
-    return Bench(lambda: Y16Camera(twin.node, twin.size, 90.0, Radiometry(0.01), kind=opener), twin.unplug)
+    twin = VirtualY16(FrameLoop(swinging_ball()), faults, VirtualWords(Radiometry(0.01), 90.0))
+    return Bench(lambda: WordCamera(twin.node, y16_mode(twin.size, 90.0, Radiometry(0.01))), twin.unplug)
 
 
 def bench_boson(faults, folder):
-    twin = VirtualY16(FrameLoop(swinging_ball()), faults, Radiometry(0.01), 60.0, (256, 320))
-    return Bench(lambda: Boson(twin.node, True, kind=FakeKernel(twin)), twin.unplug)
+    twin = VirtualY16(FrameLoop(swinging_ball()), faults, VirtualWords(Radiometry(0.01), 60.0, (256, 320)))
+    return Bench(lambda: WordCamera(twin.node, boson_mode(True)), twin.unplug)
 
 
 def bench_direct(faults, folder):
@@ -141,10 +133,11 @@ def bench_direct(faults, folder):
 
 def bench_pyrometer(family, burst):
     def make(faults, folder):
-        twin = VirtualPyrometer(family)
+        options = PyrometerOptions(family, burst=burst)
+        twin = VirtualPyrometer(options)
 
         def opened():
-            device = Pyrometer(twin.port, family, burst=burst)
+            device = Pyrometer(twin.port, options)
             twin.faults = LineFaults(loss=faults.drop**2)
             return device
 

@@ -1,1 +1,1 @@
-"""Labelled frames for Foxglove: as messages, as a file, as a stream."""
+"""Labelled frames for Foxglove: messages, file, stream."""

@@ -1,4 +1,4 @@
-"""A label set as an MCAP file that Foxglove opens: its clouds, images, skeletons and events."""
+"""Export of a label set to an MCAP file for Foxglove: clouds, images, skeletons and events."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -14,8 +14,7 @@ from sensors.files.atomic import check_free, replacing
 from sensors.rig.frame import FRAME_PERIOD_NS
 from sensors.session.messages import METADATA
 
-Joints = Callable[[FrameLabels], Mapping[str, Sequence[float]] | None]
-"""Places (x, y, z) of a frame's joints by name, depth camera, millimetres, or None."""
+Joints = Callable[[FrameLabels], Mapping[str, Sequence[float]] | None]  # (x, y, z) mm by joint, depth camera
 
 
 def export_foxglove(
@@ -27,10 +26,10 @@ def export_foxglove(
     *,
     overwrite: bool = False,
 ) -> list[str]:
-    """Write all frames to ``out``, which appears when it is whole; returns what is missing, once each.
+    """Write all frames to ``out`` at once; return remarks on missing data.
 
-    session: the recording, for colours, temperatures, poses and events; stamps are its own, without it 30 a
-    second. Raises FormatError for an empty or a corrupt label set or another set's recording, ExistsError.
+    session: the recording, for colours, temperatures, poses, events and stamps; None = 30 frames a second.
+    Raises FormatError for an empty or corrupt label set or another set's recording, ExistsError.
     """
     if out.is_dir() or (session is not None and out.exists() and out.samefile(session)):
         raise ExistsError(f"{out} is {'a folder' if out.is_dir() else 'the recording'}; name another file")
@@ -41,17 +40,17 @@ def export_foxglove(
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(out, overwrite) as temporary, temporary.open("wb") as file, Writer(file) as writer:
         writer.add_metadata(METADATA, {"name": labels.source or labels.path.name})
-        for shown in _moments(labels, Recorded(labels, session), joints, remarks):
+        for shown in _frames(labels, Recorded(labels, session), joints, remarks):
             for topic, stamp_ns, message in shown_messages(shown):
                 writer.write_message(topic, message, stamp_ns, stamp_ns)
             advance(1)
     return list(remarks)
 
 
-def _moments(
+def _frames(
     labels: LabelSet, recorded: Recorded, joints: Joints, remarks: dict[str, None]
 ) -> Iterator[Shown]:
-    """All frames by their ids; every event is with the first frame that is not before it."""
+    """Yield all frames by id; an event belongs to the first frame that is not before it."""
     events = list(recorded.events)
     last = labels.frame_ids[-1]
     for number, frame in enumerate(labels):

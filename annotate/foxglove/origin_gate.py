@@ -1,8 +1,8 @@
-"""Gate in front of a WebSocket server: web pages of other sites are refused by their ``Origin`` header.
+"""Gate in front of a WebSocket server that refuses web pages of other sites by their ``Origin`` header.
 
-Browsers let every page open ``ws://127.0.0.1``, and name the page's site in ``Origin``. A server has to
-refuse foreign sites itself (RFC 6455, section 10.2); Foxglove's SDK does not. Desktop applications on
-Electron send ``file://`` (RobotWebTools/rosbridge_suite, issue 485).
+Browsers let every page open ``ws://127.0.0.1`` and send the page's site as ``Origin``. A server has to refuse
+foreign sites itself (RFC 6455, section 10.2); Foxglove's SDK does not. Electron applications send ``file://``
+(RobotWebTools/rosbridge_suite, issue 485).
 """
 
 import asyncio
@@ -13,19 +13,15 @@ from typing import Self
 from urllib.parse import urlsplit
 
 LOOPBACK = "127.0.0.1"
-APPS = frozenset({"https://app.foxglove.dev", "file://"})
-"""Origins of Foxglove's app in a browser and on the desktop."""
+APPS = frozenset({"https://app.foxglove.dev", "file://"})  # Foxglove's app in a browser and on the desktop
 OWN_HOSTS = frozenset({"localhost", "127.0.0.1", "::1"})
-"""Hosts of pages that this machine serves itself."""
-REQUEST_S = 10.0
-"""Seconds within which a client sends its request. Untuned."""
+REQUEST_S = 10.0  # s within which a client must send its request; untuned
 PIECE_BYTES = 1 << 16
-"""Bytes that are passed on at once. Untuned."""
 REFUSED = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
 
 
 def hidden_address() -> str:
-    """Return a random loopback address, which a page cannot find by trying ports."""
+    """Return a random loopback address, which a page cannot find by a port scan."""
     return "127." + ".".join(str(1 + secrets.randbelow(254)) for _ in range(3))
 
 
@@ -50,8 +46,8 @@ def is_admitted(request: bytes) -> bool:
 class OriginGate:
     """Gate on ``127.0.0.1`` that connects admitted clients with a server; a context manager.
 
-    behind: address and port of the server. port: 0 takes a free one, see ``port``. Raises OSError where the
-    port is taken or forbidden.
+    behind: address and port of the server. port: 0 takes a free one. Raises OSError for a taken or forbidden
+    port.
     """
 
     def __init__(self, port: int, behind: tuple[str, int]) -> None:

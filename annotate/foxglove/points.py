@@ -1,4 +1,4 @@
-"""A fused frame as Foxglove's point clouds: coloured by temperature, coloured by parts."""
+"""Point clouds of a fused frame for Foxglove, coloured by temperature or by parts."""
 
 from typing import Any
 
@@ -13,20 +13,16 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.parts import BACKGROUND, palette_rgb
 from sensors.session.messages import time_message
 
-ROOM_RGB = np.array((74, 80, 92), np.float32)
-"""Colour of what has no temperature, and of what is no part. Chosen by eye."""
-
+ROOM_RGB = np.array((74, 80, 92), np.float32)  # without temperature or part; untuned
 _TYPES = {"f4": PackedElementField.FLOAT32, "u1": PackedElementField.UINT8}
 _PLACE = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
 _COLOR = [("red", "u1"), ("green", "u1"), ("blue", "u1"), ("alpha", "u1")]
-HEAT_POINT = np.dtype([*_PLACE, ("temperature", "<f4"), *_COLOR])
-"""One point with its temperature: metres, degrees Celsius (NaN = not seen), sRGB."""
+HEAT_POINT = np.dtype([*_PLACE, ("temperature", "<f4"), *_COLOR])  # metres, Celsius (NaN = none), sRGB
 PART_POINT = np.dtype([*_PLACE, *_COLOR, ("part", "u1")])
-"""One point with its part's id."""
 
 
 def heat_points(cloud: ThermalCloud, stamp_ns: int) -> PointCloud:
-    """All points with a reading, HEAT_POINT each, in the order of their pixels."""
+    """Return all valid points as HEAT_POINT, in the order of pixels."""
     celsius = cloud.temperature_c[cloud.valid]
     points = _points(cloud, HEAT_POINT, heat_rgb(celsius, ROOM_RGB).astype(np.uint8))
     points["temperature"] = celsius
@@ -34,7 +30,7 @@ def heat_points(cloud: ThermalCloud, stamp_ns: int) -> PointCloud:
 
 
 def part_points(cloud: ThermalCloud, parts: UInt8, stamp_ns: int) -> PointCloud:
-    """All points with a reading, PART_POINT each, in the order of their pixels. parts: uint8 (h, w)."""
+    """Return all valid points as PART_POINT, in the order of pixels. parts: uint8 (h, w)."""
     palette = palette_rgb()
     palette[BACKGROUND] = ROOM_RGB
     ids = parts[cloud.valid]

@@ -1,4 +1,4 @@
-"""Stream of labelled moments over Foxglove's WebSocket protocol, for its app or any other client."""
+"""Stream of labelled frames over Foxglove's WebSocket protocol."""
 
 from types import TracebackType
 from typing import Self
@@ -11,22 +11,20 @@ from annotate.foxglove.topics import SCHEMAS, Shown, shown_messages
 from sensors.errors import CloudError
 from sensors.session.messages import EVENTS, event_message
 
-PORT = 8765
-"""Port at which Foxglove's app expects a server by default."""
-BACKLOG = 3 * len(SCHEMAS)
-"""Messages kept for a client that is slow, three moments: then the oldest is dropped. Untuned."""
+PORT = 8765  # default of Foxglove's app
+BACKLOG = 3 * len(SCHEMAS)  # messages kept for a slow client, three frames; untuned
 
 
 class FoxgloveServer:
-    """Serves every topic of ``topics.SCHEMAS``; use it as a context manager.
+    """Server of every topic of ``topics.SCHEMAS``; a context manager.
 
-    The stream shows a person, and the protocol has no password: only programs of this machine and Foxglove's
-    app are admitted (``origin_gate``). port: 0 takes a free one, see ``port``. behind: address and port of
-    the SDK's own server. Raises CloudError where the port is taken or forbidden.
+    Only programs of this machine and Foxglove's app are admitted (``origin_gate``), because the stream shows
+    a person and the protocol has no password. port: 0 takes a free one. behind: address and port of the SDK's
+    own server. Raises CloudError for a taken or forbidden port.
     """
 
     def __init__(self, port: int = PORT) -> None:
-        # The server alone does not keep it, and the channels go with it.
+        # Without a reference here the context and its channels are destroyed.
         self._context = context = foxglove.Context()
         self._channels = {
             topic: foxglove.Channel(
@@ -66,13 +64,13 @@ class FoxgloveServer:
 
     @property
     def address(self) -> str:
-        """Where a client connects."""
+        """URL for clients."""
         return f"ws://{LOOPBACK}:{self.port}"
 
     def show(self, shown: Shown) -> None:
-        """Send a moment on the topics that a client has subscribed to; nothing is made for the others.
+        """Send a frame on the subscribed topics, without waiting for a client.
 
-        Never waits for a client. Raises FormatError where the colour image is neither JPEG nor PNG.
+        Raises FormatError for a colour image that is neither JPEG nor PNG.
         """
         for topic, stamp_ns, message in shown_messages(
             shown, lambda topic: self._channels[topic].has_sinks()
@@ -80,10 +78,10 @@ class FoxgloveServer:
             self._channels[topic].log(message.SerializeToString(), log_time=stamp_ns)
 
     @property
-    def heard(self) -> bool:
-        """Whether a client listens to events."""
+    def has_event_listeners(self) -> bool:
+        """True if a client has subscribed to events."""
         return self._channels[EVENTS].has_sinks()
 
-    def tell(self, stamp_ns: int, text: str) -> None:
-        """Send an event between moments. stamp_ns: since 1970, on the host's clock."""
+    def send_event(self, stamp_ns: int, text: str) -> None:
+        """Send an event between frames. stamp_ns: since 1970, on the host's clock."""
         self._channels[EVENTS].log(event_message(stamp_ns, text).SerializeToString(), log_time=stamp_ns)

@@ -1,4 +1,4 @@
-"""A person's joints as a Foxglove scene: a sphere per joint, a line per bone in the colour of its part."""
+"""Skeleton of a person as a Foxglove scene: a sphere a joint, a line a bone in the colour of its part."""
 
 from collections.abc import Mapping, Sequence
 
@@ -25,17 +25,14 @@ BONES: tuple[tuple[str, ...], ...] = (
     ("head", "neck", "head"),
     ("neck", "pelvis", "torso"),
     *(tuple(name.replace("SIDE", side) for name in bone) for side in ("left", "right") for bone in _SIDED),
-)
-"""(joint, joint, part whose colour it has) of every line."""
-BALL_M, LINE_M = 0.05, 0.02
-"""Diameter of a joint's ball and breadth of a line, metres. Chosen by eye."""
+)  # joint, joint, part that defines the colour
+BALL_M, LINE_M = 0.05, 0.02  # diameter of a joint, width of a bone; untuned
 
 
 def skeleton_message(joints_mm: Mapping[str, Sequence[float]] | None, stamp_ns: int) -> SceneUpdate:
-    """One entity ``person`` with a ball for each joint that is known, in their order, and the bones between.
+    """Return an entity ``person`` with a ball for each known joint, in order, and the bones between them.
 
-    joints_mm: (x, y, z) by name, depth camera, millimetres; one with NaN is not known. None takes the
-    person away.
+    joints_mm: (x, y, z) by name, depth camera, NaN = unknown. None removes the person.
     """
     known = {n: np.asarray(p, float) / 1000 for n, p in (joints_mm or {}).items() if np.isfinite(p).all()}
     if not known:

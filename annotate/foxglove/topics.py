@@ -1,9 +1,8 @@
-"""What Foxglove shows of a labelled frame: messages of its public schemas, by topic.
+"""Messages of Foxglove's public schemas for a labelled frame, by topic, for files and streams.
 
-Files (``file.py``) and streams (``server.py``) get the same. Images, calibrations and events have the topics
-and units of a session, so that a file of these messages is one too. All places are in metres in the frame
-``depth``, the depth camera's (x right, y down, z forward); the depth image is the undistorted one. The frame
-``upright`` has the same origin with z up, as Foxglove's views expect it.
+Images, calibrations and events have the topics and units of a session, so a file of these messages is a
+session. Positions are in metres in the frame ``depth`` (x right, y down, z forward); the depth image is
+undistorted. The frame ``upright`` has the same origin with z up, as Foxglove's views expect.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -24,44 +23,26 @@ from annotate.foxglove.skeleton import skeleton_message
 from annotate.parts import palette_rgb
 from sensors.rig.rig_calibration import Pose, RigCalibration
 from sensors.session import messages
-from sensors.session.messages import (
-    CALIBRATIONS,
-    COLOR,
-    DEPTH,
-    EVENTS,
-    TF,
-    THERMAL,
-    calibration_messages,
-    color_message,
-    event_message,
-    image_message,
-    raw_image,
-    thermal_message,
-    transform_message,
-)
+from sensors.session.messages import CALIBRATIONS, COLOR, DEPTH, EVENTS, TF, THERMAL
 
 IDS, PARTS, HEAT = "/parts/ids", "/parts/image", "/thermal/picture"
 HEAT_CLOUD, PART_CLOUD, SKELETON = "/cloud/temperature", "/cloud/parts", "/skeleton"
-UPRIGHT = "upright"
-"""Parent of the frame ``depth``: x right, y forward, z up, if the depth camera is level."""
+UPRIGHT = "upright"  # parent frame of ``depth``: x right, y forward, z up, if the depth camera is level
 UPRIGHT_FROM_DEPTH = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
-"""Rotation between the two."""
 SCHEMAS: dict[str, type[Message]] = {
     **{topic: messages.SCHEMAS[topic] for topic in (DEPTH, COLOR, THERMAL, *CALIBRATIONS, TF, EVENTS)},
     **dict.fromkeys((IDS, PARTS, HEAT), RawImage),
     **dict.fromkeys((HEAT_CLOUD, PART_CLOUD), PointCloud),
     SKELETON: SceneUpdate,
 }
-"""Message class of every topic."""
 
 
 @dataclass(frozen=True)
 class Shown:
-    """One moment, labelled. stamp_ns: the depth camera's time; parts: uint8 (h, w) of the cloud's pixels.
+    """A labelled frame. stamp_ns: of the depth image; parts: uint8 (h, w) of the cloud's pixels.
 
-    calibration: of the rig that recorded it. color_encoded, thermal_c: as ``RigFrame`` has them.
-    joints_mm: places (x, y, z) by joint, depth camera, millimetres; None if unknown.
-    events: (stamp in nanoseconds, text) of what happened since the moment before.
+    color_encoded, thermal_c: as in ``RigFrame``. joints_mm: (x, y, z) by joint, depth camera. events: stamps
+    (ns) and texts since the frame before.
     """
 
     stamp_ns: int
@@ -77,10 +58,10 @@ class Shown:
 def shown_messages(
     shown: Shown, wanted: Callable[[str], bool] = lambda topic: True
 ) -> Iterator[tuple[str, int, Message]]:
-    """(topic, stamp in nanoseconds, message) of all that a moment has on the wanted topics.
+    """Yield topic, stamp (ns) and message of the wanted topics with data.
 
-    Topics without data have no message, but for the skeleton: that of the moment before is taken away.
-    Raises FormatError where the colour image is neither JPEG nor PNG.
+    Without joints a message removes the last skeleton. Raises FormatError for a colour image that is neither
+    JPEG nor PNG.
     """
     for topic, message in _cameras(shown) if any(map(wanted, (*CALIBRATIONS, TF))) else ():
         if wanted(topic):
@@ -90,16 +71,17 @@ def shown_messages(
             yield topic, shown.stamp_ns, made
     if wanted(EVENTS):
         for stamp_ns, text in shown.events:
-            yield EVENTS, stamp_ns, event_message(stamp_ns, text)
+            yield EVENTS, stamp_ns, messages.event_message(stamp_ns, text)
 
 
 def _cameras(shown: Shown) -> Iterator[tuple[str, Message]]:
-    """Cameras and where they are, the depth camera without its lens, and which way is up."""
-    # The cloud's depth image is undistorted and shifted already.
+    """Yield calibrations and poses of the cameras, and the frame ``upright``."""
+    # The cloud's depth image is already undistorted and shifted.
+    turn = Pose(UPRIGHT_FROM_DEPTH, np.zeros(3))
     calibration = replace(shown.calibration, depth=shown.cloud.camera, depth_shift_mm=0.0)
-    upright = transform_message(UPRIGHT, "depth", Pose(UPRIGHT_FROM_DEPTH, np.zeros(3)), shown.stamp_ns)
+    upright = messages.transform_message(UPRIGHT, "depth", turn, shown.stamp_ns)
     links = FrameTransforms(transforms=[upright])
-    for topic, message in calibration_messages(calibration, shown.stamp_ns):
+    for topic, message in messages.calibration_messages(calibration, shown.stamp_ns):
         if topic == TF:
             links.MergeFrom(message)
         else:
@@ -108,34 +90,30 @@ def _cameras(shown: Shown) -> Iterator[tuple[str, Message]]:
 
 
 def _color(shown: Shown) -> Message | None:
-    return None if shown.color_encoded is None else color_message(shown.color_encoded, shown.stamp_ns)
+    encoded = shown.color_encoded
+    return None if encoded is None else messages.color_message(encoded, shown.stamp_ns)
 
 
 def _thermal(shown: Shown) -> Message | None:
-    return None if shown.thermal_c is None else thermal_message(shown.thermal_c, shown.stamp_ns)
+    return None if shown.thermal_c is None else messages.thermal_message(shown.thermal_c, shown.stamp_ns)
 
 
 def _heat(shown: Shown) -> Message | None:
-    """The temperatures in colours: Foxglove's own scale of 16 bits shows a room as one grey."""
+    """Return the coloured temperatures, because Foxglove's 16-bit scale shows a room as one grey."""
     if shown.thermal_c is None:
         return None
     rgb = heat_rgb(shown.thermal_c.reshape(-1), ROOM_RGB).astype("u1").reshape(*shown.thermal_c.shape, 3)
-    return raw_image(rgb, "rgb8", "thermal", shown.stamp_ns)
-
-
-def _skeleton(shown: Shown) -> Message:
-    return skeleton_message(shown.joints_mm, shown.stamp_ns)
+    return messages.raw_image(rgb, "rgb8", "thermal", shown.stamp_ns)
 
 
 _MAKERS: dict[str, Callable[[Shown], Message | None]] = {
-    DEPTH: lambda shown: image_message(shown.cloud.depth_mm, "depth", shown.stamp_ns),
+    DEPTH: lambda shown: messages.image_message(shown.cloud.depth_mm, "depth", shown.stamp_ns),
     COLOR: _color,
     THERMAL: _thermal,
     HEAT: _heat,
-    IDS: lambda shown: raw_image(shown.parts, "8UC1", "depth", shown.stamp_ns),
-    PARTS: lambda shown: raw_image(palette_rgb()[shown.parts], "rgb8", "depth", shown.stamp_ns),
+    IDS: lambda shown: messages.raw_image(shown.parts, "8UC1", "depth", shown.stamp_ns),
+    PARTS: lambda shown: messages.raw_image(palette_rgb()[shown.parts], "rgb8", "depth", shown.stamp_ns),
     HEAT_CLOUD: lambda shown: heat_points(shown.cloud, shown.stamp_ns),
     PART_CLOUD: lambda shown: part_points(shown.cloud, shown.parts, shown.stamp_ns),
-    SKELETON: _skeleton,
-}
-"""What makes the message of each topic, None where the moment has no such data."""
+    SKELETON: lambda shown: skeleton_message(shown.joints_mm, shown.stamp_ns),
+}  # functions that make the message of a topic, None without data

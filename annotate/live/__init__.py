@@ -1,1 +1,1 @@
-"""Live labelling of a running rig: its newest moment labelled, and warnings about what is wrong."""
+"""Live labelling of a running rig, with warnings."""

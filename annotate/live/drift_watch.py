@@ -1,4 +1,4 @@
-"""The pyrometer corrects a live thermal camera, as ``Session`` does a recorded one."""
+"""Correction of a live thermal camera by the pyrometer, as ``Session`` corrects a recorded one."""
 
 from dataclasses import replace
 
@@ -9,14 +9,12 @@ from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.rig.thermal_reference import ThermalReference
 
-EVERY_S = 0.2
-"""Seconds between readings that are kept: two minutes of them. Untuned."""
-AGAIN_S = 10.0
-"""Seconds from one search for the pyrometer's spot in the image to the next. Untuned."""
+EVERY_S = 0.2  # s between kept readings: two minutes of them; untuned
+AGAIN_S = 10.0  # s between two searches for the pyrometer's spot in the image; untuned
 
 
 class DriftWatch:
-    """Temperatures of moments, corrected once the pyrometer's spot in the image is known."""
+    """Corrects temperatures once the pyrometer's spot in the image is known."""
 
     def __init__(self, calibration: RigCalibration) -> None:
         self._reference = ThermalReference(calibration.thermal.fx) if calibration.thermal else None
@@ -24,7 +22,7 @@ class DriftWatch:
         self._added_s = self._located_s = -np.inf
 
     def corrected(self, synced: SyncedFrame, frame: RigFrame) -> RigFrame:
-        """A moment's frame with its temperatures corrected, or as it is. Moments only get later."""
+        """Return the frame with corrected temperatures, or unchanged. Call in the order of arrival."""
         reference, now_s = self._reference, synced.arrival_ns * 1e-9
         if reference is None or frame.thermal_c is None:
             return frame

@@ -1,5 +1,9 @@
-"""Complaints about a picture: its light, its person, and the colours of their suit."""
+"""Warnings about a picture: its light, its person, the colours of the suit, the thermal camera's alignment.
 
+Constants are untuned unless a source is given.
+"""
+
+from collections import deque
 from collections.abc import Iterator
 
 import numpy as np
@@ -8,26 +12,24 @@ from annotate.array_types import Bool, Float64
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.live.warning import LiveWarning
 from annotate.parts import PARTS
+from annotate.person.alignment import TOLERABLE_DEG, is_warmer, misplacement_px, warm_contrasts
 from annotate.person.subject import cut_borders
+from annotate.person.warmth import WINDOW_C, find_window, warmth
 from annotate.suit.color_model import CLIPPED, DARK, ColorModel, blur
 from sensors.rig.camera import Intrinsics
 
+# Of a person's colours lost to darkness or glare; below ``annotate.segmentation.segment.BAD_SHARE``.
 LOST_SHARE = 0.25
-"""Share of a person's colours lost to darkness or glare from which it is said: somewhat before a suit cannot
-be read (``annotate.segmentation.segment.BAD_SHARE``). Untuned."""
-LEAST_PIXELS = 400
-"""Pixels of a person below which nothing is said of them. Untuned: a head at 4 m."""
-LIMB_M, LEAST_LIMB_PX = 0.08, 8.0
-"""Thickness of a forearm, and the pixels that it should have in the depth image: at 3.65 m of a Kinect v2.
-Untuned."""
+LEAST_PIXELS = 400  # px of a person without warnings, a head at 4 m
+LIMB_M, LEAST_LIMB_PX = 0.08, 8.0  # thickness of a forearm (m) and its least pixels: at 3.65 m of a Kinect v2
+# Least distance of two suit colours in a frame's light, in standard deviations: 1.7 to 2.5 in the virtual
+# rig's `normal` light, at most 1.05 by a sodium lamp (12 frames of six people, seeds 9341 and 9352).
 APART = 1.3
-"""Least distance of two suit colours in the light of a frame, in standard deviations of both together: there
-the colour alone takes a quarter of the pixels for the other. Untuned: it is 1.7 to 2.5 in the virtual
-rig's `normal` light, up to 1.05 there by a sodium lamp (12 frames of six people, seeds 9341 and 9352)."""
+EVERY_NS, FRAMES = 500_000_000, 8  # ns between two checks of the alignment, and checks that are averaged
 
 
 def person_warnings(cloud: ThermalCloud, person: Bool) -> Iterator[LiveWarning]:
-    """Complaints about the light on a person and their place; person: mask (h, w)."""
+    """Yield warnings about the light on a person and the position. person: mask (h, w)."""
     if np.count_nonzero(person) < LEAST_PIXELS:
         return
     yield from _light(cloud, person)
@@ -45,13 +47,13 @@ def person_warnings(cloud: ThermalCloud, person: Bool) -> Iterator[LiveWarning]:
         )
 
 
-def shift_warning(shift_px: tuple[float, float], camera: Intrinsics, tolerable_deg: float) -> LiveWarning:
-    """The thermal image lies ``shift_px`` (right, down) off the depth image."""
+def _shift_warning(shift_px: tuple[float, float], camera: Intrinsics) -> LiveWarning:
+    """Return the warning for a thermal image shifted by ``shift_px`` (right, down)."""
     right, down = (float(np.degrees(np.arctan2(px, camera.fx))) for px in shift_px)
     ways = [
         f"{abs(angle):.1f} degrees too far {words[angle < 0]}"
         for angle, words in ((right, ("right", "left")), (down, ("down", "up")))
-        if abs(angle) > tolerable_deg / 3
+        if abs(angle) > TOLERABLE_DEG / 3
     ]
     return LiveWarning(
         "shifted",
@@ -61,10 +63,10 @@ def shift_warning(shift_px: tuple[float, float], camera: Intrinsics, tolerable_d
 
 
 def color_warning(cloud: ThermalCloud, person: Bool, model: ColorModel) -> LiveWarning | None:
-    """The pair of suit colours that are hardest to tell apart in this light, if that is too hard.
+    """Return a warning about the two most similar suit colours in this light, None if they differ enough.
 
-    person: mask (h, w), read by the suit. model: its colours in the light of this frame. Pairs that are alike
-    in the palette itself are the suit's own fault, which its notes say.
+    person: mask (h, w). model: colours in this frame's light. Pairs that are similar in the palette itself
+    are excluded, because the suit's notes report them.
     """
     rgb = cloud.color_rgb[person & cloud.color_valid]
     if len(rgb) < LEAST_PIXELS:
@@ -87,7 +89,7 @@ def color_warning(cloud: ThermalCloud, person: Bool, model: ColorModel) -> LiveW
 
 
 def _apart(chroma: Float64, variance: Float64) -> Float64:
-    """Distances (K, K) of colours (K, 2) in standard deviations of both."""
+    """Return distances (K, K) of colours (K, 2) in standard deviations of both."""
     away = np.linalg.norm(chroma[:, None] - chroma[None], axis=-1)
     return np.asarray(away / np.sqrt(variance[:, None] + variance[None]))
 
@@ -106,3 +108,31 @@ def _light(cloud: ThermalCloud, person: Bool) -> Iterator[LiveWarning]:
         yield LiveWarning(
             "glare", f"{glare:.0%} of the person is over-exposed: use less light, or a shorter exposure"
         )
+
+
+class ShiftWatch:
+    """Alignment of the running thermal camera by the last frames (``annotate.person.alignment``)."""
+
+    def __init__(self) -> None:
+        self._surfaces = deque[Float64](maxlen=FRAMES)
+        self._checked_ns = 0
+        self._warning: LiveWarning | None = None
+
+    def warning(self, cloud: ThermalCloud, person: Bool, now_ns: int) -> LiveWarning | None:
+        """Return the warning as of the last checked frame. person: mask (h, w)."""
+        if now_ns - self._checked_ns >= EVERY_NS and np.isfinite(cloud.temperature_c).any():
+            self._checked_ns = now_ns
+            surface = warm_contrasts(cloud)
+            if surface is not None:
+                self._surfaces.append(surface)
+            self._warning = self._checked(cloud, person)
+        return self._warning
+
+    def _checked(self, cloud: ThermalCloud, person: Bool) -> LiveWarning | None:
+        if len(self._surfaces) < FRAMES:
+            return None
+        shift_px = misplacement_px(np.mean(self._surfaces, axis=0))
+        if shift_px is None:
+            return None
+        warm = warmth(cloud.temperature_c, find_window(cloud, cloud.valid) or WINDOW_C).clip(0, 1)
+        return _shift_warning(shift_px, cloud.camera) if is_warmer(warm, person, shift_px) else None

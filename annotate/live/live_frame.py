@@ -1,4 +1,4 @@
-"""Live frame: a rig's moment with all results, for the window, a robot or a stream."""
+"""Live frame: a synchronised frame of a rig with its labels, body pose and warnings."""
 
 from collections import deque
 from collections.abc import Callable
@@ -22,11 +22,11 @@ from sensors.rig.rig_calibration import RigCalibration
 
 @dataclass(frozen=True, eq=False)
 class BodyPose:
-    """Stance of the labelled person, in the frame of the undistorted depth camera.
+    """Joints, facing and posture of the labelled person, in the frame of the undistorted depth camera.
 
-    names: of the joints (J,). joints_m: float64 (J, 3) metres. bones: pairs of indices of joints. facing_deg:
-    azimuth of the camera about the trunk, 0 before the chest, 90 on the person's left; facing_sure, [0, 1].
-    posture: one of ``annotate.posture.POSTURES``, with its probability.
+    joints_m: (J, 3). bones: pairs of joint indices. facing_deg: azimuth of the camera about the trunk, 0 in
+    front of the chest, 90 on the person's left. posture: one of ``annotate.posture.POSTURES``. *_sure:
+    probabilities.
     """
 
     names: tuple[str, ...]
@@ -40,10 +40,9 @@ class BodyPose:
 
 @dataclass(frozen=True)
 class Labelling:
-    """Functions of the live pipeline.
+    """Functions of the live pipeline. label: a cloud, given the labels before, as ``label_cloud``.
 
-    label: a cloud, after the labels of the previous frame, as ``label_cloud``.
-    stance: joints, facing and posture of the labelled person, None where they cannot be known.
+    body_pose: of the labelled person, or None.
     """
 
     label: Callable[[ThermalCloud, FrameLabels | None], tuple[Segmentation, PersonMask]]
@@ -52,9 +51,9 @@ class Labelling:
 
 @dataclass(frozen=True, eq=False)
 class LiveFrame:
-    """One labelled moment. moment: its images as they came. labels: over the cloud's undistorted depth image.
+    """A labelled frame. synced: its images. labels: of the cloud's undistorted depth image.
 
-    latency_ms: from the depth image's arrival until all of this was there. complaints: those that stand.
+    latency_ms: from the arrival of the depth image to the end of labelling.
     """
 
     synced: SyncedFrame
@@ -67,7 +66,7 @@ class LiveFrame:
 
 
 class Rig(Protocol):
-    """A ``LiveRig`` or a ``Playback``; documented there."""
+    """A ``LiveRig`` or a ``Playback``."""
 
     name: str
     calibration: RigCalibration

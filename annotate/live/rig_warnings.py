@@ -1,4 +1,4 @@
-"""Complaints about a rig: devices, drops, clocks, the flag, the disk."""
+"""Warnings about a rig: devices, drops, clocks, the flag, the disk. Constants are untuned."""
 
 from collections.abc import Iterator
 
@@ -7,27 +7,18 @@ from sensors.recording.image_check import NAMES
 from sensors.recording.stream_health import Health, StreamHealth
 from sensors.rig.clock import LIMIT_SKEW
 
-DROPPED_SHARE = 0.01
-"""Share of a stream's images lost in five seconds that gives a warning: one depth image of 150 may go while
-the system is busy. Untuned."""
-SILENT_S, SILENT_PERIODS = 1.0, 5
-"""Seconds and periods of a stream without any image from which it is silent. Untuned."""
-SLOW_SHARE, SETTLING_S = 0.75, 5.0
-"""Share of its nominal rate below which a stream is slow (in the dark a colour camera exposes for two
-periods); seconds after the start before rates are judged. Untuned."""
-FLAG_S = 2.0
-"""Seconds for which a flag may be closed: a PI200's is for half a second, a Lepton's for one and a half."""
-LEAST_DISK_MINUTES = 10.0
-"""Minutes of recording that should fit on the disk. Untuned."""
+DROPPED_SHARE = 0.01  # tolerated share of images lost in 5 s: one depth image of 150
+SILENT_S, SILENT_PERIODS = 1.0, 5  # s and periods without an image that make a stream silent
+SLOW_SHARE, SETTLING_S = 0.75, 5.0  # least share of the nominal rate, and s after the start before the check
+FLAG_S = 2.0  # s; longest closed flag: a PI200's takes 0.5 s, a Lepton's 1.5 s
+LEAST_DISK_MINUTES = 10.0  # of recording
 TOO_SLOW = ("this computer is too slow: close other programs",
             "the disk is too slow: record to a faster one, or close other programs")  # fmt: skip
-"""Remedies for images lost in a full queue: without a recording, and during one."""
-REMEDIES = {"color": "light the room: in the dark a camera exposes for longer", "": "close other programs"}
-"""Remedies for a slow stream, by its name; "" for all others."""
+SLOW_COLOR = "light the room: in the dark a camera exposes for longer"
 
 
 def rig_warnings(health: Health) -> Iterator[LiveWarning]:
-    """Yield all warnings about a rig at one moment."""
+    """Yield all warnings about a rig."""
     if health.trouble:
         yield LiveWarning("trouble", health.trouble)
     if health.faults:
@@ -48,7 +39,7 @@ def rig_warnings(health: Health) -> Iterator[LiveWarning]:
         for address, ppm in health.skew_ppm.items()
         if abs(ppm) > LIMIT_SKEW * 1e6
     ]
-    # A busy computer reads images later and later, which looks like a slow clock.
+    # The delays of a busy computer grow, which looks like a slow clock.
     if clocks and not any(_is_losing(state) for state in health.streams.values()):
         yield LiveWarning("clock", "; ".join(clocks))
     if health.disk_minutes < LEAST_DISK_MINUTES:
@@ -58,7 +49,7 @@ def rig_warnings(health: Health) -> Iterator[LiveWarning]:
 
 
 def _is_losing(state: StreamHealth) -> bool:
-    """Return whether a stream has lost a larger share of its recent images than ``DROPPED_SHARE``."""
+    """Return whether a stream lost a larger share of its recent images than ``DROPPED_SHARE``."""
     return state.lost > DROPPED_SHARE * (state.recent + state.lost) and state.lost > 1
 
 
@@ -68,7 +59,7 @@ def _is_silent(state: StreamHealth) -> bool:
 
 
 def _of_streams(health: Health) -> Iterator[LiveWarning]:
-    """Yield warnings about streams of present devices, one for each kind, with all streams of each remedy."""
+    """Yield one warning of a kind about streams of connected devices, with all streams of each remedy."""
     found = dict[tuple[Kind, str], list[str]]()
     for stream, state in health.streams.items():
         if not state.away and (one := _of_stream(stream, state, health)) is not None:
@@ -82,7 +73,7 @@ def _of_streams(health: Health) -> Iterator[LiveWarning]:
 
 
 def _of_stream(stream: str, state: StreamHealth, health: Health) -> tuple[Kind, str, str] | None:
-    """Return kind, fault and remedy of a stream; None for a good one."""
+    """Return kind, fault and remedy of a stream, None without a fault."""
     nominal_hz = state.nominal_hz
     if _is_silent(state):
         if health.flag_closed_s and stream == "thermal":
@@ -100,5 +91,5 @@ def _of_stream(stream: str, state: StreamHealth, health: Health) -> tuple[Kind, 
         return "drops", lost, remedy
     if 0 < state.rate_hz < SLOW_SHARE * nominal_hz and state.running_s > SETTLING_S:
         slow = f"{state.rate_hz:.0f} of {nominal_hz:.0f} images a second"
-        return "drops", slow, REMEDIES.get(stream, REMEDIES[""])
+        return "drops", slow, SLOW_COLOR if stream == "color" else "close other programs"
     return None

@@ -1,4 +1,4 @@
-"""A running rig's newest labelled moment for Foxglove, by a thread of its own."""
+"""Stream of a running rig's latest labelled frame to Foxglove, by a thread."""
 
 import threading
 import time
@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from annotate.foxglove.server import FoxgloveServer
 from annotate.foxglove.topics import Shown
-from annotate.live.live_frame import BodyPose, LiveFrame
+from annotate.live.live_frame import LiveFrame
 from annotate.live.pipeline import WAIT_S, LivePipeline
 from sensors.errors import FormatError
 from sensors.rig.rig_calibration import RigCalibration
@@ -16,16 +16,16 @@ from sensors.rig.rig_calibration import RigCalibration
 
 @contextmanager
 def streamed(pipeline: LivePipeline, server: FoxgloveServer) -> Iterator[None]:
-    """Show every newest frame of the pipeline to the server's clients, until the end of the context.
+    """Send every latest frame of the pipeline to the server's clients during the context.
 
-    Frames that come while one is being sent are passed over. Raises at the end what ended it before.
+    Frames that come during a transmission are skipped. Raises at the end the error that ended the stream.
     """
     stop, errors = threading.Event(), list[Exception]()
 
     def run() -> None:
         try:
             _stream(pipeline, server, stop)
-        except Exception as error:  # raised below: here it would die with the thread
+        except Exception as error:  # raised below, not in this thread
             errors.append(error)
 
     thread = threading.Thread(target=run, name="stream", daemon=True)
@@ -40,14 +40,14 @@ def streamed(pipeline: LivePipeline, server: FoxgloveServer) -> Iterator[None]:
 
 
 def _stream(pipeline: LivePipeline, server: FoxgloveServer, stop: threading.Event) -> None:
-    seen, told = 0, _Told()
+    seen, sent = 0, _SentTexts()
     while not stop.is_set():
         latest = pipeline.frames.after(seen, WAIT_S)
-        texts = told.news(pipeline) if server.heard else []
+        texts = sent.news(pipeline) if server.has_event_listeners else []
         if latest is None:
-            # No frame comes of a camera that is silent, or where labelling fails: this is when to say so.
+            # A silent camera or failing labels give no frame that could carry the texts.
             for text in texts:
-                server.tell(time.time_ns(), text)
+                server.send_event(time.time_ns(), text)
             if pipeline.frames.ended:
                 return
             continue
@@ -56,18 +56,18 @@ def _stream(pipeline: LivePipeline, server: FoxgloveServer, stop: threading.Even
         try:
             server.show(shown)
         except FormatError:
-            # A colour image that was cut off on its way; the pipeline complains of it.
+            # The colour image is truncated; the pipeline warns about it.
             server.show(replace(shown, color_encoded=None))
 
 
-class _Told:
-    """What a stream's clients have been told: events by their numbers, complaints by their kinds."""
+class _SentTexts:
+    """Texts that the clients have received: events by number, warnings by kind."""
 
     def __init__(self) -> None:
         self._number, self._active = 0, set[str]()
 
     def news(self, pipeline: LivePipeline) -> list[str]:
-        """Events that are kept, then complaints that stand, as far as they are new since the last call."""
+        """Return events, then active warnings, that are new since the last call."""
         happened = [(number, event) for number, event in pipeline.rig.events.copy() if number > self._number]
         self._number = max((number for number, _ in happened), default=self._number)
         warnings = pipeline.warnings
@@ -77,8 +77,9 @@ class _Told:
 
 
 def shown_of(frame: LiveFrame, calibration: RigCalibration, texts: list[str]) -> Shown:
-    """A live frame as Foxglove gets it, stamped by the host's clock. texts: what happened since the last."""
-    recorded, stamp_ns = frame.synced.frame, frame.synced.host_ns
+    """Return a live frame for Foxglove, stamped by the host's clock. texts: new since the last frame."""
+    recorded, stamp_ns, pose = frame.synced.frame, frame.synced.host_ns, frame.body_pose
+    joints_mm = dict(zip(pose.names, (1000 * pose.joints_m).tolist(), strict=True)) if pose else None
     return Shown(
         stamp_ns,
         frame.cloud,
@@ -86,12 +87,6 @@ def shown_of(frame: LiveFrame, calibration: RigCalibration, texts: list[str]) ->
         calibration,
         recorded.color_encoded if calibration.color else None,
         recorded.thermal_c if calibration.thermal else None,
-        _joints_mm(frame.body_pose),
+        joints_mm,
         tuple((stamp_ns, text) for text in texts),
     )
-
-
-def _joints_mm(body_pose: BodyPose | None) -> dict[str, list[float]] | None:
-    if body_pose is None:
-        return None
-    return dict(zip(body_pose.names, (1000 * body_pose.joints_m).tolist(), strict=True))

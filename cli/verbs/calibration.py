@@ -99,10 +99,10 @@ def _check_rig(board: Path, rig: Path | None, device: list[str] | None, overwrit
     """Check that views of a rig can be recorded, if one is asked for, before anything is imported."""
     if rig is None and not device:
         return
-    from cli.rig_devices import asked_rig
+    from cli.rig_devices import rig_of
 
     check_free(board, overwrite)
-    asked_rig(rig, device)
+    rig_of(rig, device)
 
 
 def _plot(out: Path) -> Path:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from cli.console import Json, finish
 from cli.extras import COSTS
+from sensors.device.address import KINDS
 from sensors.errors import CloudError
-from sensors.recording.how_tested import KINDS
 
 if TYPE_CHECKING:
     from packaging.requirements import Requirement

@@ -1,4 +1,4 @@
-"""The verb ``live``: the rig in front of you, labelled as it runs."""
+"""The verb ``live``: a running rig or a played session, labelled as it runs."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -37,7 +37,7 @@ def live(
     json: Json = False,
 ) -> None:
     """Label a running rig live, or play a session; show parts, joints, and what is wrong with the rig."""
-    from cli.rig_devices import asked_rig, check_one_source, open_rig
+    from cli.rig_devices import check_one_source, open_rig, rig_of
     from sensors.recording.playback import Playback
 
     check_one_source(session=session, rig=rig, device=device)
@@ -47,7 +47,7 @@ def live(
         check_there(recording_at(session))
         opener_at(session)
     else:
-        asked_rig(rig, device)
+        rig_of(rig, device)
     if record is not None:
         check_free(record, overwrite)
     from annotate.suit.palette import load_suit
@@ -62,5 +62,5 @@ def live(
             return open_rig(rig, device)
         return Playback(open_source(session))
 
-    options = LiveOptions(palette, record, subject, seconds, overwrite, json)
-    watch(open_one, options, not no_window, port if serve else None)
+    served = port if serve else None
+    watch(open_one, LiveOptions(palette, record, subject, seconds, overwrite, json, not no_window, served))

@@ -16,17 +16,16 @@ from typer import Argument, Option
 from cli.console import LINE_SECONDS, Json, Overwrite, cell, finish, say, table
 from cli.event_lines import event_lines
 from cli.extras import check_window
+from sensors.device.address import KINDS
 from sensors.files.atomic import check_free
 from sensors.interrupt import Ending, ended_by_signals, interrupted_by_signals
-from sensors.recording.how_tested import KINDS
 
 if TYPE_CHECKING:
     from sensors.recording.live_rig import LiveRig
     from sensors.recording.stream_health import Health
     from sensors.session.repair import Repaired
 
-LOOK_S = 1.0
-"""Seconds between two checks of a recording's state (untuned)."""
+CHECK_S = 1.0  # s between two checks of a recording's state; untuned
 
 
 def record(
@@ -49,9 +48,9 @@ def record(
         raise typer.BadParameter("--preview records people, not the hole plate; leave --infrared out")
     if suit is not None and not preview:
         raise typer.BadParameter("needs --preview; a recording has no palette", param_hint="--suit")
-    from cli.rig_devices import asked_rig, open_rig
+    from cli.rig_devices import open_rig, rig_of
 
-    asked_rig(rig, device)
+    rig_of(rig, device)
     check_free(out, overwrite)
     palette = None
     if preview:
@@ -61,10 +60,10 @@ def record(
         check_window()
     with interrupted_by_signals(), closing(open_rig(rig, device)) as running, ended_by_signals() as ending:
         if preview:
-            from cli.live_view import LiveOptions, look_at
+            from cli.live_view import LiveOptions, show_window
 
             options = LiveOptions(palette, out, "", seconds, overwrite, json)
-            look_at(running, options, ending)
+            show_window(running, options, ending)
             return
         running.record(out, overwrite=overwrite, infrared=infrared)
         why = _run(running, time.monotonic() + (seconds or math.inf), ending)
@@ -72,26 +71,26 @@ def record(
 
 
 def _run(running: "LiveRig", end_s: float, ending: Ending) -> str:
-    """Record until the time is over, a signal comes, or the recording ends; return the reason."""
+    """Record until the time is over, a signal comes or the recording ends; return the reason."""
     from annotate.live.rig_warnings import rig_warnings
     from annotate.live.warning import ActiveWarnings
 
-    active, said = ActiveWarnings(), set[str]()
+    active, printed = ActiveWarnings(), set[str]()
     with _preview() as show:
         running.start()
-        looked_s = time.monotonic()
+        checked_s = time.monotonic()
         while not ending.asked and time.monotonic() < end_s and not running.frames.ended:
             time.sleep(0.02)
-            if time.monotonic() - looked_s < LOOK_S:
+            if time.monotonic() - checked_s < CHECK_S:
                 continue
-            looked_s, health = time.monotonic(), running.health()
+            checked_s, health = time.monotonic(), running.health()
             if health.recording is None:
                 break
-            warnings = active.update(rig_warnings(health), looked_s)
+            warnings = active.update(rig_warnings(health), checked_s)
             for warning in warnings:
-                if warning.kind not in said:
+                if warning.kind not in printed:
                     say(warning.text)
-            said = {warning.kind for warning in warnings}
+            printed = {warning.kind for warning in warnings}
             show(health)
     running.close()
     if running.error is not None:
@@ -132,7 +131,7 @@ def repair(
 
 
 def _repaired_text(done: "Repaired", source: Path) -> str:
-    """Return a sentence on kept and lost frames, and on the source."""
+    """Return a sentence about kept and lost frames and the source."""
     text = f"{done.path} is whole, with {_count(done.frames, 'frame')}"
     if not done.changed:
         return text + "; nothing to repair"

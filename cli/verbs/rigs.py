@@ -1,4 +1,4 @@
-"""The verb ``rig``: templates of rigs that people build."""
+"""The verb ``rig``: templates of common rigs."""
 
 import json as json_format
 from pathlib import Path
@@ -14,10 +14,11 @@ if TYPE_CHECKING:
     from sensors.recording.rig_templates import RigTemplate
 
 RIG, CALIBRATION, PLATE = "rig.toml", "calibration.json", "plate.svg"
+COLUMNS = ("plate, m", "depth +-mm at 2 m", "mm of a thermal pixel at 2 m", "thermal view, degrees")
 
 
 def names() -> list[str]:
-    """Names of the rigs."""
+    """Return the names of the rigs."""
     from sensors.recording.rig_templates import TEMPLATES
 
     return [*TEMPLATES]
@@ -61,12 +62,8 @@ def rig(
     )
 
 
-COLUMNS = ("plate, m", "depth +-mm at 2 m", "mm of a thermal pixel at 2 m", "thermal view, degrees")
-"""Headings of ``expectations``."""
-
-
 def expectations(rig: "RigTemplate") -> dict[str, Any]:
-    """What a rig can do: distances, errors, how wide and high the thermal camera sees."""
+    """Return distances, errors and the thermal camera's field of view of a rig, by ``COLUMNS``."""
     import numpy as np
 
     from sensors.rig.camera import rays
@@ -88,7 +85,7 @@ def expectations(rig: "RigTemplate") -> dict[str, Any]:
 
 
 def rig_file(rig: "RigTemplate") -> str:
-    """The rig file of a template; its comments are the way to the first labels."""
+    """Return the rig file of a template; its comments list the steps to the first labels."""
     import numpy as np
 
     from sensors.calibrate.hole_plate import HolePlate

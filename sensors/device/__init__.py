@@ -1,1 +1,1 @@
-"""What every device has in common: the protocol, addresses, nodes, time stamps."""
+"""Protocol of all devices, addresses, device nodes, time stamps."""

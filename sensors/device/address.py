@@ -1,7 +1,7 @@
 """Device addresses: ``[virtual:]KIND[:TARGET][?KEY=VALUE&...]``."""
 
 from collections.abc import Mapping
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 from urllib.parse import parse_qsl
 
 from sensors.errors import DeviceError
@@ -10,9 +10,9 @@ T = TypeVar("T")
 
 
 class Address:
-    """A parsed address, whose options are taken one by one; ``finish`` refuses those that were not.
+    """A parsed address with its options; ``finish`` refuses options that were not read.
 
-    Raises DeviceError for a malformed address.
+    Raises DeviceError.
     """
 
     def __init__(self, text: str) -> None:
@@ -29,19 +29,19 @@ class Address:
             raise DeviceError(f"device {text!r} gives an option twice; give each once")
 
     def choice(self, key: str, table: Mapping[str, T], default: str) -> T:
-        """The entry of ``table`` that option ``key`` names. Raises DeviceError."""
+        """Return the entry of ``table`` that option ``key`` names. Raises DeviceError."""
         name = self._take(key, default)
         if name not in table:
             raise DeviceError(f"{key} {name!r} of device {self.text!r} is unknown; use {', '.join(table)}")
         return table[name]
 
     def number(self, key: str, default: float, low: float, high: float) -> float:
-        """Option ``key`` as a number from ``low`` to ``high``. Raises DeviceError."""
+        """Return option ``key`` as a number from ``low`` to ``high``. Raises DeviceError."""
         value = self.given_number(key, low, high)
         return default if value is None else value
 
     def given_number(self, key: str, low: float, high: float) -> float | None:
-        """As ``number``, None where the option is not given."""
+        """Return the same as ``number``, or None if the option is not given."""
         text = self._take(key, "")
         if not text:
             return None
@@ -54,14 +54,14 @@ class Address:
         return value
 
     def given_integer(self, key: str, low: int, high: int) -> int | None:
-        """As ``given_number``, for whole numbers."""
+        """Return the same as ``given_number`` for integers."""
         value = self.given_number(key, low, high)
         if value is not None and value != int(value):
             raise DeviceError(f"{key} {value:g} of {self.text!r} is not an integer; give {low} to {high}")
         return None if value is None else int(value)
 
     def finish(self) -> None:
-        """Raise DeviceError for an option that was not taken."""
+        """Raise DeviceError for an option that was not read."""
         if unknown := sorted(set(self._options) - self._known):
             known = ", ".join(sorted(self._known)) or "none"
             raise DeviceError(f"device {self.text!r} has unknown option {unknown[0]!r}; its options: {known}")
@@ -69,3 +69,24 @@ class Address:
     def _take(self, key: str, default: str) -> str:
         self._known.add(key)
         return self._options.get(key, default)
+
+
+class Kind(NamedTuple):
+    """needs: an extra, a library, or nothing. tested: what replaced the hardware in the tests."""
+
+    needs: str
+    tested: str
+
+
+KINDS = {
+    "kinect2": Kind("libfreenect2", "a library with its interface"),
+    "realsense": Kind("extra `realsense`", "the maker's SDK on its software device, and its recordings"),
+    "azure": Kind("extra `kinect` (x86-64)", "the maker's SDK playing a real recording"),
+    "orbbec": Kind("extra `orbbec`", "the maker's SDK playing a recording made by the tests"),
+    "optris": Kind("nothing", "an imitated kernel"),
+    "optris-direct": Kind("the vendor's libirimager", "a library with its interface"),
+    "lepton": Kind("nothing", "frames built from the datasheet"),
+    "boson": Kind("nothing", "an imitated kernel"),
+    "y16": Kind("nothing", "an imitated kernel"),
+    "pyrometer": Kind("nothing", "a pseudo-terminal"),
+}  # as in the table of docs/devices.md; no driver has been run on hardware

@@ -1,7 +1,7 @@
-"""Mounting of a camera (on its side, upside down, mirrored); its images are turned upright.
+"""Mounting of a camera (on its side, upside down, mirrored), and the device that turns images upright.
 
-Depth and thermal images are turned; a colour image stays as the camera encodes it, and the pose of the colour
-camera has the turn instead. A mirrored colour image is a new JPEG (``sensors.files.jpeg``).
+Depth and thermal images are turned. A colour image keeps its orientation, and the pose of the colour camera
+includes the turn instead. A mirrored colour image becomes a new JPEG (``sensors.files.jpeg``).
 """
 
 from collections.abc import Mapping
@@ -21,8 +21,8 @@ from sensors.files.jpeg import mirrored_jpeg
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.rig.turn import Turn
 
-TURNS = {"0": 0, "90": 1, "180": 2, "270": 3}
-"""Quarter turns by the value of the option ``turn``, degrees clockwise."""
+TURNS = {"0": 0, "90": 1, "180": 2, "270": 3}  # quarter turns by degrees clockwise
+NO_YES = {"no": False, "yes": True}
 
 
 @dataclass(frozen=True)
@@ -30,50 +30,43 @@ class Mounting(Turn):
     """Turn of a device's images."""
 
     def value(self, value: Value) -> Value:
-        """A reading, upright."""
-        if isinstance(value, DepthImage):
-            infrared = None if value.infrared is None else self.image(value.infrared)
-            return DepthImage(self.image(value.depth_mm), infrared)
-        if isinstance(value, ThermalImage):
-            return replace(value, celsius=self.image(value.celsius))
-        if isinstance(value, ThermalCounts):
-            return replace(value, counts=self.image(value.counts))
-        if isinstance(value, ColorImage) and self.mirror:
-            return ColorImage(mirrored_jpeg(value.encoded))
+        """Return a reading turned upright."""
+        match value:
+            case DepthImage(depth_mm, infrared):
+                return DepthImage(self.image(depth_mm), None if infrared is None else self.image(infrared))
+            case ThermalImage(celsius):
+                return replace(value, celsius=self.image(celsius))
+            case ThermalCounts(counts):
+                return replace(value, counts=self.image(counts))
+            case ColorImage(encoded) if self.mirror:
+                return ColorImage(mirrored_jpeg(encoded))
         return value
 
 
 class Mounted:
-    """A device that is mounted so; else the very device. address: with the options of its mounting."""
+    """Device whose readings and calibration are turned upright. address: includes the mounting's options."""
 
     def __init__(self, address: str, device: Device, mounting: Mounting) -> None:
         self.address, self.device, self.mounting = address, device, mounting
-        self.start, self.close = device.start, device.close
-
-    @property
-    def serial(self) -> str:
-        """The device's."""
-        return self.device.serial
+        self.serial, self.start, self.close = device.serial, device.start, device.close
 
     @property
     def rates_hz(self) -> Mapping[str, float]:
-        """The device's."""
+        """Rates of the device."""
         return self.device.rates_hz
 
     @property
     def calibration(self) -> RigCalibration | None:
-        """The factory's, for upright images."""
+        """Factory calibration for upright images."""
         factory = self.device.calibration
         return None if factory is None else self.mounting.calibration(factory)
 
     def read(self, timeout_s: float) -> DeviceReading | None:
-        """The device's next reading, upright."""
+        """Return the device's next reading, upright."""
         reading = self.device.read(timeout_s)
         return None if reading is None else replace(reading, value=self.mounting.value(reading.value))
 
 
 def mounting_of(address: Address) -> Mounting:
-    """By the options ``turn`` and ``mirror`` of an address. Raises DeviceError."""
-    return Mounting(
-        address.choice("turn", TURNS, "0"), address.choice("mirror", {"no": False, "yes": True}, "no")
-    )
+    """Return the mounting by the options ``turn`` and ``mirror``. Raises DeviceError."""
+    return Mounting(address.choice("turn", TURNS, "0"), address.choice("mirror", NO_YES, "no"))

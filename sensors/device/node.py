@@ -1,4 +1,4 @@
-"""Device nodes of the system: which there are, and why one cannot be opened, in one line with the remedy."""
+"""Device nodes of the system, and the errors on opening one."""
 
 import errno
 import grp
@@ -11,9 +11,9 @@ SYSFS, VIDEO = Path("/sys/bus/usb/devices"), Path("/sys/class/video4linux")
 
 
 def check_usb(ids: tuple[str, ...], sysfs: Path = SYSFS) -> None:
-    """Raise DeviceAccessError where a USB device is plugged in but may not be opened.
+    """Raise DeviceAccessError if a USB device is plugged in but the user may not open it.
 
-    ids: its possible ``vendor:product``, hexadecimal in lower case. libusb opens a node under /dev/bus/usb.
+    ids: ``vendor:product`` in lower-case hexadecimal. libusb opens a node under /dev/bus/usb.
     """
     for entry in sorted(sysfs.glob("*")):
         if _usb_id(entry) in ids:
@@ -22,10 +22,10 @@ def check_usb(ids: tuple[str, ...], sysfs: Path = SYSFS) -> None:
 
 
 def video_nodes(usb_id: str, sysfs: Path = VIDEO) -> list[tuple[Path, str]]:
-    """Nodes that stream images of USB cameras with this id, and the cameras' serial numbers."""
+    """Return the image nodes and serial numbers of the USB cameras with this id."""
     found = []
     for entry in sorted(sysfs.glob("video*")):
-        # "device" is the USB interface, the camera itself is above it; index 0 are images, 1 is metadata.
+        # "device" is the USB interface below the camera; index 0 has images, 1 metadata.
         camera = (entry / "device").resolve().parent
         if _usb_id(camera) == usb_id and _text(entry / "index") in ("", "0"):
             found.append((Path("/dev") / entry.name, _text(camera / "serial")))
@@ -33,7 +33,7 @@ def video_nodes(usb_id: str, sysfs: Path = VIDEO) -> list[tuple[Path, str]]:
 
 
 def check_node(path: Path) -> None:
-    """Raise what keeps this user from reading and writing the device node ``path``, if anything does."""
+    """Raise DeviceError if this user cannot read and write the device node."""
     try:
         os.close(os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC))
     except OSError as error:
@@ -41,7 +41,7 @@ def check_node(path: Path) -> None:
 
 
 def node_error(path: Path, code: int | None) -> DeviceError:
-    """The error of a device node, with the remedy, for the system's ``errno``."""
+    """Return the error, with its remedy, for the system's ``errno`` on a device node."""
     if code in (errno.EACCES, errno.EPERM):
         group = _group(path)
         if group == "root":
@@ -59,7 +59,7 @@ def node_error(path: Path, code: int | None) -> DeviceError:
 
 
 def _group(path: Path) -> str:
-    """The group that owns the node; by name if it has one, else the group that Debian gives its kind."""
+    """Return the owner group of a node, or the group that Debian gives this kind of node."""
     try:
         return grp.getgrgid(path.stat().st_gid).gr_name
     except (OSError, KeyError):

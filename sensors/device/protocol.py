@@ -1,8 +1,7 @@
-"""The protocol of every device, real or virtual: what it is, what it reads, and when.
+"""Protocol of every device, real or virtual.
 
-A device is opened by its constructor (or by address: ``sensors.recording.open_device``), started
-once, read in a loop, and closed. Times: ``stamp_ns`` is the device's own clock, ``arrival_ns`` the host's
-monotonic clock.
+A device is opened by its constructor or by address (``sensors.recording.open_device``), started once, read in
+a loop, and closed. ``stamp_ns`` is on the device's clock, ``arrival_ns`` on the host's monotonic clock.
 """
 
 from collections.abc import Mapping
@@ -29,9 +28,9 @@ class Flag(Enum):
 
 @dataclass(frozen=True)
 class DepthImage:
-    """depth_mm: uint16 (h, w) millimetres along z, 0 = no reading, lens distortion still in.
+    """Depth uint16 (h, w) in millimetres along z, distorted, 0 = no reading.
 
-    infrared: uint16 (h, w) amplitude of the same exposure, where the device gives it.
+    Infrared amplitude uint16 (h, w).
     """
 
     stream: ClassVar[str] = "depth"
@@ -41,7 +40,7 @@ class DepthImage:
 
 @dataclass(frozen=True)
 class ColorImage:
-    """encoded: the camera's own JPEG bytes."""
+    """Colour image as the camera's own JPEG bytes."""
 
     stream: ClassVar[str] = "color"
     encoded: bytes = field(repr=False)
@@ -49,7 +48,7 @@ class ColorImage:
 
 @dataclass(frozen=True)
 class ThermalImage:
-    """celsius: float32 (h, w), NaN = no reading. Only with the flag OPEN do the values mean anything."""
+    """Temperatures float32 (h, w) in Celsius, NaN = no reading; valid only while the flag is OPEN."""
 
     stream: ClassVar[str] = "thermal"
     celsius: NDArray[np.float32]
@@ -58,10 +57,9 @@ class ThermalImage:
 
 @dataclass(frozen=True)
 class ThermalCounts:
-    """Raw detector counts, which are no temperature without the vendor's radiometric calibration.
+    """Raw detector counts uint16 (h, w), not temperatures; metadata: uint16 (n,) words sent with the image.
 
-    counts: uint16 (h, w). metadata: uint16 (n,), words that come with the image, an Optris' undocumented.
-    flag: as the camera gives it, or as it was recognised in the image (see ``FlagWatch``).
+    flag: reported by the camera, or detected in the image (``FlagWatch``).
     """
 
     stream: ClassVar[str] = "thermal"
@@ -72,7 +70,7 @@ class ThermalCounts:
 
 @dataclass(frozen=True)
 class Spot:
-    """Reading of a pyrometer: target, head and (CT) box temperature in Celsius; NaN = not measured."""
+    """Temperatures of a pyrometer's target, head and (CT) box in Celsius; NaN = not measured."""
 
     stream: ClassVar[str] = "pyrometer"
     target_c: float
@@ -87,9 +85,9 @@ Value = DepthImage | ColorImage | ThermalImage | ThermalCounts | Spot
 class DeviceReading:
     """One value of one stream of a device.
 
-    stamp_ns: the device's clock, wrap-around undone, increasing within a stream; its zero is arbitrary,
-    and devices without a clock of their own give the arrival. arrival_ns: host, ``time.monotonic_ns``.
-    dropped: values of this stream that the device made, but that were lost since the reading before.
+    stamp_ns: device clock, unwrapped, rising within a stream, with an arbitrary zero; the arrival for a
+    device without a clock. arrival_ns: ``time.monotonic_ns``. dropped: values lost since the previous
+    reading.
     """
 
     stamp_ns: int
@@ -99,57 +97,47 @@ class DeviceReading:
 
     @property
     def stream(self) -> str:
-        """Stream of the device that this belongs to: depth, color, thermal or pyrometer."""
+        """Name of the stream: depth, color, thermal or pyrometer."""
         return self.value.stream
 
 
 class Device(Protocol):
-    """An open device. Every method may raise a DeviceError, whose one line has the remedy.
+    """An open device. Every method may raise DeviceError.
 
-    ``read`` belongs to one thread; ``close`` may be called from another, and ends a ``read`` under way
-    (which then raises DeviceLostError).
+    address: opens this device again. serial: "" if unknown. rates_hz: nominal rate of each stream, final
+    after ``start``. calibration: the factory's, of a started depth camera. One thread reads; any may close,
+    which ends a ``read`` under way with DeviceLostError.
     """
 
     @property
-    def address(self) -> str:
-        """The address that opens this very device: ``kinect2:SERIAL``, ``optris:/dev/video0``, ..."""
-        ...
-
+    def address(self) -> str: ...
     @property
-    def serial(self) -> str:
-        """Serial number as printed on the device; empty where it cannot be read."""
-        ...
-
+    def serial(self) -> str: ...
     @property
-    def rates_hz(self) -> Mapping[str, float]:
-        """Nominal rate of every stream of a device that has started."""
-        ...
-
+    def rates_hz(self) -> Mapping[str, float]: ...
     @property
-    def calibration(self) -> RigCalibration | None:
-        """The factory's, of a depth camera that has started; else None."""
-        ...
+    def calibration(self) -> RigCalibration | None: ...
 
     def start(self) -> None:
-        """Begin to stream; once. Raises DeviceError."""
+        """Begin to stream; called once."""
         ...
 
     def read(self, timeout_s: float) -> DeviceReading | None:
-        """The next value of any stream, or None when there was none for ``timeout_s`` seconds.
+        """Return the next value of any stream, or None after ``timeout_s`` seconds.
 
-        Raises DeviceLostError when the device was unplugged or closed, DeviceFaultError when it sent
-        something its protocol does not allow (reading on is allowed).
+        Raises DeviceLostError after unplugging or closing, DeviceFaultError for a violation of the device's
+        protocol; reading may go on after a DeviceFaultError.
         """
         ...
 
     def close(self) -> None:
-        """Give the device back; further calls do nothing."""
+        """Release the device; idempotent."""
         ...
 
 
 @dataclass(frozen=True)
 class Found:
-    """A device that could be opened. note: what to do first, where it cannot be opened as it is."""
+    """A device that is present. note: step that is needed before the device can be opened."""
 
     address: str
     kind: str

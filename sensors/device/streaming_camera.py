@@ -1,4 +1,4 @@
-"""A camera that streams images over a library of its vendor's or the system's."""
+"""Base class of cameras that stream images. Constants are untuned unless a source is given."""
 
 import time
 from abc import ABC, abstractmethod
@@ -10,19 +10,16 @@ from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, Therm
 from sensors.errors import DeviceError, DeviceLostError, DeviceNotFoundError
 from sensors.rig.rig_calibration import RigCalibration
 
-SLICE_S = 0.1
-"""Seconds a wait lasts at most before another thread may close the device. Chosen by eye."""
-RESET_NS = 1_000_000_000
-"""Nanoseconds by which an image that is only late is at most older than the one before. Chosen by eye."""
-DEPTH_RATE_HZ = 30.0
-"""Images a second of either stream of a depth camera, in the mode that the drivers set."""
+SLICE_S = 0.1  # s; longest wait before another thread may close the device
+RESET_NS = 1_000_000_000  # ns by which a stamp must fall to mean that the clock was reset
+DEPTH_RATE_HZ = 30.0  # of either stream of a depth camera, in the mode that the drivers set
 DEPTH_CAMERA_RATES_HZ = {DepthImage.stream: DEPTH_RATE_HZ, ColorImage.stream: DEPTH_RATE_HZ}
 
 
 class StreamingCamera(ABC):
-    """A ``Device``; each driver has the calls of one library, whose camera it has opened.
+    """A ``Device``; each driver makes the calls of one library.
 
-    silence_s: seconds without any image after which it counts as unplugged or crashed. Chosen by eye.
+    silence_s: seconds without any image after which the device counts as lost.
     """
 
     silence_s = 2.0
@@ -36,7 +33,7 @@ class StreamingCamera(ABC):
 
     @abstractmethod
     def _begin(self) -> RigCalibration | None:
-        """Begin to stream; the factory's calibration of a depth camera."""
+        """Begin to stream, and return the factory's calibration of a depth camera."""
 
     @abstractmethod
     def _receive(self, timeout_s: float) -> None:
@@ -44,7 +41,7 @@ class StreamingCamera(ABC):
 
     @abstractmethod
     def _end(self) -> None:
-        """Stop and give the device back."""
+        """Stop and release the device."""
 
     def start(self) -> None:
         """Begin all streams."""
@@ -52,7 +49,7 @@ class StreamingCamera(ABC):
         self._last_image_s = time.monotonic()
 
     def read(self, timeout_s: float) -> DeviceReading | None:
-        """Next image; see ``Device.read``."""
+        """Return the next image; see ``Device.read``."""
         end_s = time.monotonic() + timeout_s
         while not self._ready:
             left_s = end_s - time.monotonic()
@@ -69,9 +66,9 @@ class StreamingCamera(ABC):
         return self._ready.popleft()
 
     def close(self) -> None:
-        """Give the device back; idempotent, from any thread."""
+        """Release the device; idempotent, from any thread."""
         if not self._closed.is_set():
-            # Before the lock, which the reading thread takes again and again.
+            # Set before the lock, which the reading thread takes again and again.
             self._closed.set()
             with self._lock:
                 self._end()
@@ -83,10 +80,10 @@ class StreamingCamera(ABC):
         lost: int | None = None,
         arrival_ns: int | None = None,
     ) -> None:
-        """Make an image ready; none that comes late. Raises DeviceLostError where the clock was reset.
+        """Make an image ready, unless it is late. Raises DeviceLostError if the clock was reset.
 
-        lost: how many of its stream were lost since the one before; None where the library does not count, so
-        that gaps between stamps count. arrival_ns: None for now.
+        lost: images of the stream lost before this one; None counts gaps between stamps. arrival_ns: None =
+        now.
         """
         self._last_image_s = time.monotonic()
         before_ns = self._before_ns.get(value.stream)
@@ -104,9 +101,9 @@ class StreamingCamera(ABC):
 
 
 def choose(kind: str, serials: list[str], wanted: str) -> str:
-    """The serial number to open: ``wanted``, or where that is empty the only one there is.
+    """Return the serial number to open: ``wanted``, or the only one if that is empty.
 
-    Raises DeviceNotFoundError where it is not there, DeviceError where several would do.
+    Raises DeviceNotFoundError if it is absent, DeviceError if several devices match.
     """
     listed = ", ".join(sorted(set(serials)))
     if not serials:

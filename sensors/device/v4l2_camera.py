@@ -1,7 +1,8 @@
-"""A camera of 16-bit words through OpenCV's V4L2 backend, with its conversions off."""
+"""Base class of cameras of 16-bit words through OpenCV's V4L2 backend, with its conversions off."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -15,36 +16,43 @@ from sensors.device.protocol import ThermalImage
 from sensors.device.streaming_camera import StreamingCamera
 from sensors.errors import DeviceBusyError, DeviceError, DeviceFaultError, DeviceLostError
 
-BUFFERS = 10
-"""Frames the kernel keeps; OpenCV allows no more. 78 ms at 128 Hz."""
-CaptureKind = Any
-"""The class ``cv2.VideoCapture``, or what a fake kernel has in its place."""
+BUFFERS = 10  # frames kept by the kernel; OpenCV's maximum
+CaptureKind = Any  # the class ``cv2.VideoCapture``, or a fake kernel
+
+
+@dataclass(frozen=True)
+class V4l2Node:
+    """A device node. serial: of its camera, "" if unknown. kind: class that captures."""
+
+    path: Path
+    serial: str = ""
+    kind: CaptureKind = cv2.VideoCapture
 
 
 class V4l2Camera(StreamingCamera):
-    """A thermal camera at a node. rate_hz: thermal images a second.
+    """A thermal camera at a node, with ``rate_hz`` images a second.
 
-    OpenCV gives no running number of a frame. Raises DeviceError for a node that does not open.
+    Raises DeviceError if it does not open.
     """
 
-    silence_s = inf  # an unplugged camera has no node
+    silence_s = inf  # the node of an unplugged camera vanishes
 
-    def __init__(self, address: str, node: Path, serial: str, rate_hz: float, kind: CaptureKind) -> None:
-        check_node(node)
-        super().__init__(address, serial, {ThermalImage.stream: rate_hz})
-        self._node, self._kind, self._size = node, kind, (0, 0)
-        self._capture = kind(str(node), cv2.CAP_V4L2)
+    def __init__(self, address: str, node: V4l2Node, rate_hz: float) -> None:
+        check_node(node.path)
+        super().__init__(address, node.serial, {ThermalImage.stream: rate_hz})
+        self._node, self._kind, self._size = node.path, node.kind, (0, 0)
+        self._capture = node.kind(str(node.path), cv2.CAP_V4L2)
         if not self._capture.isOpened():
-            raise DeviceBusyError(f"{node} does not stream; close the program that uses it")
+            raise DeviceBusyError(f"{node.path} does not stream; close the program that uses it")
 
     @abstractmethod
     def _take_frame(self) -> None:
-        """Take the images of the frame at hand. Raises DeviceError."""
+        """Take the images of the grabbed frame. Raises DeviceError."""
 
     def _configure(self, fourcc: str, sizes: Sequence[tuple[int, int]], fps: float, remedy: str) -> None:
-        """Set the format, and the first of the sizes (width, height) in words that the camera has.
+        """Set the format and the first size (width, height), in words, that the camera has.
 
-        Raises DeviceError with the remedy for a camera that has none.
+        Raises DeviceError with the remedy for a camera that has none of the sizes.
         """
         self._capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*fourcc))
         self._capture.set(cv2.CAP_PROP_CONVERT_RGB, 0)
@@ -63,14 +71,14 @@ class V4l2Camera(StreamingCamera):
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, BUFFERS)
 
     def _begin(self) -> None:
-        """Nothing: OpenCV streams from opening on."""
+        """Do nothing: OpenCV streams from opening on."""
 
     def _end(self) -> None:
         self._capture.release()
 
     def _receive(self, timeout_s: float) -> None:
         try:
-            # 0 would mean for ever.
+            # A timeout of 0 would never end.
             ready, _ = self._kind.waitAny([self._capture], max(1, int(timeout_s * 1e9)))
         except cv2.error as error:
             raise self._lost() from error
@@ -80,11 +88,11 @@ class V4l2Camera(StreamingCamera):
             raise self._lost()
 
     def _stamp_ns(self) -> int:
-        """When the kernel got the frame at hand, by its own clock."""
+        """Return the kernel's time of the grabbed frame."""
         return round(1e6 * float(self._capture.get(cv2.CAP_PROP_POS_MSEC)))
 
     def _words(self) -> NDArray[np.uint16]:
-        """uint16 (height, width): the frame at hand. Raises DeviceFaultError for a short one."""
+        """Return the grabbed frame, uint16 (height, width). Raises DeviceFaultError for a short one."""
         good, image = self._capture.retrieve()
         count = image.nbytes if good and image is not None else 0
         width, height = self._size

@@ -10,14 +10,12 @@ from sensors.errors import DeviceBusyError, DeviceError, DeviceLostError, Device
 from sensors.importers.azure_calibration import calibration_from_factory
 from sensors.rig.rig_calibration import RigCalibration
 
-DEPTH_SIZE, COLOR_SIZE = (640, 576), (1920, 1080)
-"""Narrow field of view, unbinned; 1080p as the device's own JPEG."""
+DEPTH_SIZE, COLOR_SIZE = (640, 576), (1920, 1080)  # narrow view, unbinned; 1080p as the device's own JPEG
 CLOSED = "close the program that uses it, or add its udev rule"
-"""Remedies for a device that is plugged in but does not open."""
 
 
 class Streaming(Protocol):
-    """What streams captures: an open ``Camera``, or a recording in its place. Methods raise DeviceError."""
+    """Source of captures: an open ``Camera`` or a recording. Methods raise DeviceError."""
 
     @property
     def serial(self) -> str: ...
@@ -28,9 +26,9 @@ class Streaming(Protocol):
 
 
 class AzureKinect(StreamingCamera):
-    """One Azure Kinect. serial: which, or empty for the only one. Raises DeviceError.
+    """The Azure Kinect with this serial number, or the only one. Raises DeviceError.
 
-    camera: what streams in place of that; color_size: of its colour images.
+    camera: source in its place; color_size: of its colour images.
     """
 
     def __init__(
@@ -80,18 +78,15 @@ def _opened(serial: str) -> Camera:
 
 
 def azure_devices() -> list[tuple[int, str]]:
-    """Index and serial number of the devices that are plugged in; none where there is no SDK.
+    """Return index and serial number of the connected devices; empty without the SDK.
 
-    Each device is opened for a moment, as its number cannot be read otherwise. The number is empty where the
-    device does not open: another program uses it, or its udev rule is missing.
+    Each device is opened briefly to read its number, which is "" if the device does not open.
     """
     found = []
     with suppress(DeviceNotFoundError):
         for index in range(load_k4a().k4a_device_get_installed_count()):
             serial = ""
-            with suppress(DeviceError):
-                camera = Camera(index)
-                with closing(camera):
-                    serial = camera.serial
+            with suppress(DeviceError), closing(Camera(index)) as camera:
+                serial = camera.serial
             found.append((index, serial))
     return found

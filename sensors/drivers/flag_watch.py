@@ -1,23 +1,19 @@
-"""A thermal camera's closed flag, recognised in the images if the camera does not report its state."""
+"""Detection of a thermal camera's closed flag in its images. Constants are untuned."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.device.protocol import Flag
 
-FLAT_SHARE = 0.4
-"""A closed flag leaves at most this share of the scene's usual spread of counts. Chosen by eye."""
-FORGET = 0.02
-"""Weight of the newest image in the usual spread, 0 to 1. Chosen by eye."""
-LONGEST_S = 1.5
-"""Seconds: a flag cycle takes half a second; what stays flat longer is the scene itself. Chosen by eye."""
+FLAT_SHARE = 0.4  # of the scene's usual spread of counts, below which the flag is closed
+FORGET = 0.02  # weight of the latest image in the usual spread, 0 to 1
+LONGEST_S = 1.5  # s; a flag cycle takes 0.5 s, so a longer flat image is the scene itself
 
 
 class FlagWatch:
-    """Recognises the closed flag in the counts of ``rate_hz`` images a second; no metadata word shows it.
+    """Detects a closed flag: an image that repeats the one before bit for bit, or is far flatter than usual.
 
-    The flag is taken for closed while an image repeats the one before to the last bit (the camera freezes
-    its output; a live detector is never so quiet), or while it is far flatter than the scene usually is.
+    A closed flag freezes the output. The noise of a live detector changes every image.
     """
 
     def __init__(self, rate_hz: float) -> None:
@@ -26,8 +22,8 @@ class FlagWatch:
         self._before: NDArray[np.uint16] | None = None
         self._flat = 0
 
-    def see(self, counts: NDArray[np.uint16]) -> Flag:
-        """State of the flag in the next image, uint16 (h, w)."""
+    def flag(self, counts: NDArray[np.uint16]) -> Flag:
+        """Return the state of the flag in the next image, uint16 (h, w)."""
         frozen = self._before is not None and np.array_equal(counts, self._before)
         self._before = counts
         spread = float(np.std(counts[::2, ::2]))

@@ -1,7 +1,7 @@
-"""Microsoft's Azure Kinect SDK (libk4a 1.4) by its C interface: from the wheel pyk4a-bundle, or installed.
+"""Microsoft's Azure Kinect SDK (libk4a 1.4) by its C interface, from the wheel pyk4a-bundle or the system.
 
-The wheel's own Python module is not used: below glibc 2.38 pip has only one that NumPy 2 cannot load. Source
-of functions, structures and numbers: k4a.h and k4atypes.h (MIT).
+The wheel's own Python module is not used, because NumPy 2 cannot load it below glibc 2.38. Source of
+functions, structures and numbers: k4a.h and k4atypes.h (MIT).
 """
 
 import os
@@ -33,12 +33,11 @@ from numpy.typing import NDArray
 from sensors.errors import DeviceError, DeviceNotFoundError
 
 COLOR_MJPG, COLOR_1080P, NARROW_UNBINNED, FPS_30 = 0, 2, 2, 2
-SUCCEEDED, FAILED = 0, 1
-"""Answers of the library; its third means a buffer too small, or no capture in time."""
+SUCCEEDED, FAILED = 0, 1  # results of the library; its third means a small buffer or a timeout
 
 
 class Configuration(Structure):
-    """``k4a_device_configuration_t``: images as soon as they come, cameras by themselves."""
+    """``k4a_device_configuration_t``: unsynchronised images of a single device."""
 
     _fields_ = (
         ("color_format", c_int),
@@ -54,7 +53,7 @@ class Configuration(Structure):
 
 
 class StampedDepth(NamedTuple):
-    """Depth and infrared uint16 (h, w), millimetres and amplitude; stamp_us: microseconds."""
+    """Depth and infrared uint16 (h, w), in millimetres and amplitude, with their stamp in microseconds."""
 
     depth_mm: NDArray[np.uint16]
     infrared: NDArray[np.uint16] | None
@@ -62,7 +61,7 @@ class StampedDepth(NamedTuple):
 
 
 class Capture(NamedTuple):
-    """Images of one capture. color: JPEG bytes and their stamp in microseconds."""
+    """Images of one capture. color: JPEG bytes and stamp in microseconds."""
 
     depth: StampedDepth | None
     color: tuple[bytes, int] | None
@@ -74,19 +73,18 @@ _RESULTS: dict[str, Any] = {
     "k4a_image_get_size": c_size_t,
     "k4a_image_get_device_timestamp_usec": c_uint64,
     **{f"k4a_capture_get_{kind}_image": c_void_p for kind in ("depth", "ir", "color")},
-}
-"""Of functions that return something else than an int."""
+}  # functions that do not return an int
 
 
 @cache
 def load_k4a() -> CDLL:
-    """The library. Raises DeviceNotFoundError where there is none."""
+    """Return the library. Raises DeviceNotFoundError."""
     path = _bundled("libk4a-*") or find_library("k4a")
     if path is None:
         raise DeviceNotFoundError(
             "the Azure Kinect SDK is not installed; pip install 'annotate-cloud[kinect]'"
         )
-    # It prints to stdout where nobody is connected, which is no error here.
+    # Without this the library prints to stdout when no device is connected.
     os.environ.setdefault("K4A_ENABLE_LOG_TO_STDOUT", "0")
     try:
         library = CDLL(str(path))
@@ -100,7 +98,7 @@ def load_k4a() -> CDLL:
 
 
 def _bundled(pattern: str) -> Path | None:
-    """A library inside the wheel, which keeps them beside its package."""
+    """Return the path of a library inside the wheel, beside its package."""
     spec = find_spec("pyk4a")
     if spec is None or spec.origin is None:
         return None
@@ -113,39 +111,39 @@ class Camera:
     def __init__(self, index: int) -> None:
         self._k4a, self._handle = load_k4a(), c_void_p()
         if self._k4a.k4a_device_open(c_uint32(index), byref(self._handle)):
-            raise DeviceError("it cannot be opened")
+            raise DeviceError("the device cannot be opened")
 
     @property
     def serial(self) -> str:
-        """Its serial number."""
+        """Serial number."""
         return _text(lambda *buffer: self._k4a.k4a_device_get_serialnum(self._handle, *buffer)).decode()
 
     def start(self) -> None:
-        """Begin to stream: depth in its narrow view, 1080p as JPEG, 30 images a second."""
+        """Begin to stream narrow depth and 1080p JPEG at 30 images a second."""
         wanted = Configuration(COLOR_MJPG, COLOR_1080P, NARROW_UNBINNED, FPS_30)
         if self._k4a.k4a_device_start_cameras(self._handle, byref(wanted)):
-            raise DeviceError("it does not start")
+            raise DeviceError("the device does not start")
 
     def factory_calibration(self) -> bytes:
-        """The factory's JSON."""
+        """Return the factory's JSON."""
         return _text(lambda *buffer: self._k4a.k4a_device_get_raw_calibration(self._handle, *buffer))
 
     def capture(self, timeout_ms: int) -> Capture | None:
-        """The next capture, or None when there is none in time."""
+        """Return the next capture, or None after the timeout."""
         capture = c_void_p()
-        answer = self._k4a.k4a_device_get_capture(self._handle, byref(capture), c_int32(timeout_ms))
-        if answer == FAILED:
-            raise DeviceError("it is gone")
-        return read_capture(self._k4a, capture) if answer == SUCCEEDED else None
+        result = self._k4a.k4a_device_get_capture(self._handle, byref(capture), c_int32(timeout_ms))
+        if result == FAILED:
+            raise DeviceError("the device is gone")
+        return read_capture(self._k4a, capture) if result == SUCCEEDED else None
 
     def close(self) -> None:
-        """Stop, and give the device back."""
+        """Stop and release the device."""
         self._k4a.k4a_device_stop_cameras(self._handle)
         self._k4a.k4a_device_close(self._handle)
 
 
 class Playback:
-    """A recording (.mkv), played by the SDK as ``Camera`` streams. Raises DeviceError."""
+    """A recording (.mkv) that the SDK plays, with the interface of ``Camera``. Raises DeviceError."""
 
     serial = "recording"
 
@@ -156,14 +154,14 @@ class Playback:
             raise DeviceError(f"{path} cannot be played")
 
     def start(self) -> None:
-        """It plays at once."""
+        """Do nothing: the recording plays from opening on."""
 
     def factory_calibration(self) -> bytes:
-        """The camera's, from the recording."""
+        """Return the factory's JSON from the recording."""
         return _text(lambda *buffer: self._record.k4a_playback_get_raw_calibration(self._handle, *buffer))
 
     def capture(self, timeout_ms: int) -> Capture | None:
-        """The next capture, or None at the end."""
+        """Return the next capture, or None at the end."""
         capture = c_void_p()
         done = self._record.k4a_playback_get_next_capture(self._handle, byref(capture))
         return read_capture(self._k4a, capture) if done == SUCCEEDED else None
@@ -174,7 +172,7 @@ class Playback:
 
 
 def read_capture(k4a: CDLL, capture: c_void_p) -> Capture:
-    """A capture's images, copied; the capture is released."""
+    """Return copies of a capture's images, and release the capture."""
     images = {kind: _image(k4a, capture, kind) for kind in ("depth", "ir", "color")}
     k4a.k4a_capture_release(capture)
     depth, infrared, color = images["depth"], images["ir"], images["color"]
@@ -186,7 +184,7 @@ def read_capture(k4a: CDLL, capture: c_void_p) -> Capture:
 
 
 def _image(k4a: CDLL, capture: c_void_p, kind: str) -> tuple[bytes, int, int, int] | None:
-    """Bytes, stamp in microseconds, height and width of one image of a capture."""
+    """Return bytes, stamp in microseconds, height and width of one image of a capture."""
     handle = getattr(k4a, f"k4a_capture_get_{kind}_image")(capture)
     if not handle:
         return None
@@ -202,12 +200,12 @@ def _grey(image: tuple[bytes, int, int, int]) -> NDArray[np.uint16]:
     return np.frombuffer(image[0], "<u2").reshape(image[2:]).astype(np.uint16)
 
 
-def _text(ask: Callable[..., int]) -> bytes:
-    """A text from a function that states its size first. Raises DeviceError."""
+def _text(call: Callable[..., int]) -> bytes:
+    """Return the text of a function that reports the size first. Raises DeviceError."""
     size = c_size_t(0)
-    if ask(None, byref(size)) == FAILED:
-        raise DeviceError("it does not answer")
+    if call(None, byref(size)) == FAILED:
+        raise DeviceError("the device does not answer")
     buffer = create_string_buffer(size.value)
-    if ask(buffer, byref(size)) != SUCCEEDED:
-        raise DeviceError("it does not answer")
+    if call(buffer, byref(size)) != SUCCEEDED:
+        raise DeviceError("the device does not answer")
     return buffer.raw[: size.value].rstrip(b"\0")

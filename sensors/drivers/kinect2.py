@@ -1,9 +1,7 @@
 """Kinect v2 through libfreenect2 (0.2): depth with its infrared image, colour as the device's own JPEG.
 
-libfreenect2 delivers mirror images of all three, and the firmware's intrinsics are those of mirrored images
-(OpenKinect/libfreenect2 issues 172 and 474). The driver mirrors images and intrinsics back, so that the left
-of an image is the camera's left. So does kinect2_bridge.cpp of code-iai/iai_kinect2 (``cv::flip(.., 1)``),
-whose calibrations are of unmirrored images.
+libfreenect2's images and intrinsics are mirrored left to right (OpenKinect/libfreenect2 issues 172 and 474).
+The driver mirrors both back, as kinect2_bridge.cpp of code-iai/iai_kinect2 does (``cv::flip(.., 1)``).
 """
 
 import ctypes
@@ -26,22 +24,17 @@ from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.rig.wrapping_counter import WrappingCounter
 
-USB_IDS = ("045e:02d8", "045e:02c4")
-"""A Kinect v2, and its preview version (libfreenect2.hpp)."""
-TICK_NS = 125_000
-"""Nanoseconds of one step of the device's clock."""
+USB_IDS = ("045e:02d8", "045e:02c4")  # a Kinect v2 and its preview version (libfreenect2.hpp)
+TICK_NS = 125_000  # ns; one step of the device's clock
 DEPTH_SHAPE = (424, 512)
-BUFFER_BYTES = 8 << 20
-"""libfreenect2's own packets are no longer."""
-COLOR, INFRARED, DEPTH = 1, 2, 4
-"""Frame types (libfreenect2's Frame::Type)."""
+BUFFER_BYTES = 8 << 20  # longest packet of libfreenect2
+COLOR, INFRARED, DEPTH = 1, 2, 4  # frame types (libfreenect2's Frame::Type)
 INFRARED_PARAMS, COLOR_PARAMS = 9, 26
-MIRRORED = Mounting(mirror=True)
-"""Transformation between the images of libfreenect2 and those of this driver, either way."""
+MIRRORED = Mounting(mirror=True)  # transformation between libfreenect2's images and the driver's, either way
 
 
 class Frame(Structure):
-    """``k2_frame``: what is known of a frame beside its bytes."""
+    """``k2_frame``: header of a frame."""
 
     _fields_ = [
         (name, c_uint32) for name in ("type", "timestamp", "sequence", "status", "width", "height", "bytes")
@@ -60,13 +53,13 @@ PROTOTYPES: dict[str, Any] = {
 
 
 class Shim(SimpleNamespace):
-    """The functions of ``PROTOTYPES`` by name, C function pointers: the compiled library's, or a twin's."""
+    """C function pointers of ``PROTOTYPES`` by name, of the compiled library or of a twin."""
 
 
 class Kinect2(StreamingCamera):
-    """One Kinect v2. serial: which, or empty for the only one. Depth and colour are not synchronised.
+    """The Kinect v2 with this serial number, or the only one. Depth and colour are not synchronised.
 
-    Its calibration has the depth camera alone: the firmware's model of colour is no pinhole camera.
+    The calibration has only the depth camera, because the firmware's model of colour is not a pinhole camera.
     Raises DeviceError.
     """
 
@@ -81,7 +74,6 @@ class Kinect2(StreamingCamera):
         if not self._handle:
             raise DeviceBusyError(f"{self.address} cannot be opened; close the program that uses it")
         self._buffer = ctypes.create_string_buffer(BUFFER_BYTES)
-        # Both streams are stamped by one clock.
         self._clock, self._numbers = WrappingCounter(), {DEPTH: WrappingCounter(), COLOR: WrappingCounter()}
         self._before: dict[int, int] = {}
         self._infrared: tuple[int, NDArray[np.uint16] | None] = (-1, None)
@@ -102,7 +94,6 @@ class Kinect2(StreamingCamera):
         if code < 0:
             raise DeviceFaultError(f"{self.address} sent {frame.bytes} bytes at once; plug it in again")
         if code and frame.type == INFRARED:
-            # It waits for the depth image of its number.
             self._infrared = frame.sequence, self._image(frame)
         elif code:
             self._take_frame(frame)
@@ -111,7 +102,7 @@ class Kinect2(StreamingCamera):
         self._shim.k2_close(self._handle)
 
     def _take_frame(self, frame: Frame) -> None:
-        """Take the frame in the buffer; none that is late or broken, which counts as lost."""
+        """Take the frame in the buffer; a late or broken frame counts as lost."""
         number = self._numbers[frame.type].unwrap(frame.sequence)
         before = self._before.setdefault(frame.type, number - 1)
         stamp_ns = self._clock.unwrap(frame.timestamp) * TICK_NS
@@ -128,10 +119,7 @@ class Kinect2(StreamingCamera):
             self._take(stamp_ns, value, number - before - 1)
 
     def _image(self, frame: Frame) -> NDArray[np.uint16] | None:
-        """Return uint16 (424, 512): the float image in the buffer, rounded and mirrored.
-
-        None for another size.
-        """
+        """Return the buffer's float image rounded and mirrored, uint16 (424, 512); None for another size."""
         if (frame.height, frame.width) != DEPTH_SHAPE or frame.bytes != 4 * frame.height * frame.width:
             return None
         values = np.frombuffer(memoryview(self._buffer), np.float32, frame.height * frame.width)
@@ -139,7 +127,7 @@ class Kinect2(StreamingCamera):
 
 
 def load_shim(path: Path | None = None) -> Shim:
-    """The compiled shim at ``path``, by default built for this libfreenect2. Raises DeviceNotFoundError."""
+    """Return the compiled shim, by default built for this libfreenect2. Raises DeviceNotFoundError."""
     path = path or built_shim()
     try:
         library = CDLL(str(path))
@@ -151,13 +139,13 @@ def load_shim(path: Path | None = None) -> Shim:
 
 
 def kinect2_serials(shim: Shim) -> list[str]:
-    """Serial numbers of the devices that can be opened."""
+    """Return the serial numbers of the devices that can be opened."""
     text = ctypes.create_string_buffer(64)
     found = range(shim.k2_count())
     return [text.value.decode("ascii", "replace") for index in found if not shim.k2_serial(index, text, 64)]
 
 
 def uint16_from_float(values: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """uint16 (h, w): libfreenect2's float millimetres, or amplitude, rounded; no or negative values are 0."""
+    """Return libfreenect2's float image (h, w) rounded; NaN and negative values become 0."""
     good = np.isfinite(values) & (values > 0)
     return np.rint(np.where(good, values, 0)).clip(0, 65535).astype(np.uint16)

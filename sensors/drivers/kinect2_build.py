@@ -1,4 +1,4 @@
-"""The Kinect v2's shim, compiled at first use, where libfreenect2 is found."""
+"""Compilation of the Kinect v2's shim at first use."""
 
 import hashlib
 import os
@@ -11,15 +11,14 @@ from sensors.errors import DeviceNotFoundError
 from sensors.files.atomic import replacing
 
 SOURCES = Path(__file__).parents[1] / "cpp"
-"""The shim's source and header, which a wheel carries."""
 FLAGS = ("-std=c++17", "-O2", "-Wall", "-Wextra", "-shared", "-fPIC", "-pthread")
 GUIDE = "build it in five lines: docs/devices.md, Kinect v2"
 
 
 def built_shim() -> Path:
-    """The compiled shim, kept in the user's cache; another libfreenect2 or source compiles it again.
+    """Return the shim in the user's cache, compiled for this libfreenect2 and source.
 
-    Raises DeviceNotFoundError that names what is missing.
+    Raises DeviceNotFoundError that names the missing part.
     """
     found = _libfreenect2()
     text = b"".join((SOURCES / f"kinect2_shim.{kind}").read_bytes() for kind in ("cpp", "h"))
@@ -35,13 +34,13 @@ def built_shim() -> Path:
         command = [compiler, *FLAGS, str(SOURCES / "kinect2_shim.cpp"), "-o", str(temporary), *found]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
-            said = done.stderr.strip().splitlines() or ["no message from the compiler"]
-            raise DeviceNotFoundError(f"libfreenect2 cannot be compiled against ({said[0]}); {GUIDE}")
+            lines = done.stderr.strip().splitlines() or ["no message from the compiler"]
+            raise DeviceNotFoundError(f"libfreenect2 cannot be compiled against ({lines[0]}); {GUIDE}")
     return path
 
 
 def _libfreenect2() -> list[str]:
-    """What a compiler needs for libfreenect2, by pkg-config, with the place of its library."""
+    """Return the compiler's flags for libfreenect2 by pkg-config, with the library's folder."""
     if which("pkg-config") is None:
         raise DeviceNotFoundError("libfreenect2 cannot be looked up; apt install pkg-config")
     command = ["pkg-config", "--cflags", "--libs", "freenect2 >= 0.2"]

@@ -1,6 +1,7 @@
 """Optris PI cameras through the vendor's libirdirectsdk.so: temperatures, and the state of the flag.
 
-Source of its C interface: irdirectsdk.h of libirimager (Evocortex), as public bindings of it declare it.
+Source of the C interface: irdirectsdk.h of libirimager (Evocortex). Constants are untuned unless a source is
+given.
 """
 
 import ctypes
@@ -25,16 +26,11 @@ from sensors.drivers.y16 import check_temperatures
 from sensors.errors import DeviceBusyError, DeviceError, DeviceNotFoundError
 from sensors.files.bounded import MAX_IMAGE_SIDE, read_bounded
 
-RATE_HZ = 128.0
-"""The PI200's fastest; the XML file may choose a slower mode."""
-QUEUE = 64
-"""Images that may wait for a slow reader, half a second of them. Untuned."""
-IDLE_S = 0.002
-"""Seconds between two calls that gave no new image. Untuned."""
-LARGEST_JUMP = 1000
-"""Frames: a larger jump of the camera's counter means that it was reset, or wrapped around. Untuned."""
-OWN_AMBIENT_C = -999.0
-"""Below absolute zero the library takes its own measurement of the ambient temperature."""
+RATE_HZ = 128.0  # the PI200's fastest; the XML file may choose a slower mode
+QUEUE = 64  # images that may wait for a slow reader: 0.5 s
+IDLE_S = 0.002  # s between two calls without a new image
+LARGEST_JUMP = 1000  # frames; a larger jump of the camera's counter is a reset or a wrap
+OWN_AMBIENT_C = -999.0  # below absolute zero, the library measures the ambient temperature itself
 
 
 class FrameMetadata(Structure):
@@ -60,21 +56,20 @@ PROTOTYPES: dict[str, Any] = {
     "get_thermal_image_metadata": CFUNCTYPE(c_int, *_SIZE, POINTER(ctypes.c_ushort), POINTER(FrameMetadata)),
     "set_radiation_parameters": CFUNCTYPE(c_int, c_float, c_float, c_float),
     "terminate": CFUNCTYPE(c_int),
-}
-"""Each function's name without ``evo_irimager_``; all return 0 on success."""
+}  # by name without ``evo_irimager_``; all return 0 on success
 
 
 class DirectLibrary(SimpleNamespace):
-    """The functions of ``PROTOTYPES`` by name, as C function pointers: the vendor's library's, or a twin's.
+    """C function pointers of ``PROTOTYPES`` by name, of the vendor's library or of a twin.
 
-    in_use: whether it has its camera open; it serves one.
+    in_use: the library has its single camera open.
     """
 
     in_use = False
 
 
 class _Received(NamedTuple):
-    """An image of the library. values: uint16 (h, w), not yet Celsius; times in nanoseconds."""
+    """An image of the library. values: uint16 (h, w), not yet Celsius."""
 
     stamp_ns: int
     values: NDArray[np.uint16]
@@ -84,9 +79,9 @@ class _Received(NamedTuple):
 
 
 class OptrisDirect(StreamingCamera):
-    """The camera that the vendor's ``config`` (generic.xml) names. Raises DeviceError.
+    """The camera of the vendor's ``config`` (generic.xml). Raises DeviceError.
 
-    The library's call blocks for an unknown time, so a thread makes it.
+    A thread calls the library, because a call blocks for an unknown time.
     """
 
     def __init__(self, config: Path, library: DirectLibrary | None = None) -> None:
@@ -119,7 +114,7 @@ class OptrisDirect(StreamingCamera):
             self._take(stamp_ns, ThermalImage(celsius, flag), dropped, arrival_ns)
 
     def set_emissivity(self, emissivity: float) -> None:
-        """Set the emissivity, 0.1 to 1.1, behind the library's temperatures. Raises DeviceError."""
+        """Set the emissivity, 0.1 to 1.1. Raises DeviceError."""
         if self._library.set_radiation_parameters(emissivity, 1.0, OWN_AMBIENT_C):
             raise DeviceError(f"{self.address} refused emissivity {emissivity:g}; give 0.1 to 1.1")
 
@@ -165,25 +160,24 @@ class OptrisDirect(StreamingCamera):
 
 
 def celsius_of(values: NDArray[np.uint16]) -> NDArray[np.float32]:
-    """float32 (h, w) Celsius of the library's output: (v - 1000) / 10 (irdirectsdk.h)."""
+    """Return float32 (h, w) of the library's output: (v - 1000) / 10 (irdirectsdk.h)."""
     return ((values.astype(np.float32) - 1000) / 10).astype(np.float32)
 
 
 def flag_of(state: int) -> Flag:
-    """The library's flag state; one it does not define counts as an error."""
+    """Return the library's flag state; an undefined state is an error."""
     return Flag(state) if state in {flag.value for flag in Flag} else Flag.ERROR
 
 
 def check_config(config: Path) -> None:
-    """Raise DeviceNotFoundError for a missing file, which the library itself would not name.
+    """Raise DeviceNotFoundError if the file, or the ``Cali-<serial>.xml`` that it refers to, is missing.
 
-    Where the file names the camera's serial number and the folder of calibrations, ``Cali-<serial>.xml``
-    has to be there. Raises DeviceError for a file that switches high precision on: the library then has more
-    decimal places (``IRImager::getTemprangeDecimal``), which its C interface does not report.
+    Raises DeviceError for high precision, because the C interface does not report its decimal places
+    (``IRImager::getTemprangeDecimal``).
     """
     remedy = "make it with ir_generate_configuration"
     text = read_bounded(config, remedy=remedy, error=DeviceNotFoundError).decode("utf-8", "replace")
-    # Commented examples are no settings.
+    # Comments hold example settings.
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
     found = dict(re.findall(r"<(serial|calipath|enable_high_precision)>\s*([^<>]*?)\s*</\1>", text))
     if found.get("enable_high_precision", "0") != "0":
@@ -201,7 +195,7 @@ def check_config(config: Path) -> None:
 
 @lru_cache(maxsize=1)
 def load_library() -> DirectLibrary:
-    """The vendor's library. Raises DeviceNotFoundError where it is not installed."""
+    """Return the vendor's library. Raises DeviceNotFoundError."""
     path = find_library("irdirectsdk")
     if path is None:
         raise DeviceNotFoundError(

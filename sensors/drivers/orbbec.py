@@ -29,16 +29,15 @@ from sensors.errors import (
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
-SdkObject = Any
-"""An object of pyorbbecsdk, which need not be installed where the types are checked."""
-
+SdkObject = Any  # of pyorbbecsdk, which may be absent where types are checked
 COLOR_SIZE = (1920, 1080)
-CONFIG = Path(__file__).with_suffix(".xml")
-"""What the library does otherwise than by default: it asks no network for cameras, which takes seconds."""
+CONFIG = Path(__file__).with_suffix(
+    ".xml"
+)  # switches off the search for network cameras, which takes seconds
 
 
 def load_sdk() -> SdkObject:
-    """The library; what it prints while it is loaded goes to stderr. Raises DeviceNotFoundError."""
+    """Return the library, loaded with its output on stderr. Raises DeviceNotFoundError."""
     if find_spec("pyorbbecsdk") is None:
         raise DeviceNotFoundError("pyorbbecsdk2 is not installed; install annotate-cloud[orbbec]")
     if (loaded := sys.modules.get("pyorbbecsdk")) is not None:
@@ -51,22 +50,22 @@ def load_sdk() -> SdkObject:
     finally:
         os.dup2(stdout, 1)
         os.close(stdout)
-    # Else it fills a folder Log where the command is run.
+    # By default the library writes a folder Log into the working folder.
     pyorbbecsdk.Context.set_logger_level(pyorbbecsdk.OBLogLevel.NONE)
     return pyorbbecsdk
 
 
 class Orbbec(StreamingCamera):
-    """One Orbbec camera. serial: which, or empty for the only one. Raises DeviceError.
+    """The Orbbec camera with this serial number, or the only one. Raises DeviceError.
 
-    pipeline: of the SDK, over a recording that it plays, in place of the camera's.
+    pipeline: of the SDK over a recording, in place of the camera's.
     """
 
     def __init__(self, serial: str = "", pipeline: SdkObject | None = None) -> None:
         self._sdk: Any = load_sdk()
         self._infrared: SdkObject | None = None
         self._context: SdkObject | None = None
-        # Decided by the first image: a camera without a clock of its own stamps every image 0.
+        # A camera without a clock stamps every image 0.
         self._has_clock: bool | None = None
         if pipeline is not None:
             self._pipeline, chosen = pipeline, pipeline.get_device().get_device_info().get_serial_number()
@@ -93,7 +92,7 @@ class Orbbec(StreamingCamera):
             color = colors.get_video_stream_profile(*COLOR_SIZE, sdk.OBFormat.MJPG, round(DEPTH_RATE_HZ))
             depths = self._pipeline.get_stream_profile_list(sdk.OBSensorType.DEPTH_SENSOR)
             depth = depths.get_default_video_stream_profile()
-            # Of some cameras the default is 15 a second: every other image would count as lost.
+            # The default of some cameras is 15 a second, not DEPTH_RATE_HZ.
             self.rates_hz = {
                 DepthImage.stream: float(depth.get_fps()),
                 ColorImage.stream: float(color.get_fps()),
@@ -109,7 +108,7 @@ class Orbbec(StreamingCamera):
             raise DeviceError(f"{self.address} does not start ({error}); use a USB 3 port") from error
 
     def _with_infrared(self, config: SdkObject) -> SdkObject | None:
-        """The type of frames of the infrared image in the depth camera's pixels; None of a camera without."""
+        """Enable infrared images in the depth camera's pixels; return their frame type, None without any."""
         sensors, kinds = self._sdk.OBSensorType, self._sdk.OBFrameType
         for sensor, kind in (
             (sensors.IR_SENSOR, kinds.IR_FRAME),
@@ -138,7 +137,7 @@ class Orbbec(StreamingCamera):
             self._take(self._stamp_ns(color), ColorImage(encoded))
 
     def _stamp_ns(self, frame: SdkObject) -> int:
-        """Return the camera's time of a frame; its arrival where the camera has no clock."""
+        """Return the camera's time of a frame, or the arrival for a camera without a clock."""
         stamp_us = int(frame.get_timestamp_us())
         if self._has_clock is None:
             self._has_clock = stamp_us > 0
@@ -149,7 +148,7 @@ class Orbbec(StreamingCamera):
 
 
 def orbbec_serials() -> list[str]:
-    """Serial numbers of the cameras at USB ports; none where the library is not installed."""
+    """Return the serial numbers of the cameras at USB ports; empty without the library."""
     if find_spec("pyorbbecsdk") is None:
         return []
     devices = load_sdk().Context(str(CONFIG)).query_devices()
@@ -157,9 +156,10 @@ def orbbec_serials() -> list[str]:
 
 
 def unmirror(device: SdkObject) -> None:
-    """Switch off what a viewer may have left on: images mirrored or upside down, each stream for itself.
+    """Switch off mirroring and flipping, which a viewer may have left on for a stream.
 
-    Colour as JPEG obeys neither (orbbec/OrbbecSDK_v2 issue 127), so that a mirrored depth image does not fit.
+    JPEG colour ignores both settings (orbbec/OrbbecSDK_v2 issue 127), so a mirrored depth image would not
+    match.
     """
     sdk = load_sdk()
     for stream in ("DEPTH", "COLOR", "IR"):
@@ -170,7 +170,7 @@ def unmirror(device: SdkObject) -> None:
 
 
 def depth_of(frame: SdkObject) -> NDArray[np.uint16]:
-    """A depth frame as uint16 (h, w) millimetres. Raises DeviceFaultError for a cut one."""
+    """Return a depth frame as uint16 (h, w) millimetres. Raises DeviceFaultError for a truncated frame."""
     shape = frame.get_height(), frame.get_width()
     values = np.frombuffer(np.asarray(frame.get_data()).tobytes(), "<u2")
     if values.size != shape[0] * shape[1]:
@@ -180,7 +180,10 @@ def depth_of(frame: SdkObject) -> NDArray[np.uint16]:
 
 
 def infrared_of(frame: SdkObject, shape: tuple[int, ...]) -> NDArray[np.uint16] | None:
-    """An infrared frame of 8 or 16 bits as uint16 (h, w); None of one that has another size than depth."""
+    """Return an infrared frame of 8 or 16 bits as uint16 (h, w).
+
+    None if its size is not the depth image's.
+    """
     data = np.asarray(frame.get_data()).tobytes()
     pixels = shape[0] * shape[1]
     if (frame.get_height(), frame.get_width()) != shape or len(data) not in (pixels, 2 * pixels):
@@ -190,7 +193,7 @@ def infrared_of(frame: SdkObject, shape: tuple[int, ...]) -> NDArray[np.uint16] 
 
 
 def calibration_of(param: SdkObject) -> RigCalibration:
-    """The factory's calibration (OBCameraParam; its pose is in millimetres)."""
+    """Return the factory's calibration (OBCameraParam, pose in millimetres)."""
     rotation = np.array(param.transform.rot, float).reshape(3, 3)
     pose = Pose(rotation, np.array(param.transform.transform, float).ravel() / 1000)
     depth = _camera(param.depth_intrinsic, param.depth_distortion)

@@ -1,13 +1,18 @@
-"""Optris pyrometers (CT and CS families) over a serial line: the reference for the thermal camera."""
+"""Optris pyrometers (CT and CS families) over a serial line: the reference for the thermal camera.
+
+Constants are untuned.
+"""
 
 import threading
 import time
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from math import nan
 from pathlib import Path
 
 from sensors.device.address import Address
+from sensors.device.mounting import NO_YES
 from sensors.device.protocol import DeviceReading, Spot
 from sensors.drivers.pyrometer_protocol import (
     BURST_ITEMS,
@@ -26,64 +31,60 @@ from sensors.drivers.pyrometer_protocol import (
 from sensors.drivers.serial_line import ChatterError, SerialLine, SilenceError
 from sensors.errors import DeviceError, DeviceFaultError, DeviceLostError
 
-SCALES = {"0.1": TENTHS, "0.01": HUNDREDTHS}
-"""Scales by the option ``step``: how many kelvin a step of a reading is."""
-YES_NO = {"yes": True, "no": False}
-POLL_HZ = 10.0
-"""Readings a second: the line stays idle most of the time, and drift takes minutes. Chosen by eye."""
-BURST_HZ = 100.0
-"""Readings a second of a burst, nominally. Chosen by eye."""
-SAME_K, APART_K = 0.3, 3.0
-"""Kelvin: two readings of one target, moments apart, differ by at most the first; readings of two things by
-more than the second. Chosen by eye."""
-OPENING_TRIES = 3
-"""How often a device is identified on a noisy line. Chosen by eye."""
-SILENT_READS = 3
-"""Requests without any answer after which the device counts as gone. Chosen by eye."""
+SCALES = {"0.1": TENTHS, "0.01": HUNDREDTHS}  # by the option ``step``: K of one step of a reading
+POLL_HZ = 10.0  # readings a second, few because drift takes minutes
+BURST_HZ = 100.0  # nominal readings a second of a burst
+SAME_K, APART_K = 0.3, 3.0  # K; most between two readings of one target, least between two targets
+OPENING_TRIES = 3  # attempts to identify a device on a noisy line
+SILENT_READS = 3  # requests without a reply after which the device counts as lost
 
 
-class Pyrometer:
-    """One pyrometer on a serial line. Opening reads its serial number, and checks its family.
+@dataclass(frozen=True)
+class PyrometerOptions:
+    """Options of a pyrometer. baud, emissivity (0.1 to 1.1): None = as the device has it.
 
-    port: the line. rs485: the device's address on a bus, or None. scale: HUNDREDTHS for high-resolution
-    models. burst: CT only, let the device send by itself. emissivity: 0.1 to 1.1, or as the device has it.
-    Neither family has a clock: stamps are arrivals.
+    rs485: bus address or None. scale: HUNDREDTHS for high-resolution models. burst: CT sends by itself.
     Raises DeviceError.
     """
 
-    def __init__(
-        self,
-        port: Path,
-        family: PyrometerFamily = CT,
-        *,
-        baud: int | None = None,
-        rs485: int | None = None,
-        scale: Scale = TENTHS,
-        burst: bool = False,
-        emissivity: float | None = None,
-    ) -> None:
-        if burst and not family.burst:
-            raise DeviceError(f"the {family.name} family has no burst; leave burst out")
-        self.address = f"pyrometer:{port}?family={family.name}"
-        self.calibration = None
-        self.rates_hz: Mapping[str, float] = {Spot.stream: BURST_HZ if burst else POLL_HZ}
-        self._family, self._scale, self._burst = family, scale, burst
-        self._line = SerialLine(port, baud or family.baud, rs485)
+    family: PyrometerFamily = CT
+    baud: int | None = None
+    rs485: int | None = None
+    scale: Scale = TENTHS
+    burst: bool = False
+    emissivity: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.burst and not self.family.burst:
+            raise DeviceError(f"the {self.family.name} family has no burst; leave burst out")
+
+
+class Pyrometer:
+    """A pyrometer on a serial port, stamped by arrival. Opening checks its family. Raises DeviceError."""
+
+    calibration = None
+
+    def __init__(self, port: Path, options: PyrometerOptions | None = None) -> None:
+        self._options = options = options or PyrometerOptions()
+        self._family, self._scale, self._burst = options.family, options.scale, options.burst
+        self.address = f"pyrometer:{port}?family={self._family.name}"
+        self.rates_hz: Mapping[str, float] = {Spot.stream: BURST_HZ if self._burst else POLL_HZ}
+        self._line = SerialLine(port, options.baud or self._family.baud, options.rs485)
         self._closed, self._streaming = threading.Event(), False
         self._due_s = 0.0
         self._silent, self._last_ns, self._dropped = 0, 0, 0
-        self._parser = BurstParser(3, scale)
+        self._parser = BurstParser(3, self._scale)
         self._ready: list[tuple[float, ...]] = []
         try:
             self.serial = self._identify()
-            if emissivity is not None:
-                self.set_emissivity(emissivity)
+            if options.emissivity is not None:
+                self.set_emissivity(options.emissivity)
         except DeviceError:
             self.close()
             raise
 
     def start(self) -> None:
-        """Begin; a burst is set up and switched on."""
+        """Begin to read; set up and switch on a burst."""
         if self._burst:
             self._line.send(BURST_ITEMS)
             self._line.send(bytes([BURST_SWITCH, 1]))
@@ -91,31 +92,31 @@ class Pyrometer:
         self._due_s = time.monotonic()
 
     def read(self, timeout_s: float) -> DeviceReading | None:
-        """The next temperatures, or None after ``timeout_s`` seconds.
+        """Return the next temperatures, or None after ``timeout_s``; a reply may take REPLY_S longer.
 
-        An answer under way is waited for up to REPLY_S longer.
-        Raises DeviceFaultError for a short, late or impossible reply, DeviceLostError once it is gone.
+        Raises DeviceFaultError for a short, late or impossible reply, DeviceLostError once the device is
+        gone.
         """
-        if self._closed.is_set():
-            raise DeviceLostError(f"{self.address} is closed; open it again")
         end_s = time.monotonic() + timeout_s
-        spot = self._next_burst(end_s) if self._burst else self._poll(end_s)
+        spot = None
+        if not self._closed.is_set():
+            spot = self._next_burst(end_s) if self._burst else self._poll(end_s)
         if spot is None:
             if self._closed.is_set():
-                raise DeviceLostError(f"{self.address} was closed; open it again")
+                raise DeviceLostError(f"{self.address} is closed; open it again")
             return None
         arrival_ns = max(time.monotonic_ns(), self._last_ns + 1)
         self._last_ns, dropped, self._dropped = arrival_ns, self._dropped, 0
         return DeviceReading(arrival_ns, arrival_ns, spot, dropped)
 
     def emissivity(self) -> float:
-        """Emissivity by which the device computes its temperatures, 0.1 to 1.1; not within a burst."""
-        return int.from_bytes(self._line.ask(bytes([self._family.emissivity]), 2)) / 1000
+        """Return the device's emissivity, 0.1 to 1.1; not during a burst."""
+        return int.from_bytes(self._line.request(bytes([self._family.emissivity]), 2)) / 1000
 
     def set_emissivity(self, emissivity: float) -> None:
-        """Set it, and make sure: there is no acknowledgement but the value that is read back."""
+        """Set the emissivity and read it back, because the device does not acknowledge."""
         with suppress(DeviceFaultError):
-            self._line.ask(emissivity_command(self._family, emissivity), 2)
+            self._line.request(emissivity_command(self._family, emissivity), 2)
         now = self.emissivity()
         if round(now * 1000) != round(emissivity * 1000):
             raise DeviceFaultError(
@@ -124,7 +125,7 @@ class Pyrometer:
             )
 
     def close(self) -> None:
-        """Stop a burst and give the line back; idempotent."""
+        """Stop a burst and release the line; idempotent."""
         if self._closed.is_set():
             return
         self._closed.set()
@@ -134,30 +135,30 @@ class Pyrometer:
         self._line.close()
 
     def _celsius(self, code: int | None) -> float:
-        return nan if code is None else self._scale.decode(self._line.ask(bytes([code]), 2))
+        return nan if code is None else self._scale.decode(self._line.request(bytes([code]), 2))
 
     def _identify(self) -> str:
-        """Serial number of a device of the right family; read again where the line is noisy."""
+        """Return the serial number of a device of the right family; repeat on a noisy line."""
         for _ in range(OPENING_TRIES - 1):
             try:
                 return self._serial_number()
             except ChatterError:
-                # Only a CT chatters: its last user was killed in the middle of a burst.
+                # A CT whose last program was killed goes on with its burst.
                 self._line.write(bytes([BURST_SWITCH, 0]))
             except DeviceFaultError:
                 continue
         return self._serial_number()
 
     def _serial_number(self) -> str:
-        number = int.from_bytes(self._line.ask(bytes([self._family.serial]), 3))
+        number = int.from_bytes(self._line.request(bytes([self._family.serial]), 3))
         self._check_family()
         return str(number)
 
     def _check_family(self) -> None:
-        """Catch a device of the other family. Only reading commands are sent, which harm neither family.
+        """Raise DeviceError for a device of the other family, by reading commands that harm neither family.
 
-        What a CT calls its box temperature a CS calls the current target, and only a CS has a processor
-        temperature; both signs together are taken as proof.
+        A CT's box temperature has the code of a CS' current target, and only a CS has a processor
+        temperature. Both signs together are proof.
         """
         pairs = [(self._celsius(CS.target), self._celsius(CS.current_target)) for _ in range(3)]
         same = all(abs(target - other) <= SAME_K for target, other in pairs)
@@ -172,7 +173,7 @@ class Pyrometer:
 
     def _has_processor(self) -> bool:
         try:
-            return bool(self._line.ask(bytes([CS_PROCESSOR]), 2))
+            return bool(self._line.request(bytes([CS_PROCESSOR]), 2))
         except SilenceError:
             return False
 
@@ -205,11 +206,15 @@ class Pyrometer:
         return Spot(*self._ready.pop(0))
 
 
-def open_pyrometer(address: Address, port: Path) -> Pyrometer:
-    """The pyrometer on ``port`` with the options of its address. Raises DeviceError."""
-    family = address.choice("family", FAMILIES, "ct")
-    baud, rs485 = address.given_integer("baud", 9600, 115200), address.given_integer("rs485", 1, 32)
-    scale, burst = address.choice("step", SCALES, "0.1"), address.choice("burst", YES_NO, "no")
-    emissivity = address.given_number("emissivity", 0.1, 1.1)
+def pyrometer_options(address: Address) -> PyrometerOptions:
+    """Return the options of an address; no others may be left. Raises DeviceError."""
+    options = PyrometerOptions(
+        address.choice("family", FAMILIES, "ct"),
+        address.given_integer("baud", 9600, 115200),
+        address.given_integer("rs485", 1, 32),
+        address.choice("step", SCALES, "0.1"),
+        address.choice("burst", NO_YES, "no"),
+        address.given_number("emissivity", 0.1, 1.1),
+    )
     address.finish()
-    return Pyrometer(port, family, baud=baud, rs485=rs485, scale=scale, burst=burst, emissivity=emissivity)
+    return options

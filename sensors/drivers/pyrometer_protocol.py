@@ -1,7 +1,7 @@
 """The binary protocol of Optris' pyrometers: one command table a family, numbers, checksum, burst.
 
 Source: Optris, "CT/CTlaser/CTvideo communication interface" (2020-04) and the CSlaser manual, chapter 8.3.
-The families give the same codes different meanings (03, 81), so no code is sent that is not in a table.
+Codes 03 and 81 differ between the families, so the driver sends only codes of the family's table.
 """
 
 from collections.abc import Iterator
@@ -11,9 +11,7 @@ from operator import xor
 
 from sensors.errors import DeviceFaultError
 
-TARGET_RANGE_C = (-50.0, 975.0)
-"""What an LT head (8 to 14 um) measures; there are no error codes, so anything else is a fault."""
-
+TARGET_RANGE_C = (-50.0, 975.0)  # of an LT head (8 to 14 um); values outside are faults
 SYNC = b"\xaa\xaa"
 
 
@@ -25,7 +23,7 @@ class Scale:
     steps_per_c: int
 
     def decode(self, reply: bytes) -> float:
-        """Celsius of two bytes. Raises DeviceFaultError where no LT head measures that."""
+        """Return the Celsius of two bytes. Raises DeviceFaultError outside ``TARGET_RANGE_C``."""
         celsius = (int.from_bytes(reply) - self.offset) / self.steps_per_c
         low, high = TARGET_RANGE_C
         if not low <= celsius <= high:
@@ -40,15 +38,14 @@ class Scale:
 
 
 TENTHS = Scale(1000, 10)
-HUNDREDTHS = Scale(10000, 100)
-"""High-resolution models (CSmicro hs, CT ... hs)."""
+HUNDREDTHS = Scale(10000, 100)  # high-resolution models (CSmicro hs, CT ... hs)
 
 
 @dataclass(frozen=True)
 class PyrometerFamily:
-    """Command codes of one family; None = the family has no such command.
+    """Command codes of a family, None = no such command.
 
-    current_target: the target before averaging and hold functions.
+    current_target: before averaging and hold functions.
     """
 
     name: str
@@ -66,32 +63,31 @@ class PyrometerFamily:
 
 CT = PyrometerFamily("ct", 115200, checksum=True, burst=True, current_target=0x81, box=0x03)
 CS = PyrometerFamily("cs", 9600, checksum=False, burst=False, current_target=0x03)
-CS_PROCESSOR = 0x09
-"""Command code of the processor's temperature, which only the CS family has."""
+CS_PROCESSOR = 0x09  # temperature of the processor, only of the CS family
 FAMILIES = {family.name: family for family in (CT, CS)}
-
 BURST_LAYOUT, BURST_SWITCH = 0x51, 0x52
-BURST_ITEMS = bytes([BURST_LAYOUT, 0x12, 0x30, 0, 0])
-"""CT only: the command for bursts of process, head and box temperature, eight nibbles of which 0 ends."""
+BURST_ITEMS = bytes(
+    [BURST_LAYOUT, 0x12, 0x30, 0, 0]
+)  # CT: process, head and box temperature; nibbles, 0 ends
 
 
 def emissivity_command(family: PyrometerFamily, emissivity: float) -> bytes:
-    """The command that sets the emissivity, 0.1 to 1.1, with the family's checksum."""
+    """Return the command that sets the emissivity, 0.1 to 1.1, with the family's checksum."""
     command = bytes([family.set_emissivity]) + round(emissivity * 1000).to_bytes(2)
     return command + bytes([checksum(command)]) if family.checksum else command
 
 
 def checksum(command: bytes) -> int:
-    """XOR of a command's bytes, RS485 prefix excluded."""
+    """Return the XOR of a command's bytes, without the RS485 prefix."""
     return reduce(xor, command, 0)
 
 
 class BurstParser:
-    """Finds the frames ``AA AA`` + two bytes a value in a stream that may start, or go wrong, anywhere.
+    """Finds the frames ``AA AA`` + two bytes a value in a stream that may start, or be damaged, anywhere.
 
-    A temperature's low byte may be AA too, so the first of three AA is data: out of step a frame counts only
-    where the next begins right behind it, every value is possible, and no later AA pair does as well.
-    skipped: bytes that belonged to no frame so far.
+    A low byte may be AA too, so the first of three AA is data. Out of step, a frame counts only if the next
+    frame follows directly, every value is possible, and a later AA pair does not fit as well. skipped: bytes
+    in no frame.
     """
 
     def __init__(self, values: int, scale: Scale = TENTHS) -> None:
@@ -101,7 +97,7 @@ class BurstParser:
         self.skipped = 0
 
     def feed(self, data: bytes) -> Iterator[tuple[float, ...]]:
-        """Take more of the stream; yield each complete frame's values in Celsius."""
+        """Add bytes of the stream; yield each complete frame's values in Celsius."""
         self._waiting += data
         while len(self._waiting) >= self._length + (0 if self._in_step else len(SYNC) + 1):
             values = self._frame_at(0)

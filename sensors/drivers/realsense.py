@@ -1,6 +1,6 @@
 """RealSense cameras (D400) through pyrealsense2 (extra ``realsense``): depth with its left infrared, colour.
 
-Sensors and a queue of frames rather than the SDK's pipeline, which pairs and repeats frames as it sees fit.
+The driver uses sensors and a frame queue, because the SDK's pipeline pairs and repeats frames.
 """
 
 import time
@@ -23,33 +23,26 @@ from sensors.rig.frame import mm_from_units
 from sensors.rig.rig_calibration import Pose, RigCalibration
 from sensors.rig.wrapping_counter import WrappingCounter
 
-SdkObject = Any
-"""An object of pyrealsense2, which need not be installed where the types are checked."""
+SdkObject = Any  # of pyrealsense2, which may be absent where types are checked
 Size = tuple[int, int]
 
 _PRODUCTS = "0ad1 0ad2 0ad3 0ad4 0ad5 0b07 0b3a 0b3d 0b48 0b4d 0b5b 0b5c 1155 1156"
-USB_IDS = tuple(f"8086:{product}" for product in _PRODUCTS.split())
-"""D400 cameras (config/99-realsense-libusb.rules of librealsense)."""
-SIZES: dict[str, Size] = {
-    f"{width}x{height}": (width, height)
-    for width, height in (
-        (848, 480), (1280, 720), (640, 480), (640, 360), (480, 270), (424, 240), (1280, 800), (1920, 1080),
-    )
-}  # fmt: skip
+USB_IDS = tuple(f"8086:{product}" for product in _PRODUCTS.split())  # config/99-realsense-libusb.rules
+_SIZES = "848x480 1280x720 640x480 640x360 480x270 424x240 1280x800 1920x1080"
+SIZES: dict[str, Size] = {size: (int(size.split("x")[0]), int(size.split("x")[1])) for size in _SIZES.split()}
 PRESETS = {"default": 1, "hand": 2, "high-accuracy": 3, "high-density": 4, "medium-density": 5}
-"""Settings of the stereo matching, with the SDK's numbers (``rs400_visual_preset``)."""
 RATES = {"30": 30, "15": 15, "6": 6}
-QUEUE = 32
-"""Frames that may wait for a slow reader: a third of a second of three streams. Chosen by eye."""
+QUEUE = 32  # frames that may wait for a slow reader, 0.3 s of three streams; untuned
+# The cameras deliver uncompressed YUYV, whose chroma has half the columns.
 JPEG = (cv2.IMWRITE_JPEG_QUALITY, 95, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_422)
-"""How colour is packed, which these cameras give unpacked and with half the columns of chroma."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of a camera. size: of depth and infrared, color_size: of colour, (width, height).
+    """Settings of a camera. size: of depth and infrared, (width, height). None leaves a setting unchanged.
 
-    preset: one of ``PRESETS``. exposure_us: of the stereo pair. laser_mw: 0 = off. None: as it is.
+    preset: ``rs400_visual_preset`` of the stereo matching. exposure_us: of the stereo pair. laser_mw: 0 =
+    off.
     """
 
     size: Size = (848, 480)
@@ -61,9 +54,9 @@ class Settings:
 
 
 class RealSense(StreamingCamera):
-    """One RealSense. serial: which, or empty for the only one. Raises DeviceError.
+    """The RealSense with this serial number, or the only one, stamped by its own clock. Raises DeviceError.
 
-    Stamps are those of the camera's own clock. context: ``pyrealsense2.context()``, or a twin's.
+    context: ``pyrealsense2.context()`` or a twin.
     """
 
     silence_s = 5.0  # the SDK itself notices an unplugged camera
@@ -73,7 +66,7 @@ class RealSense(StreamingCamera):
     ) -> None:
         self._sdk = rs = load_sdk()
         self._settings = settings or Settings()
-        # While it lives it notices that a camera is unplugged.
+        # The context detects an unplugged camera while it exists.
         self._context = context or rs.context()
         devices = devices_of(rs, self._context)
         if not devices and context is None:
@@ -98,7 +91,7 @@ class RealSense(StreamingCamera):
         self._unit_mm = self._unit(self._sensors[stereo])
         self._streaming = self._open(modes)
         self._queue = rs.frame_queue(QUEUE, True)
-        # Microseconds in 32 bits: it starts again at 0 every 71.6 minutes.
+        # Microseconds in 32 bits, which wrap every 71.6 minutes.
         self._clock = WrappingCounter()
         self._numbers: dict[str, int] = {}
         self._stereo: dict[str, tuple[int, int, NDArray[Any]]] = {}
@@ -122,11 +115,11 @@ class RealSense(StreamingCamera):
             if not self._device.is_connected():
                 raise DeviceLostError(f"{self.address} is no longer connected; plug it in again")
             return
-        # Half of a stereo exposure shows that the camera lives, though nothing is ready yet.
+        # One half of a stereo exposure makes no reading yet.
         self._last_image_s = time.monotonic()
         number, profile = frame.get_frame_number(), frame.get_profile()
         stamp_ns = 1000 * self._clock.unwrap(round(1000 * frame.get_timestamp()))
-        # The SDK has few buffers: the pixels are copied, and the frame goes back at once.
+        # The SDK has few buffers, so the frame is copied and released at once.
         pixels = np.array(np.asanyarray(frame.get_data()))
         del frame
         stream = profile.stream_type()
@@ -138,14 +131,14 @@ class RealSense(StreamingCamera):
 
     def _end(self) -> None:
         for sensor in self._streaming:
-            # A sensor that was unplugged, or not started, refuses.
+            # A sensor that was unplugged or not started raises.
             with suppress(RuntimeError):
                 sensor.stop()
             with suppress(RuntimeError):
                 sensor.close()
 
     def _take_stereo(self, kind: str, number: int, stamp_ns: int, pixels: NDArray[Any]) -> None:
-        """Keep one half of a stereo exposure, and take the depth when the other is there or will not come."""
+        """Keep one half of a stereo exposure; take the depth image when the other half is there or late."""
         waiting = self._stereo.get("depth")
         if waiting is not None and waiting[0] != number:
             self._take_depth()
@@ -162,23 +155,23 @@ class RealSense(StreamingCamera):
         self._take(stamp_ns, value, self._lost("depth", number))
 
     def _lost(self, stream: str, number: int) -> int:
-        """How many of a stream's frames were lost, by the camera's count."""
+        """Return the number of lost frames of a stream by the camera's count."""
         before, self._numbers[stream] = self._numbers.get(stream, number - 1), number
         return max(0, number - before - 1)
 
     def _modes(self, stream: SdkObject) -> list[tuple[int, SdkObject]]:
-        """Modes of a stream at the wanted rate, with the numbers of their sensors."""
+        """Return the modes of a stream at the wanted rate, with their sensors' numbers."""
         return [
             (index, profile.as_video_stream_profile())
             for index, sensor in enumerate(self._sensors)
             for profile in sensor.get_stream_profiles()
-            # Of the two infrared cameras the left one, 1, has the pixels of depth.
+            # The left infrared camera, 1, has the pixels of depth.
             if profile.stream_type() == stream and profile.stream_index() in (0, 1)
             if profile.fps() == self._settings.rate_hz
         ]
 
     def _mode(self, name: str, stream: SdkObject, size: Size, pixels: SdkObject) -> tuple[int, SdkObject]:
-        """The mode of this size and native format. Raises DeviceError."""
+        """Return the mode of this size and native format. Raises DeviceError."""
         fit = [one for one in self._modes(stream) if one[1].format() == pixels]
         for index, profile in fit:
             if (profile.width(), profile.height()) == size:
@@ -197,7 +190,7 @@ class RealSense(StreamingCamera):
     def _configure(self, stereo: SdkObject) -> None:
         option, wanted = self._sdk.option, self._settings
         for sensor in self._sensors:
-            # Otherwise the SDK converts stamps to the host's time, with jumps.
+            # Global time converts stamps to the host's time, with jumps.
             if sensor.supports(option.global_time_enabled):
                 sensor.set_option(option.global_time_enabled, 0)
         for name, key, value in (
@@ -219,11 +212,11 @@ class RealSense(StreamingCamera):
                 ) from error
 
     def _unit(self, stereo: SdkObject) -> float:
-        """Millimetres of one unit of depth; the SDK's float32 has no more than seven digits."""
+        """Return the millimetres of one depth unit, rounded to the digits of the SDK's float32."""
         return float(f"{1000 * stereo.get_option(self._sdk.option.depth_units):.6g}")
 
     def _open(self, modes: list[tuple[int, SdkObject]]) -> list[SdkObject]:
-        """Claim the sensors of these modes. Raises DeviceBusyError."""
+        """Open the sensors of these modes. Raises DeviceBusyError."""
         opened: list[SdkObject] = []
         for index in sorted({index for index, _ in modes}):
             sensor = self._sensors[index]
@@ -240,7 +233,7 @@ class RealSense(StreamingCamera):
 
 
 def load_sdk() -> SdkObject:
-    """The module pyrealsense2. Raises DeviceNotFoundError where it is not installed."""
+    """Return the module pyrealsense2. Raises DeviceNotFoundError."""
     if find_spec("pyrealsense2") is None:
         raise DeviceNotFoundError("pyrealsense2 is not installed; install annotate-cloud[realsense]")
     import pyrealsense2
@@ -249,13 +242,13 @@ def load_sdk() -> SdkObject:
 
 
 def devices_of(sdk: SdkObject, context: SdkObject) -> list[tuple[str, SdkObject]]:
-    """Cameras that are plugged in, by serial number; one that waits for new firmware has none."""
+    """Return the connected cameras with their serial numbers, except cameras that wait for firmware."""
     key = sdk.camera_info.serial_number
     return [(str(one.get_info(key)), one) for one in context.query_devices() if one.supports(key)]
 
 
 def realsense_serials() -> list[str]:
-    """Serial numbers of the cameras that are plugged in; none where the library is not installed."""
+    """Return the serial numbers of the connected cameras; empty without the library."""
     if find_spec("pyrealsense2") is None:
         return []
     sdk = load_sdk()
@@ -263,13 +256,13 @@ def realsense_serials() -> list[str]:
 
 
 def jpeg_of(yuyv: NDArray[Any]) -> bytes:
-    """JPEG of a colour frame of two bytes per pixel; these cameras send no JPEGs."""
+    """Return the JPEG of a colour frame of two bytes a pixel."""
     bgr = cv2.cvtColor(yuyv.view(np.uint8).reshape(*yuyv.shape[:2], 2), cv2.COLOR_YUV2BGR_YUY2)
     return bytes(cv2.imencode(".jpg", bgr, JPEG)[1])
 
 
 def intrinsics_of(profile: SdkObject) -> Intrinsics:
-    """The factory's intrinsics of a mode."""
+    """Return the factory's intrinsics of a mode."""
     lens = profile.get_intrinsics()
     pinhole = Intrinsics(lens.width, lens.height, lens.fx, lens.fy, lens.ppx, lens.ppy)
     return realsense_intrinsics(pinhole, lens.model.name, lens.coeffs)

@@ -1,4 +1,4 @@
-"""A serial line to one device: requests, and replies of a length that is known beforehand."""
+"""Serial line to one device: requests and replies of known length. Constants are untuned."""
 
 import termios
 from collections.abc import Iterator
@@ -10,18 +10,19 @@ import serial
 from sensors.device.node import node_error
 from sensors.errors import DeviceError, DeviceFaultError, DeviceLostError
 
-REPLY_S = 0.2
-"""Seconds to wait for a reply; devices take milliseconds, a USB adapter's timer 16. Chosen by eye."""
-QUIET_S = 0.02
-"""Seconds of silence after which nothing is left of an earlier reply. Chosen by eye."""
-CHATTER_READS = 10
-"""Full reads without silence after which the device counts as sending by itself. Chosen by eye."""
-GONE = (OSError, termios.error, TypeError, ValueError)
-"""What pyserial raises on a port that has vanished, or (the last two) that another thread has closed."""
+REPLY_S = 0.2  # s to wait for a reply; a USB adapter's timer takes 0.016
+QUIET_S = 0.02  # s of silence after which an earlier reply has ended
+CHATTER_READS = 10  # full reads without silence after which the device counts as sending by itself
+GONE = (
+    OSError,
+    termios.error,
+    TypeError,
+    ValueError,
+)  # pyserial's, on a vanished port or (last two) a closed one
 
 
 class SilenceError(DeviceFaultError):
-    """Not one byte came in answer."""
+    """The reply has no bytes."""
 
 
 class ChatterError(DeviceFaultError):
@@ -29,9 +30,9 @@ class ChatterError(DeviceFaultError):
 
 
 class SerialLine:
-    """Requests and replies of fixed length on a line without framing. Any thread may ``close`` it.
+    """Line without framing. Any thread may ``close`` it.
 
-    rs485: the device's address on a bus, 1 to 32, which goes before every command.
+    rs485: bus address, 1 to 32, sent before each command.
     """
 
     def __init__(self, port: Path, baud: int, rs485: int | None) -> None:
@@ -46,11 +47,8 @@ class SerialLine:
         # An earlier program may have left a reply on the line.
         self._disturbed = True
 
-    def ask(self, command: bytes, length: int) -> bytes:
-        """The reply of exactly ``length`` bytes.
-
-        Raises DeviceFaultError where fewer came, DeviceLostError where the line is gone.
-        """
+    def request(self, command: bytes, length: int) -> bytes:
+        """Return the reply of ``length`` bytes. Raises DeviceFaultError for fewer, DeviceLostError."""
         self.send(command)
         reply = self.receive(length, REPLY_S)
         if len(reply) < length:
@@ -62,29 +60,26 @@ class SerialLine:
         return reply
 
     def send(self, command: bytes) -> None:
-        """Send a command, after what is left of earlier replies was thrown away.
-
-        Raises ChatterError where that does not end.
-        """
+        """Discard the rest of earlier replies and send a command. Raises ChatterError if they do not end."""
         if self._disturbed:
             self._fall_silent()
             self._disturbed = False
         self.write(command)
 
     def write(self, command: bytes) -> None:
-        """Send a command at once, even to a device that does not stop sending."""
+        """Send a command at once, even if the device is sending."""
         with self._connected():
             self._serial.reset_input_buffer()
             self._serial.write(self._prefix + command)
 
     def receive(self, most: int, timeout_s: float) -> bytes:
-        """Up to ``most`` bytes, as many as come within ``timeout_s`` seconds."""
+        """Return at most ``most`` bytes, received within ``timeout_s`` seconds."""
         with self._connected():
             self._serial.timeout = timeout_s
             return bytes(self._serial.read(most))
 
     def close(self) -> None:
-        """Give the port back; a ``receive`` under way ends."""
+        """Release the port; a ``receive`` under way ends."""
         if self._serial.is_open:
             self._serial.cancel_read()
         self._serial.close()

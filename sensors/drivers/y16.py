@@ -1,32 +1,27 @@
-"""UVC thermal cameras that give 16-bit words (Y16): a FLIR Boson, or any by its scale and offset."""
+"""UVC thermal cameras of 16-bit words (Y16): a FLIR Boson, or any camera by its scale and offset."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.checks.celsius_check import scales_of_cameras
 from sensors.device.address import Address
 from sensors.device.protocol import ThermalCounts, ThermalImage
-from sensors.device.v4l2_camera import CaptureKind, V4l2Camera
+from sensors.device.v4l2_camera import V4l2Camera, V4l2Node
 from sensors.drivers.flag_watch import FlagWatch
 from sensors.errors import DeviceError, DeviceFaultError
 
 FOURCC = "Y16 "
-COLDEST_C, HOTTEST_C = -60.0, 650.0
-"""Degrees Celsius between which the middle of an image of temperatures lies: wider than these cameras'
-ranges, but narrow enough for raw counts, or another scale, to fall outside. Untuned."""
+COLDEST_C, HOTTEST_C = -60.0, 650.0  # C; range of an image's median, which excludes raw counts; untuned
 ABSOLUTE_ZERO_C = -273.15
-BOSON_USB_ID = "09cb:4007"
-"""Vendor and product of a Boson (FLIR; flirpy looks for it)."""
+BOSON_USB_ID = "09cb:4007"  # FLIR; as in flirpy
 BOSON_SIZES = ((640, 512), (320, 256))
-BOSON_HZ = 60.0
-"""Images a second; 8.6 of models for export (FLIR's data sheet 102-2013-40)."""
+BOSON_HZ = 60.0  # 8.6 for export (FLIR's data sheet 102-2013-40)
+# K of one step of a radiometric Boson's words in high gain (TLinear: kelvin x 100). Words of low gain (kelvin
+# x 50) are refused. Source: notes on FLIR's Boson SDK; flirpy issue 87 names the mode.
 BOSON_KELVIN = 0.01
-"""Temperature of one step of a radiometric Boson's words in high gain (TLinear: kelvin x 100). Words of low
-gain (kelvin x 50) are refused. Source: notes on FLIR's Boson SDK; flirpy issue 87 names the mode."""
 
 
 @dataclass(frozen=True)
@@ -37,16 +32,19 @@ class Radiometry:
     offset_c: float = ABSOLUTE_ZERO_C
 
     def celsius(self, words: NDArray[np.uint16], name: str) -> NDArray[np.float32]:
-        """float32 (h, w). Raises DeviceFaultError with ``name`` for words that are not temperatures."""
+        """Return float32 (h, w).
+
+        Raises DeviceFaultError with ``name`` for words that are not temperatures.
+        """
         celsius = words * np.float32(self.scale) + np.float32(self.offset_c)
         check_temperatures(celsius, words, name)
         return celsius.astype(np.float32)
 
 
 def check_temperatures(celsius: NDArray[np.float32], words: NDArray[np.uint16], name: str) -> None:
-    """Raise DeviceFaultError, with the scale that fits, where the middle of an image is no temperature.
+    """Raise DeviceFaultError, with the scale that fits, if an image's median is not a plausible temperature.
 
-    celsius: (h, w), made of ``words``, which the camera ``name`` sent.
+    celsius: (h, w), made of ``words`` of the camera ``name``.
     """
     middle = float(np.median(celsius))
     if COLDEST_C <= middle <= HOTTEST_C:
@@ -62,69 +60,57 @@ def check_temperatures(celsius: NDArray[np.float32], words: NDArray[np.uint16], 
     )
 
 
-class WordCamera(V4l2Camera):
-    """A camera of 16-bit words. radiometry: None where they are no temperatures.
+@dataclass(frozen=True)
+class WordMode:
+    """Mode of a camera. kind, options: of its address. sizes: possible (width, height).
 
-    The flag is recognised in the images; dropped counts by the gaps between stamps.
+    radiometry: None for raw counts. remedy: for another size.
     """
 
-    _radiometry: Radiometry | None
-    _flag: FlagWatch
+    kind: str
+    options: str
+    sizes: Sequence[tuple[int, int]]
+    rate_hz: float
+    radiometry: Radiometry | None
+    remedy: str
 
-    def _watch(self, radiometry: Radiometry | None, rate_hz: float) -> None:
-        self._radiometry, self._flag = radiometry, FlagWatch(rate_hz)
+
+class WordCamera(V4l2Camera):
+    """A camera of 16-bit words, with the flag detected in its images. Raises DeviceError for another size."""
+
+    def __init__(self, node: V4l2Node, mode: WordMode) -> None:
+        super().__init__(f"{mode.kind}:{node.path}?{mode.options}", node, mode.rate_hz)
+        self._radiometry, self._flag = mode.radiometry, FlagWatch(mode.rate_hz)
+        self._configure(FOURCC, mode.sizes, mode.rate_hz, mode.remedy)
 
     def _take_frame(self) -> None:
         words, stamp_ns = self._words().copy(), self._stamp_ns()
-        flag = self._flag.see(words)
+        flag = self._flag.flag(words)
         if self._radiometry is None:
             self._take(stamp_ns, ThermalCounts(words, np.zeros(0, np.uint16), flag))
         else:
             self._take(stamp_ns, ThermalImage(self._radiometry.celsius(words, self.address), flag))
 
 
-class Y16Camera(WordCamera):
-    """One camera of a size (width, height). Raises DeviceError where the node has another, or none."""
-
-    def __init__(
-        self,
-        node: Path,
-        size: tuple[int, int],
-        rate_hz: float,
-        radiometry: Radiometry | None = None,
-        serial: str = "",
-        kind: CaptureKind = cv2.VideoCapture,
-    ) -> None:
-        address = f"y16:{node}?width={size[0]}&height={size[1]}&rate={rate_hz:g}"
-        if radiometry is not None:
-            address += f"&scale={radiometry.scale!r}&offset={radiometry.offset_c!r}"
-        super().__init__(address, node, serial, rate_hz, kind)
-        self._watch(radiometry, rate_hz)
-        self._configure(FOURCC, [size], rate_hz, "give its width and height")
+def y16_mode(size: tuple[int, int], rate_hz: float, radiometry: Radiometry | None = None) -> WordMode:
+    """Return the mode of a camera with images of one size (width, height)."""
+    options = f"width={size[0]}&height={size[1]}&rate={rate_hz:g}"
+    if radiometry is not None:
+        options += f"&scale={radiometry.scale!r}&offset={radiometry.offset_c!r}"
+    return WordMode("y16", options, [size], rate_hz, radiometry, "give its width and height")
 
 
-class Boson(WordCamera):
-    """A FLIR Boson 640 or 320. celsius: whether its words are temperatures, as those of radiometric ones.
-
-    Raises DeviceError for a node that does not open, or of another size.
-    """
-
-    def __init__(
-        self,
-        node: Path,
-        celsius: bool = False,
-        rate_hz: float = BOSON_HZ,
-        serial: str = "",
-        kind: CaptureKind = cv2.VideoCapture,
-    ) -> None:
-        address = f"boson:{node}?rate={rate_hz:g}" + "&celsius=yes" * celsius
-        super().__init__(address, node, serial, rate_hz, kind)
-        self._watch(Radiometry(BOSON_KELVIN) if celsius else None, rate_hz)
-        self._configure(FOURCC, BOSON_SIZES, rate_hz, "switch its output to 16 bits (RAW16)")
+def boson_mode(celsius: bool = False, rate_hz: float = BOSON_HZ) -> WordMode:
+    """Return the mode of a Boson 640 or 320. celsius: a radiometric one, whose words are temperatures."""
+    options = f"rate={rate_hz:g}" + "&celsius=yes" * celsius
+    radiometry = Radiometry(BOSON_KELVIN) if celsius else None
+    return WordMode(
+        "boson", options, BOSON_SIZES, rate_hz, radiometry, "switch its output to 16 bits (RAW16)"
+    )
 
 
 def radiometry_of(address: Address) -> Radiometry | None:
-    """The scale and offset that an address gives, or None. Raises DeviceError for one without the other."""
+    """Return the address' scale and offset, or None. Raises DeviceError for one without the other."""
     scale, offset_c = address.given_number("scale", 1e-6, 10.0), address.given_number("offset", -1e4, 1e4)
     if (scale is None) != (offset_c is None):
         raise DeviceError(

@@ -1,8 +1,8 @@
-"""Readings as they arrive: stamps on one time scale, and the events in between.
+"""Readings as they arrive: stamps on one time scale, and the events between them. Constants are untuned.
 
-Every reading keeps its device's stamp; a device's zero is moved to the host's time of its first reading. A
-device that was away, or whose clock was set, begins an *epoch*: its zero is moved anew, and an event states
-where (``sensors.rig.clock.begins_of`` reads it).
+Every reading keeps its device's stamp, shifted so that the first stamp is its arrival on the host. A device
+that was lost, or whose clock was set, begins an *epoch* with a new shift, and an event marks its start
+(``sensors.rig.clock.begins_of`` reads it).
 """
 
 from dataclasses import dataclass
@@ -11,19 +11,17 @@ from sensors.device.protocol import DeviceReading, Flag, ThermalCounts, ThermalI
 from sensors.rig.clock import BACK, EPOCH_MARGIN_NS, SET_ANEW
 
 FLAG_CLOSED, FLAG_OPEN = "thermal flag closed", "thermal flag open"
+# Ns below the least delay that mean a clock set forward; first images are late by less.
 LEAP_NS = 1_000_000_000
-"""Nanoseconds below the least delay from which the device's clock was set forward. A driver delays a first
-image by less (untuned)."""
-FORGET = 1e-3
-"""Rise of the least delay per time: five times the skew of a bad crystal (untuned)."""
+FORGET = 1e-3  # rise of the least delay per time, five times the skew of a bad crystal
 
 
 @dataclass(frozen=True)
 class Arrived:
-    """A reading and the address that it came from. stamp_ns, arrival_ns: since 1970, device's and host's.
+    """A reading. stamp_ns, arrival_ns: since 1970, on the device's and the host's clock.
 
-    lost: how many of its stream were lost before it; overrun: how many of these came while the queue was
-    full. usable: False while the flag is closed. restarted: whether it is the first of an epoch.
+    lost: readings of its stream lost before it; overrun: of these, lost in a full queue. usable: False while
+    the flag is closed. restarted: first reading of an epoch.
     """
 
     address: str
@@ -38,7 +36,7 @@ class Arrived:
 
 @dataclass(frozen=True)
 class Event:
-    """Event of a recording. stamp_ns: on the clock of its source; arrival_ns: on the host's, if different."""
+    """Event of a recording. stamp_ns: on its source's clock; arrival_ns: on the host's, if different."""
 
     stamp_ns: int
     text: str
@@ -46,7 +44,7 @@ class Event:
 
 
 class _Epoch:
-    """Clock of one device since its zero was moved. zero_ns: from its stamps to session stamps."""
+    """One epoch of a device's clock. zero_ns: shift of its stamps."""
 
     def __init__(self, zero_ns: int) -> None:
         self.zero_ns = zero_ns
@@ -55,7 +53,7 @@ class _Epoch:
         self._stamp_ns = dict[str, int]()
 
     def add(self, reading: DeviceReading) -> bool:
-        """Add a reading and return True; add nothing and return False where the clock was set before."""
+        """Add a reading and return True; return False if the clock was set before this reading."""
         delay_ns = reading.arrival_ns - reading.stamp_ns
         if reading.stamp_ns < self._stamp_ns.get(reading.stream, reading.stamp_ns):
             return False
@@ -71,10 +69,9 @@ class _Epoch:
 
 
 class Arrivals:
-    """Stamps readings and notes what happened between them. For one thread.
+    """Stamps of readings, and events between readings. For one thread.
 
-    unix_from_monotonic_ns: from ``time.monotonic_ns`` to nanoseconds since 1970. away: addresses that are
-    lost now.
+    unix_from_monotonic_ns: difference of the two clocks. away: addresses of lost devices.
     """
 
     def __init__(self, unix_from_monotonic_ns: int) -> None:
@@ -90,22 +87,21 @@ class Arrivals:
         begun = self._begun(address, reading, arrival_ns)
         stamp_ns = reading.stamp_ns + self._epochs[address].zero_ns
         self._last_ns[address] = max(stamp_ns, self._last_ns.get(address, stamp_ns))
-        made: list[Arrived | Event] = [Event(stamp_ns, begun.format(address), arrival_ns)] if begun else []
+        texts = [begun.format(address)] if begun else []
         if lost := reading.dropped + overrun:
             why = f", {overrun} as writing was too slow" if overrun else ""
-            made.append(Event(stamp_ns, f"{reading.stream}: {lost} dropped{why}", arrival_ns))
+            texts.append(f"{reading.stream}: {lost} dropped{why}")
         usable = True
         if isinstance(reading.value, ThermalImage | ThermalCounts):
             usable = reading.value.flag is Flag.OPEN
             if usable != self._flag_open:
                 self._flag_open = usable
-                made.append(Event(stamp_ns, FLAG_OPEN if usable else FLAG_CLOSED, arrival_ns))
-        restarted = bool(begun)
-        arrived = Arrived(address, reading, stamp_ns, arrival_ns, lost, usable, restarted, overrun)
-        return [*made, arrived]
+                texts.append(FLAG_OPEN if usable else FLAG_CLOSED)
+        arrived = Arrived(address, reading, stamp_ns, arrival_ns, lost, usable, bool(begun), overrun)
+        return [*(Event(stamp_ns, text, arrival_ns) for text in texts), arrived]
 
     def _begun(self, address: str, reading: DeviceReading, arrival_ns: int) -> str:
-        """Return the text of the event that begins an epoch, with a place for the address; "" within one."""
+        """Return the text, with a place for the address, of the event that begins an epoch; "" within one."""
         epoch, text = self._epochs.get(address), ""
         if address in self.away:
             self.away.discard(address)
@@ -114,7 +110,7 @@ class Arrivals:
             text = SET_ANEW
         elif epoch is not None:
             return ""
-        # Twice the margin: another stream of the device may have been stamped earlier and arrive later.
+        # Twice the margin, because another stream may be stamped earlier and arrive later.
         earliest_ns = self._last_ns.get(address, -(1 << 62)) + 2 * EPOCH_MARGIN_NS
         self._epochs[address] = _Epoch(max(arrival_ns, earliest_ns) - reading.stamp_ns)
         self._epochs[address].add(reading)

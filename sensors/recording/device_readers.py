@@ -1,4 +1,7 @@
-"""Readings of several devices: a thread for each, queues of bounded length, lost devices opened again."""
+"""Readings of several devices: a thread and a bounded queue each; lost devices are reopened.
+
+Constants are untuned.
+"""
 
 import threading
 import time
@@ -11,21 +14,17 @@ from sensors.device.protocol import Device, DeviceReading
 from sensors.errors import DeviceError, DeviceFaultError, one_line
 from sensors.recording.arrival_times import Arrivals, Arrived, Event
 
+# Readings, or seconds if more, that may wait for a disk that stalls for a second.
 BACKLOG, BACKLOG_S = 64, 2.0
-"""Readings, and seconds of readings, that a device may be ahead of the disk, whichever is more: 45 MB of a
-Kinect v2. A busy disk stalls for a second. Untuned."""
-READ_S = 0.2
-"""Seconds a thread waits for a reading before it checks whether it is to end. Untuned."""
-REOPEN_S = 1.0
-"""Seconds between two attempts to open a lost device again. Untuned."""
+READ_S = 0.2  # s; longest wait before a thread checks for the end
+REOPEN_S = 1.0  # s between two attempts to reopen a lost device
 
 
 class Intake:
-    """Readings of devices that have started; as a context it reads, and closes the devices at its end.
+    """Readings of started devices; a context manager that reads, and closes the devices at the end.
 
-    reopen: opens and starts a device that was lost. away: addresses that are lost now. faults: by address,
-    when a device last sent what it must not, and what. Raises DeviceError where two devices have one stream,
-    or none gives depth.
+    reopen: opens and starts a lost device. faults: latest protocol violation by address. Raises DeviceError
+    if two devices have one stream, or depth is missing.
     """
 
     def __init__(self, devices: Sequence[Device], reopen: Callable[[str], Device]) -> None:
@@ -64,15 +63,15 @@ class Intake:
 
     @property
     def away(self) -> frozenset[str]:
-        """Addresses that are lost now."""
+        """Addresses of lost devices."""
         return frozenset(self._arrivals.away)
 
     def now_ns(self) -> int:
-        """Return the time on the host's clock, without changes of that clock since the start."""
+        """Return the host's time since 1970, without changes of that clock since the start."""
         return time.monotonic_ns() + self._unix_from_monotonic
 
     def wait(self, timeout_s: float) -> None:
-        """Wait until something may have come."""
+        """Wait until a reading or an event may have come."""
         self._woken.wait(timeout_s)
         self._woken.clear()
 
@@ -81,10 +80,7 @@ class Intake:
         self._woken.set()
 
     def drain(self) -> list[Arrived | Event]:
-        """Return all readings and events until now.
-
-        Later ones wait, because the queues of devices that are faster than the caller are never empty.
-        """
+        """Return all readings and events until now; the queues of fast devices may never be empty."""
         drained: list[Arrived | Event] = []
         for address, queue in self._queues.items():
             for _ in range(queue.qsize()):
@@ -111,7 +107,7 @@ class Intake:
         while not self._stop.is_set():
             try:
                 item: DeviceReading | Exception | None = self._devices[address].read(READ_S)
-            except Exception as error:  # a maker's library may raise anything; the device is opened again
+            except Exception as error:  # a maker's library may raise anything; the device is reopened
                 item = error
             if item is None:
                 continue
@@ -126,7 +122,7 @@ class Intake:
             try:
                 self._queues[address].put(item, is_error, READ_S)
             except Full:
-                # An error is never dropped, because it means that a device is gone.
+                # An error is never dropped, because it can mean that a device is gone.
                 if is_error and not self._stop.is_set():
                     continue
                 self._overrun[address] += 1
@@ -134,8 +130,8 @@ class Intake:
         self._woken.set()
 
     def _opened_again(self, address: str) -> bool:
-        """Open a lost device as soon as it is there again; False where the intake ends before."""
-        # What a maker's library raises at a camera that is gone, or half there, is not documented.
+        """Reopen a lost device as soon as it is back; return False if the intake ends before."""
+        # A maker's library may raise anything for a camera that is gone.
         with suppress(Exception):
             self._devices[address].close()
         while not self._stop.wait(REOPEN_S):

@@ -1,4 +1,4 @@
-"""Moments of a rig as they happen: a depth image, and the colour and temperatures that belong to it."""
+"""Synchronised frames of a running rig: a depth image with its colour and temperatures."""
 
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -13,19 +13,15 @@ from sensors.recording.arrival_times import Arrived
 from sensors.rig.frame import RigFrame
 from sensors.rig.pairing import COLOR_WINDOW_NS, SPOT_WINDOW_NS, THERMAL_WINDOW_NS
 
-WAIT_NS = 25_000_000
-"""Time for which a depth image waits for its other images: half a period of 30 Hz, and 8 ms of transport.
-Untuned."""
-KEPT = 64
-"""Colour images, and thermal images, that are kept: half a second of 128 Hz. Untuned."""
+WAIT_NS = 25_000_000  # ns a depth image waits: half a period of 30 Hz and 8 ms of transport; untuned
+KEPT = 64  # images of each stream: 0.5 s of 128 Hz; untuned
 
 
 @dataclass(frozen=True)
 class SyncedFrame:
-    """A frame as it happens. host_ns: when its depth was taken, on the host's clock since 1970.
+    """A frame of a running rig. host_ns: of its depth, on the host's clock since 1970.
 
-    arrival_ns: when that arrived, on ``time.monotonic_ns``. spot_c: the pyrometer's target, Celsius, NaN =
-    not measured.
+    arrival_ns: of its depth, ``time.monotonic_ns``. spot_c: the pyrometer's target in Celsius, NaN = none.
     """
 
     frame: RigFrame
@@ -35,9 +31,9 @@ class SyncedFrame:
 
 
 class FrameAssembly:
-    """Pairs readings as ``sensors.rig.pairing`` does, but with those that have come by now.
+    """Pairs readings as ``sensors.rig.pairing`` does, with the readings that have come so far.
 
-    rates_hz: nominal rates of the streams that there are.
+    rates_hz: nominal rates of the streams.
     """
 
     def __init__(self, rates_hz: Mapping[str, float]) -> None:
@@ -52,7 +48,7 @@ class FrameAssembly:
         self._index = 0
 
     def add(self, item: Arrived, host_ns: int) -> None:
-        """Take a reading that was made at ``host_ns``."""
+        """Add a reading made at ``host_ns``."""
         value = item.reading.value
         if item.reading.stream in self._reached_ns:
             self._reached_ns[item.reading.stream] = host_ns
@@ -67,15 +63,15 @@ class FrameAssembly:
                 self._spot = (host_ns, target_c)
 
     def latest(self, now_ns: int) -> SyncedFrame | None:
-        """The newest moment that is complete, or has waited long enough; those before it are passed over.
+        """Return the latest frame that is complete or has waited long enough; skip the frames before.
 
         now_ns: on the clock of the arrivals.
         """
-        synced = None
+        due = None
         while self._depth and self._is_due(*self._depth[0], now_ns):
-            synced = self._depth.popleft()
+            due = self._depth.popleft()
             self._index += 1
-        return self._paired(*synced) if synced else None
+        return self._paired(*due) if due else None
 
     def _is_due(self, host_ns: int, item: Arrived, now_ns: int) -> bool:
         passed = all(self._reached_ns[stream] >= host_ns for stream in self._others)
@@ -101,6 +97,6 @@ Image = TypeVar("Image")
 
 
 def _nearest(images: Sequence[tuple[int, Image]], host_ns: int, window_ns: int) -> Image | None:
-    """The one of timed images that was taken nearest to ``host_ns``, if that is within the window."""
+    """Return the image nearest in time to ``host_ns``, None if it is outside the window."""
     at_ns, image = min(images, key=lambda one: abs(one[0] - host_ns), default=(0, None))
     return image if abs(at_ns - host_ns) <= window_ns else None

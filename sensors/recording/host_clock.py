@@ -1,30 +1,24 @@
-"""A device's clock against the host's while readings come in: when each was made, how fast the clock runs."""
+"""Running fit of a device's clock to the host's clock. Constants are untuned unless a source is given."""
 
 from collections import deque
 
 import numpy as np
 
-BIN_NS, BINS = 1_000_000_000, 60
-"""Span of which the least delay is kept, and number of spans: a minute. Untuned."""
-RECENT = 5
-"""Spans whose least delay is taken for none. Untuned: in five seconds some reading is not held up, and
-a clock that is off by 200 ppm moves by a millisecond."""
-LEAST_BINS = 20
-"""Spans before a clock's speed is stated: a jitter of a millisecond is 50 ppm over 20 s."""
-SCATTER = 5.0
-"""Least drift over the time watched, as a multiple of the median scatter about it: on a machine that is too
-busy every delay is late, and by how much changes. Untuned."""
+BIN_NS, BINS = 1_000_000_000, 60  # span (ns) of each least delay, and number of spans
+RECENT = 5  # spans whose least delay counts as zero; 200 ppm are 1 ms in 5 s
+LEAST_BINS = 20  # spans before the skew is stated; 1 ms of jitter is 50 ppm over 20 s
+SCATTER = 5.0  # least drift / median scatter, because delays of a busy machine vary
 
 
 class HostClock:
-    """Clock of one device. latency_ns: from a reading's making to its arrival at best, where it is known."""
+    """Clock of one device. latency_ns: least time from exposure to arrival, if known."""
 
     def __init__(self, latency_ns: int = 0) -> None:
         self._latency_ns = latency_ns
         self._bins = deque[tuple[int, int]](maxlen=BINS)
 
     def host_ns(self, stamp_ns: int, arrival_ns: int) -> int:
-        """When a reading stamped so was made, on the clock of the arrivals; readings in their order."""
+        """Return the time of a reading on the clock of the arrivals; call once for each reading, in order."""
         delay, at = arrival_ns - stamp_ns, arrival_ns // BIN_NS
         if not self._bins or self._bins[-1][0] != at:
             self._bins.append((at, delay))
@@ -35,9 +29,9 @@ class HostClock:
 
     @property
     def skew_ppm(self) -> float:
-        """How much faster the device's clock runs than the host's, in millionths; 0 until it is known.
+        """Skew of the device's clock against the host's, 0 until known.
 
-        The median slope of the least delays over time (Theil 1950, Sen 1968): stalls do not move it.
+        Median slope of the least delays over time (Theil 1950, Sen 1968), which stalls do not change.
         """
         if len(self._bins) < LEAST_BINS:
             return 0.0

@@ -1,4 +1,4 @@
-"""Judge of single images while devices are read: a garbled one is left out, a wrong mode ends the rig."""
+"""Check of single images: a corrupt one is left out, a camera in a wrong mode ends the rig."""
 
 from collections import Counter
 
@@ -11,18 +11,12 @@ from sensors.files.images import size_of_encoded
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 
-SETUP_IMAGES = 10
-"""Number of first images of a stream that are all bad where its camera is in a wrong mode (untuned)."""
-NAMES = {"depth": "depth", "color": "colour", "thermal": "thermal", "pyrometer": "pyrometer"}
-"""Names of streams in messages."""
+SETUP_IMAGES = 10  # first images of a stream that are all bad if its camera is in a wrong mode; untuned
+NAMES = {"depth": "depth", "color": "colour", "thermal": "thermal", "pyrometer": "pyrometer"}  # in messages
 
 
-class ImageJudge:
-    """Judge of a rig's images.
-
-    Where all of the first ``SETUP_IMAGES`` of a stream are bad, the camera is in another mode than the
-    calibration's.
-    """
+class ImageCheck:
+    """Check of a rig's images. A stream whose first ``SETUP_IMAGES`` are all bad is in a wrong mode."""
 
     def __init__(self, calibration: RigCalibration) -> None:
         self._calibration = calibration
@@ -46,12 +40,11 @@ class ImageJudge:
 def _fault(value: Value, calibration: RigCalibration) -> str:
     match value:
         case DepthImage(depth_mm, infrared):
-            fault = _misshapen(depth_mm, np.dtype(np.uint16), calibration.depth)
-            if not fault and infrared is not None:
-                fault = _misshapen(infrared, np.dtype(np.uint16), calibration.depth)
-            return fault
+            images = [depth_mm] if infrared is None else [depth_mm, infrared]
+            faults = [_misshapen(image, np.dtype(np.uint16), calibration.depth) for image in images]
+            return next(filter(None, faults), "")
         case ColorImage(encoded):
-            return _garbled(encoded, calibration.color)
+            return _corrupt(encoded, calibration.color)
         case ThermalImage(celsius):
             return _misshapen(celsius, np.dtype(np.float32), calibration.thermal)
         case ThermalCounts(counts):
@@ -66,8 +59,8 @@ def _misshapen(image: NDArray[np.generic], dtype: np.dtype[np.generic], camera: 
     return _of_size(image.shape[1], image.shape[0], camera)
 
 
-def _garbled(encoded: bytes, camera: Intrinsics | None) -> str:
-    """Return the fault of a camera's JPEG or PNG, by its header and end; decode nothing."""
+def _corrupt(encoded: bytes, camera: Intrinsics | None) -> str:
+    """Return the fault of a JPEG or PNG by its header and end, without decoding."""
     try:
         return _of_size(*size_of_encoded(encoded), camera)
     except FormatError as error:

@@ -1,5 +1,6 @@
-"""Running rig: its newest moment, and every reading on the disk while it is recorded."""
+"""Running rig: its latest synchronised frame, and every reading on disk while it records."""
 
+import gc
 import threading
 import time
 from collections import deque
@@ -14,28 +15,24 @@ from sensors.errors import CalibrationError, CloudError, ExistsError, one_line
 from sensors.recording.arrival_times import Arrived, Event
 from sensors.recording.device_readers import Intake
 from sensors.recording.frame_assembly import FrameAssembly, SyncedFrame
-from sensors.recording.garbage_collection import QuietCollector
-from sensors.recording.image_check import ImageJudge
+from sensors.recording.image_check import ImageCheck
 from sensors.recording.latest_value import LatestValue
-from sensors.recording.recorder import LOOK_S, RESERVE_BYTES, Recorder, Take, clock_metadata
+from sensors.recording.recorder import DISK_S, RESERVE_BYTES, Recorder, Take, clock_metadata
 from sensors.recording.stream_health import FAULT_NS, Health, Watch
 from sensors.rig.rig_calibration import RigCalibration
 
 EVENTS_KEPT = 100
-"""Number of events that are kept. Untuned."""
-SETUP_S = 10.0
-"""Seconds after the start in which a camera in a wrong mode ends the rig (untuned)."""
-
+SETUP_S = 10.0  # s after the start in which a camera in a wrong mode ends the rig; untuned
 T = TypeVar("T")
+_freezing = set["LiveRig"]()  # running rigs: see ``LiveRig.start``
 
 
 class LiveRig:
-    """Devices that have started, run by a thread of their own from ``start`` to ``close``.
+    """Started devices, read by one thread from ``start`` to ``close``.
 
-    That thread alone writes, because no signal interrupts it. name, calibration: the rig's. reopen: opens and
-    starts a device that was lost. moments: the newest moment, which ends with the rig. events: the last that
-    happened, with running numbers. error: what ended the rig. Raises DeviceError where two devices have one
-    stream, or none gives depth.
+    Only that thread writes, because signals do not interrupt it. reopen: opens and starts a lost device.
+    frames: latest frame, which ends with the rig. events: the last events with running numbers. error: reason
+    of the rig's end. Raises DeviceError if two devices have one stream, or depth is missing.
     """
 
     def __init__(
@@ -55,23 +52,26 @@ class LiveRig:
         self._watch = Watch(devices, {address: round(ms * 1e6) for address, ms in latency_ms.items()})
         self._pairing = FrameAssembly(rates_hz)
         self._recorder = Recorder(name, calibration, clock_metadata(devices, latency_ms))
-        self._judge, self._left_out = ImageJudge(calibration), dict[str, Event]()
-        self._collector = QuietCollector()
-        self._counting, self._asking = threading.Lock(), threading.Lock()
-        self._asked: deque[Callable[[], None]] = deque()
+        self._check, self._left_out = ImageCheck(calibration), dict[str, Event]()
+        self._counting, self._queueing = threading.Lock(), threading.Lock()
+        self._actions: deque[Callable[[], None]] = deque()
         self._serving = False
         self._started_s = 0.0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="rig", daemon=True)
 
     def start(self) -> None:
-        """Begin to read."""
+        """Begin to read, with the garbage collector kept from all objects that exist already.
+
+        A full collection stops every thread for 60 to 120 ms, and a thermal camera keeps 125 ms of images.
+        """
         self._started_s, self._serving = time.monotonic(), True
-        self._collector.begin()
+        _freezing.add(self)
+        gc.freeze()
         self._thread.start()
 
     def close(self) -> None:
-        """End the recording and the thread, and give the devices back; idempotent."""
+        """End the recording and the thread, and release the devices; idempotent."""
         self._stop.set()
         self._intake.wake()
         if self._thread.ident is None:
@@ -79,16 +79,16 @@ class LiveRig:
             self._recorder.end()
         else:
             self._thread.join()
-        self._collector.end()
-
-    # Recording
+        if _freezing:
+            _freezing.discard(self)
+            if not _freezing:
+                gc.unfreeze()
 
     def record(self, path: Path, subject: str = "", overwrite: bool = False, infrared: bool = False) -> None:
-        """Write every reading from now on into a session, from the first one if the rig has not started.
+        """Write every reading from now on into a session.
 
-        subject: the name of the person, "" if unknown. infrared: whether to keep infrared images, which
-        ``calibrate`` needs. Raises ExistsError, and CloudError while another recording goes on or after the
-        rig has ended.
+        subject: name of the person, "" if unknown. infrared: keep infrared images, for ``calibrate``. Raises
+        ExistsError, and CloudError during another recording or after the rig's end.
         """
 
         def begin() -> None:
@@ -98,30 +98,29 @@ class LiveRig:
             self._recorder.begin(path, subject, overwrite, infrared)
 
         self._in_thread(begin)
-        # Kernels, networks and the window have been loaded since the start.
-        self._collector.freeze()
+        # Kernels, networks and the window were loaded since the start.
+        if self in _freezing:
+            gc.freeze()
 
     def end_recording(self) -> Path | None:
-        """End the recording, if there is one, and return its session, whole and on the disk.
+        """End the recording, if there is one, and return its whole session.
 
-        Raises OSError, and ExistsError where another program made a file of its name meanwhile.
+        Raises OSError, and ExistsError if another program made a file of its name meanwhile.
         """
         return self._in_thread(self._end_recording)
 
     def mark(self, text: str) -> None:
-        """Note an event, in the recording too if there is one."""
+        """Add an event, also to the recording if there is one."""
         self._in_thread(lambda: self._keep(Event(self._intake.now_ns(), one_line(text))))
 
     @property
     def last_take(self) -> Take | None:
-        """The recording under way, or the last one."""
+        """Current recording, or the last one."""
         return self._recorder.last
 
     def _end_recording(self) -> Path | None:
         self._take_in()
         return self._recorder.end()
-
-    # Looking
 
     def health(self) -> Health:
         """Return the state of the rig."""
@@ -146,22 +145,20 @@ class LiveRig:
             ),
         )
 
-    # The thread
-
     def _in_thread(self, action: Callable[[], T]) -> T:
-        """Do an action in the rig's thread, or in the caller's if that does not run; return its result."""
+        """Return the result of an action, run in the rig's thread if there is one, else in the caller's."""
         future = Future[T]()
 
         def act() -> None:
             try:
                 future.set_result(action())
-            except BaseException as error:  # the caller gets it
+            except BaseException as error:  # raised again in the caller
                 future.set_exception(error)
 
-        with self._asking:
-            if asked := self._serving:
-                self._asked.append(act)
-        if asked:
+        with self._queueing:
+            if queued := self._serving:
+                self._actions.append(act)
+        if queued:
             self._intake.wake()
         else:
             act()
@@ -172,7 +169,7 @@ class LiveRig:
             with self._intake:
                 self._serve()
             self._take_in()
-        except Exception as error:  # raised where the rig is used, because here it ends with the thread
+        except Exception as error:  # raised by the user of the rig, not in this thread
             self.error = error
             if isinstance(error, CalibrationError):
                 self._discard()
@@ -180,36 +177,35 @@ class LiveRig:
             with suppress(OSError, ExistsError):
                 self._recorder.end()
             self.frames.end()
-            with self._asking:
+            with self._queueing:
                 self._serving = False
-            self._do_asked()
+            self._run_actions()
 
     def _discard(self) -> None:
-        """Remove the recording: a camera was in a wrong mode from the start, a second or two ago."""
+        """Remove the recording, because a camera was in a wrong mode from the start."""
         take = self._recorder.take
         self._recorder.abandon()
         if take is not None:
             take.writer.partial.unlink(missing_ok=True)
 
     def _serve(self) -> None:
-        looked_s = time.monotonic()
+        checked_s = time.monotonic()
         while not self._stop.is_set():
-            self._do_asked()
+            self._run_actions()
             self._take_in()
-            synced = self._pairing.latest(self._intake.now_ns())
-            if synced is not None:
-                self.frames.put(synced)
-            if time.monotonic() - looked_s >= LOOK_S:
-                looked_s = time.monotonic()
-                self._recorder.look_at_disk(self._intake.now_ns())
+            if (frame := self._pairing.latest(self._intake.now_ns())) is not None:
+                self.frames.put(frame)
+            if time.monotonic() - checked_s >= DISK_S:
+                checked_s = time.monotonic()
+                self._recorder.check_disk(self._intake.now_ns())
             self._intake.wait(0.02)
 
-    def _do_asked(self) -> None:
-        while self._asked:
-            self._asked.popleft()()
+    def _run_actions(self) -> None:
+        while self._actions:
+            self._actions.popleft()()
 
     def _take_in(self) -> None:
-        """Judge, count, pair and write all readings that have come."""
+        """Check, count, pair and write all readings that have come."""
         for item in self._intake.drain():
             self._keep(item)
 
@@ -233,7 +229,7 @@ class LiveRig:
 
     def _fault(self, item: Arrived) -> str:
         try:
-            return self._judge.fault(item.reading.value)
+            return self._check.fault(item.reading.value)
         except CalibrationError as error:
             if time.monotonic() - self._started_s < SETUP_S:
                 raise

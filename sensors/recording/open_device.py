@@ -1,4 +1,4 @@
-"""All devices by address: which there are, and opening one, real or virtual."""
+"""All devices by address: the list of those present, and opening one, real or virtual."""
 
 import errno
 import os
@@ -8,19 +8,17 @@ from pathlib import Path
 from serial.tools.list_ports import comports
 
 from sensors.device.address import Address
-from sensors.device.mounting import Mounted, Mounting, mounting_of
+from sensors.device.mounting import NO_YES, Mounted, Mounting, mounting_of
 from sensors.device.node import node_error, video_nodes
 from sensors.device.protocol import Device, Found
+from sensors.device.v4l2_camera import V4l2Node
+from sensors.drivers import lepton, optris, y16
 from sensors.drivers.azure_kinect import CLOSED, AzureKinect, azure_devices
 from sensors.drivers.kinect2 import Kinect2, kinect2_serials, load_shim
-from sensors.drivers.lepton import RATE_HZ, Lepton
-from sensors.drivers.lepton import USB_ID as LEPTON_ID
-from sensors.drivers.optris import LAYOUTS, USB_ID, Optris
 from sensors.drivers.optris_direct import OptrisDirect
 from sensors.drivers.orbbec import Orbbec, orbbec_serials
-from sensors.drivers.pyrometer import open_pyrometer
+from sensors.drivers.pyrometer import Pyrometer, pyrometer_options
 from sensors.drivers.realsense import PRESETS, RATES, SIZES, RealSense, Settings, realsense_serials
-from sensors.drivers.y16 import BOSON_HZ, BOSON_USB_ID, Boson, Y16Camera, radiometry_of
 from sensors.errors import DeviceError, DeviceNotFoundError
 from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.rig.frame import RigFrame
@@ -37,13 +35,13 @@ VIRTUAL = (
     "virtual:pyrometer?family=ct",
     "virtual:pyrometer?family=cs",
 )
+VIDEO_IDS = {"optris": optris.USB_ID, "lepton": lepton.USB_ID, "boson": y16.BOSON_USB_ID}
 
 
 def open_device(address: str, frames: Iterable[RigFrame] = ()) -> Device:
-    """Open the device at ``address`` (see ``docs/devices.md``).
+    """Open the device at ``address`` (see ``docs/devices.md``). Raises DeviceError.
 
-    frames: what a virtual camera sees, in a loop of at most a second.
-    Raises DeviceError.
+    frames: scene of a virtual camera, repeated after a second at most.
     """
     parsed = Address(address)
     check_kind(parsed)
@@ -53,7 +51,7 @@ def open_device(address: str, frames: Iterable[RigFrame] = ()) -> Device:
 
 
 def check_kind(address: Address) -> None:
-    """Raise DeviceError for an address of no known kind."""
+    """Raise DeviceError for an address of an unknown kind."""
     if address.virtual and address.kind not in TWINS:
         raise DeviceError(f"{address.text!r} has no virtual twin; use virtual: with {', '.join(TWINS)}")
     if not address.virtual and address.kind not in OPENERS:
@@ -61,9 +59,9 @@ def check_kind(address: Address) -> None:
 
 
 def find_devices() -> list[Found]:
-    """Devices that are plugged in, then the virtual ones.
+    """Return the connected devices, then the virtual ones.
 
-    The libraries of Kinects, RealSense and Orbbec cameras open each camera for a moment to read its number.
+    The libraries of Kinects, RealSense and Orbbec cameras open each camera briefly to read its number.
     Nothing is sent to thermal cameras and serial ports.
     """
     return [
@@ -73,7 +71,7 @@ def find_devices() -> list[Found]:
         *_numbered("orbbec", orbbec_serials()),
         *(
             Found(f"{kind}:{node}", kind, serial, note=_access(node))
-            for kind, usb_id in (("optris", USB_ID), ("lepton", LEPTON_ID), ("boson", BOSON_USB_ID))
+            for kind, usb_id in VIDEO_IDS.items()
             for node, serial in video_nodes(usb_id)
         ),
         *_serial_ports(),
@@ -81,9 +79,7 @@ def find_devices() -> list[Found]:
     ]
 
 
-def _numbered_opener(camera: Callable[[str], Device]) -> Callable[[Address], Device]:
-    """Opens a camera that its serial number names."""
-
+def _opener_by_serial(camera: Callable[[str], Device]) -> Callable[[Address], Device]:
     def opened(address: Address) -> Device:
         address.finish()
         return camera(address.target)
@@ -104,13 +100,6 @@ def _open_realsense(address: Address) -> Device:
     return RealSense(address.target, settings)
 
 
-def _open_optris(address: Address) -> Device:
-    layout = address.choice("mode", LAYOUTS, "128hz")
-    address.finish()
-    node = _target(address, "/dev/video0")
-    return Optris(node, layout, dict(video_nodes(USB_ID)).get(node, ""))
-
-
 def _open_direct(address: Address) -> Device:
     emissivity = address.given_number("emissivity", 0.1, 1.1)
     address.finish()
@@ -124,40 +113,48 @@ def _open_direct(address: Address) -> Device:
     return device
 
 
-def _open_lepton(address: Address) -> Device:
-    address.finish()
-    node = _target(address, "/dev/video0")
-    return Lepton(node, dict(video_nodes(LEPTON_ID)).get(node, ""))
+def _open_optris(address: Address) -> Device:
+    layout = address.choice("mode", optris.LAYOUTS, "128hz")
+    return optris.Optris(_node(address), layout)
 
 
 def _open_boson(address: Address) -> Device:
-    celsius = address.choice("celsius", {"no": False, "yes": True}, "no")
-    rate_hz = address.number("rate", BOSON_HZ, 1.0, 200.0)
-    address.finish()
-    node = _target(address, "/dev/video0")
-    return Boson(node, celsius, rate_hz, dict(video_nodes(BOSON_USB_ID)).get(node, ""))
+    celsius = address.choice("celsius", NO_YES, "no")
+    mode = y16.boson_mode(celsius, address.number("rate", y16.BOSON_HZ, 1.0, 200.0))
+    return y16.WordCamera(_node(address), mode)
 
 
 def _open_y16(address: Address) -> Device:
     width, height = (address.given_integer(side, 1, MAX_IMAGE_SIDE) for side in ("width", "height"))
-    rate_hz, radiometry = address.number("rate", RATE_HZ, 1.0, 200.0), radiometry_of(address)
-    address.finish()
-    return Y16Camera(_target(address, "/dev/video0"), (width or 160, height or 120), rate_hz, radiometry)
+    rate_hz = address.number("rate", lepton.RATE_HZ, 1.0, 200.0)
+    mode = y16.y16_mode((width or 160, height or 120), rate_hz, y16.radiometry_of(address))
+    return y16.WordCamera(_node(address), mode)
+
+
+def _open_pyrometer(address: Address) -> Device:
+    options = pyrometer_options(address)
+    return Pyrometer(_target(address, "/dev/ttyUSB0"), options)
 
 
 OPENERS: Mapping[str, Callable[[Address], Device]] = {
-    "kinect2": _numbered_opener(Kinect2),
+    "kinect2": _opener_by_serial(Kinect2),
     "realsense": _open_realsense,
-    "azure": _numbered_opener(AzureKinect),
-    "orbbec": _numbered_opener(Orbbec),
+    "azure": _opener_by_serial(AzureKinect),
+    "orbbec": _opener_by_serial(Orbbec),
     "optris": _open_optris,
     "optris-direct": _open_direct,
-    "lepton": _open_lepton,
+    "lepton": lambda address: lepton.Lepton(_node(address)),
     "boson": _open_boson,
     "y16": _open_y16,
-    "pyrometer": lambda address: open_pyrometer(address, _target(address, "/dev/ttyUSB0")),
+    "pyrometer": _open_pyrometer,
 }
-"""Every kind of real device, and what opens it."""
+
+
+def _node(address: Address) -> V4l2Node:
+    """Return the node of a thermal camera whose other options were read."""
+    address.finish()
+    path, usb_id = _target(address, "/dev/video0"), VIDEO_IDS.get(address.kind)
+    return V4l2Node(path, dict(video_nodes(usb_id)).get(path, "") if usb_id else "")
 
 
 def _target(address: Address, example: str) -> Path:
@@ -174,24 +171,18 @@ def _kinect2_serials() -> list[str]:
 
 
 def _serial_ports() -> list[Found]:
-    remark = "a serial port; only opening it shows whether a pyrometer answers"
-    found = []
-    for port in sorted(comports(), key=lambda port: str(port.device)):
-        note = _access(Path(port.device)) or remark
-        found.append(Found(f"pyrometer:{port.device}", "pyrometer", port.serial_number or "", note=note))
-    return found
+    note = "a serial port; only opening it shows whether a pyrometer answers"
+    ports = sorted((str(port.device), port.serial_number or "") for port in comports())
+    return [Found(f"pyrometer:{at}", "pyrometer", one, note=_access(at) or note) for at, one in ports]
 
 
 def _numbered(kind: str, serials: list[str], closed: str = "") -> list[Found]:
-    """Devices by serial number, with a note on two of one number. closed: note on those without a number."""
+    """Return devices by serial number, with a note on equal numbers. closed: note without a number."""
     twice = "another one has the same serial number; unplug one of them"
     notes = [closed if not serial else twice if serials.count(serial) > 1 else "" for serial in serials]
-    return [
-        Found(f"{kind}:{serial}", kind, serial, note=note)
-        for serial, note in zip(serials, notes, strict=True)
-    ]
+    return [Found(f"{kind}:{one}", kind, one, note=note) for one, note in zip(serials, notes, strict=True)]
 
 
-def _access(node: Path) -> str:
-    """What keeps this user from the node, without opening it."""
-    return "" if os.access(node, os.R_OK | os.W_OK) else str(node_error(node, errno.EACCES))
+def _access(node: Path | str) -> str:
+    """Return the reason why this user may not open the node, "" if there is none; do not open it."""
+    return "" if os.access(node, os.R_OK | os.W_OK) else str(node_error(Path(node), errno.EACCES))

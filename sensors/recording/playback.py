@@ -1,4 +1,4 @@
-"""A session, or anything else with frames, played back as if it happened now."""
+"""A session or another frame source, played back like a running rig."""
 
 import threading
 import time
@@ -12,14 +12,13 @@ from sensors.recording.latest_value import LatestValue
 from sensors.recording.stream_health import Health, StreamHealth
 from sensors.rig.frame import FrameSource
 
-LONGEST_S = 1.0
-"""Longest pause between two frames: frames farther apart were recorded in pieces. Untuned."""
+LONGEST_S = 1.0  # s; longest pause between two frames, as longer gaps separate recordings; untuned
 
 
 class Playback:
-    """A source at its own pace, by a thread from ``start`` to ``close``; the same face as a ``LiveRig``.
+    """A source played at its own pace by a thread, with the interface of a ``LiveRig``.
 
-    events: those of the session up to now, with running numbers.
+    events: of the session so far, with running numbers.
     """
 
     def __init__(self, source: FrameSource) -> None:
@@ -45,19 +44,19 @@ class Playback:
             self._thread.join()
 
     def record(self, path: Path, subject: str = "", overwrite: bool = False) -> None:
-        """Raises CloudError: there is nothing to record."""
+        """Raise CloudError."""
         raise CloudError(f"{self.name} is played back, which cannot be recorded to {path}; copy it instead")
 
     def end_recording(self) -> Path | None:
-        """None: nothing is recorded."""
+        """Return None."""
         return None
 
     def mark(self, text: str) -> None:
-        """Raises CloudError: what is recorded is not changed."""
+        """Raise CloudError."""
         raise CloudError(f"{self.name} is played back: {text!r} cannot be marked in it")
 
     def health(self) -> Health:
-        """The pace of the frames."""
+        """Return the rate of the frames."""
         count, running_s = self.frames.count, time.monotonic() - self._started_s
         return Health({"depth": StreamHealth(0.0, count / max(running_s, 1e-9), silent_s=0.0, count=count)})
 
@@ -74,7 +73,7 @@ class Playback:
                     number, (stamp_ns, text) = self._coming.popleft()
                     self.events.append((number, Event(stamp_ns, text)))
                 self.frames.put(SyncedFrame(frame, frame.stamp_ns, time.monotonic_ns()))
-        except Exception as error:  # the reader raises it: here it would die with the thread
+        except Exception as error:  # raised by the reader of the frames, not in this thread
             self.error = error
         finally:
             self.frames.end()

@@ -1,4 +1,4 @@
-"""Recorder of a rig: everything that comes is written into sessions, one take after another.
+"""Recorder of a rig's readings and events into sessions. Constants are untuned.
 
 Every message keeps its device's stamp; ``sensors.rig.clock`` fits the clocks when the session is read.
 """
@@ -17,42 +17,23 @@ from sensors.errors import CloudError, ExistsError, FormatError
 from sensors.recording.arrival_times import Arrived, Event
 from sensors.rig.pairing import CLOCK, LATENCY
 from sensors.rig.rig_calibration import RigCalibration
-from sensors.session.messages import (
-    COLOR,
-    COUNTS,
-    DEPTH,
-    INFRARED,
-    PYROMETER,
-    SUBJECT,
-    THERMAL,
-    color_message,
-    image_message,
-    spot_message,
-    thermal_message,
-)
+from sensors.session import messages
 from sensors.session.writer import SessionWriter
 
-LOOK_S = 1.0
-"""Seconds between two checks of the disk's free space. Untuned."""
-RESERVE_BYTES = 300_000_000
-"""Bytes that stay free: 20 s of raw depth, and room for the system itself. Untuned."""
+DISK_S = 1.0  # s between two checks of the disk's free space
+RESERVE_BYTES = 300_000_000  # bytes that stay free: 20 s of raw depth, and room for the system
 TOPICS = {
-    "depth": (DEPTH, INFRARED),
-    "color": (COLOR,),
-    "thermal": (THERMAL, COUNTS),
-    "pyrometer": (PYROMETER,),
-}
-"""Topics of a device's streams."""
-WORTHLESS_S = 10.0
-"""Seconds below which a recording without depth images is removed (untuned)."""
+    "depth": (messages.DEPTH, messages.INFRARED),
+    "color": (messages.COLOR,),
+    "thermal": (messages.THERMAL, messages.COUNTS),
+    "pyrometer": (messages.PYROMETER,),
+}  # by stream
+WORTHLESS_S = 10.0  # s below which a recording without depth images is removed
 DISK_FULL = "disk nearly full: recording ended"
 
 
 def clock_metadata(devices: Sequence[Device], latency_ms: Mapping[str, float]) -> dict[str, str]:
-    """Return a session's metadata on clocks: the clock and the latency of each topic.
-
-    latency_ms: by address.
-    """
+    """Return a session's clock and latency metadata of each topic. latency_ms: by address."""
     metadata: dict[str, str] = {}
     for device in devices:
         topics = [topic for stream in device.rates_hz for topic in TOPICS[stream]]
@@ -63,37 +44,39 @@ def clock_metadata(devices: Sequence[Device], latency_ms: Mapping[str, float]) -
 
 
 def write_item(writer: SessionWriter, item: Arrived | Event, infrared: bool = False) -> None:
-    """Write a reading or an event; leave out images of a closed flag.
+    """Write an event, or a checked reading unless the flag was closed. infrared: keep amplitude images.
 
-    infrared: whether to keep the depth camera's amplitude images, which calibration needs. Images were judged
-    before (``ImageJudge``). Raises OSError, and FormatError for an impossible time.
+    Raises OSError, and FormatError for an impossible time.
     """
     if isinstance(item, Event):
         writer.event(item.stamp_ns, item.text, item.arrival_ns)
         return
     if not item.usable:
         return
-    stamp, arrival = item.stamp_ns, item.arrival_ns
+    stamp_ns, arrival_ns = item.stamp_ns, item.arrival_ns
     match item.reading.value:
         case DepthImage(depth_mm, amplitude):
             if infrared and amplitude is not None:
-                writer.add(INFRARED, image_message(amplitude, "infrared", stamp), stamp, arrival)
-            writer.write_depth(depth_mm, stamp, arrival)
+                infrared_message = messages.image_message(amplitude, "infrared", stamp_ns)
+                writer.add(messages.INFRARED, infrared_message, stamp_ns, arrival_ns)
+            writer.write_depth(depth_mm, stamp_ns, arrival_ns)
+            return
         case ColorImage(encoded):
-            writer.add(COLOR, color_message(encoded, stamp), stamp, arrival)
+            topic, message = messages.COLOR, messages.color_message(encoded, stamp_ns)
         case Spot(target_c, head_c, box_c):
-            writer.add(PYROMETER, spot_message(target_c, head_c, box_c, stamp), stamp, arrival)
+            topic, message = messages.PYROMETER, messages.spot_message(target_c, head_c, box_c, stamp_ns)
         case ThermalImage(celsius):
-            writer.add(THERMAL, thermal_message(celsius, stamp), stamp, arrival)
+            topic, message = messages.THERMAL, messages.thermal_message(celsius, stamp_ns)
         case ThermalCounts(counts):
-            writer.add(COUNTS, image_message(counts, "thermal", stamp), stamp, arrival)
+            topic, message = messages.COUNTS, messages.image_message(counts, "thermal", stamp_ns)
+    writer.add(topic, message, stamp_ns, arrival_ns)
 
 
 @dataclass
 class Take:
-    """A recording. infrared: as of ``write_item``. started_s, ended_s: on ``time.monotonic``, inf = not yet.
+    """A recording. infrared: keep amplitude images. started_s, ended_s: ``time.monotonic``, inf = not yet.
 
-    events: how often each text was noted. frames: depth images that were written.
+    events: number of each text. frames: number of depth images.
     """
 
     writer: SessionWriter
@@ -105,20 +88,20 @@ class Take:
 
     @property
     def path(self) -> Path:
-        """Path at which the recorded readings lie now."""
+        """Path of the recorded readings now."""
         return self.writer.partial if self.writer.partial.exists() else self.writer.path
 
     @property
     def seconds(self) -> float:
-        """Duration of the recording so far, in seconds."""
+        """Duration so far."""
         return min(time.monotonic(), self.ended_s) - self.started_s
 
 
 class Recorder:
-    """Writes a rig's readings and events into sessions. For one thread.
+    """Writer of a rig's readings and events into sessions. For one thread.
 
-    take: the recording under way. last: the one before, or that. trouble: why the last recording ended by
-    itself, "" where it did not. free_bytes: of the disk, 0 where unknown.
+    take: current recording. last: current or previous recording. trouble: reason why the last recording ended
+    by itself, or "". free_bytes: of the disk, 0 = unknown.
     """
 
     def __init__(self, name: str, calibration: RigCalibration, metadata: dict[str, str]) -> None:
@@ -129,17 +112,17 @@ class Recorder:
         self.trouble, self.free_bytes = "", 0
 
     def begin(self, path: Path, subject: str, overwrite: bool, infrared: bool) -> None:
-        """Begin a session. Raises ExistsError, and CloudError while another recording goes on."""
+        """Begin a session. Raises ExistsError, and CloudError during another recording."""
         if self.take is not None:
             raise CloudError(f"{self.take.writer.path} is being recorded; end that recording first")
-        metadata = self._metadata | ({SUBJECT: subject} if subject else {})
+        metadata = self._metadata | ({messages.SUBJECT: subject} if subject else {})
         writer = SessionWriter(path, self._calibration, self._name, overwrite=overwrite, metadata=metadata)
         writer.__enter__()
         self._folder, self.trouble = path.parent, ""
         self.take = self.last = Take(writer, infrared)
 
     def write(self, item: Arrived | Event) -> None:
-        """Write a reading or an event, if a session is being recorded."""
+        """Write a reading or an event during a recording."""
         if (take := self.take) is None:
             return
         if isinstance(item, Event):
@@ -154,10 +137,10 @@ class Recorder:
             self.trouble = _cut_off(take, error)
 
     def end(self) -> Path | None:
-        """End the session, if there is one, and return its path, whole and on the disk.
+        """End the session, if there is one, and return the path of the whole session.
 
-        A session without depth images cannot be read: a short one is removed, a long one stays cut off.
-        Raises OSError, and ExistsError where another program made a file of its name meanwhile.
+        A session without depth images is unreadable: a short one is removed, a long one stays truncated.
+        Raises OSError, and ExistsError if another program made a file of its name meanwhile.
         """
         if self.take is not None and not self.take.frames:
             self._end_without_depth(self.take)
@@ -171,7 +154,7 @@ class Recorder:
         return take.writer.path
 
     def abandon(self) -> None:
-        """End the session, if there is one, as a recording that was cut off."""
+        """End the session, if there is one, as a truncated recording."""
         if (take := self._ended()) is not None:
             with suppress(OSError):
                 take.writer.__exit__(OSError)
@@ -191,8 +174,8 @@ class Recorder:
             take.ended_s = time.monotonic()
         return take
 
-    def look_at_disk(self, now_ns: int) -> None:
-        """End the session where the disk is nearly full, or where its file was moved or removed."""
+    def check_disk(self, now_ns: int) -> None:
+        """End the session if the disk is nearly full, or its file was moved or removed."""
         with suppress(OSError):
             self.free_bytes = shutil.disk_usage(self._folder).free
         if (take := self.take) is None:
@@ -208,7 +191,7 @@ class Recorder:
 
 
 def _cut_off(take: Take, error: OSError) -> str:
-    """Return the message for a recording that the disk refuses."""
+    """Return the message for a recording that ended with an error of the disk."""
     if isinstance(error, FileNotFoundError):
         return _gone(take)
     why = error.strerror or error

@@ -1,9 +1,9 @@
-"""A rig file names the devices of a rig and its calibration::
+"""Rig file: names the devices of a rig and its calibration::
 
 name = "ward 3"
-calibration = "ward3.json"          # what `calibrate` wrote, or a folder of OpenCV YAML
+calibration = "ward3.json"          # output of `calibrate`, or a folder of OpenCV YAML
 devices = ["kinect2:", "optris:/dev/video0?mode=128hz", "pyrometer:/dev/ttyUSB0?family=ct"]
-[latency_ms]                        # from exposure to arrival, where it is known
+[latency_ms]                        # from exposure to arrival, if known
 "kinect2:" = 25
 """
 
@@ -17,14 +17,13 @@ from sensors.files.bounded import read_toml
 from sensors.rig.pairing import MAX_LATENCY_MS
 from sensors.rig.rig_calibration import RigCalibration
 
-MAX_BYTES = 100_000
-"""Bytes of a rig file; one of ten devices has 1,000. Untuned."""
+MAX_BYTES = 100_000  # of a rig file; ten devices take 1,000
 KEYS = ("name", "calibration", "devices", "latency_ms")
 
 
 @dataclass(frozen=True)
 class RecordingRig:
-    """Rig to record from. devices: addresses; latency_ms: by address. Raises DeviceError."""
+    """Rig of devices by address; latency_ms: by address. Raises DeviceError."""
 
     name: str
     devices: tuple[str, ...]
@@ -46,7 +45,7 @@ class RecordingRig:
 
 
 def load_rig(path: Path) -> RecordingRig:
-    """Read a rig file; a calibration's path is relative to it. Raises DeviceError, CalibrationError."""
+    """Read a rig file; the calibration's path is relative to it. Raises DeviceError, CalibrationError."""
     fields = read_toml(path, MAX_BYTES, "give a rig file (TOML)", DeviceError)
     if unknown := sorted(set(fields) - set(KEYS)):
         raise DeviceError(f"rig file {path} has unknown key {unknown[0]!r}; use {', '.join(KEYS)}")

@@ -13,20 +13,17 @@ from sensors.device.protocol import ColorImage, DepthImage, Device, Spot, Therma
 from sensors.recording.arrival_times import Arrived
 from sensors.recording.host_clock import HostClock
 
-FAULT_NS = 500_000_000
-"""Nanoseconds for which a device's fault lasts: a slow camera sends four images in that time. Untuned."""
-RECENT_NS = 5_000_000_000
-"""Nanoseconds over which drops and bytes are counted. Untuned."""
+FAULT_NS = 500_000_000  # ns for which a device's fault is reported; untuned
+RECENT_NS = 5_000_000_000  # ns over which drops and bytes are counted; untuned
 
 
 @dataclass(frozen=True)
 class StreamHealth:
-    """One stream. recent, lost: images that came, and that were lost, in the last five seconds.
+    """One stream. recent, lost, overrun: images received, lost, and lost in a full queue in the last 5 s.
 
-    overrun: how many of the lost ones were not taken in time. rate_hz: over these; nominal_hz: stated by the
-    device. silent_s: since the last image; running_s: since the device was opened, the last time. away:
-    whether the device is lost now. count, dropped, left_out: since the start, usable images, lost images and
-    images that were none. value: the last one; usable: False while the flag is closed.
+    rate_hz: over these. silent_s: since the last image; running_s: since the device was opened. away: the
+    device is lost. count, dropped, left_out: usable, lost and corrupt images since the start. usable: False
+    while the flag is closed.
     """
 
     nominal_hz: float
@@ -45,7 +42,7 @@ class StreamHealth:
 
     @property
     def shows(self) -> str:
-        """The last value in words."""
+        """The last value as text."""
         if not self.usable:
             return "flag closed"
         return "" if self.value is None else in_words(self.value)
@@ -53,11 +50,11 @@ class StreamHealth:
 
 @dataclass(frozen=True)
 class Health:
-    """A rig at one moment. away: addresses that are lost. flag_closed_s: since when the flag is closed.
+    """State of a rig. away: addresses of lost devices. flag_closed_s: since the flag was closed.
 
-    skew_ppm: how much too fast each device's clock runs. recording: the session that is written;
-    recorded_s: for how long. disk_minutes: until the disk is full, inf where unknown. trouble: why the last
-    recording ended by itself. faults: recent violations of a device's protocol and images left out, as text.
+    skew_ppm: of each device's clock. recording: session that is written. disk_minutes: until the disk is
+    full, inf = unknown. trouble: reason why the last recording ended by itself. faults: recent protocol
+    violations and left-out images, as text.
     """
 
     streams: Mapping[str, StreamHealth] = field(default_factory=dict)
@@ -72,12 +69,12 @@ class Health:
 
     @property
     def dropped(self) -> int:
-        """Images lost since the start, of all streams."""
+        """Images of all streams lost since the start."""
         return sum(stream.dropped for stream in self.streams.values())
 
 
 class _Came(NamedTuple):
-    """A reading that came: when, how many were lost before it, of these to a full queue, its size."""
+    """A reading that came. lost: before it; overrun: of these, in a full queue."""
 
     at_ns: int
     lost: int
@@ -86,7 +83,7 @@ class _Came(NamedTuple):
 
 
 class _Stream:
-    """Counts of one stream. address: of its device."""
+    """Counts of one stream."""
 
     def __init__(self, address: str, nominal_hz: float) -> None:
         self.address, self.nominal_hz = address, nominal_hz
@@ -97,7 +94,7 @@ class _Stream:
         self.usable = True
 
     def add(self, item: Arrived, left_out: bool) -> None:
-        """Count a reading; a reading that is left out counts as that alone."""
+        """Count a reading."""
         self.dropped += item.lost
         self.left_out += left_out
         if left_out:
@@ -109,7 +106,7 @@ class _Stream:
         self.value, self.usable = value, item.usable
 
     def begin(self, at_ns: int) -> None:
-        """Begin anew, because the device was opened again; images missed meanwhile are no fault."""
+        """Restart the recent counts of a reopened device, because images missed meanwhile are not a fault."""
         self.recent.clear()
         self.opened_ns = at_ns
 
@@ -138,10 +135,7 @@ class _Stream:
 
 
 class Watch:
-    """Counts of what comes, by the times of its arrival alone.
-
-    devices: started. latency_ns: by address, where it is known.
-    """
+    """Counts of started devices' readings by their arrival. latency_ns: by address, if known."""
 
     def __init__(self, devices: Sequence[Device], latency_ns: Mapping[str, int]) -> None:
         self._latency_ns = latency_ns
@@ -152,7 +146,7 @@ class Watch:
         self._closed_ns = 0
 
     def add(self, item: Arrived, left_out: bool = False) -> int:
-        """Count a reading, and return its time on the host's clock. left_out: whether it is unusable."""
+        """Count a reading, and return its time on the host's clock. left_out: the image is corrupt."""
         stream, at_ns = item.reading.stream, item.arrival_ns
         if stream == "thermal":
             self._closed_ns = 0 if item.usable else self._closed_ns or at_ns
@@ -166,19 +160,19 @@ class Watch:
         return clock.host_ns(item.stamp_ns, at_ns)
 
     def streams(self, now_ns: int, away: frozenset[str] = frozenset()) -> dict[str, StreamHealth]:
-        """Return the states of all streams at ``now_ns``, on the arrivals' clock. away: lost addresses."""
+        """Return the states of all streams at ``now_ns`` on the arrivals' clock. away: lost addresses."""
         return {name: one.health(now_ns, one.address in away) for name, one in self._streams.items()}
 
     def flag_closed_s(self, now_ns: int) -> float:
-        """Return the seconds for which the flag has been closed; 0 while it is open."""
+        """Return the seconds for which the flag has been closed, 0 while it is open."""
         return (now_ns - self._closed_ns) * 1e-9 if self._closed_ns else 0.0
 
     def skew_ppm(self) -> dict[str, float]:
-        """Return the skew of every clock, by address."""
+        """Return the skew of every clock by address."""
         return {address: clock.skew_ppm for address, clock in self._clocks.items()}
 
     def bytes_per_s(self) -> float:
-        """Return the bytes that come in a second, uncompressed."""
+        """Return the received bytes a second, uncompressed."""
         came = [one.recent for one in self._streams.values() if one.recent]
         total = sum(one.bytes for recent in came for one in recent)
         first = min((recent[0].at_ns for recent in came), default=0)
@@ -187,7 +181,7 @@ class Watch:
 
 
 def in_words(value: Value) -> str:
-    """Return a reading in a few words."""
+    """Return a reading as text."""
     match value:
         case DepthImage(depth_mm):
             return f"{np.count_nonzero(depth_mm) / depth_mm.size:.0%} read"

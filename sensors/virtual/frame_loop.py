@@ -1,4 +1,4 @@
-"""Loop of recorded or rendered frames that the camera of a twin sees."""
+"""Loop of recorded or rendered frames in front of a virtual camera."""
 
 from collections.abc import Iterable
 from itertools import islice
@@ -12,21 +12,18 @@ from sensors.drivers.optris import HEIGHT, WIDTH
 from sensors.errors import DeviceError
 from sensors.rig.frame import RigFrame
 
-FRAMES_PER_SECOND = 30.0
 T = TypeVar("T")
-
+FRAMES_PER_SECOND = 30.0
 AMBIENT_C = 22.0
-LONGEST = 30
-"""Frames kept of a source, 60 MB at most, made before the twin starts."""
-ROUNDING_S = 1e-6
-"""Seconds by which stamps and the schedule's seconds differ by rounding."""
+LONGEST = 30  # frames kept of a source, 60 MB at most
+ROUNDING_S = 1e-6  # s; rounding between stamps and the schedule
 
 
 class FrameLoop:
-    """The first frames of a source, shown round and round. Raises DeviceError for none.
+    """The first frames of a source, repeated. Raises DeviceError for an empty source.
 
-    Each frame is shown from its stamp on, or for a thirtieth of a second where stamps do not rise. A frame
-    without colour or temperatures shows those of the frame before.
+    A frame lasts from its stamp to the next, or 1/30 s if stamps do not rise. A frame without colour or
+    temperatures repeats the frame before.
     """
 
     def __init__(self, frames: Iterable[RigFrame]) -> None:
@@ -40,19 +37,19 @@ class FrameLoop:
         self._thermal = [_thermal(celsius) for celsius in _filled([frame.thermal_c for frame in shown])]
 
     def depth(self, seconds: float) -> NDArray[np.uint16]:
-        """Millimetres (h, w), ``seconds`` after the start."""
+        """Return millimetres (h, w), ``seconds`` after the start."""
         return self._at(self._depth, seconds, "depth")
 
     def infrared(self, seconds: float) -> NDArray[np.uint16] | None:
-        """Amplitude (h, w) that belongs to the depth; None where the source has none."""
+        """Return the amplitude (h, w) of the depth image, or None."""
         return self._at(self._infrared, seconds, "infrared") if self._infrared else None
 
     def color(self, seconds: float) -> bytes:
-        """The encoded image. Raises DeviceError where the source has none."""
+        """Return the encoded image. Raises DeviceError if the source has none."""
         return self._at(self._color, seconds, "colour")
 
     def thermal(self, seconds: float) -> NDArray[np.float32]:
-        """Celsius (120, 160) without gaps. Raises DeviceError where the source has none."""
+        """Return Celsius (120, 160) without gaps. Raises DeviceError if the source has none."""
         return self._at(self._thermal, seconds, "thermal")
 
     def _at(self, images: list[T], seconds: float, name: str) -> T:
@@ -63,7 +60,7 @@ class FrameLoop:
 
 
 def _times_s(stamps_ns: list[int]) -> tuple[NDArray[np.float64], float]:
-    """Return seconds (n,) from the first frame on at which each is shown, and after which all start again."""
+    """Return the start (n,) of each frame and the period of the loop, in seconds."""
     starts_s: NDArray[np.float64] = (np.array(stamps_ns, np.int64) - stamps_ns[0]) * np.float64(1e-9)
     steps_s = np.diff(starts_s)
     if not len(steps_s) or steps_s.min() <= 0:
@@ -72,7 +69,7 @@ def _times_s(stamps_ns: list[int]) -> tuple[NDArray[np.float64], float]:
 
 
 def _filled(images: list[T | None]) -> list[T]:
-    """Each image or, where there is none, the one before; what comes before the first takes the first."""
+    """Return each image, or the one before a missing image; the first image fills the start."""
     there = [image for image in images if image is not None]
     filled = there[:1]
     for image in images if there else []:
@@ -84,3 +81,16 @@ def _thermal(celsius: NDArray[np.float32]) -> NDArray[np.float32]:
     if celsius.shape != (HEIGHT, WIDTH):
         celsius = cv2.resize(celsius, (WIDTH, HEIGHT)).astype(np.float32)
     return np.nan_to_num(celsius, nan=AMBIENT_C)
+
+
+class Noise:
+    """Gaussian noise of an image of this shape, shifted by some rows from image to image."""
+
+    def __init__(self, sd: float, shape: tuple[int, int]) -> None:
+        self._height = shape[0]
+        noise = np.random.default_rng(0).normal(0, sd, (2 * shape[0], shape[1]))
+        self._noise: NDArray[np.float32] = noise.astype(np.float32)
+
+    def __call__(self, number: int) -> NDArray[np.float32]:
+        """Return the noise of image ``number``."""
+        return self._noise[number * 7 % self._height :][: self._height]

@@ -1,6 +1,6 @@
-"""The twin of a Kinect v2: the shim's C interface, made of C function pointers into Python.
+"""Twin of a Kinect v2: the shim's C interface as C function pointers into Python.
 
-As libfreenect2 does, it delivers mirror images of its scene, and the intrinsics of those (issue 172 there).
+Images and intrinsics are mirrored, as libfreenect2's are (OpenKinect/libfreenect2 issue 172).
 """
 
 from collections import deque
@@ -14,22 +14,20 @@ from sensors.calibration_files.kinect2_factory import KINECT2_COLOR, KINECT2_DEP
 from sensors.drivers.kinect2 import COLOR, DEPTH, INFRARED, MIRRORED, PROTOTYPES, Frame, Shim
 from sensors.files.jpeg import mirrored_jpeg
 from sensors.virtual.frame_loop import LONGEST, FrameLoop
-from sensors.virtual.schedule import Faults, Schedule, UnpluggedError
+from sensors.virtual.schedule import Faults, Schedule, UnpluggedError, c_functions
 
-Pointer = Any
-"""Any of ctypes' pointer types, which come into being at run time."""
+Pointer = Any  # a pointer type of ctypes, created at run time
 RATE_HZ = 30.0
 TICKS_PER_S = 8000
+# The clock wraps two seconds after the start, instead of after 149 hours.
 FIRST_TICK = 2**32 - 2 * TICKS_PER_S
-"""The twin's clock wraps around two seconds after the start, which a real one does after 149 hours."""
 COLOR_LATER_S = 0.004
-QUEUE = 15
-"""Of each stream, as the shim keeps."""
+QUEUE = 15  # frames of each stream, as in the shim
 _HANDLE = 1
 
 
 class VirtualKinect2:
-    """One Kinect v2 with its serial number, behind ``shim``. The scene's frames must have colour."""
+    """A Kinect v2 behind ``shim``. The scene's frames must have colour."""
 
     def __init__(
         self, scene: FrameLoop, faults: Faults | None = None, *, serials: tuple[str, ...] = ("virtual",)
@@ -38,13 +36,12 @@ class VirtualKinect2:
         self._scene, self._serials = scene, serials
         self.schedule = Schedule(RATE_HZ, faults, QUEUE)
         self._open = False
-        # The scene repeats: each image of the loop is mirrored once.
         self._mirrored = lru_cache(LONGEST)(mirrored_jpeg)
         self._ready = deque[tuple[int, int]]()
-        self.shim = Shim(**{name: make(getattr(self, f"_{name}")) for name, make in PROTOTYPES.items()})
+        self.shim = Shim(**c_functions(PROTOTYPES, self))
 
     def unplug(self) -> None:
-        """Fall silent, as libfreenect2 does; idempotent."""
+        """Deliver no more frames, as libfreenect2 does; idempotent."""
         self.schedule.stop()
 
     def _k2_count(self) -> int:

@@ -1,4 +1,4 @@
-"""A stand-in for the vendor's libirdirectsdk.so: the same C interface, made of C function pointers."""
+"""Twin of the vendor's libirdirectsdk.so: the same C interface as C function pointers."""
 
 from ctypes import POINTER, c_ushort, cast, memmove, pointer, sizeof
 
@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from sensors.device.protocol import Flag
 from sensors.drivers.optris import HEIGHT, WIDTH
 from sensors.drivers.optris_direct import PROTOTYPES, DirectLibrary, FrameMetadata
-from sensors.virtual.frame_loop import FrameLoop
+from sensors.virtual.frame_loop import FrameLoop, Noise
 from sensors.virtual.kinect2 import Pointer
-from sensors.virtual.optris import FLAG_CLOSED_S
-from sensors.virtual.schedule import Faults, Schedule, UnpluggedError
+from sensors.virtual.schedule import Faults, Schedule, UnpluggedError, c_functions
+from sensors.virtual.v4l2 import FLAG_CLOSED_S
 
 RATE_HZ = 128.0
 NOISE_K = 0.08
@@ -21,7 +21,7 @@ QUEUE = 16
 
 
 class VirtualDirect:
-    """One PI200 behind ``library``: the scene's temperatures with noise, frozen while the flag is closed."""
+    """A PI200 behind ``library``: temperatures with noise, frozen while the flag is closed."""
 
     def __init__(self, scene: FrameLoop, faults: Faults | None = None, flag_every_s: float = 12.0) -> None:
         scene.thermal(0)
@@ -29,13 +29,11 @@ class VirtualDirect:
         self.schedule = Schedule(RATE_HZ, faults, QUEUE)
         self.emissivity = 1.0
         self._open, self._received = False, 0
-        self._noise = np.random.default_rng(0).normal(0, NOISE_K, (2 * HEIGHT, WIDTH)).astype(np.float32)
-        self.library = DirectLibrary(
-            **{name: make(getattr(self, f"_{name}")) for name, make in PROTOTYPES.items()}
-        )
+        self._noise = Noise(NOISE_K, (HEIGHT, WIDTH))
+        self.library = DirectLibrary(**c_functions(PROTOTYPES, self))
 
     def unplug(self) -> None:
-        """Every further call fails; idempotent."""
+        """Make every further call fail; idempotent."""
         self.schedule.stop()
 
     def _usb_init(self, config: bytes, formats: bytes | None, log: bytes | None) -> int:
@@ -72,7 +70,7 @@ class VirtualDirect:
         return 0
 
     def _flag(self, number: int) -> tuple[Flag, int]:
-        """State of the flag, and the number of the image shown: the last open one while it is closed."""
+        """Return the state of the flag and the number of the image shown, frozen while it is closed."""
         cycle = round(self._flag_every_s * RATE_HZ)
         closing = cycle - round(FLAG_CLOSED_S * RATE_HZ)
         at = number % cycle
@@ -82,7 +80,7 @@ class VirtualDirect:
         return state, number - at + closing - 1
 
     def _values(self, number: int) -> NDArray[np.uint16]:
-        celsius = self._scene.thermal(number / RATE_HZ) + self._noise[number * 7 % HEIGHT :][:HEIGHT]
+        celsius = self._scene.thermal(number / RATE_HZ) + self._noise(number)
         return np.asarray(np.clip(np.rint(celsius * 10 + 1000), 0, 65535), np.uint16)
 
     def _set_radiation_parameters(self, emissivity: float, transmissivity: float, ambient_c: float) -> int:

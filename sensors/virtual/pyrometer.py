@@ -1,4 +1,4 @@
-"""The twin of an Optris pyrometer: its protocol on a pseudo-terminal, which pyserial opens like any port."""
+"""Twin of an Optris pyrometer: its protocol on a pseudo-terminal."""
 
 import os
 import select
@@ -13,17 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sensors.drivers.pyrometer_protocol import (
-    BURST_LAYOUT,
-    BURST_SWITCH,
-    CS_PROCESSOR,
-    CT,
-    SYNC,
-    TENTHS,
-    PyrometerFamily,
-    Scale,
-    checksum,
-)
+from sensors.drivers.pyrometer import PyrometerOptions
+from sensors.drivers.pyrometer_protocol import BURST_LAYOUT, BURST_SWITCH, CS_PROCESSOR, SYNC, checksum
 from sensors.errors import DeviceError
 
 SERIAL = 8_031_234
@@ -33,8 +24,9 @@ AMBIENT_C, HEAD_C, BOX_C, PROCESSOR_C = 22.0, 27.4, 31.2, 33.5
 
 @dataclass(frozen=True)
 class LineFaults:
-    """Faults of the serial line. delay_s: before every reply. noise, loss: share of reply bytes changed or
-    lost. refuse: share of SET commands that arrive damaged, so that their checksum is wrong.
+    """Faults of the serial line. delay_s: before every reply. noise, loss: share of reply bytes.
+
+    refuse: share of SET commands that arrive with a wrong checksum.
     """
 
     delay_s: float = 0.0
@@ -44,29 +36,27 @@ class LineFaults:
 
 
 def skin_temperature_c(seconds: float) -> float:
-    """Temperature that the twin looks at: skin that breathes a little, 32.5 to 33.5 C."""
+    """Return the temperature of skin that varies slowly between 32.5 and 33.5 C."""
     return 33.0 + 0.5 * sin(0.3 * seconds)
 
 
 class VirtualPyrometer:
-    """Answers on the pseudo-terminal ``port`` until ``unplug``. Deterministic faults in ``seed``.
+    """Answers on the pseudo-terminal ``port`` until ``unplug``. seed: of the faults, which may be replaced.
 
-    target_c: the true temperature over the seconds since the start. Emissivity scales what is above
-    the ambient, as on the device. faults may be exchanged at any time.
+    options: those of the device itself. target_c: true temperature over the seconds since the start. The
+    emissivity scales the difference to the ambient temperature.
     """
 
     def __init__(
         self,
-        family: PyrometerFamily = CT,
-        *,
-        rs485: int | None = None,
-        scale: Scale = TENTHS,
+        options: PyrometerOptions | None = None,
         faults: LineFaults | None = None,
         target_c: Callable[[float], float] = skin_temperature_c,
         seed: int = 0,
     ) -> None:
-        self.family, self.emissivity = family, 0.97
-        self._rs485, self._scale, self._target_c = rs485, scale, target_c
+        options = options or PyrometerOptions()
+        self.family, self.emissivity = options.family, 0.97
+        self._rs485, self._scale, self._target_c = options.rs485, options.scale, target_c
         self.faults, self._rng = faults or LineFaults(), np.random.default_rng(seed)
         self._layout: tuple[int, ...] = ()
         self._streaming = False
@@ -85,7 +75,7 @@ class VirtualPyrometer:
         self._thread.start()
 
     def unplug(self) -> None:
-        """Vanish, as when the cable is pulled; idempotent."""
+        """Vanish; idempotent."""
         if self._thread.is_alive():
             with suppress(OSError):
                 os.write(self._wake_write, b"x")
@@ -101,7 +91,7 @@ class VirtualPyrometer:
                     return
                 if self._master in ready:
                     waiting += os.read(self._master, 256)
-                    while (used := self._obey(waiting)) > 0:
+                    while (used := self._execute(waiting)) > 0:
                         del waiting[:used]
                 if self._streaming:
                     self._send(SYNC + b"".join(self._item(item) for item in self._layout))
@@ -111,8 +101,8 @@ class VirtualPyrometer:
             for fd in (self._master, self._slave, self._wake_read, self._wake_write):
                 os.close(fd)
 
-    def _obey(self, waiting: bytearray) -> int:
-        """Carry out the command at the front; the number of bytes it has, 0 while it is incomplete."""
+    def _execute(self, waiting: bytearray) -> int:
+        """Execute the first command and return its number of bytes, 0 while it is incomplete."""
         start = 1 if waiting and 0xB0 <= waiting[0] < 0xD0 else 0
         if len(waiting) <= start:
             return 0
@@ -154,7 +144,7 @@ class VirtualPyrometer:
         return b""
 
     def _item(self, item: int) -> bytes:
-        """Two bytes of one burst item: 1 process, 2 head, 3 box."""
+        """Return the two bytes of a burst item: 1 process, 2 head, 3 box."""
         if item > 1:
             return self._scale.encode(HEAD_C if item == 2 else BOX_C)
         true_c = self._target_c(time.monotonic() - self._started)

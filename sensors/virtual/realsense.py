@@ -1,4 +1,4 @@
-"""The twin of a RealSense: a software device of its maker's own SDK, on which the driver runs."""
+"""Twin of a RealSense: a software device of the maker's SDK."""
 
 import threading
 from typing import Any
@@ -13,25 +13,20 @@ from sensors.virtual.schedule import Faults, Schedule, UnpluggedError
 
 RATE_HZ = 30
 PERIOD_MS = 2**32 / 1000
-FIRST_MS = PERIOD_MS - 2000
-"""The twin's clock starts again at 0 two seconds after the start, which a real one does after 71 minutes."""
+FIRST_MS = PERIOD_MS - 2000  # the clock wraps two seconds after the start, instead of after 71 minutes
 COLOR_LATER_MS = 4.0
-FOCAL = 0.5, 0.49
-"""Focal lengths of depth and colour, as shares of the image's width: a D455's field of view."""
-BASELINE_M = 0.059
-"""From the left infrared to the colour camera of a D455."""
-COLOR_LENS = (-0.0557, 0.0603, -0.00098, -0.00085, -0.0161)
-"""Of a D455's colour camera, as the public data set ABC-iRobotics/Hand_Tools gives it."""
-
+FOCAL = 0.5, 0.49  # focal lengths of depth and colour / image width: a D455's field of view
+BASELINE_M = 0.059  # m from the left infrared to the colour camera of a D455
+COLOR_LENS = (-0.0557, 0.0603, -0.00098, -0.00085, -0.0161)  # a D455's (data set ABC-iRobotics/Hand_Tools)
+# Options of the stereo sensor: smallest, largest, step, initial value.
 OPTIONS = {"visual_preset": (0, 6, 1, 0), "exposure": (1, 200_000, 1, 8500), "laser_power": (0, 360, 30, 150)}
-"""The stereo sensor's options: smallest, largest, step, and what they are at first."""
 
 
 class VirtualRealSense:
-    """One RealSense, standing where ``pyrealsense2.context()`` stands. The scene's frames must have colour.
+    """A RealSense in place of ``pyrealsense2.context()``. The scene's frames must have colour.
 
-    size, color_size: (width, height), as the scene's images have them. unit_mm: one unit of depth.
-    Raises DeviceNotFoundError where pyrealsense2 is not installed.
+    size, color_size: (width, height) of the scene's images. unit_mm: one unit of depth. Raises
+    DeviceNotFoundError without pyrealsense2.
     """
 
     def __init__(self, scene: FrameLoop, faults: Faults | None = None, unit_mm: float = 1.0) -> None:
@@ -43,7 +38,7 @@ class VirtualRealSense:
         self.color_size = color.shape[1], color.shape[0]
         self._thread: threading.Thread | None = None
         self._plugged = True
-        # The SDK's own never counts as unplugged.
+        # The SDK's own software device never counts as unplugged.
         kind = type("Pluggable", (rs.software_device,), {"is_connected": lambda device: self._plugged})
         self.device = kind()
         self.device.register_info(rs.camera_info.serial_number, "virtual")
@@ -53,16 +48,16 @@ class VirtualRealSense:
             span = rs.option_range()
             span.min, span.max, span.step, span.default = limits
             self._stereo.add_option(getattr(rs.option, option), span, True)
-        self.depth_profile = self._add(self._stereo, rs.stream.depth, rs.format.z16, 2)
+        self.depth_profile = self._add(rs.stream.depth, rs.format.z16, 2)
         if scene.infrared(0) is not None:
-            self._infrared = self._add(self._stereo, rs.stream.infrared, rs.format.y8, 1, index=1)
-        self.color_profile = self._add(self._rgb, rs.stream.color, rs.format.yuyv, 2)
+            self._infrared = self._add(rs.stream.infrared, rs.format.y8, 1, index=1)
+        self.color_profile = self._add(rs.stream.color, rs.format.yuyv, 2)
         pose = rs.extrinsics()
         pose.rotation, pose.translation = [1, 0, 0, 0, 1, 0, 0, 0, 1], [-BASELINE_M, 0, 0]
         self.depth_profile.register_extrinsics_to(self.color_profile, pose)
 
     def query_devices(self) -> list[SdkObject]:
-        """The camera, which streams from the first time that somebody asks."""
+        """Return the camera, which streams from the first call on."""
         if self._thread is None:
             self.schedule.start()
             self._thread = threading.Thread(target=self._run, daemon=True)
@@ -77,20 +72,20 @@ class VirtualRealSense:
             self._thread.join()
 
     def show(self, number: int) -> None:
-        """Feed all three images of moment ``number``."""
+        """Feed the three images of frame ``number``."""
         seconds = number / RATE_HZ
         millimetres, infrared = self._scene.depth(seconds), self._scene.infrared(seconds)
         stamp_ms = FIRST_MS + 1000 * self.schedule.device_s(number)
         if infrared is not None:
             image = (infrared >> 8).astype(np.uint8)
-            self._feed(self._stereo, self._infrared, image, number, stamp_ms)
+            self._feed(self._infrared, image, number, stamp_ms)
         units = np.rint(millimetres / self._unit_mm).clip(0, 65535).astype(np.uint16)
-        self._feed(self._stereo, self.depth_profile, units, number, stamp_ms)
+        self._feed(self.depth_profile, units, number, stamp_ms)
         color = self.color(seconds)
-        self._feed(self._rgb, self.color_profile, color, number, stamp_ms + COLOR_LATER_MS)
+        self._feed(self.color_profile, color, number, stamp_ms + COLOR_LATER_MS)
 
     def color(self, seconds: float) -> NDArray[np.uint8]:
-        """The scene's colour as the camera gives it: uint8 (h, w, 2), YUYV."""
+        """Return the scene's colour as YUYV, uint8 (h, w, 2)."""
         encoded = np.frombuffer(self._scene.color(seconds), np.uint8)
         bgr = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION))
         return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_YUY2), np.uint8)
@@ -102,14 +97,12 @@ class VirtualRealSense:
             except UnpluggedError:
                 self._plugged = False
                 return
-            # Frames that come cut off the SDK throws away by itself.
+            # The SDK itself discards short frames.
             if number is not None and not self.schedule.is_short():
                 self.show(number)
 
-    def _add(
-        self, sensor: SdkObject, stream: SdkObject, pixels: SdkObject, size: int, index: int = 0
-    ) -> SdkObject:
-        """A mode of ``size`` bytes a pixel."""
+    def _add(self, stream: SdkObject, pixels: SdkObject, size: int, index: int = 0) -> SdkObject:
+        """Add a mode of ``size`` bytes a pixel."""
         rs, is_color = self._sdk, stream == self._sdk.stream.color
         width, height = self.color_size if is_color else self.size
         mode, lens = rs.video_stream(), rs.intrinsics()
@@ -119,17 +112,16 @@ class VirtualRealSense:
         lens.coeffs = list(COLOR_LENS) if is_color else [0.0] * 5
         mode.type, mode.fmt, mode.index, mode.uid = stream, pixels, index, int(stream)
         mode.width, mode.height, mode.bpp, mode.fps, mode.intrinsics = width, height, size, RATE_HZ, lens
+        sensor = self._rgb if is_color else self._stereo
         return sensor.add_video_stream(mode).as_video_stream_profile()
 
-    def _feed(
-        self, sensor: SdkObject, profile: SdkObject, image: NDArray[Any], number: int, stamp_ms: float
-    ) -> None:
+    def _feed(self, profile: SdkObject, image: NDArray[Any], number: int, stamp_ms: float) -> None:
         frame = self._sdk.software_video_frame()
-        # The SDK copies rows that lie close together, whatever the array's own strides are.
+        # The SDK ignores the array's strides.
         frame.pixels = np.ascontiguousarray(image)
         frame.bpp, frame.stride = image[0, 0].nbytes, image[0].nbytes
         frame.timestamp = stamp_ms % PERIOD_MS
         frame.domain = self._sdk.timestamp_domain.hardware_clock
         frame.frame_number, frame.profile = number + 1, profile
         frame.depth_units = self._unit_mm / 1000
-        sensor.on_video_frame(frame)
+        (self._rgb if profile is self.color_profile else self._stereo).on_video_frame(frame)

@@ -2,24 +2,25 @@
 
 import threading
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-QUEUE = 4
-"""Frames kept for a slow reader unless its driver sets more, as V4L2 drivers do; older ones are lost."""
+QUEUE = 4  # frames kept for a slow reader by default, as V4L2 drivers do
 
 
 class UnpluggedError(Exception):
-    """The twin has vanished; each twin turns this into the error of its own system."""
+    """The twin has vanished; each twin converts this into the error of its own system."""
 
 
 @dataclass(frozen=True)
 class Faults:
-    """drop: share of frames lost before the host. short: share of frames cut off. unplug_after: seconds.
+    """Faults of a twin. drop, short: shares of frames lost or cut off. unplug_after: seconds.
 
-    skew_ppm: how much faster the device's clock runs than the host's. jitter_s: mean of the random delay
-    with which frames arrive.
+    skew_ppm: of the device's clock against the host's. jitter_s: mean of the random delay of arrivals. hurry:
+    frames a second on the host's clock, as a multiple of the real rate.
     """
 
     drop: float = 0.0
@@ -27,37 +28,42 @@ class Faults:
     unplug_after: float = float("inf")
     skew_ppm: float = 0.0
     jitter_s: float = 0.0
+    hurry: float = 1.0
 
 
 class Schedule:
-    """Frames 0, 1, 2 .. of ``rate_hz`` a second since ``start``. One thread waits; any may ``stop``.
+    """Frames 0, 1, 2 .. of ``rate_hz`` a second since ``start``. One thread waits; any thread may ``stop``.
 
-    queue: how many frames wait for a slow reader.
+    queue: number of frames that wait for a slow reader.
     """
 
     def __init__(self, rate_hz: float, faults: Faults | None, queue: int = QUEUE) -> None:
-        self._rate_hz, self.faults, self.queue = rate_hz, faults or Faults(), queue
+        self.faults, self.queue = faults or Faults(), queue
+        self._rate_hz, self._host_hz = rate_hz, rate_hz * self.faults.hurry
         self._rng = np.random.default_rng(0)
         self._next, self._delay_s = 0, 0.0
         self._start_s = float("inf")
         self._stopped = threading.Event()
 
     def start(self) -> None:
-        """The first frame is due one period from now."""
+        """Make the first frame due one period from now."""
         self._start_s = time.monotonic()
 
     def stop(self) -> None:
-        """End a ``wait`` under way, and every later one."""
+        """End every ``wait`` with UnpluggedError."""
         self._stopped.set()
 
     def wait(self, timeout_s: float) -> int | None:
-        """Number of the next frame once it is due, None after ``timeout_s``. Raises UnpluggedError."""
+        """Return the number of the next frame once it is due, None after ``timeout_s``.
+
+        Raises UnpluggedError.
+        """
         end_s = time.monotonic() + timeout_s
         while True:
             if self._start_s < float("inf"):
-                late = int((time.monotonic() - self._start_s) * self._rate_hz)
+                late = int((time.monotonic() - self._start_s) * self._host_hz)
                 self._next = max(self._next, late - self.queue)
-            due_s = self._start_s + (self._next + 1) / self._rate_hz + self._delay_s
+            due_s = self._start_s + (self._next + 1) / self._host_hz + self._delay_s
             unplugged_s = self._start_s + self.faults.unplug_after
             until_s = min(due_s, end_s, unplugged_s)
             if self._stopped.wait(max(0.0, until_s - time.monotonic())) or until_s == unplugged_s:
@@ -70,9 +76,14 @@ class Schedule:
                 return number
 
     def is_short(self) -> bool:
-        """Whether the frame now at hand is cut off."""
+        """Return whether the current frame is cut off."""
         return bool(self._rng.random() < self.faults.short)
 
     def device_s(self, number: int) -> float:
-        """The device's clock when frame ``number`` was taken."""
+        """Return the device's clock at the exposure of frame ``number``."""
         return number / self._rate_hz * (1 + self.faults.skew_ppm * 1e-6)
+
+
+def c_functions(prototypes: Mapping[str, Any], twin: object) -> dict[str, Any]:
+    """Return C function pointers to the twin's methods, which have a ``_`` before the prototype's name."""
+    return {name: make(getattr(twin, f"_{name}")) for name, make in prototypes.items()}

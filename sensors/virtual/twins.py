@@ -1,46 +1,34 @@
-"""Opens virtual devices: each is the real driver, with a twin where its hardware would be."""
+"""Virtual devices: each is the real driver with a twin in place of its hardware."""
 
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from sensors.device.address import Address
+from sensors.device.mounting import NO_YES
 from sensors.device.protocol import Device
+from sensors.drivers import lepton, y16
 from sensors.drivers.kinect2 import Kinect2
-from sensors.drivers.lepton import RATE_HZ, Lepton
 from sensors.drivers.optris import LAYOUTS, Optris
 from sensors.drivers.optris_direct import OptrisDirect
-from sensors.drivers.pyrometer import SCALES, open_pyrometer
-from sensors.drivers.pyrometer_protocol import FAMILIES
+from sensors.drivers.pyrometer import Pyrometer, pyrometer_options
 from sensors.drivers.realsense import RealSense, Settings
-from sensors.drivers.y16 import (
-    BOSON_HZ,
-    BOSON_KELVIN,
-    BOSON_SIZES,
-    Boson,
-    Radiometry,
-    Y16Camera,
-    radiometry_of,
-)
 from sensors.errors import DeviceError
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
-from sensors.virtual.fake_kernel import FakeCamera, FakeKernel
 from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.kinect2 import VirtualKinect2
-from sensors.virtual.optris import VirtualOptris
 from sensors.virtual.optris_direct import VirtualDirect
 from sensors.virtual.pyrometer import LineFaults, VirtualPyrometer
 from sensors.virtual.realsense import VirtualRealSense
 from sensors.virtual.schedule import Faults
-from sensors.virtual.y16 import COUNTS, VirtualLepton, VirtualY16
+from sensors.virtual.v4l2 import COUNTS, FakeCamera, VirtualLepton, VirtualOptris, VirtualWords, VirtualY16
 
 Twin = VirtualKinect2 | VirtualRealSense | FakeCamera | VirtualDirect | VirtualPyrometer
-"""The hardware's side of a virtual device."""
 
 
 class VirtualDevice:
-    """A real driver and its twin as one ``Device``: the driver's methods; closing ends both."""
+    """A real driver and its twin as one ``Device``."""
 
     def __init__(self, address: str, device: Device, twin: Twin) -> None:
         self.address, self.device, self.twin = address, device, twin
@@ -49,17 +37,17 @@ class VirtualDevice:
 
     @property
     def calibration(self) -> RigCalibration | None:
-        """The driver's."""
+        """Calibration of the driver."""
         return self.device.calibration
 
     def close(self) -> None:
-        """End the driver, then the twin; idempotent."""
+        """Close the driver, then end the twin; idempotent."""
         self.device.close()
         self.twin.unplug()
 
 
 def open_twin(address: Address, frames: Iterable[RigFrame]) -> Device:
-    """The virtual device of an address of one of ``TWINS``. Raises DeviceError."""
+    """Return the virtual device of an address of one of ``TWINS``. Raises DeviceError."""
     return VirtualDevice(address.text, *TWINS[address.kind](address, frames))
 
 
@@ -79,29 +67,34 @@ def _optris(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]
     layout = address.choice("mode", LAYOUTS, "128hz")
     faults = _faults(address)
     twin = VirtualOptris(layout, FrameLoop(frames), faults)
-    return Optris(twin.node, layout, "virtual", FakeKernel(twin)), twin
+    return Optris(twin.node, layout), twin
 
 
 def _lepton(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]:
     faults = _faults(address)
-    lepton = VirtualLepton(FrameLoop(frames), faults)
-    return Lepton(lepton.node, "virtual", FakeKernel(lepton)), lepton
+    twin = VirtualLepton(FrameLoop(frames), faults)
+    return lepton.Lepton(twin.node), twin
+
+
+def _words(
+    address: Address, frames: Iterable[RigFrame], mode: y16.WordMode, shape: tuple[int, int]
+) -> tuple[Device, Twin]:
+    faults = _faults(address)
+    words = VirtualWords(mode.radiometry or COUNTS, mode.rate_hz, shape)
+    twin = VirtualY16(FrameLoop(frames), faults, words)
+    return y16.WordCamera(twin.node, mode), twin
 
 
 def _boson(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]:
-    celsius = address.choice("celsius", {"no": False, "yes": True}, "no")
-    rate_hz = address.number("rate", BOSON_HZ, 1.0, 200.0)
-    faults = _faults(address)
-    radiometry = Radiometry(BOSON_KELVIN) if celsius else COUNTS
-    twin = VirtualY16(FrameLoop(frames), faults, radiometry, rate_hz, BOSON_SIZES[0][::-1])
-    return Boson(twin.node, celsius, rate_hz, "virtual", FakeKernel(twin)), twin
+    celsius = address.choice("celsius", NO_YES, "no")
+    mode = y16.boson_mode(celsius, address.number("rate", y16.BOSON_HZ, 1.0, 200.0))
+    return _words(address, frames, mode, y16.BOSON_SIZES[0][::-1])
 
 
 def _y16(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]:
-    radiometry, rate_hz = radiometry_of(address), address.number("rate", RATE_HZ, 1.0, 200.0)
-    faults = _faults(address)
-    twin = VirtualY16(FrameLoop(frames), faults, radiometry or COUNTS, rate_hz)
-    return Y16Camera(twin.node, twin.size, rate_hz, radiometry, "virtual", FakeKernel(twin)), twin
+    radiometry = y16.radiometry_of(address)
+    rate_hz = address.number("rate", lepton.RATE_HZ, 1.0, 200.0)
+    return _words(address, frames, y16.y16_mode((160, 120), rate_hz, radiometry), (120, 160))
 
 
 def _optris_direct(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]:
@@ -113,15 +106,13 @@ def _optris_direct(address: Address, frames: Iterable[RigFrame]) -> tuple[Device
         return OptrisDirect(config, twin.library), twin
 
 
-def _pyrometer(address: Address) -> tuple[Device, Twin]:
-    family, scale = address.choice("family", FAMILIES, "ct"), address.choice("step", SCALES, "0.1")
-    faults = LineFaults(
-        address.number("delay", 0.0, 0.0, 10.0),
-        *(address.number(name, 0.0, 0.0, 1.0) for name in ("noise", "loss", "refuse")),
-    )
-    twin = VirtualPyrometer(family, rs485=address.given_integer("rs485", 1, 32), scale=scale)
+def _pyrometer(address: Address, _: Iterable[RigFrame]) -> tuple[Device, Twin]:
+    shares = {name: address.number(name, 0.0, 0.0, 1.0) for name in ("noise", "loss", "refuse")}
+    faults = LineFaults(address.number("delay", 0.0, 0.0, 10.0), **shares)
+    options = pyrometer_options(address)
+    twin = VirtualPyrometer(options)
     try:
-        device = open_pyrometer(address, twin.port)
+        device = Pyrometer(twin.port, options)
     except DeviceError:
         twin.unplug()
         raise
@@ -130,7 +121,7 @@ def _pyrometer(address: Address) -> tuple[Device, Twin]:
 
 
 def _faults(address: Address) -> Faults:
-    """The faults that the last options of an address state."""
+    """Return the faults by the last options of an address."""
     faults = Faults(
         drop=address.number("drop", 0.0, 0.0, 1.0),
         short=address.number("short", 0.0, 0.0, 1.0),
@@ -150,6 +141,5 @@ TWINS: Mapping[str, Callable[[Address, Iterable[RigFrame]], tuple[Device, Twin]]
     "lepton": _lepton,
     "boson": _boson,
     "y16": _y16,
-    "pyrometer": lambda address, _: _pyrometer(address),
+    "pyrometer": _pyrometer,
 }
-"""Every kind of device that has a virtual twin, and what opens it."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
-from sensors.recording.rig_templates import AZURE_DEPTH, D455_DEPTH, TEMPLATES, template_named
+from sensors.recording.rig_templates import CAMERAS, TEMPLATES, template_named
 from sensors.rig.rig_calibration import RigCalibration
 from synth.cameras.sensor import Sensor
 from synth.cameras.thermal_camera import ThermalNoise
@@ -52,13 +52,13 @@ def _azure_kinect(faults: Difficulty) -> Sensor:
         lateral_px=one.lateral_px / 2,
         rejected=0.95,
         range_mm=(500, 3860),
-        camera=AZURE_DEPTH.undistorted(),
+        camera=CAMERAS["azure_depth"].undistorted(),
         model="azure-kinect-narrow",
     )
 
 
 def _d455(faults: Difficulty) -> Sensor:
-    return replace(faults.stereo, baseline_m=0.095, camera=D455_DEPTH, model="realsense-d455")
+    return replace(faults.stereo, baseline_m=0.095, camera=CAMERAS["d455_depth"], model="realsense-d455")
 
 
 def _bolometer(camera: _Thermal, noise: ThermalNoise) -> ThermalNoise:

@@ -54,7 +54,7 @@ def main() -> None:
             print(f"labelled {rate_hz:.1f} a second, {each_ms:.0f} ms CPU each")
             print(f"old: {median_ms:.0f} ms (median), {p95_ms:.0f} ms (95th percentile)")
             print(f"CPU {cpu_s / wall_s:.0%} of a core; memory {memory:.0f} to {resident_mb():.0f} MB")
-            print(f"complaints: {pipeline.said}")
+            print(f"complaints: {pipeline.warned}")
         for name, stream in health.streams.items():
             print(f"{name}: {stream.count} came, {stream.dropped} dropped")
         print(f"recorded {len(Session(take)) / wall_s:.1f} frames a second")

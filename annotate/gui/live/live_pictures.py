@@ -1,4 +1,4 @@
-"""A live frame as flat pictures, and as the scene of the cloud view. No window here."""
+"""A live frame as flat pictures, and as the scene of the cloud view."""
 
 import numpy as np
 
@@ -10,22 +10,17 @@ from annotate.live.live_frame import LiveFrame
 from annotate.parts import BACKGROUND, palette_rgb
 from sensors.rig.camera import project
 
-NEAR_M, FAR_M = 0.5, 4.5
-"""Range of the colours of depth in metres: what a Kinect v2 reads."""
+NEAR_M, FAR_M = 0.5, 4.5  # m; range of the depth colours: a Kinect v2's
+# Points of the thinned room, a quarter of the correction window's, as each frame is redrawn.
 ROOM_POINTS = 12_000
-"""Number of points, about, to which a live room is thinned: a quarter of one that is corrected, as it is
-drawn again for every frame. Untuned."""
-STEP = 2
-"""Every how many pixels of the depth image a picture has one: it is shown about half as large."""
-DIM = 3
-"""Factor by which the picture is darkened below the parts. Untuned."""
+STEP = 2  # px of the depth image a pixel of a picture
+DIM = 3  # factor that darkens the picture below the parts; untuned
 _NONE = np.array(ROOM_RGB[True], np.float32)
 TITLES = ("Depth", "Colour", "Heat", "Parts")
-"""The flat pictures."""
 
 
 def pictures(frame: LiveFrame) -> dict[str, UInt8]:
-    """uint8 (h / 2, w / 2, 3) by title: depth, colour, temperature with the person's outline, parts."""
+    """Return uint8 (h / 2, w / 2, 3) by title; the temperatures have the person's outline."""
     cloud, parts, persons = frame.cloud, frame.labels.parts[::STEP, ::STEP], frame.labels.persons
     color = np.ascontiguousarray(cloud.color_rgb[::STEP, ::STEP])
     share = (FAR_M - cloud.points_m[::STEP, ::STEP, 2].ravel()) / (FAR_M - NEAR_M)
@@ -40,19 +35,19 @@ def pictures(frame: LiveFrame) -> dict[str, UInt8]:
 
 
 def joints_px(frame: LiveFrame) -> Float64 | None:
-    """Joints (J, 2) in the pixels of the pictures, None where there is nobody."""
+    """Return joints (J, 2) in the pictures' pixels, None without a person."""
     if frame.body_pose is None:
         return None
     return project(frame.cloud.camera, frame.body_pose.joints_m) / STEP
 
 
 def live_scene(frame: LiveFrame) -> FrameScene:
-    """The frame for the cloud view: the person in full, the room thinned; without pieces to click."""
+    """Return the scene of the cloud view: the whole person, a thinned room, no selectable pieces."""
     near, room, step = levels(frame.labels, None, ROOM_POINTS)
     pieces = np.full(frame.labels.parts.shape, -1, np.int32)
     return FrameScene(frame.labels, frame.cloud, None, near, room, step, shade_of(frame.cloud), pieces)
 
 
 def _image(colors: Float32, shape: tuple[int, ...]) -> UInt8:
-    """Colours (h * w, 3) as a picture (h, w, 3)."""
+    """Return colours (h * w, 3) as a picture (h, w, 3)."""
     return np.ascontiguousarray(colors.astype(np.uint8).reshape(*shape, 3))

@@ -1,4 +1,4 @@
-"""A flat picture of the running rig, with joints and facing over it."""
+"""Flat picture of the running rig, with joints and facing drawn over it."""
 
 from collections.abc import Sequence
 
@@ -12,14 +12,13 @@ from annotate.gui.widgets.overlay import draw_title
 from annotate.gui.widgets.theme import Theme
 from annotate.live.live_frame import BodyPose
 
+# Logical px; radius of the facing's dial, distance from the edge; untuned.
 DIAL_PX, DIAL_MARGIN_PX = 22.0, 10.0
-"""Radius of the dial of the facing, and its distance from the edge, in logical pixels. Untuned."""
-JOINT_PX, BONE_PX = 3.0, 2.0
-"""Radius of a joint and width of a bone, in logical pixels. Untuned."""
+JOINT_PX, BONE_PX = 3.0, 2.0  # logical px; radius of a joint, width of a bone; untuned
 
 
 class Tile(QWidget):
-    """One picture as large as it fits, below its title."""
+    """A picture scaled to the widget, with its title."""
 
     def __init__(self, title: str, theme: Theme) -> None:
         super().__init__()
@@ -33,12 +32,12 @@ class Tile(QWidget):
         self._body_pose: BodyPose | None = None
 
     def load(self, rgb: UInt8, joints_px: Float64 | None = None, body_pose: BodyPose | None = None) -> None:
-        """Show another picture (h, w, 3), with joints (J, 2) in its pixels and the facing, where given."""
+        """Show a picture (h, w, 3), with joints (J, 2) in its pixels and the facing if given."""
         self._rgb, self._joints_px, self._body_pose = np.ascontiguousarray(rgb), joints_px, body_pose
         self.update()
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
-        """Qt's hook."""
+        """Handle Qt's event."""
         painter = QPainter(self)
         painter.fillRect(self.rect(), QColor(self.theme.ground))
         if self._rgb is not None:
@@ -49,19 +48,13 @@ class Tile(QWidget):
             painter.drawImage(QRectF(corner, corner + QPointF(width, height) * scale), image)
             painter.setRenderHint(QPainter.RenderHint.Antialiasing)
             if self._body_pose is not None and self._joints_px is not None:
-                self._draw_bones(painter, corner, scale, self._body_pose.bones, self._joints_px)
+                centres = (self._joints_px + 0.5).tolist()
+                places = [corner + QPointF(*centre) * scale for centre in centres]
+                self._draw_bones(painter, places, self._body_pose.bones)
                 self._draw_dial(painter, self._body_pose)
         draw_title(painter, self.title)
 
-    def _draw_bones(
-        self,
-        painter: QPainter,
-        corner: QPointF,
-        scale: float,
-        bones: Sequence[tuple[int, int]],
-        joints_px: Float64,
-    ) -> None:
-        places = [corner + (QPointF(*joint) + QPointF(0.5, 0.5)) * scale for joint in joints_px.tolist()]
+    def _draw_bones(self, painter: QPainter, places: list[QPointF], bones: Sequence[tuple[int, int]]) -> None:
         for color, width in ((QColor(0, 0, 0, 170), BONE_PX + 2), (QColor("white"), BONE_PX)):
             painter.setPen(QPen(color, width, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
             for a, b in bones:
@@ -71,14 +64,13 @@ class Tile(QWidget):
             painter.drawEllipse(place, JOINT_PX, JOINT_PX)
 
     def _draw_dial(self, painter: QPainter, body_pose: BodyPose) -> None:
-        """The person from above: the arrow points where the chest does; down is towards the camera."""
+        """Draw the facing from above: the arrow points from the chest; down is towards the camera."""
         margin = DIAL_PX + DIAL_MARGIN_PX
         middle = QPointF(self.width() - margin, margin)
         painter.setBrush(QColor(0, 0, 0, 120))
         painter.setPen(QPen(QColor("white"), 1))
         painter.drawEllipse(middle, DIAL_PX, DIAL_PX)
-        # The azimuth counts from the chest to the camera: a camera on the person's left sees them face to
-        # their right, which is the left of the picture.
+        # A camera on the person's left (positive azimuth) sees a person who faces the left of the picture.
         angle = np.radians(body_pose.facing_deg)
         tip = QPointF(-np.sin(angle), np.cos(angle)) * DIAL_PX
         painter.setPen(QPen(QColor("white"), 3 if body_pose.facing_sure > 0.5 else 1))

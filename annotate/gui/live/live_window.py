@@ -1,12 +1,17 @@
-"""The live window: a running rig as cloud and pictures, a banner of what is wrong, and the recording."""
+"""Live window: a running rig as cloud and pictures, warnings, and the recording.
+
+Constants are untuned unless a source is given.
+"""
 
 import time
 from collections.abc import Callable, Iterator
+from datetime import datetime
 from functools import partial
 from html import escape
 from pathlib import Path
 
 import numpy as np
+import pyvista as pv
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QAction, QCloseEvent, QKeySequence
 from PySide6.QtWidgets import (
@@ -20,12 +25,12 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+from pyvistaqt import QtInteractor
 
 from annotate.gui.held_keys import KeyRepeatFilter
-from annotate.gui.live.joint_lines import PoseLines
-from annotate.gui.live.live_commands import COMMANDS
 from annotate.gui.live.live_pictures import TITLES, joints_px, live_scene, pictures
 from annotate.gui.live.live_tile import Tile
+from annotate.gui.state.keys import Command
 from annotate.gui.state.point_colors import Colouring, Look, Painting, colourings
 from annotate.gui.state.scene import FrameScene
 from annotate.gui.views.cloud_view import CloudView
@@ -33,28 +38,53 @@ from annotate.gui.views.drawing_layer import StrokeOptions
 from annotate.gui.widgets.building_blocks import Elided, button, laid, line, named
 from annotate.gui.widgets.dialogs import show_keys
 from annotate.gui.widgets.theme import DARK, LIGHT, Theme, scaled, style_app
-from annotate.live.live_frame import LiveFrame
+from annotate.live.live_frame import BodyPose, LiveFrame
 from annotate.live.pipeline import LivePipeline
 from annotate.live.warning import LiveWarning
 from sensors.errors import CloudError
 
-LOOK_MS = 15
-"""Milliseconds between two looks for a newer frame: half a period of 30 Hz. Untuned."""
+UPDATE_MS = 15  # ms between two updates: half a period of 30 Hz
+# Least ms between two clouds; drawing one without a graphics card takes 40 ms of a core (measured).
 CLOUD_MS = 100
-"""Least milliseconds between two clouds: drawing one without a graphics card takes 40 ms of a core
-(measured), which labelling needs too."""
-RATE_FRAMES = 30
-"""Frames over which the rate of the picture is counted. Untuned."""
+RATE_FRAMES = 30  # frames over which the displayed rate is counted
+BONE_PX = 4.0  # width of a bone in logical pixels
+# Offset of the bones' depth in steps of the depth buffer: in front of all at 16 bits or more.
+IN_FRONT = -66_000.0
 ENDED = "The recording is played to its end"
-"""State of a window after the last frame."""
 CLOUD_COLOURINGS: tuple[Colouring, ...] = ("temperature", "part", "colour", "depth")
+COMMANDS = (
+    Command("record", "Space", "Recording", "Record", "Start or stop recording"),
+    Command("mark", "M", "Recording", "Mark an event…", "Mark what happens now with a short text"),
+    Command("name", "N", "Recording", "Name of the person…", "Written into the next recording"),
+    Command("ahead", "A", "View", "From the camera", "Show the person as the depth camera sees them"),
+    Command("colouring", "C", "View", "Next colouring", "Temperature, colour, parts or depth of the cloud"),
+    Command("toggle_theme", "T", "View", "Light or dark"),
+    Command("close", "Ctrl+Q", "View", "Close", "End the recording, and close"),
+    Command("help", "F1", "View", "All keys", "Show this list"),
+)
+
+
+def takes(first: Path | None, now: Callable[[], datetime] = datetime.now) -> Iterator[Path]:
+    """Yield sessions to record to: ``first``, then free names with -2, -3, ...
+
+    first: None names each session by the time of its start.
+    """
+    number = 1
+    while True:
+        stem = first or Path(f"take-{now():%Y%m%d-%H%M%S}.mcap")
+        path = stem if number == 1 else stem.with_name(f"{stem.stem}-{number}{stem.suffix}")
+        if not path.exists() or (first is not None and number == 1):
+            yield path
+            number = number + 1 if first else 1
+        else:
+            number += 1
 
 
 class LiveWindow(QMainWindow):
-    """Shows the newest frame of a pipeline that runs. takes: sessions that recordings are written to.
+    """Window of a running pipeline's latest frame. takes: sessions to record to. shown: number of frames.
 
-    subject: name of the person, "" if unknown. shown: how many frames were shown. The pipeline and its rig
-    are the caller's to close; the window ends a recording when it is closed.
+    subject: name of the person, "" if unknown. Closing the window ends a recording; the caller closes
+    pipeline and rig.
     """
 
     def __init__(
@@ -63,7 +93,7 @@ class LiveWindow(QMainWindow):
         super().__init__()
         self.pipeline, self.takes, self.theme, self.subject = pipeline, takes, theme, subject
         self.shown, self._seen = 0, 0
-        self._said = ""
+        self._message = ""
         self._recent_ns: list[int] = []
         self._cloud_ns = 0
         self._colouring: Colouring = "temperature"
@@ -79,13 +109,13 @@ class LiveWindow(QMainWindow):
         self.banner.setWordWrap(True)
         self.tiles = {title: Tile(title, theme) for title in TITLES}
         self.cloud_view: CloudView | None = None
-        self._bones: PoseLines | None = None
+        self._bones: _Bones | None = None
         self._large = QSplitter(Qt.Orientation.Horizontal)
         self._lay_out()
         self.buttons: dict[str, QToolButton] = {}
         self.actions_by_name = self._bound()
-        self._timer = QTimer(self, interval=LOOK_MS)
-        self._timer.timeout.connect(self.look)
+        self._timer = QTimer(self, interval=UPDATE_MS)
+        self._timer.timeout.connect(self.update_view)
         self._timer.start()
 
     def _lay_out(self) -> None:
@@ -108,7 +138,7 @@ class LiveWindow(QMainWindow):
         self._show_banner(())
 
     def _bound(self) -> dict[str, QAction]:
-        """The commands as actions with their keys, in the menus and as buttons at the foot."""
+        """Add the commands as actions with keys and as buttons at the foot."""
         KeyRepeatFilter(self)
         actions = {}
         for command in COMMANDS:
@@ -126,10 +156,8 @@ class LiveWindow(QMainWindow):
         self._foot.addStretch(1)
         return actions
 
-    # Showing
-
-    def look(self) -> None:
-        """Show the newest frame if there is one, and what stands."""
+    def update_view(self) -> None:
+        """Show the latest frame, warnings and state."""
         latest = self.pipeline.frames.after(self._seen, 0.0)
         if latest is not None:
             self._seen, frame = latest
@@ -162,11 +190,11 @@ class LiveWindow(QMainWindow):
         self.cloud_view.load(scene, painting, everything, keep=opened)
 
     def _open_cloud(self, scene: FrameScene) -> None:
-        """Only a first frame has the cloud that the view needs."""
+        """Open the cloud view, which needs the first frame's cloud."""
         self.cloud_view = CloudView(scene, StrokeOptions())
         self.cloud_view.layer.hide()
         self.cloud_view.set_ground(self.theme.ground_rgb)
-        self._bones = PoseLines(self.cloud_view.plotter)
+        self._bones = _Bones(self.cloud_view.plotter)
         self._large.insertWidget(0, self.cloud_view)
         self._large.setSizes([self.width() * 11 // 20, self.width() * 9 // 20])
 
@@ -195,7 +223,7 @@ class LiveWindow(QMainWindow):
         record = "End recording" if health.recording else "Record"
         self.actions_by_name["record"].setText(record)
         self.buttons["record"].setText(_button_text(record, self.actions_by_name["record"]))
-        facts = [self._said, f"person: {self.subject}" if self.subject else ""]
+        facts = [self._message, f"person: {self.subject}" if self.subject else ""]
         if frame is not None:
             if (body_pose := frame.body_pose) is not None:
                 facts.append(f"{body_pose.posture}, facing {body_pose.facing_deg:+.0f}°")
@@ -209,20 +237,18 @@ class LiveWindow(QMainWindow):
 
     @property
     def rate_hz(self) -> float:
-        """Frames that were shown in a second, lately."""
+        """Frames shown a second, recently."""
         span_s = (self._recent_ns[-1] - self._recent_ns[0]) * 1e-9 if len(self._recent_ns) > 1 else 0.0
         return (len(self._recent_ns) - 1) / span_s if span_s > 0 else 0.0
 
-    # Commands
-
     def record(self) -> None:
-        """Begin a recording, or end it."""
+        """Begin or end a recording."""
         rig = self.pipeline.rig
         self._act(self._end if rig.health().recording else self._begin)
 
     def mark(self) -> None:
-        """Note what happens now."""
-        if text := self._asked("Mark an event", "What happens now?"):
+        """Mark an event."""
+        if text := self._entered("Mark an event", "What happens now?"):
             self._act(partial(self._mark, text))
 
     def help(self) -> None:
@@ -230,16 +256,16 @@ class LiveWindow(QMainWindow):
         show_keys(self, [(command.key, command.hint or command.title) for command in COMMANDS])
 
     def name(self) -> None:
-        """Name the person of the next recording."""
-        self.subject = self._asked("Name of the person", "Who is in view?", self.subject) or self.subject
+        """Set the name of the next recording's person."""
+        self.subject = self._entered("Name of the person", "Who is in view?", self.subject) or self.subject
 
     def ahead(self) -> None:
-        """Show the person as the depth camera sees them."""
+        """Turn the cloud to the depth camera's view."""
         if self.cloud_view is not None:
             self.cloud_view.look_ahead()
 
     def colouring(self) -> None:
-        """The next colouring of the cloud."""
+        """Switch to the next colouring of the cloud."""
         at = CLOUD_COLOURINGS.index(self._colouring) + 1
         self._colouring = CLOUD_COLOURINGS[at % len(CLOUD_COLOURINGS)]
 
@@ -255,29 +281,29 @@ class LiveWindow(QMainWindow):
     def _begin(self) -> None:
         path = next(self.takes)
         self.pipeline.rig.record(path, self.subject)
-        self._said = ""
+        self._message = ""
 
     def _end(self) -> None:
         path = self.pipeline.rig.end_recording()
-        self._said = f"{path} is saved" if path else ""
+        self._message = f"{path} is saved" if path else ""
 
     def _mark(self, text: str) -> None:
         self.pipeline.rig.mark(text)
         where = "" if self.pipeline.rig.health().recording else ", but nothing is recorded"
-        self._said = f"Marked: {text}{where}"
+        self._message = f"Marked: {text}{where}"
 
     def _act(self, action: Callable[[], None]) -> None:
         try:
             action()
         except (CloudError, OSError) as error:
-            self._said = str(error)
+            self._message = str(error)
 
-    def _asked(self, title: str, question: str, before: str = "") -> str:
+    def _entered(self, title: str, question: str, before: str = "") -> str:
         text, given = QInputDialog.getText(self, title, question, text=before)
         return text.strip() if given else ""
 
     def closeEvent(self, event: QCloseEvent) -> None:  # noqa: N802
-        """Qt's hook."""
+        """Handle Qt's event."""
         self._timer.stop()
         self._act(self._end)
         if self.cloud_view is not None:
@@ -287,3 +313,21 @@ class LiveWindow(QMainWindow):
 
 def _button_text(title: str, action: QAction) -> str:
     return f"{title}   {action.shortcut().toString()}"
+
+
+class _Bones:
+    """VTK actor of bones, drawn in front of the body."""
+
+    def __init__(self, plotter: QtInteractor) -> None:
+        lines = pv.PolyData(np.zeros((2, 3)), lines=[2, 0, 1])
+        self.actor = plotter.add_mesh(lines, color="white", line_width=BONE_PX, lighting=False, render=False)
+        self.actor.mapper.SetResolveCoincidentTopologyToPolygonOffset()
+        self.actor.mapper.SetRelativeCoincidentTopologyLineOffsetParameters(0.0, IN_FRONT)
+        self.actor.SetVisibility(False)
+
+    def show(self, pose: BodyPose | None) -> None:
+        """Show a pose, or nothing."""
+        self.actor.SetVisibility(pose is not None)
+        if pose is not None:
+            lines = np.array([(2, a, b) for a, b in pose.bones]).ravel()
+            self.actor.mapper.dataset = pv.PolyData(pose.joints_m, lines=lines)
