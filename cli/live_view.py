@@ -31,8 +31,8 @@ from eval.scores.skeleton_fit import BONES
 from sensors.interrupt import Ending, ended_by_signals, interrupted_by_signals
 from sensors.rig.camera import Intrinsics
 
-# s after which a computing thread yields the interpreter, because each thermal image passes three threads, and
-# its camera keeps 0.125 s of images; untuned.
+# s after which a computing thread yields the interpreter, because each thermal image passes three threads,
+# and its camera keeps 0.125 s of images; untuned.
 SWITCH_S = 0.001
 BONE_ENDS = tuple((JOINT[a], JOINT[b]) for a, b, _ in BONES)
 Show = Callable[[LiveFrame], None] | None  # shows a labelled frame; None = no output

@@ -13,11 +13,10 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from annotate.live.shift_watch import EVERY_NS, FRAMES, ShiftWatch
 
 from annotate.cloud.fuse import Fuser
 from annotate.label_recording import SuitLabeller, label_cloud
-from annotate.live.frame_warnings import color_warning, person_warnings
+from annotate.live.frame_warnings import EVERY_NS, FRAMES, ShiftWatch, color_warning, person_warnings
 from annotate.live.live_frame import Labelling
 from annotate.live.pipeline import WORKERS, LivePipeline
 from annotate.live.rig_warnings import rig_warnings

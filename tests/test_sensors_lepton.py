@@ -7,43 +7,57 @@ import pytest
 
 from sensors.device.protocol import Flag, ThermalCounts, ThermalImage
 from sensors.drivers.lepton import RATE_HZ, SIZES, Lepton, Telemetry, telemetry_of
-from sensors.drivers.y16 import Boson, Radiometry, Y16Camera
+from sensors.drivers.y16 import Radiometry, WordCamera, boson_mode, y16_mode
 from sensors.errors import DeviceError, DeviceFaultError
 from sensors.recording import open_device as open_device_module
 from sensors.recording.open_device import find_devices, open_device
 from sensors.rig.pairing import COLOR_WINDOW_NS, THERMAL_WINDOW_NS, pair_stamps, thermal_window_ns
-from sensors.virtual.fake_kernel import FakeKernel
 from sensors.virtual.frame_loop import FrameLoop
-from sensors.virtual.optris import VirtualOptris
-from sensors.virtual.y16 import VirtualLepton, VirtualY16
+from sensors.virtual.schedule import Faults
+from sensors.virtual.v4l2 import COUNTS, LeptonState, VirtualLepton, VirtualWords, VirtualY16
 from tests.helpers.swinging_ball import swinging_ball
 
 SCENE = FrameLoop(swinging_ball())
-HURRY = 50.0
-"""Times as fast as a real one, by the host's clock; its own clock is a real one's."""
+FAST = Faults(hurry=50.0)
+"""The host's clock runs slowly; the device's own clock is a real one's."""
 
 
 @pytest.fixture
-def lepton():
-    """Opens the driver on a twin."""
-    made = []
-
-    def opened(**options):
-        made.append(VirtualLepton(SCENE, hurry=HURRY, **options))
-        return made[-1], Lepton(made[-1].node, kind=FakeKernel(made[-1]))
-
-    yield opened
-    for twin in made:
+def made():
+    """Twins of the test, unplugged at its end."""
+    twins = []
+    yield twins
+    for twin in twins:
         twin.unplug()
 
 
-def datasheet(uptime_ms=0, status=0, gain=0, effective=0, tlinear=1, resolution=1):
-    """Telemetry as the datasheet's table 2 lists it: rows A, B, C of 80 words, and one that is reserved."""
-    words = np.zeros(4 * 80, np.uint16)
-    words[[1, 2]] = uptime_ms & 0xFFFF, uptime_ms >> 16
-    words[[3, 4]] = status & 0xFFFF, status >> 16
-    words[160 + 5], words[160 + 6], words[160 + 48], words[160 + 49] = gain, effective, tlinear, resolution
-    return words
+@pytest.fixture
+def lepton(made):
+    """Open the driver on a twin in a state."""
+
+    def opened(**state):
+        made.append(VirtualLepton(SCENE, FAST, LeptonState(**state)))
+        return made[-1], Lepton(made[-1].node)
+
+    return opened
+
+
+def read(device, count=1):
+    with closing(device):
+        device.start()
+        return [device.read(10) for _ in range(count)]
+
+
+def number_of(reading):
+    return round((reading.stamp_ns / 1e6 - (2**32 - 2000)) * RATE_HZ / 1000)
+
+
+def datasheet(uptime_ms=0, status=0, gain=0, effective=0, words=(1, 1)):
+    """Telemetry as the datasheet's table 2 lists it: rows A, B, C of 80 words, and a reserved one."""
+    rows = np.zeros(4 * 80, np.uint16)
+    rows[[1, 2, 3, 4]] = uptime_ms & 0xFFFF, uptime_ms >> 16, status & 0xFFFF, status >> 16
+    rows[[160 + 5, 160 + 6, 160 + 48, 160 + 49]] = gain, effective, *words
+    return rows
 
 
 def test_telemetry_is_where_the_datasheet_says():
@@ -52,12 +66,11 @@ def test_telemetry_is_where_the_datasheet_says():
     )
     flags = [telemetry_of(datasheet(status=state << 4)).flag for state in range(4)]
     assert flags == [Flag.INITIALIZING, Flag.OPEN, Flag.CLOSED, Flag.OPEN]
-    # Everything else that the status holds: FFC desired, shutter lockout, too hot.
+    # Other bits of the status: FFC desired, shutter lockout, too hot.
     others = 1 << 3 | 1 << 15 | 1 << 20
     assert telemetry_of(datasheet(status=others | 2 << 4)) == telemetry_of(datasheet(status=2 << 4))
     assert telemetry_of(datasheet(status=1 << 12)).agc
-    assert telemetry_of(datasheet(resolution=0)).kelvin == 0.1
-    assert telemetry_of(datasheet(tlinear=0)).kelvin is None
+    assert [telemetry_of(datasheet(words=words)).kelvin for words in ((1, 0), (0, 1))] == [0.1, None]
     gains = [telemetry_of(datasheet(gain=g, effective=e)).gain for g, e in ((0, 1), (1, 0), (2, 0), (2, 1))]
     assert gains == ["high", "low", "high", "low"]
     # A Lepton 2.5 has three rows, not four.
@@ -69,150 +82,92 @@ def test_telemetry_is_where_the_datasheet_says():
 @pytest.mark.parametrize("shape", SIZES.values())
 def test_temperatures_in_both_gains_and_resolutions(lepton, gain, kelvin, shape):
     twin, device = lepton(gain=gain, kelvin=kelvin, shape=shape)
-    with closing(device):
-        device.start()
-        readings = [device.read(10) for _ in range(3)]
+    (reading,) = read(device)
     assert device.telemetry.gain == ("high" if gain == "high" else "low")
-    for reading in readings:
-        assert isinstance(reading.value, ThermalImage) and reading.value.flag is Flag.OPEN
-        assert reading.value.celsius.dtype == np.float32
-    number = round((readings[0].stamp_ns / 1e6 - (2**32 - 2000)) * RATE_HZ / 1000)
-    wanted = twin.celsius(number)
-    assert readings[0].value.celsius.shape == shape == wanted.shape
-    np.testing.assert_allclose(readings[0].value.celsius, wanted, atol=0.51 * kelvin)
+    assert isinstance(reading.value, ThermalImage) and reading.value.flag is Flag.OPEN
+    assert reading.value.celsius.dtype == np.float32
+    wanted = twin.celsius(number_of(reading))
+    assert reading.value.celsius.shape == shape == wanted.shape
+    np.testing.assert_allclose(reading.value.celsius, wanted, atol=0.51 * kelvin)
 
 
-def test_stamps_are_the_cameras_own_across_its_wrap_and_gaps_are_counted(lepton):
-    _, device = lepton()
-    with closing(device):
-        device.start()
-        readings = [device.read(10) for _ in range(40)]
+def test_stamps_are_the_cameras_own_across_its_wrap_gaps_are_counted_and_the_shutter_is_named(lepton):
+    twin, device = lepton(ffc_every_s=5.0)
+    readings = read(device, 60)
     steps = np.diff([r.stamp_ns for r in readings]) * 1e-9 * RATE_HZ
-    # The clock counts whole milliseconds; whatever a slow host has lost is counted.
+    # The clock counts whole milliseconds; images lost by a slow host are counted.
     np.testing.assert_allclose(steps, [1 + r.dropped for r in readings[1:]], atol=0.02)
     assert readings[-1].stamp_ns > 2**32 * 1_000_000
+    states = [twin.ffc_state(number_of(reading)) for reading in readings]
+    assert [r.value.flag is Flag.CLOSED for r in readings] == [state == 2 for state in states]
+    assert 2 in states and {twin.ffc_state(number) for number in range(45)} == {1, 2, 3}
 
 
-def test_images_of_the_closed_shutter_say_so(lepton):
-    twin, device = lepton(ffc_every_s=5.0)
-    with closing(device):
-        device.start()
-        readings = [device.read(10) for _ in range(60)]
-    flags = []
-    for reading in readings:
-        number = round((reading.stamp_ns / 1e6 - (2**32 - 2000)) * RATE_HZ / 1000)
-        assert reading.value.flag is (Flag.CLOSED if twin.ffc_state(number) == 2 else Flag.OPEN)
-        flags.append(reading.value.flag)
-    assert {Flag.OPEN, Flag.CLOSED} == set(flags)
-    assert {twin.ffc_state(number) for number in range(45)} == {1, 2, 3}
-
-
-def test_what_is_no_temperature_is_refused_as_temperature(lepton):
-    _, device = lepton(kelvin=None)
-    with closing(device):
-        device.start()
-        value = device.read(10).value
+def test_words_that_are_not_temperatures_are_counts_or_refused(lepton):
+    value = read(lepton(kelvin=None)[1])[0].value
     assert isinstance(value, ThermalCounts) and 7000 < np.median(value.counts) < 9000
-    _, device = lepton(agc=True)
-    with closing(device):
-        device.start()
-        with pytest.raises(DeviceFaultError, match="automatic gain control on; switch it off"):
-            device.read(10)
+    with pytest.raises(DeviceFaultError, match="automatic gain control on; switch it off"):
+        read(lepton(agc=True)[1])
 
 
-def test_a_camera_without_telemetry_is_no_lepton():
-    plain = VirtualY16(SCENE)
-    with pytest.raises(
-        DeviceError, match=r"gives \(160, 120\), not \(160, 122\) or \(80, 63\) words; update"
-    ):
-        Lepton(plain.node, kind=FakeKernel(plain))
-    plain.unplug()
+def test_a_camera_without_telemetry_is_not_a_lepton(made):
+    made.append(VirtualY16(SCENE))
+    with pytest.raises(DeviceError, match=r"\(160, 120\), not \(160, 122\) or \(80, 63\) words; update"):
+        Lepton(made[0].node)
 
 
 # --- any camera of 16-bit words ------------------------------------------------------------------
 
 
-def read_one(twin, radiometry):
-    with closing(Y16Camera(twin.node, twin.size, RATE_HZ, radiometry, kind=FakeKernel(twin))) as device:
-        device.start()
-        return device.read(10).value
+@pytest.fixture
+def value_of(made):
+    """Value read with one radiometry from words written with another."""
+
+    def read_one(written, radiometry):
+        made.append(VirtualY16(SCENE, FAST, VirtualWords(written)))
+        return read(WordCamera(made[-1].node, y16_mode(made[-1].size, RATE_HZ, radiometry)))[0].value
+
+    return read_one
 
 
 @pytest.mark.parametrize("radiometry", [Radiometry(0.01), Radiometry(0.04, -100.0)])
-def test_scale_and_offset_make_temperatures(radiometry):
-    twin = VirtualY16(SCENE, radiometry=radiometry, hurry=HURRY)
-    value = read_one(twin, radiometry)
-    twin.unplug()
+def test_scale_and_offset_make_temperatures(value_of, radiometry):
+    value = value_of(radiometry, radiometry)
     assert isinstance(value, ThermalImage) and value.flag is Flag.OPEN
     assert np.quantile(value.celsius, 0.01) == pytest.approx(22, abs=0.5)
     assert value.celsius.max() == pytest.approx(33, abs=0.5)
+    assert isinstance(value_of(COUNTS, None), ThermalCounts)
 
 
 @pytest.mark.parametrize(
-    ("made", "read", "remedy"),
+    ("made_with", "read_with", "remedy"),
     [
         (Radiometry(0.04, -300.0), Radiometry(0.01), "switch its temperature output on"),
-        (
-            Radiometry(0.01),
-            Radiometry(0.1),
-            r"they fit hundredths of a kelvin \(scale=0\.01&offset=-273\.15\)",
-        ),
-        (Radiometry(0.1), Radiometry(0.01), r"they fit tenths of a kelvin \(scale=0\.1&"),
-        (Radiometry(0.02), Radiometry(0.01), r"they fit fiftieths of a kelvin.* \(scale=0\.02&"),
-        (Radiometry(1 / 64), Radiometry(0.01), r"they fit 64ths of a kelvin.* \(scale=0\.015625&"),
+        (Radiometry(0.01), Radiometry(0.1), r"hundredths of a kelvin \(scale=0\.01&offset=-273\.15\)"),
+        (Radiometry(0.1), Radiometry(0.01), r"tenths of a kelvin \(scale=0\.1&"),
+        (Radiometry(0.02), Radiometry(0.01), r"fiftieths of a kelvin.* \(scale=0\.02&"),
+        (Radiometry(1 / 64), Radiometry(0.01), r"64ths of a kelvin.* \(scale=0\.015625&"),
     ],
 )
-def test_words_that_would_be_no_temperatures_are_refused_with_the_scale_that_fits(made, read, remedy):
-    twin = VirtualY16(SCENE, radiometry=made, hurry=HURRY)
-    with pytest.raises(DeviceFaultError, match=f"which would be .* C; {remedy}"):
-        read_one(twin, read)
-    twin.unplug()
+def test_words_of_another_scale_are_refused_with_the_scale_that_fits(value_of, made_with, read_with, remedy):
+    with pytest.raises(DeviceFaultError, match=f"which would be .* C; .*{remedy}"):
+        value_of(made_with, read_with)
 
 
-def test_a_boson_in_low_gain_is_refused_with_its_scale():
+def test_a_boson_in_low_gain_is_refused_with_its_scale(made):
     """FLIR: kelvin times 100 in high gain, times 50 in low gain."""
-    twin = VirtualY16(SCENE, radiometry=Radiometry(0.02), rate_hz=60.0, shape=(256, 320))
-    with closing(Boson(twin.node, True, kind=FakeKernel(twin))) as device:
-        device.start()
-        with pytest.raises(DeviceFaultError, match="a Boson's in low gain"):
-            device.read(10)
-    twin.unplug()
+    made.append(VirtualY16(SCENE, words=VirtualWords(Radiometry(0.02), 60.0, (256, 320))))
+    with pytest.raises(DeviceFaultError, match="a Boson's in low gain"):
+        read(WordCamera(made[0].node, boson_mode(True)))
 
 
 @pytest.mark.parametrize(("celsius", "kind"), [("yes", ThermalImage), ("no", ThermalCounts)])
-def test_a_boson_gives_counts_or_where_it_is_radiometric_temperatures(celsius, kind):
-    with closing(open_device(f"virtual:boson?celsius={celsius}", swinging_ball())) as device:
-        device.start()
-        value = device.read(10).value
+def test_a_boson_gives_counts_or_if_it_is_radiometric_temperatures(celsius, kind):
+    value = read(open_device(f"virtual:boson?celsius={celsius}", swinging_ball()))[0].value
     assert isinstance(value, kind)
     image = value.celsius if celsius == "yes" else value.counts
     assert image.shape == (512, 640)
     assert celsius == "no" or image.max() == pytest.approx(33, abs=0.5)
-
-
-def test_without_scale_they_stay_counts():
-    twin = VirtualY16(SCENE, hurry=HURRY)
-    assert isinstance(read_one(twin, None), ThermalCounts)
-    twin.unplug()
-
-
-@pytest.mark.parametrize(
-    ("address", "match"),
-    [
-        ("y16:/dev/video77?scale=0.01", "gives only one of scale and offset; give both, or none for counts"),
-        ("y16:/dev/video77?width=0", "width '0' .* is not a number from 1"),
-        (
-            "y16:/dev/video77?mode=1",
-            "unknown option 'mode'; its options: height, mirror, offset, rate, scale, turn, width",
-        ),
-        ("y16:", "names no node; give for instance y16:/dev/video0"),
-        ("y16:/dev/video77", "/dev/video77 does not exist; plug"),
-        ("lepton:/dev/video77", "/dev/video77 does not exist; plug"),
-    ],
-)
-def test_addresses(address, match):
-    with pytest.raises(DeviceError, match=match):
-        open_device(address)
 
 
 def test_an_address_opens_the_same_camera_again():
@@ -228,16 +183,6 @@ def test_a_lepton_is_found_by_its_board(monkeypatch):
     assert [(f.address, f.serial) for f in find_devices() if f.kind == "lepton" and not f.virtual] == [
         ("lepton:/dev/video7", "77")
     ]
-
-
-def test_opencvs_own_property_is_the_fourcc():
-    """The fake kernel gives bytes to the Optris only, which asks for YUYV."""
-    camera = VirtualOptris(open_device_module.LAYOUTS["128hz"], SCENE)
-    assert FakeKernel(camera)(str(camera.node), 0).retrieve()[1].dtype == np.uint16
-    camera.unplug()
-
-
-# --- pairing ---------------------------------------------------------------------------------------
 
 
 def test_nine_a_second_pair_with_the_nearest_depth_each():

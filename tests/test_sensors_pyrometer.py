@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sensors.drivers import pyrometer, serial_line
-from sensors.drivers.pyrometer import Pyrometer
+from sensors.drivers.pyrometer import Pyrometer, PyrometerOptions
 from sensors.drivers.pyrometer_protocol import (
     BURST_ITEMS,
     CS,
@@ -121,12 +121,16 @@ def test_random_bytes_give_possible_values_or_none(data, count, scale):
     assert parser.skipped + 2 * len(values) + 2 * (len(values) // count) <= len(data)
 
 
+def opened(pyro, **options):
+    return Pyrometer(pyro.port, PyrometerOptions(**options))
+
+
 @pytest.fixture
-def twin(request):
+def twin():
     made = []
 
-    def make(family=CT, **options):
-        made.append(VirtualPyrometer(family, **options))
+    def make(faults=None, target_c=lambda seconds: 31.2, **options):
+        made.append(VirtualPyrometer(PyrometerOptions(**options), faults, target_c))
         return made[-1]
 
     yield make
@@ -137,8 +141,8 @@ def twin(request):
 @pytest.mark.parametrize("family", [CT, CS])
 @pytest.mark.parametrize("scale", [TENTHS, HUNDREDTHS])
 def test_poll_reads_what_the_twin_sees(twin, family, scale):
-    pyro = twin(family, scale=scale, target_c=lambda seconds: 31.2)
-    with closing(Pyrometer(pyro.port, family, scale=scale)) as device:
+    pyro = twin(family=family, scale=scale)
+    with closing(opened(pyro, family=family, scale=scale)) as device:
         device.start()
         spot = device.read(1.0).value
     assert spot.target_c == pytest.approx(31.2) and spot.head_c == pytest.approx(HEAD_C)
@@ -147,8 +151,8 @@ def test_poll_reads_what_the_twin_sees(twin, family, scale):
 
 @pytest.mark.parametrize("family", [CT, CS])
 def test_emissivity_is_set_and_read_back(twin, family):
-    pyro = twin(family, target_c=lambda seconds: 40.0)
-    with closing(Pyrometer(pyro.port, family)) as device:
+    pyro = twin(target_c=lambda seconds: 40.0, family=family)
+    with closing(opened(pyro, family=family)) as device:
         device.set_emissivity(0.95)
         assert device.emissivity() == pyro.emissivity == 0.95
         assert device.serial == "8031234"
@@ -168,38 +172,38 @@ def test_a_wrong_checksum_changes_nothing(twin):
     pyro = twin()
     line = SerialLine(pyro.port, 115200, None)
     with closing(line), pytest.raises(DeviceFaultError, match="answered 0 of 2 bytes"):
-        line.ask(bytes.fromhex("8403B632"), 2)
+        line.request(bytes.fromhex("8403B632"), 2)
     assert pyro.emissivity == 0.97
 
 
 def test_rs485_address_selects_the_device(twin):
     pyro = twin(rs485=7)
-    with closing(Pyrometer(pyro.port, rs485=7)) as device:
+    with closing(opened(pyro, rs485=7)) as device:
         device.set_emissivity(0.5)
     assert pyro.emissivity == 0.5
     with pytest.raises(DeviceFaultError, match="answered 0 of 3"):
-        Pyrometer(pyro.port, rs485=8)
-    Pyrometer(pyro.port, rs485=7).close()
+        opened(pyro, rs485=8)
+    opened(pyro, rs485=7).close()
 
 
 @pytest.mark.parametrize(("there", "asked"), [(CT, CS), (CS, CT)])
 def test_the_wrong_family_is_named(twin, there, asked):
-    pyro = twin(there, target_c=lambda seconds: 40.0)
+    pyro = twin(target_c=lambda seconds: 40.0, family=there)
     with pytest.raises(DeviceError, match=f"like the {there.name} family, not {asked.name}; give family"):
-        Pyrometer(pyro.port, asked)
-    Pyrometer(pyro.port, there).close()
+        opened(pyro, family=asked)
+    opened(pyro, family=there).close()
 
 
 def test_burst_on_a_line_that_loses_bytes(twin):
     pyro = twin(target_c=lambda seconds: 19.4)
-    with closing(Pyrometer(pyro.port, burst=True)) as device:
+    with closing(opened(pyro, burst=True)) as device:
         device.start()
         pyro.faults = LineFaults(loss=0.03, noise=0.02)
         readings = [device.read(1) for _ in range(60)]
     good = [r.value for r in readings if r.value.target_c == pytest.approx(19.4)]
     assert len(good) > 45 and sum(r.dropped for r in readings) > 3
     with pytest.raises(DeviceError, match="cs family has no burst"):
-        Pyrometer(pyro.port, CS, burst=True)
+        PyrometerOptions(CS, burst=True)
 
 
 @settings(max_examples=8, deadline=None)
@@ -244,7 +248,7 @@ def test_random_replies_raise_only_sensor_errors(data):
 
 
 def test_a_late_reply_is_not_taken_for_the_next_ones(twin):
-    pyro = twin(target_c=lambda seconds: 31.2)
+    pyro = twin()
     with closing(Pyrometer(pyro.port)) as device:
         device.start()
         pyro.faults = LineFaults(delay_s=0.07)
@@ -271,15 +275,15 @@ def test_a_dead_line_is_reported_as_lost(twin):
 def test_a_burst_that_nobody_ended_is_ended(twin, monkeypatch):
     """A recording that was killed leaves the device sending."""
     monkeypatch.setattr(serial_line, "QUIET_S", 0.05)
-    pyro = twin(target_c=lambda seconds: 31.2)
-    killed = Pyrometer(pyro.port, burst=True)
+    pyro = twin()
+    killed = opened(pyro, burst=True)
     killed.start()
     killed._line.close()
     with (
         closing(SerialLine(pyro.port, 115200, None)) as line,
         pytest.raises(ChatterError, match="does not stop"),
     ):
-        line.ask(b"\x01", 2)
+        line.request(b"\x01", 2)
     with closing(Pyrometer(pyro.port)) as device:
         device.start()
         assert device.serial == "8031234" and device.read(1).value.target_c == pytest.approx(31.2)
@@ -296,7 +300,7 @@ def test_a_port_in_use_and_an_impossible_baud_rate(twin):
     with closing(Pyrometer(pyro.port)), pytest.raises(DeviceBusyError, match="in use by another program"):
         Pyrometer(pyro.port)
     with pytest.raises(DeviceError, match="baud rate -1 is impossible"):
-        Pyrometer(pyro.port, baud=-1)
+        opened(pyro, baud=-1)
 
 
 def test_scale_refuses_what_no_head_measures():
