@@ -167,8 +167,8 @@ class LivePipeline:
         if fused.unreadable:
             made.append(LiveWarning("frame", fused.unreadable))
         lit = not {"dark", "glare"} & {warning.kind for warning in made}
-        if lit and light is not None:
-            made += filter(None, [color_warning(cloud, person, light)])
+        if lit and illuminant is not None:
+            made += filter(None, [color_warning(cloud, person, illuminant)])
         made += filter(None, [self._shift.warning(cloud, person, fused.synced.arrival_ns)])
         return made
 
