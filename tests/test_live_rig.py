@@ -289,7 +289,7 @@ def test_a_disk_of_20_mb_a_second_loses_nothing_or_it_is_said(
 
 
 def test_a_nearly_full_disk_ends_the_recording_in_time(rig_of, tmp_path, monkeypatch):
-    monkeypatch.setattr(sensors.recording.live_rig, "LOOK_S", 0.05)
+    monkeypatch.setattr(sensors.recording.live_rig, "DISK_S", 0.05)
     rig = rig_of(Camera())
     rig.record(tmp_path / "a.mcap")
     begun = rig.frames.count
