@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.writer import CompressionType, Writer
+from mcap_protobuf.schema import register_schema
 
 from sensors.rig.camera import Intrinsics
 
@@ -88,8 +90,22 @@ def write_bag(
     return path
 
 
+def write_mcap(path: Path, messages: list[tuple[str, object]], compression=CompressionType.ZSTD) -> Path:
+    """(topic, Foxglove message) into an MCAP file, by mcap's own writer."""
+    with path.open("wb") as file:
+        writer, channels = Writer(file, compression=compression), {}
+        writer.start()
+        for topic, message in messages:
+            if topic not in channels:
+                schema = register_schema(writer, type(message))
+                channels[topic] = writer.register_channel(topic, "protobuf", schema)
+            writer.add_message(channels[topic], 5, message.SerializeToString(), 5)
+        writer.finish()
+    return path
+
+
 def realsense(frames: int = 3) -> list[tuple[str, object, int]]:
-    """What a RealSense's node publishes: colour 5 ms after depth, everything logged late and in disorder."""
+    """Messages of a RealSense's node: colour 5 ms after depth, everything logged late and in disorder."""
     depth_info = camera_info(CAMERA, "depth_optical"), camera_info(COLOR_CAMERA, "color_optical")
     messages: list[tuple[str, object, int]] = [
         ("/tf_static", transform("link", "depth_optical", (0.1, 0.0, 0.0)), 1),

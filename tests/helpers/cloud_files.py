@@ -51,9 +51,8 @@ def ply(points: np.ndarray, rgb: np.ndarray | None = None, kind: str = "float", 
 
 @cache
 def room(people: bool = True, room: bool = True, eye: tuple[float, ...] = (0.3, -2.4, 1.4)) -> np.ndarray:
-    """Depth (h, w) in whole millimetres, 0 = none, of somebody in a furnished room."""
-    depth_m, who = seen([(1, 0.0)] if people else [], room=room, eye=eye)
-    del who
+    """Depth (h, w) in whole millimetres, 0 = none, of a person in a furnished room."""
+    depth_m, _ = seen([(1, 0.0)] if people else [], room=room, eye=eye)
     return np.rint(np.nan_to_num(depth_m) * 1000).astype(np.uint16)
 
 
@@ -64,3 +63,25 @@ def camera_points(depth_mm: np.ndarray) -> np.ndarray:
 
 def random_colors(count: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).integers(1, 256, (count, 3), dtype=np.uint8)
+
+
+def finite(points: np.ndarray) -> np.ndarray:
+    flat = points.reshape(-1, 3)
+    return flat[np.isfinite(flat).all(axis=1)]
+
+
+def assert_is_the_room(source, depth_mm: np.ndarray, colors: np.ndarray | None = None) -> None:
+    """The depth image has every reading of the room at its pixel, moved by whole pixels."""
+    v, u = np.nonzero(depth_mm)
+    pixels = np.stack(np.unravel_index(source.pixels, source.calibration.depth.shape)).T
+    assert (source.pixels >= 0).all()
+    shift = pixels - np.stack([v, u], axis=-1)
+    assert (shift == shift[0]).all()
+    frame = source.frame(0)
+    np.testing.assert_array_equal(frame.depth_mm[tuple(pixels.T)], depth_mm[v, u])
+    assert np.count_nonzero(frame.depth_mm) == len(v)
+    camera, (row, column) = source.calibration.depth, shift[0]
+    found = [camera.fx, camera.fy, camera.cx - column, camera.cy - row]
+    np.testing.assert_allclose(found, [CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy], atol=0.05)
+    if colors is not None:
+        np.testing.assert_array_equal(frame.decode_color()[tuple(pixels.T)], colors)

@@ -2,17 +2,23 @@
 
 from collections import deque
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
-from sensors.calibration_files.camera_messages import describes, intrinsics_from, links_from, window_of
+from sensors.calibration_files.camera_messages import (
+    Decoded,
+    describes,
+    intrinsics_from,
+    links_from,
+    window_of,
+)
 from sensors.calibration_files.intrinsics_file import read_intrinsics
 from sensors.checks.camera_check import check_camera
 from sensors.errors import CalibrationError
 from sensors.importers.bags.choose import is_aligned
 from sensors.importers.bags.ros_images import picture_size
-from sensors.importers.bags.ros_messages import CAMERAS, TRANSFORMS, Picture, stamp_and_frame
-from sensors.importers.bags.topics import Topic
+from sensors.importers.bags.ros_messages import Picture, stamp_and_frame
 from sensors.importers.options import ImportOptions
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration
@@ -39,12 +45,10 @@ class Found(NamedTuple):
 
 
 class BagCameras:
-    """The camera descriptions and transforms of a bag."""
+    """The camera descriptions of a bag by topic, and its transforms, static ones first."""
 
-    def __init__(self, path: Path, topics: dict[str, Topic]) -> None:
-        self._path = path
-        self._infos = {name: t.read(0) for name, t in topics.items() if t.kind in CAMERAS and len(t)}
-        self._transforms = [topic for topic in topics.values() if topic.kind in TRANSFORMS]
+    def __init__(self, path: Path, infos: dict[str, Decoded], transforms: Iterator[Decoded]) -> None:
+        self._path, self._infos, self._transforms = path, infos, transforms
 
     def calibrate(self, depth: Stream, color: Stream | None, options: ImportOptions) -> Found:
         """Return the calibration of two image topics. Raises CalibrationError if nothing describes depth."""
@@ -115,7 +119,7 @@ class BagCameras:
         return [name] if not stream.frame or not frames[name] or is_aligned(stream.name) else []
 
     def _pose(self, depth: Stream, color: Stream, same_info: bool) -> tuple[Pose, str]:
-        """Return color_from_depth by the frames, or by the first transforms between them, static ones first.
+        """Return color_from_depth by the frames, or by the first transforms between them.
 
         same_info: one message describes both, at one size: without transforms they are one camera. Raises
         CalibrationError.
@@ -124,7 +128,7 @@ class BagCameras:
             return Pose.identity(), f"depth and colour share the frame {depth.frame[:60]!r}"
         links: dict[tuple[str, str], Pose] = {}
         wanted = {depth.frame, color.frame}
-        for parent, child, pose in self._links():
+        for parent, child, pose in chain.from_iterable(map(links_from, self._transforms)):
             wanted -= {parent, child}
             if links.setdefault((parent, child), pose) is not pose or wanted:
                 continue
@@ -136,11 +140,6 @@ class BagCameras:
             f"no transform from depth ({depth.frame[:60]!r}) to colour ({color.frame[:60]!r}); "
             "record /tf_static"
         )
-
-    def _links(self) -> Iterator[tuple[str, str, Pose]]:
-        for topic in sorted(self._transforms, key=lambda topic: ("static" not in topic.name, topic.name)):
-            for message in topic:
-                yield from links_from(message)
 
 
 def described_by(picture: str, cameras: set[str]) -> list[str]:

@@ -25,18 +25,17 @@ _DEPTH, _COLOR = re.compile(r"depth"), re.compile(r"colou?r|rgb(?!d)|bgr")
 _DERIVED = re.compile(
     r"confiden|uncertain|varian|disparit|mask|segment|semantic|instance|label|amplitude|intensity|reflect"
     r"|coloriz|colouris|colormap|heatmap|optical_?flow"
-)
-"""Words for images that are made from depth or describe it."""
-_OTHER = re.compile(
-    r"infra|therm|temperature|flir|boson|lepton|optris|(?<![a-z])seek|lwir|swir|fisheye|(?<![a-z])n?ir\d?(?![a-z])"
-)
-"""Words for cameras of infrared light and of temperatures, whose images have 16 bits as well."""
-_MEANINGS = (
+)  # made from depth, or about it
+_SIXTEEN_BITS = re.compile(
+    r"infra|therm|temperature|flir|boson|lepton|optris|(?<![a-z])seek|lwir|swir|fisheye"
+    r"|(?<![a-z])n?ir\d?(?![a-z])"
+)  # cameras of infrared light and of temperatures
+_MEANINGS = [
     (_DERIVED, Meaning.OTHER),
     (_DEPTH, Meaning.DEPTH),
     (_COLOR, Meaning.COLOR),
-    (_OTHER, Meaning.OTHER),
-)
+    (_SIXTEEN_BITS, Meaning.OTHER),
+]
 _ALIGNED = re.compile(r"aligned|registered|to_color|to_colour|to_rgb")
 """Depth in the pixels of the colour camera, as realsense-ros, ROS's depth_image_proc and others name it."""
 _TRANSPORTS = ("compressed", "compresseddepth")
