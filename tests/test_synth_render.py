@@ -10,7 +10,6 @@ from scipy import ndimage
 from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE
 from sensors.rig.camera import Intrinsics, rays
 from synth.body.body import shipped_bodies
-from synth.images.view import _window
 from synth.pose.postures import SITTING, sit
 from synth.surface.furniture import Sofa
 from synth.surface.rasterize import look_at, rasterize
@@ -65,17 +64,6 @@ def test_closed_meshes_look_the_same_from_their_front_alone():
         np.testing.assert_array_equal(both.depth_m, front.depth_m)
 
 
-def test_a_window_is_the_same_image_cut_out():
-    body, vertices, _, _ = posed(4)
-    whole = rasterize(KINECT2_PINHOLE, vertices, body.faces)
-    window, (top, left) = _window(vertices, KINECT2_PINHOLE)
-    part = rasterize(window, vertices, body.faces)
-    inside = np.s_[top : top + window.height, left : left + window.width]
-    assert (part.face == whole.face[inside]).mean() > 0.9999
-    np.testing.assert_allclose(part.depth_m, whole.depth_m[inside], atol=2e-4)
-    assert (whole.face >= 0).sum() == (whole.face[inside] >= 0).sum()
-
-
 def test_a_sphere_has_its_closed_form():
     ball = o3d.geometry.TriangleMesh.create_sphere(0.5, 200)
     vertices = np.asarray(ball.vertices, np.float32) + np.array([0.1, -0.05, 2.0], np.float32)
@@ -105,25 +93,6 @@ def test_a_plane_has_its_closed_form(tilt, distance):
     expected = distance / (1 - a * d[..., 0] - b * d[..., 1])
     hit = seen.face >= 0
     np.testing.assert_allclose(seen.depth_m[hit], expected[hit], rtol=1e-5)
-
-
-@given(shift=st.integers(-20, 20), size=st.floats(0.05, 0.4), z=st.floats(0.7, 3.0))
-@settings(max_examples=40, deadline=None)
-def test_a_plane_moved_by_whole_pixels_is_the_image_moved(shift, size, z):
-    # A power of two, so that the move itself does not round.
-    z = 2.0 ** np.round(np.log2(z))
-    corners = np.array([[-1, -1], [1, -1], [-1, 1], [1, 1]]) * size * z
-    faces = np.array([[0, 1, 2], [1, 3, 2]], np.int32)
-    camera = Intrinsics(128, 48, 64.0, 64.0, 63.5, 23.5)
-    images = []
-    for move in (0, shift * z / 64):
-        points = np.column_stack([corners[:, 0] + move, corners[:, 1], np.full(4, z)]).astype(np.float32)
-        images.append(rasterize(camera, points, faces).face)
-    still, moved = images[0][:, 30:98], images[1][:, 30 + shift : 98 + shift]
-    assert ((still >= 0) != (moved >= 0)).mean() < 0.01
-    # Either triangle may win where their diagonal meets a pixel's centre: one pixel a row, no more.
-    both = (still >= 0) & (moved >= 0)
-    assert (both & (still != moved)).sum(axis=1).max() <= 1
 
 
 @given(seed=st.integers(0, 1000))
