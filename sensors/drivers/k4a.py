@@ -11,7 +11,6 @@ from ctypes import (
     Structure,
     byref,
     c_bool,
-    c_char_p,
     c_int,
     c_int32,
     c_size_t,
@@ -79,7 +78,7 @@ _RESULTS: dict[str, Any] = {
 @cache
 def load_k4a() -> CDLL:
     """Return the library. Raises DeviceNotFoundError."""
-    path = _bundled("libk4a-*") or find_library("k4a")
+    path = bundled("libk4a-*") or find_library("k4a")
     if path is None:
         raise DeviceNotFoundError(
             "the Azure Kinect SDK is not installed; pip install 'annotate-cloud[kinect]'"
@@ -97,7 +96,7 @@ def load_k4a() -> CDLL:
     return library
 
 
-def _bundled(pattern: str) -> Path | None:
+def bundled(pattern: str) -> Path | None:
     """Return the path of a library inside the wheel, beside its package."""
     spec = find_spec("pyk4a")
     if spec is None or spec.origin is None:
@@ -116,7 +115,7 @@ class Camera:
     @property
     def serial(self) -> str:
         """Serial number."""
-        return _text(lambda *buffer: self._k4a.k4a_device_get_serialnum(self._handle, *buffer)).decode()
+        return read_text(lambda *buffer: self._k4a.k4a_device_get_serialnum(self._handle, *buffer)).decode()
 
     def start(self) -> None:
         """Begin to stream narrow depth and 1080p JPEG at 30 images a second."""
@@ -126,7 +125,7 @@ class Camera:
 
     def factory_calibration(self) -> bytes:
         """Return the factory's JSON."""
-        return _text(lambda *buffer: self._k4a.k4a_device_get_raw_calibration(self._handle, *buffer))
+        return read_text(lambda *buffer: self._k4a.k4a_device_get_raw_calibration(self._handle, *buffer))
 
     def capture(self, timeout_ms: int) -> Capture | None:
         """Return the next capture, or None after the timeout."""
@@ -140,35 +139,6 @@ class Camera:
         """Stop and release the device."""
         self._k4a.k4a_device_stop_cameras(self._handle)
         self._k4a.k4a_device_close(self._handle)
-
-
-class Playback:
-    """A recording (.mkv) that the SDK plays, with the interface of ``Camera``. Raises DeviceError."""
-
-    serial = "recording"
-
-    def __init__(self, path: Path) -> None:
-        self._k4a, self._handle = load_k4a(), c_void_p()
-        self._record = CDLL(str(_bundled("libk4arecord-*") or find_library("k4arecord")))
-        if self._record.k4a_playback_open(c_char_p(bytes(path)), byref(self._handle)):
-            raise DeviceError(f"{path} cannot be played")
-
-    def start(self) -> None:
-        """Do nothing: the recording plays from opening on."""
-
-    def factory_calibration(self) -> bytes:
-        """Return the factory's JSON from the recording."""
-        return _text(lambda *buffer: self._record.k4a_playback_get_raw_calibration(self._handle, *buffer))
-
-    def capture(self, timeout_ms: int) -> Capture | None:
-        """Return the next capture, or None at the end."""
-        capture = c_void_p()
-        done = self._record.k4a_playback_get_next_capture(self._handle, byref(capture))
-        return read_capture(self._k4a, capture) if done == SUCCEEDED else None
-
-    def close(self) -> None:
-        """Close the recording."""
-        self._record.k4a_playback_close(self._handle)
 
 
 def read_capture(k4a: CDLL, capture: c_void_p) -> Capture:
@@ -200,7 +170,7 @@ def _grey(image: tuple[bytes, int, int, int]) -> NDArray[np.uint16]:
     return np.frombuffer(image[0], "<u2").reshape(image[2:]).astype(np.uint16)
 
 
-def _text(call: Callable[..., int]) -> bytes:
+def read_text(call: Callable[..., int]) -> bytes:
     """Return the text of a function that reports the size first. Raises DeviceError."""
     size = c_size_t(0)
     if call(None, byref(size)) == FAILED:
