@@ -1,4 +1,4 @@
-"""What learns of people without a suit: the reader, which sees depth and the first labels (docs/adr/0025)."""
+"""Fine-tuning for people without a suit, on depth and the first labels (docs/adr/0025)."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -10,67 +10,46 @@ from annotate.array_types import UInt8
 from annotate.correction.correction import Correction
 from annotate.correction.relabel import untouched
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.dataset import sha256
 from annotate.labelset.label_set import LabelSet
 from annotate.segmentation.suit_network import SuitNetwork
-from eval.fine_tuning.run import Practice
-from eval.fine_tuning.training_split import Taught
-from eval.network.refine import camera_in, depth_view, read_again
+from eval.fine_tuning.run import FineTuner
+from eval.fine_tuning.training_split import CorrectedFrame
+from eval.network.refine import camera_in, depth_view, refine
 from eval.training.segmentation.examples import Example
-from eval.training.segmentation.fit import Progress
-from eval.training.segmentation.network import FULL_AGAIN, export_reader, load_reader
+from eval.training.segmentation.network import FULL_REFINEMENT_NETWORK
+from eval.training.segmentation.train import Progress
 from sensors.rig.camera import Intrinsics
 
 
-class DepthLearner:
-    """The reader as ``learn.Learner`` for labels of a network.
-
-    labels: of people without a suit. start: weights (.onnx) to learn from; None = the shipped ones. Raises
-    FormatError where they are no reader's.
-    """
+class DepthFineTuner(FineTuner):
+    """Fine-tuning of the refinement network; start: weights (.onnx), None = the shipped ones."""
 
     def __init__(self, labels: LabelSet, start: Path | None) -> None:
-        start = start or FULL_AGAIN
-        self._labels, self._network = labels, load_reader(start)
-        self._practice = Practice(sha256(start), spoilt=False)
+        super().__init__(labels, start or FULL_REFINEMENT_NETWORK, degrade=False)
 
-    def learn(self, taught: Sequence[Taught], more: bool, run: Path, progress: Progress) -> None:
-        """Steps on these frames; goes on with what ``run`` holds of the same training."""
-        known = [
-            example
-            for one in taught
-            if (example := example_of(one.first, one.corrected.parts, camera_in(self._labels, one.first)))
-        ]
-        self._network = self._practice.trained(self._network, known, more, run, progress)
+    def examples(self, frames: Sequence[CorrectedFrame], progress: Progress) -> list[Example]:
+        found = (depth_example(f.first, f.corrected.parts, camera_in(self._labels, f.first)) for f in frames)
+        return [example for example in found if example]
 
-    def save(self, path: Path) -> None:
-        """Write the reader (.onnx); a training goes on from it, too."""
-        export_reader(self._network, path)
-
-    def parts(self, held: Sequence[Taught], weights: Path) -> list[UInt8]:
-        """Parts (h, w) of frames by saved weights."""
-        reader = SuitNetwork(weights)
-        return [self._again(one.first, reader).parts for one in held]
+    def parts(self, frames: Sequence[CorrectedFrame], weights: Path) -> list[UInt8]:
+        network = SuitNetwork(weights)
+        return [refine(camera_in(self._labels, f.first), f.first, network).parts for f in frames]
 
     def step(self, weights: Path) -> dict[str, Any]:
-        """Entry of a label set's manifest about saved weights."""
         return {"predict": {"readers": [SuitNetwork(weights).sha256]}}
 
     def labels(self, correction: Correction, weights: Path) -> Iterator[FrameLabels]:
-        """Labels of the frames that nobody has worked on, by saved weights."""
-        reader, labels = SuitNetwork(weights), correction.labels
+        network, labels = SuitNetwork(weights), correction.labels
         for frame_id in untouched(correction):
-            yield self._again(labels.read(frame_id, original=labels.has_original(frame_id)), reader)
-
-    def _again(self, first: FrameLabels, reader: SuitNetwork) -> FrameLabels:
-        return read_again(camera_in(self._labels, first), first, reader)
+            first = labels.read(frame_id, original=labels.has_original(frame_id))
+            yield refine(camera_in(self._labels, first), first, network)
 
 
-def example_of(first: FrameLabels, parts: UInt8, camera: Intrinsics) -> Example | None:
-    """Example of a frame with true parts (h, w), as ``read_again`` sees it; None where that shows nobody."""
-    seen = depth_view(first, camera)
-    if seen is None:
+def depth_example(first: FrameLabels, parts: UInt8, camera: Intrinsics) -> Example | None:
+    """Return the example of a frame with true parts (h, w), as for ``refine``; None without a person."""
+    found = depth_view(first, camera)
+    if found is None:
         return None
-    cloud, view = seen
+    cloud, view = found
     meta = np.array([cloud.camera.fx, cloud.camera.fx / view.pixels_per_m])
     return Example(view.planes, parts[view.where].copy(), meta)

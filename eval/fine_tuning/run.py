@@ -1,67 +1,84 @@
-"""Practice: how a reader learns from corrected frames, with a suit or without."""
+"""Fine-tuning of a segmentation network on corrected frames, with a suit or without."""
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
+from annotate.array_types import UInt8
+from annotate.correction.correction import Correction
+from annotate.frame_labels import FrameLabels
+from annotate.labelset.dataset import sha256
+from annotate.labelset.label_set import LabelSet
 from annotate.segmentation.segment import SAMPLE_M
+from eval.fine_tuning.training_split import CorrectedFrame
+from eval.training.segmentation.augmentation import Sampling
 from eval.training.segmentation.examples import Example
-from eval.training.segmentation.fit import Progress, shown
-from eval.training.segmentation.network import ReaderNet
-from eval.training.segmentation.train import Stage, trained
+from eval.training.segmentation.network import export_suit_network, load_suit_network
+from eval.training.segmentation.train import Progress, Stage, SuitTraining, by_steps, train_stage
 
-STEPS_EACH, MOST_STEPS, MORE = 25, 200, 0.3
-"""Steps of eight samples for each frame that is not held out, and at most; share of them that follows on
-all frames. Of 60, 100 and 200 steps the second was best on four evenly spread frames of a virtual person
-without a suit (seed 65002), the last on eight and twenty: half a minute of one core."""
-SIDE = 112
-"""Samples along the side of a drawn image, 1.3 m. Untuned."""
-RATE, AVERAGED = 2e-3, 0.9
-"""Highest learning rate, and decay of the weights' average. Of 0.001 and 0.002 the last is better on 18
-frames of a virtual person of whom eight others were taught (seed 61001); the average is untuned."""
-SEED = 0
-"""Of the samples drawn: the same corrections teach the same."""
+STEPS_EACH, MOST_STEPS = 25, 200  # steps a frame, and at most; best of 60, 100, 200 on 8 and 20 frames (65002)
+MORE = 0.3  # share of the steps that follow on all frames
+SIDE = 112  # samples along a drawn square, 1.3 m; untuned
+RATE, AVERAGED = 2e-3, 0.9  # peak of the learning rate (better than 1e-3, seed 61001), decay of the average
+SEED = 0  # of the samples; the same corrections give the same network
 
 
-@dataclass(frozen=True)
-class Practice:
-    """A learning's training. start: digest of the weights it begins with. spoilt: as of ``Stage``."""
+class FineTuner(ABC):
+    """A segmentation network that adapts to the corrections of the label set that it labelled.
 
-    start: str
-    spoilt: bool
+    start: weights (.onnx) in full precision. degrade: as of ``Sampling``. Raises FormatError where the
+    weights are of another kind.
+    """
 
-    def trained(
-        self,
-        network: ReaderNet,
-        known: Sequence[Example],
-        more: bool,
-        run: Path,
-        progress: Progress,
-    ) -> ReaderNet:
-        """A network after some more steps on examples of taught frames; goes on with what ``run`` holds."""
+    def __init__(self, labels: LabelSet, start: Path, *, degrade: bool) -> None:
+        self._labels, self._network = labels, load_suit_network(start)
+        self._start, self._degrade = sha256(start), degrade
+
+    @abstractmethod
+    def examples(self, frames: Sequence[CorrectedFrame], progress: Progress) -> list[Example]:
+        """Return the examples of corrected frames."""
+
+    @abstractmethod
+    def parts(self, frames: Sequence[CorrectedFrame], weights: Path) -> list[UInt8]:
+        """Return parts (h, w) of frames by saved weights, in the place of the first labels."""
+
+    @abstractmethod
+    def step(self, weights: Path) -> dict[str, Any]:
+        """Return the entry of a label set's manifest about saved weights."""
+
+    @abstractmethod
+    def labels(self, correction: Correction, weights: Path) -> Iterator[FrameLabels]:
+        """Yield labels of the untouched frames by saved weights."""
+
+    def train(self, frames: Sequence[CorrectedFrame], more: bool, run: Path, progress: Progress) -> None:
+        """Train on corrected frames; more: after some of them. ``run`` holds the checkpoints to resume from."""
         torch.set_num_threads(1)
-        # By part: feet below a blanket are few pixels, far from the rest, and what most is wrong with.
-        steps = round(min(STEPS_EACH * len(known), MOST_STEPS) * (MORE if more else 1))
-        stage = Stage(
-            SAMPLE_M, SIDE, steps, RATE, AVERAGED, statistics=False, by_part=True, spoilt=self.spoilt
-        )
-        checkpoint = run / self.digest(known, stage) / f"{'all' if more else 'some'}.safetensors"
+        examples = self.examples(frames, progress)
+        steps = round(min(STEPS_EACH * len(examples), MOST_STEPS) * (MORE if more else 1))
+        # By part: feet below a blanket are few pixels, far from the rest, and most often wrong.
+        sampling = Sampling(SAMPLE_M, SIDE, by_part=True, degrade=self._degrade)
+        stage = Stage(sampling, steps, RATE, AVERAGED, statistics=False)
+        name = f"{'all' if more else 'some'}.safetensors"
+        checkpoint = run / digest_of(self._start, examples, stage) / name
         checkpoint.parent.mkdir(parents=True, exist_ok=True)
-        with progress("learn, steps", stage.steps) as advance:
-            return trained(network, known, stage, checkpoint, SEED, shown(advance))
+        with progress("learn, steps", steps) as advance:
+            training = SuitTraining(examples, stage, SEED)
+            self._network = train_stage(self._network, training, checkpoint, by_steps(advance))
 
-    def digest(self, known: Sequence[Example], stage: Stage) -> str:
-        """Return the SHA-256 of all that decides a training, shortened: a folder's name.
+    def save(self, path: Path) -> None:
+        """Write the network (.onnx); training can start from it, too."""
+        export_suit_network(self._network, path)
 
-        That is the weights at first, the examples (their images, first labels and corrections), and the
-        numbers of the stage.
-        """
-        digest = hashlib.sha256(f"{self.start} {stage} {SEED}".encode())
-        for example in known:
-            for array in (example.planes, example.target, example.meta):
-                digest.update(f"{array.dtype} {array.shape}".encode() + np.ascontiguousarray(array).tobytes())
-        return digest.hexdigest()[:16]
+
+def digest_of(start: str, examples: Sequence[Example], stage: Stage) -> str:
+    """Return the shortened SHA-256 of all that decides a training: start, examples and stage."""
+    digest = hashlib.sha256(f"{start} {stage} {SEED}".encode())
+    for example in examples:
+        for array in example:
+            digest.update(f"{array.dtype} {array.shape}".encode() + np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:16]

@@ -1,4 +1,4 @@
-"""What a label set's corrections teach: frames as they were at first, and the parts that people gave."""
+"""Corrected frames of a label set, split into frames to train on and frames to measure on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,69 +11,59 @@ from annotate.correction.correction import Correction
 from annotate.crop import person_of
 from annotate.frame_labels import FrameLabels
 from annotate.parts import on_body
-from eval.network.predict import check_alone
+from eval.network.predict import check_one_person
 from sensors.errors import CloudError
 
-LEAST_FRAMES = 3
-"""Corrected frames from which anything is learnt: fewer show one side of the person. Untuned."""
-HELD_OUT = 4
-"""Number of corrected frames of which one is held out, because a measure needs frames that were not learnt.
-Untuned."""
+LEAST_FRAMES = 3  # corrected frames; fewer show one side of the person; untuned
+HELD_OUT = 4  # of so many corrected frames one is held out; untuned
 
 
 @dataclass(frozen=True)
-class Taught:
-    """A frame that a person has finished.
-
-    first: its labels before all work; corrected: as they are now; place: its number in the label set.
-    """
+class CorrectedFrame:
+    """A finished frame. first: its labels before all work; corrected: now; place: its number in the set."""
 
     first: FrameLabels
     corrected: FrameLabels
     place: int
 
 
-def lessons(path: Path) -> list[Taught]:
-    """The frames of a label set that people have accepted or reviewed, in order.
+def corrected_frames(path: Path) -> list[CorrectedFrame]:
+    """Return the accepted and reviewed frames of a label set, in order.
 
-    Raises CloudError where they are too few, or where everybody is labelled.
+    Raises CloudError where they are too few, or where all persons are labelled.
     """
     with Correction.open(path, read_only=True) as correction:
-        check_alone(correction.labels)
         labels = correction.labels
-        ids = enumerate(labels.frame_ids)
-        done = [(n, i) for n, i in ids if correction.state(i) in ("accepted", "reviewed")]
-        found = (
-            Taught(labels.read(i, original=labels.has_original(i)), correction.frame(i), n) for n, i in done
-        )
-        taught = [one for one in found if _shows_parts(one)]
-    if len(taught) < LEAST_FRAMES:
+        check_one_person(labels)
+        found = [
+            CorrectedFrame(labels.read(i, original=labels.has_original(i)), correction.frame(i), place)
+            for place, i in enumerate(labels.frame_ids)
+            if correction.state(i) in ("accepted", "reviewed")
+        ]
+    usable = [frame for frame in found if _shows_parts(frame)]
+    if len(usable) < LEAST_FRAMES:
         raise CloudError(
-            f"{_frames(len(taught))} of {path.name} accepted; accept at least {LEAST_FRAMES} with fix"
+            f"{path.name} has {len(usable)} accepted frames; accept at least {LEAST_FRAMES} with fix"
         )
-    return taught
+    return usable
 
 
-def _frames(count: int) -> str:
-    return "1 frame" if count == 1 else f"{count} frames"
+def _shows_parts(frame: CorrectedFrame) -> bool:
+    there = person_of(frame.first.parts) & (frame.first.depth_mm > 0)
+    return bool((there & on_body(frame.corrected.parts)).any())
 
 
-def _shows_parts(taught: Taught) -> bool:
-    there = person_of(taught.first.parts) & (taught.first.depth_mm > 0)
-    return bool((there & on_body(taught.corrected.parts)).any())
+def split_frames(frames: Sequence[CorrectedFrame]) -> tuple[list[CorrectedFrame], list[CorrectedFrame]]:
+    """Return frames to train on, and at least one frame to measure on.
 
-
-def divided(taught: Sequence[Taught]) -> tuple[list[Taught], list[Taught]]:
-    """Return frames to learn from, and frames to measure on: one at least, of two and more.
-
-    The frames to measure on follow each other, and lie as far from the others in time as possible: the
-    neighbour of a frame that was learnt shows nearly the same picture, and would flatter.
+    The frames to measure on follow each other, as far in time from the others as possible, because
+    neighbouring frames show nearly the same picture.
     """
-    count = max(1, len(taught) // HELD_OUT)
-    places = np.array([one.place for one in taught])
-    first = max(range(len(taught) - count + 1), key=lambda at: _mean_gap(places, at, count))
+    count = max(1, len(frames) // HELD_OUT)
+    places = np.array([frame.place for frame in frames])
+    first = max(range(len(frames) - count + 1), key=lambda at: _mean_gap(places, at, count))
     held = range(first, first + count)
-    return [one for n, one in enumerate(taught) if n not in held], [taught[n] for n in held]
+    return [frame for n, frame in enumerate(frames) if n not in held], [frames[n] for n in held]
 
 
 def _mean_gap(places: Int64, first: int, count: int) -> float:

@@ -1,4 +1,4 @@
-"""Bearing of a person, as a network sees it: facing, posture and joints."""
+"""Body state of a person by a network: facing, posture and joints."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,13 +14,13 @@ from synth.body.skeleton import N_JOINTS as N_SKELETON
 
 
 @dataclass(frozen=True, eq=False)
-class Bearing:
+class BodyState:
     """Facing, posture and joints of the person in one depth image.
 
-    facing_deg: azimuth of the camera about the trunk, 0 before the chest, 90 on the person's left.
+    facing_deg: azimuth of the camera about the trunk, 0 in front of the chest, 90 on the person's left.
     facing_sure: [0, 1], 0 where every azimuth is as likely. posture: probabilities (P,) by ``POSTURES``.
     joints_px: float64 (15, 3) by ``JOINT_NAMES``: column and row in the depth image, depth in millimetres.
-    support: "floor", "furniture" or "" where the frame does not show it (``support.py``).
+    support: "floor", "furniture", or "" where the frame does not show it (``support.py``).
     """
 
     facing_deg: float
@@ -30,10 +30,12 @@ class Bearing:
     support: str = ""
 
     @classmethod
-    def of(
-        cls, crop: Crop, depth_mm: UInt16, mask: Bool, facing: Float32, posture: Float32, joints: Float32
-    ) -> "Bearing":
-        """From a network's answer (2,), (P,), (15, 3) for the square around a person's pixels (h, w)."""
+    def of(cls, crop: Crop, image: tuple[UInt16, Bool], outputs: tuple[Float32, ...]) -> "BodyState":
+        """Return the state by a network's facing (2,), posture (P,) and joints (15, 3) for a crop.
+
+        image: depth in millimetres and the person's pixels, both (h, w).
+        """
+        (depth_mm, mask), (facing, posture, joints) = image, outputs
         c, s = facing.tolist()
         placed = joints.astype(np.float64)
         placed[:, :2] = placed[:, :2] * crop.side - 0.5 + (crop.left, crop.top)
@@ -47,15 +49,14 @@ class Bearing:
 
     @property
     def facing(self) -> Float64:
-        """Cosine and sine of the azimuth (2,), as long as it is sure."""
+        """Cosine and sine of the azimuth (2,), of length ``facing_sure``."""
         azimuth = np.radians(self.facing_deg)
         return self.facing_sure * np.array([np.cos(azimuth), np.sin(azimuth)])
 
-    def seen_by(self, camera: Intrinsics) -> "Bearing":
-        """The person with the facing that the joints tell, which is right more often than the network's own;
-        how sure it is, is still said by that.
+    def faced_by_joints(self, camera: Intrinsics) -> "BodyState":
+        """Return the state with the facing of its joints, which is right more often than the network's own.
 
-        camera: the undistorted depth camera; a crop alone does not show from which side it is looked at.
+        camera: the undistorted depth camera, because a crop alone lacks the direction of view.
         """
         from synth.images.standing_statistics import facing_deg
 
@@ -64,21 +65,17 @@ class Bearing:
         azimuth_deg = facing_deg(placed)
         return replace(self, facing_deg=azimuth_deg) if np.isfinite(azimuth_deg) else self
 
-    def exchanged(self) -> "Bearing":
-        """The person with left and right exchanged, and front and back with them."""
-        return replace(
-            self,
-            facing_deg=float(self.facing_deg % 360 - 180),
-            joints_px=self.joints_px[TWIN],
-        )
+    def exchanged(self) -> "BodyState":
+        """Return the state with left and right exchanged, and with them front and back."""
+        return replace(self, facing_deg=float(self.facing_deg % 360 - 180), joints_px=self.joints_px[TWIN])
 
     def joints_mm(self, camera: Intrinsics) -> Float64:
-        """Joints (15, 3), frame of the undistorted depth camera, millimetres."""
+        """Return joints (15, 3), frame of the undistorted depth camera, millimetres."""
         u, v, z = self.joints_px.T
         return np.column_stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z])
 
     def note(self) -> dict[str, Any]:
-        """As a frame's note ``bearing``; see ``from_note``."""
+        """Return the state as a frame's note ``bearing``."""
         return {
             "facing_deg": round(self.facing_deg, 1),
             "facing_sure": round(self.facing_sure, 3),
@@ -89,8 +86,8 @@ class Bearing:
         }
 
     @classmethod
-    def from_note(cls, note: object) -> "Bearing | None":
-        """Inverse of ``note``; None of what is none, or another joints' or postures'."""
+    def from_note(cls, note: object) -> "BodyState | None":
+        """Return the state in a note; None for any other value, or other joints or postures."""
         try:
             posture = np.array(note["postures"], np.float32)  # type: ignore[index]
             joints = np.array(note["joints_px"], np.float64)  # type: ignore[index]
@@ -105,23 +102,18 @@ class Bearing:
         return cls(*facing, posture, joints, support)
 
 
-def bearing_notes(notes: dict[str, Any]) -> dict[int, Any]:
-    """What a frame's notes say of each of its persons, by number: the subject is 1.
+def body_state_notes(notes: dict[str, Any]) -> dict[int, Any]:
+    """Return the notes ``bearing`` of a frame's persons by number: 1 is the subject.
 
-    The note ``bearing`` is the subject's; its entry ``others`` holds everybody else's.
+    The entry ``others`` of the subject's note holds all others.
     """
     note = notes.get("bearing")
     others = note.get("others") if isinstance(note, dict) else None
     numbered = others.items() if isinstance(others, dict) else ()
-    return {1: note} | {int(number): other for number, other in numbered if _is_person(number)}
-
-
-def _is_person(number: str) -> bool:
-    """Whether it is a number that an image of persons can hold."""
-    return len(number) <= 3 and number.isdecimal()
+    return {1: note} | {int(n): other for n, other in numbered if len(n) <= 3 and n.isdecimal()}
 
 
 def joint_row(joints_mm: Float64) -> dict[str, list[float]]:
-    """Joints (15, 3) by their names, millimetres to a tenth."""
+    """Return joints (15, 3) by their names, millimetres to a tenth."""
     rounded = np.round(joints_mm, 1).tolist()
     return dict(zip(JOINT_NAMES, rounded, strict=True))

@@ -1,4 +1,7 @@
-"""The compact U-Net: it sees the whole person before it names left and right."""
+"""Compact U-Net with attention over the whole person and heads for facing, posture and joints.
+
+Constants are untuned unless a source is given.
+"""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -8,41 +11,30 @@ from torch import Tensor, nn
 
 from annotate.parts import PARTS
 from annotate.posture import POSTURES
-from eval.network.network_output import Answer
+from eval.network.blocks import NetworkOutput, convolution, self_attention
 from eval.scores.joints import N_JOINTS
 
 NAMES = tuple(part.name for part in PARTS)
 KINDS = tuple(dict.fromkeys(name.removeprefix("left_").removeprefix("right_") for name in NAMES))
-"""Classes without their sides."""
-JOINT_LEVEL = 2
-"""Halvings of the image after the first at which joints are located: 27 x 27 cells of a crop of 212."""
-HEAD_WIDTH = 32
-"""Channels of one attention head; chosen by eye."""
-TURNING = 64
-"""Width of the layer between joints and the facing that they tell; chosen by eye."""
-
-
-def convolution(c_in: int, c_out: int, side: int = 3, pad: int = 1, stride: int = 1) -> nn.Sequential:
-    """A convolution, batch normalisation and a rectifier."""
-    return nn.Sequential(
-        nn.Conv2d(c_in, c_out, side, stride, pad, bias=False), nn.BatchNorm2d(c_out), nn.ReLU(inplace=True)
-    )
+JOINT_LEVEL = 2  # halvings after the first at which joints are located: 27 x 27 cells of a crop of 212
+HEAD_WIDTH = 32  # channels of an attention head
+TURNING = 64  # width of the layer between joints and facing
 
 
 @dataclass(frozen=True)
 class CompactConfig:
-    """Channels after the stem and after each of the four halvings; attention layers at the coarsest."""
+    """Channels after the stem and after each halving; attention layers at the coarsest level."""
 
     widths: tuple[int, ...] = (16, 32, 64, 128, 192)
     layers: int = 4
 
 
 class CompactUNet(nn.Module):
-    """Depth crop in [0, 1] -> class scores at the same resolution, facing, posture and joints.
+    """Network for a depth crop in [0, 1]: class scores at the same resolution, facing, posture and joints.
 
-    The stem halves the image at once and a pixel shuffle restores it at the end. At the coarsest level every
-    cell attends to every other. Classes have no sides at first: one more score a pixel says left or right,
-    and its weights follow from the whole person. The joints tell the facing, with the whole's features.
+    The stem halves the image at once and a pixel shuffle restores it. At the coarsest level every cell
+    attends to every other. A pixel's class has no side at first; one more score a pixel gives left or right,
+    with weights that follow from the whole person.
     """
 
     def __init__(self, config: CompactConfig = CompactConfig()) -> None:
@@ -67,8 +59,8 @@ class CompactUNet(nn.Module):
         self.posture = nn.Linear(whole, len(POSTURES))
         self.places = nn.Conv2d(w[min(JOINT_LEVEL, len(w) - 1)], 2 * N_JOINTS, 1)
 
-    def forward(self, depth: Tensor) -> Answer:
-        """(B, 1, H, W) float32 -> scores (B, 12, H, W) and what is known of the whole. H and W even."""
+    def forward(self, depth: Tensor) -> NetworkOutput:
+        """Return the output for depth (B, 1, H, W) float32; H and W are even."""
         x = self.stem(depth)
         skips = [x]
         for stage in self.down:
@@ -81,10 +73,10 @@ class CompactUNet(nn.Module):
             x = nn.functional.interpolate(x, size=skip.shape[-2:], mode="nearest")
             x = stage(torch.cat([x, skip], dim=1))
             levels.append(x)
-        # The raw pixels again, so that the last stage sees edges at full resolution.
+        # The raw pixels again, because the last stage needs edges at full resolution.
         x = self.refine(torch.cat([x, nn.functional.pixel_unshuffle(depth, 2)], dim=1))
         joints = _located(self.places(levels[max(0, len(levels) - 1 - JOINT_LEVEL)]))
-        return Answer(
+        return NetworkOutput(
             _scores(nn.functional.pixel_shuffle(self.kinds(x), 2), self._side(x, whole)),
             self.facing(whole) + self.turned((joints - joints.mean(dim=1, keepdim=True)).flatten(1)),
             self.posture(whole),
@@ -92,7 +84,7 @@ class CompactUNet(nn.Module):
         )
 
     def _attend(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Cells (B, C, h, w) that have seen each other, and their mean (B, C)."""
+        """Return cells (B, C, h, w) after attention, and their mean (B, C)."""
         x = x + self.place(x)
         cells = x.flatten(2).transpose(1, 2)
         for layer in self.attention:
@@ -100,7 +92,7 @@ class CompactUNet(nn.Module):
         return cells.transpose(1, 2).reshape(x.shape), cells.mean(dim=1)
 
     def _side(self, x: Tensor, whole: Tensor) -> Tensor:
-        """Score (B, 1, H, W) of the left against the right."""
+        """Return the score (B, 1, H, W) of left against right."""
         batch, channels, height, width = x.shape
         weights = self.sides(whole).reshape(batch, 4, channels + 1)
         side = weights[..., :-1] @ x.flatten(2) + weights[..., -1:]
@@ -108,7 +100,7 @@ class CompactUNet(nn.Module):
 
 
 class _Attention(nn.Module):
-    """A transformer's layer, normalised first; written out, since cells are few and exports simple."""
+    """Transformer layer, normalised first."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -119,22 +111,15 @@ class _Attention(nn.Module):
         self.thought = nn.Sequential(nn.Linear(width, 2 * width), nn.GELU(), nn.Linear(2 * width, width))
 
     def forward(self, cells: Tensor) -> Tensor:
-        """(B, N, C) -> (B, N, C)."""
-        batch, count, width = cells.shape
-        projected = self.query_key_value(self.before(cells))
-        query, key, value = (
-            part.reshape(batch, count, self.heads, -1).transpose(1, 2) for part in projected.chunk(3, dim=-1)
-        )
-        weights = torch.softmax(query @ key.transpose(2, 3) / (width // self.heads) ** 0.5, dim=-1)
-        cells = cells + self.mixed((weights @ value).transpose(1, 2).reshape(batch, count, width))
+        cells = cells + self.mixed(self_attention(self.query_key_value(self.before(cells)), self.heads))
         thought: Tensor = self.thought(self.after(cells))
         return cells + thought
 
 
 def _scores(kinds: Tensor, side: Tensor) -> Tensor:
-    """Scores (B, 12, H, W) of the classes from those of their kinds and of the side (B, 1, H, W).
+    """Return class scores (B, 12, H, W) from scores of kinds and of the side (B, 1, H, W).
 
-    p(left arm) = p(arm) p(left): the logarithms of both are added.
+    p(left arm) = p(arm) p(left): the logarithms are added.
     """
     of_side = {"left": -nn.functional.softplus(-side), "right": -nn.functional.softplus(side)}
     scores = []
@@ -148,7 +133,7 @@ def _scores(kinds: Tensor, side: Tensor) -> Tensor:
 
 
 def _located(places: Tensor) -> Tensor:
-    """Joints (B, J, 3) from maps (B, 2 J, h, w): the mean place of each map's softmax, and the depth there.
+    """Return joints (B, J, 3) from maps (B, 2 J, h, w): mean place of each softmax, and the depth there.
 
     Source: Sun et al. 2018, Integral Human Pose Regression.
     """

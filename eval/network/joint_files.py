@@ -1,4 +1,4 @@
-"""Joints, facing and posture of a label set's people as a table for other programs: JSON lines or CSV."""
+"""Joints, facing and posture of a label set's people as a table: JSON lines or CSV."""
 
 import csv
 import io
@@ -9,7 +9,7 @@ from typing import Any
 
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.labelled_frames import LabelledFrames, camera_of, pinhole_of
-from eval.network.body_state import Bearing, bearing_notes, joint_row
+from eval.network.body_state import BodyState, body_state_notes, joint_row
 from eval.scores.joint_errors import TRUE_JOINTS, true_joints_mm
 from eval.scores.joints import JOINT_NAMES
 from sensors.errors import CloudError
@@ -25,10 +25,10 @@ def check_kind(path: Path) -> None:
 
 
 def write_joints(labels: LabelledFrames, path: Path) -> int:
-    """Number of people written, a line each, of the frames whose network saw the whole person.
+    """Write a line for each person with a body state, and return their number.
 
-    frame; person: its number, 1 is the subject; facing_deg, facing_sure, posture, posture_sure, support as in
-    ``Bearing``; joints in millimetres, frame of the undistorted depth camera (x right, y down, z forward).
+    frame; person: number, 1 is the subject; facing_deg, facing_sure, posture, posture_sure, support as in
+    ``BodyState``; joints in millimetres, frame of the undistorted depth camera (x right, y down, z forward).
     Raises CloudError as ``check_kind`` does.
     """
     check_kind(path)
@@ -42,30 +42,30 @@ def write_joints(labels: LabelledFrames, path: Path) -> int:
 
 
 def noted_joints(labels: LabelledFrames, frame: FrameLabels) -> dict[str, list[float]] | None:
-    """Joints of a frame by name, depth camera, millimetres: the network's, or the truth's; None without.
+    """Return joints of a frame by name, depth camera, millimetres: the network's, or the true ones, or None.
 
     Raises FormatError for a malformed note of the truth.
     """
-    bearing = Bearing.from_note(frame.notes.get("bearing"))
-    if bearing is not None:
-        return joint_row(bearing.joints_mm(pinhole_of(frame, camera_of(labels, frame))))
+    state = BodyState.from_note(frame.notes.get("bearing"))
+    if state is not None:
+        return joint_row(state.joints_mm(pinhole_of(frame, camera_of(labels, frame))))
     return joint_row(true_joints_mm(frame)) if TRUE_JOINTS in frame.notes else None
 
 
 def _rows(labels: LabelledFrames) -> Iterator[dict[str, Any]]:
     for frame in labels:
         camera = pinhole_of(frame, camera_of(labels, frame))
-        for number, given in sorted(bearing_notes(frame.notes).items()):
-            bearing = Bearing.from_note(given)
-            if bearing is not None:
-                note = bearing.note()
+        for number, given in sorted(body_state_notes(frame.notes).items()):
+            state = BodyState.from_note(given)
+            if state is not None:
+                note = state.note()
                 yield {
                     "frame": frame.frame_id,
                     "person": number,
                     **{name: note[name] for name in ("facing_deg", "facing_sure", "posture")},
                     "posture_sure": max(note["postures"]),
-                    "support": bearing.support,
-                    "joints_mm": joint_row(bearing.joints_mm(camera)),
+                    "support": state.support,
+                    "joints_mm": joint_row(state.joints_mm(camera)),
                 }
 
 
@@ -76,7 +76,6 @@ def _csv(rows: list[dict[str, Any]]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names + places)
     for row in rows:
-        writer.writerow(
-            [row[name] for name in names] + [x for joint in row["joints_mm"].values() for x in joint]
-        )
+        joints = [x for joint in row["joints_mm"].values() for x in joint]
+        writer.writerow([row[name] for name in names] + joints)
     return text.getvalue()

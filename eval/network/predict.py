@@ -1,8 +1,8 @@
-"""Prediction on label sets and datasets by a trained network; the person's outlines stay as they are."""
+"""Prediction on label sets and datasets by a trained network, within the same outlines."""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial, reduce
 from itertools import islice
 from pathlib import Path
@@ -16,18 +16,49 @@ from annotate.labelset.label_set import LabelSet
 from annotate.labelset.labelled_frames import LabelledFrames
 from annotate.segmentation.segmented_person import Segmentation
 from annotate.segmentation.suit_network import SuitNetwork
-from eval.network.body_state import Bearing
+from eval.network.body_state import BodyState
 from eval.network.onnx_network import OnnxNetwork
-from eval.network.refine import camera_in, read_again
+from eval.network.refine import camera_in, refine
 from sensors.errors import CloudError, FormatError
 
-BATCH = 8
-"""Frames through the network at once: more are no faster on a CPU (measured by bench/predict.py). The labels
-are the same bytes for any number."""
-ONE_PERSON = "one person is read again, and the labels then differ from the probabilities; leave one out"
-"""Refusal of what does not go together."""
-WRITERS = 4
-"""Frames written at once: each waits for the disk most of the time; chosen by eye."""
+BATCH = 8  # frames through the network at once; more are no faster on a CPU (bench/predict.py)
+WRITERS = 4  # frames written at once, because each waits for the disk; untuned
+
+
+@dataclass(frozen=True)
+class PredictOptions:
+    """Options of a prediction. Raises CloudError where they exclude each other.
+
+    probabilities: keep those of all classes. everybody: label all persons, not the subject alone. window_c:
+    temperatures of persons. room_refiner: network that refines labels where a frame shows the room. refiners:
+    networks that then refine all labels, in turn. The last three are of recordings, the batch of label sets.
+    """
+
+    probabilities: bool = False
+    everybody: bool = False
+    window_c: tuple[float, float] | None = None
+    room_refiner: SuitNetwork | None = None
+    refiners: Sequence[SuitNetwork] = ()
+    batch: int = BATCH
+
+    def __post_init__(self) -> None:
+        if self.everybody and self.probabilities:
+            raise CloudError("probabilities are kept of one person; leave out --probabilities or --everybody")
+        if self.all_refiners and (self.everybody or self.probabilities):
+            raise CloudError(
+                "one person is refined, and the labels then differ from the probabilities; leave one out"
+            )
+
+    @property
+    def all_refiners(self) -> list[SuitNetwork]:
+        """Networks that refine labels, in turn."""
+        return [network for network in (self.room_refiner, *self.refiners) if network]
+
+    def step(self, network: OnnxNetwork) -> dict[str, Any]:
+        """Return the entry of a label set's manifest about the networks."""
+        step = {"weights": network.sha256, "probabilities": self.probabilities}
+        refiners = [refiner.sha256 for refiner in self.all_refiners]
+        return step | ({"readers": refiners} if refiners else {})
 
 
 def predict_frames(
@@ -35,68 +66,40 @@ def predict_frames(
     network: OnnxNetwork,
     out: Path,
     progress: Callable[[int], None],
-    *,
-    probabilities: bool = False,
-    batch: int = BATCH,
-    readers: Sequence[SuitNetwork] = (),
+    options: PredictOptions = PredictOptions(),
 ) -> Run:
-    """Label the persons of a label set or a dataset by the network, within the same outlines; resumes.
+    """Label the persons of a label set or a dataset by the network, and resume an interrupted run.
 
-    readers: what reads the labels again, outlines too, in turn. Frames that cannot be read are left out and
-    listed. Raises ExistsError when ``out`` holds something else than the beginning of this very run,
-    ClaimedError while somebody else writes it, CloudError when there is no frame, or none that can be done;
+    Frames that cannot be read are left out and listed. Raises ExistsError where ``out`` is not the beginning
+    of this run, ClaimedError while another process writes it, CloudError without any usable frame,
     FormatError where a dataset breaks off.
     """
     if not len(frames):
         raise CloudError(f"{frames.path} holds no frames; give a label set or dataset with frames")
-    if readers and probabilities:
-        raise CloudError(ONE_PERSON)
-    step = step_of(network, probabilities, readers) | frames.identity
-    info = {"source": frames.source, "steps": {"predict": step}}
+    info = {"source": frames.source, "steps": {"predict": options.step(network) | frames.identity}}
     predicted = LabelSet.resume(out, frames.intrinsics, info)
-    with Claim.take(out, login()):
-        return finished(
-            predicted, _predict(frames, network, predicted, progress, probabilities, batch, readers)
-        )
-
-
-def _predict(
-    frames: LabelledFrames,
-    network: OnnxNetwork,
-    predicted: LabelSet,
-    progress: Callable[[int], None],
-    probabilities: bool,
-    batch: int,
-    readers: Sequence[SuitNetwork],
-) -> list[tuple[str, str]]:
-    """Label the frames that are not done yet; (frame id, why) of those that failed."""
     failed: list[tuple[str, str]] = []
-    todo = _todo(frames, predicted, failed, progress)
-    with ThreadPoolExecutor(WRITERS) as writers:
-        writing: Iterator[None] = iter(())
-        while some := list(islice(todo, batch)):
-            images = [(frame.depth_mm, person_of(frame.parts)) for frame in some]
-            results = network.segment_all(images, probabilities=probabilities)
+    with Claim.take(out, login()):
+        todo = _todo(frames, predicted, failed, progress)
+        with ThreadPoolExecutor(WRITERS) as writers:
+            writing: Iterator[None] = iter(())
+            while some := list(islice(todo, options.batch)):
+                images = [(frame.depth_mm, person_of(frame.parts)) for frame in some]
+                results = network.segment_all(images, probabilities=options.probabilities)
+                for _ in writing:
+                    progress(1)
+                writing = writers.map(partial(_write, frames, predicted, options.refiners), some, results)
             for _ in writing:
                 progress(1)
-            writing = writers.map(partial(_write, frames, predicted, readers), some, results)
-        for _ in writing:
-            progress(1)
-    return failed
+        return finished(predicted, failed)
 
 
-def check_alone(frames: LabelledFrames) -> None:
-    """Raise CloudError where labels are of everybody: their outlines run together into one person."""
+def check_one_person(frames: LabelledFrames) -> None:
+    """Raise CloudError for labels of all persons, because their outlines run together into one person."""
     steps = frames.info.get("steps")
     step = steps.get("predict") if isinstance(steps, dict) else None
     if isinstance(step, dict) and step.get("everybody"):
         raise CloudError(f"{frames.path} labels everybody; give the labels of one person, or the recording")
-
-
-def step_of(network: OnnxNetwork, probabilities: bool, readers: Sequence[SuitNetwork] = ()) -> dict[str, Any]:
-    """Entry of a label set's manifest about what labels it."""
-    again = {"readers": [reader.sha256 for reader in readers]} if readers else {}
-    return {"weights": network.sha256, "probabilities": probabilities} | again
 
 
 def _todo(
@@ -105,7 +108,7 @@ def _todo(
     failed: list[tuple[str, str]],
     progress: Callable[[int], None],
 ) -> Iterator[FrameLabels]:
-    """Frames not done by an earlier run; notes those that cannot be read."""
+    """Yield the frames that an earlier run has not done; list those that cannot be read."""
     done = set(predicted.frame_ids)
     for entry in frames.entries():
         try:
@@ -124,15 +127,15 @@ def _todo(
 def _write(
     frames: LabelledFrames,
     predicted: LabelSet,
-    readers: Sequence[SuitNetwork],
+    refiners: Sequence[SuitNetwork],
     frame: FrameLabels,
     result: Segmentation,
 ) -> None:
     notes = notes_of(result)
-    if (bearing := Bearing.from_note(result.bearing)) is not None:
-        notes["bearing"] = bearing.seen_by(camera_in(frames, frame)).note()
+    if (state := BodyState.from_note(result.bearing)) is not None:
+        notes["bearing"] = state.faced_by_joints(camera_in(frames, frame)).note()
     notes |= {name: frame.notes[name] for name in ("crop", "intrinsics") if name in frame.notes}
     labelled = replace(frame, parts=result.parts, confidence=result.confidence, status="auto", notes=notes)
-    if readers:
-        labelled = reduce(partial(read_again, camera_in(frames, labelled)), readers, labelled)
+    if refiners:
+        labelled = reduce(partial(refine, camera_in(frames, labelled)), refiners, labelled)
     predicted.write(labelled, result.probabilities)

@@ -1,4 +1,4 @@
-"""Networks to compare with: the paper's FCN as far as it can be rebuilt, larger U-Nets of a library."""
+"""Reference networks: the paper's FCN as far as it can be rebuilt, and U-Nets of a library."""
 
 from dataclasses import dataclass
 
@@ -6,21 +6,20 @@ import torch
 from torch import Tensor, nn
 
 from annotate.parts import N_CLASSES
-from eval.network.compact import convolution
-from eval.network.network_output import Answer
+from eval.network.blocks import NetworkOutput, convolution
 from sensors.errors import CloudError
 
 STAGES = ((1, 1), (2, 2), (4, 4, 4), (8, 8, 8), (8, 8, 8))
 """VGG-16: channels of each stage's 3x3 convolutions, in multiples of the base; a halving ends each stage."""
-FIRST_PAD = 100
-"""Around conv1_1, as in Long et al. 2015: with the other sizes it makes 212 x 212 come out again."""
+FIRST_PAD = 100  # px around conv1_1, as in Long et al. 2015: 212 x 212 comes out again
+SMP_STRIDE = 32  # sides are multiples of this, because the library's encoders halve five times
 
 
 @dataclass(frozen=True)
 class PaperConfig:
-    """base: channels of the first stage. dense: channels of the two layers that replace the dense ones.
+    """Channels of the first stage and of the two layers that replace the dense ones; published by default.
 
-    The published widths by default; a quarter of them, (16, 1024), can be trained on a CPU.
+    A quarter of the published widths, (16, 1024), can be trained on a CPU.
     """
 
     base: int = 64
@@ -28,15 +27,13 @@ class PaperConfig:
 
 
 class PaperFcn(nn.Module):
-    """Depth crop in [0, 1] -> class scores, at the same resolution.
+    """Network of Nishi & Miura 2017 (section 3.1 and Fig. 5; sizes after Oliveira et al. 2016).
 
-    As published (Nishi & Miura 2017, section 3.1 and Fig. 5; sizes after Oliveira et al. 2016): fifteen
-    convolutions (VGG-16's thirteen, 7x7, 1x1), five learned deconvolutions (4x4, stride 2, bilinear at
-    first), after each but the last the scores of the pooling layer of that resolution added, cropped about
-    the centre; half of the maps dropped after the last two convolutions and on each skip. At base 64:
-    135.1 M parameters.
-    Added, since it has to start without VGG's weights and would not learn: batch normalisation after each
-    convolution, He initialisation.
+    Fifteen convolutions (VGG-16's thirteen, 7x7, 1x1) and five learned deconvolutions (4x4, stride 2,
+    bilinear at first). After each but the last, the scores of the pooling layer of that resolution are added,
+    cropped about the centre. Half of the maps are dropped after the last two convolutions and on each skip.
+    135.1 M parameters at base 64. Added here, because training starts without VGG's weights: batch
+    normalisation after each convolution, He initialisation.
     """
 
     def __init__(self, config: PaperConfig = PaperConfig()) -> None:
@@ -64,11 +61,11 @@ class PaperFcn(nn.Module):
         )
         self.apply(_initialise)
         for skip in self.skips:
-            # As Long et al. 2015: a scoring layer starts from nothing, so the loss starts near log(12).
+            # As Long et al. 2015: a scoring layer starts from zero, so the loss starts near log(12).
             nn.init.zeros_(skip.get_parameter("0.weight"))
 
-    def forward(self, depth: Tensor) -> Answer:
-        """(B, 1, h, w) float32 -> scores (B, 12, h, w)."""
+    def forward(self, depth: Tensor) -> NetworkOutput:
+        """Return scores (B, 12, h, w) for depth (B, 1, h, w) float32."""
         x, pooled = depth, []
         for stage in self.stages:
             x = stage(x)
@@ -76,7 +73,7 @@ class PaperFcn(nn.Module):
         x = self.up[0](self.dense(x))
         for up, skip, features in zip(self.up[1:], self.skips, pooled[-2::-1], strict=True):
             x = up(x + _centre(skip(features), x.shape[-2:]))
-        return Answer(_centre(x, depth.shape[-2:]))
+        return NetworkOutput(_centre(x, depth.shape[-2:]))
 
 
 def _centre(x: Tensor, size: torch.Size) -> Tensor:
@@ -93,31 +90,27 @@ def _initialise(layer: nn.Module) -> None:
 
 
 def _bilinear(c_in: int, c_out: int) -> Tensor:
-    """Weights (c_in, c_out, 4, 4) that double a map by interpolation; mix at random where channels differ.
+    """Return weights (c_in, c_out, 4, 4) that double a map by interpolation; a random mix if channels differ.
 
-    Small weights: the untrained scores are near 0.
+    The mix is small, because untrained scores are to be near 0.
     """
     ramp = torch.tensor([0.25, 0.75, 0.75, 0.25])
     mixture = torch.eye(c_in) if c_in == c_out else torch.randn(c_in, c_out) * 0.1 * c_in**-0.5
     return mixture[:, :, None, None] * torch.outer(ramp, ramp)
 
 
-SMP_STRIDE = 32
-"""The encoders of segmentation-models-pytorch halve five times: sides are padded to a multiple of this."""
-
-
 @dataclass(frozen=True)
 class SmpConfig:
-    """A U-Net: its encoder by the library's name, and the channels of the five decoder stages."""
+    """Encoder by the library's name, and channels of the decoder stages, of a U-Net."""
 
     encoder: str = "tu-mobilenetv4_conv_small"
     decoder: tuple[int, ...] = (64, 48, 32, 24, 16)
 
 
 class SmpUnet(nn.Module):
-    """A U-Net by segmentation-models-pytorch; starts from random weights, offline.
+    """U-Net of segmentation-models-pytorch from random weights, offline.
 
-    Raises CloudError when the library is missing or knows no such encoder.
+    Raises CloudError where the library is missing or has no such encoder.
     """
 
     def __init__(self, config: SmpConfig = SmpConfig()) -> None:
@@ -136,14 +129,14 @@ class SmpUnet(nn.Module):
         except (ImportError, KeyError, ValueError, RuntimeError) as error:
             reason = str(error).splitlines()[0][:120]
             raise CloudError(
-                f"no network with encoder {config.encoder!r} ({reason}); "
+                f"encoder {config.encoder!r} is not available ({reason}); "
                 "pip install segmentation-models-pytorch, or take another --network"
             ) from error
 
-    def forward(self, depth: Tensor) -> Answer:
-        """(B, 1, h, w) float32 -> scores (B, 12, h, w)."""
+    def forward(self, depth: Tensor) -> NetworkOutput:
+        """Return scores (B, 12, h, w) for depth (B, 1, h, w) float32."""
         h, w = depth.shape[-2:]
         down, right = -h % SMP_STRIDE, -w % SMP_STRIDE
         padded = nn.functional.pad(depth, (right // 2, right - right // 2, down // 2, down - down // 2))
         scores: Tensor = self.unet(padded)
-        return Answer(scores[..., down // 2 : down // 2 + h, right // 2 : right // 2 + w])
+        return NetworkOutput(scores[..., down // 2 : down // 2 + h, right // 2 : right // 2 + w])

@@ -1,7 +1,7 @@
-"""Labels of a person without a suit, read again: by the shipped reader, or by one that has learnt.
+"""Refinement of a network's labels by a segmentation network that was trained for it.
 
-Like the reader of suits it sees depth and the planes of the room, and in the place of the labels of the frame
-before the first labels of the same frame; no colour, no temperature (docs/adr/0025).
+Like the suit network it takes depth and the planes of the room. The first labels of the frame replace the
+labels of the frame before; colour and temperature are left out (docs/adr/0025).
 """
 
 from dataclasses import replace
@@ -28,21 +28,19 @@ from annotate.segmentation.suit_network import SuitNetwork
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 
-SHIPPED_AGAIN = Path(str(files("eval").joinpath("weights", "refine.onnx")))
-"""The reader that has learnt to read a network's labels, of nobody in particular: learnings begin with it
-(``python -m tools.fit.refinement_network``)."""
-NEAR_M = 0.1
-"""Metres around the first labels that are read; more changes nothing on two recordings (chosen by eye)."""
+SHIPPED_REFINEMENT_NETWORK = Path(str(files("eval").joinpath("weights", "refine.onnx")))
+"""Made by ``python -m tools.fit.refinement_network``."""
+NEAR_M = 0.1  # around the first labels, in which pixels are refined; untuned
 
 
 @cache
-def shipped_again() -> SuitNetwork:
-    """The reader that comes with the package."""
-    return SuitNetwork(SHIPPED_AGAIN)
+def shipped_refinement_network() -> SuitNetwork:
+    """Return the refinement network of the package."""
+    return SuitNetwork(SHIPPED_REFINEMENT_NETWORK)
 
 
 class DepthRoom(NamedTuple):
-    """What depth alone tells of a frame's room, as `annotate.segmentation.input_channels.Room`."""
+    """Room of a frame by depth alone, as `annotate.segmentation.input_channels.Room`."""
 
     planes: tuple[Plane, ...]
     share: Float32
@@ -50,16 +48,16 @@ class DepthRoom(NamedTuple):
 
 
 def camera_in(labels: LabelledFrames, first: FrameLabels) -> Intrinsics:
-    """The pinhole of a labelled frame's own pixels. Raises FormatError where a note on it is malformed."""
+    """Return the pinhole camera of a labelled frame. Raises FormatError for a malformed note on it."""
     return pinhole_of(first, camera_of(labels, first))
 
 
 def depth_view(
     first: FrameLabels, camera: Intrinsics, planes: tuple[Plane, ...] | None = None
 ) -> tuple[ThermalCloud, View] | None:
-    """Cloud of a frame, and what the reader sees of the person that its first labels show; None: nobody.
+    """Return a frame's cloud and the network's view of the person in its first labels; None without one.
 
-    planes: of the room, None = found here.
+    planes: of the room, None = find them here.
     """
     mask = person_of(first.parts) & (first.depth_mm > 0)
     if not mask.any():
@@ -74,19 +72,18 @@ def depth_view(
     return cloud, View(where, seen, cloud.color_rgb[where], pixels_per_m, np.zeros((0, 3), np.uint8))
 
 
-def read_again(
-    camera: Intrinsics, first: FrameLabels, reader: SuitNetwork, planes: tuple[Plane, ...] | None = None
+def refine(
+    camera: Intrinsics, first: FrameLabels, network: SuitNetwork, planes: tuple[Plane, ...] | None = None
 ) -> FrameLabels:
-    """A frame with a reader's labels of its person; the same where it shows nobody.
+    """Return a frame with refined labels of its person, or unchanged without one; other persons stay.
 
-    first: as the network labelled it. What else that says of the person stays, and so do other persons.
-    planes: of the room, None = found from depth.
+    first: as the network labelled it. planes: of the room, None = find them from depth.
     """
-    seen = depth_view(first, camera, planes)
-    if seen is None:
+    view_of_depth = depth_view(first, camera, planes)
+    if view_of_depth is None:
         return first
-    cloud, view = seen
-    where, named, sure = fine_pass(cloud, view, _near(view), None, reader)
+    cloud, view = view_of_depth
+    where, named, sure = fine_pass(cloud, view, _near(view), None, network)
     own = (named != BACKGROUND) & (named != OTHER_PERSON)
     if first.persons is not None:
         own &= first.persons[where] <= 1
@@ -97,13 +94,13 @@ def read_again(
     persons = first.persons
     if persons is not None:
         persons = np.where(on_body, np.uint8(1), np.where(persons == 1, np.uint8(0), persons))
-    sure_of = round(float(confidence[on_body].mean()), 4) if on_body.any() else 0.0
-    notes = first.notes | {"confidence": sure_of}
+    mean = round(float(confidence[on_body].mean()), 4) if on_body.any() else 0.0
+    notes = first.notes | {"confidence": mean}
     return replace(first, parts=parts, confidence=confidence, notes=notes, persons=persons)
 
 
 def _near(view: View) -> Rectangle:
-    """Rows and columns of a view around the person that the first labels show."""
+    """Return rows and columns of a view around the person in the first labels."""
     own, margin = (view.planes[0] & SUBJECT) > 0, round(NEAR_M * view.pixels_per_m)
     ends = (np.flatnonzero(own.any(axis=1 - axis))[[0, -1]] for axis in (0, 1))
     sides = zip(ends, own.shape, strict=True)
@@ -112,6 +109,5 @@ def _near(view: View) -> Rectangle:
 
 @lru_cache(maxsize=2)
 def _fusers(camera: Intrinsics) -> tuple[Fuser, CoarseFuser]:
-    """Fusion of a pinhole camera's depth images, without colour and temperature."""
     alone = RigCalibration(camera)
     return Fuser(alone), CoarseFuser(alone)

@@ -1,4 +1,4 @@
-"""Steady left and right of a person: where the sides flicker from frame to frame, they are swapped back."""
+"""Temporal smoothing of a person's left and right, and sides of joints by parts; constants are untuned."""
 
 from dataclasses import replace
 
@@ -6,41 +6,46 @@ import numpy as np
 
 from annotate.array_types import Float64, UInt8
 from annotate.frame_labels import FrameLabels
-from annotate.parts import BACKGROUND, TWIN_PARTS, swap_left_right
+from annotate.parts import BACKGROUND, PART_ID, TWIN_PARTS, swap_left_right
 from annotate.segmentation.segmented_person import Segmentation
-from eval.network.body_state import Bearing, bearing_notes
+from eval.network.body_state import BodyState, body_state_notes
+from eval.scores.joints import JOINT
 
-KEPT = 0.8
-"""Share of what was seen so far that a frame leaves: a turn of half a second is followed; chosen by eye."""
-FAR_DEG, NEAR_DEG = 110.0, 60.0
-"""A frame that faces further than the first from the frames before, and exchanged nearer than the second, has
-taken front for back; chosen by eye: half a turn from frame to frame is 5,400 degrees a second."""
-SAME_PLACE = 0.6
-"""Least overlap (intersection over union) of a person's pixels with those in the frame before; with less,
-time has passed, or somebody else lies there. Chosen by eye: who walks keeps 0.8 at 30 frames a second."""
+KEPT = 0.8  # weight of the earlier facings, a frame: a turn of half a second is followed
+FAR_DEG = 110.0  # off the earlier facings, from which front is taken for back
+NEAR_DEG = 60.0  # off the earlier facings, below which the exchanged person fits
+SAME_PLACE = 0.6  # least overlap (IoU) with the frame before; a walking person has 0.8 at 30 frames/s
+REACH_PX = 4  # around a joint, in which its parts lie: a wrist's thickness at 2 m
+LIMBS = {
+    "left_elbow": ("left_upper_arm", "left_forearm"),
+    "left_wrist": ("left_forearm",),
+    "left_knee": ("left_upper_leg", "left_lower_leg"),
+    "left_ankle": ("left_lower_leg",),
+}
+"""Joints that lie in the parts of one side, and these parts."""
 
 
-def steady(labelled: Segmentation, before: FrameLabels | None, number: int = 1) -> Segmentation:
-    """Labels of a person with left and right exchanged where the frames before outweigh this one.
+def smooth_sides(labelled: Segmentation, before: FrameLabels | None, number: int = 1) -> Segmentation:
+    """Return a person's labels, left and right exchanged where the frames before outweigh this one.
 
-    number: the person's. The note ``bearing`` gets ``faced``: the sum (2,) of the facings so far, as
-    they were seen and not as they were turned, so that a wrong beginning is outvoted.
+    number: the person's. The note ``bearing`` gets ``faced``: the sum (2,) of the facings so far as the
+    network gave them, so that a wrong start is outvoted.
     """
-    bearing = Bearing.from_note(labelled.bearing)
-    if bearing is None:
+    state = BodyState.from_note(labelled.bearing)
+    if state is None:
         return labelled
-    seen, faced = bearing.facing, np.zeros(2)
+    own, faced = state.facing, np.zeros(2)
     if before is not None and _overlap(labelled.parts, before, number) > SAME_PLACE:
         faced = KEPT * _faced(before, number)
-    own, other = _off_deg(bearing, faced), _off_deg(bearing.exchanged(), faced)
-    if own > FAR_DEG and other < NEAR_DEG and np.hypot(*faced) > np.hypot(*seen):
-        bearing = bearing.exchanged()
+    off, other_off = _off_deg(state, faced), _off_deg(state.exchanged(), faced)
+    if off > FAR_DEG and other_off < NEAR_DEG and np.hypot(*faced) > np.hypot(*own):
+        state = state.exchanged()
         labelled = _exchanged(labelled)
-    return replace(labelled, bearing=bearing.note() | {"faced": np.round(faced + seen, 4).tolist()})
+    return replace(labelled, bearing=state.note() | {"faced": np.round(faced + own, 4).tolist()})
 
 
 def _overlap(parts: UInt8, before: FrameLabels, number: int) -> float:
-    """Intersection over union of a person's parts (h, w) and their pixels in the frame before."""
+    """Return the IoU of a person's parts (h, w) and the person's pixels in the frame before."""
     own = parts != BACKGROUND
     earlier = before.parts != BACKGROUND if before.persons is None else before.persons == number
     either = int(np.count_nonzero(own | earlier))
@@ -48,7 +53,6 @@ def _overlap(parts: UInt8, before: FrameLabels, number: int) -> float:
 
 
 def _exchanged(labelled: Segmentation) -> Segmentation:
-    """Labels with left and right exchanged, their probabilities too."""
     kept = labelled.probabilities
     if kept is not None:
         kept = replace(kept, planes=kept.planes[TWIN_PARTS])
@@ -56,13 +60,29 @@ def _exchanged(labelled: Segmentation) -> Segmentation:
 
 
 def _faced(before: FrameLabels, number: int) -> Float64:
-    """Sum of a person's facings over the frames so far (2,); none is zero."""
-    note = bearing_notes(before.notes).get(number)
+    """Return the sum of a person's facings over the frames so far (2,); 0 without any."""
+    note = body_state_notes(before.notes).get(number)
     faced = np.array(note.get("faced", ()) if isinstance(note, dict) else (), np.float64)
     return faced if faced.shape == (2,) and np.isfinite(faced).all() else np.zeros(2)
 
 
-def _off_deg(bearing: Bearing, faced: Float64) -> float:
-    """Angle between a facing and that of the frames so far, degrees; 0 where these have none."""
-    x, y = bearing.facing, faced
+def _off_deg(state: BodyState, faced: Float64) -> float:
+    """Return the angle between a facing and that of the frames so far; 0 without earlier frames."""
+    x, y = state.facing, faced
     return float(np.degrees(np.arctan2(abs(x[0] * y[1] - x[1] * y[0]), x @ y))) if y.any() else 0.0
+
+
+def sided_by_parts(state: BodyState, parts: UInt8) -> BodyState:
+    """Return the state, exchanged where more joints lie in parts (h, w) of the other side than of their own.
+
+    A suit gives the right sides, a network may not.
+    """
+    own = other = 0
+    for joint, limbs in LIMBS.items():
+        for side, twin in (("left", "right"), ("right", "left")):
+            u, v = state.joints_px[JOINT[joint.replace("left", side)], :2].round().astype(np.int64)
+            top, left = max(0, v - REACH_PX), max(0, u - REACH_PX)
+            near = set(parts[top : max(0, v + REACH_PX), left : max(0, u + REACH_PX)].ravel().tolist())
+            own += not near.isdisjoint(PART_ID[part.replace("left", side)] for part in limbs)
+            other += not near.isdisjoint(PART_ID[part.replace("left", twin)] for part in limbs)
+    return state.exchanged() if other > own else state

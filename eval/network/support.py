@@ -1,4 +1,4 @@
-"""What heights above the floor tell of a person: whether floor or furniture carries them, and who stands."""
+"""Support of a person by heights above the floor: floor or furniture. Constants are untuned."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,35 +9,26 @@ from annotate.array_types import Float32, UInt8
 from annotate.parts import PART_ID
 from annotate.person.planes import Plane
 from annotate.posture import POSTURES
-from eval.network.body_state import Bearing
+from eval.network.body_state import BodyState
 from eval.scores.joints import JOINT
 from sensors.rig.camera import Intrinsics
 
-MOST_TILT = 0.64
-"""Least cosine between the floor's normal and the upright camera's own up: it may look 50 degrees up or down.
-Chosen by eye."""
-BELOW_M, MOST_BELOW = 0.15, 0.02
-"""Metres below a plane, and the most of a cloud's points so far below the floor, by reflections. Chosen by
-eye."""
-STEP_M = 0.25
-"""Height in metres of a person's lowest part from which furniture carries them: seats and beds are at
-0.4 to 0.6, who sits or lies on the floor is seen from some 0.05 up. Chosen by eye."""
-LOW_SHARE, LEAST_POINTS = 0.1, 20
-"""Share of a part's points below its height, which leaves out stray ones; least points. Chosen by eye."""
-STANDING_HIPS, LEAST_HIPS_M = 0.51, 0.35
-"""Least height of a standing person's hips, as a share of that of the head: it is 0.57 (Drillis and Contini
-1966) of adults, less of small children, and 0.44 on a seat. Hips that are nearer to the floor than so many
-metres tell nothing: it may be a table's top. Chosen by eye."""
+MOST_TILT = 0.64  # least cosine of the floor's normal and the camera's own up: 50 degrees up or down
+BELOW_M, MOST_BELOW = 0.15, 0.02  # reflections: share of the points that may lie so far below the floor
+STEP_M = 0.25  # height of the lowest part from which furniture carries the person: seats are at 0.4 to 0.6
+LOW_SHARE, LEAST_POINTS = 0.1, 20  # share of the points below a part's height; least points
+STANDING_HIPS = 0.51  # of the head's height; 0.57 in standing adults (Drillis and Contini 1966), 0.44 seated
+LEAST_HIPS_M = 0.35  # above the floor; nearer hips decide nothing, because the floor may be a table's top
 _TRUNK, _LEGS = ("torso", "hip"), ("left_lower_leg", "right_lower_leg")
 CARRIED = {"sitting": _TRUNK, "lying": _TRUNK}
-"""Parts that lie on what carries a person, by posture; all others stand or kneel on their lower legs."""
+"""Parts that lie on the support, by posture; in other postures the lower legs."""
 
 
 def support_of(posture: str, parts: UInt8, points_m: Float32, floor: Plane | None) -> str:
-    """ "floor", "furniture", or "" where the cloud shows no floor or not the parts that matter.
+    """Return "floor", "furniture", or "" where the cloud shows no floor or too little of the parts.
 
     parts: (h, w), of one person. points_m: (h, w, 3), frame of an upright camera, NaN = no reading. floor: of
-    ``floor_of``. A person on a bed that hides the whole floor seems to lie on the floor.
+    ``floor_of``. On a bed that hides the whole floor the result is "floor".
     """
     carried = np.isin(parts, [PART_ID[name] for name in CARRIED.get(posture, _LEGS)])
     points = points_m[carried & np.isfinite(points_m[..., 2])]
@@ -47,23 +38,23 @@ def support_of(posture: str, parts: UInt8, points_m: Float32, floor: Plane | Non
     return "floor" if height_m < STEP_M else "furniture"
 
 
-def by_height(bearing: Bearing, camera: Intrinsics, floor: Plane | None) -> Bearing:
-    """A bearing that does not stand where the hips are too low: whose legs a blanket hides seems to stand.
+def exclude_standing(state: BodyState, camera: Intrinsics, floor: Plane | None) -> BodyState:
+    """Return a state without "standing" where the hips are too low, as with legs below a blanket.
 
-    camera: the undistorted depth camera. floor: of ``floor_of``; None = nothing is known.
+    camera: the undistorted depth camera. floor: of ``floor_of``; without it the state stays.
     """
     if floor is None:
-        return bearing
-    height_m = bearing.joints_mm(camera) @ floor.normal / 1000 - floor.offset_m
+        return state
+    height_m = state.joints_mm(camera) @ floor.normal / 1000 - floor.offset_m
     if not LEAST_HIPS_M < height_m[JOINT["pelvis"]] < STANDING_HIPS * height_m[JOINT["head"]]:
-        return bearing
-    others = bearing.posture.copy()
+        return state
+    others = state.posture.copy()
     others[POSTURES.index("standing")] = 0
-    return replace(bearing, posture=others / others.sum()) if others.any() else bearing
+    return replace(state, posture=others / others.sum()) if others.any() else state
 
 
 def floor_of(planes: Sequence[Plane], points_m: Float32) -> Plane | None:
-    """The largest plane that faces up and has nothing beneath it; points_m: (h, w, 3), NaN = no reading."""
+    """Return the largest upward plane with no points beneath; points_m: (h, w, 3), NaN = no reading."""
     some = points_m[::2, ::2].reshape(-1, 3)
     some = some[np.isfinite(some[:, 2])]
     upward = [plane for plane in planes if -plane.normal[1] > MOST_TILT]

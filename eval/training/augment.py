@@ -1,7 +1,7 @@
 """Augmentation: training images with the faults of sensors, furniture and extractions, each switchable.
 
-A crop is depth float32 (h, w) in [0, 1] (0 = nothing, 1 = 2000 mm, `annotate.crop`) and parts uint8 (h, w).
-All is drawn from one generator: the same seed gives the same image. About 6 ms a crop.
+A crop is depth float32 (h, w) in [0, 1] (0 = no depth, 1 = 2000 mm, `annotate.crop`) and parts uint8 (h, w).
+One generator draws all: the same seed gives the same image. About 6 ms a crop. Constants are untuned.
 """
 
 from dataclasses import dataclass, replace
@@ -12,31 +12,18 @@ import numpy as np
 from annotate.array_types import Bool, Float32, UInt8
 from annotate.crop import LEAST_VALUE, MARGIN, window_of
 from annotate.parts import BACKGROUND, swap_left_right
-from eval.training.body_targets import JOINTS, mirrored, moved
-from eval.training.occluders import boarded, draped, field, noise_of, things
+from eval.training.body_targets import JOINTS, move_joints, swap_sides
+from eval.training.occluders import add_blanket, add_board, random_shapes, sensor_noise, smooth_noise
 
-MIN_LEFT, MIN_UNCOVERED = 0.6, 0.3
-"""Share of a person's pixels that occluders and cuts leave together, and a blanket with them; a worse draw is
-not used; chosen by eye."""
-BLANKETS, BOARDS = 0.3, 0.35
-"""Shares of the images with a blanket and with a board before the person. A network that has never seen
-feet apart from a trunk exchanges them, and gives parts to what lies on a person; chosen by eye."""
-WHOLE, CLEAN = 0.35, 0.2
-"""Shares of the images that nothing hides or cuts, and of those that have no other noise than their sensor's;
-chosen by eye."""
-FRAMED, BORDERS = 0.7, (0.6, 0.15, 0.125, 0.125)
-"""Share of the others that a border cuts, and the shares in which their upper, lower, left and right part is
-left; chosen by eye."""
-LEFT = (0.15, 0.98)
-"""Range of the shares of a person's height or width that a border leaves, from a head with shoulders to all
-but the feet: a network that never saw legs without feet takes shins for thighs; chosen by eye."""
-WIDTHS = (0.85, 1.2)
-"""Range of the factors of a person's width; chosen by eye."""
-BEHIND = 0.2
-"""How far behind a person furniture stands that an extraction leaves with them, at most, as a share of the
-crop's 2000 mm: the seat that somebody has just risen from; chosen by eye."""
-SMOOTH = 0.2
-"""Share of the images without their sensor's own noise: drivers filter more or less; chosen by eye."""
+MIN_LEFT, MIN_UNCOVERED = 0.6, 0.3  # share of a person's pixels left by occluders and cuts, under a blanket
+BLANKETS, BOARDS = 0.3, 0.35  # shares of the images with a blanket, with a board in front of the person
+WHOLE, CLEAN = 0.35, 0.2  # shares of the images without occlusion and cuts, without other noise too
+FRAMED = 0.7  # share of the others that an image border cuts
+BORDERS = (0.6, 0.15, 0.125, 0.125)  # shares that keep the upper, lower, left, right part
+LEFT = (0.15, 0.98)  # share of the height or width that a border leaves: head to all but the feet
+WIDTHS = (0.85, 1.2)  # factors of a person's width
+BEHIND = 0.2  # most depth of an extra behind the person, share of 2000 mm: a seat just left
+SMOOTH = 0.2  # share of the images without their sensor's noise, as some drivers filter
 
 
 @dataclass(frozen=True)
@@ -45,8 +32,8 @@ class Augmentation:
 
     mirror: left and right exchanged. place: zoom, shift, depth moved and stretched. turn: in the image plane.
     noise: of the sensor, flying pixels at rims. holes: pixels and patches without depth. occluders: things in
-    front of the person, blankets over them. cuts: what a failing extraction takes away. borders:
-    of the image, which leave a part of the person. extras: what the extraction takes too much.
+    front of the person, blankets over the person. cuts: missing parts of an extraction. borders: of the
+    image. extras: furniture that the extraction keeps.
     """
 
     mirror: bool = True
@@ -60,15 +47,15 @@ class Augmentation:
     extras: bool = True
 
 
+Image = tuple[Float32, UInt8]
 Example = tuple[Float32, UInt8, Float32]
 """Depth (h, w), parts (h, w) and the row of ``eval.training.body_targets``."""
 
 
 def augment(example: Example, how: Augmentation, rng: np.random.Generator) -> Example:
-    """A harder copy of a crop. What is taken away has depth 0 and is background; so are things, with depth.
+    """Return a harder copy of a crop. A removed pixel has depth 0 and is background; an added one has depth.
 
-    After a cut the crop is fitted anew to what is left, as it would be around a real extraction. A third of
-    the images keep all of the person, more than half of these all of their sensor too.
+    After a cut the crop is fitted to the rest of the person, as around a real extraction.
     """
     depth, parts, whole = example
     if not (depth > 0).any():
@@ -97,39 +84,38 @@ def augment(example: Example, how: Augmentation, rng: np.random.Generator) -> Ex
         depth += _noise(seen, rng)
     if how.holes and rng.random() < 0.7:
         seen &= ~_holes(seen.shape, rng)
-    return (
-        np.where(seen, depth.clip(LEAST_VALUE, 1), np.float32(0)),
-        np.where(seen, parts, np.uint8(BACKGROUND)),
-        whole,
-    )
+    return (*_masked(seen, depth.clip(LEAST_VALUE, 1), parts), whole)
 
 
-def _incomplete(
-    depth: Float32, parts: UInt8, how: Augmentation, rng: np.random.Generator
-) -> tuple[Float32, UInt8]:
-    """Hidden by things and cut by the extraction; as it was where too little would be left."""
-    least, whole = MIN_LEFT, (depth, parts)
-    if how.occluders:
-        if rng.random() < BLANKETS:
-            depth, parts = draped(depth, parts, rng)
-            least = MIN_UNCOVERED
-        if rng.random() < BOARDS:
-            depth, parts = boarded(depth, parts, rng)
-    kept = _taken_away(depth > 0, how, rng)
-    left = np.count_nonzero(kept & (parts != BACKGROUND))
-    if left < max(1, least * np.count_nonzero(whole[1])):
-        return whole
+def _masked(kept: Bool, depth: Float32, parts: UInt8) -> Image:
     return np.where(kept, depth, np.float32(0)), np.where(kept, parts, np.uint8(BACKGROUND))
 
 
-def _taken_away(person: Bool, how: Augmentation, rng: np.random.Generator) -> Bool:
+def _incomplete(depth: Float32, parts: UInt8, how: Augmentation, rng: np.random.Generator) -> Image:
+    """Hide and cut parts of a person; return the crop unchanged where too little is left."""
+    least, whole = MIN_LEFT, (depth, parts)
+    if how.occluders:
+        if rng.random() < BLANKETS:
+            depth, parts = add_blanket(depth, parts, rng)
+            least = MIN_UNCOVERED
+        if rng.random() < BOARDS:
+            depth, parts = add_board(depth, parts, rng)
+    kept = _uncut(depth > 0, how, rng)
+    left = np.count_nonzero(kept & (parts != BACKGROUND))
+    if left < max(1, least * np.count_nonzero(whole[1])):
+        return whole
+    return _masked(kept, depth, parts)
+
+
+def _uncut(person: Bool, how: Augmentation, rng: np.random.Generator) -> Bool:
+    """Return the pixels (h, w) of a person that occluders and a failing extraction leave."""
     from synth.images.view import cut
 
     kept = person
     if not person.any():
         return person
     if how.occluders and rng.random() < 0.2:
-        kept = kept & ~things(person, int(rng.integers(1, 3)), (3.0, 45.0), rng)
+        kept = kept & ~random_shapes(person, int(rng.integers(1, 3)), (3.0, 45.0), rng)
     if how.cuts:
         if rng.random() < 0.3 and kept.any():
             kept = cut(kept, rng)
@@ -141,27 +127,31 @@ def _taken_away(person: Bool, how: Augmentation, rng: np.random.Generator) -> Bo
 
 
 def _warm_enough(person: Bool, rng: np.random.Generator) -> Bool:
-    """All but the coldest patches, up to 30 % of the person: wet or thick clothes, cold limbs."""
-    warmth = field(person.shape, int(rng.integers(4, 10)), rng)
+    """Return all but the coldest patches, up to 30 % of the person: wet or thick clothes, cold limbs."""
+    warmth = smooth_noise(person.shape, int(rng.integers(4, 10)), rng)
     return np.asarray(warmth > np.quantile(warmth[person], rng.uniform(0, 0.3)), np.bool_)
 
 
 def _ragged(person: Bool, rng: np.random.Generator) -> Bool:
-    """All but bits of the rim, 1 to 5 pixels wide: a thermal camera is coarser than the depth camera."""
+    """Return all but bits of the rim, 1 to 5 px wide, because a thermal camera is coarser than depth."""
     side = 2 * int(rng.integers(1, 6)) + 1
     inside = cv2.erode(person.astype(np.uint8), np.ones((side, side), np.uint8))
-    torn = field(person.shape, int(rng.integers(15, 45)), rng) < rng.uniform(-0.7, 0.5)
+    torn = smooth_noise(person.shape, int(rng.integers(15, 45)), rng) < rng.uniform(-0.7, 0.5)
     return (inside > 0) | ~torn
 
 
+def _rim(person: Bool) -> Bool:
+    return person & (cv2.erode(person.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
+
+
 def _with_extras(depth: Float32, rng: np.random.Generator) -> Float32:
-    """Flat bits of furniture stuck to the silhouette, at the depth where they touch it or behind."""
+    """Add flat bits of furniture at the silhouette, at its depth or behind."""
     person = depth > 0
-    rim = person & (cv2.erode(person.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
+    rim = _rim(person)
     result = depth.copy()
-    noise, lost = noise_of(depth, rng)
+    noise, lost = sensor_noise(depth, rng)
     for _ in range(int(rng.integers(1, 4))):
-        touching = things(rim, 1, (4.0, 30.0), rng)
+        touching = random_shapes(rim, 1, (4.0, 30.0), rng)
         shared = depth[touching & person]
         slope = rng.normal(0, 0.002, 2)
         v, u = np.nonzero(touching & ~person & ~lost)
@@ -173,11 +163,8 @@ def _with_extras(depth: Float32, rng: np.random.Generator) -> Float32:
     return result
 
 
-def _framed(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple[Float32, UInt8]:
-    """What an image's border leaves of a person: mostly the upper part, else the lower or one side.
-
-    All of them where less than a tenth would be left.
-    """
+def _framed(depth: Float32, parts: UInt8, rng: np.random.Generator) -> Image:
+    """Cut a person at an image border, unless less than a tenth would be left."""
     rows, columns = window_of(depth > 0)
     kept, share = np.zeros(depth.shape, np.bool_), rng.uniform(*LEFT)
     height, width = (round(share * (own.stop - own.start)) for own in (rows, columns))
@@ -190,14 +177,11 @@ def _framed(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple[Flo
     kept[sides[int(rng.choice(4, p=BORDERS))]] = True
     if np.count_nonzero(parts[kept]) < 0.1 * np.count_nonzero(parts):
         return depth, parts
-    return np.where(kept, depth, np.float32(0)), np.where(kept, parts, np.uint8(BACKGROUND))
+    return _masked(kept, depth, parts)
 
 
 def _placed(example: Example, how: Augmentation, rng: np.random.Generator) -> Example:
-    """Mirror, turn, make wider or narrower, and cut out the square around what is there, nearly.
-
-    One resampling for all of them.
-    """
+    """Mirror, turn, widen and fit the square around the person, nearly, by one resampling."""
     depth, parts, whole = example
     size = depth.shape[0]
     mirror = -1.0 if how.mirror and rng.random() < 0.5 else 1.0
@@ -214,29 +198,28 @@ def _placed(example: Example, how: Augmentation, rng: np.random.Generator) -> Ex
     matrix = np.column_stack([linear, centre - linear @ np.full(2, (size - 1) / 2)])
     flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
     placed = np.asarray(cv2.warpAffine(parts, matrix, (size, size), flags=flags), np.uint8)
-    there = moved(whole, np.asarray(cv2.invertAffineTransform(matrix)), size)
+    there = move_joints(whole, np.asarray(cv2.invertAffineTransform(matrix)), size)
     return (
         np.asarray(cv2.warpAffine(depth, matrix, (size, size), flags=flags), np.float32),
         swap_left_right(placed) if mirror < 0 else placed,
-        mirrored(there) if mirror < 0 else there,
+        swap_sides(there) if mirror < 0 else there,
     )
 
 
 def _noise(seen: Bool, rng: np.random.Generator) -> Float32:
-    """Pixel noise and slow waves of up to 6 mm, and flying pixels at the rim, in the crop's units."""
+    """Return pixel noise, slow waves of up to 6 mm, and flying pixels at the rim, in the crop's units."""
     sigma, wave = rng.uniform(0, 0.003, 2)
     noise = rng.standard_normal(seen.shape, np.float32) * np.float32(sigma)
-    noise += field(seen.shape, int(rng.integers(6, 20)), rng) * np.float32(wave)
-    rim = np.flatnonzero(seen & (cv2.erode(seen.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0))
+    noise += smooth_noise(seen.shape, int(rng.integers(6, 20)), rng) * np.float32(wave)
+    rim = np.flatnonzero(_rim(seen))
     flying = rim[rng.random(len(rim)) < rng.uniform(0, 0.3)]
     noise.ravel()[flying] += rng.exponential(0.03, len(flying)).astype(np.float32)
     return noise
 
 
 def _holes(shape: tuple[int, ...], rng: np.random.Generator) -> Bool:
-    """Single pixels, up to 4 % of them, and small patches."""
+    """Return up to 4 % single pixels, and small patches in half of the draws."""
     holes = rng.random(shape, np.float32) < rng.uniform(0, 0.04)
     if rng.random() < 0.5:
-        patches = field(shape, int(rng.integers(10, 30)), rng) > rng.uniform(1.3, 2.2)
-        holes |= patches
+        holes |= smooth_noise(shape, int(rng.integers(10, 30)), rng) > rng.uniform(1.3, 2.2)
     return np.asarray(holes, np.bool_)

@@ -1,4 +1,4 @@
-"""The whole person in a training image as one row of known values: facing, posture and joints."""
+"""Facing, posture and joints of the person in a training image, as one row of values; NaN = unknown."""
 
 import numpy as np
 
@@ -12,22 +12,21 @@ from synth.body.skeleton import N_JOINTS as N_SKELETON
 from synth.pose.pose_parameters import posture_class
 
 FACING, POSTURE, JOINTS = slice(0, 2), 2, slice(3, 3 + 3 * N_JOINTS)
-"""Of a row: cosine and sine of the camera's azimuth about the trunk; index of the posture; joints (J, 3) as
-``Answer.joints``. NaN is unknown."""
+"""Places in a row: cosine and sine of the camera's azimuth about the trunk; index of the posture; joints
+(J, 3) as ``NetworkOutput.joints``."""
 ROW = JOINTS.stop
-"""Values of a row."""
 
 
-def nothing_known() -> Float32:
-    """Row (ROW,) for a person about whom nothing is known."""
+def no_targets() -> Float32:
+    """Return a row (ROW,) of unknown values."""
     return np.full(ROW, np.nan, np.float32)
 
 
-def whole_person(frames: LabelledFrames, frame: FrameLabels) -> Float32:
-    """Row (ROW,) of a frame by its notes, joints in the frame's crop of ``to_crop``."""
+def body_targets(frames: LabelledFrames, frame: FrameLabels) -> Float32:
+    """Return the row (ROW,) of a frame by its notes, joints in the crop of ``to_crop``."""
     from synth.images.standing_statistics import facing_deg
 
-    row = nothing_known()
+    row = no_targets()
     posture = frame.notes.get("posture", posture_class(str(frame.notes.get("activity", ""))))
     if posture in POSTURES:
         row[POSTURE] = POSTURES.index(posture)
@@ -41,7 +40,7 @@ def whole_person(frames: LabelledFrames, frame: FrameLabels) -> Float32:
 
 
 def _in_crop(frames: LabelledFrames, frame: FrameLabels, joints_mm: Float64) -> Float64:
-    """Joints (J, 3), camera frame, as column and row in shares of the crop's side, and depth in its units."""
+    """Return joints (J, 3), camera frame, as shares of the crop's side and depth in its units."""
     seen = person_of(frame.parts) & (frame.depth_mm > 0)
     camera, crop = pinhole_of(frame, camera_of(frames, frame)), network_crop(seen)
     x, y, z = joints_mm.T
@@ -51,16 +50,16 @@ def _in_crop(frames: LabelledFrames, frame: FrameLabels, joints_mm: Float64) -> 
     return np.column_stack([u, v, (z - middle) / RANGE_MM + 0.5])
 
 
-def mirrored(row: Float32) -> Float32:
-    """A row of the person with left and right exchanged; the joints keep their columns."""
+def swap_sides(row: Float32) -> Float32:
+    """Return a row with left and right exchanged; joints keep their columns."""
     other = row.copy()
     other[1] = -row[1]
     other[JOINTS] = row[JOINTS].reshape(N_JOINTS, 3)[TWIN].ravel()
     return other
 
 
-def moved(row: Float32, crop_from_source: Float64, size: int = SIZE) -> Float32:
-    """A row whose joints follow an affine map (2, 3) of pixels of a crop of ``size``."""
+def move_joints(row: Float32, crop_from_source: Float64, size: int = SIZE) -> Float32:
+    """Return a row whose joints follow an affine map (2, 3) of pixels of a crop of ``size``."""
     other = row.copy()
     joints = other[JOINTS].reshape(N_JOINTS, 3)
     pixels = joints[:, :2] * size - 0.5

@@ -1,4 +1,7 @@
-"""Images that a training leaves out, to fit the temperature of its confidences on."""
+"""Images that a training leaves out, to fit the temperature of its confidences on.
+
+Constants are untuned.
+"""
 
 from dataclasses import dataclass
 
@@ -7,22 +10,18 @@ from natsort import natsorted
 
 from eval.training.crops import Crops
 
-SHARE = 0.05
-"""Share of the subjects, or else of the images, that is left out. Untuned."""
-LEAST_SUBJECTS, LEAST_IMAGES = 10, 100
-"""Subjects from which whole subjects are left out, and images from which single images are: with fewer, the
-training would lose too much, or the temperature rest on too little. Untuned."""
-
-NAMED = 5
-"""Subjects that a note names."""
+SHARE = 0.05  # of the subjects, or else of the images, that is left out
+LEAST_SUBJECTS = 10  # from which whole subjects are left out
+LEAST_IMAGES = 100  # from which single images are left out
+NAMED = 5  # subjects that a note names
 
 
 @dataclass(frozen=True)
 class CalibrationSplit:
     """Crops to train on and crops to calibrate on, which share no image.
 
-    calibrated: None where there are too few images. subjects: who was left out; empty where single images of
-    the people that are trained on were.
+    calibrated: None where there are too few images. subjects: left out whole; empty where single images of
+    the trained people were left out.
     """
 
     trained: Crops
@@ -49,12 +48,12 @@ class CalibrationSplit:
 def calibration_split(crops: Crops) -> CalibrationSplit:
     """Leave out a twentieth of the subjects, or of the images where there are few subjects."""
     names = natsorted(set(crops.subjects.tolist()))
+    chosen: tuple[str, ...] = ()
     if len(names) >= LEAST_SUBJECTS:
-        at = _spread(len(names))
-        chosen = tuple(names[i] for i in at)
+        chosen = tuple(names[i] for i in _spread(len(names)))
         left_out = np.isin(crops.subjects, chosen)
     elif len(crops) >= LEAST_IMAGES:
-        chosen, left_out = (), np.zeros(len(crops), np.bool_)
+        left_out = np.zeros(len(crops), np.bool_)
         left_out[_spread(len(crops))] = True
     else:
         return CalibrationSplit(crops, None, ())
@@ -63,6 +62,6 @@ def calibration_split(crops: Crops) -> CalibrationSplit:
 
 
 def _spread(count: int) -> list[int]:
-    """Return numbers of the share of ``count`` things that is left out, evenly spread."""
+    """Return the numbers, evenly spread, of the left-out share of ``count`` things."""
     n = max(1, round(count * SHARE))
     return [int((i + 0.5) * count / n) for i in range(n)]

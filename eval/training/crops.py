@@ -17,18 +17,17 @@ from annotate.crop import network_crop, normalize, person_of
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.labelled_frames import LabelledFrames, open_frames
 from annotate.parts import BACKGROUND, on_body
-from eval.training.body_targets import ROW, whole_person
+from eval.training.body_targets import ROW, body_targets
 from sensors.errors import CloudError
 
 K = TypeVar("K", bound=np.generic)
-DEPTH_STEPS = np.float32(65535)
-"""Crops are kept with depth in 1 / 65535 of its range: 0.03 mm."""
+DEPTH_STEPS = np.float32(65535)  # of a crop's depth range: 0.03 mm each
 
 
 def to_crop(frame: FrameLabels) -> tuple[Float32, UInt8]:
-    """A frame as the network's input and target, both (212, 212): depth in [0, 1] and part ids.
+    """Return a frame as the network's input and target (212, 212): depth in [0, 1] and part ids.
 
-    Raises CloudError when the frame shows no person.
+    Raises CloudError where the frame shows no person.
     """
     mask = person_of(frame.parts)
     crop = network_crop(mask & (frame.depth_mm > 0))
@@ -38,12 +37,11 @@ def to_crop(frame: FrameLabels) -> tuple[Float32, UInt8]:
 
 @dataclass(frozen=True)
 class Crops:
-    """Crops at hand, deflated: 14 kB each instead of 135.
+    """Deflated crops of one shape (h, w).
 
-    packed: their bytes, in a nameless file that goes with the process; what the system reads of it, it can
-    give back when memory is short. places: int64 (N, 3), where each crop's depth starts, its depth ends and
-    its parts end. shape: (h, w). wholes: float32 (N, ROW), what is known of each person, see
-    ``eval.training.body_targets``. crc32: checksum of these crops. subjects: (N,) str.
+    packed: bytes in a nameless file that ends with the process. places: int64 (N, 3), start of a crop's
+    depth, end of it, end of its parts. wholes: float32 (N, ROW), as of ``eval.training.body_targets``. crc32:
+    checksum of these crops. subjects: (N,) str.
     """
 
     packed: UInt8
@@ -57,10 +55,10 @@ class Crops:
     def of(
         cls, crops: Iterable[tuple[UInt16, UInt8, Float32]], subjects: Sequence[str] | None = None
     ) -> "Crops":
-        """Keep crops of one shape: depth uint16 (h, w) in 1 / 65535 of its range, parts uint8 (h, w), whole.
+        """Keep crops: depth uint16 (h, w) in 1 / 65535 of its range, parts uint8 (h, w), targets (ROW,).
 
-        subjects: of each crop, a list that may grow with ``crops``; None = unknown. Raises CloudError where
-        there is none, OSError where the disk has no room.
+        subjects: of each crop, a list that may grow with ``crops``; None = unknown. Raises CloudError without
+        any crop, OSError on a full disk.
         """
         places, wholes, shape, crc32 = array("q"), array("f"), (0, 0), 0
         with TemporaryFile() as file:
@@ -85,12 +83,12 @@ class Crops:
         return len(self.places)
 
     def depth(self, index: int) -> UInt16:
-        """Depth of crop ``index``, (h, w) in 1 / 65535 of its range."""
+        """Return the depth of crop ``index``, (h, w) in 1 / 65535 of its range."""
         start, end, _ = self.places[index].tolist()
         return self._image(start, end, np.uint16)
 
     def parts(self, index: int) -> UInt8:
-        """Part ids of crop ``index``, (h, w)."""
+        """Return the part ids of crop ``index``, (h, w)."""
         _, start, end = self.places[index].tolist()
         return self._image(start, end, np.uint8)
 
@@ -99,21 +97,21 @@ class Crops:
         return np.frombuffer(image, kind).reshape(self.shape)
 
     def image(self, index: int) -> tuple[Float32, UInt8]:
-        """Crop ``index``: depth float32 (h, w) in [0, 1], parts."""
+        """Return depth float32 (h, w) in [0, 1] and parts of crop ``index``."""
         return self.depth(index).astype(np.float32) / DEPTH_STEPS, self.parts(index)
 
     def batches(self, size: int) -> Iterator[tuple[Float32, UInt8]]:
-        """Depth (B, h, w) and parts of ``size`` crops after the other, in order."""
+        """Yield depth (B, h, w) and parts of ``size`` crops after the other, in order."""
         for start in range(0, len(self), size):
             images = [self.image(i) for i in range(start, min(start + size, len(self)))]
             yield np.stack([depth for depth, _ in images]), np.stack([parts for _, parts in images])
 
     def spread(self, n: int) -> "Crops":
-        """``n`` of them, evenly spread (neighbours show one person), or all when there are fewer."""
+        """Return ``n`` crops, evenly spread because neighbours show one person, or all of fewer."""
         return self.chosen(np.linspace(0, len(self) - 1, min(n, len(self))).astype(np.int64))
 
     def chosen(self, index: Int64) -> "Crops":
-        """Return the crops of these numbers (m,), in this order; their bytes are not copied."""
+        """Return the crops of these numbers (m,), in this order; bytes are not copied."""
         return replace(
             self,
             places=self.places[index],
@@ -128,21 +126,19 @@ def load_crops(
 ) -> Crops:
     """Read label sets and datasets, all subjects but ``without``, or ``only`` some.
 
-    Frames without a named part teach nothing and are left out. Raises CloudError when none is left, or when
-    they do not fit on the disk.
+    Frames without a labelled part are left out. Raises CloudError where all are, or on a full disk.
     """
-    frames = [open_frames(path) for path in sources]
-    names = ", ".join(map(str, sources))
-    taught = _teaching(frames, without, only)
+    names, subjects = ", ".join(map(str, sources)), list[str]()
+    taught = _labelled([open_frames(path) for path in sources], without, only)
     if (first := next(taught, None)) is None:
         whom = "" if only is None else f" of {', '.join(sorted(only))}"
         raise CloudError(f"{names} hold no labelled part{whom}; generate or label some first")
-    subjects: list[str] = []
 
     def kept() -> Iterator[tuple[UInt16, UInt8, Float32]]:
         for source, frame in chain([first], taught):
             subjects.append(frame.subject)
-            yield _kept(source, frame)
+            depth, parts = to_crop(frame)
+            yield np.rint(depth * DEPTH_STEPS).astype(np.uint16), parts, body_targets(source, frame)
 
     try:
         return Crops.of(kept(), subjects)
@@ -153,12 +149,7 @@ def load_crops(
         ) from error
 
 
-def _kept(source: LabelledFrames, frame: FrameLabels) -> tuple[UInt16, UInt8, Float32]:
-    depth, parts = to_crop(frame)
-    return np.rint(depth * DEPTH_STEPS).astype(np.uint16), parts, whole_person(source, frame)
-
-
-def _teaching(
+def _labelled(
     frames: list[LabelledFrames], without: frozenset[str], only: frozenset[str] | None
 ) -> Iterator[tuple[LabelledFrames, FrameLabels]]:
     for source in frames:

@@ -14,20 +14,22 @@ from sensors.errors import CloudError
 from synth.images.workers import check_semaphores
 from synth.random_stream import stream
 
-At = tuple[int, int]
-"""An image's turn: (epoch, index of the crop)."""
+Turn = tuple[int, int]
+"""Epoch of an image, and index of its crop."""
+Batch = tuple[Tensor, Tensor, Tensor]
+"""Depth float32 (B, 1, h, w), parts uint8 (B, h, w) and rows (B, ROW) of ``eval.training.body_targets``."""
 
 
 @dataclass(frozen=True)
-class Images(Dataset[tuple[Tensor, Tensor, Tensor]]):
-    """Crops as tensors, augmented anew each epoch: depth float32 (1, h, w), parts uint8 (h, w), row."""
+class Images(Dataset[Batch]):
+    """Crops as tensors, augmented anew each epoch."""
 
     crops: Crops
     augmentation: Augmentation
     seed: int
 
-    def __getitem__(self, at: At) -> tuple[Tensor, Tensor, Tensor]:
-        epoch, index = at
+    def __getitem__(self, turn: Turn) -> Batch:
+        epoch, index = turn
         rng = stream(self.seed, "augmentation", epoch, index)
         example = *self.crops.image(index), self.crops.wholes[index]
         depth, parts, whole = augment(example, self.augmentation, rng)
@@ -36,9 +38,9 @@ class Images(Dataset[tuple[Tensor, Tensor, Tensor]]):
 
 @dataclass(frozen=True)
 class BatchOrder:
-    """Crops that each step sees. A short rest of an epoch is dropped; fewer crops than a batch are one.
+    """Order of crops by steps. The rest of an epoch is dropped; fewer crops than a batch are one batch.
 
-    rank, world: this process of how many; they share each batch.
+    rank, world: number of this process, and of all that share each batch.
     """
 
     images: int
@@ -51,7 +53,8 @@ class BatchOrder:
     def __post_init__(self) -> None:
         if min(self.images, self.batch) < self.world:
             raise CloudError(
-                f"{self.images} images in batches of {self.batch} are too few for {self.world} processes"
+                f"{self.images} images in batches of {self.batch} are too few for {self.world} processes; "
+                "start fewer processes"
             )
 
     @property
@@ -64,8 +67,8 @@ class BatchOrder:
         """Steps of one epoch."""
         return self.images // self.step_images
 
-    def after(self, step: int) -> Iterator[list[At]]:
-        """This process's share of each batch from a step on."""
+    def after(self, step: int) -> Iterator[list[Turn]]:
+        """Yield this process's share of each batch from a step on."""
         for epoch in range(step // self.epoch_steps, self.epochs):
             order = stream(self.seed, "order", epoch).permutation(self.images)
             first = step % self.epoch_steps if epoch == step // self.epoch_steps else 0
@@ -74,13 +77,8 @@ class BatchOrder:
                 yield [(epoch, int(i)) for i in batch[self.rank :: self.world]]
 
 
-def batches(
-    images: Images, order: BatchOrder, step: int, workers: int = 0
-) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
-    """Depth (B, 1, h, w), parts (B, h, w), wholes (B, ROW) of every step from one on.
-
-    Worker processes make them ahead.
-    """
+def batches(images: Images, order: BatchOrder, step: int, workers: int = 0) -> Iterator[Batch]:
+    """Yield the batches from a step on; worker processes make them ahead."""
     if workers:
         check_semaphores()
     pinned = torch.cuda.is_available()
@@ -89,10 +87,10 @@ def batches(
 
 @contextmanager
 def workers_watched() -> Iterator[None]:
-    """Where worker processes make batches: CloudError when one is killed, instead of torch's error.
+    """Raise CloudError where a worker process is killed, instead of torch's errors.
 
-    torch raises it from a signal's handler, at any moment of the training and not only at the next batch;
-    where it was just taking over a batch, what it meets is the other end of a pipe that has gone.
+    torch raises its error from a signal's handler, at any moment of the training. A batch that is just
+    being read ends in an error of the pipe.
     """
     try:
         yield
@@ -100,6 +98,6 @@ def workers_watched() -> Iterator[None]:
         if isinstance(error, RuntimeError) and "DataLoader worker" not in str(error):
             raise
         raise CloudError(
-            "a worker process was killed, perhaps because memory ran out; give the same command again to "
+            "a worker process was killed, perhaps because memory ran out; run the same command again to "
             "continue, with fewer --workers"
         ) from error

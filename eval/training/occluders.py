@@ -1,6 +1,7 @@
-"""Things that lie on a person and are taken along by the extraction: blankets with their folds, boards.
+"""Blankets and boards that lie on a person and that the extraction keeps.
 
-They have depth, in front of what they hide, and are background. Crops as in `eval.training.augment`.
+An occluder has depth, in front of the pixels that it hides, and is background. Crops are as in
+`eval.training.augment`. Constants are untuned.
 """
 
 import cv2
@@ -10,26 +11,21 @@ from annotate.array_types import Bool, Float32, Int64, UInt8
 from annotate.crop import LEAST_VALUE, nearest_seen
 from annotate.parts import BACKGROUND
 
-TRUNK, LEGS = (2,), (10, 11)
-"""Part ids of the torso and of the lower legs: a blanket lies on the way from the one to the others."""
-UNDER = (2, 7, 8, 9, 10, 11)
-"""Trunk and legs carry a blanket; arms and hands may lie on it."""
-UNSEEN = 0.4
-"""Share of the blankets that no extraction takes along: they hide, and are not seen; chosen by eye."""
-ROUGH = 0.006
-"""More than 12 mm beside its neighbours is a border of two surfaces, no noise; chosen by eye."""
-THICK = (0.005, 0.03)
-"""How far a blanket's surface stands before the nearest of what is under it: 10 to 60 mm; chosen by eye."""
+TRUNK, LEGS = (2,), (10, 11)  # part ids of the torso and the lower legs: a blanket lies between them
+UNDER = (2, 7, 8, 9, 10, 11)  # part ids of trunk and legs, which carry a blanket
+UNSEEN = 0.4  # share of the blankets that hide the person and have no depth
+ROUGH = 0.006  # of 2000 mm: a larger step between neighbours is a border, not noise
+THICK = (0.005, 0.03)  # of 2000 mm: distance of a blanket in front of the nearest point under it
 
 
-def field(shape: tuple[int, ...], cells: int, rng: np.random.Generator) -> Float32:
-    """Smooth noise (h, w) of about unit deviation, ``cells`` bumps across."""
+def smooth_noise(shape: tuple[int, ...], cells: int, rng: np.random.Generator) -> Float32:
+    """Return smooth noise (h, w) of about unit deviation, ``cells`` bumps across."""
     coarse = rng.standard_normal((cells, cells), np.float32)
     return np.asarray(cv2.resize(coarse, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC), np.float32)
 
 
-def things(person: Bool, count: int, half_px: tuple[float, float], rng: np.random.Generator) -> Bool:
-    """Boards, bars and discs centred on random pixels of the person (h, w), half sizes in pixels."""
+def random_shapes(person: Bool, count: int, half_px: tuple[float, float], rng: np.random.Generator) -> Bool:
+    """Return boxes and ellipses centred on random pixels of the person (h, w), half sizes in pixels."""
     canvas = np.zeros(person.shape, np.uint8)
     v, u = np.nonzero(person)
     for _ in range(count):
@@ -44,76 +40,76 @@ def things(person: Bool, count: int, half_px: tuple[float, float], rng: np.rando
     return canvas > 0
 
 
-def blanket(parts: UInt8, rng: np.random.Generator) -> Bool:
-    """A band (h, w) across the body from about the hip to the shins or beyond the feet; none without legs."""
+def blanket_band(parts: UInt8, rng: np.random.Generator) -> Bool:
+    """Return a band (h, w) from about the hip to the shins or beyond the feet; empty without legs."""
     trunk, legs = (np.argwhere(np.isin(parts, ids)) for ids in (TRUNK, LEGS))
     if not len(trunk) or not len(legs):
         return np.zeros(parts.shape, np.bool_)
     start, axis = trunk.mean(axis=0), legs.mean(axis=0) - trunk.mean(axis=0)
     rows, columns = np.ogrid[: parts.shape[0], : parts.shape[1]]
     along = ((rows - start[0]) * axis[0] + (columns - start[1]) * axis[1]) / max(float(axis @ axis), 1.0)
-    along += 0.06 * field(parts.shape, int(rng.integers(3, 10)), rng)
+    along += 0.06 * smooth_noise(parts.shape, int(rng.integers(3, 10)), rng)
     begin = rng.uniform(0.2, 0.7)
     return np.asarray((along > begin) & (along < begin + rng.uniform(0.3, 0.9)), np.bool_)
 
 
-def draped(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple[Float32, UInt8]:
-    """A crop with a blanket from the trunk down: it spans between the legs, hangs beyond and has folds.
+def add_blanket(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple[Float32, UInt8]:
+    """Lay a blanket from the trunk down: it spans between the legs, hangs beyond and has folds.
 
-    Where an extraction would leave it out nothing is seen: in patches, or altogether.
+    It has no depth in patches, or in whole blankets, as where an extraction leaves it out.
     """
     under = (depth > 0) & np.isin(parts, UNDER)
-    band = blanket(parts, rng)
+    band = blanket_band(parts, rng)
     if not (under & band).any():
         return depth, parts
     closed = cv2.morphologyEx(under.astype(np.uint8), cv2.MORPH_CLOSE, _disc(rng.integers(5, 30, 2)))
     wide = cv2.dilate(closed, _disc(rng.integers(1, 22, 2)))
     cells = int(rng.integers(4, 12))
-    hanging = (
-        cv2.GaussianBlur(wide.astype(np.float32), (0, 0), 2) + 0.2 * field(parts.shape, cells, rng) > 0.5
-    )
-    # What is nearest around carries the cloth; min filter and blur are its span and its stiffness.
+    soft = cv2.GaussianBlur(wide.astype(np.float32), (0, 0), 2)
+    hanging = soft + 0.2 * smooth_noise(parts.shape, cells, rng) > 0.5
+    # The nearest surface around carries the cloth; min filter and blur are its span and its stiffness.
     nearest = cv2.erode(np.where(under, depth, np.float32(1)), _disc(rng.integers(3, 20, 2)))
     carried = np.asarray(nearest, np.float32)
     spread = carried.ravel()[nearest_seen(carried < 1)]
     surface = cv2.GaussianBlur(spread, (0, 0), float(rng.uniform(1.5, 6))) - np.float32(rng.uniform(*THICK))
     surface += _folds(parts.shape, rng)
-    taken = field(parts.shape, cells, rng) > (np.inf if rng.random() < UNSEEN else rng.uniform(-3, 0.5))
-    return _before(depth, parts, band & hanging, surface, taken, rng)
+    kept = smooth_noise(parts.shape, cells, rng) > (np.inf if rng.random() < UNSEEN else rng.uniform(-3, 0.5))
+    return _in_front((depth, parts), np.where(band & hanging, surface, np.float32(np.inf)), kept, rng)
 
 
-def boarded(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple[Float32, UInt8]:
-    """A crop with a flat board or disc before it: a screen on the lap, a cushion, a tray, a table's edge."""
+def add_board(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple[Float32, UInt8]:
+    """Put a flat board or disc in front: a screen on the lap, a cushion, a tray, a table's edge."""
     person = depth > 0
     if not person.any():
         return depth, parts
-    where = things(person, 1, (6.0, 40.0), rng)
+    where = random_shapes(person, 1, (6.0, 40.0), rng)
     hidden = depth[where & person]
     if not hidden.size:
         return depth, parts
     rows, columns = np.ogrid[: parts.shape[0], : parts.shape[1]]
     v, u = np.nonzero(where)
     slope = rng.normal(0, 0.0025, 2)
-    plane = (
-        (rows - v.mean()) * slope[0] + (columns - u.mean()) * slope[1] + 0.003 * field(parts.shape, 6, rng)
-    )
-    # Just before the nearest of what it hides, or a hand's breadth or two away from it.
+    plane = (rows - v.mean()) * slope[0] + (columns - u.mean()) * slope[1]
+    plane = plane + 0.003 * smooth_noise(parts.shape, 6, rng)
+    # Just in front of the nearest hidden pixel, or up to some centimetres away from it.
     gap = np.quantile(hidden - plane[where & person], 0.1) - rng.exponential(0.03)
-    return _before(depth, parts, where, (plane + gap).astype(np.float32), where, rng)
+    surface = np.where(where, (plane + gap).astype(np.float32), np.float32(np.inf))
+    return _in_front((depth, parts), surface, where, rng)
 
 
-def _before(
-    depth: Float32, parts: UInt8, where: Bool, surface: Float32, taken: Bool, rng: np.random.Generator
+def _in_front(
+    crop: tuple[Float32, UInt8], surface: Float32, kept: Bool, rng: np.random.Generator
 ) -> tuple[Float32, UInt8]:
-    """A crop with a surface where it is nearer than what is there. Not taken: it hides, but is not seen."""
-    seen = where & ((depth == 0) | (surface < depth))
-    noise, lost = noise_of(depth, rng)
-    there = np.where(taken & ~lost, (surface + noise).clip(LEAST_VALUE, 1), np.float32(0))
-    return (np.where(seen, there, depth).astype(np.float32), np.where(seen, np.uint8(BACKGROUND), parts))
+    """Return a crop behind a surface (h, w), infinite where there is none; it has depth only where ``kept``."""
+    depth, parts = crop
+    seen = np.isfinite(surface) & ((depth == 0) | (surface < depth))
+    noise, lost = sensor_noise(depth, rng)
+    there = np.where(kept & ~lost, (surface + noise).clip(LEAST_VALUE, 1), np.float32(0))
+    return np.where(seen, there, depth).astype(np.float32), np.where(seen, np.uint8(BACKGROUND), parts)
 
 
-def noise_of(depth: Float32, rng: np.random.Generator) -> tuple[Float32, Bool]:
-    """Noise (h, w) and lost pixels as on the person itself: else what is smooth would be a thing, no body."""
+def sensor_noise(depth: Float32, rng: np.random.Generator) -> tuple[Float32, Bool]:
+    """Return noise (h, w) and lost pixels as on the person, because smoothness would give an occluder away."""
     person = (depth > 0).astype(np.uint8)
     inner = cv2.erode(person, np.ones((3, 3), np.uint8)) > 0
     closed = cv2.erode(cv2.morphologyEx(person, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)), np.ones((5, 5)))
@@ -124,7 +120,7 @@ def noise_of(depth: Float32, rng: np.random.Generator) -> tuple[Float32, Bool]:
 
 
 def _folds(shape: tuple[int, ...], rng: np.random.Generator) -> Float32:
-    """Waves (h, w) of up to 15 mm, long in one direction."""
+    """Return waves (h, w) of up to 15 mm, long in one direction."""
     long, short = int(rng.integers(2, 5)), int(rng.integers(5, 16))
     coarse = rng.standard_normal((long, short), np.float32)
     waves = cv2.resize(coarse if rng.random() < 0.7 else coarse.T, shape[::-1], interpolation=cv2.INTER_CUBIC)

@@ -1,4 +1,4 @@
-"""Processes that train one network together: each sees a share of every batch, and all take the same step."""
+"""Processes that train one network together: each has a share of every batch, and all take the same step."""
 
 import os
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from torch.nn.parallel import DistributedDataParallel
 
 @dataclass(frozen=True)
 class ProcessGroup:
-    """This process among all: rank of world, and the device it computes on."""
+    """Rank of this process, number of all, and the device of this one."""
 
     rank: int
     world: int
@@ -21,7 +21,7 @@ class ProcessGroup:
     @staticmethod
     @contextmanager
     def join() -> Iterator["ProcessGroup"]:
-        """Meet the others when torchrun's environment names any, part at the end; a GPU each, if any."""
+        """Join the processes that torchrun's environment names, a GPU each if any; leave at the end."""
         gpu = torch.cuda.is_available()
         world = int(os.environ.get("WORLD_SIZE", "1"))
         local = int(os.environ.get("LOCAL_RANK", "0"))
@@ -39,28 +39,24 @@ class ProcessGroup:
 
     @property
     def first(self) -> bool:
-        """Whether this process is the one that writes and reports."""
+        """Whether this process writes and reports."""
         return self.rank == 0
 
     def wait(self) -> None:
-        """Until all are here."""
+        """Wait for all processes."""
         if self.world > 1:
             distributed.barrier()
 
     def total(self, value: Tensor) -> Tensor:
-        """The sum of all processes' values, as a number that no gradient flows through."""
-        value = value.detach()
-        if self.world > 1:
-            value = value.clone()
-            distributed.all_reduce(value)
-        return value
+        """Return the sum over all processes, without a gradient."""
+        return _all_sum(value.detach()) if self.world > 1 else value.detach()
 
     def by_the_first(self, seconds: float) -> float:
-        """The first process's clock, so that all come to an end together."""
+        """Return the first process's seconds, because all processes end together."""
         return float(self.total(torch.tensor(seconds if self.first else 0.0, dtype=torch.float64)))
 
     def together(self, model: nn.Module) -> nn.Module:
-        """The model whose gradients are the mean over all processes, and whose normalisation is over all."""
+        """Return the model with gradients averaged, and normalisation computed, over all processes."""
         if self.world == 1:
             return model
         for layer in model.modules():
@@ -70,21 +66,25 @@ class ProcessGroup:
 
 
 ALONE = ProcessGroup(0, 1, torch.device("cpu"))
-"""One process, on the processor."""
+"""Group of one process, on the processor."""
+
+
+def _all_sum(value: Tensor) -> Tensor:
+    value = value.clone()
+    distributed.all_reduce(value)
+    return value
 
 
 class _Sum(torch.autograd.Function):
-    """The sum of all processes' values; so is its gradient that of all their losses."""
+    """Sum over all processes; the gradient is the sum of their gradients."""
 
     @staticmethod
     def forward(_: object, value: Tensor) -> Tensor:
-        value = value.clone()
-        distributed.all_reduce(value)
-        return value
+        return _all_sum(value)
 
     @staticmethod
     def backward(_: object, gradient: Tensor) -> Tensor:
-        return _Sum.forward(_, gradient)
+        return _all_sum(gradient)
 
 
 def _sum(value: Tensor) -> Tensor:
@@ -93,31 +93,24 @@ def _sum(value: Tensor) -> Tensor:
 
 
 class _NormOverAll(nn.BatchNorm2d):
-    """Batch normalisation by the statistics of all processes' images; torch's own does this on GPUs only.
+    """Batch normalisation over all processes; torch's SyncBatchNorm needs a GPU.
 
     Every process has as many images as the others or one fewer, of one size.
     """
 
     def forward(self, x: Tensor) -> Tensor:
-        """Normalised (B, C, h, w); while training it keeps the statistics."""
+        """Return (B, C, h, w) normalised; training updates the running statistics."""
         if not self.training:
             return super().forward(x)
         values = x.float()
-        sums = torch.cat([values.sum((0, 2, 3)), values.new_tensor([values[:, 0].numel()])])
-        sums = _sum(sums)
+        sums = _sum(torch.cat([values.sum((0, 2, 3)), values.new_tensor([values[:, 0].numel()])]))
         number, mean = sums[-1], sums[:-1] / sums[-1]
         centred = values - mean[:, None, None]
         variance = _sum(centred.square().sum((0, 2, 3))) / number
-        self._keep(mean.detach(), (variance * number / (number - 1)).detach())
+        if self.num_batches_tracked is not None and self.running_mean is not None:
+            share = 0.1 if self.momentum is None else self.momentum
+            self.num_batches_tracked.add_(1)
+            self.running_mean.lerp_(mean.detach(), share)
+            self.running_var.lerp_((variance * number / (number - 1)).detach(), share)  # type: ignore[union-attr]
         scale = self.weight / torch.sqrt(variance + self.eps)
         return (centred * scale[:, None, None] + self.bias[:, None, None]).to(x.dtype)
-
-    @torch.no_grad()
-    def _keep(self, mean: Tensor, variance: Tensor) -> None:
-        """Let the running statistics follow."""
-        if self.running_mean is None or self.running_var is None or self.num_batches_tracked is None:
-            return
-        share = 0.1 if self.momentum is None else self.momentum
-        self.num_batches_tracked.add_(1)
-        self.running_mean.lerp_(mean, share)
-        self.running_var.lerp_(variance, share)

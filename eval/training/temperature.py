@@ -9,24 +9,20 @@ from torch import Tensor, nn
 from annotate.parts import N_CLASSES, TWIN_PARTS, UNDEFINED
 from eval.training.crops import Crops
 
-PIXELS = 200
-"""Pixels of an image that count, evenly chosen: neighbours are alike; chosen by eye."""
-ROUNDS = 40
-"""Halvings of the range in which the temperature lies, 0.1 to 10: more than float32 tells apart."""
+PIXELS = 200  # of an image that count, evenly spread; untuned
+ROUNDS = 40  # halvings of the range 0.1 to 10: finer than float32
 
 
 def fitted_temperature(model: nn.Module, crops: Crops, batch: int = 32) -> float:
-    """The temperature at which the chances that a network gives crops and their mirror images explain the
-    labels best, as `OnnxNetwork` takes their mean.
-    """
+    """Return the temperature for a network whose probabilities are averaged over an image and its flip."""
     return temperature_of(*_pixels(model, crops, batch))
 
 
 def temperature_of(scores: Tensor, target: Tensor) -> float:
-    """The temperature at which scores (V, N, K), divided by it, explain classes (N,) best; 1 without any.
+    """Return the temperature at which scores (V, N, K) explain classes (N,) best; 1 without any.
 
-    The chances of V views of each are averaged. Source: Guo et al. 2017, On Calibration of Modern Neural
-    Networks; least mean cross entropy, by bisection of its slope.
+    The probabilities of V views are averaged. Least mean cross entropy, by bisection of its slope. Source:
+    Guo et al. 2017, On Calibration of Modern Neural Networks.
     """
     if not len(target):
         return 1.0
@@ -41,7 +37,7 @@ def temperature_of(scores: Tensor, target: Tensor) -> float:
 
 
 def _pixels(model: nn.Module, crops: Crops, batch: int) -> tuple[Tensor, Tensor]:
-    """Scores (2, N, 12), of the image and of its mirror image, and parts (N,) of some pixels of each crop."""
+    """Return scores (2, N, 12), of image and flip, and parts (N,) of some pixels of each crop."""
     model.eval()
     device = next(model.parameters()).device
     twins = torch.from_numpy(TWIN_PARTS.astype(np.int64))
@@ -52,8 +48,8 @@ def _pixels(model: nn.Module, crops: Crops, batch: int) -> tuple[Tensor, Tensor]
             own, other = (model(view).scores.float().cpu() for view in (images, images.flip(-1)))
         views = torch.stack([own, other[:, twins].flip(-1)], dim=1)
         counted = torch.from_numpy((depth > 0) & (parts != UNDEFINED))
-        for image, true, seen in zip(views, torch.from_numpy(parts).long(), counted, strict=True):
-            every = seen.flatten().nonzero()[:, 0]
+        for image, true, known in zip(views, torch.from_numpy(parts).long(), counted, strict=True):
+            every = known.flatten().nonzero()[:, 0]
             some = every[torch.linspace(0, max(len(every) - 1, 0), min(PIXELS, len(every))).long()]
             scores.append(image.flatten(2)[:, :, some].transpose(1, 2))
             targets.append(true.flatten()[some])

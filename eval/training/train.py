@@ -1,11 +1,10 @@
-"""Train a network on labelled crops: resumable from any moment, deterministic given a seed, watched."""
+"""Train a network on labelled crops: resumable from any moment, deterministic given a seed."""
 
 import json
-import math
-import time
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from zlib import crc32
 
@@ -17,26 +16,23 @@ from annotate.array_types import Int64, UInt8
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.images import encode_parts, encode_png
 from annotate.parts import BACKGROUND, N_CLASSES
-from eval.network.checkpoint import Epoch, Point, Progress, load_checkpoint, save_checkpoint, saved_work
 from eval.network.networks import build
 from eval.scores.confusion import confusion_matrix, mean_recall, miou
-from eval.training.average import Average
 from eval.training.crops import Crops
-from eval.training.loader import BatchOrder, Images, batches, workers_watched
-from eval.training.plan import Plan, class_weights, loss_of, optimizer_of, rate, seen_by
+from eval.training.fit import Epoch, Point, Progress, Schedule, State, fit, load_progress, resumed
+from eval.training.loader import Batch, BatchOrder, Images, batches, workers_watched
+from eval.training.plan import Loss, Plan, at_resolution, class_weights
 from eval.training.processes import ProcessGroup
-from sensors.errors import CloudError, ExistsError
+from sensors.errors import ExistsError
 from sensors.files.atomic import is_taken, write_bytes
 
 PLAN, CHECKPOINT, HISTORY = "plan.json", "checkpoint.safetensors", "history.json"
-POINT_STEPS = 20
-"""Steps whose mean loss is one point of the curve; untuned."""
-WEIGHING_IMAGES = 512
-"""Images that the classes' weights are counted on; untuned."""
+POINT_STEPS = 20  # steps of one point of the curve; untuned
+WEIGHING_IMAGES = 512  # images that the classes' weights are counted on; untuned
 
 
 def predicted(model: nn.Module, crops: Crops, batch: int = 32) -> Iterator[UInt8]:
-    """Part ids (B, h, w) of a network on crops, as `predict` names them: a part wherever there is depth."""
+    """Yield part ids (B, h, w) of a network on crops: a part wherever there is depth."""
     model.eval()
     device = next(model.parameters()).device
     for depth, _ in crops.batches(batch):
@@ -47,7 +43,7 @@ def predicted(model: nn.Module, crops: Crops, batch: int = 32) -> Iterator[UInt8
 
 
 def evaluate(model: nn.Module, crops: Crops, batch: int = 32) -> Int64:
-    """Confusion matrix (12, 12) of a network on crops, rows are the truth."""
+    """Return the confusion matrix (12, 12) of a network on crops; rows are the truth."""
     total = np.zeros((N_CLASSES, N_CLASSES), np.int64)
     for (_, parts), labels in zip(crops.batches(batch), predicted(model, crops, batch), strict=True):
         total += confusion_matrix(parts, labels)
@@ -55,31 +51,18 @@ def evaluate(model: nn.Module, crops: Crops, batch: int = 32) -> Int64:
 
 
 @dataclass(frozen=True)
-class FixedFrame:
-    """One frame and how its labelling grows: depth.png, truth.parts.png, epoch-000.parts.png and on."""
+class Data:
+    """Crops to train on and to measure on, the network to start from (None: random weights), and workers."""
 
-    folder: Path
-    crop: Crops
-    epochs: int
-
-    def begin(self, model: nn.Module) -> None:
-        """Write the frame itself and what the untrained network makes of it."""
-        self.folder.mkdir(exist_ok=True)
-        write_bytes(self.folder / "depth.png", encode_png(self.crop.depth(0)))
-        write_bytes(self.folder / "truth.parts.png", encode_parts(self.crop.parts(0)))
-        self.label(model, 0)
-
-    def label(self, model: nn.Module, epoch: int) -> None:
-        """Write the labelling after an epoch: of each to 10, each tenth to 100 and so on, and the last."""
-        if epoch > 10 and epoch < self.epochs and epoch % 10 ** (len(str(epoch)) - 1):
-            return
-        labels = next(predicted(model, self.crop))
-        write_bytes(self.folder / f"epoch-{epoch:03d}.parts.png", encode_parts(labels[0]))
+    crops: Crops
+    measured: Crops | None = None
+    start: nn.Module | None = None
+    workers: int = 0
 
 
 @dataclass(frozen=True)
 class Watch:
-    """Calls after each step and each epoch of a training, and seconds between two checkpoints.
+    """Calls after each step and each epoch, and seconds between two checkpoints.
 
     advance: called with the images of a step, or with the seconds since the last call where the clock ends
     the training (``work_left``).
@@ -91,180 +74,155 @@ class Watch:
 
 
 def train(
-    crops: Crops,
-    measured: Crops | None,
-    out: Path,
-    plan: Plan,
-    group: ProcessGroup,
-    watch: Watch = Watch(),
-    init: nn.Module | None = None,
-    workers: int = 0,
+    data: Data, out: Path, plan: Plan, group: ProcessGroup, watch: Watch = Watch()
 ) -> tuple[nn.Module, Progress]:
-    """Train ``plan.network``, from ``init`` or from nothing, and go on with what ``out`` holds of it.
+    """Train ``plan.network`` or resume the training in ``out``; return the network and the progress.
 
-    ``out`` gets plan, checkpoints, history.json, and frame/: the labelling of one frame, the first measured
-    one (else the first), before the training and as it goes. Every process of the group calls this; only the
-    first writes. Raises ExistsError when ``out`` was started otherwise, ClaimedError while another training
-    writes it, FormatError on a broken checkpoint, CloudError when the loss is no longer finite.
+    ``out`` gets plan, checkpoints, history.json, and frame/: the labels of one frame, the first measured one
+    (else the first), as training goes on. Every process of the group calls this; the first one writes. Raises
+    ExistsError where ``out`` holds another training, ClaimedError while another process trains there,
+    FormatError on a broken checkpoint, CloudError where the loss is not finite.
     """
     if group.first:
-        _begin(out, plan, crops, init)
+        _begin(out, plan, data)
     group.wait()
     with workers_watched(), Claim.take(out, login()) if group.first else nullcontext():
         torch.manual_seed(plan.seed)
-        model = init if init is not None else build(plan.network)
-        model = model.to(group.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        optimizer = optimizer_of(plan.recipe, model.parameters())
-        average = Average(model, plan.recipe.averaged)
-        resumed = (out / CHECKPOINT).is_file()
-        progress = (
-            load_checkpoint(out / CHECKPOINT, model, average.model, optimizer) if resumed else Progress()
-        )
-        fixed = FixedFrame(out / "frame", (measured or crops).spread(1), plan.rounds)
-        run = _Run(plan, crops, measured, out, watch, group, model, average, optimizer, progress, fixed)
-        if group.first and not resumed:
-            fixed.begin(model)
-        run.go(workers)
-        return average.model, progress
+        model = (data.start if data.start is not None else build(plan.network)).to(group.device)
+        run = _NetworkTraining(data, out, plan, group, watch.checkpoint_s)
+        state = resumed(model, run.schedule, out / CHECKPOINT)
+        if group.first and not (out / CHECKPOINT).is_file():
+            run.begin_frame(state.model)
+        shown_s = int(state.progress.seconds)
+
+        def shown(step: int, loss: float) -> None:
+            nonlocal shown_s
+            if run.at_end(state.progress):
+                watch.ended(state.progress.epochs[-1])
+            seconds = int(state.progress.seconds)
+            watch.advance(run.order.step_images if plan.minutes is None else seconds - shown_s)
+            shown_s = seconds
+
+        return fit(run, state, out / CHECKPOINT, shown, group), state.progress
 
 
 @dataclass(frozen=True)
-class _Run:
-    plan: Plan
-    crops: Crops
-    measured: Crops | None
+class _NetworkTraining:
+    """Training of a network on crops, as of ``eval.training.fit.Training``."""
+
+    data: Data
     out: Path
-    watch: Watch
+    plan: Plan
     group: ProcessGroup
-    model: nn.Module
-    average: Average
-    optimizer: torch.optim.Optimizer
-    progress: Progress
-    fixed: FixedFrame
+    checkpoint_s: float
 
-    def go(self, workers: int) -> None:
-        plan, progress = self.plan, self.progress
-        order = BatchOrder(
-            len(self.crops), plan.recipe.batch, plan.rounds, plan.seed, self.group.rank, self.group.world
+    @cached_property
+    def order(self) -> BatchOrder:
+        plan, group = self.plan, self.group
+        return BatchOrder(
+            len(self.data.crops), plan.recipe.batch, plan.rounds, plan.seed, group.rank, group.world
         )
-        images = Images(self.crops, plan.augmentation, plan.seed)
-        _, weighed = next(self.crops.spread(WEIGHING_IMAGES).batches(WEIGHING_IMAGES))
-        weight = class_weights(plan.recipe, weighed).to(self.group.device)
-        network = self.group.together(self.model)
-        began, before = time.monotonic(), progress.seconds
-        saved, shown_s = began, int(before)
-        if plan.done(progress.step / order.epoch_steps, progress.seconds) >= 1:
-            return
-        for depth, parts, whole in batches(images, order, progress.step, workers):
-            share = plan.done(progress.step / order.epoch_steps, progress.seconds)
-            self._step(network, (depth, parts, whole), weight, share)
-            self._count(order)
-            now = time.monotonic()
-            progress.seconds = self.group.by_the_first(before + now - began)
-            over = plan.done(progress.step / order.epoch_steps, progress.seconds) >= 1
-            ended = over or progress.step % order.epoch_steps == 0
-            if ended:
-                self._end_epoch(order)
-            if ended or now - saved >= self.watch.checkpoint_s:
-                self._save()
-                saved = now
-            if ended:
-                self.watch.ended(progress.epochs[-1])
-            if plan.minutes is None:
-                self.watch.advance(order.step_images)
-            else:
-                self.watch.advance(int(progress.seconds) - shown_s)
-                shown_s = int(progress.seconds)
-            if over:
-                return
 
-    def _step(
-        self, network: nn.Module, batch: tuple[Tensor, Tensor, Tensor], weight: Tensor, share: float
-    ) -> None:
-        """One step of the optimizer. Dropout is the step's own, so that a resumed training draws the same."""
-        processes, plan, progress = self.group, self.plan, self.progress
-        torch.manual_seed((plan.seed * 1_000_003 + progress.step) * processes.world + processes.rank)
-        network.train()
-        if not plan.recipe.statistics:
-            for layer in network.modules():
-                if isinstance(layer, nn.BatchNorm2d):
-                    layer.eval()
-        for group in self.optimizer.param_groups:
-            group["lr"] = rate(plan.recipe, share)
-        depth, parts, whole = (
-            tensor.to(processes.device) for tensor in (seen_by(plan.recipe, *batch[:2], share) + batch[2:])
-        )
+    @cached_property
+    def schedule(self) -> Schedule:
+        return self.plan.schedule(self.order.epoch_steps, self.checkpoint_s)
+
+    @cached_property
+    def _loss(self) -> Loss:
+        _, weighed = next(self.data.crops.spread(WEIGHING_IMAGES).batches(WEIGHING_IMAGES))
+        weight = class_weights(self.plan.recipe, weighed).to(self.group.device)
+        return Loss(self.plan.recipe, weight, self.group)
+
+    def batches(self, step: int) -> Iterator[Batch]:
+        images = Images(self.data.crops, self.plan.augmentation, self.plan.seed)
+        return batches(images, self.order, step, self.data.workers)
+
+    def loss(self, network: nn.Module, batch: Batch, share: float) -> tuple[Tensor, float]:
+        device = self.group.device
+        depth, parts = (t.to(device) for t in at_resolution(self.plan.recipe, *batch[:2], share))
         depth = depth.contiguous(memory_format=torch.channels_last)
-        with torch.autocast(processes.device.type, torch.bfloat16, enabled=plan.precision == "bfloat16"):
-            answer = network(depth)
-        loss, mean = loss_of(plan.recipe, answer, depth, parts, whole, weight, processes)
-        if not math.isfinite(mean):
-            raise CloudError(
-                f"the loss is no longer finite at step {progress.step}; train with --precision float32"
-            )
-        self.optimizer.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        nn.utils.clip_grad_norm_(self.model.parameters(), plan.recipe.clip)
-        self.optimizer.step()
-        self.average.add(self.model, progress.step + 1)
-        progress.since_point.append(mean)
+        with torch.autocast(device.type, torch.bfloat16, enabled=self.plan.precision == "bfloat16"):
+            output = network(depth)
+        return self._loss.of(output, (depth, parts, batch[2].to(device)))
 
-    def _count(self, order: BatchOrder) -> None:
-        progress = self.progress
-        progress.step += 1
-        progress.epoch_loss += progress.since_point[-1]
+    def at_end(self, progress: Progress) -> bool:
+        """Return whether an epoch or the training has just ended."""
+        return progress.step % self.order.epoch_steps == 0 or self.schedule.share(progress) >= 1
+
+    def record(self, state: State, loss: float) -> bool:
+        progress = state.progress
+        progress.since_point.append(loss)
+        progress.epoch_loss += loss
         if len(progress.since_point) >= POINT_STEPS:
             mean = float(np.mean(progress.since_point))
-            progress.points.append(Point(progress.step * order.step_images, mean))
+            progress.points.append(Point(progress.step * self.order.step_images, mean))
             progress.since_point.clear()
-
-    def _end_epoch(self, order: BatchOrder) -> None:
-        progress = self.progress
+        if not self.at_end(progress):
+            return False
         number = len(progress.epochs) + 1
-        steps = progress.step - (number - 1) * order.epoch_steps
-        loss, progress.epoch_loss = progress.epoch_loss / steps, 0.0
+        mean = progress.epoch_loss / (progress.step - (number - 1) * self.order.epoch_steps)
         scores: tuple[float | None, float | None] = (None, None)
-        if self.measured is not None and self.group.first:
-            matrix = evaluate(self.average.model, self.measured)
+        if self.data.measured is not None and self.group.first:
+            matrix = evaluate(state.average, self.data.measured)
             scores = float(mean_recall(matrix)), float(miou(matrix))
+        progress.epoch_loss = 0.0
+        progress.epochs.append(Epoch(number, mean, *scores, round(progress.seconds, 1)))
         if self.group.first:
-            self.fixed.label(self.average.model, number)
-        progress.epochs.append(Epoch(number, loss, *scores, round(progress.seconds, 1)))
+            self._label_frame(state.average, number)
+            self._write_history(state)
+        return True
 
-    def _save(self) -> None:
-        if not self.group.first:
+    @cached_property
+    def _frame(self) -> Crops:
+        return (self.data.measured or self.data.crops).spread(1)
+
+    def begin_frame(self, model: nn.Module) -> None:
+        """Write the frame and its labels by the untrained network."""
+        folder = self.out / "frame"
+        folder.mkdir(exist_ok=True)
+        write_bytes(folder / "depth.png", encode_png(self._frame.depth(0)))
+        write_bytes(folder / "truth.parts.png", encode_parts(self._frame.parts(0)))
+        self._label_frame(model, 0)
+
+    def _label_frame(self, model: nn.Module, epoch: int) -> None:
+        """Write the frame's labels after an epoch: of each to 10, each tenth to 100 and so on, and the last."""
+        if epoch > 10 and epoch < self.plan.rounds and epoch % 10 ** (len(str(epoch)) - 1):
             return
-        save_checkpoint(self.out / CHECKPOINT, self.model, self.average.model, self.optimizer, self.progress)
+        labels = next(predicted(model, self._frame))
+        write_bytes(self.out / "frame" / f"epoch-{epoch:03d}.parts.png", encode_parts(labels[0]))
+
+    def _write_history(self, state: State) -> None:
         history = {
             "plan": self.plan.described(),
-            "images": len(self.crops),
-            "parameters": sum(p.numel() for p in self.model.parameters()),
+            "images": len(self.data.crops),
+            "parameters": sum(p.numel() for p in state.model.parameters()),
             "processes": self.group.world,
             "device": self.group.device.type,
             "threads": torch.get_num_threads(),
             "torch": torch.__version__,
-            "points": [asdict(point) for point in self.progress.points],
-            "epochs": [asdict(epoch) for epoch in self.progress.epochs],
+            "points": [asdict(point) for point in state.progress.points],
+            "epochs": [asdict(epoch) for epoch in state.progress.epochs],
         }
         write_bytes(self.out / HISTORY, (json.dumps(history, indent=1) + "\n").encode())
 
 
 def work_left(out: Path, plan: Plan, crops: Crops) -> tuple[int, str]:
     """Return the rest of a training in ``out`` and its unit: images, or seconds where the clock ends it."""
-    steps, seconds = saved_work(out / CHECKPOINT) if (out / CHECKPOINT).is_file() else (0, 0.0)
+    path = out / CHECKPOINT
+    progress = load_progress(path) if path.is_file() else Progress()
     if plan.minutes is not None:
-        return max(0, round(60 * plan.minutes) - int(seconds)), "seconds"
+        return max(0, round(60 * plan.minutes) - int(progress.seconds)), "seconds"
     order = BatchOrder(len(crops), plan.recipe.batch, plan.epochs, plan.seed)
-    return (order.epoch_steps * plan.epochs - steps) * order.step_images, "images"
+    return (order.epoch_steps * plan.epochs - progress.step) * order.step_images, "images"
 
 
-def _begin(out: Path, plan: Plan, crops: Crops, init: nn.Module | None) -> None:
-    """Start or resume: plan, data and initial weights identify the training."""
-    data = {"images": len(crops), "crc32": crops.crc32}
-    whole = {**plan.described(), "data": data, "init": None if init is None else _crc32(init)}
-    order = json.dumps(whole, sort_keys=True, indent=1).encode() + b"\n"
+def _begin(out: Path, plan: Plan, data: Data) -> None:
+    """Write or compare the plan: settings, data and initial weights identify a training."""
+    images = {"images": len(data.crops), "crc32": data.crops.crc32}
+    start = None if data.start is None else _crc32(data.start)
+    text = json.dumps({**plan.described(), "data": images, "init": start}, sort_keys=True, indent=1)
     if (out / PLAN).is_file():
-        if (out / PLAN).read_bytes() != order:
+        if (out / PLAN).read_text() != text + "\n":
             raise ExistsError(
                 f"{out} holds another training (other plan or data); use another folder or pass --overwrite"
             )
@@ -272,7 +230,7 @@ def _begin(out: Path, plan: Plan, crops: Crops, init: nn.Module | None) -> None:
     if is_taken(out):
         raise ExistsError(f"{out} exists and is not a training; choose another folder or pass --overwrite")
     out.mkdir(parents=True, exist_ok=True)
-    write_bytes(out / PLAN, order)
+    write_bytes(out / PLAN, (text + "\n").encode())
 
 
 def _crc32(model: nn.Module) -> int:

@@ -1,18 +1,18 @@
-"""Trains the person finder: python -m tools.fit.finder FOLDER OUT.onnx [--seeds 120] [--minutes 60].
+"""Train the person finder: python -m tools.fit.finder FOLDER OUT.onnx [--seeds 120] [--minutes 60].
 
-FOLDER keeps the scenes, rendered where they are not there yet, and OUT.pt the state of the training: a second
-run goes on with both.
+FOLDER keeps the rendered scenes, and OUT.safetensors the checkpoint: the same command resumes an interrupted
+run.
 """
 
 import argparse
 from pathlib import Path
 
 import cv2
-import numpy as np
 import torch
 
 from eval.training.finder.images import load_scenes, store_scenes
-from eval.training.finder.network import export_finder, train_finder
+from eval.training.finder.network import FinderTraining, export_finder, train_finder
+from tools.fit.suit_network import lines
 
 
 def main() -> None:
@@ -21,9 +21,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--seeds", type=int, default=120, help="each makes 32 frames of the rig and 8 rooms")
-    parser.add_argument(
-        "--minutes", type=float, default=60, help="of training, those of earlier runs included"
-    )
+    parser.add_argument("--minutes", type=float, default=60, help="of training, earlier runs included")
     parser.add_argument("--threads", type=int, default=1)
     given = parser.parse_args()
     torch.set_num_threads(given.threads)
@@ -31,16 +29,8 @@ def main() -> None:
     given.folder.mkdir(parents=True, exist_ok=True)
     for seed in range(1, given.seeds + 1):
         store_scenes(given.folder, seed)
-    losses: list[float] = []
-
-    def progress(step: int, loss: float) -> None:
-        losses.append(loss)
-        if step % 50 == 0:
-            print(f"step {step}: loss {np.mean(losses):.4f}", flush=True)
-            losses.clear()
-
-    stock, checkpoint = load_scenes(given.folder), given.out.with_suffix(".pt")
-    export_finder(train_finder(stock, given.minutes, checkpoint, progress), given.out)
+    training = FinderTraining(load_scenes(given.folder), given.minutes)
+    export_finder(train_finder(training, given.out.with_suffix(".safetensors"), lines(50)), given.out)
 
 
 if __name__ == "__main__":

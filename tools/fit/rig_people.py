@@ -1,9 +1,8 @@
-"""Label sets of the virtual rig's people, to train the network: ``python -m tools.fit.rig_people FOLDER N``.
+"""Write label sets of the virtual rig's people, to train on: ``python -m tools.fit.rig_people FOLDER N``.
 
-FOLDER/NUMBER, for N recordings of those that the reader is trained on, holds the true parts of every person
-who is found, cut out as they were found: the outline takes some of the bed along and leaves a hand out, as it
-will before the network later. ``annotate-cloud train FOLDER/* DATASET... --out RUN`` learns from them. Where
-it was broken off, the same command goes on with the first recording that lacks.
+FOLDER/NUMBER, for N recordings of those that train the suit network, has the true parts of every person that
+is found, within the outline found: with some of the bed, or without a hand. ``annotate-cloud train FOLDER/*
+DATASET... --out RUN`` trains on them. The same command resumes an interrupted run.
 """
 
 import shutil
@@ -23,11 +22,11 @@ from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import VirtualRig
 
 RESTING = {"sofa": "sitting", "chair": "sitting", "bed": "lying"}
-"""Postures of the scenes in which everybody has the same."""
+"""Postures of the scenes in which all persons have the same."""
 
 
 def store_people(rig: VirtualRig, out: Path) -> int:
-    """Write a rig's frames with somebody in them to the new label set ``out``; returns their number."""
+    """Write a rig's frames with a person to the new label set ``out``; return their number."""
     fuser = Fuser(rig.calibration)
     labels = LabelSet.create(out, fuser.camera, {"source": rig.name})
     for frame, known in rig.with_truth():
@@ -41,7 +40,7 @@ def store_people(rig: VirtualRig, out: Path) -> int:
 
 
 def main() -> None:
-    """Make what lacks."""
+    """Write the missing label sets."""
     folder, count = Path(sys.argv[1]), int(sys.argv[2])
     for number in range(count):
         out, unfinished = folder / f"{number:04d}", folder / f"{number:04d}.unfinished"

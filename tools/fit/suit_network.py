@@ -1,12 +1,14 @@
 """Train the suit network: python -m tools.fit.suit_network FOLDER [--recordings 160] [--workers 2].
 
-FOLDER gets the examples of each recording of the virtual rig, ``examples/NUMBER.npz``, the states of the
-training, and ``reader.onnx``, for eval/weights/full/, from where tools.fit.quantise takes it. Where it was
-broken off, the same command goes on.
+FOLDER gets examples of the virtual rig, ``examples/NUMBER.npz``, checkpoints, and ``reader.onnx``, for
+eval/weights/full/, from which tools.fit.quantise makes the quantised one. The same command resumes an
+interrupted run. Constants are untuned.
 """
 
 import argparse
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -14,20 +16,28 @@ import numpy as np
 import torch
 
 from annotate.labelset.claim import Claim, login
-from eval.training.segmentation.examples import Stock, store_examples
-from eval.training.segmentation.fit import EXAMPLES, WEIGHTS, claim, fit
-from eval.training.segmentation.network import ReaderNet
+from eval.training.segmentation.augmentation import Sampling
+from eval.training.segmentation.examples import Example, ExampleFiles, store_examples
+from eval.training.segmentation.network import SuitNet
 from eval.training.segmentation.scenes import rig_examples, training_rig
-from eval.training.segmentation.train import Stage, Watch
+from eval.training.segmentation.train import (
+    EXAMPLES,
+    WEIGHTS,
+    Stage,
+    SuitTraining,
+    Watch,
+    claim,
+    train_stages,
+)
 from synth.images.workers import processes
 
-STAGES = (Stage(0.022, 112, 9_000, 1.5e-3, 0.998), Stage(0.012, 160, 4_500, 1e-3, 0.998))
-"""First what a whole person is, in half the time a step, then borders as labelling sees them. Chosen by
-eye."""
-HELD_OUT, SEED = 12, 0
-"""Of each twelve recordings the last is not trained on; of what is drawn."""
-LINE_STEPS = 20
-"""Steps between two lines."""
+STAGES = (  # first the whole person, at half the time a step; then borders, at labelling's resolution
+    Stage(Sampling(0.022, 112), 9_000, 1.5e-3, 0.998),
+    Stage(Sampling(0.012, 160), 4_500, 1e-3, 0.998),
+)
+HELD_OUT, SEED = 12, 0  # of twelve recordings the last is held out
+LINE_STEPS = 20  # steps between two lines
+Maker = Callable[[], Iterator[Example | None]]
 
 
 def main() -> None:
@@ -37,37 +47,58 @@ def main() -> None:
     parser.add_argument("--recordings", type=int, default=160, help="of 32 frames")
     parser.add_argument("--workers", type=int, default=2, help="processes that make examples")
     given = parser.parse_args()
-    torch.set_num_threads(1)
-    cv2.setNumThreads(1)
+    one_thread()
     stages = [asdict(stage) for stage in STAGES]
     claim(given.folder, {"seed": SEED, "recordings": given.recordings, "stages": stages})
     with Claim.take(given.folder, login()):
-        files = [given.folder / EXAMPLES / f"{number:04d}.npz" for number in range(given.recordings)]
-        if missing := [file for file in files if not file.exists()]:
-            with processes(given.workers) as pool:
-                for line in pool.executor.map(_store, missing):
-                    print(line, flush=True)
-        held_out = files[HELD_OUT - 1 :: HELD_OUT]
-        learnt = [file for file in files if file not in held_out]
+        made = {
+            given.folder / EXAMPLES / f"{number:04d}.npz": partial(_examples, number)
+            for number in range(given.recordings)
+        }
+        make_files(made, given.workers)
+        learnt, held_out = split_files(list(made))
         torch.manual_seed(SEED)
-        found = fit(ReaderNet(), Stock(learnt), Stock(held_out), STAGES, given.folder, SEED, lines())
+        trainings = [SuitTraining(ExampleFiles(learnt), stage, SEED + n) for n, stage in enumerate(STAGES)]
+        found = train_stages(SuitNet(), trainings, ExampleFiles(held_out), given.folder, lines(LINE_STEPS))
     print(f"{given.folder / WEIGHTS}: {found}")
 
 
-def _store(path: Path) -> str:
-    """Make a recording's examples, by the number in the file's name."""
-    rig = training_rig(int(path.stem))
-    store_examples(rig_examples(rig), path)
-    return f"{path}: {rig.name}, {rig.suit.name}"
+def _examples(number: int) -> Iterator[Example]:
+    return rig_examples(training_rig(number))
 
 
-def lines() -> Watch:
-    """What prints the mean loss of some steps."""
+def one_thread() -> None:
+    """Use one thread, because the result depends on their number."""
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+
+
+def make_files(makers: Mapping[Path, Maker], workers: int) -> None:
+    """Write the missing files of examples, each by its maker, and print their names."""
+    missing = [(maker, path) for path, maker in makers.items() if not path.exists()]
+    with processes(workers) as pool:
+        for path in pool.executor.map(_store, *zip(*missing, strict=True)) if missing else ():
+            print(path, flush=True)
+
+
+def _store(maker: Maker, path: Path) -> Path:
+    store_examples((example for example in maker() if example is not None), path)
+    return path
+
+
+def split_files(files: list[Path]) -> tuple[list[Path], list[Path]]:
+    """Return the files to train on, and those held out."""
+    held_out = files[HELD_OUT - 1 :: HELD_OUT]
+    return [file for file in files if file not in held_out], held_out
+
+
+def lines(every: int) -> Watch:
+    """Return a watch that prints the mean loss of so many steps."""
     losses: list[float] = []
 
     def watch(step: int, loss: float) -> None:
         losses.append(loss)
-        if step % LINE_STEPS == 0:
+        if step % every == 0:
             print(f"step {step}: loss {np.mean(losses):.4f}", flush=True)
             losses.clear()
 

@@ -1,4 +1,7 @@
-"""Training images of the person finder: scenes at its focal length, altered, with the votes to learn."""
+"""Training images of the person finder: scenes at its focal length, augmented, with true votes.
+
+Constants are untuned.
+"""
 
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
@@ -10,29 +13,20 @@ from numpy.typing import NDArray
 from annotate.array_types import Bool, Float32, UInt8, UInt16
 from annotate.person.finder import FOCAL_PX, network_input
 from eval.training.finder.scenes import Scene, rig_scenes, room_scenes
-from eval.training.finder.warm import invented, spoilt
+from eval.training.finder.warm import degraded_warmth, random_warmth
 
-HEIGHT, WIDTH = 192, 256
-"""Sides of a training image in pixels. Chosen by eye."""
-LEAST_PX, FARTHEST_M = 20, 2.0
-"""Pixels of a person, at half the sides, below which nothing votes, and longest vote along an axis. Chosen by
-eye."""
-CUT_OUT, FAR_CLIP, NEAR_CLIP = 0.15, 0.3, 0.35
-"""Share of images of cut-out people, with these those without what is far, and with both those without what
-is near. Chosen by eye."""
-
-NEARER, MOST_NEARER = 0.4, 0.9
-"""Share of images seen from nearer, as head and shoulders are, and the most by which they are, the log of a
-factor. Chosen by eye."""
-FEELABLE = 0.6
-"""Share of rooms whose warmth is invented; of the others nothing is felt. Chosen by eye."""
+HEIGHT, WIDTH = 192, 256  # of a training image
+LEAST_PX, FARTHEST_M = 20, 2.0  # least pixels (at half the sides) of a voting person; longest vote on an axis
+CUT_OUT, FAR_CLIP, NEAR_CLIP = 0.15, 0.3, 0.35  # cumulative shares: people only, nothing far, nothing near
+NEARER, MOST_NEARER = 0.4, 0.9  # share of images from nearer, and the largest log factor
+FEELABLE = 0.6  # share of rooms with random warmth; the others have none
 
 Image: TypeAlias = tuple[UInt16, NDArray[np.float16], UInt8]
 """Depth in millimetres, warmth and people (h, w) of a scene at the finder's focal length."""
 
 
-class Stock(NamedTuple):
-    """Stored images: of the virtual rig, and of rooms put together at random."""
+class SceneImages(NamedTuple):
+    """Stored images: of the virtual rig, and of random rooms."""
 
     rig: list[Image]
     rooms: list[Image]
@@ -56,16 +50,16 @@ def store_scenes(folder: Path, seed: int) -> None:
     for kind, scenes in (("rig", rig_scenes), ("room", room_scenes)):
         path = folder / f"{kind}_{seed:06d}.npz"
         if not path.exists():
-            images = map(_stored, scenes(seed))
+            images = map(_image_of, scenes(seed))
             arrays = {
                 f"{name}{i}": a for i, pair in enumerate(images) for name, a in zip("dwp", pair, strict=True)
             }
             np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
 
-def load_scenes(folder: Path) -> Stock:
-    """All stored images."""
-    return Stock(*(_loaded(sorted(folder.glob(f"{kind}_*.npz"))) for kind in ("rig", "room")))
+def load_scenes(folder: Path) -> SceneImages:
+    """Return all stored images."""
+    return SceneImages(*(_loaded(sorted(folder.glob(f"{kind}_*.npz"))) for kind in ("rig", "room")))
 
 
 def _loaded(paths: list[Path]) -> list[Image]:
@@ -77,8 +71,8 @@ def _loaded(paths: list[Path]) -> list[Image]:
     return images
 
 
-def _stored(scene: Scene) -> Image:
-    """Depth, warmth and people of a scene at the finder's focal length."""
+def _image_of(scene: Scene) -> Image:
+    """Return a scene at the finder's focal length."""
     scale = FOCAL_PX / scene.camera.fx
     v, u = (
         np.minimum(((np.arange(round(side * scale)) + 0.5) / scale).astype(int), side - 1)
@@ -88,35 +82,32 @@ def _stored(scene: Scene) -> Image:
     return scene.depth_mm[small], scene.warmth[small].astype(np.float16), scene.persons[small]
 
 
-def draw_batch(stock: Stock, size: int, rng: np.random.Generator) -> Batch:
-    """A batch of images drawn and altered at random, every second one of the rig."""
-    kinds = [images for images in stock if images]
+def draw_batch(images: SceneImages, size: int, rng: np.random.Generator) -> Batch:
+    """Draw a batch of augmented images, every second one of the rig."""
+    kinds = [kind for kind in images if kind]
     drawn = (kinds[i % len(kinds)] for i in range(size))
-    made = [_example(images[int(rng.integers(len(images)))], rng) for images in drawn]
+    made = [_example(kind[int(rng.integers(len(kind)))], rng) for kind in drawn]
     return Batch(*(np.stack(arrays) for arrays in zip(*made, strict=True)))
 
 
 def _example(image: Image, rng: np.random.Generator) -> Batch:
-    """One image as a batch without its first axis."""
+    """Return one image as a batch without its first axis."""
     depth_mm, felt, whose = image
     warmth = felt.astype(np.float32)
     if not np.isfinite(warmth).any() and rng.random() < FEELABLE:
-        warmth = invented(depth_mm, whose, rng)
+        warmth = random_warmth(depth_mm, whose, rng)
     depth, warmth, persons = _moved(depth_mm, warmth, whose, rng)
     depth = _worn(_cut(depth, persons, rng), rng)
     persons = np.where(depth > 0, persons, 0)
     votes = _votes(depth[::2, ::2], persons[::2, ::2])
-    return Batch(network_input(depth, spoilt(warmth, rng)), _ones(persons > 0), votes, _ones(depth > 0))
-
-
-def _ones(flags: Bool) -> Float32:
-    return flags.astype(np.float32)
+    inputs = network_input(depth, degraded_warmth(warmth, rng))
+    return Batch(inputs, (persons > 0).astype(np.float32), votes, (depth > 0).astype(np.float32))
 
 
 def _moved(
     depth_mm: UInt16, warmth: Float32, persons: UInt8, rng: np.random.Generator
 ) -> tuple[Float32, Float32, UInt8]:
-    """Depth in metres, warmth and people after zoom, turn, shift, mirror and another size of everything."""
+    """Return depth in metres, warmth and people after zoom, turn, shift, flip and a change of all sizes."""
     nearer = np.exp(rng.uniform(0, MOST_NEARER)) if rng.random() < NEARER else 1.0
     zoom, turn = nearer * np.exp(rng.uniform(-0.22, 0.22)), np.radians(rng.normal(0, 5))
     c, s, mirror = np.cos(turn) / zoom, np.sin(turn) / zoom, rng.choice((-1, 1))
@@ -124,10 +115,9 @@ def _moved(
     (height, width), shift = depth_mm.shape, rng.uniform((-33, -26), (33, 26))
     middle = np.array([width - 1, height - 1]) / 2 - linear @ (np.array([WIDTH - 1, HEIGHT - 1]) / 2 + shift)
     source_from_image = np.column_stack([linear, middle])
+    flags = cv2.WARP_INVERSE_MAP | cv2.INTER_NEAREST
     depth, felt, whose = (
-        cv2.warpAffine(
-            plane, source_from_image, (WIDTH, HEIGHT), flags=cv2.WARP_INVERSE_MAP | cv2.INTER_NEAREST
-        )
+        cv2.warpAffine(plane, source_from_image, (WIDTH, HEIGHT), flags=flags)
         for plane in (depth_mm, warmth, persons)
     )
     size = 0.001 / nearer * np.exp(rng.uniform(-0.15, 0.15))
@@ -135,7 +125,7 @@ def _moved(
 
 
 def _cut(depth: Float32, persons: UInt8, rng: np.random.Generator) -> Float32:
-    """Depth without the background, without what is far, or without what is near; mostly as it is."""
+    """Return depth without the background, without far or without near pixels; mostly unchanged."""
     kind, person = rng.random(), persons > 0
     if kind < CUT_OUT:
         rim = int(rng.integers(-2, 4))
@@ -152,7 +142,7 @@ def _cut(depth: Float32, persons: UInt8, rng: np.random.Generator) -> Float32:
 
 
 def _worn(depth: Float32, rng: np.random.Generator) -> Float32:
-    """Depth with a missing rectangle, missing borders, holes and noise, each in some images."""
+    """Return depth with a missing rectangle, missing borders, holes and noise, each in some images."""
     depth = depth.copy()
     if rng.random() < 0.15:
         top, left = rng.integers((HEIGHT, WIDTH))
@@ -171,7 +161,7 @@ def _worn(depth: Float32, rng: np.random.Generator) -> Float32:
 
 
 def _votes(depth: Float32, persons: UInt8) -> Float32:
-    """Way (3, h, w) from a person's pixels to the middle of what is seen of them: right, down, away.
+    """Return the way (3, h, w) from a person's pixels to their middle: right, down, away.
 
     depth, persons: (h, w), every second pixel of an image.
     """

@@ -1,4 +1,7 @@
-"""Rooms put together at random to train the person finder: floor, walls, furniture, things of any shape."""
+"""Random rooms to train the person finder: floor, walls, furniture, things of any shape.
+
+Constants are untuned.
+"""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -7,23 +10,17 @@ from annotate.array_types import Float64
 from synth.surface.furniture import Bed, Chair, Sofa, Surface
 from synth.surface.rasterize import Mesh, box, grid_faces, merge, sheet, tagged
 
-NOTHING, WALLS, WALL, CEILING = 0.1, 0.85, 0.8, 0.2
-"""Shares of scenes without any room, of rooms with walls, of these walls, and of rooms with a ceiling. Chosen
-by eye."""
-BEYOND_M, ROOM_HEIGHT_M = (0.4, 4.0), (2.2, 3.2)
-"""Distance of the walls beyond camera and people, and the room's height. Chosen by eye."""
-MOST_THINGS = 11
-"""Most things in a room. Chosen by eye."""
-CLEAR_M, IN_THE_WAY = 0.45, 0.12
-"""Distance that things keep from people and from the way to them, and the share that does not. Chosen by
-eye."""
+EMPTY, WALLS, WALL, CEILING = 0.1, 0.85, 0.8, 0.2  # shares: no room; rooms with walls; each wall; ceilings
+BEYOND_M, ROOM_HEIGHT_M = (0.4, 4.0), (2.2, 3.2)  # walls beyond camera and people; height of the room
+MOST_THINGS = 11  # in a room
+CLEAR_M, IN_THE_WAY = 0.45, 0.12  # distance from people and the way to them; share of things without it
 
 
 def surroundings(
     rng: np.random.Generator, eye_m: Float64, middle_m: Float64, *, may_be_none: bool
 ) -> list[Mesh]:
-    """Meshes of a room around a camera's eye (3,) and a person's middle (3,), world; for some none at all."""
-    if rng.random() < NOTHING and may_be_none:
+    """Return meshes of a room around a camera's eye (3,) and a person's middle (3,), world; some are empty."""
+    if rng.random() < EMPTY and may_be_none:
         return []
     beyond = np.exp(rng.uniform(np.log(BEYOND_M[0]), np.log(BEYOND_M[1]), (2, 2)))
     low = np.minimum(np.minimum(eye_m, middle_m)[:2] - beyond[0], -0.4)
@@ -46,21 +43,20 @@ def surroundings(
 
 
 def _off_way(point: Float64, one: Float64, other: Float64) -> float:
-    """Distance of a point (2,) from the way between two others, metres."""
+    """Return the distance of a point (2,) from the way between two others, metres."""
     way = other - one
     share = np.clip(np.dot(point - one, way) / max(np.dot(way, way), 1e-6), 0, 1)
     return float(np.linalg.norm(point - one - share * way))
 
 
 def _thing(rng: np.random.Generator) -> Mesh:
-    """A piece of furniture, or something of any shape, about the origin. All sizes chosen by eye."""
+    """Return a piece of furniture, or something of any shape, about the origin."""
     shapes = (_table, _cupboard, _any_box, _heap, _lamp, _curtain)
     kind = int(rng.integers(3 + len(shapes)))
     return (Sofa, Chair, Bed)[kind].sample(rng).mesh() if kind < 3 else shapes[kind - 3](rng)
 
 
 def _table(rng: np.random.Generator) -> Mesh:
-    """A table with things on it."""
     x, y, z = rng.uniform((0.3, 0.25, 0.4), (0.9, 0.5, 1.05))
     legs = [
         box((dx * x - 0.03, dy * y - 0.03, 0), (dx * x + 0.03, dy * y + 0.03, z), Surface.TABLE)
@@ -73,26 +69,25 @@ def _table(rng: np.random.Generator) -> Mesh:
 
 
 def _cupboard(rng: np.random.Generator) -> Mesh:
-    """An upright box, from a board to a cupboard."""
     x, y, z = np.exp(rng.uniform(*np.log(((0.1, 0.02, 0.3), (0.8, 0.4, 2.2)))))
     return box((-x, -y, 0), (x, y, z), Surface.TABLE)
 
 
 def _any_box(rng: np.random.Generator) -> Mesh:
-    """A box at any height and angle."""
+    """Return a box at any height and angle."""
     x, y, z = np.exp(rng.uniform(np.log(0.04), np.log(0.6), 3))
     turn = Rotation.random(rng=rng).as_matrix()
     return box((-x, -y, -z), (x, y, z), Surface.TABLE).placed(turn, np.array([0, 0, rng.uniform(0, 2)]))
 
 
 def _heap(rng: np.random.Generator) -> Mesh:
-    """Blobs about each other: a plant, a heap of clothes."""
+    """Return blobs about each other: a plant, a heap of clothes."""
     places = [np.array([*rng.normal(0, 0.2, 2), rng.uniform(0, 1.6)]) for _ in range(rng.integers(2, 12))]
     return merge([_blob(rng, 0.05, 0.3, at) for at in places])
 
 
 def _lamp(rng: np.random.Generator) -> Mesh:
-    """A post or a column with a head: a floor lamp, a coat stand, a barrel."""
+    """Return a post or a column with a head: a floor lamp, a coat stand, a barrel."""
     radius, height = rng.uniform(0.01, 0.3), rng.uniform(0.6, 1.8)
     z, turn = np.meshgrid(np.linspace(0, height, 6), np.linspace(0, 2 * np.pi, 16), indexing="ij")
     post = np.stack([radius * np.cos(turn), radius * np.sin(turn), z], -1).reshape(-1, 3)
@@ -101,7 +96,6 @@ def _lamp(rng: np.random.Generator) -> Mesh:
 
 
 def _curtain(rng: np.random.Generator) -> Mesh:
-    """A curtain in folds."""
     u, v = np.meshgrid(np.linspace(-1, 1, 60), np.linspace(0, 1, 12), indexing="ij")
     width, wave, deep, height = rng.uniform((0.3, 3, 0.01, 1.5), (1.5, 20, 0.08, 2.5))
     folds = np.stack([width * u, deep * np.sin(wave * u + 0.6 * np.sin(3 * v)), height * v], -1)
@@ -109,7 +103,7 @@ def _curtain(rng: np.random.Generator) -> Mesh:
 
 
 def _blob(rng: np.random.Generator, least_m: float, most_m: float, at_m: Float64) -> Mesh:
-    """An ellipsoid at any angle about a place (3,)."""
+    """Return an ellipsoid at any angle about a place (3,)."""
     polar, turn = np.meshgrid(np.linspace(0, np.pi, 10), np.linspace(0, 2 * np.pi, 16), indexing="ij")
     ball = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], -1)
     axes = np.exp(rng.uniform(np.log(least_m), np.log(most_m), 3))

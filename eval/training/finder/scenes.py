@@ -1,7 +1,7 @@
-"""Scenes for training the person finder: depth images with nobody, one or several people, and who is where.
+"""Scenes for training the person finder: depth images with no to several people, and each pixel's person.
 
-Some are the virtual rig's recordings, with their temperatures, the others rooms put together at random, down
-to none at all, with dressed people who stand, sit and lie, alone or side by side, before any depth sensor.
+Some are recordings of the virtual rig with temperatures. The others are random rooms, some empty, with
+dressed people who stand, sit and lie, in front of any depth sensor. Constants are untuned.
 """
 
 from collections.abc import Iterator
@@ -32,26 +32,18 @@ from synth.rig.truth import truth_labels
 from synth.surface.furniture import Bed, Chair, Ground, Sofa, Surface
 from synth.surface.rasterize import Mesh, beside, look_at, merge, rasterize
 
-ROOMS_OF_PEOPLE, ACQUAINTED = 8, 3
-"""Rooms in which the same people are, and how many these are. Chosen by eye."""
-PEOPLE = (0.3, 0.35, 0.23, 0.12)
-"""Shares of rooms with none, one, two and three people. Chosen by eye."""
-STANDING, RISING, SITTING_DOWN = 0.45, 0.57, 0.75
-"""Of the people in rooms, those who stand, who stand or crouch or get up, and all but those who lie. Chosen
-by eye."""
-BESIDE, BESIDE_M, APART_M = 0.5, (0.35, 0.7), (0.7, 2.5)
-"""Share of the others who stand beside the first, and distances of these and of the rest. Chosen by eye."""
-DISTANCE_M, HEIGHT_M = (0.9, 4.2), (0.4, 2.4)
-"""Of the camera from the first person, and over the floor. Chosen by eye."""
-FIRST_PERSON = 1000
-"""Tag of the first person's faces in a room, one more for each next; those of the room are lower."""
+ROOMS_OF_PEOPLE, ACQUAINTED = 8, 3  # rooms with the same people, and their number
+PEOPLE = (0.3, 0.35, 0.23, 0.12)  # shares of rooms with none, one, two and three people
+STANDING, RISING, SITTING_DOWN = 0.45, 0.57, 0.75  # cumulative shares of people; the rest lie
+BESIDE, BESIDE_M, APART_M = 0.5, (0.35, 0.7), (0.7, 2.5)  # share beside the first; distances beside, apart
+DISTANCE_M, HEIGHT_M = (0.9, 4.2), (0.4, 2.4)  # of the camera from the first person, over the floor
+FIRST_PERSON = 1000  # tag of the first person's faces, one more for each next; tags of the room are lower
 
 
 class Scene(NamedTuple):
-    """Depth image uint16 (h, w) in millimetres, its warmth, and who is where.
+    """Depth image uint16 (h, w) in millimetres, its warmth and its people.
 
-    warmth: float32 (h, w), as the finder has it, NaN = not felt. persons: uint8 (h, w), 0 nobody, 1 and on
-    people.
+    warmth: float32 (h, w), NaN = unmeasured. persons: uint8 (h, w), 0 = no person, else a person's number.
     """
 
     camera: Intrinsics
@@ -61,7 +53,7 @@ class Scene(NamedTuple):
 
 
 def rig_scenes(number: int) -> Iterator[Scene]:
-    """Frames of a recording of the virtual rig, one of those that the reader of suits is trained on."""
+    """Yield the frames of a recording that the suit network is trained on."""
     rig = training_rig(number)
     fuser = Fuser(rig.calibration)
     for frame, known in rig.with_truth():
@@ -71,7 +63,7 @@ def rig_scenes(number: int) -> Iterator[Scene]:
 
 
 def room_scenes(seed: int) -> Iterator[Scene]:
-    """Some rooms put together at random, with the same few people."""
+    """Yield some random rooms with the same few people."""
     rng, bodies = np.random.default_rng((seed, 62)), crowd()
     people = []
     for _ in range(ACQUAINTED):
@@ -82,7 +74,7 @@ def room_scenes(seed: int) -> Iterator[Scene]:
 
 
 def _room(rng: np.random.Generator, people: list[Dressed]) -> Scene:
-    """One room with all these people in it."""
+    """Return one room with all these people in it."""
     meshes, dark = [], []
     for number, person in enumerate(people):
         at = _place(rng) if number else np.zeros(3)
@@ -110,13 +102,13 @@ def _room(rng: np.random.Generator, people: list[Dressed]) -> Scene:
 
 
 def _place(rng: np.random.Generator) -> Float64:
-    """Where another person is, the first one being at the origin."""
+    """Return the place of another person; the first is at the origin."""
     span = BESIDE_M if rng.random() < BESIDE else APART_M
     return beside(np.zeros(3), rng.uniform(-np.pi, np.pi), rng.uniform(*span), 0.0)
 
 
 def _posed(rng: np.random.Generator, person: Dressed) -> tuple[Float32, list[Mesh]]:
-    """Vertices (V, 3) of a person in some posture about the origin, and what carries or is carried."""
+    """Return vertices (V, 3) of a person in some posture about the origin, and furniture and bags."""
     body, kind = person.body, rng.random()
     things: list[Mesh] = []
     if kind < STANDING:

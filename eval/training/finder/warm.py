@@ -1,7 +1,6 @@
-"""Warmth of training images: invented for rooms that nobody felt, and spoilt as cameras may spoil it.
+"""Warmth of training images: random for rooms without any, and degraded as by cameras.
 
-Warmth is 0 at the room's temperature, 1 at a person's, NaN where nothing is felt. All numbers are chosen by
-eye.
+Warmth is 0 at the room's temperature, 1 at a person's, NaN = unmeasured. Constants are untuned.
 """
 
 import cv2
@@ -9,15 +8,12 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32, UInt8, UInt16
 
-HIDDEN_STEP = 1.15
-"""Depth behind a silhouette, as a share of that before it, from which the thermal camera beside the depth
-camera may not see it."""
-UNFELT = 0.22
-"""Share of images whose temperatures are taken away: behind a closed flag, or no thermal camera."""
+HIDDEN_STEP = 1.15  # depth behind a silhouette over that in front, from which a thermal camera misses pixels
+UNFELT = 0.22  # share of images without temperatures: a closed flag, or no thermal camera
 
 
-def invented(depth_mm: UInt16, persons: UInt8, rng: np.random.Generator) -> Float32:
-    """Warmth (h, w) of a room: unevenly warm people, warm places, blurred, hidden at silhouettes."""
+def random_warmth(depth_mm: UInt16, persons: UInt8, rng: np.random.Generator) -> Float32:
+    """Return warmth (h, w): unevenly warm people, warm places, blurred, missing at silhouettes."""
     shape = depth_mm.shape
     room = 0.12 * _uneven(shape, 24, rng) + np.float32(rng.normal(0, 0.05))
     for _ in range(rng.integers(0, 4)):
@@ -32,7 +28,7 @@ def invented(depth_mm: UInt16, persons: UInt8, rng: np.random.Generator) -> Floa
 
 
 def _hidden(depth_mm: UInt16, rng: np.random.Generator) -> Bool:
-    """Strips (h, w) beside silhouettes, on one side, up to five pixels wide."""
+    """Return strips (h, w) beside silhouettes, on one side, up to five pixels wide."""
     hidden, width = np.zeros(depth_mm.shape, np.bool_), int(rng.integers(6))
     if width:
         left, right = depth_mm[:, :-width].astype(np.float32), depth_mm[:, width:]
@@ -43,8 +39,8 @@ def _hidden(depth_mm: UInt16, rng: np.random.Generator) -> Bool:
     return hidden
 
 
-def spoilt(warmth: Float32, rng: np.random.Generator) -> Float32:
-    """Warmth (h, w) of another scale, uneven, moved, blurred or in part unfelt; in some images unfelt."""
+def degraded_warmth(warmth: Float32, rng: np.random.Generator) -> Float32:
+    """Return warmth (h, w) scaled, uneven, moved, blurred or in part NaN; in some images all NaN."""
     felt = warmth.copy()
     if rng.random() < UNFELT:
         return np.full_like(felt, np.nan)
@@ -64,7 +60,7 @@ def spoilt(warmth: Float32, rng: np.random.Generator) -> Float32:
 
 
 def _uneven(shape: tuple[int, ...], size_px: int, rng: np.random.Generator) -> Float32:
-    """Smooth noise (h, w) of deviation 1 that changes over so many pixels."""
+    """Return smooth noise (h, w) of deviation 1 that changes over so many pixels."""
     height, width = shape
     coarse = rng.normal(0, 1, (max(2, height // size_px), max(2, width // size_px))).astype(np.float32)
     return np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC), np.float32)

@@ -1,4 +1,4 @@
-"""Examples for the reader: what it sees of frames whose parts are known, in every pixel; files of them."""
+"""Examples for the suit network: its input and the true parts of frames, in every pixel; files of examples."""
 
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
@@ -27,18 +27,16 @@ from sensors.files.atomic import replacing
 from sensors.files.npz import array_sizes
 from sensors.importers.open_source import Source, open_source
 
-ROUGH_EVERY = 3
-"""Every so many frames are seen as labelling reads them first, in the light of all colours. Chosen by eye."""
-OPEN_FILES = 256
-"""Files that are held open at once; a process may have about a thousand."""
+ROUGH_EVERY = 3  # of so many frames one has the illuminant of all colours, as in labelling's first pass; untuned
+OPEN_FILES = 256  # held open at once; a process may have about a thousand
 
 
 class Example(NamedTuple):
     """A frame to learn from, around its subject.
 
-    planes: uint8 (24, h, w), channels of every pixel (`annotate.segmentation.input_channels`).
-    target: uint8 (h, w), the true part, 12 for another person, 255 where it is not known.
-    meta: float64, the focal length in pixels and the subject's distance in metres.
+    planes: uint8 (24, h, w), channels of every pixel (`annotate.segmentation.input_channels`). target: uint8
+    (h, w), the true part, 12 for another person, 255 for unknown. meta: float64, focal length in pixels and
+    the subject's distance in metres.
     """
 
     planes: UInt8
@@ -54,33 +52,34 @@ class Example(NamedTuple):
 def example_of(
     cloud: ThermalCloud, truth: FrameLabels, before: FrameLabels | None, suit: Suit, *, rough: bool
 ) -> Example | None:
-    """Example of a frame, seen as labelling sees it; None where that would not read the suit.
+    """Return the example of a frame as labelling processes it; None where labelling skips the suit.
 
-    rough: in the light of all colours, as labelling reads first, and not in that of the parts.
+    rough: use the illuminant of all colours, as labelling does first, instead of that of the parts.
     """
-    return example_in(
-        SuitLabeller(suit).detect(cloud), truth, before, suit, None if rough else shipped_suit_network()
-    )
+    network = None if rough else shipped_suit_network()
+    return detected_example(SuitLabeller(suit).detect(cloud), truth, before, suit, network)
 
 
-def example_in(
-    survey: SuitDetection,
+def detected_example(
+    detection: SuitDetection,
     truth: FrameLabels,
     before: FrameLabels | None,
     suit: Suit,
-    reader: SuitNetwork | None,
+    network: SuitNetwork | None,
 ) -> Example | None:
-    """Example of a surveyed frame as ``example_of``; reader: finds the parts' light, None = that of all
-    colours."""
-    cloud, person = survey.cloud, survey.persons.person(before)
-    view = survey.view(person) if person.trusted else None
+    """Return the example of a frame after person detection, as ``example_of``.
+
+    network: finds the parts' illuminant, None = use that of all colours.
+    """
+    cloud, person = detection.cloud, detection.persons.person(before)
+    view = detection.view(person) if person.trusted else None
     if view is None:
         return None
     view = view.after(before, suit)
     target = truth.parts[view.where].copy()
     if truth.persons is not None:
         target[(truth.persons[view.where] > 1) & (target == BACKGROUND)] = OTHER_PERSON
-    light = coarse_pass(view, suit, reader)[1] if reader else fit_illuminant(suit, view.colors)
+    light = coarse_pass(view, suit, network)[1] if network else fit_illuminant(suit, view.colors)
     planes = with_likelihoods(view.planes, view.rgb, light)
     distance_m = np.median(cloud.points_m[..., 2][person.mask & cloud.valid])
     return Example(planes, target, np.array([cloud.camera.fx, distance_m]))
@@ -88,10 +87,7 @@ def example_in(
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A recording of people in a suit, its labels, and the palette that was worn.
-
-    frame_ids: those of the frames whose labels count: not the automatic ones.
-    """
+    """A recording of people in a suit, its labels and palette. frame_ids: of all but the automatic labels."""
 
     source: Source
     labels: LabelSet
@@ -100,7 +96,7 @@ class Recording:
 
     @classmethod
     def open(cls, path: Path, labels: Path, suit: Path) -> "Recording":
-        """Raises CloudError where the labels or the suit cannot be read, or no frame's labels count."""
+        """Open files. Raises CloudError for unreadable labels or palette, or for automatic labels only."""
         known = LabelSet.open(labels)
         frame_ids = frozenset(i for i in known.frame_ids if known.status(i) != "auto")
         if not frame_ids:
@@ -108,10 +104,10 @@ class Recording:
         return cls(open_source(path), known, load_suit(suit), frame_ids)
 
     def examples(self) -> Iterator[Example | None]:
-        """Every frame in turn; None where its labels do not count or labelling would not read the suit.
+        """Yield the example of every frame in turn; None for automatic labels and unusable frames.
 
-        The labels before are those of the label set, checked or not. Raises CloudError where the labels are
-        of another recording.
+        The labels before are those of the label set, checked or not. Raises CloudError for the labels of
+        another recording.
         """
         fuser, before, kept = Fuser(self.source.calibration), None, set(self.labels.frame_ids)
         for frame in self.source:
@@ -130,7 +126,7 @@ class Recording:
             before = labels
 
     def digest(self) -> str:
-        """SHA-256 of the suit and of all labels that count, depth images included."""
+        """Return the SHA-256 of the palette and all labels that are used, depth images included."""
         digest = hashlib.sha256(suit_to_toml(self.suit).encode())
         for frame_id in sorted(self.frame_ids):
             labels = self.labels.read(frame_id)
@@ -139,7 +135,7 @@ class Recording:
 
 
 def store_examples(examples: Iterable[Example], path: Path) -> None:
-    """Write examples as arrays ``NUMBER.FIELD`` of an .npz file, whole or not at all: about 3 MB each."""
+    """Write examples as arrays ``NUMBER.FIELD`` of an .npz file, atomically: about 3 MB each."""
     with replacing(path) as unfinished, ZipFile(unfinished, "w") as archive:
         for number, example in enumerate(examples):
             for name, array in example._asdict().items():
@@ -147,11 +143,8 @@ def store_examples(examples: Iterable[Example], path: Path) -> None:
                     np.lib.format.write_array(file, array, allow_pickle=False)
 
 
-class Stock:
-    """Examples in files, read one by one.
-
-    Raises FormatError where a file is damaged, CloudError where there are no examples.
-    """
+class ExampleFiles:
+    """Examples in files, loaded one by one. Raises CloudError without any, FormatError for damaged files."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
         ending = ".planes"
@@ -180,5 +173,5 @@ class Stock:
         return Example(planes, target, meta)
 
     def spread(self, most: int) -> list[int]:
-        """Indices of at most so many examples, evenly over all."""
+        """Return indices of at most so many examples, evenly over all."""
         return [int(i) for i in np.linspace(0, len(self) - 1, min(len(self), most))]

@@ -1,4 +1,4 @@
-"""The reader of suits in torch, and its file: it stores the tensors of the network, so that it reads back."""
+"""The suit network in torch, and its file, which stores the network's tensors and so can be read back."""
 
 from importlib.resources import files
 from itertools import pairwise
@@ -11,49 +11,47 @@ from torch.nn.functional import interpolate, pixel_shuffle
 
 from annotate.segmentation.input_channels import CHANNELS, network_input
 from annotate.segmentation.suit_network import CLASSES, MAX_BYTES, MULTIPLE, REMEDY
+from eval.network.blocks import convolution, self_attention
 from eval.network.checkpoint import check_fits
-from eval.training.onnx_file import export_any_size
+from eval.network.onnx_export import export_any_size
 from sensors.errors import FormatError
-from sensors.files.atomic import replacing
 from sensors.files.bounded import read_bounded
 
-FULL_READER, FULL_AGAIN = (
+FULL_SUIT_NETWORK, FULL_REFINEMENT_NETWORK = (
     Path(str(files("eval").joinpath("weights", "full", name)))
     for name in ("suit_network.onnx", "refine.onnx")
 )
-"""The shipped readers in full precision: trainings go on from them. Those that label compute in eight bits
+"""The shipped networks in full precision, from which trainings start. Labelling uses quantised ones
 (``python -m tools.fit.quantise``)."""
 INPUTS = len(network_input(np.zeros((len(CHANNELS), 1, 1), np.uint8)))
-"""Channels of the network's input."""
-WIDTHS = (20, 32, 64, 96)
-"""Channels at a half, a quarter, an eighth and a sixteenth of the image's sides. Chosen by eye."""
-FINE, JOINED = 24, 32
-"""Channels of what four neighbouring pixels show, and of the last layer. Chosen by eye."""
-HEADS, LAYERS = 4, 2
-"""Of the attention at a sixteenth of the sides, where every place sees all others. Chosen by eye."""
+WIDTHS = (20, 32, 64, 96)  # channels at a half, a quarter, an eighth and a sixteenth of the sides; untuned
+FINE, JOINED = 24, 32  # channels of four neighbouring pixels, and of the last layer; untuned
+HEADS, LAYERS = 4, 2  # of the attention at a sixteenth of the sides; untuned
 
 
-class ReaderNet(nn.Module):
-    """Inputs (B, 38, h, w), sides multiples of 16 -> scores (B, 13, h, w), of the parts and another person.
+class SuitNet(nn.Module):
+    """Network (B, 38, h, w), sides multiples of 16 -> scores (B, 13, h, w) of the parts and another person.
 
-    A U-Net (Ronneberger et al. 2015) with self-attention (Vaswani et al. 2017) where it is coarsest. Half of
-    the sides is its finest level: there four scores of each class stand for four pixels.
+    A U-Net (Ronneberger et al. 2015) with self-attention where it is coarsest. Its finest level is half of the
+    sides: there four scores of each class stand for four pixels.
     """
 
     def __init__(self) -> None:
         super().__init__()
         first, deepest = WIDTHS[0], WIDTHS[-1]
-        self.enter = _layer(INPUTS, first, 2)
+        self.enter = convolution(INPUTS, first, stride=2)
         self.fine = nn.Conv2d(INPUTS, FINE, 2, 2)
-        self.down = nn.ModuleList(nn.Sequential(_layer(a, b, 2), _layer(b, b)) for a, b in pairwise(WIDTHS))
+        self.down = nn.ModuleList(
+            nn.Sequential(convolution(a, b, stride=2), convolution(b, b)) for a, b in pairwise(WIDTHS)
+        )
         self.place = nn.Conv2d(deepest, deepest, 3, padding=1, groups=deepest)
         self.attend = nn.ModuleList(_Attention(deepest) for _ in range(LAYERS))
-        self.up = nn.ModuleList(_layer(a + b, a) for a, b in list(pairwise(WIDTHS))[::-1])
-        self.join = _layer(first + FINE, JOINED)
+        self.up = nn.ModuleList(convolution(a + b, a) for a, b in list(pairwise(WIDTHS))[::-1])
+        self.join = convolution(first + FINE, JOINED)
         self.leave = nn.Conv2d(JOINED, 4 * CLASSES, 1)
 
     def forward(self, image: Tensor) -> Tensor:
-        """Scores of images."""
+        """Return scores of images."""
         fine, x, kept = self.fine(image), self.enter(image), []
         for down in self.down:
             kept.append(x)
@@ -69,7 +67,7 @@ class ReaderNet(nn.Module):
 
 
 class _Attention(nn.Module):
-    """Every place's features (B, n, w) with those of all others."""
+    """Transformer layer, normalised first; the names are those in the shipped files."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -78,17 +76,13 @@ class _Attention(nn.Module):
         self.think = nn.Sequential(_Dense(width, 2 * width), nn.GELU(), _Dense(2 * width, width))
 
     def forward(self, x: Tensor) -> Tensor:
-        width = WIDTHS[-1]
-        asked = self.ask(self.before(x)).chunk(3, dim=-1)
-        query, key, value = (t.reshape(len(x), -1, HEADS, width // HEADS).transpose(1, 2) for t in asked)
-        weight = torch.softmax(query @ key.transpose(2, 3) / (width // HEADS) ** 0.5, dim=-1)
-        x = x + self.answer((weight @ value).transpose(1, 2).reshape(len(x), -1, width))
+        x = x + self.answer(self_attention(self.ask(self.before(x)), HEADS))
         done: Tensor = x + self.think(self.between(x))
         return done
 
 
 class _Dense(nn.Module):
-    """``nn.Linear`` with its matrix the other way: as a file stores it, so that it keeps its name there."""
+    """``nn.Linear`` with its matrix transposed, as an ONNX file stores it under its name."""
 
     def __init__(self, width: int, out: int) -> None:
         super().__init__()
@@ -99,38 +93,32 @@ class _Dense(nn.Module):
         return x @ self.weight + self.bias
 
 
-def _layer(channels: int, out: int, stride: int = 1) -> nn.Sequential:
-    convolution = nn.Conv2d(channels, out, 3, stride, 1, bias=False)
-    return nn.Sequential(convolution, nn.BatchNorm2d(out), nn.ReLU(inplace=True))
+def export_suit_network(network: SuitNet, path: Path, temperature: float = 1.0) -> None:
+    """Write a network as `annotate.segmentation.suit_network` loads it, scores divided by a temperature.
 
-
-def export_reader(network: ReaderNet, path: Path, temperature: float = 1.0) -> None:
-    """Write a network as `annotate.segmentation.suit_network` reads it, its scores divided by a temperature.
-
-    Of tensors that are equal, as those of an untrained network may be, the file has one: it reads not back.
+    The file stores equal tensors, as of an untrained network, once; then it cannot be read back.
     """
-    cool = ReaderNet().eval()
+    cool = SuitNet().eval()
     cool.load_state_dict(network.state_dict())
     with torch.no_grad():
         for values in cool.leave.parameters():
             values.div_(temperature)
-    with replacing(path) as temporary:
-        export_any_size(cool, INPUTS, MULTIPLE, temporary, "channels", "scores")
+    export_any_size(cool, path, INPUTS, MULTIPLE, ["channels", "scores"])
 
 
-def load_reader(path: Path) -> ReaderNet:
-    """The network that ``export_reader`` wrote. Raises FormatError for another file."""
+def load_suit_network(path: Path) -> SuitNet:
+    """Load the file of ``export_suit_network``. Raises FormatError for any other file."""
     import onnx
     from onnx import numpy_helper
 
-    network = ReaderNet().eval()
+    network = SuitNet().eval()
     try:
         stored = onnx.load_model_from_string(read_bounded(path, MAX_BYTES, REMEDY)).graph.initializer
         found = {tensor.name: torch.tensor(numpy_helper.to_array(tensor)) for tensor in stored}
     except Exception as error:  # protobuf and onnx raise several kinds at damaged bytes
-        raise FormatError(f"weights {path} are no ONNX file; {REMEDY}") from error
+        raise FormatError(f"weights {path} are not an ONNX file; {REMEDY}") from error
     if any(values.dtype == torch.int8 for values in found.values()):
-        raise FormatError(f"weights {path} compute in eight bits; give those in full precision")
+        raise FormatError(f"weights {path} are quantised; give weights in full precision")
     counts = {name: value for name, value in network.state_dict().items() if value.dtype == torch.int64}
     check_fits(path, network, found | counts)
     network.load_state_dict(found | counts)

@@ -1,135 +1,128 @@
-"""Training of the reader for a stage, resumable at any moment.
+"""Training of the suit network on recordings or on any examples.
 
-By seed, examples and plan alone, on one thread: a step draws from its own number, whenever it is taken.
+Seed, examples and stage decide every bit on one thread. Constants are untuned unless a source is given.
 """
 
-import math
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import json
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass
+from itertools import count
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
+from annotate.labelset.claim import Claim, login
+from annotate.labelset.dataset import sha256
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
 from annotate.segmentation.input_channels import network_input
+from annotate.segmentation.segment import SAMPLE_M
 from annotate.segmentation.suit_network import CLASSES
-from eval.network.checkpoint import Progress, load_checkpoint, save_checkpoint
-from eval.training.average import Average
-from eval.training.plan import Precision, one_cycle
-from eval.training.segmentation.augmentation import drawn
-from eval.training.segmentation.examples import Example, Stock
-from eval.training.segmentation.network import ReaderNet
-from sensors.errors import CloudError
+from eval.training.fit import Schedule, State, fit, resumed
+from eval.training.plan import Precision
+from eval.training.segmentation.augmentation import Sampling, draw_sample
+from eval.training.segmentation.examples import Example, ExampleFiles, Recording, store_examples
+from eval.training.segmentation.network import (
+    FULL_SUIT_NETWORK,
+    SuitNet,
+    export_suit_network,
+    load_suit_network,
+)
+from eval.training.segmentation.validation import Validation, validate
+from sensors.errors import CloudError, ExistsError
+from sensors.files.atomic import write_bytes
 
-BATCH, DECAY, CLIP = 8, 0.02, 2.0
-"""Samples a step, weight decay, largest norm of a gradient. Chosen by eye."""
-ROOM_WEIGHT = 0.7
-"""Weight of a sample of the room in the loss, beside 1 of the others: there are many. Chosen by eye."""
-BALANCE, RAREST = 0.75, 0.01
-"""A part weighs its share of an image's parts to the power of minus this in the loss: 0 gives borders of a
-narrow part, as of a hip that is sat on, to its large neighbours, 1 lets all weigh the same and takes as much
-from these. Least share that counts. Chosen by eye (docs/adr/0027)."""
-SAVED_S = 60.0
-"""Seconds between two checkpoints. Chosen by eye."""
+BATCH = 8  # samples a step
+ROOM_WEIGHT = 0.7  # of a sample of the room in the loss, beside 1 of the person, because there are many
+BALANCE, RAREST = 0.75, 0.01  # a part weighs its share of the parts to the power of minus 0.75 (docs/adr/0027)
+PLAN, EXAMPLES, WEIGHTS = "plan.json", "examples", "reader.onnx"
+HELD_OUT = 4  # of so many recordings, counted from the last, one is held out
+SAMPLING = Sampling(SAMPLE_M, 160)  # 1.9 m: most of a person
+PEAK_RATE, AVERAGED = 3e-4, 0.99  # for a trained network: low, because it has little to unlearn
+
+Watch = Callable[[int, float], None]
+"""Called after each step with its number, from 1, and its loss."""
+Advance = Callable[[int], None]
+Progress = Callable[[str, int], AbstractContextManager[Advance]]
+"""Shows a task by name and number of steps; yields a function to call with finished steps."""
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A stretch of a training, its learning rate up and down once (`eval.training.plan.one_cycle`).
+    """A stretch of a training with one cycle of the learning rate; its moving average starts the next.
 
-    sample_m: metres between two samples. side: samples along a drawn image's side, a multiple of 16.
-    averaged: decay of the weights' moving average, whose network goes on with the next stage. statistics:
-    whether normalisation learns those of the batches, or keeps its own. by_part, spoilt: as of ``drawn``.
-    precision: of the forward pass.
+    averaged, statistics: as of ``Schedule``. precision: of the forward pass.
     """
 
-    sample_m: float
-    side: int
+    sampling: Sampling
     steps: int
     peak_rate: float
     averaged: float
     statistics: bool = True
-    by_part: bool = False
-    spoilt: bool = True
     precision: Precision = "float32"
 
 
-Watch = Callable[[int, float], None]
-"""Called after each step with its number, from 1, and its loss."""
+@dataclass(frozen=True)
+class SuitTraining:
+    """Training of the suit network for a stage, as of ``eval.training.fit.Training``."""
+
+    examples: ExampleFiles | Sequence[Example]
+    stage: Stage
+    seed: int
+
+    @property
+    def schedule(self) -> Schedule:
+        stage = self.stage
+        return Schedule(
+            stage.peak_rate, stage.averaged, stage.steps, statistics=stage.statistics, seed=self.seed
+        )
+
+    def batches(self, step: int) -> Iterator[tuple[Tensor, Tensor]]:
+        """Yield inputs (B, 38, s, s) and targets (B, s, s)."""
+        for number in count(step):
+            rng = np.random.default_rng((self.seed, number))
+            samples = [
+                draw_sample(self.examples[int(rng.integers(len(self.examples)))], self.stage.sampling, rng)
+                for _ in range(BATCH)
+            ]
+            inputs = torch.from_numpy(np.stack([network_input(sample.planes) for sample in samples]))
+            targets = torch.from_numpy(np.stack([sample.target for sample in samples])).long()
+            yield inputs.contiguous(memory_format=torch.channels_last), targets
+
+    def loss(self, network: nn.Module, batch: tuple[Tensor, Tensor], share: float) -> tuple[Tensor, float]:
+        """Return the weighted mean cross entropy of the known samples."""
+        inputs, targets = batch
+        with torch.autocast("cpu", torch.bfloat16, enabled=self.stage.precision == "bfloat16"):
+            scores = network(inputs)
+        weight = sample_weights(targets)
+        loss = nn.functional.cross_entropy(scores.float(), targets, ignore_index=UNDEFINED, reduction="none")
+        loss = (weight * loss).sum() / weight.sum()
+        return loss, loss.item()
+
+    def record(self, state: State, loss: float) -> bool:
+        """Return False: the state is saved by the clock."""
+        return False
 
 
-def trained(
-    network: ReaderNet,
-    stock: Stock | Sequence[Example],
-    stage: Stage,
-    checkpoint: Path,
-    seed: int,
-    watch: Watch,
-) -> ReaderNet:
-    """The moving average of a network trained for a stage, or for what is left of it.
+def train_stage(network: SuitNet, training: SuitTraining, checkpoint: Path, watch: Watch) -> SuitNet:
+    """Train a network for a stage, or for the rest of it; return the moving average.
 
-    checkpoint: file that the state is kept in. Raises FormatError where it is damaged.
+    checkpoint: file of the state. Raises FormatError where it is damaged.
     """
-    network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    average, progress = Average(network, stage.averaged), Progress()
-    optimizer = torch.optim.AdamW(network.parameters(), stage.peak_rate, weight_decay=DECAY)
-    if checkpoint.exists():
-        progress = load_checkpoint(checkpoint, network, average.model, optimizer)
-    saved = time.monotonic()
-    while progress.step < stage.steps:
-        for group in optimizer.param_groups:
-            group["lr"] = stage.peak_rate * one_cycle(progress.step / stage.steps)
-        network.train(stage.statistics)
-        loss = _step(network, optimizer, _batch(stock, stage, seed, progress.step), stage.precision)
-        progress.step += 1
-        average.add(network, progress.step)
-        watch(progress.step, loss)
-        if time.monotonic() - saved > SAVED_S or progress.step == stage.steps:
-            save_checkpoint(checkpoint, network, average.model, optimizer, progress)
-            saved = time.monotonic()
-    result: ReaderNet = average.model.eval()  # type: ignore[assignment]
-    return result
+    state = resumed(network, training.schedule, checkpoint)
+    trained = fit(training, state, checkpoint, watch)
+    assert isinstance(trained, SuitNet)
+    return trained
 
 
-def _batch(stock: Stock | Sequence[Example], stage: Stage, seed: int, step: int) -> tuple[Tensor, Tensor]:
-    """Inputs (B, 38, s, s) and targets (B, s, s) of a step."""
-    rng = np.random.default_rng((seed, step))
-    how = {"by_part": stage.by_part, "spoilt": stage.spoilt}
-    samples = [
-        drawn(stock[int(rng.integers(len(stock)))], stage.sample_m, stage.side, rng, **how)
-        for _ in range(BATCH)
-    ]
-    inputs = torch.from_numpy(np.stack([network_input(sample.planes) for sample in samples]))
-    targets = torch.from_numpy(np.stack([sample.target for sample in samples])).long()
-    return inputs.contiguous(memory_format=torch.channels_last), targets
+def sample_weights(targets: Tensor) -> Tensor:
+    """Return weights (B, h, w) of samples in the loss by targets (B, h, w), of mean 1 over an image's parts.
 
-
-def _step(
-    network: ReaderNet, optimizer: torch.optim.Optimizer, batch: tuple[Tensor, Tensor], precision: Precision
-) -> float:
-    """One step of the optimizer; its loss, the weighted mean cross entropy of the samples that are known."""
-    inputs, targets = batch
-    # Left after each step: as long as it lasts, the weights that it once rounded are used.
-    with torch.autocast("cpu", torch.bfloat16, enabled=precision == "bfloat16"):
-        scores = network(inputs)
-    weight = weights_of(targets)
-    loss = nn.functional.cross_entropy(scores.float(), targets, ignore_index=UNDEFINED, reduction="none")
-    loss = (weight * loss).sum() / weight.sum()
-    if not math.isfinite(loss.item()):
-        raise CloudError("the loss is no longer finite; train with another --seed")
-    optimizer.zero_grad()
-    loss.backward()  # type: ignore[no-untyped-call]
-    nn.utils.clip_grad_norm_(network.parameters(), CLIP)
-    optimizer.step()
-    return loss.item()
-
-
-def weights_of(targets: Tensor) -> Tensor:
-    """Weights (B, h, w) of samples in the loss by their targets (B, h, w), of mean 1 over the parts of each
-    image; ``ROOM_WEIGHT`` in the room, 1 on another person, 0 where nothing is known.
+    ``ROOM_WEIGHT`` in the room, 1 on another person, 0 for unknown targets.
     """
     known = nn.functional.one_hot(targets.clamp(max=CLASSES), CLASSES + 1)
     count = known.sum(dim=(1, 2))[:, 1:N_CLASSES].float()
@@ -139,3 +132,93 @@ def weights_of(targets: Tensor) -> Tensor:
     table[:, 1:N_CLASSES] = parts / (parts * share).sum(dim=1, keepdim=True).clamp(min=1e-9)
     table[:, BACKGROUND], table[:, CLASSES] = ROOM_WEIGHT, 0
     return table.gather(1, targets.clamp(max=CLASSES).flatten(1)).reshape(targets.shape)
+
+
+class Fitted(NamedTuple):
+    """Weights in ``path``; validation on held-out frames before and after the training."""
+
+    path: Path
+    frames: int
+    frames_held_out: int
+    before: Validation
+    after: Validation
+
+
+def train_labels(
+    recordings: Sequence[Recording], out: Path, steps: int, seed: int, progress: Progress
+) -> Fitted:
+    """Train the shipped suit network further on labelled recordings; write ``out``/reader.onnx.
+
+    An interrupted run is resumed. The same recordings, steps and seed give the same weights. Examples, 3 MB a
+    frame, are removed at the end. Raises CloudError for fewer than two recordings or without a usable frame,
+    ExistsError where ``out`` holds another training or a finished one, ClaimedError while another process
+    works there.
+    """
+    if len(recordings) < 2:
+        raise CloudError("one recording is too few: confidence is fitted to another; give two or more")
+    torch.set_num_threads(1)
+    stage = Stage(SAMPLING, steps, PEAK_RATE, AVERAGED)
+    sources = [[r.source.name, r.digest()] for r in recordings]
+    start = sha256(FULL_SUIT_NETWORK)
+    claim(out, {"seed": seed, "stages": [asdict(stage)], "start": start, "recordings": sources})
+    with Claim.take(out, login()):
+        files = [_stored(one, out / EXAMPLES / f"{i}.npz", progress) for i, one in enumerate(recordings)]
+        test = files[::-HELD_OUT]
+        learnt, held_out = ExampleFiles([file for file in files if file not in test]), ExampleFiles(test)
+        network = load_suit_network(FULL_SUIT_NETWORK)
+        before = validate(network, held_out, SAMPLE_M)
+        with progress("train, steps", steps) as advance:
+            trainings = [SuitTraining(learnt, stage, seed)]
+            after = train_stages(network, trainings, held_out, out, by_steps(advance))
+    shutil.rmtree(out / EXAMPLES)
+    return Fitted(out / WEIGHTS, len(learnt), len(held_out), before, after)
+
+
+def claim(out: Path, plan: dict[str, Any]) -> None:
+    """Take a folder for a training. Raises ExistsError where it holds another, or a finished one."""
+    text = json.dumps(plan, indent=1).encode()
+    if (out / WEIGHTS).exists() or ((out / PLAN).exists() and (out / PLAN).read_bytes() != text):
+        raise ExistsError(f"{out} holds another training; choose another folder or pass --overwrite")
+    (out / EXAMPLES).mkdir(parents=True, exist_ok=True)
+    write_bytes(out / PLAN, text)
+
+
+def by_steps(advance: Advance) -> Watch:
+    """Return a watch that advances by the steps since its last call."""
+    last = 0
+
+    def watch(step: int, loss: float) -> None:
+        nonlocal last
+        advance(step - last)
+        last = step
+
+    return watch
+
+
+def _stored(recording: Recording, path: Path, progress: Progress) -> Path:
+    """Return the file of a recording's examples; make it unless an earlier run has."""
+    if not path.exists():
+        with progress(f"{recording.source.name}, frames", len(recording.source)) as advance:
+
+            def usable() -> Iterator[Example]:
+                for example in recording.examples():
+                    advance(1)
+                    if example is not None:
+                        yield example
+
+            store_examples(usable(), path)
+    return path
+
+
+def train_stages(
+    network: SuitNet, trainings: Sequence[SuitTraining], held_out: ExampleFiles, out: Path, watch: Watch
+) -> Validation:
+    """Train in stages and write ``out``/reader.onnx, its confidence fitted to held-out examples.
+
+    An interrupted run is resumed from the checkpoints in ``out``. Raises FormatError where one is damaged.
+    """
+    for number, training in enumerate(trainings):
+        network = train_stage(network, training, out / f"stage-{number}.safetensors", watch)
+    found = validate(network, held_out, trainings[-1].stage.sampling.sample_m)
+    export_suit_network(network, out / WEIGHTS, found.temperature)
+    return found

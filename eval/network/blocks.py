@@ -1,0 +1,40 @@
+"""Blocks that the networks share, and what a network gives for a crop."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+
+class NetworkOutput(NamedTuple):
+    """Class scores (B, 12, h, w) of a batch of crops; of some networks also facing, posture and joints.
+
+    facing: (B, 2), cosine and sine of the camera's azimuth about the trunk, 0 in front of the chest, positive
+    on the person's left; the length is the certainty. posture: (B, P), scores by ``POSTURES``. joints:
+    (B, 15, 3) by ``JOINT_NAMES``, column and row as shares of the crop's side, depth in the crop's units.
+    """
+
+    scores: Tensor
+    facing: Tensor | None = None
+    posture: Tensor | None = None
+    joints: Tensor | None = None
+
+
+def convolution(c_in: int, c_out: int, side: int = 3, pad: int = 1, stride: int = 1) -> nn.Sequential:
+    """Return a convolution, batch normalisation and a rectifier."""
+    return nn.Sequential(
+        nn.Conv2d(c_in, c_out, side, stride, pad, bias=False), nn.BatchNorm2d(c_out), nn.ReLU(inplace=True)
+    )
+
+
+def self_attention(projected: Tensor, heads: int) -> Tensor:
+    """Return the values (B, N, C) mixed by the softmax of queries and keys; projected: (B, N, 3 C).
+
+    Written out, because cells are few and the exported graph is simple. Source: Vaswani et al. 2017.
+    """
+    batch, count, width = projected.shape[0], projected.shape[1], projected.shape[2] // 3
+    query, key, value = (
+        part.reshape(batch, count, heads, -1).transpose(1, 2) for part in projected.chunk(3, dim=-1)
+    )
+    weights = torch.softmax(query @ key.transpose(2, 3) / (width // heads) ** 0.5, dim=-1)
+    return (weights @ value).transpose(1, 2).reshape(batch, count, width)

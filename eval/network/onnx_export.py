@@ -1,0 +1,107 @@
+"""Export of networks as ONNX."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from annotate.crop import SIZE
+from annotate.parts import BACKGROUND, N_CLASSES
+from sensors.files.atomic import replacing
+
+LEAST_HALVED = 1024  # numbers of a tensor from which half precision makes the file smaller
+
+
+class _Probabilities(nn.Module):
+    """Network whose scores are turned into probabilities; a pixel without depth is background.
+
+    Facing, probabilities of postures and joints follow if the network gives them.
+    """
+
+    background: Tensor
+
+    def __init__(self, network: nn.Module, temperature: float) -> None:
+        super().__init__()
+        self.network, self.temperature = network, temperature
+        background = torch.zeros(1, N_CLASSES, 1, 1)
+        background[0, BACKGROUND] = 1
+        self.register_buffer("background", background)
+
+    def forward(self, depth: Tensor) -> tuple[Tensor, ...]:
+        """Return (B, 12, h, w), summing to 1, (B, 2), (B, P), (B, J, 3) for depth (B, 1, h, w)."""
+        scores, facing, posture, joints = self.network(depth)
+        # A softmax written out: ONNX Runtime's own along this axis takes five times as long.
+        odds = torch.exp((scores - scores.amax(dim=1, keepdim=True)) / self.temperature)
+        parts = torch.where(depth > 0, odds / odds.sum(dim=1, keepdim=True), self.background)
+        if facing is None:
+            return (parts,)
+        return parts, facing, torch.softmax(posture, dim=1), joints
+
+
+def export_network(network: nn.Module, path: Path, temperature: float = 1.0) -> None:
+    """Write a network as ONNX: ``depth`` (B, 1, 212, 212) -> ``probability`` (B, 12, 212, 212).
+
+    Outputs ``facing``, ``posture`` and ``joints`` are as in `NetworkOutput`. temperature: divides the scores.
+    """
+    whole = _Probabilities(network.cpu(), temperature).eval()
+    example = torch.rand(1, 1, SIZE, SIZE)
+    with torch.no_grad():
+        names = ["probability", "facing", "posture", "joints"][: len(whole(example))]
+    _write(whole, example, path, {name: {0: "batch"} for name in ("depth", *names)})
+
+
+def export_any_size(network: nn.Module, path: Path, channels: int, multiple: int, names: list[str]) -> None:
+    """Write a network of one image (1, channels, h, w) whose sides are multiples of ``multiple``.
+
+    names: of the input and the output. Statistics stay apart from weights, so training can continue from the
+    file.
+    """
+    axes = {name: {2: "h", 3: "w"} for name in names}
+    example = torch.zeros(1, channels, 2 * multiple, 3 * multiple)
+    _write(network.eval(), example, path, axes, torch.onnx.TrainingMode.PRESERVE)
+
+
+def _write(
+    network: nn.Module,
+    example: Tensor,
+    path: Path,
+    axes: dict[str, dict[int, str]],
+    mode: torch.onnx.TrainingMode = torch.onnx.TrainingMode.EVAL,
+) -> None:
+    """Write a network; axes: sizes that may change, by the names of the input and then of the outputs."""
+    given, *outputs = axes
+    with replacing(path) as temporary, warnings.catch_warnings():
+        # The newer exporter needs another package, onnxscript.
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            network,
+            (example,),
+            str(temporary),
+            training=mode,
+            opset_version=17 if mode == torch.onnx.TrainingMode.PRESERVE else None,
+            input_names=[given],
+            output_names=outputs,
+            dynamic_axes=axes,
+            dynamo=False,
+        )
+
+
+def halve_onnx(path: Path) -> None:
+    """Store an ONNX file's larger tensors in half precision; the network widens them and computes as before."""
+    import onnx
+    from onnx import helper, numpy_helper
+
+    model, widened = onnx.load(path), []
+    for tensor in model.graph.initializer:
+        values = numpy_helper.to_array(tensor)
+        if values.dtype == np.float32 and values.size >= LEAST_HALVED:
+            name = tensor.name
+            tensor.CopyFrom(numpy_helper.from_array(values.astype(np.float16), f"{name}_half"))
+            widened.append(helper.make_node("Cast", [f"{name}_half"], [name], to=onnx.TensorProto.FLOAT))
+    nodes = [*widened, *model.graph.node]
+    del model.graph.node[:]
+    model.graph.node.extend(nodes)
+    with replacing(path) as temporary:
+        onnx.save(model, temporary)
