@@ -1,4 +1,4 @@
-"""A person labelled by the network, crop and all: beside the paper's FCN, beside naive crop and paste."""
+"""Time of prediction, beside the paper's FCN and a naive crop and paste."""
 
 import statistics
 import tempfile
@@ -18,9 +18,9 @@ from annotate.labelset.label_set import LabelSet
 from annotate.parts import N_CLASSES
 from annotate.person.extract import PersonDetection
 from eval.network.onnx_network import OnnxNetwork
-from eval.network.predict import BATCH, predict_frames
+from eval.network.predict import BATCH, PredictOptions, predict_frames
 from eval.network.predict_source import predict_source
-from eval.network.refine import read_again, shipped_again
+from eval.network.refine import refine, shipped_refinement_network
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 from synth.images.presets import preset_named, sample
@@ -32,25 +32,25 @@ CROPS, RECORDED = 64, 5
 
 
 class Silent(OnnxNetwork):
-    """Answers at once: what is left is the work around the network."""
+    """Network whose outputs are computed once: the time left is that of the work around it."""
 
     @cache  # noqa: B019
-    def _answer(self, n):
-        return super().answers(np.full((n, SIZE, SIZE), 0.5, np.float32))
+    def _outputs(self, n):
+        return super().outputs(np.full((n, SIZE, SIZE), 0.5, np.float32))
 
-    def answers(self, crops):
-        return self._answer(len(crops))
+    def outputs(self, crops):
+        return self._outputs(len(crops))
 
 
 def paper_network(folder):
-    """The paper's FCN with random weights, exported: 135 million parameters, 540 MB."""
+    """Return the paper's FCN with random weights, exported: 135 million parameters, 540 MB."""
     import torch
 
-    from eval.network.networks import export_onnx
+    from eval.network.onnx_export import export_network
     from eval.network.reference_networks import PaperFcn
 
     torch.manual_seed(0)
-    export_onnx(PaperFcn(), folder / "paper.onnx")
+    export_network(PaperFcn(), folder / "paper.onnx")
     return OnnxNetwork(folder / "paper.onnx")
 
 
@@ -74,7 +74,7 @@ def segment_naive(network, depth_mm, person):
 
 
 def seconds(function, images, repeats):
-    """Median over frames and repeats, after one run to warm up."""
+    """Return the median over frames and repeats, after one run to warm up."""
     function(*images[0])
     times = []
     for k in range(repeats):
@@ -85,7 +85,7 @@ def seconds(function, images, repeats):
 
 
 def dataset_seconds(folder, network):
-    """Seconds a frame of ``predict`` on a dataset, read and written; eight at once, and singly."""
+    """Return seconds a frame of ``predict`` on a dataset, read and written; eight at once, and singly."""
     shard = folder / "d" / "shard-000000.tar"
     shard.parent.mkdir()
     preset = preset_named("sitting-test")
@@ -95,13 +95,14 @@ def dataset_seconds(folder, network):
     taken = []
     for batch in (BATCH, 1):
         start = time.perf_counter()
-        predict_frames(Dataset.open(shard.parent), network, folder / str(batch), lambda n: None, batch=batch)
+        data, options = Dataset.open(shard.parent), PredictOptions(batch=batch)
+        predict_frames(data, network, folder / str(batch), lambda n: None, options)
         taken.append((time.perf_counter() - start) / CROPS)
     return taken
 
 
 class Played(FrameSource):
-    """Frames of a rig as a source, rendered before."""
+    """Source of rendered frames of a rig."""
 
     def __init__(self, frames: list, calibration: RigCalibration) -> None:
         self.frames, self.calibration, self.name = frames, calibration, "played"
@@ -112,15 +113,16 @@ class Played(FrameSource):
 
 
 def recording_seconds(folder, rig, network, again):
-    """Seconds a frame of ``predict`` on a recording: found, labelled, written; and one after the other.
+    """Return seconds a frame of ``predict`` on a recording, and of frames one after the other.
 
-    again: what reads the labels again, as by default; None = nothing.
+    again: network that refines the labels, None = unrefined.
     """
     frames = [replace(frame, index=k) for k, frame in enumerate([*rig] * RECORDED)]
     warm, source = Played(frames[:FRAMES], rig.calibration), Played(frames, rig.calibration)
-    predict_source(warm, network, folder / "warm", lambda n: None, again=again)
+    options = PredictOptions(room_refiner=again)
+    predict_source(warm, network, folder / "warm", lambda n: None, options)
     start = time.perf_counter()
-    predict_source(source, network, folder / "recording", lambda n: None, again=again)
+    predict_source(source, network, folder / "recording", lambda n: None, options)
     ours = (time.perf_counter() - start) / len(frames)
     fuser, start = Fuser(rig.calibration), time.perf_counter()
     labels = LabelSet.create(folder / "singly", fuser.camera, {})
@@ -128,12 +130,12 @@ def recording_seconds(folder, rig, network, again):
         cloud = fuser.fuse_frame(frame)
         found = network.segment(cloud.depth_mm, PersonDetection(CoarseCloud.of(cloud)).person().mask)
         first = FrameLabels(str(frame.index), cloud.depth_mm, found.parts, found.confidence)
-        labels.write(read_again(fuser.camera, first, again) if again else first)
+        labels.write(refine(fuser.camera, first, again) if again else first)
     return ours, (time.perf_counter() - start) / FRAMES
 
 
 def bench():
-    """Rows (what, seconds a frame, seconds a frame of the other way)."""
+    """Return rows (name, seconds a frame, seconds a frame of the other way)."""
     rig = VirtualRig(FRAMES, 2, "normal", 77)
     truths = [truth_labels(frame, known) for frame, known in rig.with_truth()]
     images = [(frame.depth_mm, frame.parts > 0) for frame in truths]
@@ -145,13 +147,13 @@ def bench():
         batched, singly = dataset_seconds(Path(folder), network)
         again, alone = (
             recording_seconds(Path(folder) / name, rig, network, reader)
-            for name, reader in (("again", shipped_again()), ("alone", None))
+            for name, reader in (("again", shipped_refinement_network()), ("alone", None))
         )
         paper = seconds(paper_network(Path(folder)).segment, images, PAPER_REPEATS)
     return [
         ("predict: crop, network, paste; beside the paper's FCN", one, paper),
         ("predict: crop and paste alone; beside Python loops", around, naive),
         ("predict: recording, all of it; whole clouds, one by one", *again),
-        ("predict: recording, nothing read again; whole clouds, one by one", *alone),
+        ("predict: recording, unrefined; whole clouds, one by one", *alone),
         ("predict: dataset, read and written; one frame at once", batched, singly),
     ]

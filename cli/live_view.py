@@ -22,10 +22,10 @@ from annotate.segmentation.suit_network import shipped_suit_network
 from annotate.suit.palette import Suit
 from cli.console import finish, say
 from cli.extras import needing
-from eval.network.body_state import Bearing, joint_row
-from eval.network.joint_sides import sided
+from eval.network.body_state import BodyState, joint_row
 from eval.network.onnx_network import OnnxNetwork
-from eval.network.predict_source import NetworkSurvey
+from eval.network.predict_source import NetworkLabeller
+from eval.network.side_smoothing import sided_by_parts
 from eval.scores.joints import JOINT, JOINT_NAMES
 from eval.scores.skeleton_fit import BONES
 from sensors.interrupt import Ending, ended_by_signals, interrupted_by_signals
@@ -182,12 +182,12 @@ def labelling_by(suit: Suit | None) -> Labelling:
 
     The network runs without test-time augmentation, because latency matters more (docs/adr/0024).
     """
-    network = OnnxNetwork(mirrored=False)
+    network = OnnxNetwork(flip=False)
     if suit is None:
-        detect = partial(NetworkSurvey, network=network, single_pass=True)
+        coarse = NetworkLabeller(network, single_pass=True)
         return Labelling(
-            lambda cloud, before: detect(CoarseCloud.of(cloud)).labels(before),
-            lambda labels, camera: _body_pose(Bearing.from_note(labels.notes.get("bearing")), camera),
+            lambda cloud, before: label_cloud(coarse, CoarseCloud.of(cloud), before),
+            lambda labels, camera: _body_pose(BodyState.from_note(labels.notes.get("bearing")), camera),
         )
     labeller = SuitLabeller(suit, shipped_suit_network(), single_pass=True)
     return Labelling(partial(label_cloud, labeller), partial(_suit_body_pose, network))
@@ -196,21 +196,21 @@ def labelling_by(suit: Suit | None) -> Labelling:
 def _suit_body_pose(network: OnnxNetwork, labels: FrameLabels, camera: Intrinsics) -> BodyPose | None:
     """Return the network's body pose of a person whose parts, and so sides, are known by the suit."""
     assert labels.persons is not None
-    bearing = Bearing.from_note(network.segment(labels.depth_mm, labels.persons == 1).bearing)
-    return _body_pose(bearing and sided(bearing, labels.parts).seen_by(camera), camera)
+    state = BodyState.from_note(network.segment(labels.depth_mm, labels.persons == 1).bearing)
+    return _body_pose(state and sided_by_parts(state, labels.parts).faced_by_joints(camera), camera)
 
 
-def _body_pose(bearing: Bearing | None, camera: Intrinsics) -> BodyPose | None:
-    if bearing is None:
+def _body_pose(state: BodyState | None, camera: Intrinsics) -> BodyPose | None:
+    if state is None:
         return None
     return BodyPose(
         JOINT_NAMES,
-        bearing.joints_mm(camera) / 1000,
+        state.joints_mm(camera) / 1000,
         BONE_ENDS,
-        bearing.facing_deg,
-        bearing.facing_sure,
-        bearing.name,
-        float(bearing.posture.max()),
+        state.facing_deg,
+        state.facing_sure,
+        state.name,
+        float(state.posture.max()),
     )
 
 

@@ -15,7 +15,7 @@ from annotate.labelset.label_set import LabelSet
 from annotate.parts import BODY_PARTS
 from annotate.suit.palette import DEFAULT_SUIT, load_suit
 from cli.console import cell, table
-from eval.network.refine import SHIPPED_AGAIN
+from eval.network.refine import SHIPPED_REFINEMENT_NETWORK
 from sensors.session.messages import COLOR, THERMAL, color_message, thermal_message
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
@@ -133,10 +133,10 @@ def test_options_that_do_not_go_together_overwrite_nothing(annotate_cloud, tmp_p
 
 def test_a_learnt_reader_is_given_to_predict(annotate_cloud, tmp_path, rig_session):
     done = annotate_cloud(
-        "predict", rig_session, "--learnt", SHIPPED_AGAIN, "--out", tmp_path / "p", "--json"
+        "predict", rig_session, "--learnt", SHIPPED_REFINEMENT_NETWORK, "--out", tmp_path / "p", "--json"
     )
     assert (done.code, done.result["frames"]) == (0, 3)
-    (tmp_path / "cut.onnx").write_bytes(SHIPPED_AGAIN.read_bytes()[:1000])
+    (tmp_path / "cut.onnx").write_bytes(SHIPPED_REFINEMENT_NETWORK.read_bytes()[:1000])
     done = annotate_cloud("predict", rig_session, "--learnt", tmp_path / "cut.onnx", "--out", tmp_path / "q")
     assert done.code == 1 and not (tmp_path / "q").exists()
 

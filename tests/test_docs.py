@@ -181,7 +181,7 @@ def test_the_commands_of_a_page_run_in_order(
     monkeypatch.setattr(synth.rig.film, "FRAMES_PER_SECOND", 15.0)
     monkeypatch.setitem(TEMPLATES, REFERENCE, SMALL_RIG)
     if page == "docs/retrain.md":
-        monkeypatch.setattr("eval.training.segmentation.fit.SIDE", 32)
+        monkeypatch.setattr("eval.training.segmentation.train.SIDE", 32)
     if page != "docs/cluster.md":
         monkeypatch.setattr(synth.images.workers, "processes", here)
     for command in commands_of(page):
@@ -193,7 +193,7 @@ def test_the_commands_of_a_page_run_in_order(
             monkeypatch.setattr(os, "nice", lambda by: 0)
             monkeypatch.setattr(eval.fine_tuning.run, "MOST_STEPS", 1)
             monkeypatch.setattr(eval.fine_tuning.run, "MORE", 1.0)
-            monkeypatch.setattr(eval.fine_tuning.fine_tune.Learnt, "better", True)  # nothing was corrected
+            monkeypatch.setattr(eval.fine_tuning.fine_tune.FineTuned, "better", True)  # nothing was corrected
         wanted, before = asked(small), set(tmp_path.iterdir())
         if wanted in made:
             copied(made[wanted].iterdir(), tmp_path)

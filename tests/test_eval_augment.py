@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from annotate.crop import LEAST_VALUE, SIZE
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
 from eval.training.augment import MIN_LEFT, MIN_UNCOVERED, Augmentation, _incomplete, augment
-from eval.training.body_targets import FACING, JOINTS, POSTURE, mirrored, nothing_known
+from eval.training.body_targets import FACING, JOINTS, POSTURE, no_targets, swap_sides
 from eval.training.occluders import ROUGH
 
 law = settings(deadline=None, max_examples=30)
 seeds = st.integers(0, 9999)
-UNKNOWN = nothing_known()
+UNKNOWN = no_targets()
 NOTHING = Augmentation(**{field.name: False for field in fields(Augmentation)})
 
 
@@ -137,7 +137,7 @@ def test_joints_stay_on_their_pixels_and_facing_turns_with_the_mirror():
     depth, parts = body()
     parts[parts > 0] = 2
     parts[60:69, 120:129] = 3
-    row = nothing_known()
+    row = no_targets()
     row[FACING], row[POSTURE] = (0.6, 0.8), 1
     row[JOINTS] = np.tile([124.5 / SIZE, 64.5 / SIZE, depth[64, 124]], len(row[JOINTS]) // 3)
     for chance in range(12):
@@ -150,7 +150,7 @@ def test_joints_stay_on_their_pixels_and_facing_turns_with_the_mirror():
         assert x[int(v), int(u)] == pytest.approx(joint[2], abs=0.25)
         assert known[FACING].tolist() == pytest.approx([0.6, -0.8 if (y == 4).any() else 0.8])
         assert known[POSTURE] == 1
-    np.testing.assert_array_equal(mirrored(mirrored(row)), row)
+    np.testing.assert_array_equal(swap_sides(swap_sides(row)), row)
 
 
 @pytest.mark.parametrize("what", ["noise", "holes", "turn", "place", "borders"])

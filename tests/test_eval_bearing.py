@@ -1,4 +1,4 @@
-"""What a network says of the whole person: it survives as a note, is written as a table, keeps steady."""
+"""What a network says of the whole person: it survives as a note, is written as a table, keeps smooth_sides."""
 
 import csv
 import json
@@ -13,9 +13,9 @@ from annotate.labelset.label_set import LabelSet
 from annotate.parts import swap_left_right
 from annotate.posture import POSTURES
 from annotate.segmentation.segmented_person import Segmentation
-from eval.network.body_state import Bearing, bearing_notes
+from eval.network.body_state import BodyState, body_state_notes
 from eval.network.joint_files import write_joints
-from eval.network.side_smoothing import steady
+from eval.network.side_smoothing import smooth_sides
 from eval.scores.joints import JOINT, JOINT_NAMES, N_JOINTS
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
@@ -25,10 +25,10 @@ from synth.images.standing_statistics import facing_deg
 CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 
 
-def bearing(facing: float = 20.0, sure: float = 0.9) -> Bearing:
+def bearing(facing: float = 20.0, sure: float = 0.9) -> BodyState:
     posture = np.eye(len(POSTURES), dtype=np.float32)[1]
     joints = np.random.default_rng(0).uniform(10, 40, (N_JOINTS, 3)) + np.array([0, 0, 2000])
-    return Bearing(facing, sure, posture, joints)
+    return BodyState(facing, sure, posture, joints)
 
 
 def swapped(name: str) -> str:
@@ -55,15 +55,15 @@ def test_joints_tell_the_facing_of_somebody_seen_from_any_side(turn):
         side = 150 * (name.startswith("left_") - name.startswith("right_"))
         at[k] = np.array([0, 1000 * height.get(name.split("_")[-1], 0.3), 2000]) + side * leftward
     u, v = (at[:, :2] / at[:, 2:] * 60 + (31.5, 23.5)).T
-    seen = replace(bearing(facing=10), joints_px=np.column_stack([u, v, at[:, 2]])).seen_by(CAMERA)
+    seen = replace(bearing(facing=10), joints_px=np.column_stack([u, v, at[:, 2]])).faced_by_joints(CAMERA)
     assert abs((seen.facing_deg - turn + 180) % 360 - 180) < 1e-6
     assert seen.facing_sure == bearing().facing_sure
-    off = seen.exchanged().seen_by(CAMERA).facing_deg - seen.exchanged().facing_deg
+    off = seen.exchanged().faced_by_joints(CAMERA).facing_deg - seen.exchanged().facing_deg
     assert abs((off + 180) % 360 - 180) < 1e-6
 
 
 def test_a_note_holds_it():
-    back = Bearing.from_note(json.loads(json.dumps(bearing().note())))
+    back = BodyState.from_note(json.loads(json.dumps(bearing().note())))
     assert back is not None and back.note() == bearing().note()
     for broken in (
         None,
@@ -74,16 +74,16 @@ def test_a_note_holds_it():
         {**bearing().note(), "facing_deg": 10**400},
         {**bearing().note(), "facing_sure": float("nan")},
     ):
-        assert Bearing.from_note(broken) is None
+        assert BodyState.from_note(broken) is None
     others = {"2": {}, "9" * 5000: {}, "x": {}}
-    assert bearing_notes({"bearing": {"others": others}}).keys() == {1, 2}
+    assert body_state_notes({"bearing": {"others": others}}).keys() == {1, 2}
 
 
 def test_an_answer_of_the_crop_is_placed_in_the_image():
     depth, mask = np.full((48, 64), 1500, np.uint16), np.ones((48, 64), np.bool_)
     joints = np.tile(np.array([0.5, 0.25, 0.6], np.float32), (N_JOINTS, 1))
-    found = Bearing.of(
-        Crop(-4, 6, 40), depth, mask, np.array([0, -0.5], np.float32), np.ones(6, np.float32), joints
+    found = BodyState.of(
+        Crop(-4, 6, 40), (depth, mask), (np.array([0, -0.5], np.float32), np.ones(6, np.float32), joints)
     )
     assert (found.facing_deg, found.facing_sure) == pytest.approx((-90, 0.5))
     np.testing.assert_allclose(found.joints_px[0], (0.5 * 40 - 0.5 + 6, 0.25 * 40 - 0.5 - 4, 1700), rtol=1e-5)
@@ -110,7 +110,7 @@ def run(facings: list[float], sure: float = 0.9) -> list[FrameLabels]:
     done: list[FrameLabels] = []
     for number, facing in enumerate(facings):
         new = frame(number, facing, sure)
-        labelled = steady(new.notes["labelled"], done[-1] if done else None)
+        labelled = smooth_sides(new.notes["labelled"], done[-1] if done else None)
         done.append(replace(new, parts=labelled.parts, notes={"bearing": labelled.bearing}))
     return done
 
@@ -139,15 +139,15 @@ def test_a_wrong_beginning_is_outvoted():
 
 def test_frames_that_were_less_sure_do_not_outweigh_a_sure_one():
     before, there = run([-10], sure=0.4)[-1], frame(1, 170).notes["labelled"]
-    np.testing.assert_array_equal(steady(there, before).parts, there.parts)
+    np.testing.assert_array_equal(smooth_sides(there, before).parts, there.parts)
 
 
 def test_somebody_else_in_the_next_frame_is_seen_as_they_are():
     """After a pause, or where another person lies the other way round."""
     done, there = run([-10, -10, -10])[-1], frame(3, 170).notes["labelled"]
     elsewhere = replace(there, parts=np.roll(there.parts, 40, axis=1))
-    np.testing.assert_array_equal(steady(elsewhere, done).parts, elsewhere.parts)
-    np.testing.assert_array_equal(steady(there, done).parts, swap_left_right(there.parts))
+    np.testing.assert_array_equal(smooth_sides(elsewhere, done).parts, elsewhere.parts)
+    np.testing.assert_array_equal(smooth_sides(there, done).parts, swap_left_right(there.parts))
 
 
 @pytest.mark.parametrize("name", ["joints.jsonl", "joints.csv"])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from annotate.crop import LEAST_VALUE, SIZE
 from annotate.parts import BACKGROUND
-from eval.training.occluders import ROUGH, THICK, blanket, boarded, draped, noise_of
+from eval.training.occluders import ROUGH, THICK, add_blanket, add_board, blanket_band, sensor_noise
 
 law = settings(deadline=None, max_examples=25)
 seeds = st.integers(0, 9999)
@@ -25,7 +25,7 @@ def standing() -> tuple[np.ndarray, np.ndarray]:
 
 
 @law
-@given(seeds, st.sampled_from([draped, boarded]))
+@given(seeds, st.sampled_from([add_blanket, add_board]))
 def test_only_what_is_behind_a_thing_changes(chance, cover):
     depth, parts = standing()
     x, y = cover(depth, parts, np.random.default_rng(chance))
@@ -40,10 +40,10 @@ def test_only_what_is_behind_a_thing_changes(chance, cover):
 
 def test_a_blanket_lies_across_the_legs_and_between_them():
     depth, parts = standing()
-    hidden = [blanket(parts, np.random.default_rng(k)) & (parts > 0) for k in range(50)]
+    hidden = [blanket_band(parts, np.random.default_rng(k)) & (parts > 0) for k in range(50)]
     assert not any(one[:55].any() for one in hidden)
     assert 10 < sum(one[130:150, 80:100].all() and not one[204:].all() for one in hidden) < 50
-    drapes = [draped(depth, parts, np.random.default_rng(k))[0] for k in range(50)]
+    drapes = [add_blanket(depth, parts, np.random.default_rng(k))[0] for k in range(50)]
     assert 5 < sum((one[130:140, 100:110] > 0).all() for one in drapes) < 40
 
 
@@ -52,7 +52,7 @@ def test_a_blanket_stands_a_few_centimetres_before_what_carries_it():
     depth, parts = standing()
     ahead = []
     for chance in range(60):
-        x, y = draped(depth, parts, np.random.default_rng(chance))
+        x, y = add_blanket(depth, parts, np.random.default_rng(chance))
         ahead.append(0.5 - x[(y == BACKGROUND) & (x > 0)])
     middle = [np.median(one) for one in ahead if one.size]
     assert 20 < len(middle) < 50
@@ -65,7 +65,7 @@ def test_an_arm_before_a_blanket_stays():
     parts[120:160, 85:95] = 6
     depth[120:160, 85:95] = 0.2
     for chance in range(30):
-        _, y = draped(depth, parts, np.random.default_rng(chance))
+        _, y = add_blanket(depth, parts, np.random.default_rng(chance))
         np.testing.assert_array_equal(y[parts == 6], 6)
 
 
@@ -73,7 +73,7 @@ def test_an_arm_before_a_blanket_stays():
 def test_who_shows_no_legs_gets_no_blanket(part):
     depth, parts = standing()
     parts[parts > 0] = part
-    x, y = draped(depth, parts, np.random.default_rng(0))
+    x, y = add_blanket(depth, parts, np.random.default_rng(0))
     np.testing.assert_array_equal(x, depth)
     np.testing.assert_array_equal(y, parts)
 
@@ -84,7 +84,7 @@ def test_noise_and_lost_pixels_are_the_persons(deviation, share):
     rng = np.random.default_rng(0)
     depth = np.where(depth > 0, 0.5 + deviation * rng.standard_normal(depth.shape), 0).astype(np.float32)
     depth[rng.random(depth.shape) < share] = 0
-    noise, lost = noise_of(depth, rng)
+    noise, lost = sensor_noise(depth, rng)
     assert noise.std() == pytest.approx(deviation, rel=0.25, abs=1e-6)
     assert lost.mean() == pytest.approx(share, abs=0.015)
     assert np.abs(noise).max() <= ROUGH

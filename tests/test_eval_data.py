@@ -15,7 +15,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.label_set import LabelSet
 from annotate.labelset.labelled_frames import camera_of, open_frames, pinhole_of
 from annotate.parts import BACKGROUND, UNDEFINED
-from eval.training.body_targets import nothing_known
+from eval.training.body_targets import no_targets
 from eval.training.calibration_split import calibration_split
 from eval.training.crops import DEPTH_STEPS, Crops, load_crops, to_crop
 from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE
@@ -25,7 +25,7 @@ from tests.helpers.shards import write_dataset
 
 
 def of(depth, parts):
-    return Crops.of((*both, nothing_known()) for both in zip(depth, parts, strict=True))
+    return Crops.of((*both, no_targets()) for both in zip(depth, parts, strict=True))
 
 
 def test_spread_takes_from_first_to_last():
@@ -48,7 +48,7 @@ def test_chosen_crops_are_those_and_are_told_apart_from_others():
 def people(n: int, images: int) -> Crops:
     """``images`` crops of each of ``n`` people, in turn; a crop's depth is its number."""
     depth = np.arange(n * images, dtype=np.uint16).reshape(-1, 1, 1)
-    examples = ((d, np.ones((1, 1), np.uint8), nothing_known()) for d in depth)
+    examples = ((d, np.ones((1, 1), np.uint8), no_targets()) for d in depth)
     return Crops.of(examples, [f"p{i % n}" for i in range(n * images)])
 
 

@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 
 from annotate.parts import PART_ID
 from annotate.person.planes import Plane, find_planes
-from eval.network.body_state import Bearing
+from eval.network.body_state import BodyState
 from eval.network.joint_files import write_joints
 from eval.network.onnx_network import OnnxNetwork
+from eval.network.predict import PredictOptions
 from eval.network.predict_source import predict_source
-from eval.network.support import LEAST_HIPS_M, STANDING_HIPS, by_height, floor_of, support_of
+from eval.network.support import LEAST_HIPS_M, STANDING_HIPS, exclude_standing, floor_of, support_of
 from eval.scores.joints import JOINT
 from sensors.rig.camera import rays
 from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
@@ -44,7 +45,7 @@ def network() -> OnnxNetwork:
 
 
 def predicted(film, network, out, **options):
-    return predict_source(film, network, out / "labels", lambda n: None, **options).labels
+    return predict_source(film, network, out / "labels", lambda n: None, PredictOptions(**options)).labels
 
 
 def test_two_people_keep_their_numbers_and_have_their_joints(tmp_path, network):
@@ -158,10 +159,10 @@ def test_nobody_stands_whose_hips_are_too_low(hips_m, head_m, tilt_deg):
     z = joints_mm[:, 2]
     pixels = [CAMERA.fx * joints_mm[:, 0] / z + CAMERA.cx, CAMERA.fy * joints_mm[:, 1] / z + CAMERA.cy, z]
     said = np.array([0.8, 0.15, 0.05, 0, 0, 0], np.float32)
-    bearing = Bearing(0.0, 1.0, said, np.column_stack(pixels))
+    bearing = BodyState(0.0, 1.0, said, np.column_stack(pixels))
     low = LEAST_HIPS_M < hips_m < STANDING_HIPS * head_m
-    found = by_height(bearing, CAMERA, floor)
+    found = exclude_standing(bearing, CAMERA, floor)
     assert found.name == ("sitting" if low else "standing") and np.isclose(found.posture.sum(), 1)
-    assert by_height(bearing, CAMERA, None) is bearing
+    assert exclude_standing(bearing, CAMERA, None) is bearing
     sure = replace(bearing, posture=np.array([1, 0, 0, 0, 0, 0], np.float32))
-    assert by_height(sure, CAMERA, floor) is sure  # Nothing else was thought of.
+    assert exclude_standing(sure, CAMERA, floor) is sure  # Nothing else was thought of.

@@ -7,10 +7,17 @@ import torch
 from annotate.onnx_session import onnx_session
 from annotate.person.finder import FOCAL_PX
 from eval.training.finder import images as finder_images
-from eval.training.finder.images import HEIGHT, WIDTH, Stock, _votes, draw_batch, load_scenes, store_scenes
-from eval.training.finder.network import FinderNet, export_finder, loss_of
+from eval.training.finder.images import (
+    HEIGHT,
+    WIDTH,
+    _votes,
+    draw_batch,
+    load_scenes,
+    store_scenes,
+)
+from eval.training.finder.network import FinderNet, export_finder
 from eval.training.finder.scenes import room_scenes
-from eval.training.finder.warm import UNFELT, invented, spoilt
+from eval.training.finder.warm import UNFELT, degraded_warmth, random_warmth
 
 
 def test_rooms_are_the_same_for_a_seed_name_their_people_and_are_stored(tmp_path, monkeypatch):
@@ -35,11 +42,11 @@ def test_people_in_an_invented_warmth_are_warm_and_what_is_spoilt_was_felt():
     unfelt = 0
     for seed in range(60):
         rng = np.random.default_rng(seed)
-        warmth = invented(depth_mm, persons, rng)
+        warmth = random_warmth(depth_mm, persons, rng)
         hidden = np.isnan(warmth)
         assert hidden.mean() < 0.1 and not hidden[persons > 0].any()
         assert np.nanmean(warmth[persons > 0]) > np.nanmedian(warmth[persons == 0]) + 0.25
-        worn = spoilt(warmth, rng)
+        worn = degraded_warmth(warmth, rng)
         assert worn.shape == warmth.shape and worn.dtype == np.float32
         unfelt += not np.isfinite(worn).any()
     assert 0.3 * UNFELT < unfelt / 60 < 2 * UNFELT
@@ -65,7 +72,7 @@ def test_a_step_learns_and_the_exported_network_answers_as_the_trained_one(tmp_p
     cv2.ellipse(persons, (120, 100), (30, 70), 0, 0, 360, 1, -1)
     depth_mm = np.where(persons > 0, np.uint16(2000), np.uint16(3000))
     images = [(depth_mm, persons.astype(np.float16), persons)]
-    batch = draw_batch(Stock(images, []), 4, np.random.default_rng(0))
+    batch = draw_batch(SceneImages(images, []), 4, np.random.default_rng(0))
     torch.manual_seed(0)
     network = FinderNet().train()
     optimizer = torch.optim.AdamW(network.parameters(), 3e-3)

@@ -27,11 +27,11 @@ KINDS = "full", "float16 inside", "float16 throughout", "dynamic", "static"
 def converted(folder: Path, kind: str) -> Path:
     """The shipped network in full precision, and as ONNX Runtime's own tools convert that."""
     onnx, quantization = pytest.importorskip("onnx"), pytest.importorskip("onnxruntime.quantization")
-    networks = pytest.importorskip("eval.network.networks", reason="exporting needs torch")
+    networks = pytest.importorskip("eval.network.onnx_export", reason="exporting needs torch")
     from eval.network.checkpoint import load_weights
 
     full, out = folder / "full.onnx", folder / "n.onnx"
-    networks.export_onnx(load_weights(SHIPPED_WEIGHTS.with_suffix(".safetensors"))[0].float(), full)
+    networks.export_network(load_weights(SHIPPED_WEIGHTS.with_suffix(".safetensors"))[0].float(), full)
     if kind == "full":
         return full
     if kind.startswith("float16"):

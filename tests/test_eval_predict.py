@@ -17,9 +17,9 @@ from annotate.labelset.images import encode_png
 from annotate.labelset.label_set import LabelSet, validate
 from annotate.parts import BACKGROUND, N_CLASSES, PART_ID, swap_left_right
 from eval.compare.compare import compare_sets
-from eval.network.body_state import Bearing
+from eval.network.body_state import BodyState
 from eval.network.onnx_network import OnnxNetwork
-from eval.network.predict import predict_frames
+from eval.network.predict import PredictOptions, predict_frames
 from eval.network.predict_source import predict_source
 from eval.scores.joints import TWIN
 from eval.training.crops import to_crop
@@ -83,10 +83,10 @@ def test_a_mirror_image_gets_mirrored_labels(network, truth):
     )
     np.testing.assert_array_equal(swap_left_right(other.parts)[:, ::-1], found.parts)
     np.testing.assert_array_equal(other.confidence[:, ::-1], found.confidence)
-    bearing, mirrored = (Bearing.from_note(result.bearing) for result in (found, other))
+    bearing, mirrored = (BodyState.from_note(result.bearing) for result in (found, other))
     assert mirrored.facing_deg == pytest.approx(-bearing.facing_deg)
     np.testing.assert_allclose(mirrored.joints_px[TWIN, 0], SIZE - 1 - bearing.joints_px[:, 0], atol=0.11)
-    once = OnnxNetwork(mirrored=False).segment(depth, person)
+    once = OnnxNetwork(flip=False).segment(depth, person)
     assert (once.parts != found.parts).any()
 
 
@@ -179,7 +179,7 @@ def test_rims_that_a_small_crop_drops_get_the_part_beside_them():
     """A network gives background where it sees nothing; a pixel of the person never takes that for a head."""
 
     class Forearms(OnnxNetwork):
-        def answers(self, crops):
+        def outputs(self, crops):
             planes = np.zeros((len(crops), N_CLASSES, SIZE, SIZE), np.float32)
             planes[:, PART_ID["left_forearm"]], planes[:, BACKGROUND] = (
                 0.9 * (crops > 0),
@@ -233,12 +233,12 @@ def test_a_dataset_is_labelled_as_its_frames_are(tmp_path, crops, truth, network
 
 def test_the_number_of_frames_at_once_changes_no_byte(tmp_path, crops, network):
     for batch in (1, 4, 7):
-        predict_frames(crops, network, tmp_path / str(batch), silent, probabilities=True, batch=batch)
+        predict_frames(crops, network, tmp_path / str(batch), silent, PredictOptions(True, batch=batch))
     assert tree(tmp_path / "1") == tree(tmp_path / "4") == tree(tmp_path / "7")
 
 
 def test_an_interrupted_dataset_goes_on_to_the_same_bytes(tmp_path, crops, network):
-    whole = predict_frames(crops, network, tmp_path / "whole", silent, probabilities=True)
+    whole = predict_frames(crops, network, tmp_path / "whole", silent, PredictOptions(True))
 
     class Interrupted(OnnxNetwork):
         calls = 0
@@ -251,9 +251,9 @@ def test_an_interrupted_dataset_goes_on_to_the_same_bytes(tmp_path, crops, netwo
 
     out = tmp_path / "p"
     with pytest.raises(KeyboardInterrupt):
-        predict_frames(crops, Interrupted(), out, silent, probabilities=True, batch=2)
+        predict_frames(crops, Interrupted(), out, silent, PredictOptions(True, batch=2))
     assert 0 < len(LabelSet.open(out)) < 6
-    assert len(predict_frames(crops, network, out, silent, probabilities=True).labels) == 6
+    assert len(predict_frames(crops, network, out, silent, PredictOptions(True)).labels) == 6
     assert tree(out) == tree(whole.labels.path)
 
 
@@ -273,7 +273,7 @@ def test_a_dataset_of_other_images_is_not_mixed_in(tmp_path, crops, truth, netwo
     with pytest.raises(ExistsError, match="another source"):
         predict_frames(other, network, out, silent)
     with pytest.raises(ExistsError, match="other settings"):
-        predict_frames(crops, network, out, silent, probabilities=True)
+        predict_frames(crops, network, out, silent, PredictOptions(True))
     assert tree(out) == before
 
 
@@ -291,7 +291,7 @@ def test_a_shard_that_breaks_off_keeps_what_was_done(tmp_path, crops, network):
     shard = path / "shard-000000.tar"
     shard.write_bytes(shard.read_bytes()[: shard.stat().st_size * 2 // 3])
     with pytest.raises(FormatError, match="shard"):
-        predict_frames(Dataset.open(path), network, tmp_path / "p", silent, batch=2)
+        predict_frames(Dataset.open(path), network, tmp_path / "p", silent, PredictOptions(batch=2))
     kept = LabelSet.open(tmp_path / "p")
     assert 0 < len(kept) < 6
     assert validate(kept) == []
@@ -301,7 +301,7 @@ def test_a_shard_that_breaks_off_keeps_what_was_done(tmp_path, crops, network):
 
 
 def test_probabilities_come_back_and_give_the_labels(tmp_path, truth, network):
-    run = predict_frames(truth, network, tmp_path / "p", silent, probabilities=True)
+    run = predict_frames(truth, network, tmp_path / "p", silent, PredictOptions(True))
     for frame in run.labels:
         stored = run.labels.probabilities(frame.frame_id)
         assert stored is not None
@@ -324,7 +324,7 @@ def test_without_being_asked_none_are_kept(predicted):
 
 
 def test_a_session_keeps_them_too(tmp_path, rig_session, network):
-    run = predict_source(Session(rig_session), network, tmp_path / "p", silent, probabilities=True)
+    run = predict_source(Session(rig_session), network, tmp_path / "p", silent, PredictOptions(True))
     assert all(run.labels.probabilities(i) is not None for i in run.labels.frame_ids)
     labels = run.labels
     labels.write(labels.read("000000"))
@@ -357,7 +357,7 @@ def bomb() -> bytes:
     ],
 )
 def test_spoilt_probabilities_are_named(tmp_path, truth, network, spoil, says):
-    labels = predict_frames(truth, network, tmp_path / "p", silent, probabilities=True).labels
+    labels = predict_frames(truth, network, tmp_path / "p", silent, PredictOptions(True)).labels
     file = labels.path / "frames" / "000000.probability.png"
     file.write_bytes(spoil(file.read_bytes()))
     with pytest.raises(FormatError, match=says) as error:

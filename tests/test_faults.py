@@ -294,11 +294,11 @@ def test_a_read_only_place_is_left_as_it_is():
 def test_a_full_disk_is_one_line_of_train_and_it_goes_on(tmp_path):
     tiny = pytest.importorskip("tests.helpers.tiny_training", reason="training needs torch")
     from eval.training.processes import ProcessGroup
-    from eval.training.train import Watch, train
+    from eval.training.train import Data, Watch, train
 
     def trained(out: Path) -> None:
         with ProcessGroup.join() as group:
-            train(tiny.CROPS, None, out, tiny.PLAN, group, Watch(checkpoint_s=0.0))
+            train(Data(tiny.CROPS), out, tiny.PLAN, group, Watch(checkpoint_s=0.0))
 
     with largest_file(4_000), pytest.raises(CloudError, match=r"cannot be written .*free some space"):
         trained(tmp_path / "t")

@@ -18,7 +18,7 @@ from annotate.label_recording import SuitLabeller, label_source
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import UNDEFINED, swap_left_right
 from annotate.suit.palette import DEFAULT_SUIT
-from eval.network.body_state import Bearing
+from eval.network.body_state import BodyState
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import predict_source
 from eval.scores.joints import IN_SKELETON, TWIN
@@ -265,7 +265,7 @@ def test_left_stays_left_from_the_library_to_the_labels(rig_session, tmp_path):
             right, swapped = (frame.parts[sided] == t[sided] for t in (true, swap_left_right(true)))
             assert right.mean() > least and swapped.mean() < 0.1
     for frame in network:
-        joints = Bearing.from_note(frame.notes["bearing"]).joints_mm(network.intrinsics)
+        joints = BodyState.from_note(frame.notes["bearing"]).joints_mm(network.intrinsics)
         true = np.array(truth.read(frame.frame_id).notes["joints_mm"])[IN_SKELETON]
         off, if_swapped = (np.linalg.norm(joints - t, axis=1).mean() for t in (true, true[TWIN]))
         assert off < 0.6 * if_swapped

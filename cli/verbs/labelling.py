@@ -236,27 +236,20 @@ def _work(
     from annotate.labelset.labelled_frames import LabelledFrames
     from annotate.segmentation.suit_network import SuitNetwork
     from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
-    from eval.network.predict import predict_frames
+    from eval.network.predict import PredictOptions, predict_frames
     from eval.network.predict_source import predict_source
-    from eval.network.refine import shipped_again
+    from eval.network.refine import shipped_refinement_network
 
     network = OnnxNetwork(how.weights or SHIPPED_WEIGHTS)
     readers = [SuitNetwork(how.learnt)] if how.learnt else []
     if isinstance(opened, LabelledFrames):
-        readers = [shipped_again(), *readers] if how.again else readers
-        return partial(predict_frames, opened, network, out, probabilities=how.probabilities, readers=readers)
+        readers = [shipped_refinement_network(), *readers] if how.again else readers
+        options = PredictOptions(how.probabilities, refiners=readers)
+        return partial(predict_frames, opened, network, out, options=options)
     once = how.again is False or how.probabilities or how.everybody
-    return partial(
-        predict_source,
-        opened,
-        network,
-        out,
-        window_c=how.window_c,
-        probabilities=how.probabilities,
-        everybody=how.everybody,
-        again=None if once else shipped_again(),
-        readers=readers,
-    )
+    refiner = None if once else shipped_refinement_network()
+    options = PredictOptions(how.probabilities, how.everybody, how.window_c, refiner, readers)
+    return partial(predict_source, opened, network, out, options=options)
 
 
 def _opened(source: Path, everybody: bool) -> "LabelledFrames | Source":
@@ -268,10 +261,10 @@ def _opened(source: Path, everybody: bool) -> "LabelledFrames | Source":
             raise typer.BadParameter(
                 "--everybody needs a recording; label sets keep their outline of one person"
             )
-        from eval.network.predict import check_alone
+        from eval.network.predict import check_one_person
 
         labels = open_frames(source)
-        check_alone(labels)
+        check_one_person(labels)
         return labels
     frames = open_source(source)
     for note in (*frames.notes, *doubts_of(frames)):

@@ -1,9 +1,9 @@
-"""Verbs that train: train, a network; train-labels, the reader of suits."""
+"""Verbs that train: train, a network; train-labels, the suit network."""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -19,30 +19,71 @@ from sensors.importers.open_source import opener_at
 if TYPE_CHECKING:
     from torch import nn
 
-    from eval.network.checkpoint import Epoch
     from eval.network.networks import NetworkConfig
     from eval.training.calibration_split import CalibrationSplit
     from eval.training.crops import Crops
+    from eval.training.fit import Epoch
     from eval.training.plan import Plan
     from eval.training.processes import ProcessGroup
     from eval.training.train import Watch
 
-CALIBRATED_ON = 512
-"""Images, at most, on which the temperature of the confidences is fitted. Untuned."""
-EPOCHS = 12
-"""Passes over all images, unless told otherwise. Untuned."""
+CALIBRATED_ON = 512  # images, at most, that the temperature of the confidences is fitted on; untuned
+EPOCHS = 12  # passes over all images by default; untuned
 PLAN = "plan.json"
-"""What both trainings write first into their folder."""
+"""First file of both trainings in their folder."""
 SHIPPED = Path("shipped")
 """For ``--init``: the shipped network."""
 Without = StrEnum(
     "Without", ["mirror", "place", "turn", "noise", "holes", "occluders", "cuts", "borders", "extras"]
 )
-"""The augmentations that can be left out: the fields of ``eval.training.augment.Augmentation``."""
-
+"""Augmentations that can be left out: the fields of ``eval.training.augment.Augmentation``."""
 NetworkName = Literal["compact", "compact-small", "compact-large", "paper", "paper-quarter", "smp"]
 RecipeName = Literal["modern", "paper"]
-"""Networks that can be trained; losses with their optimisers."""
+Precision = Literal["float32", "bfloat16"]
+
+
+@dataclass(frozen=True)
+class _Choices:
+    """Options of ``train`` that make its plan. Raises CloudError where they exclude each other."""
+
+    network: NetworkName | None
+    recipe: RecipeName
+    init: Path | None
+    without: list[Without] | None
+    epochs: int | None
+    minutes: float | None
+    batch: int | None
+    seed: int
+    precision: Precision | None
+
+    def __post_init__(self) -> None:
+        if self.epochs is not None and self.minutes is not None:
+            raise CloudError("--epochs and --minutes exclude each other; give one of them")
+        if self.init and self.network:
+            raise CloudError(f"{self.init} determines the network; leave out --network {self.network}")
+
+    @property
+    def weights(self) -> Path | None:
+        """File to start from."""
+        if self.init != SHIPPED:
+            return self.init
+        from eval.network.onnx_network import SHIPPED_WEIGHTS
+
+        return SHIPPED_WEIGHTS.with_suffix(".safetensors")
+
+    def plan(self) -> "tuple[Plan, nn.Module | None]":
+        """Return the plan, and the network to start from if any."""
+        from eval.network.checkpoint import load_weights
+        from eval.training.augment import Augmentation
+        from eval.training.plan import ModernRecipe, PaperRecipe, Plan, best_precision
+
+        weights, without = self.weights, self.without or []
+        model, config = load_weights(weights) if weights else (None, _config(self.network or "compact"))
+        how = Augmentation(**{f.name: f.name not in without for f in fields(Augmentation)})
+        kind = PaperRecipe if self.recipe == "paper" else ModernRecipe
+        recipe = kind() if self.batch is None else kind(self.batch)
+        epochs, precision = self.epochs or EPOCHS, self.precision or best_precision()
+        return Plan(config, recipe, how, epochs, self.minutes, self.seed, precision), model
 
 
 def train(
@@ -70,7 +111,7 @@ def train(
     ] = None,
     seed: Annotated[int, Option(min=0, help="The same seed, data and threads give the same network.")] = 0,
     precision: Annotated[
-        Literal["float32", "bfloat16"] | None,
+        Precision | None,
         Option(
             help="bfloat16 is faster where the processor supports it.",
             show_default="bfloat16 on a GPU that supports it, else float32",
@@ -87,47 +128,45 @@ def train(
     started, tests = time.monotonic(), test or []
     if tests and hold_out:
         raise CloudError("--test and --hold-out exclude each other; give one of them")
-    if epochs is not None and minutes is not None:
-        raise CloudError("--epochs and --minutes exclude each other; give one of them")
-    if init and network:
-        raise CloudError(f"{init} determines the network; leave out --network {network}")
-    inputs = _checked([*data, *tests], None if init == SHIPPED else init)
+    choices = _Choices(network, recipe, init, without, epochs, minutes, batch, seed, precision)
+    inputs = _checked([*data, *tests], choices)
     check_room(out, PLAN, overwrite, *inputs)
     with needing("train"):
-        from eval.training.plan import best_precision
         from eval.training.processes import ProcessGroup
+        from eval.training.train import Data
         from eval.training.train import train as run
-    init = _shipped() if init == SHIPPED else init
     with ProcessGroup.join() as group:
-        plan, start = _plan(network, recipe, init, without or [], batch)
-        precision = precision or best_precision()
-        plan = replace(plan, epochs=epochs or EPOCHS, minutes=minutes, seed=seed, precision=precision)
+        plan, start = choices.plan()
         split, measured = _crops(data, tests, frozenset(hold_out or []), test_images)
-        crops = split.trained
         if group.first:
             _say_unchecked([*data, *tests])
             clear(out, PLAN, overwrite, *inputs)
-        with _watching(group, out, plan, crops, checkpoint_minutes) as watch:
-            model, done = run(crops, measured, out, plan, group, watch, start, workers)
+        crops = Data(split.trained, measured, start, workers)
+        with _watching(group, out, plan, split.trained, checkpoint_minutes) as watch:
+            model, done = run(crops, out, plan, group, watch)
     if group.first:
         say(split.note)
-        _report(_written(out, model, plan, split), done.epochs, started, json)
+        written, history = _written(out, model, plan, split), [asdict(epoch) for epoch in done.epochs]
+        course = {"epochs": len(history), "loss": done.epochs[-1].loss, "history": history}
+        result = written | course | {"seconds": round(time.monotonic() - started, 1)}
+        text = f"{len(history)} epochs, loss {done.epochs[-1].loss:.4f}, weights in {written['weights']}"
+        finish(result, json, text)
 
 
-def _checked(frames: list[Path], init: Path | None) -> list[Path]:
-    """What is trained on and started from, which is there."""
+def _checked(frames: list[Path], choices: _Choices) -> list[Path]:
+    """Return the files to train on and to start from, which exist."""
     from annotate.labelset.labelled_frames import open_frames
 
     check_extra("train", "torch", "onnx", "safetensors")
     for path in frames:
         open_frames(path)
-    inputs = [*frames, init] if init else frames
+    inputs = [*frames, *([choices.init] if choices.init not in (None, SHIPPED) else [])]
     check_there(*inputs)
     return inputs
 
 
 def _say_unchecked(paths: list[Path]) -> None:
-    """Print how many frames of label sets nobody has accepted, where there are any."""
+    """Print the number of automatic frames of label sets."""
     from annotate.labelset.label_set import LabelSet
     from annotate.labelset.labelled_frames import open_frames
 
@@ -136,59 +175,25 @@ def _say_unchecked(paths: list[Path]) -> None:
         if isinstance(labels, LabelSet):
             automatic = sum(labels.status(frame_id) == "auto" for frame_id in labels.frame_ids)
             if automatic:
-                say(f"{path}: {automatic} of {len(labels)} frames have labels that nobody has checked")
-
-
-def _shipped() -> Path:
-    from eval.network.onnx_network import SHIPPED_WEIGHTS
-
-    return SHIPPED_WEIGHTS.with_suffix(".safetensors")
-
-
-def _report(written: dict[str, Any], epochs: "Sequence[Epoch]", started: float, json: bool) -> None:
-    """Finish. written: what ``_written`` gives; epochs: all of them; started: by the steady clock."""
-    history = [asdict(epoch) for epoch in epochs]
-    course = {"epochs": len(history), "loss": epochs[-1].loss, "history": history}
-    result = written | course | {"seconds": round(time.monotonic() - started, 1)}
-    text = f"{len(history)} epochs, loss {epochs[-1].loss:.4f}, weights in {written['weights']}"
-    finish(result, json, text)
+                say(f"{path}: {automatic} of {len(labels)} frames have unchecked labels")
 
 
 def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSplit") -> dict[str, Any]:
-    """Write a trained network in both formats; return its path, its temperature and what that rests on."""
+    """Write a trained network in both formats; return its path, its temperature and the calibration set."""
     from eval.network.checkpoint import save_weights
-    from eval.network.networks import export_onnx
+    from eval.network.onnx_export import export_network
     from eval.training.temperature import fitted_temperature
 
-    weights = out / "weights.onnx"
+    weights, held = out / "weights.onnx", split.calibrated
     save_weights(weights.with_suffix(".safetensors"), model, plan.network)
-    held = split.calibrated
     temperature = 1.0 if held is None else fitted_temperature(model, held.spread(CALIBRATED_ON))
-    export_onnx(model, weights, temperature)
+    export_network(model, weights, temperature)
     calibrated_on = split.described()
     return {
         "temperature": round(temperature, 4),
         "calibrated_on": calibrated_on,
         "weights": str(weights),
     }
-
-
-def _plan(
-    network: NetworkName | None,
-    recipe: RecipeName,
-    init: Path | None,
-    without: list[Without],
-    batch: int | None,
-) -> "tuple[Plan, nn.Module | None]":
-    from eval.network.checkpoint import load_weights
-    from eval.training.augment import Augmentation
-    from eval.training.plan import ModernRecipe, PaperRecipe, Plan
-
-    model, config = load_weights(init) if init else (None, _config(network or "compact"))
-    how = Augmentation(**{f.name: f.name not in without for f in fields(Augmentation)})
-    kind = PaperRecipe if recipe == "paper" else ModernRecipe
-    chosen = kind() if batch is None else kind(batch)
-    return Plan(config, chosen, how), model
 
 
 def _config(network: NetworkName) -> "NetworkConfig":
@@ -223,7 +228,7 @@ def _crops(
 def _watching(
     group: "ProcessGroup", out: Path, plan: "Plan", crops: "Crops", minutes: float
 ) -> "Iterator[Watch]":
-    """Where a training reports, and when it is saved; only the first of several processes reports."""
+    """Return the calls of a training; only the first of several processes reports."""
     from eval.training.train import Watch, work_left
 
     def ended(epoch: "Epoch") -> None:
@@ -239,10 +244,10 @@ def _watching(
         yield Watch(checkpoint_s=60 * minutes)
 
 
-def _lessons(
+def _sources(
     sessions: list[Path], truth: list[Path] | None, suit: Path | None
 ) -> list[tuple[Path, Path, Path]]:
-    """Each recording with its labels and palette. Raises CloudError for too few, or what is none."""
+    """Return recordings with labels and palettes. Raises CloudError for too few, or for other files."""
     from annotate.labelset.label_set import LabelSet
     from annotate.suit.palette import load_suit
     from synth.rig.simulate import suit_path, truth_path
@@ -268,12 +273,12 @@ def train_labels(
         list[Path] | None,
         Option(
             help="Corrected label set of each recording, in the same order.",
-            show_default="what simulate wrote beside each",
+            show_default="the file of simulate beside each",
         ),
     ] = None,
     suit: Annotated[
         Path | None,
-        Option(help="Palette of the suit (TOML).", show_default="what simulate wrote beside each"),
+        Option(help="Palette of the suit (TOML).", show_default="the file of simulate beside each"),
     ] = None,
     steps: Annotated[
         int,
@@ -283,15 +288,15 @@ def train_labels(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Train the labelling on with your recordings, for 'label --weights'. Needs the extra 'train'."""
+    """Train the suit network further on your recordings, for 'label --weights'. Needs the extra 'train'."""
     check_extra("train", "torch", "onnx", "safetensors")
-    triples = _lessons(sessions, truth, suit)
+    triples = _sources(sessions, truth, suit)
     inputs = [path for triple in triples for path in triple]
     check_room(out, PLAN, overwrite, *inputs)
     with needing("train", "synth"):
         from annotate.segmentation.suit_network import SuitNetwork
         from eval.training.segmentation.examples import Recording
-        from eval.training.segmentation.fit import train_labels
+        from eval.training.segmentation.train import train_labels
     clear(out, PLAN, overwrite, *inputs)
     done = train_labels([Recording.open(*triple) for triple in triples], out, steps, seed, progress)
     result = {

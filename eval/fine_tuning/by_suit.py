@@ -38,7 +38,10 @@ class SuitFineTuner(FineTuner):
         if session is None:
             raise CloudError(f"{labels.path} was made with a suit; give its recording: --session RECORDING")
         super().__init__(labels, start or FULL_SUIT_NETWORK, degrade=True)
-        self._source, self._suit = open_source(session), suit_from_toml(how["suit"], f"the suit in {labels.path}")
+        self._source, self._suit = (
+            open_source(session),
+            suit_from_toml(how["suit"], f"the suit in {labels.path}"),
+        )
         self._window_c = tuple(how["window_c"]) if how.get("window_c") else None
         self._first_network = SuitNetwork(start) if start else shipped_suit_network()
         if self._first_network.sha256 != how.get("weights_sha256", shipped_suit_network().sha256):
@@ -49,7 +52,7 @@ class SuitFineTuner(FineTuner):
         self._ids, self._examples = set(labels.frame_ids), dict[str, Example]()
 
     def examples(self, frames: Sequence[CorrectedFrame], progress: Progress) -> list[Example]:
-        """Return the examples of frames, each after the first labels of the frame before, which may mislead."""
+        """Return the examples of frames, each after the first labels of the frame before."""
         ids = {frame.first.frame_id: frame.corrected for frame in frames}
         if new := ids.keys() - self._examples.keys():
             with progress("read the recording, frames", len(new)) as advance:

@@ -21,7 +21,10 @@ from eval.training.segmentation.examples import Example
 from eval.training.segmentation.network import export_suit_network, load_suit_network
 from eval.training.segmentation.train import Progress, Stage, SuitTraining, by_steps, train_stage
 
-STEPS_EACH, MOST_STEPS = 25, 200  # steps a frame, and at most; best of 60, 100, 200 on 8 and 20 frames (65002)
+STEPS_EACH, MOST_STEPS = (
+    25,
+    200,
+)  # steps a frame, and at most; best of 60, 100, 200 on 8 and 20 frames (65002)
 MORE = 0.3  # share of the steps that follow on all frames
 SIDE = 112  # samples along a drawn square, 1.3 m; untuned
 RATE, AVERAGED = 2e-3, 0.9  # peak of the learning rate (better than 1e-3, seed 61001), decay of the average
@@ -56,7 +59,7 @@ class FineTuner(ABC):
         """Yield labels of the untouched frames by saved weights."""
 
     def train(self, frames: Sequence[CorrectedFrame], more: bool, run: Path, progress: Progress) -> None:
-        """Train on corrected frames; more: after some of them. ``run`` holds the checkpoints to resume from."""
+        """Train on corrected frames; more: after some of them. run: folder of checkpoints, to resume from."""
         torch.set_num_threads(1)
         examples = self.examples(frames, progress)
         steps = round(min(STEPS_EACH * len(examples), MOST_STEPS) * (MORE if more else 1))

@@ -27,12 +27,12 @@ def convolution(c_in: int, c_out: int, side: int = 3, pad: int = 1, stride: int 
     )
 
 
-def self_attention(projected: Tensor, heads: int) -> Tensor:
-    """Return the values (B, N, C) mixed by the softmax of queries and keys; projected: (B, N, 3 C).
+def self_attention(projected: Tensor, shape: torch.Size, heads: int) -> Tensor:
+    """Return the values mixed by the softmax of queries and keys; projected: (B, N, 3 C); shape: (B, N, C).
 
     Written out, because cells are few and the exported graph is simple. Source: Vaswani et al. 2017.
     """
-    batch, count, width = projected.shape[0], projected.shape[1], projected.shape[2] // 3
+    batch, count, width = shape
     query, key, value = (
         part.reshape(batch, count, heads, -1).transpose(1, 2) for part in projected.chunk(3, dim=-1)
     )

@@ -111,7 +111,9 @@ class _Attention(nn.Module):
         self.thought = nn.Sequential(nn.Linear(width, 2 * width), nn.GELU(), nn.Linear(2 * width, width))
 
     def forward(self, cells: Tensor) -> Tensor:
-        cells = cells + self.mixed(self_attention(self.query_key_value(self.before(cells)), self.heads))
+        shape = cells.shape
+        projected = self.query_key_value(self.before(cells))
+        cells = cells + self.mixed(self_attention(projected, shape, self.heads))
         thought: Tensor = self.thought(self.after(cells))
         return cells + thought
 

@@ -89,7 +89,7 @@ def _write(
 
 
 def halve_onnx(path: Path) -> None:
-    """Store an ONNX file's larger tensors in half precision; the network widens them and computes as before."""
+    """Store an ONNX file's larger tensors in half precision; the network computes with widened ones."""
     import onnx
     from onnx import helper, numpy_helper
 

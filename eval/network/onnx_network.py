@@ -71,7 +71,9 @@ class OnnxNetwork:
                 f"{SIZE}x{SIZE}"
             )
         if not ((trial >= 0).all() and np.abs(trial.sum(axis=1) - 1).max() < ROUNDING):
-            raise FormatError(f"weights {path} do not give probabilities; export the network with its softmax")
+            raise FormatError(
+                f"weights {path} do not give probabilities; export the network with its softmax"
+            )
         shapes = [(2, *shape) for shape in BODY_OUTPUTS.values()]
         if body and [values.shape for values in body] != shapes:
             raise FormatError(

@@ -61,12 +61,15 @@ class PredictOptions:
         return step | ({"readers": refiners} if refiners else {})
 
 
+DEFAULT = PredictOptions()
+
+
 def predict_frames(
     frames: LabelledFrames,
     network: OnnxNetwork,
     out: Path,
     progress: Callable[[int], None],
-    options: PredictOptions = PredictOptions(),
+    options: PredictOptions = DEFAULT,
 ) -> Run:
     """Label the persons of a label set or a dataset by the network, and resume an interrupted run.
 

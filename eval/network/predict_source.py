@@ -15,7 +15,7 @@ from annotate.person.extract import PersonDetection, PersonMask
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
 from eval.network.body_state import BodyState
 from eval.network.onnx_network import OnnxNetwork
-from eval.network.predict import PredictOptions
+from eval.network.predict import DEFAULT, PredictOptions
 from eval.network.refine import refine
 from eval.network.side_smoothing import smooth_sides
 from eval.network.support import exclude_standing, floor_of, support_of
@@ -28,7 +28,7 @@ def predict_source(
     network: OnnxNetwork,
     out: Path,
     progress: Callable[[int], None],
-    options: PredictOptions = PredictOptions(),
+    options: PredictOptions = DEFAULT,
 ) -> Run:
     """Label the person of every frame of a source by the network, and resume an interrupted run.
 
@@ -47,7 +47,7 @@ class NetworkLabeller:
     """
 
     network: OnnxNetwork
-    options: PredictOptions = PredictOptions()
+    options: PredictOptions = DEFAULT
     single_pass: bool = False
 
     def fuser(self, calibration: RigCalibration) -> CoarseFuser:

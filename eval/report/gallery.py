@@ -13,7 +13,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.labelled_frames import pinhole_of
 from annotate.parts import BACKGROUND, BODY_PARTS, on_body
 from eval.compare.compare import Comparison
-from eval.network.body_state import Bearing
+from eval.network.body_state import BodyState
 from eval.report import frame_images as figures
 from eval.report.frame_images import Image, error_kind_ids, render_thermal_cloud
 from eval.report.skeleton import draw_bearing
@@ -112,7 +112,7 @@ def _input_columns(frame: FrameLabels, person: Bool, crop: Crop, picture: Pictur
 
 def _bearing_column(frame: FrameLabels, person: Bool, crop: Crop) -> dict[str, Image]:
     """Joints, facing and posture over the person's depth, of labels whose network gives them."""
-    bearing = Bearing.from_note(frame.notes.get("bearing"))
+    bearing = BodyState.from_note(frame.notes.get("bearing"))
     if bearing is None:
         return {}
     depth = crop.cut(np.where(person, frame.depth_mm, np.uint16(0)), 0)

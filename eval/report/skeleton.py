@@ -6,7 +6,7 @@ import numpy as np
 from annotate.array_types import UInt8
 from annotate.crop import Crop
 from annotate.parts import PART_ID, PARTS
-from eval.network.body_state import Bearing
+from eval.network.body_state import BodyState
 from eval.scores.joints import JOINT
 
 LINES = (
@@ -31,7 +31,7 @@ SCALE = 8
 """Steps of a pixel in which lines are placed: OpenCV's shift of 3 bits."""
 
 
-def draw_bearing(picture: UInt8, crop: Crop, bearing: Bearing) -> UInt8:
+def draw_bearing(picture: UInt8, crop: Crop, bearing: BodyState) -> UInt8:
     """RGB picture (n, n, 3) of a crop with the skeleton in the parts' colours, facing from above, posture.
 
     The circle is the person from above, the camera at its bottom; its line goes where they face.

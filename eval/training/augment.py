@@ -137,7 +137,7 @@ def _ragged(person: Bool, rng: np.random.Generator) -> Bool:
     side = 2 * int(rng.integers(1, 6)) + 1
     inside = cv2.erode(person.astype(np.uint8), np.ones((side, side), np.uint8))
     torn = smooth_noise(person.shape, int(rng.integers(15, 45)), rng) < rng.uniform(-0.7, 0.5)
-    return (inside > 0) | ~torn
+    return np.asarray((inside > 0) | ~torn, np.bool_)
 
 
 def _rim(person: Bool) -> Bool:

@@ -150,7 +150,9 @@ class State:
         """Restore a checkpoint. Raises FormatError for any other file."""
         try:
             tensors, meta = read_tensors(path)
-            for prefix, network in (("model.", self.model), ("average.", self.average))[: 2 if self._average else 1]:
+            for prefix, network in (("model.", self.model), ("average.", self.average))[
+                : 2 if self._average else 1
+            ]:
                 own = {n.removeprefix(prefix): t for n, t in tensors.items() if n.startswith(prefix)}
                 check_fits(path, network, own)
                 network.load_state_dict(own)

@@ -100,7 +100,7 @@ def add_board(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple[F
 def _in_front(
     crop: tuple[Float32, UInt8], surface: Float32, kept: Bool, rng: np.random.Generator
 ) -> tuple[Float32, UInt8]:
-    """Return a crop behind a surface (h, w), infinite where there is none; it has depth only where ``kept``."""
+    """Put a surface (h, w), infinite outside, in front of a crop; it has depth only where ``kept``."""
     depth, parts = crop
     seen = np.isfinite(surface) & ((depth == 0) | (surface < depth))
     noise, lost = sensor_noise(depth, rng)
@@ -109,7 +109,7 @@ def _in_front(
 
 
 def sensor_noise(depth: Float32, rng: np.random.Generator) -> tuple[Float32, Bool]:
-    """Return noise (h, w) and lost pixels as on the person, because smoothness would give an occluder away."""
+    """Return noise (h, w) and lost pixels as on the person, because smoothness would mark an occluder."""
     person = (depth > 0).astype(np.uint8)
     inner = cv2.erode(person, np.ones((3, 3), np.uint8)) > 0
     closed = cv2.erode(cv2.morphologyEx(person, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)), np.ones((5, 5)))

@@ -185,7 +185,7 @@ class _NetworkTraining:
         self._label_frame(model, 0)
 
     def _label_frame(self, model: nn.Module, epoch: int) -> None:
-        """Write the frame's labels after an epoch: of each to 10, each tenth to 100 and so on, and the last."""
+        """Write the frame's labels after an epoch: each to 10, each tenth to 100 and so on, and the last."""
         if epoch > 10 and epoch < self.plan.rounds and epoch % 10 ** (len(str(epoch)) - 1):
             return
         labels = next(predicted(model, self._frame))

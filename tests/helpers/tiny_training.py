@@ -9,11 +9,11 @@ import numpy as np
 import torch
 
 from eval.network.compact import CompactConfig
-from eval.training.body_targets import FACING, POSTURE, nothing_known
+from eval.training.body_targets import FACING, POSTURE, no_targets
 from eval.training.crops import Crops
 from eval.training.plan import ModernRecipe, Plan
 from eval.training.processes import ProcessGroup
-from eval.training.train import Watch, train
+from eval.training.train import Data, Watch, train
 from sensors.errors import CloudError
 from tests.helpers.forking import FORKING
 
@@ -21,35 +21,30 @@ PLAN = Plan(CompactConfig((4, 6, 6), 1), ModernRecipe(batch=2), epochs=3, seed=4
 
 
 def small_crops(n: int = 7, side: int = 32) -> Crops:
-    """Squares of two parts, one near and one far: easily learnt."""
+    """Squares of two parts, one near and one far, easily learnt; facing and posture known, joints not."""
     parts = np.zeros((n, side, side), np.uint8)
     depth = np.zeros(parts.shape, np.uint16)
-    for i in range(n):
+    rows = [no_targets() for _ in range(n)]
+    for i, row in enumerate(rows):
         parts[i, 4:28, 4 + i % 3 : 28] = 2
         parts[i, 4:14, 4 + i % 3 : 28] = 1
+        row[FACING], row[POSTURE] = (np.cos(i), np.sin(i)), i % 6
     depth[parts == 1], depth[parts == 2] = 20_000, 45_000
-    return Crops.of((depth[i], parts[i], known(i)) for i in range(n))
-
-
-def known(i: int) -> np.ndarray:
-    """Facing and posture of crop ``i``; its joints are not known."""
-    row = nothing_known()
-    row[FACING], row[POSTURE] = (np.cos(i), np.sin(i)), i % 6
-    return row
+    return Crops.of(zip(depth, parts, rows, strict=True))
 
 
 CROPS = small_crops()
 
 
 def begin(out: Path, **environment: str) -> BaseProcess:
-    """Start the training in another process, and give that."""
+    """Start the training in another process, and return that."""
     process = FORKING.Process(target=_run, args=(out, environment))
     process.start()
     return process
 
 
 def begin_and_lose(out: Path, said: Path) -> BaseProcess:
-    """Start it with a worker, which is killed; what is said of it is in a file."""
+    """Start it with a worker that is killed; the error's text goes to a file."""
     process = FORKING.Process(target=_lose, args=(out, said))
     process.start()
     return process
@@ -62,7 +57,7 @@ def _lose(out: Path, said: Path) -> None:
 
     try:
         with ProcessGroup.join() as group:
-            train(CROPS, None, out, PLAN, group, Watch(lose), workers=1)
+            train(Data(CROPS, workers=1), out, PLAN, group, Watch(lose))
     except CloudError as error:
         said.write_text(str(error))
     os._exit(0)
@@ -72,4 +67,4 @@ def _run(out: Path, environment: dict[str, str]) -> None:
     os.environ.update(environment)
     torch.set_num_threads(1)
     with ProcessGroup.join() as group:
-        train(CROPS, CROPS, out, PLAN, group, Watch(checkpoint_s=0.0))
+        train(Data(CROPS, CROPS), out, PLAN, group, Watch(checkpoint_s=0.0))

@@ -18,7 +18,7 @@ from annotate.correction.relabel import relabel, untouched
 from annotate.correction.review_queue import teaching_order
 from annotate.effort.annotator import WHO, Annotator, correct_set
 from annotate.labelset.label_set import LabelSet
-from eval.fine_tuning.fine_tune import learn, learner_of
+from eval.fine_tuning.fine_tune import fine_tune, fine_tuner_of
 from tools.correction.effort import clouds_of, copy_of
 
 
@@ -34,8 +34,8 @@ def learning_order(correction, annotator, every, model, session):
                 print(f"  {done} frames: {text}", flush=True)
             due = None
         if not due and done - learnt >= every:
-            began, learner = time.process_time(), learner_of(labels, session, None)
-            made = learn(labels.path, model, learner, lambda what, total: nullcontext(lambda n: None))
+            began, learner = time.process_time(), fine_tuner_of(labels, session, None)
+            made = fine_tune(labels.path, model, learner, lambda what, total: nullcontext(lambda n: None))
             learnt, due = done, (annotator.clock() + time.process_time() - began, made)
 
 

@@ -14,8 +14,9 @@ from annotate.label_recording import Run, SuitLabeller, label_source
 from annotate.labelset.label_set import LabelSet
 from eval.compare.compare import Comparison, compare_sets
 from eval.network.onnx_network import OnnxNetwork
+from eval.network.predict import PredictOptions
 from eval.network.predict_source import predict_source
-from eval.network.refine import shipped_again
+from eval.network.refine import shipped_refinement_network
 from sensors.recording.rig_templates import TEMPLATES
 from sensors.session.reader import Session
 from synth.rig.simulate import simulate, suit_path, truth_path
@@ -62,7 +63,11 @@ def labelled(rig: VirtualRig, folder: Path) -> dict[str, dict[str, Figure]]:
         "suit": partial(label_source, session, SuitLabeller(rig.suit), folder / "suit"),
         "network": partial(predict_source, session, OnnxNetwork(), folder / "network"),
         "network, refined": partial(
-            predict_source, session, OnnxNetwork(), folder / "again", readers=[shipped_again()]
+            predict_source,
+            session,
+            OnnxNetwork(),
+            folder / "again",
+            options=PredictOptions(refiners=[shipped_refinement_network()]),
         ),
     }
     found = {name: timed(work) for name, work in works.items()}

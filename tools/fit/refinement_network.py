@@ -36,7 +36,12 @@ from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import RigOptions, VirtualRig
 from tools.fit.suit_network import LINE_STEPS, SEED, Maker, lines, make_files, one_thread, split_files
 
-RIGS, SUBJECTS, FRAMES, FRAMES_PER_SECOND = 300, 8, 16, 0.5  # recordings; few frames, because neighbours are alike
+RIGS, SUBJECTS, FRAMES, FRAMES_PER_SECOND = (
+    300,
+    8,
+    16,
+    0.5,
+)  # recordings; few frames, because neighbours are alike
 FIRST_SEED = 8_900_000  # of the first recording
 PLACES = {"sofa": 0.3, "chair": 0.25, "bed": 0.25, "floor": 0.2}  # shares of the scenes
 COLD = 0.5  # share of frames without temperature

@@ -24,7 +24,8 @@ from eval.compare.compare import compare_sets
 from eval.compare.results import Result, load_result, save_result
 from eval.network.checkpoint import load_weights, save_weights
 from eval.network.compact import CompactConfig
-from eval.network.networks import build, export_onnx
+from eval.network.networks import build
+from eval.network.onnx_export import export_network
 from eval.network.onnx_network import OnnxNetwork
 from sensors.calibration_files.calibration_yaml import read_yaml, write_yaml
 from sensors.importers.open_source import open_source
@@ -282,7 +283,7 @@ def _result(folder: Path) -> Path:
 
 
 def _onnx(folder: Path) -> Path:
-    export_onnx(build(CompactConfig((4, 4, 4, 4, 4))), folder / "w.onnx")
+    export_network(build(CompactConfig((4, 4, 4, 4, 4))), folder / "w.onnx")
     return folder / "w.onnx"
 
 

@@ -132,12 +132,12 @@ def train_ends(followed: Followed, folder: Path, images: int) -> None:
     """The first steps of an epoch over so many images, and its last ones: resumed there by the checkpoint."""
     import torch
 
-    from eval.network.checkpoint import load_checkpoint, save_checkpoint
     from eval.network.compact import CompactConfig
     from eval.network.networks import build
-    from eval.training.plan import ModernRecipe, Plan, optimizer_of
+    from eval.training.fit import resumed
+    from eval.training.plan import ModernRecipe, Plan
     from eval.training.processes import ProcessGroup
-    from eval.training.train import CHECKPOINT, Watch, train
+    from eval.training.train import CHECKPOINT, Data, Watch, train
 
     torch.set_num_threads(1)
     plan, out = Plan(CompactConfig(), ModernRecipe(), epochs=1), folder.with_name(f"{images}-training")
@@ -155,15 +155,12 @@ def train_ends(followed: Followed, folder: Path, images: int) -> None:
 
         done = 0
         with ProcessGroup.join() as group, suppress(KeyboardInterrupt):
-            train(crops, None, out, plan, group, Watch(advance, checkpoint_s=0.0))
+            train(Data(crops), out, plan, group, Watch(advance, checkpoint_s=0.0))
 
     run(STEPS)
-    model = build(plan.network)
-    average = build(plan.network)
-    optimizer = optimizer_of(plan.recipe, model.parameters())
-    progress = load_checkpoint(out / CHECKPOINT, model, average, optimizer)
-    progress.step = steps - STEPS
-    save_checkpoint(out / CHECKPOINT, model, average, optimizer, progress)
+    state = resumed(build(plan.network), plan.schedule(steps, 0.0), out / CHECKPOINT)
+    state.progress.step = steps - STEPS
+    state.save(out / CHECKPOINT)
     run(sys.maxsize)
 
 

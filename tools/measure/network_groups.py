@@ -22,11 +22,11 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.labelled_frames import open_frames
 from annotate.parts import UNDEFINED
 from annotate.posture import POSTURES
-from eval.network.body_state import Bearing
+from eval.network.body_state import BodyState
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.refine import camera_in
 from eval.scores.confusion import confusion_matrix, left_right_swap_rate, mean_recall
-from eval.training.body_targets import FACING, POSTURE, whole_person
+from eval.training.body_targets import FACING, POSTURE, body_targets
 from eval.training.crops import to_crop
 from synth.data_files import table
 
@@ -125,15 +125,17 @@ def measured(network: OnnxNetwork, path: Path) -> dict[str, Tally]:
     waiting: list[tuple[Crop, FrameLabels, list[str], Float32 | None]] = []
 
     def count() -> None:
-        planes, *whole = network.answers(np.stack([crop[0] for crop, *_ in waiting]))
+        planes, *whole = network.outputs(np.stack([crop[0] for crop, *_ in waiting]))
         for k, ((depth, parts), frame, names, row) in enumerate(waiting):
             found = np.where(depth > 0, planes[k][1:].argmax(0) + 1, 0).astype(np.uint8)
             matrix = confusion_matrix(np.where(depth > 0, parts, np.uint8(UNDEFINED)), found)
             facing = posture = (False, False)
             if whole and row is not None and np.isfinite(row[FACING]).all():
                 mask = person_of(frame.parts) & (frame.depth_mm > 0)
-                own = Bearing.of(network_crop(mask), frame.depth_mm, mask, *(values[k] for values in whole))
-                azimuth = np.radians(own.seen_by(camera_in(frames, frame)).facing_deg)
+                own = BodyState.of(
+                    network_crop(mask), (frame.depth_mm, mask), tuple(values[k] for values in whole)
+                )
+                azimuth = np.radians(own.faced_by_joints(camera_in(frames, frame)).facing_deg)
                 facing = bool(np.array([np.cos(azimuth), np.sin(azimuth)]) @ row[FACING] > _COS), True
             if whole and row is not None and np.isfinite(row[POSTURE]):
                 posture = int(whole[1][k].argmax()) == row[POSTURE], True
@@ -146,7 +148,7 @@ def measured(network: OnnxNetwork, path: Path) -> dict[str, Tally]:
         waiting.clear()
 
     for number, frame in enumerate(frames):
-        crop, row = to_crop(frame), whole_person(frames, frame)
+        crop, row = to_crop(frame), body_targets(frames, frame)
         waiting.append((crop, frame, list(groups(frame, row)), row))
         if number % EACH == 0:
             changed = ((name, change(crop)) for name, change in CHANGES.items())

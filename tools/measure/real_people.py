@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from annotate.labelset.label_set import LabelSet
-from eval.network.body_state import Bearing
+from eval.network.body_state import BodyState
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict_source import predict_source
 from eval.scores.joints import JOINT, JOINT_NAMES, joint_evidence
@@ -86,7 +86,7 @@ def measure_people(folder: Path, network: OnnxNetwork) -> People:
         notes = [labels.notes(frame_id).get("bearing") for frame_id in labels.frame_ids]
     off, postures = [], Counter()
     for name, note in zip(sorted(joints), notes, strict=True):
-        bearing = Bearing.from_note(note)
+        bearing = BodyState.from_note(note)
         turned = 180.0 if bearing is None else bearing.facing_deg - tracked_facing_deg(joints[name], camera)
         off.append(abs((turned + 180) % 360 - 180))
         postures["nobody" if bearing is None else bearing.name] += 1

@@ -13,8 +13,9 @@ from pathlib import Path
 from annotate.labelset.label_set import LabelSet
 from eval.compare.compare import compare_sets
 from eval.network.onnx_network import OnnxNetwork
+from eval.network.predict import PredictOptions
 from eval.network.predict_source import predict_source
-from eval.network.refine import shipped_again
+from eval.network.refine import shipped_refinement_network
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.session.reader import Session
 from synth.rig.locations import SCENES
@@ -48,9 +49,10 @@ def main() -> None:
             simulate(rig, path, lambda n: None)
             truth, session = LabelSet.open(truth_path(path)), Session(path)
             for kind, source in (("thermal", session), ("depth alone", Cold(session))):
-                for name, readers in (("network", ()), ("again", (shipped_again(),))):
+                for name, readers in (("network", ()), ("again", (shipped_refinement_network(),))):
                     out = Path(folder) / f"{kind} {name}"
-                    found = predict_source(source, network, out, lambda n: None, readers=readers).labels
+                    options = PredictOptions(refiners=readers)
+                    found = predict_source(source, network, out, lambda n: None, options).labels
                     scores = compare_sets(found, truth).scores
                     figures = ", ".join(f"{float(scores[score]):.4f}" for score in SCORES)
                     print(f"{scene}, {difficulty}, {kind}, {name}: {figures}", flush=True)

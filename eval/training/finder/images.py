@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.array_types import Bool, Float32, UInt8, UInt16
+from annotate.array_types import Float32, UInt8, UInt16
 from annotate.person.finder import FOCAL_PX, network_input
 from eval.training.finder.scenes import Scene, rig_scenes, room_scenes
 from eval.training.finder.warm import degraded_warmth, random_warmth

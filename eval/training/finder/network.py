@@ -120,7 +120,9 @@ class FinderTraining:
         return False
 
 
-def train_finder(training: FinderTraining, checkpoint: Path, watch: Callable[[int, float], None]) -> nn.Module:
+def train_finder(
+    training: FinderTraining, checkpoint: Path, watch: Callable[[int, float], None]
+) -> nn.Module:
     """Train a finder, or resume from its checkpoint; return the moving average."""
     torch.manual_seed(0)
     return fit(training, resumed(FinderNet(), training.schedule, checkpoint), checkpoint, watch)

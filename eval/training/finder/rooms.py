@@ -19,7 +19,7 @@ CLEAR_M, IN_THE_WAY = 0.45, 0.12  # distance from people and the way to them; sh
 def surroundings(
     rng: np.random.Generator, eye_m: Float64, middle_m: Float64, *, may_be_none: bool
 ) -> list[Mesh]:
-    """Return meshes of a room around a camera's eye (3,) and a person's middle (3,), world; some are empty."""
+    """Return meshes of a room around a camera's eye (3,) and a person's middle (3,), world, or none."""
     if rng.random() < EMPTY and may_be_none:
         return []
     beyond = np.exp(rng.uniform(np.log(BEYOND_M[0]), np.log(BEYOND_M[1]), (2, 2)))

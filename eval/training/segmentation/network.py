@@ -32,8 +32,8 @@ HEADS, LAYERS = 4, 2  # of the attention at a sixteenth of the sides; untuned
 class SuitNet(nn.Module):
     """Network (B, 38, h, w), sides multiples of 16 -> scores (B, 13, h, w) of the parts and another person.
 
-    A U-Net (Ronneberger et al. 2015) with self-attention where it is coarsest. Its finest level is half of the
-    sides: there four scores of each class stand for four pixels.
+    A U-Net (Ronneberger et al. 2015) with self-attention where it is coarsest. Its finest level has half of
+    the sides: there four scores of each class stand for four pixels.
     """
 
     def __init__(self) -> None:
@@ -76,7 +76,7 @@ class _Attention(nn.Module):
         self.think = nn.Sequential(_Dense(width, 2 * width), nn.GELU(), _Dense(2 * width, width))
 
     def forward(self, x: Tensor) -> Tensor:
-        x = x + self.answer(self_attention(self.ask(self.before(x)), HEADS))
+        x = x + self.answer(self_attention(self.ask(self.before(x)), x.shape, HEADS))
         done: Tensor = x + self.think(self.between(x))
         return done
 

@@ -38,10 +38,14 @@ from sensors.files.atomic import write_bytes
 
 BATCH = 8  # samples a step
 ROOM_WEIGHT = 0.7  # of a sample of the room in the loss, beside 1 of the person, because there are many
-BALANCE, RAREST = 0.75, 0.01  # a part weighs its share of the parts to the power of minus 0.75 (docs/adr/0027)
+BALANCE, RAREST = (
+    0.75,
+    0.01,
+)  # a part weighs its share of the parts to the power of minus 0.75 (docs/adr/0027)
 PLAN, EXAMPLES, WEIGHTS = "plan.json", "examples", "reader.onnx"
 HELD_OUT = 4  # of so many recordings, counted from the last, one is held out
 SAMPLING = Sampling(SAMPLE_M, 160)  # 1.9 m: most of a person
+CHECKPOINT_S = 60.0  # between two checkpoints
 PEAK_RATE, AVERAGED = 3e-4, 0.99  # for a trained network: low, because it has little to unlearn
 
 Watch = Callable[[int, float], None]
@@ -78,7 +82,12 @@ class SuitTraining:
     def schedule(self) -> Schedule:
         stage = self.stage
         return Schedule(
-            stage.peak_rate, stage.averaged, stage.steps, statistics=stage.statistics, seed=self.seed
+            stage.peak_rate,
+            stage.averaged,
+            stage.steps,
+            statistics=stage.statistics,
+            seed=self.seed,
+            checkpoint_s=CHECKPOINT_S,
         )
 
     def batches(self, step: int) -> Iterator[tuple[Tensor, Tensor]]:
