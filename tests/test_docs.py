@@ -23,6 +23,7 @@ import synth.images.workers
 import synth.rig.film
 from annotate.correction.correction import Correction
 from cli.main import app
+from eval.training.segmentation.augmentation import Sampling
 from sensors.recording.rig_templates import REFERENCE, TEMPLATES
 from sensors.session.reader import Session
 from synth.images.workers import Workers
@@ -181,7 +182,7 @@ def test_the_commands_of_a_page_run_in_order(
     monkeypatch.setattr(synth.rig.film, "FRAMES_PER_SECOND", 15.0)
     monkeypatch.setitem(TEMPLATES, REFERENCE, SMALL_RIG)
     if page == "docs/retrain.md":
-        monkeypatch.setattr("eval.training.segmentation.train.SIDE", 32)
+        monkeypatch.setattr("eval.training.segmentation.train.SAMPLING", Sampling(0.012, 32))
     if page != "docs/cluster.md":
         monkeypatch.setattr(synth.images.workers, "processes", here)
     for command in commands_of(page):

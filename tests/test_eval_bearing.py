@@ -1,4 +1,4 @@
-"""What a network says of the whole person: it survives as a note, is written as a table, keeps smooth_sides."""
+"""Body state of a person: it survives as a note, is written as a table, and its sides are smoothed."""
 
 import csv
 import json

@@ -10,12 +10,13 @@ from eval.training.finder import images as finder_images
 from eval.training.finder.images import (
     HEIGHT,
     WIDTH,
+    SceneImages,
     _votes,
     draw_batch,
     load_scenes,
     store_scenes,
 )
-from eval.training.finder.network import FinderNet, export_finder
+from eval.training.finder.network import FinderNet, FinderTraining, export_finder
 from eval.training.finder.scenes import room_scenes
 from eval.training.finder.warm import UNFELT, degraded_warmth, random_warmth
 
@@ -76,9 +77,9 @@ def test_a_step_learns_and_the_exported_network_answers_as_the_trained_one(tmp_p
     torch.manual_seed(0)
     network = FinderNet().train()
     optimizer = torch.optim.AdamW(network.parameters(), 3e-3)
-    losses = []
+    losses, training = [], FinderTraining(SceneImages(images, []), 1)
     for _ in range(4):
-        loss = loss_of(network, batch)
+        loss, _ = training.loss(network, batch, 0)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()

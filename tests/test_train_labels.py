@@ -45,7 +45,7 @@ from eval.training.segmentation.train import Stage, SuitTraining, sample_weights
 from eval.training.segmentation.validation import validate
 from sensors.errors import CloudError, FormatError
 from synth.rig.simulate import suit_path
-from synth.rig.virtual_rig import DRAFT_PX, VirtualRig
+from synth.rig.virtual_rig import DRAFT_PX, RigOptions, VirtualRig
 from tools.fit.quantise import quantise
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -253,7 +253,7 @@ def test_labels_drawn_at_a_temperature_give_it_back(tmp_path):
     [(SHIPPED_SUIT_NETWORK, FULL_SUIT_NETWORK), (SHIPPED_REFINEMENT_NETWORK, FULL_REFINEMENT_NETWORK)],
 )
 def test_a_shipped_network_labels_a_frame_of_the_rig_as_in_full_precision(shipped, full):
-    rig = VirtualRig(1, 1, "clean", 3, draft=True)
+    rig = VirtualRig(1, 1, "clean", 3, RigOptions(draft=True))
     assert rig.calibration.color.width == DRAFT_PX
     (one,) = rig_examples(rig)
     own = (one.planes[0] & SUBJECT) > 0
