@@ -4,10 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.person.alignment import SHIFT_PX, contrasts, degrees, is_warmer, misplacement_px, peak_px
+from annotate.person.alignment import (
+    SHIFT_PX,
+    contrasts,
+    degrees,
+    is_warmer,
+    measure_drift,
+    misplacement_px,
+    peak_px,
+)
+from sensors.errors import CalibrationError
 from sensors.rig.camera import Intrinsics, rays
+from sensors.rig.rig_calibration import Pose
+from synth.rig.virtual_rig import RigOptions, VirtualRig
 
 CAMERA = Intrinsics(200, 160, 150.0, 150.0, 99.5, 79.5)
 WINDOW_C = (25.0, 35.0)
@@ -26,15 +38,14 @@ def warm_disc(centre=(80, 100), radius=30, person_c=30.0, noise_c=0.08):
     )
 
 
-def unmoved(surface):
-    """The contrast of no shift."""
-    return surface[len(surface) // 2, len(surface) // 2]
-
-
-def test_temperatures_in_their_place_are_not_off():
-    surface = contrasts(warm_disc(), WINDOW_C, EVERYWHERE)
+@pytest.mark.parametrize(("gaps", "least"), [(0, 0.8), (0.4, 0.7)])
+def test_temperatures_in_their_place_are_not_off(gaps, least):
+    cloud = warm_disc()
+    hidden = np.random.default_rng(1).random(cloud.temperature_c.shape) < gaps
+    celsius = np.where(hidden, np.float32(np.nan), cloud.temperature_c)
+    surface = contrasts(replace(cloud, temperature_c=celsius), WINDOW_C, EVERYWHERE)
     assert misplacement_px(surface) is None and np.hypot(*peak_px(surface)) <= 2 * SHIFT_PX
-    assert unmoved(surface) > 0.8
+    assert surface[len(surface) // 2, len(surface) // 2] > least
 
 
 @pytest.mark.parametrize("shift", [(18, 0), (0, -15), (-12, 12)])
@@ -66,14 +77,36 @@ def test_the_few_pixels_of_a_person_that_a_shift_still_meets_tell_nothing():
     assert is_warmer(np.roll(warmth, (-27, 17), axis=(0, 1)), person, (17.0, -27.0))
 
 
-def test_gaps_in_the_temperatures_do_not_matter():
-    cloud = warm_disc()
-    celsius = cloud.temperature_c.copy()
-    celsius[np.random.default_rng(1).random(celsius.shape) < 0.4] = np.nan
-    surface = contrasts(replace(cloud, temperature_c=celsius), WINDOW_C, EVERYWHERE)
-    assert misplacement_px(surface) is None and unmoved(surface) > 0.7
-
-
 def test_nothing_is_said_where_there_is_no_silhouette_or_no_warmth():
     assert contrasts(warm_disc(), WINDOW_C, ~EVERYWHERE) is None
     assert misplacement_px(contrasts(warm_disc(person_c=20.0), WINDOW_C, EVERYWHERE)) is None
+
+
+FRAMES = 8
+
+
+@pytest.fixture(scope="module")
+def session():
+    rig = VirtualRig(FRAMES, 2, "clean", 3, RigOptions(draft=True))
+    return rig.calibration, list(rig)
+
+
+@pytest.mark.parametrize("turned_deg", [0.0, -2.0, 3.0])
+def test_the_angle_is_found(session, turned_deg):
+    calibration, frames = session
+    turn = Pose(Rotation.from_euler("y", turned_deg, degrees=True).as_matrix(), np.zeros(3))
+    turned = replace(calibration, thermal_from_depth=turn @ calibration.thermal_from_depth)
+    drift = measure_drift(frames, turned)
+    right, down = drift.shift_px
+    expected_px = calibration.depth.fx * np.tan(np.radians(turned_deg))
+    assert abs(abs(right) - abs(expected_px)) < 3.5
+    assert abs(down) < 3.5
+    assert drift.is_tolerable == (turned_deg == 0)
+    assert drift.frames == FRAMES
+
+
+def test_without_temperatures_nothing_can_be_said(session):
+    calibration, frames = session
+    blind = [replace(frame, thermal_c=None) for frame in frames]
+    with pytest.raises(CalibrationError, match="0 frames"):
+        measure_drift(blind, calibration)

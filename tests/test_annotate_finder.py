@@ -1,4 +1,4 @@
-"""People found, felt or not: in rooms, cut out, cut off, side by side, and nobody where nobody is."""
+"""People are detected with and without temperature: in rooms, cut out, cut off, side by side."""
 
 from itertools import pairwise
 
@@ -27,25 +27,23 @@ def iou(found, truth):
     return (found & truth).sum() / (found | truth).sum()
 
 
-def test_somebody_in_a_furnished_room_is_found_and_nothing_else():
-    depth, whose = seen([(1, 0.0)])
-    found = survey_of(cloud_of(depth)).person()
-    assert found.method == "depth" and found.trusted and not found.others.any()
-    assert "depth alone" in found.notes[0]
-    assert iou(found.mask, whose == 1) > 0.9
-
-
-def test_at_a_glance_the_same_person_is_found():
+def test_a_person_in_a_furnished_room_is_found_also_in_a_single_pass():
     depth, whose = seen([(1, 0.0)])
     coarse = CoarseCloud.of(cloud_of(depth))
-    whole, glance = (PersonDetection(coarse, single_pass=quick).person().mask for quick in (False, True))
-    assert iou(glance, whose == 1) > 0.9 and iou(glance, whole) > 0.95 and (glance != whole).any()
+    found, fast = (PersonDetection(coarse, single_pass=fast).person() for fast in (False, True))
+    assert found.method == "depth" and found.trusted and "depth alone" in found.notes[0]
+    for one in (found, fast):
+        assert iou(one.mask, whose == 1) > 0.9 and not one.others.any()
+    assert iou(fast.mask, found.mask) > 0.95 and (fast.mask != found.mask).any()
 
 
-def test_nobody_is_found_where_nobody_is():
-    depth, _ = seen([])
-    found = survey_of(cloud_of(depth)).person()
+def test_empty_images_show_no_person():
+    found = survey_of(cloud_of(seen([])[0])).person()
     assert not found.mask.any() and not found.others.any() and "no person" in found.notes[0]
+    nothing = np.full(CAMERA.shape, np.nan, np.float32)
+    assert finder.find_people(cloud_of(nothing), nothing) == []
+    speck = Intrinsics(1, 1, 300.0, 300.0, 0.0, 0.0)
+    assert finder.find_people(cloud_of(np.ones((1, 1)), speck), nothing[:1, :1]) == []
 
 
 @pytest.mark.parametrize("is_felt", [False, True])
@@ -72,7 +70,7 @@ def test_an_image_and_its_mirror_image_have_the_same_odds_and_votes_turned():
 
 
 @pytest.mark.parametrize("rows", [np.s_[:], np.s_[:150], np.s_[130:]])
-def test_somebody_cut_out_is_all_that_is_there_whole_or_cut_off(rows):
+def test_a_person_cut_out_is_all_that_is_there_whole_or_cut_off(rows):
     depth, whose = seen([(4, 0.0)], room=False)
     kept = np.zeros_like(whose)
     kept[rows] = whose[rows]
@@ -101,13 +99,6 @@ def test_on_the_virtual_rig_without_temperatures():
         found = survey_of(Fuser(rig.calibration).fuse(frame.depth_mm)).person()
         known = labels.parts != 255
         assert iou(found.mask & known, (labels.persons == 1) & known) > 0.75
-
-
-def test_an_image_without_any_reading_or_of_one_pixel_shows_nobody():
-    nothing = np.full(CAMERA.shape, np.nan, np.float32)
-    assert finder.find_people(cloud_of(nothing), nothing) == []
-    speck = Intrinsics(1, 1, 300.0, 300.0, 0.0, 0.0)
-    assert finder.find_people(cloud_of(np.ones((1, 1)), speck), nothing[:1, :1]) == []
 
 
 def test_votes_for_two_middles_are_two_persons_and_stray_ones_the_nearer_ones():

@@ -75,26 +75,6 @@ def test_labels_stay_on_readings_and_each_has_its_confidence(seen, read):
         assert (on & (truth == 0)).sum() < 0.05 * on.sum()
 
 
-def test_the_same_frame_gives_the_same_labels(seen, read):
-    again = read_in(seen[0][0])
-    np.testing.assert_array_equal(again.parts, read[0].parts)
-    np.testing.assert_array_equal(again.confidence, read[0].confidence)
-
-
-def test_a_mirrored_world_gives_mirrored_labels(seen, read):
-    """Sides of a suit that is worn mirrored by a mirrored person are its own sides."""
-    cloud = seen[0][0]
-    camera = replace(cloud.camera, cx=cloud.camera.width - 1 - cloud.camera.cx)
-    images = (cloud.depth_mm, cloud.points_m * (-1, 1, 1), cloud.color_rgb, cloud.color_valid)
-    flipped = ThermalCloud(camera, *(image[:, ::-1].copy() for image in (*images, cloud.temperature_c)))
-    flipped = replace(flipped, points_m=flipped.points_m.astype(np.float32))
-    twin = {a: b for pair in LEFT_RIGHT for a, b in (pair, pair[::-1])}
-    parts = np.array([twin.get(int(part), part) for part in DEFAULT_SUIT.parts], np.uint8)
-    found = read_in(flipped, Suit("mirrored", DEFAULT_SUIT.colors_rgb, parts)).parts[:, ::-1]
-    on = (found > 0) | (read[0].parts > 0)
-    assert (swap_left_right(found) == read[0].parts)[on].mean() > 0.95
-
-
 def lit(cloud: ThermalCloud, gains: tuple[float, float, float] | np.ndarray) -> ThermalCloud:
     """The cloud's colours under a lamp whose linear red, green and blue are multiplied."""
     linear = (cloud.color_rgb / 255) ** 2.2 * gains
@@ -128,14 +108,6 @@ def test_a_frame_without_readable_colours_is_diagnosed_and_not_guessed(seen, val
     assert says in result.notes[0] and "colour" in result.notes[0]
 
 
-def test_an_empty_room_gets_no_part(seen):
-    cloud, _ = seen[0]
-    empty = replace(cloud, temperature_c=np.where(cloud.valid, np.float32(20), np.float32(np.nan)))
-    result, person = label_cloud(SuitLabeller(DEFAULT_SUIT), empty, None)
-    assert not result.parts.any() and not person.mask.any()
-    assert "no person" in (*person.notes, *result.notes)[0]
-
-
 @pytest.mark.parametrize(("value", "says"), [(255, "over-exposed"), (6, "too dark")])
 def test_a_half_spoilt_person_is_labelled_as_far_as_it_goes(seen, value, says):
     cloud, truth = seen[0]
@@ -155,15 +127,6 @@ def alike(cloud: ThermalCloud, truth: np.ndarray, one: int, other: int) -> tuple
     rgb, there = cloud.color_rgb.copy(), truth == other
     rgb[there] = color_of(one) * (rgb[there].max(axis=1, keepdims=True) / 255)
     return replace(cloud, color_rgb=rgb), Suit("alike", colors, DEFAULT_SUIT.parts)
-
-
-def test_twins_of_one_colour_are_told_by_what_they_join(seen):
-    one, other = PART_ID["left_forearm"], PART_ID["right_forearm"]
-    total = np.zeros((12, 12), np.int64)
-    for cloud, truth in seen:
-        changed, suit = alike(cloud, truth, one, other)
-        total += confusion_matrix(truth, read_in(changed, suit).parts)
-    assert total[one, other] + total[other, one] < 0.05 * total[[one, other]].sum()
 
 
 def test_neighbours_of_one_colour_are_less_sure(seen, read):
@@ -224,17 +187,6 @@ def test_wrong_pixels_are_where_confidence_is_low(seen, read):
     assert abs(np.concatenate(surer).mean()) < 0.05
 
 
-def test_confidence_is_lower_along_seams_and_silhouettes(seen, read):
-    """Averaged over the person: at the outline and beside another part labels are less sure than within."""
-    result = read[1]
-    on, square = result.parts != BACKGROUND, np.ones((3, 3), np.uint8)
-    inner = cv2.erode(result.parts, square) == cv2.dilate(result.parts, square)
-    deep = cv2.erode(on.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
-    within = result.confidence[deep & inner].mean()
-    assert result.confidence[on & ~deep].mean() < within
-    assert result.confidence[deep & ~inner].mean() < within
-
-
 @pytest.mark.parametrize(
     "told", [None, "dark", [0.1], [0.1, "x"], [float("nan"), 0.0], [1e9, 0.0], [0.6, -0.6]]
 )
@@ -257,3 +209,37 @@ def test_a_glance_names_what_a_reading_names(seen, read):
         assert right(found, truth) > right(whole, truth) - 0.03 and not found.parts[~cloud.valid].any()
         assert ((found.parts > 0) == (whole.parts > 0)).mean() > 0.99
         assert (found.confidence[found.parts > 0] > 0).all()
+
+
+def test_a_mirrored_world_gives_mirrored_labels(seen, read):
+    """Sides of a suit that is worn mirrored by a mirrored person are its own sides."""
+    cloud = seen[0][0]
+    camera = replace(cloud.camera, cx=cloud.camera.width - 1 - cloud.camera.cx)
+    images = (cloud.depth_mm, cloud.points_m * (-1, 1, 1), cloud.color_rgb, cloud.color_valid)
+    flipped = ThermalCloud(camera, *(image[:, ::-1].copy() for image in (*images, cloud.temperature_c)))
+    flipped = replace(flipped, points_m=flipped.points_m.astype(np.float32))
+    twin = {a: b for pair in LEFT_RIGHT for a, b in (pair, pair[::-1])}
+    parts = np.array([twin.get(int(part), part) for part in DEFAULT_SUIT.parts], np.uint8)
+    found = read_in(flipped, Suit("mirrored", DEFAULT_SUIT.colors_rgb, parts)).parts[:, ::-1]
+    on = (found > 0) | (read[0].parts > 0)
+    assert (swap_left_right(found) == read[0].parts)[on].mean() > 0.95
+
+
+def test_twins_of_one_colour_are_told_by_what_they_join(seen):
+    one, other = PART_ID["left_forearm"], PART_ID["right_forearm"]
+    total = np.zeros((12, 12), np.int64)
+    for cloud, truth in seen:
+        changed, suit = alike(cloud, truth, one, other)
+        total += confusion_matrix(truth, read_in(changed, suit).parts)
+    assert total[one, other] + total[other, one] < 0.05 * total[[one, other]].sum()
+
+
+def test_confidence_is_lower_along_seams_and_silhouettes(seen, read):
+    """Averaged over the person: at the outline and beside another part labels are less sure than within."""
+    result = read[1]
+    on, square = result.parts != BACKGROUND, np.ones((3, 3), np.uint8)
+    inner = cv2.erode(result.parts, square) == cv2.dilate(result.parts, square)
+    deep = cv2.erode(on.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    within = result.confidence[deep & inner].mean()
+    assert result.confidence[on & ~deep].mean() < within
+    assert result.confidence[deep & ~inner].mean() < within

@@ -1,6 +1,7 @@
-"""Palettes survive being written, colours survive shade, and what cannot be told apart is refused."""
+"""Palettes survive being written, colours survive shade, and look-alikes are named."""
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -16,7 +17,6 @@ from annotate.parts import BODY_PARTS
 from annotate.suit.color_model import BARE_COST, GAIN, SIGMA, under, unfitted
 from annotate.suit.palette import (
     DEFAULT_SUIT,
-    MIN_CHROMA_DISTANCE,
     Suit,
     chromaticity,
     load_suit,
@@ -39,47 +39,27 @@ def suits(draw) -> Suit:
     swatches = [(part.id, own[part.id - 1]) for part in BODY_PARTS]
     for part in draw(st.sets(st.sampled_from(BODY_PARTS))):
         swatches.append((part.id, own[part.id - 1] // 2 + 20))
-    name = draw(st.text("abcXYZ012 _.-", max_size=20))
-    try:
-        return Suit(
-            name, np.array([c for _, c in swatches], np.uint8), np.array([p for p, _ in swatches], np.uint8)
-        )
-    except CloudError:
-        return DEFAULT_SUIT
+    return Suit(
+        "s", np.array([c for _, c in swatches], np.uint8), np.array([p for p, _ in swatches], np.uint8)
+    )
+
+
+NAMES = st.text(max_size=20) | st.sampled_from(['x"\nevil = 1\n#', "[colors]", "a\\b", "\u202e<b>"])
 
 
 @law
-@given(suits())
-def test_a_palette_survives_being_written(suit):
+@given(suits(), NAMES)
+def test_a_palette_survives_being_written(suit, name):
+    suit = replace(suit, name=name)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "suit.toml"
-        path.write_text(suit_to_toml(suit), encoding="utf-8")
+        path.write_bytes(suit_to_toml(suit).encode())
         back = load_suit(path)
-    assert back.name == suit.name
+    assert back.name == suit.name and suit_to_toml(back) == suit_to_toml(suit)
     for part in BODY_PARTS:
         np.testing.assert_array_equal(
             back.colors_rgb[back.parts == part.id], suit.colors_rgb[suit.parts == part.id]
         )
-    assert suit_to_toml(back) == suit_to_toml(suit)
-
-
-@pytest.mark.parametrize("name", ['x"\nevil = 1\n#', "[colors]", "a\\b", "\u202e<b>"])
-def test_a_name_cannot_smuggle_toml(tmp_path, name):
-    path = tmp_path / "suit.toml"
-    path.write_text(suit_to_toml(Suit(name, DEFAULT_SUIT.colors_rgb, DEFAULT_SUIT.parts)), encoding="utf-8")
-    back = load_suit(path)
-    assert back.name == name
-    np.testing.assert_array_equal(back.colors_rgb, DEFAULT_SUIT.colors_rgb)
-
-
-@law
-@given(st.text(max_size=20))
-def test_any_name_survives_being_written(name):
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "suit.toml"
-        suit = Suit(name, DEFAULT_SUIT.colors_rgb, DEFAULT_SUIT.parts)
-        path.write_bytes(suit_to_toml(suit).encode())
-        assert load_suit(path).name == name
 
 
 @law
@@ -91,28 +71,11 @@ def test_shade_does_not_change_chromaticity(rgb, shade):
     np.testing.assert_allclose(chromaticity(shaded), chromaticity(color), atol=2e-3)
 
 
-@law
-@given(colors)
-def test_chromaticity_is_a_share(rgb):
-    x, y = chromaticity(np.array(rgb))
-    assert 0 <= x <= 1
-    assert 0 <= y <= 1
-    assert x + y <= 1
-
-
 def test_chromaticity_in_closed_form():
     np.testing.assert_allclose(chromaticity(np.array([[255, 0, 0], [0, 255, 0], [9, 9, 9]])),
                                [[1, 0], [0, 1], [1 / 3, 1 / 3]], atol=2e-3)  # fmt: skip
     assert chromaticity(np.zeros((2, 3, 3), np.uint8)).shape == (2, 3, 2)
     assert np.isfinite(chromaticity(np.zeros(3, np.uint8))).all()
-
-
-def test_the_default_suit_keeps_its_parts_apart():
-    chroma = chromaticity(DEFAULT_SUIT.colors_rgb)
-    for i, part in enumerate(DEFAULT_SUIT.parts):
-        for j, other in enumerate(DEFAULT_SUIT.parts):
-            if part != other:
-                assert np.linalg.norm(chroma[i] - chroma[j]) >= MIN_CHROMA_DISTANCE
 
 
 @pytest.mark.parametrize("part", BODY_PARTS, ids=lambda p: p.name)
