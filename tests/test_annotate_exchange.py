@@ -26,7 +26,7 @@ from annotate.labelset.journal import JOURNAL
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import PARTS
 from sensors.errors import CloudError, FormatError
-from sensors.importers.clouds import pcd_file
+from sensors.importers.clouds import records
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics, unproject
 from tests.helpers.same_frame import assert_same_frame
@@ -416,7 +416,7 @@ def largest_part(out: Path, name: str) -> int:
 @pytest.mark.parametrize(
     ("name", "modules", "bound", "says"),
     [
-        ("pcd", [pcd_file], "MAX_HEADER_BYTES", "its header does not end"),
+        ("pcd", [records], "MAX_HEADER_BYTES", "its header does not end"),
         ("parquet", [parquet_format], "MAX_GROUP_BYTES", "row group"),
         ("coco", [companion_format, coco_format], "MAX_TEXT_BYTES", "is larger than"),
         ("cvat", [companion_format, cvat_format], "MAX_TEXT_BYTES", "is larger than"),
