@@ -5,25 +5,20 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
 from sensors.errors import FormatError
-from sensors.importers.clouds import projection
 from sensors.importers.clouds.cloud_source import CloudFile
-from sensors.importers.clouds.organised_camera import grid_camera
 from sensors.importers.clouds.pcd_file import read_pcd
-from sensors.importers.clouds.pixel_lattice import find_line
-from sensors.importers.clouds.projection import KINECT_V2, project_cloud, shift_into_view
+from sensors.importers.clouds.projection import KINECT_V2
 from sensors.importers.open_source import open_source
 from sensors.importers.options import AS_STATED, ImportOptions
-from sensors.rig.camera import Intrinsics, project, unproject
+from sensors.rig.camera import project
 from sensors.rig.rig_calibration import RigCalibration, quaternion_of
 from tests.helpers import furnished_room
 from tests.helpers.cloud_files import (
     CLOUD_FROM_CAMERA,
     assert_is_the_room,
+    ball,
     camera_points,
     finite,
     pcd,
@@ -34,9 +29,11 @@ from tests.helpers.cloud_files import (
 from tests.helpers.depth_files import assert_refused, write
 from tests.helpers.samples import las
 
-law = settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 UNITS = {"metres": 1.0, "millimetres": 1000.0, "centimetres": 100.0, "inches": 1 / 0.0254}
-ROOM = finite(camera_points(room()))
+
+
+def room_points() -> np.ndarray:
+    return finite(camera_points(room()))
 
 
 def random_rotation(seed: int) -> np.ndarray:
@@ -47,12 +44,6 @@ def random_rotation(seed: int) -> np.ndarray:
 def viewpoint(rotation: np.ndarray, origin: np.ndarray) -> str:
     x, y, z, w = quaternion_of(rotation)
     return " ".join(f"{number:.9g}" for number in (*origin, w, x, y, z))
-
-
-def ball(n: int = 20_000) -> np.ndarray:
-    """A ball of 0.3 m radius about (0.1, 0.2, 2) in camera axes."""
-    directions = np.random.default_rng(0).normal(size=(n, 3))
-    return 0.3 * directions / np.linalg.norm(directions, axis=1, keepdims=True) + [0.1, 0.2, 2.0]
 
 
 def noted(source, text: str) -> bool:
@@ -69,8 +60,8 @@ def noted(source, text: str) -> bool:
 )
 def test_a_camera_cloud_stays_in_place_in_any_axes_and_unit(tmp_path, axes, unit):
     """Unorganised points of a depth image give it back, bit for bit, and their colours; none is moved."""
-    colors = random_colors(len(ROOM))
-    points = ROOM @ CLOUD_FROM_CAMERA[axes].T * UNITS[unit]
+    colors = random_colors(len(room_points()))
+    points = room_points() @ CLOUD_FROM_CAMERA[axes].T * UNITS[unit]
     source = open_source(write(tmp_path / "x.ply", ply(points, colors)))
     assert_is_the_room(source, room(), colors)
     assert source.calibration.color == source.calibration.depth
@@ -96,10 +87,10 @@ def test_a_grid_in_any_frame_finds_its_camera(tmp_path, seed, stated):
 def test_a_viewpoint_turns_a_cloud_that_is_not_in_the_sensors_own_frame(tmp_path, seed, place):
     """A PCD's VIEWPOINT is the sensor's pose, or stands beside points in the sensor's own frame."""
     turn, origin = np.eye(3), np.array([0.4, 0.1, 0.3])
-    points = ROOM
+    points = room_points()
     if seed is not None:
         turn, origin = random_rotation(seed), np.random.default_rng(seed).uniform(-3, 3, 3)
-        points = ROOM @ turn.T + origin
+        points = room_points() @ turn.T + origin
     content = pcd(points, len(points), 1, VIEWPOINT=viewpoint(turn, origin))
     source = open_source(write(tmp_path / "x.pcd", content))
     assert_is_the_room(source, room())
@@ -123,7 +114,7 @@ def test_a_declared_camera_is_used(tmp_path):
     numbers = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
     options = ImportOptions(intrinsics=write(tmp_path / "i.json", json.dumps(numbers).encode()))
     grid = pcd(camera_points(room()).reshape(-1, 3), 320, 264)
-    for name, content in (("x.ply", ply(ROOM)), ("x.pcd", grid)):
+    for name, content in (("x.ply", ply(room_points())), ("x.pcd", grid)):
         source = open_source(write(tmp_path / name, content), options)
         assert source.calibration.depth == camera
         np.testing.assert_array_equal(source.frame(0).depth_mm, room())
@@ -199,7 +190,7 @@ def test_axes_that_are_not_sure_are_noted_and_can_be_declared(tmp_path):
 @pytest.mark.parametrize("axes", ["camera", "z-up"])
 def test_stray_points_change_nothing(tmp_path, axes):
     """Flying pixels and broken numbers far outside move no camera."""
-    points = ROOM @ CLOUD_FROM_CAMERA[axes].T
+    points = room_points() @ CLOUD_FROM_CAMERA[axes].T
     points = points if axes == "camera" else points - [0, 3, 0]  # the origin is within the room
     strays = np.array([[1e30, 0, 0], [0, -4e8, 1], [np.inf, 0, 0], [70.0, 80.0, 90.0]])
     options = AS_STATED if axes == "camera" else ImportOptions(axes=axes)
@@ -210,8 +201,8 @@ def test_stray_points_change_nothing(tmp_path, axes):
 
 
 def test_black_is_no_colour(tmp_path):
-    for colors in (None, np.zeros_like(ROOM, np.uint8)):
-        source = open_source(write(tmp_path / "a.ply", ply(ROOM, colors)))
+    for colors in (None, np.zeros_like(room_points(), np.uint8)):
+        source = open_source(write(tmp_path / "a.ply", ply(room_points(), colors)))
         assert source.calibration == RigCalibration(source.calibration.depth)
         assert source.frame(0).color_encoded is None and "no colour images" in source.notes
 
@@ -232,17 +223,17 @@ def test_a_robots_cloud_is_seen_upright_from_in_front(tmp_path, kind):
 
 
 def test_a_las_of_a_cameras_cloud_is_no_map(tmp_path):
-    source = open_source(write(tmp_path / "x.las", las(ROOM, 0.0, False)))
+    source = open_source(write(tmp_path / "x.las", las(room_points(), 0.0, False)))
     assert "camera axes left in place" in source.notes[0]
     found = source.frame(0).depth_mm
-    assert np.count_nonzero(found) > 0.99 * len(ROOM)
+    assert np.count_nonzero(found) > 0.99 * len(room_points())
     assert np.median(found[found > 0]) == np.median(room()[room() > 0])
 
 
 @pytest.mark.parametrize("kind", ["float", "double"])
 def test_coordinates_far_away_are_those_of_a_map(tmp_path, kind):
     """UTM: z is up in any format; floats are too coarse, which a note states."""
-    points = ROOM @ CLOUD_FROM_CAMERA["z-up"].T + [612345.5, 5412345.25, 433.5]
+    points = room_points() @ CLOUD_FROM_CAMERA["z-up"].T + [612345.5, 5412345.25, 433.5]
     source = open_source(write(tmp_path / "x.ply", ply(points, kind=kind)))
     assert "z-up axes" in source.notes[0]
     assert noted(source, "32-bit coordinates are 0.5 m apart") == (kind == "float")
@@ -267,7 +258,7 @@ def test_what_stays_open_is_asked_for(tmp_path):
     cloud = write(tmp_path / "hand.ply", ply(noise))
     assert_refused(cloud, r"1\.5 m as centimetres.*import it with --depth-unit", FormatError)
     assert CloudFile(cloud, ImportOptions(depth_unit_mm=10)).frame(0).depth_mm.any()
-    far = write(tmp_path / "far.ply", ply(ROOM * 1000))
+    far = write(tmp_path / "far.ply", ply(room_points() * 1000))
     with pytest.raises(FormatError, match=r"no point is within the 65\.534 m .* import it with --depth-unit"):
         CloudFile(far, ImportOptions(depth_unit_mm=1000))
     with pytest.raises(FormatError, match="axes 'up' are unknown; use camera"):
@@ -284,84 +275,6 @@ def test_a_cloud_without_pixels_is_the_same_in_any_axes(tmp_path, axes):
     np.testing.assert_allclose([u, v], expected, atol=12)
     if axes != "kinect":  # a ball has no feet
         np.testing.assert_array_equal(CloudFile(path).frame(0).depth_mm, depth_mm)
-
-
-# Laws of the parts
-
-
-@given(
-    pinhole=st.tuples(st.floats(200, 700), st.floats(200, 700), st.floats(0, 1), st.floats(0, 1)),
-    seed=st.integers(0, 99),
-)
-@law
-def test_the_pixels_of_a_camera_are_found(pinhole, seed):
-    """And noise of a millimetre at most does not hide them; noise alone has none."""
-    fx, fy, cx, cy = pinhole
-    rng = np.random.default_rng(seed)
-    u, v, z = rng.integers(0, 300, 3000), rng.integers(0, 200, 3000), rng.uniform(1.5, 4, 3000)
-    for focal, centre, pixel in ((fx, cx, u - 150), (fy, cy, v - 100)):
-        line = find_line((pixel - centre) / focal)
-        assert line.focal_px == pytest.approx(focal, rel=1e-6)
-        assert (line.centre_px - centre + 0.5) % 1 == pytest.approx(0.5, abs=1e-4)
-        rounded = find_line(np.round((pixel - centre) / focal * z, 3) / z)
-        assert rounded is not None and rounded.focal_px == pytest.approx(focal, rel=1e-3)
-    assert find_line(rng.uniform(-0.6, 0.6, 3000)) is None
-
-
-@given(
-    pinhole=st.tuples(st.floats(20, 60), st.floats(20, 60), st.floats(5, 25), st.floats(5, 20)),
-    seed=st.integers(0, 99),
-)
-@law
-def test_the_fit_finds_the_camera_of_a_grid(pinhole, seed):
-    camera = Intrinsics(32, 24, *pinhole)
-    depth = np.random.default_rng(seed).uniform(0.5, 4.5, camera.shape)
-    found = grid_camera("cloud", unproject(camera, depth).astype(np.float64), None)
-    np.testing.assert_allclose(found.intrinsics.matrix, camera.matrix, rtol=1e-4, atol=1e-4)
-    assert found.residual_px < 1e-3 and found.how == "camera axes"
-
-
-def test_a_ball_hides_its_far_side_and_has_no_holes():
-    points = ball(60_000)
-    shown = project_cloud(points, KINECT_V2, 0.01)
-    depth = np.where(shown >= 0, points[shown, 2], np.nan)
-    assert np.nanmax(depth) < 2.06
-    centre = project(KINECT_V2, np.array([0.1, 0.2, 2.0]))
-    inside = np.hypot(*(np.indices(depth.shape)[::-1] - centre[:, None, None])) < 0.95 * 365.15 * 0.3 / 2
-    assert np.isfinite(depth[inside]).all()
-    assert np.isfinite(depth).sum() < 1.15 * np.pi * (365.15 * 0.3 / 2) ** 2
-
-
-def test_the_nearest_point_is_shown_and_points_behind_it_have_no_pixel():
-    """The first against the naive loop."""
-    points = np.random.default_rng(0).uniform([-1, -1, 1], [1, 1, 3], (3000, 3))
-    camera = Intrinsics(20, 20, 10.0, 10.0, 9.5, 9.5)
-    depth = np.full(camera.shape, np.inf)
-    for x, y, z in points:
-        u, v = round(10 * x / z + 9.5), round(10 * y / z + 9.5)
-        if 0 <= u < 20 and 0 <= v < 20:
-            depth[v, u] = min(depth[v, u], z)
-    shown = project_cloud(points, camera, 0.0)
-    np.testing.assert_array_equal(np.where(shown >= 0, points[shown, 2], np.inf), depth)
-    points = np.array([[0, 0, 2.0], [0, 0, 2.02], [0, 0, 2.2], [0, 0, -1.0], [9, 9, 1.0], [np.nan, 0, 1]])
-    depth = np.full(KINECT_V2.shape, np.nan)
-    depth[211, 254] = 2.0
-    pixels = projection.pixels_of(points, KINECT_V2, depth)
-    np.testing.assert_array_equal(pixels >= 0, [True, True, False, False, False, False])
-
-
-@given(points=arrays(np.float64, (30, 3), elements=st.floats(-50, 50)))
-@law
-def test_any_cloud_is_moved_into_view(points):
-    pixels = project(KINECT_V2, points + shift_into_view(points, KINECT_V2))
-    assert (pixels >= -1e-6).all()
-    assert (pixels <= np.array([KINECT_V2.width, KINECT_V2.height]) - 1 + 1e-6).all()
-
-
-def test_equal_points_change_no_spacing():
-    points = ball(500)
-    assert projection.spacing_m(np.repeat(points, 7, axis=0)) == projection.spacing_m(points)
-    assert projection.spacing_m(np.ones((9, 3)) + 1e-12 * np.arange(9)[:, None]) == 0
 
 
 # Real recordings

@@ -85,3 +85,9 @@ def assert_is_the_room(source, depth_mm: np.ndarray, colors: np.ndarray | None =
     np.testing.assert_allclose(found, [CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy], atol=0.05)
     if colors is not None:
         np.testing.assert_array_equal(frame.decode_color()[tuple(pixels.T)], colors)
+
+
+def ball(n: int = 20_000) -> np.ndarray:
+    """A ball of 0.3 m radius about (0.1, 0.2, 2) in camera axes."""
+    directions = np.random.default_rng(0).normal(size=(n, 3))
+    return 0.3 * directions / np.linalg.norm(directions, axis=1, keepdims=True) + [0.1, 0.2, 2.0]
