@@ -16,7 +16,7 @@ from typer import Option
 from cli.console import clear, finish, progress, say, table
 from sensors.errors import CloudError
 from sensors.files.natural_order import paths_in_order
-from sensors.session.paths import SUFFIX
+from sensors.session.recording_file import SUFFIX
 from sensors.versions import code_digest, versions
 
 if TYPE_CHECKING:

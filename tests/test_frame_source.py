@@ -12,21 +12,8 @@ from tests.test_sensors_session import RIG, assert_same
 from tools.fuzz.samples import READERS
 
 SOURCES = [
-    "session",
-    "session-bare",
-    "bag-sqlite",
-    "bag-mcap",
-    "bag-ros1",
-    "realsense",
-    "orbbec",
-    "mkv",
-    "npy",
-    "npz",
-    "pcd",
-    "ply",
-    "flir",
-    "las",
-    "images",
+    *("session", "session-bare", "bag-sqlite", "bag-mcap", "bag-ros1", "realsense", "orbbec", "mkv"),
+    *("npy", "npz", "pcd", "ply", "flir", "las", "images"),
 ]
 
 

@@ -13,8 +13,8 @@ import pytest
 
 import sensors.interrupt
 from sensors.interrupt import ENDING, SAME_S, ended_by_signals, interrupted_by_signals
-from sensors.session.paths import recording_at
 from sensors.session.reader import Session
+from sensors.session.recording_file import recording_at
 
 SCRIPT = """
 import os, signal, sys, threading, time

@@ -65,22 +65,15 @@ def test_every_pixel_survives_unproject_and_project(camera):
     seen = ~np.isnan(depth)
     np.testing.assert_array_equal(np.isnan(points).any(axis=-1), ~seen)
     np.testing.assert_array_equal(points[seen][:, 2], depth[seen])
+    with pytest.raises(CalibrationError, match="640x480"):
+        unproject(camera, np.ones((480, 640), np.float32))
     np.testing.assert_allclose(project(camera, points)[seen], np.stack([u, v], axis=-1)[seen], atol=2e-4)
-
-
-def test_a_point_on_the_axis_lands_on_the_principal_point():
-    np.testing.assert_allclose(project(KINECT, np.array([0.0, 0.0, 2.0])), [KINECT.cx, KINECT.cy])
 
 
 @settings(deadline=None, max_examples=50)
 @given(z=st.floats(max_value=0, allow_nan=False))
 def test_points_behind_the_camera_have_no_pixel(z):
     assert np.isnan(project(KINECT, np.array([0.1, 0.1, z]))).all()
-
-
-def test_undistorted_keeps_the_pinhole():
-    assert KINECT.undistorted().distortion == (0, 0, 0, 0, 0)
-    np.testing.assert_array_equal(KINECT.undistorted().matrix, KINECT.matrix)
 
 
 @pytest.mark.parametrize(
@@ -101,8 +94,3 @@ def test_impossible_cameras_are_refused(changes):
 def test_numpy_s_numbers_are_numbers(number):
     camera = Intrinsics(number(512), number(424), np.float32(365), np.float64(365), np.int32(256), 212)
     assert camera == Intrinsics(512, 424, 365.0, 365.0, 256.0, 212.0)
-
-
-def test_unproject_refuses_an_image_of_another_camera():
-    with pytest.raises(CalibrationError, match="640x480"):
-        unproject(KINECT, np.ones((480, 640), np.float32))

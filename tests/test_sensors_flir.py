@@ -10,8 +10,7 @@ from sensors.errors import FormatError
 from sensors.files.flir_jpeg import has_flir, read_flir
 from sensors.importers.flir_images import FlirImages
 from sensors.importers.open_source import open_source
-from sensors.session.reader import Session
-from tests.helpers.flir_files import DJI, PLANCK, Written, flir_jpeg, raw_of
+from tests.helpers.flir_files import PLANCK, Written, flir_jpeg, raw_of
 
 CELSIUS = np.linspace(15, 40, 120 * 160, dtype=np.float32).reshape(120, 160)
 PHOTO = np.full((60, 80, 3), (200, 120, 40), np.uint8)
@@ -105,20 +104,12 @@ def test_photographs_have_their_colours(kind, record):
     assert away.max() <= 4
 
 
-def test_an_image_becomes_a_session_by_one_command(one, tmp_path, annotate_cloud):
-    done = annotate_cloud("import", one, tmp_path / "take.mcap")
-    assert done.code == 0, done.err
-    (frame,) = Session(tmp_path / "take.mcap")
-    np.testing.assert_allclose(frame.thermal_c, CELSIUS, atol=0.05)
-    assert not frame.depth_mm.any()
-    np.testing.assert_allclose(frame.decode_color()[50, 40], PHOTO[50, 40], atol=4)
-    assert annotate_cloud("info", tmp_path / "take.mcap").code == 0
-
-
-def test_a_dji_camera_becomes_a_source(tmp_path):
-    (tmp_path / "DJI_0001_R.JPG").write_bytes(flir_jpeg(CELSIUS, how=DJI))
-    source = open_source(tmp_path)
-    np.testing.assert_allclose(source.frame(0).thermal_c, CELSIUS, atol=0.05)
+def test_a_photograph_without_temperatures_is_refused(one, tmp_path):
+    assert has_flir(one)
+    (tmp_path / "plain.jpg").write_bytes(b"\xff\xd8\xff\xe0 a holiday's")
+    assert not has_flir(tmp_path / "plain.jpg")
+    with pytest.raises(FormatError, match="without a FLIR camera's temperatures"):
+        open_source(tmp_path / "plain.jpg")
 
 
 def plain_photo() -> bytes:
@@ -157,18 +148,6 @@ def test_lens_and_times_are_those_of_the_files(tmp_path):
     )
     assert source.calibration.thermal.fx == pytest.approx(80 / np.tan(np.radians(12.5)))
     assert "a lens 25 degrees wide, as the files state" in source.notes
-
-
-def test_only_jpegs_with_flirs_data_are_taken_for_such(one, tmp_path):
-    assert has_flir(one)
-    plain = tmp_path / "plain.jpg"
-    plain.write_bytes(b"\xff\xd8\xff\xe0 a holiday's")
-    assert not has_flir(plain)
-    with pytest.raises(FormatError, match="without a FLIR camera's temperatures"):
-        open_source(plain)
-    (tmp_path / "depth").mkdir()
-    with pytest.raises(FormatError, match="holds no depth images"):
-        open_source(tmp_path)
 
 
 def test_a_damaged_image_is_refused_in_one_line():

@@ -1,7 +1,6 @@
 """A session survives to the bit, a killed one up to its last frame; damage never goes unnoticed."""
 
 import os
-import shutil
 import struct
 from pathlib import Path
 
@@ -28,7 +27,6 @@ from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
 from sensors.rig.rig_calibration import Pose, RigCalibration
 from sensors.session import index, mcap_records
 from sensors.session import messages as messages_module
-from sensors.session.mcap_records import record_offsets
 from sensors.session.messages import (
     COLOR,
     COUNTS,
@@ -49,7 +47,7 @@ from sensors.session.messages import (
 )
 from sensors.session.reader import Session
 from sensors.session.repair import repair
-from sensors.session.writer import SessionWriter
+from sensors.session.writer import RepeatableWriter, SessionWriter
 from tests.conftest import assert_refused
 
 law = settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -128,16 +126,6 @@ def test_a_session_survives_to_the_bit(whole):
     assert not list(whole.parent.glob("*.partial"))
 
 
-def test_its_calibration_survives(whole):
-    copy = Session(whole).calibration
-    assert (copy.depth, copy.color, copy.thermal) == (RIG.depth, RIG.color, RIG.thermal)
-    for name in ("color_from_depth", "thermal_from_depth"):
-        np.testing.assert_allclose(getattr(copy, name).rotation, getattr(RIG, name).rotation, atol=1e-12)
-        np.testing.assert_allclose(
-            getattr(copy, name).translation_m, getattr(RIG, name).translation_m, atol=1e-12
-        )
-
-
 def test_the_public_reader_decodes_all_of_it(whole):
     with whole.open("rb") as file:
         decoded = list(
@@ -174,8 +162,12 @@ def test_the_thermal_scale_saturates_and_marks_what_is_no_reading():
 @given(seed=st.integers(0, 2**32 - 1))
 @law
 def test_the_calibration_messages_are_invertible(seed):
-    messages = {t: m.SerializeToString() for t, m in calibration_messages(RIG, seed)}
-    assert calibration_from(messages).depth == RIG.depth
+    copy = calibration_from({t: m.SerializeToString() for t, m in calibration_messages(RIG, seed)})
+    assert (copy.depth, copy.color, copy.thermal) == (RIG.depth, RIG.color, RIG.thermal)
+    for name in ("color_from_depth", "thermal_from_depth"):
+        for part in ("rotation", "translation_m"):
+            ours, theirs = (getattr(getattr(rig, name), part) for rig in (copy, RIG))
+            np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
 
 def naive_pairs(master, other, window):
@@ -241,19 +233,19 @@ def test_nothing_is_overwritten_unasked(tmp_path):
     assert Session(path).name == "new"
 
 
-@pytest.mark.parametrize("keep_partial", [True, False])
-def test_an_interrupted_session_never_gets_its_final_name(tmp_path, keep_partial):
+@pytest.mark.parametrize("writer", [SessionWriter, RepeatableWriter])
+def test_an_interrupted_session_never_gets_its_final_name(tmp_path, writer):
     path = tmp_path / "a.mcap"
     with (
         pytest.raises(KeyboardInterrupt),
-        SessionWriter(path, RIG, "rig", keep_partial=keep_partial) as writer,
+        writer(path, RIG, "rig") as writer,
     ):
         for frame in frames(3):
             writer.write(frame)
         raise KeyboardInterrupt
     assert not path.exists()
-    assert writer.partial.exists() == keep_partial
-    if keep_partial:
+    assert writer.partial.exists() == writer.keeps_partial
+    if writer.keeps_partial:
         session = Session(writer.partial)
         assert session.truncated
         assert len(list(session)) == 3
@@ -297,33 +289,6 @@ def test_cut_anywhere_it_is_a_prefix_that_repair_keeps_or_an_error(tmp_path, who
     path.unlink()
 
 
-def test_repairing_a_whole_session_changes_nothing(tmp_path, whole):
-    path = tmp_path / "a.mcap"
-    shutil.copy(whole, path)
-    done = repair(path, tmp_path / "out.mcap")
-    assert (done.path, done.frames, done.lost_s, done.changed) == (path, 8, 0, False)
-    assert path.read_bytes() == whole.read_bytes() and list(tmp_path.iterdir()) == [path]
-
-
-def test_repair_drops_only_what_is_damaged_and_knows_how_long_that_was(tmp_path, whole):
-    data = bytearray(whole.read_bytes())
-    data[len(data) // 2] ^= 0x10
-    broken, mended = tmp_path / "broken.mcap", tmp_path / "mended.mcap"
-    broken.write_bytes(data)
-    with pytest.raises(FormatError, match=f"damaged at byte .*: annotate-cloud repair {broken}"):
-        list(Session(broken))
-    done = repair(broken, mended)
-    assert (done.frames, done.damaged, done.lost_frames) == (7, 1, 1)
-    assert done.lost_s == pytest.approx(PERIOD_NS * 1e-9)
-    assert broken.read_bytes() == data
-    originals = {f.stamp_ns: f.depth_mm for f in frames(8)}
-    for frame in Session(mended):
-        np.testing.assert_array_equal(frame.depth_mm, originals[frame.stamp_ns])
-    assert repair(broken).path == tmp_path / "broken.repaired.mcap"
-    assert len(Session(tmp_path / "broken.repaired.mcap")) == 7
-    assert broken.read_bytes() == data
-
-
 def test_a_recording_that_was_cut_off_is_found_by_its_name(annotate_cloud, tmp_path, whole):
     path, partial = tmp_path / "take.mcap", tmp_path / "take.mcap.partial"
     cut_off(partial, whole, whole.stat().st_size // 2)
@@ -334,34 +299,14 @@ def test_a_recording_that_was_cut_off_is_found_by_its_name(annotate_cloud, tmp_p
         assert f"annotate-cloud repair {partial}" in " ".join(info["notes"])
     assert f"annotate-cloud repair {partial}" in annotate_cloud("validate", path).out
     done = annotate_cloud("repair", path, "--json").result
-    assert done == {
-        "session": str(path),
-        "frames": count,
-        "lost_frames": None,
-        "lost_seconds": done["lost_seconds"],
-        "lost_bytes": done["lost_bytes"],
-        "damaged": 1,
-        "changed": True,
-    }
+    expected = {"session": str(path), "frames": count, "lost_frames": None, "damaged": 1, "changed": True}
+    assert done == done | expected and set(done) - set(expected) == {"lost_seconds", "lost_bytes"}
     assert 0 < done["lost_bytes"] < partial.stat().st_size / 4
     assert annotate_cloud("validate", path).code == 0
     assert annotate_cloud("repair", path).out == f"{path} is whole, with {count} frames; nothing to repair\n"
     assert_refused(annotate_cloud("repair", partial), path, "--overwrite")
     assert_refused(annotate_cloud("repair", tmp_path / "typo.mcap"), "typo.mcap", "does not exist")
     assert partial.exists() and annotate_cloud("repair", partial, "--overwrite").code == 0
-
-
-def test_a_chunk_that_hides_is_missed(annotate_cloud, tmp_path, whole):
-    """Its opcode made unknown, a chunk is no chunk; the frame that lay there is named."""
-    data = bytearray(whole.read_bytes())
-    with whole.open("rb") as file:
-        chunks = [offset for offset in record_offsets(file) if data[offset] == Opcode.CHUNK]
-    data[chunks[4]] = 0x7F
-    hidden = tmp_path / "hidden.mcap"
-    hidden.write_bytes(data)
-    with pytest.raises(FormatError, match="damaged at byte"):
-        Session(hidden).frame(3)
-    assert "frame 000003: " in annotate_cloud("validate", hidden).out
 
 
 def test_frames_come_in_the_order_of_their_stamps(tmp_path):
@@ -387,16 +332,10 @@ def test_flipped_anywhere_it_is_an_error_or_what_was_recorded(tmp_path, whole, d
         np.testing.assert_array_equal(copy.depth_mm, original.depth_mm)
 
 
-@given(body=st.binary(max_size=300))
-@law
-def test_garbage_behind_the_magic_is_an_error(tmp_path, body):
-    path = tmp_path / "garbage.mcap"
-    path.write_bytes(b"\x89MCAP0\r\n" + body)
-    with pytest.raises(CloudError):
-        Session(path)
-
-
-@pytest.mark.parametrize(("content", "says"), [(b"", "empty"), (b"not an MCAP file", "no MCAP")])
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(b"", "empty"), (b"not an MCAP file", "not an MCAP"), (b"\x89MCAP0\r\n" + b"junk" * 20, "x.mcap"),],
+)
 def test_what_is_no_session_is_named(tmp_path, content, says):
     path = tmp_path / "x.mcap"
     path.write_bytes(content)
@@ -429,11 +368,6 @@ def altered(**fields):
     for name, value in fields.items():
         setattr(message, name, value)
     return message
-
-
-def test_a_foreign_session_opens(tmp_path):
-    session = Session(foreign(tmp_path / "x.mcap", [(DEPTH, IMAGE), *CALIBRATION]))
-    assert (session.name, len(list(session))) == ("x", 1)
 
 
 @pytest.mark.parametrize(
@@ -532,7 +466,7 @@ def test_a_calibration_that_would_unpack_to_much_is_never_decoded(tmp_path, monk
 
 
 def test_the_writer_refuses_what_it_could_not_read_back(tmp_path):
-    with SessionWriter(tmp_path / "a.mcap", RIG, "rig") as writer:
+    with SessionWriter(tmp_path / "a.mcap", RIG, "\x1b[31mred\n") as writer:
         with pytest.raises(CalibrationError, match="is 3x3 but"):
             writer.write_depth(np.ones((3, 3), np.uint16), 0)
         with pytest.raises(FormatError, match="JPEG or PNG"):
@@ -540,15 +474,8 @@ def test_the_writer_refuses_what_it_could_not_read_back(tmp_path):
         with pytest.raises(FormatError, match="time -1"):
             writer.write_depth(np.ones((24, 32), np.uint16), -1)
         writer.write(frames(1)[0])
-    assert len(Session(tmp_path / "a.mcap")) == 1
-
-
-def test_text_from_a_file_is_made_plain(tmp_path):
-    with SessionWriter(tmp_path / "a.mcap", RIG, "\x1b[31mred\n") as writer:
-        writer.write(frames(1)[0])
-    name = Session(tmp_path / "a.mcap").name
-    assert name == "[31mred"
-    assert name.isprintable()
+    session = Session(tmp_path / "a.mcap")
+    assert (len(session), session.name) == (1, "[31mred")
 
 
 def test_a_full_disk_leaves_no_final_file(tmp_path):

@@ -107,15 +107,14 @@ def rewritten(
     return out
 
 
-@pytest.mark.parametrize("metadata", ["first", "last", ""])
 @pytest.mark.parametrize(
-    "how",
+    ("metadata", "how"),
     [
-        {},
-        {"shuffle": True},
-        {"chunked": False},
-        {"compression": CompressionType.LZ4},
-        {"compression": CompressionType.NONE, "shuffle": True},
+        ("first", {}),
+        ("last", {"shuffle": True}),
+        ("", {"chunked": False}),
+        ("last", {"compression": CompressionType.LZ4}),
+        ("", {"compression": CompressionType.NONE, "shuffle": True}),
     ],
     ids=str,
 )

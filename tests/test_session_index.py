@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
@@ -19,6 +20,7 @@ from sensors.rig.rig_calibration import RigCalibration, calibration_to_json
 from sensors.session import index as index_module
 from sensors.session import mcap_records
 from sensors.session.index import read_contents, scan
+from sensors.session.mcap_records import record_offsets
 from sensors.session.messages import DEPTH
 from sensors.session.reader import Session
 from sensors.session.stored_index import NAME, ContradictionError, StoredIndex, read_index
@@ -96,10 +98,6 @@ def test_opening_reads_a_twentieth_of_the_file_at_most(tmp_path):
     assert bytes_read() - before - opening < path.stat().st_size / 20
 
 
-def test_info_hashes_nothing(annotate_cloud, whole):
-    assert "sha256" not in annotate_cloud("info", whole, "--json").result
-
-
 def test_what_has_no_index_or_another_files_is_scanned(tmp_path, whole, monkeypatch):
     cut = cut_off(tmp_path / "cut.mcap", whole, whole.stat().st_size - 1)
     spoilt = bytearray(whole.read_bytes())
@@ -150,10 +148,16 @@ def test_a_spoilt_index_is_refused(whole, data, cut, flip):
         assert index.columns.shape[0] == 5
 
 
-def test_a_damaged_chunk_costs_its_frame_alone(annotate_cloud, tmp_path, whole):
-    """It opens; `validate`, `info` and `label` name the frame, and the others are labelled."""
+@pytest.mark.parametrize("hidden", [False, True])
+def test_a_damaged_chunk_costs_its_frame_alone(annotate_cloud, tmp_path, whole, hidden):
+    """It opens; `validate`, `info` and `label` name the frame, and the others are labelled.
+
+    hidden: the opcode of a chunk is made unknown.
+    """
     data, path = bytearray(whole.read_bytes()), tmp_path / "x.mcap"
-    data[len(data) // 2] ^= 1
+    with whole.open("rb") as file:
+        at = [offset for offset in record_offsets(file) if data[offset] == Opcode.CHUNK][4]
+    data[at if hidden else at + 200] ^= 0x70
     path.write_bytes(data)
     session = Session(path)
     broken = []

@@ -150,18 +150,17 @@ def _export_foxglove(
 
 def _import_images(source: Path, out: Path, options: ImportOptions, overwrite: bool, json: bool) -> None:
     from sensors.session.messages import SUBJECT
-    from sensors.session.writer import SessionWriter
+    from sensors.session.writer import RepeatableWriter
 
     frames = open_source(source, options)
     notes, streams, faults = judged_notes(frames), Counter[str](), Counter[str]()
     with (
-        SessionWriter(
+        RepeatableWriter(
             out,
             frames.calibration,
             frames.name,
             overwrite=overwrite,
             metadata={SUBJECT: frames.subject} if frames.subject else None,
-            keep_partial=False,
         ) as writer,
         progress("import", len(frames)) as advance,
     ):

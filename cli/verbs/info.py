@@ -179,7 +179,7 @@ def _source_problems(path: Path) -> tuple[list[str], list[str]]:
 
 def _session_problems(session: "Session", path: Path) -> list[str]:
     """Return the problems of a session's file: of its end, or of its records."""
-    from sensors.session.check import problems_of
+    from sensors.session.repair import problems_of
 
     if session.is_being_recorded:
         return [f"{session.path} is being recorded; check it when the recording has ended"]

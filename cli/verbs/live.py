@@ -10,7 +10,7 @@ from cli.extras import check_window
 from sensors.errors import DeviceError
 from sensors.files.atomic import check_free, check_there
 from sensors.importers.open_source import open_source, opener_at
-from sensors.session.paths import recording_at
+from sensors.session.recording_file import recording_at
 
 if TYPE_CHECKING:
     from annotate.live.live_frame import Rig

@@ -113,7 +113,7 @@ def repair(
     json: Json = False,
 ) -> None:
     """Write a whole session with every frame of a damaged one that can be read; the damaged one stays."""
-    from sensors.session.paths import recording_at
+    from sensors.session.recording_file import recording_at
     from sensors.session.repair import repair as repair_session
 
     source = recording_at(session)

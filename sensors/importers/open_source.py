@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from sensors.errors import CalibrationError, CloudError, FormatError
 from sensors.importers.options import AS_STATED, ImportOptions
-from sensors.session.paths import recording_at
+from sensors.session.recording_file import recording_at
 
 if TYPE_CHECKING:
     from sensors.rig.frame import FrameSource

@@ -15,8 +15,8 @@ from sensors.session.index import Places
 class HostTimes:
     """Times int64 (n,) of the messages of every topic, nanoseconds on one clock for all. sure: flags (n,).
 
-    A time is unsure where its device was open for a few images only: its offset from the host's clock is not
-    known. clocks: names of the topics' clocks, "" where none is stated.
+    A time is unsure where its device was open for a few images only, which leave the offset unknown. clocks:
+    names of the topics' clocks, "" where none is stated.
     """
 
     ns: dict[str, NDArray[np.int64]]
@@ -24,7 +24,7 @@ class HostTimes:
     clocks: dict[str, str]
 
     def pairs(self, master: str, other: str, window_ns: int) -> NDArray[np.intp]:
-        """Return, for each message of topic ``master``, the index of its message of ``other``, or -1.
+        """Return for each message of topic ``master`` the index of its message of ``other``, or -1.
 
         Pairs as ``pair_stamps``. Unsure times of different clocks are not compared.
         """
@@ -39,9 +39,8 @@ def host_times(
 ) -> HostTimes:
     """Return the times at which messages were made.
 
-    A recording's metadata name the clock that stamped a topic (``clock /depth/image``); each clock is fitted
-    to the host's, in each of its epochs, which the events (stamp in ns, text) begin. All topics without a
-    stated clock share one.
+    Metadata name the clock that stamped a topic (``clock /depth/image``). Each clock is fitted to the host's
+    in each epoch, which the events (stamp in ns, text) begin. All topics without a stated clock share one.
     """
     clocks = {topic: metadata.get(f"{CLOCK}{topic}", "") for topic in places}
     fitted, events = dict[str, EpochClock](), tuple(events)
@@ -55,7 +54,7 @@ def host_times(
         ns[topic], sure[topic] = stamps, np.ones(len(stamps), np.bool_)
         if (clock := fitted.get(clocks[topic])) is not None:
             late_ns = round(_latency_ms(metadata.get(f"{LATENCY}{topic}", "0")) * 1e6)
-            # Images come in their order, whatever a damaged file states of its clocks.
+            # Images keep their order, even at a damaged file's clocks.
             ns[topic] = np.maximum.accumulate(clock.host_ns(stamps) - late_ns)
             sure[topic] = clock.sure(stamps)
     return HostTimes(ns, sure, clocks)

@@ -36,19 +36,18 @@ from sensors.session.messages import (
 from sensors.session.stored_index import StoredIndex, read_index
 from sensors.session.summary import read_summary
 
-MAX_MESSAGES = 1 << 24
-"""Messages of a session that is read as a whole: each takes 32 bytes of memory."""
+MAX_MESSAGES = 1 << 24  # of a session that is read as a whole: each takes 32 bytes of memory
 PLACE = np.dtype([("stamp_ns", "i8"), ("arrival_ns", "i8"), ("offset", "i8"), ("slot", "i8")])
-"""Where a message lies: record ``slot`` of the chunk at byte ``offset``; its time by device and host."""
+"""Place of a message: record ``slot`` of the chunk at byte ``offset``; its time by device and host."""
 Places = NDArray[np.void]
 """PLACE (n,): the messages of one topic, sorted by device stamp."""
 
 
 @dataclass(frozen=True)
 class Contents:
-    """All of a session but its images.
+    """All of a session except its images.
 
-    places: by image topic, empty where there are none. truncated: whether the file was cut off, no error.
+    places: by image topic, possibly empty. truncated: the file was cut off, which is not an error.
     """
 
     places: dict[str, Places]
@@ -59,18 +58,17 @@ class Contents:
 
 
 def read_contents(path: Path) -> Contents:
-    """Read a session's contents: by the index that it carries, else from the whole file.
+    """Read a session's contents: by the index in the file, else from the whole file.
 
-    Chunks are not read where the index is whole: what is damaged in them is found with its frame. Raises
-    FormatError when it is no session, damaged, or without depth images; CalibrationError when the calibration
-    is missing or impossible.
+    With a whole index no chunk is read: damage in a chunk is found with its frame. Raises FormatError for
+    another or a damaged file, or one without depth images; CalibrationError for a missing or impossible
+    calibration.
     """
     try:
         with path.open("rb") as file:
-            found = _indexed(file) or scan(file)
+            return _indexed(file) or scan(file)
     except OSError as error:
         raise FormatError(f"{path} cannot be read ({error.strerror}); give a recorded session") from error
-    return found
 
 
 def _indexed(file: BinaryIO) -> Contents | None:
@@ -112,9 +110,8 @@ def scan(file: BinaryIO) -> Contents:
         )
     places = {topic: _sorted(np.frombuffer(numbers, PLACE)) for topic, numbers in found.places.items()}
     _check_depth(file.name, places, truncated)
-    return Contents(
-        places, calibration_from(found.calibrations), found.metadata, tuple(found.events), truncated
-    )
+    events = tuple(found.events)
+    return Contents(places, calibration_from(found.calibrations), found.metadata, events, truncated)
 
 
 class _Scan:
@@ -165,18 +162,17 @@ class _Scan:
         self.count += 1
         if self.count > MAX_MESSAGES:
             raise FormatError(f"{self._name} holds more than {MAX_MESSAGES} messages; split it")
-        topic = self._topics.get(channel)
+        topic, start = self._topics.get(channel), span.start + MESSAGE.size
         if topic in self.places:
             if stamp_ns >= 1 << 63 or arrival_ns >= 1 << 63:
                 raise FormatError(f"{self._name}: an impossible time in {topic}; record it again")
             self.places[topic].extend((stamp_ns, arrival_ns, offset, slot))
         elif topic in OF_CALIBRATION:
-            # One byte more than is read, so that calibration_from refuses a larger one.
-            start = span.start + MESSAGE.size
+            # One byte beyond the bound, so that calibration_from refuses a larger one.
             content = data[start : min(span.end, start + MAX_CALIBRATION_BYTES + 1)]
             self.calibrations.setdefault(topic, content)
         elif topic == EVENTS:
-            self.events.append((stamp_ns, plain(event_from(data[span.start + MESSAGE.size : span.end]))))
+            self.events.append((stamp_ns, plain(event_from(data[start : span.end]))))
 
 
 def _check_depth(name: str, places: dict[str, Places], truncated: bool = False) -> None:

@@ -1,4 +1,4 @@
-"""Writer of MCAP files that carry an index of their messages by device stamp (``stored_index``)."""
+"""Writer of MCAP files with an index of their messages by device stamp (``stored_index``)."""
 
 from array import array
 from typing import BinaryIO
@@ -10,8 +10,7 @@ from mcap.writer import Writer
 from sensors.session.messages import EVENTS, METADATA, OF_CALIBRATION, event_from
 from sensors.session.stored_index import COLUMNS, MEDIA_TYPE, NAME, StoredIndex
 
-CHUNK_BYTES = 1 << 20
-"""Bytes of messages after which a chunk ends, if no depth image ends it before. Untuned."""
+CHUNK_BYTES = 1 << 20  # of messages after which a chunk ends, if no depth image ends it before; untuned
 
 
 class IndexedWriter:
@@ -31,8 +30,7 @@ class IndexedWriter:
     def register_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Add a schema and return its number."""
         number: int = self._writer.register_schema(name, encoding, data)
-        self._slot += 1
-        self._follow()
+        self._added()
         return number
 
     def register_channel(self, topic: str, encoding: str, schema: int, metadata: dict[str, str]) -> int:
@@ -41,8 +39,7 @@ class IndexedWriter:
         if topic not in self._index.topics:
             self._index.topics.append(topic)
         self._topics[number] = self._index.topics.index(topic)
-        self._slot += 1
-        self._follow()
+        self._added()
         return number
 
     def add_metadata(self, name: str, metadata: dict[str, str]) -> None:
@@ -61,20 +58,19 @@ class IndexedWriter:
         self._begin = self._file.tell()
 
     def add_message(
-        self, channel: int, log_time: int, data: bytes, publish_time: int, sequence: int = 0
+        self, channel: int, log_time: int, data: bytes, publish_time: int, number: int = 0
     ) -> None:
-        """Add a message; arguments as of ``mcap.Writer``."""
-        self._writer.add_message(channel, log_time, data, publish_time, sequence)
+        """Add a message; number: its sequence."""
+        self._writer.add_message(channel, log_time, data, publish_time, number)
         index, topic = self._index, self._index.topics[self._topics[channel]]
         row = (self._topics[channel], publish_time, log_time, len(index.ends), self._slot)
-        for column, number in zip(self._rows, row, strict=True):
-            column.append(number)
+        for column, value in zip(self._rows, row, strict=True):
+            column.append(value)
         if topic in OF_CALIBRATION:
             index.calibrations.setdefault(topic, data)
         elif topic == EVENTS:
             index.events.append((publish_time, event_from(data)))
-        self._slot += 1
-        self._follow()
+        self._added()
 
     def flush(self) -> None:
         """End the chunk and hand it to the system."""
@@ -89,8 +85,12 @@ class IndexedWriter:
             self._writer.add_attachment(0, 0, NAME, MEDIA_TYPE, data)
         self._writer.finish()
 
+    def _added(self) -> None:
+        self._slot += 1
+        self._follow()
+
     def _follow(self) -> None:
-        """Note the chunk that ``mcap`` has written, if it has."""
+        """Note a chunk that ``mcap`` has written."""
         if (end := self._file.tell()) != self._begin:
             self._index.ends.append((self._begin, end))
             self._begin, self._slot = end, 0

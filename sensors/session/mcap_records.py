@@ -1,7 +1,6 @@
-"""The records of an MCAP file, whole or cut off.
+"""Records of an MCAP file, whole or cut off, found by their lengths in the file's order.
 
-``mcap``'s own random access needs the index at a file's end, which a recording that was killed has not. So
-records are found by their lengths, in the file's order, and parsed by ``mcap``.
+``mcap`` parses them; its own random access needs the index at the end, which a killed recording lacks.
 """
 
 import io
@@ -25,17 +24,17 @@ from mcap.stream_reader import StreamReader
 from sensors.errors import FormatError
 
 MAGIC = b"\x89MCAP0\r\n"
-MAX_RECORD_BYTES = 1 << 28
-"""Bytes of a record, and of what a chunk unpacks to: room for the largest image that a camera may have."""
-MAX_CHUNK_RECORDS = 1 << 18
-"""Records of a chunk: a chunk of 4 MB, which ROS and Foxglove write, has room for 135,000 empty messages."""
-CACHED_CHUNKS = 8
-"""Unpacked chunks kept: one holds a depth image and what came with it. Untuned."""
-
+MAX_RECORD_BYTES = 1 << 28  # of a record, and of an unpacked chunk: room for the largest image
+MAX_CHUNK_RECORDS = 1 << 18  # a chunk of 4 MB, which ROS and Foxglove write, has room for 135,000
+CACHED_CHUNKS = 8  # unpacked chunks kept, of which each holds a depth image and its companions; untuned
 HEAD = struct.Struct("<BQ")  # opcode, length (MCAP specification, "Records")
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log_time, publish_time (the same, "Message")
+BROKEN = (
+    *(McapError, struct.error, ValueError, OverflowError, RuntimeError, StopIteration),
+    zstandard.ZstdError,
+)
+"""Errors that a corrupt record raises."""
 _WANTED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA, Opcode.STATISTICS}
-_BROKEN = (McapError, struct.error, ValueError, OverflowError, RuntimeError, zstandard.ZstdError)
 
 
 class Span(NamedTuple):
@@ -45,21 +44,13 @@ class Span(NamedTuple):
     start: int
     end: int
 
-    @property
-    def size(self) -> int:
-        """Bytes of the content."""
-        return self.end - self.start
-
 
 def record_offsets(file: BinaryIO) -> Iterator[int]:
-    """Offsets of the records that are there in full; those of a truncated file simply end early.
-
-    Raises FormatError when the file is empty or no MCAP file.
-    """
+    """Yield the offsets of the whole records. Raises FormatError for an empty or another file."""
     size = os.fstat(file.fileno()).st_size
     file.seek(0)
     if file.read(len(MAGIC)) != MAGIC:
-        raise FormatError(f"{file.name} is {'empty' if size == 0 else 'no MCAP file'}; give a session")
+        raise FormatError(f"{file.name} is {'empty' if size == 0 else 'not an MCAP file'}; give a session")
     offset = len(MAGIC)
     while offset + HEAD.size <= size:
         file.seek(offset)
@@ -86,8 +77,7 @@ def is_complete(file: BinaryIO) -> bool:
 def contents_at(file: BinaryIO, offset: int) -> bytes:
     """Return the record at an offset with its head, or the records of a chunk, whose CRC is checked.
 
-    Empty for a record of a kind that no session needs. Raises FormatError when it is corrupt, naming file
-    and offset.
+    Empty for kinds that no session needs. Raises FormatError, naming file and offset, for a corrupt record.
     """
     file.seek(offset)
     head = file.read(HEAD.size)
@@ -106,10 +96,9 @@ def contents_at(file: BinaryIO, offset: int) -> bytes:
 def records_at(
     file: BinaryIO, offset: int, kinds: Collection[int] = frozenset(_WANTED)
 ) -> Iterator[McapRecord]:
-    """Yield the ``mcap.records`` at an offset: one, a chunk's, or none of a kind that is not wanted.
+    """Yield the ``mcap.records`` of ``kinds`` at an offset: one, or a chunk's.
 
-    One at a time: as objects they take many times their bytes. Raises FormatError when they are corrupt,
-    naming file and offset.
+    One at a time, because objects take many times their bytes. Raises FormatError as ``contents_at``.
     """
     data = contents_at(file, offset)
     with damage(file.name, offset):
@@ -128,7 +117,7 @@ class MessageReader:
     def read(self, offset: int, slot: int, stamp_ns: int | None = None) -> bytes:
         """Return the bytes of message ``slot`` of the chunk at ``offset``.
 
-        Raises FormatError where none is, or where its publish time is not ``stamp_ns``.
+        Raises FormatError for another record, and where its publish time is not ``stamp_ns``.
         """
         data, starts = self._chunk(offset)
         start = starts[slot] if 0 <= slot < len(starts) else len(data)
@@ -137,8 +126,7 @@ class MessageReader:
         with damage(str(self._path), offset):
             if opcode != Opcode.MESSAGE:
                 raise ValueError("its index names messages that are not there")
-            published = MESSAGE.unpack_from(content)[-1]
-            if stamp_ns not in (None, published):
+            if stamp_ns not in (None, MESSAGE.unpack_from(content)[-1]):
                 raise ValueError("its index states another time than a message")
         return content[MESSAGE.size :]
 
@@ -175,13 +163,13 @@ def parsed(data: bytes, span: Span | None = None) -> McapRecord:
 
 
 def unpacked(chunk: McapRecord) -> bytes:
-    """A chunk's records as bytes. ``mcap``'s own unpacking has no bound on what they take."""
+    """Return a chunk's records as bytes, bounded, which ``mcap``'s own unpacking is not."""
     assert isinstance(chunk, Chunk)
     size, data = chunk.uncompressed_size, chunk.data
     if size > MAX_RECORD_BYTES:
         raise ValueError(f"a chunk of {size} bytes")
     if chunk.compression == "zstd":
-        # A frame gets the memory it claims, whatever the limit.
+        # A frame allocates the memory that it claims.
         claimed = zstandard.frame_content_size(data)
         data = zstandard.decompress(data, size) if claimed in (size, -1) else b""
     elif chunk.compression == "lz4":
@@ -197,10 +185,10 @@ def unpacked(chunk: McapRecord) -> bytes:
 
 @contextmanager
 def damage(name: str, offset: int) -> Iterator[None]:
-    """Raise FormatError for all that a corrupt record raises."""
+    """Raise FormatError for the errors of a corrupt record."""
     try:
         yield
-    except (*_BROKEN, StopIteration) as error:
+    except BROKEN as error:
         reason = str(error) or type(error).__name__
         raise FormatError(
             f"{name} is damaged at byte {offset} ({reason}); restore it from a copy, "

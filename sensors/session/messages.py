@@ -1,7 +1,7 @@
-"""What one session message holds: images, calibrations and events as Foxglove protobuf messages and back.
+"""Images, calibrations and events of a session as Foxglove protobuf messages and back.
 
-Every ``*_message`` has its inverse ``*_from`` beside it. Inverses take serialised messages from outside and
-raise FormatError or CalibrationError.
+Every ``*_message`` has its inverse ``*_from``, which takes serialised messages from outside and raises
+FormatError or CalibrationError.
 """
 
 from collections.abc import Iterator
@@ -23,12 +23,7 @@ from numpy.typing import NDArray
 from sensors.calibration_files.camera_messages import intrinsics_from, links_from
 from sensors.errors import CalibrationError, FormatError
 from sensors.rig.camera import Intrinsics
-from sensors.rig.rig_calibration import (
-    MAX_CALIBRATION_BYTES,
-    Pose,
-    RigCalibration,
-    quaternion_of,
-)
+from sensors.rig.rig_calibration import MAX_CALIBRATION_BYTES, Pose, RigCalibration, quaternion_of
 
 CAMERAS = ("depth", "color", "thermal")
 DEPTH, COLOR, THERMAL = (f"/{camera}/image" for camera in CAMERAS)
@@ -37,10 +32,9 @@ IMAGES = (DEPTH, COLOR, THERMAL, INFRARED, COUNTS, PYROMETER)
 CALIBRATIONS = {f"/{camera}/calibration": camera for camera in CAMERAS}
 TF, EVENTS = "/tf", "/events"
 SHIFT, SHIFT_KEY = "/depth/shift", "depth_shift_mm"
-"""Topic and key of the depth shift, absent for 0. A message, as tools that copy messages lose metadata."""
+"""Topic and key of the depth shift, absent for 0. A message, because copying loses metadata."""
 OF_CALIBRATION = (*CALIBRATIONS, TF, SHIFT)
-"""Topics of which a session's first messages are its calibration."""
-
+"""Topics whose first messages are the session's calibration."""
 SCHEMAS: dict[str, type[ProtoMessage]] = {
     DEPTH: RawImage,
     COLOR: CompressedImage,
@@ -53,27 +47,22 @@ SCHEMAS: dict[str, type[ProtoMessage]] = {
     EVENTS: Log,
     SHIFT: KeyValuePair,
 }
-"""Message class of every topic of a session."""
-
-SUBJECT = "subject"
-"""Metadata key of the name of the person who is recorded."""
-METADATA = "annotate-cloud"
-"""Name of the metadata record that holds the session's name and what its maker noted."""
-
-THERMAL_OFFSET_C = 100.0
-THERMAL_STEPS_PER_C = 100.0
+SUBJECT = "subject"  # metadata key of the recorded person's name
+METADATA = "annotate-cloud"  # metadata record with the session's name and its maker's notes
+THERMAL_OFFSET_C = THERMAL_STEPS_PER_C = 100.0
 """On disk a temperature is the uint16 round((celsius + 100) * 100); 0 = no reading; -99.99..555.35 C."""
-
 _FORMATS = {b"\xff\xd8\xff": "jpeg", b"\x89PN": "png"}
+
+M = TypeVar("M", bound=ProtoMessage)
 
 
 def image_message(image: NDArray[np.uint16], frame_id: str, stamp_ns: int) -> RawImage:
-    """uint16 (h, w) as 16UC1: depth in millimetres, infrared amplitudes, a thermal camera's raw counts."""
+    """Return uint16 (h, w) as 16UC1: depth in millimetres, infrared amplitudes, thermal counts."""
     return raw_image(np.asarray(image, "<u2"), "16UC1", frame_id, stamp_ns)
 
 
 def image_from(data: bytes, name: str) -> NDArray[np.uint16]:
-    """Inverse of ``image_message``; ``name`` is the image's in errors. Raises FormatError."""
+    """Invert ``image_message``; ``name`` is the image's in errors. Raises FormatError."""
     message = _decode(RawImage, data)
     if message.encoding not in ("16UC1", "mono16"):
         raise FormatError(f"{name} image has encoding {message.encoding!r}; only 16UC1 is read")
@@ -88,12 +77,12 @@ def image_from(data: bytes, name: str) -> NDArray[np.uint16]:
 
 
 def spot_message(target_c: float, head_c: float, box_c: float, stamp_ns: int) -> RawImage:
-    """Reading of a pyrometer as one row of 32FC1: target, head and box, Celsius, NaN = not measured."""
+    """Return a pyrometer's reading as a row of 32FC1: target, head and box, Celsius, NaN = not measured."""
     return raw_image(np.array([[target_c, head_c, box_c]], "<f4"), "32FC1", "pyrometer", stamp_ns)
 
 
 def target_from(data: bytes) -> float:
-    """The target's temperature of a ``spot_message``, Celsius. Raises FormatError."""
+    """Return the target's temperature of a ``spot_message``, Celsius. Raises FormatError."""
     message = _decode(RawImage, data)
     if message.encoding != "32FC1" or len(message.data) < 4:
         raise FormatError(f"a pyrometer reading has encoding {message.encoding!r}; only 32FC1 is read")
@@ -101,28 +90,25 @@ def target_from(data: bytes) -> float:
 
 
 def thermal_message(thermal_c: NDArray[np.float32], stamp_ns: int) -> RawImage:
-    """float32 (h, w) Celsius as 16UC1 (see THERMAL_OFFSET_C).
-
-    What lies outside the scale saturates, non-finite becomes 0, no reading.
-    """
+    """Return float32 (h, w) Celsius as 16UC1 (see THERMAL_OFFSET_C), saturated; non-finite becomes 0."""
     steps = np.rint((np.asarray(thermal_c, np.float64) + THERMAL_OFFSET_C) * THERMAL_STEPS_PER_C)
     values = np.where(np.isfinite(steps), np.clip(steps, 1, 65535), 0).astype(np.uint16)
     return image_message(values, "thermal", stamp_ns)
 
 
 def thermal_from(data: bytes) -> NDArray[np.float32]:
-    """Inverse of ``thermal_message``. Raises FormatError."""
+    """Invert ``thermal_message``. Raises FormatError."""
     return thermal_from_uint16(image_from(data, "thermal"))
 
 
 def thermal_from_uint16(values: NDArray[np.uint16]) -> NDArray[np.float32]:
-    """The documented scale to Celsius; 0 becomes NaN."""
+    """Return Celsius of the documented scale; NaN for 0."""
     celsius = values.astype(np.float64) / THERMAL_STEPS_PER_C - THERMAL_OFFSET_C
     return np.where(values > 0, celsius, np.nan).astype(np.float32)
 
 
 def color_message(encoded: bytes, stamp_ns: int) -> CompressedImage:
-    """The camera's own JPEG or PNG bytes, untouched. Raises FormatError for other bytes."""
+    """Return the camera's own JPEG or PNG bytes, unchanged. Raises FormatError for other bytes."""
     kind = _FORMATS.get(encoded[:3])
     if kind is None:
         raise FormatError(f"colour image starts with {encoded[:3]!r}; give JPEG or PNG bytes")
@@ -130,7 +116,7 @@ def color_message(encoded: bytes, stamp_ns: int) -> CompressedImage:
 
 
 def color_from(data: bytes) -> bytes:
-    """Inverse of ``color_message``. Raises FormatError."""
+    """Invert ``color_message``. Raises FormatError."""
     message = _decode(CompressedImage, data)
     if message.format not in _FORMATS.values():
         raise FormatError(f"colour image has format {message.format!r}; only jpeg and png are read")
@@ -138,17 +124,17 @@ def color_from(data: bytes) -> bytes:
 
 
 def event_message(stamp_ns: int, text: str) -> Log:
-    """Something that happened: flag closed, frame dropped, camera unplugged."""
+    """Return a note on an event: flag closed, frame dropped, camera unplugged."""
     return Log(timestamp=time_message(stamp_ns), level=Log.INFO, message=text)
 
 
 def event_from(data: bytes) -> str:
-    """Inverse of ``event_message``. Raises FormatError."""
+    """Invert ``event_message``. Raises FormatError."""
     return _decode(Log, data).message
 
 
 def calibration_messages(calibration: RigCalibration, stamp_ns: int) -> Iterator[tuple[str, ProtoMessage]]:
-    """(topic, message) pairs: cameras' intrinsics, poses as a tree below frame ``depth``, the depth shift."""
+    """Yield (topic, message): intrinsics, poses as a tree below frame ``depth``, the depth shift."""
     for topic, name in CALIBRATIONS.items():
         camera = getattr(calibration, name)
         if camera is not None:
@@ -165,7 +151,7 @@ def calibration_messages(calibration: RigCalibration, stamp_ns: int) -> Iterator
 
 
 def calibration_from(messages: dict[str, bytes]) -> RigCalibration:
-    """Inverse of ``calibration_messages``; the first message of each topic. Raises CalibrationError."""
+    """Invert ``calibration_messages``; the first message of each topic. Raises CalibrationError."""
     for topic, data in messages.items():
         # A protobuf list of empty messages unpacks to fifty times its size.
         if len(data) > MAX_CALIBRATION_BYTES:
@@ -179,11 +165,10 @@ def calibration_from(messages: dict[str, bytes]) -> RigCalibration:
         raise CalibrationError("the session has no /depth/calibration; record it with its calibration")
     poses: dict[str, Pose] = {}
     for parent, child, depth_from_child in links_from(_decode(FrameTransforms, messages.get(TF, b""))):
-        # A camera that has lost one of the two is uncalibrated.
         if parent == "depth" and child in ("color", "thermal") and child in cameras:
             poses[f"{child}_from_depth"] = depth_from_child.inverse()
     for child in ("color", "thermal"):
-        if f"{child}_from_depth" not in poses:
+        if f"{child}_from_depth" not in poses:  # intrinsics without a pose are ignored
             cameras.pop(child, None)
     shift_mm = _shift_from(messages[SHIFT]) if SHIFT in messages else 0.0
     return RigCalibration(**cameras, **poses, depth_shift_mm=shift_mm)  # type: ignore[arg-type]
@@ -197,9 +182,6 @@ def _shift_from(data: bytes) -> float:
         raise CalibrationError(f"{SHIFT} holds {entry.value[:40]!r}; record it again") from error
 
 
-M = TypeVar("M", bound=ProtoMessage)
-
-
 def _decode(kind: type[M], data: bytes) -> M:
     message: M = kind()
     try:
@@ -210,7 +192,7 @@ def _decode(kind: type[M], data: bytes) -> M:
 
 
 def raw_image(image: NDArray[Any], encoding: str, frame_id: str, stamp_ns: int) -> RawImage:
-    """An image (h, w) or (h, w, channels) with its encoding by ROS's names, such as 8UC1 or rgb8."""
+    """Return an image (h, w) or (h, w, channels) with its encoding by ROS's names, such as 8UC1 or rgb8."""
     return RawImage(
         timestamp=time_message(stamp_ns),
         frame_id=frame_id,
@@ -223,7 +205,7 @@ def raw_image(image: NDArray[Any], encoding: str, frame_id: str, stamp_ns: int) 
 
 
 def time_message(stamp_ns: int) -> Timestamp:
-    """Nanoseconds as a message has them."""
+    """Return nanoseconds as a message's time."""
     timestamp = Timestamp()
     timestamp.FromNanoseconds(stamp_ns)
     return timestamp
@@ -244,10 +226,9 @@ def _camera_message(camera: Intrinsics, frame_id: str, stamp_ns: int) -> CameraC
 
 
 def transform_message(parent: str, child: str, parent_from_child: Pose, stamp_ns: int) -> FrameTransform:
-    """Where a child's frame lies in its parent's: p_parent = R p_child + t."""
+    """Return the place of a child's frame in its parent's: p_parent = R p_child + t."""
     message = FrameTransform(timestamp=time_message(stamp_ns), parent_frame_id=parent, child_frame_id=child)
-    x, y, z = parent_from_child.translation_m
-    message.translation.x, message.translation.y, message.translation.z = x, y, z
-    q = quaternion_of(parent_from_child.rotation)
-    message.rotation.x, message.rotation.y, message.rotation.z, message.rotation.w = q
+    move, turn = message.translation, message.rotation
+    move.x, move.y, move.z = parent_from_child.translation_m
+    turn.x, turn.y, turn.z, turn.w = quaternion_of(parent_from_child.rotation)
     return message

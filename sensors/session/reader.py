@@ -21,7 +21,6 @@ from sensors.rig.pairing import (
 from sensors.rig.thermal_reference import LEAST_READINGS, READINGS, ThermalReference
 from sensors.session.host_times import host_times
 from sensors.session.index import Places, read_contents
-from sensors.session.lock import RecordingError, is_being_recorded
 from sensors.session.mcap_records import MessageReader
 from sensors.session.messages import (
     COLOR,
@@ -36,10 +35,9 @@ from sensors.session.messages import (
     target_from,
     thermal_from,
 )
-from sensors.session.paths import recording_at
+from sensors.session.recording_file import RecordingError, is_being_recorded, recording_at
 
-DELAY_NS = 1_000_000
-"""Between a device's stamp and its arrival, from which on the two are of different clocks. Untuned."""
+DELAY_NS = 1_000_000  # from stamp to arrival, from which the two are of different clocks; untuned
 
 
 @dataclass(frozen=True)
@@ -53,12 +51,11 @@ class StreamRate:
 class Session(FrameSource):
     """A session file, whole or truncated, as a ``FrameSource``.
 
-    Depth is master: a frame has the colour and thermal images nearest to it in device time, if within the
-    windows above; no message is used twice. Frames are in the order of their depth stamps and numbered by
-    it. Opening reads the index that the file carries, or the whole file where it has none (``index``): what
-    is damaged is found with its frame. ``path`` may name a recording that was cut off and is there as
-    ``.partial`` alone.
-    Raises FormatError for what is no session or is damaged, CalibrationError when calibration is missing.
+    Depth is master: a frame has the colour and thermal images nearest to it in device time, within windows,
+    and no message is used twice. Frames are numbered in the order of their depth stamps. Opening reads the
+    index in the file, or the whole file without one; damage in a chunk is found with its frame. ``path`` may
+    name a recording of which only the ``.partial`` exists. Raises FormatError for other or damaged files,
+    CalibrationError when calibration is missing.
     """
 
     path: Path
@@ -81,12 +78,12 @@ class Session(FrameSource):
         self._clocks_lost = not contents.metadata and any(map(_is_delayed, self._places.values()))
         self.times_ns = self._places[DEPTH]["stamp_ns"]
         host = host_times(self._places, self.metadata, self.events)
-        depth_ns, infrared_ns = (self._places[topic]["stamp_ns"] for topic in (DEPTH, INFRARED))
         self._pairs = {
             DEPTH: np.arange(len(self)),
             COLOR: host.pairs(DEPTH, COLOR, COLOR_WINDOW_NS),
             THERMAL: host.pairs(DEPTH, THERMAL, thermal_window_ns(host.ns[THERMAL])),
-            INFRARED: pair_stamps(depth_ns, infrared_ns, 0),  # one exposure gives both
+            # One exposure gives depth and infrared.
+            INFRARED: pair_stamps(self.times_ns, self._places[INFRARED]["stamp_ns"], 0),
         }
         self._host = host.ns
         self.is_being_recorded = self.truncated and is_being_recorded(path)
@@ -96,7 +93,7 @@ class Session(FrameSource):
         depth, color, thermal, infrared = (self._message(t, int(at[index])) for t, at in self._pairs.items())
         return RigFrame(
             index,
-            int(self._places[DEPTH]["stamp_ns"][index]),
+            int(self.times_ns[index]),
             image_from(depth, "depth"),
             color_from(color) if color else None,
             self._referenced(index, thermal_from(thermal)) if thermal else None,
@@ -107,7 +104,7 @@ class Session(FrameSource):
     def reference_c(self) -> NDArray[np.float64]:
         """float64 (n,) Celsius: the pyrometer's target at the time of every frame, NaN = not measured.
 
-        Interpolated between its two nearest readings, if these are less than ``SPOT_WINDOW_NS`` apart.
+        Interpolated between its two nearest readings within ``SPOT_WINDOW_NS``.
         """
         times = self._host[PYROMETER]
         values = [self._target_c(i) for i in range(len(times))]
@@ -115,9 +112,9 @@ class Session(FrameSource):
 
     @cached_property
     def offsets_k(self) -> NDArray[np.float64] | None:
-        """float64 (n,) kelvin that every frame's temperatures are raised by: the pyrometer's corrections.
+        """float64 (n,) kelvin added to every frame's temperatures: the pyrometer's corrections.
 
-        None where there is no pyrometer, or where it cannot be told what in the image it points at.
+        None without a pyrometer, or where its spot in the image is unknown.
         """
         if not len(self._places[PYROMETER]):
             return None
@@ -128,8 +125,7 @@ class Session(FrameSource):
         reference = ThermalReference(camera.fx)
         for at in np.unique(np.linspace(0, len(known) - 1, READINGS).round().astype(int)):
             index = int(known[at])
-            # A damaged image costs its own frame, not all that are corrected by it.
-            with suppress(FormatError):
+            with suppress(FormatError):  # a damaged image costs its own frame alone
                 image = thermal_from(self._message(THERMAL, int(self._pairs[THERMAL][index])))
                 reference.add(float(times_s[index]), float(self.reference_c[index]), image)
         spot = reference.spot()
@@ -153,21 +149,20 @@ class Session(FrameSource):
     @cached_property
     def notes(self) -> tuple[str, ...]:  # type: ignore[override]
         """Missing parts of the session, and corrections of its images, one sentence each."""
-        notes = [
-            f"no {name} images"
-            for name, topic in (("colour", COLOR), ("thermal", THERMAL))
-            if not len(self._places[topic])
-        ]
+        has = {topic: bool(len(found)) for topic, found in self._places.items()}
+        notes = ["no colour images"] * (not has[COLOR]) + ["no thermal images"] * (not has[THERMAL])
         if shift_mm := round(self.calibration.depth_shift_mm):
             notes.append(f"depth readings are moved by {shift_mm:+d} mm, as calibrated")
-        if len(self._places[COUNTS]) and not len(self._places[THERMAL]):
+        if has[COUNTS] and not has[THERMAL]:
             notes.append("thermal counts without the camera's calibration are not temperatures")
-        if len(self._places[PYROMETER]) >= LEAST_READINGS and len(self._places[THERMAL]):
+        if len(self._places[PYROMETER]) >= LEAST_READINGS and has[THERMAL]:
             notes.append(self._pyrometer_note())
-        if self.calibration.color is None and len(self._places[COLOR]):
-            notes.append("no calibration of the colour camera: its images cannot be fused")
-        if self.calibration.thermal is None and len(self._places[THERMAL]):
-            notes.append("no calibration of the thermal camera: its images cannot be fused")
+        for name, camera, topic in (
+            ("colour", self.calibration.color, COLOR),
+            ("thermal", self.calibration.thermal, THERMAL),
+        ):
+            if camera is None and has[topic]:
+                notes.append(f"no calibration of the {name} camera: its images cannot be fused")
         if self._clocks_lost:
             notes.append(
                 "the metadata that name the cameras' clocks are missing: all stamps are taken as of one "
@@ -184,10 +179,7 @@ class Session(FrameSource):
 
     def _pyrometer_note(self) -> str:
         if self.offsets_k is None:
-            return (
-                "the pyrometer corrects nothing: what it points at in the thermal image cannot be told "
-                "(too little moves there)"
-            )
+            return "the pyrometer corrects nothing: too little moves to find its spot in the thermal image"
         low, high = self.offsets_k.min(), self.offsets_k.max()
         return f"temperatures are corrected by the pyrometer's, by {low:+.1f} to {high:+.1f} K"
 
@@ -198,7 +190,7 @@ class Session(FrameSource):
             return hashlib.file_digest(file, "sha256").hexdigest()
 
     def _message(self, topic: str, index: int) -> bytes:
-        """The bytes of a message; none where ``index`` is -1."""
+        """Return the bytes of a message; none where ``index`` is -1."""
         if index < 0:
             return b""
         place = self._places[topic][index]

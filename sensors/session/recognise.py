@@ -1,4 +1,4 @@
-"""Recognition of sessions among MCAP files, by topics and schemas, wherever programs put these records."""
+"""Recognition of sessions among MCAP files by topics and schemas, in any order of these records."""
 
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -10,11 +10,10 @@ from sensors.errors import FormatError
 from sensors.files.natural_order import paths_in_order
 from sensors.session.mcap_records import record_offsets, records_at
 from sensors.session.messages import CAMERAS, DEPTH, METADATA, SCHEMAS
-from sensors.session.paths import SUFFIX
+from sensors.session.recording_file import SUFFIX
 from sensors.session.summary import Summary, read_summary
 
-OWN = {DEPTH, f"/{CAMERAS[0]}/calibration"}
-"""Topics that make a session."""
+OWN = {DEPTH, f"/{CAMERAS[0]}/calibration"}  # topics that make a session
 KINDS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
 
 
@@ -52,7 +51,7 @@ def mcap_files(folder: Path) -> McapFiles:
 
 
 def check_no_sessions(folder: Path) -> None:
-    """Raise FormatError for a folder with sessions, which is no recording itself."""
+    """Raise FormatError for a folder of sessions, because it is not one recording."""
     sessions, foreign, _ = mcap_files(folder)
     if not sessions:
         return
@@ -72,7 +71,7 @@ def _stated(summary: Summary) -> tuple[set[str], bool]:
 
 
 def _searched(file: BinaryIO) -> tuple[set[str], bool]:
-    """Return the same as ``_stated`` by the records; stop where the file is sure to be a session."""
+    """Return the same as ``_stated`` by the records, up to the first proof of a session."""
     schemas: dict[int, str] = {}
     topics: set[str] = set()
     for offset in record_offsets(file):
@@ -89,8 +88,8 @@ def _searched(file: BinaryIO) -> tuple[set[str], bool]:
 
 
 def _topic(channel: Channel, schemas: dict[int, str]) -> str:
-    """Return a channel's topic, if its messages are a session's; else ""."""
+    """Return a channel's topic where its messages are a session's; else ""."""
     expected = SCHEMAS.get(channel.topic)
-    name = schemas.get(channel.schema_id, "")
-    own = expected is not None and channel.message_encoding == "protobuf"
-    return channel.topic if own and expected and name == expected.DESCRIPTOR.full_name else ""
+    if expected is None or channel.message_encoding != "protobuf":
+        return ""
+    return channel.topic if schemas.get(channel.schema_id) == expected.DESCRIPTOR.full_name else ""

@@ -1,30 +1,30 @@
-"""Repair of a session that was cut off while it was recorded, or is damaged."""
+"""Strict check of a session's file, and repair of one that was cut off or is damaged."""
 
+import os
+import zlib
 from collections import Counter
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from os import fstat
 from os.path import samestat
 from pathlib import Path
 from statistics import median
 from typing import BinaryIO
 
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, DataEnd, McapRecord, Message, Metadata, Schema
 
 from sensors.errors import CloudError, FormatError
 from sensors.files.atomic import check_free, replacing
-from sensors.session.check import problems_in
 from sensors.session.index import MAX_MESSAGES, read_contents, scan
 from sensors.session.indexed_writer import IndexedWriter
-from sensors.session.lock import RecordingError, check_ended
-from sensors.session.mcap_records import parsed, spans
+from sensors.session.mcap_records import HEAD, MAGIC, parsed, spans
 from sensors.session.messages import DEPTH, EVENTS, METADATA, event_from, event_message
-from sensors.session.paths import final_of, recording_at, repaired_of
 from sensors.session.recognise import check_no_sessions
+from sensors.session.recording_file import RecordingError, check_ended, final_of, recording_at, repaired_of
 from sensors.session.salvage import Piece, pieces
 from sensors.session.stored_index import NAME, StoredIndex, read_index
-from sensors.session.summary import read_summary
+from sensors.session.summary import Summary, read_summary
 
 SMALL_BYTES = 1 << 12
 """Bytes of a depth image below which several share a chunk: a chunk takes a thousand times the time of an
@@ -32,14 +32,63 @@ empty message, of which a damaged file may hold millions (untuned)."""
 LONGEST_LOSS_NS = 60 * 10**9
 """Nanoseconds from the last saved message beyond which the stated end of a lost chunk counts as damaged: a
 chunk lasts a thirtieth of a second (untuned)."""
+_DATA_END_BYTES = HEAD.size + 4
+_BLOCK_BYTES = 1 << 20
+
+
+def problems_of(path: Path) -> list[str]:
+    """Return every problem of a session file, one line each: checksums, records, counts."""
+    with path.open("rb") as file:
+        return list(_problems(file))
+
+
+def _problems(file: BinaryIO) -> Iterator[str]:
+    size = os.fstat(file.fileno()).st_size
+    for at, name in ((0, "first"), (max(0, size - len(MAGIC)), "last")):
+        file.seek(at)
+        if file.read(len(MAGIC)) != MAGIC:
+            yield f"the {name} {len(MAGIC)} bytes are not a whole MCAP file's"
+    summary = read_summary(file)
+    for piece in pieces(file, summary):
+        if piece.lost:
+            yield f"bytes {piece.start} to {piece.end} cannot be read"
+    if summary is None:
+        yield "its index (the summary at its end) is missing or damaged"
+        return
+    if any(each.name == NAME for each in summary.attachments) and read_index(file, summary) is None:
+        yield "the index of its images is damaged or of another file"
+    if not _checksum_fits(file, summary):
+        yield "the checksum of its data does not fit"
+    try:
+        scan(file)
+    except CloudError as error:
+        yield str(error)
+
+
+def _checksum_fits(file: BinaryIO, summary: Summary) -> bool:
+    """Return whether the CRC of all data, if stated, is right."""
+    end = summary.start - _DATA_END_BYTES
+    if end < 0:
+        return False
+    file.seek(end)
+    record = file.read(_DATA_END_BYTES)
+    if HEAD.unpack_from(record) != (Opcode.DATA_END, 4):
+        return False
+    stated = parsed(record)
+    assert isinstance(stated, DataEnd)
+    file.seek(0)
+    crc, left = 0, end if stated.data_section_crc else 0
+    while left and (block := file.read(min(left, _BLOCK_BYTES))):
+        crc, left = zlib.crc32(block, crc), left - len(block)
+    return crc == stated.data_section_crc
 
 
 @dataclass(frozen=True)
 class Repaired:
-    """Result of ``repair``. frames: of the whole session. changed: whether there was anything to repair.
+    """Result of ``repair``. frames: of the whole session. changed: False where the session was whole.
 
-    damaged: number of places that could not be read. lost_bytes: their length. lost_s: duration of the
-    recording there, as far as known. lost_frames: number of missing frames, None = unknown.
+    damaged, lost_bytes: number and length of unreadable places. lost_s: their duration, as far as known.
+    lost_frames: number of missing frames, None = unknown.
     """
 
     path: Path
@@ -54,9 +103,9 @@ class Repaired:
 def repair(path: Path, out: Path | None = None, *, overwrite: bool = False) -> Repaired:
     """Write a whole session with all readable records of a damaged one, which stays as it is.
 
-    The result is called ``NAME.repaired.mcap``, that of ``NAME.mcap.partial`` ``NAME.mcap``; of a whole
-    session none is made. Raises FormatError when nothing can be saved, ExistsError when another file has the
-    result's name and ``overwrite`` is False, RecordingError while the recording runs.
+    The result is ``NAME.repaired.mcap``, for ``NAME.mcap.partial`` ``NAME.mcap``; a whole session has none.
+    Raises FormatError when nothing can be saved, ExistsError when the result's name is taken and
+    ``overwrite`` is False, RecordingError while the recording runs.
     """
     source = recording_at(path)
     if source.is_dir():
@@ -66,10 +115,10 @@ def repair(path: Path, out: Path | None = None, *, overwrite: bool = False) -> R
         raise FormatError(f"{path} does not exist; give a recorded session")
     target = out or (repaired_of(source) if source == final_of(source) else final_of(source))
     with _opened(source) as file:
-        if source == final_of(source) and not problems_in(file):
+        if source == final_of(source) and not list(_problems(file)):
             with suppress(CloudError):
                 return Repaired(source, len(read_contents(source).places[DEPTH]), changed=False)
-        if target.exists() and samestat(target.stat(), fstat(file.fileno())):
+        if target.exists() and samestat(target.stat(), os.fstat(file.fileno())):
             raise FormatError(f"{target} is the damaged session itself; give another name")
         check_free(target, overwrite)
         with replacing(target, overwrite) as temporary:
@@ -138,8 +187,7 @@ class Losses:
         """Count the next piece."""
         if piece.lost:
             self.places, self.bytes = self.places + 1, self.bytes + piece.end - piece.start
-            if not self._stated(piece.end_ns):
-                self._gap = True
+            self._gap |= not self._stated(piece.end_ns)
             return
         if piece.end_ns is None:
             return
@@ -163,16 +211,10 @@ class Losses:
         return True
 
 
-def _is_possible(message: Message) -> bool:
-    """Return whether a message's times are possible in a session."""
-    return max(message.log_time, message.publish_time) < 1 << 63
-
-
 class Copier:
-    """Copies records to a writer: schemas, channels, metadata, attachments and messages.
+    """Copier of records to a writer: schemas, channels, metadata, attachments and messages.
 
-    frames, messages: depth images, and all messages, so far; nameless: messages without a channel that names
-    their topic.
+    frames, messages: depth images, and all messages, so far; nameless: messages whose topic is unknown.
     """
 
     def __init__(self, writer: IndexedWriter) -> None:
@@ -186,7 +228,7 @@ class Copier:
         self.frames = self.nameless = self.messages = 0
 
     def add(self, record: McapRecord) -> None:
-        """Copy one record; of a schema or channel the first that has its number."""
+        """Copy one record; of a schema or channel the first with its number."""
         match record:
             case Schema() if record.id not in self._schemas:
                 new = self._writer.register_schema(record.name, record.encoding, record.data)
@@ -195,13 +237,15 @@ class Copier:
                 schema, encoding = self._schemas[record.schema_id], record.message_encoding
                 new = self._writer.register_channel(record.topic, encoding, schema, record.metadata)
                 self._channels[record.id], self._topics[record.id] = new, record.topic
-            case Message() if record.channel_id in self._channels and _is_possible(record):
+            case Message() if (
+                record.channel_id in self._channels and max(record.log_time, record.publish_time) < 1 << 63
+            ):
                 self._add_message(record)
             case Message():
                 self.nameless += 1
 
     def add_beside(self, record: McapRecord, index: StoredIndex | None) -> None:
-        """Copy metadata or an attachment, but for those that ``index`` holds, or that is the index."""
+        """Copy metadata or an attachment, except the index and its contents."""
         match record:
             case Metadata() if index is None or record.name != METADATA:
                 self._writer.add_metadata(record.name, record.metadata)
@@ -238,6 +282,5 @@ class Copier:
         self._first_ns = message.log_time if self._first_ns is None else self._first_ns
         if topic == DEPTH:
             self.frames += 1
-            # A chunk for each frame, as in a recording, so that damage costs one frame.
-            if len(message.data) >= SMALL_BYTES:
+            if len(message.data) >= SMALL_BYTES:  # a chunk for each frame, so that damage costs one frame
                 self._writer.flush()

@@ -1,7 +1,7 @@
-"""Sound records of a damaged MCAP file, and the gaps between them.
+"""Sound records of a damaged MCAP file, and the gaps between them. Layout: MCAP specification.
 
-Records follow each other by their lengths. Where a record is corrupt, the next one is found by the summary's
-index, if that is whole, else as the next chunk whose header and CRC are right. Layout: MCAP specification.
+Records follow each other by their lengths. Behind a corrupt record the next one is found by a whole summary's
+index, else as the next chunk whose header and CRC are right.
 """
 
 import os
@@ -13,40 +13,36 @@ from collections.abc import Iterator
 from mmap import ACCESS_READ, mmap
 from typing import BinaryIO, NamedTuple
 
-import zstandard
 from mcap.data_stream import RecordBuilder
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Chunk
 
-from sensors.session.mcap_records import HEAD, MAGIC, MAX_RECORD_BYTES, MESSAGE, parsed, spans, unpacked
+from sensors.session.mcap_records import (
+    BROKEN,
+    HEAD,
+    MAGIC,
+    MAX_RECORD_BYTES,
+    MESSAGE,
+    parsed,
+    spans,
+    unpacked,
+)
 from sensors.session.summary import Summary
 
 _TIMES = struct.Struct("<QQ")  # message_start_time, message_end_time of a chunk
+# Opcode, length below 4 GiB, times, size and CRC, compression; the same, or a message.
 _CHUNK_HEAD = re.compile(rb"\x06.{4}\0{4}.{28}(?:\x04\0{3}zstd|\x03\0{3}lz4|\0{4})", re.DOTALL)
-"""Opcode, length below 4 GiB, times, size and CRC, compression."""
 _ANY_HEAD = re.compile(rb"\x05.{4}\0{4}|" + _CHUNK_HEAD.pattern, re.DOTALL)
-"""The same, or a message."""
-_CHUNK_BYTES = 8 + 8 + 8 + 4 + 4 + 8
-"""Bytes of a chunk's content beside its compression's name and its records."""
+_CHUNK_BYTES = 8 + 8 + 8 + 4 + 4 + 8  # of a chunk's content beside its compression's name and its records
 _PARSED = (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
 _DATA_END_BYTES = 4
 _LAST = max(Opcode)
-_BROKEN = (
-    McapError,
-    struct.error,
-    ValueError,
-    OverflowError,
-    RuntimeError,
-    StopIteration,
-    zstandard.ZstdError,
-)
 
 
 class Piece(NamedTuple):
     """Bytes ``start`` to ``end`` of a file: a record, or a gap between two.
 
-    data: the records to keep, one after another; none of a record that is written anew. end_ns: latest log
+    data: the records to keep, one after another; empty for a record that is written anew. end_ns: latest log
     time of a chunk, as far as it is stated.
     """
 
@@ -58,10 +54,7 @@ class Piece(NamedTuple):
 
 
 def pieces(file: BinaryIO, summary: Summary | None) -> Iterator[Piece]:
-    """Yield the pieces of a file from its first record to the end of its data, in order.
-
-    summary: that of the file, if it is whole.
-    """
+    """Yield the pieces of a file from its first record to the end of its data. summary: None = damaged."""
     size = os.fstat(file.fileno()).st_size
     if size <= len(MAGIC):
         return
@@ -80,7 +73,9 @@ class _Walk:
         self._chunked = False
         if summary is not None:
             chunks = summary.chunks["offset"].tolist()
-            others = [each.offset for each in summary.metadata] + [e.offset for e in summary.attachments]
+            others = [each.offset for each in summary.metadata] + [
+                each.offset for each in summary.attachments
+            ]
             self._known = sorted(at for at in (*chunks, *others) if at < end)
             self._ends_ns = dict(zip(chunks, summary.chunks["last_ns"].tolist(), strict=True))
             self._chunked = bool(chunks)
@@ -96,33 +91,23 @@ class _Walk:
             at = piece.end
 
     def _sound(self, at: int) -> Piece | None:
-        """Return the record at a byte; None for no record or a corrupt one."""
+        """Return the record at a byte; None for a corrupt one or other bytes."""
         end = self._stated_end(at)
         if end is None or self._next_known(at) < end:
             return None
         try:
             return self._checked(at, end)
-        except _BROKEN:
+        except BROKEN:
             return None
 
     def _checked(self, at: int, end: int) -> Piece | None:
-        """Return the record between two bytes, or None. Raises one of ``_BROKEN`` where it is corrupt."""
+        """Return the record between two bytes, or None. Raises one of ``BROKEN`` where it is corrupt."""
         record = self._memory[at:end]
         opcode, content = record[0], record[HEAD.size :]
-        if at in self._ends_ns and opcode != Opcode.CHUNK:
-            return None
         if opcode == Opcode.CHUNK:
-            chunk = parsed(record)
-            assert isinstance(chunk, Chunk)
-            data = unpacked(chunk)
-            # Its length has no CRC of its own, and a wrong one would hide what follows.
-            end = at + HEAD.size + _CHUNK_BYTES + len(chunk.compression) + len(chunk.data)
-            for span in spans(data):
-                # What has no CRC may hold anything.
-                if span.opcode in _PARSED or (span.opcode == Opcode.MESSAGE and span.size < MESSAGE.size):
-                    parsed(data, span)
-            self._chunked = True
-            return Piece(at, end, data, end_ns=_TIMES.unpack_from(content)[1])
+            return self._checked_chunk(at, record)
+        if at in self._ends_ns:
+            return None
         if opcode == Opcode.ATTACHMENT:
             crc = content[-4:]
             sound = crc in (b"\0\0\0\0", zlib.crc32(content[:-4]).to_bytes(4, "little"))
@@ -133,10 +118,10 @@ class _Walk:
             return Piece(at, end) if sound else None
         if opcode == Opcode.DATA_END:
             return Piece(at, end) if len(content) == _DATA_END_BYTES else None
-        if not self._plausible(end):
+        if self._stated_end(end) is None and not self._is_end(end):
             return None
         if opcode == Opcode.MESSAGE:
-            # It has no CRC of its own: where messages lie in chunks, one beside them is none.
+            # Without a CRC: where messages lie in chunks, other bytes look like one.
             return None if self._chunked or len(content) < MESSAGE.size else Piece(at, end, record)
         if opcode in _PARSED:
             written = RecordBuilder()
@@ -144,16 +129,26 @@ class _Walk:
             return Piece(at, end, record) if written.count == len(record) else None
         return None
 
-    def _plausible(self, at: int) -> bool:
-        """Return whether a record may begin at a byte, or the data ends there."""
-        return self._stated_end(at) is not None or self._is_end(at)
+    def _checked_chunk(self, at: int, record: bytes) -> Piece:
+        chunk = parsed(record)
+        assert isinstance(chunk, Chunk)
+        data = unpacked(chunk)
+        for span in spans(data):
+            # Records without a CRC may hold anything.
+            short = span.opcode == Opcode.MESSAGE and span.end - span.start < MESSAGE.size
+            if short or span.opcode in _PARSED:
+                parsed(data, span)
+        self._chunked = True
+        # The stated length has no CRC, and a wrong one would hide the next records.
+        end = at + HEAD.size + _CHUNK_BYTES + len(chunk.compression) + len(chunk.data)
+        return Piece(at, end, data, end_ns=_TIMES.unpack_from(record, HEAD.size)[1])
 
     def _is_end(self, at: int) -> bool:
         """Return whether nothing, or the magic alone, follows from a byte on."""
         return self._end - at in (0, len(MAGIC)) and self._memory[at : self._end] in (b"", MAGIC)
 
     def _stated_end(self, at: int) -> int | None:
-        """Return the stated end of the record at a byte; None where that is impossible."""
+        """Return the stated end of the record at a byte; None for an impossible one."""
         if at + HEAD.size > self._end:
             return None
         opcode, length = HEAD.unpack_from(self._memory, at)
@@ -168,16 +163,18 @@ class _Walk:
     def _lost(self, at: int) -> Piece:
         """Return the lost piece from a byte up to the next sound record."""
         end_ns = self._ends_ns.get(at, self._stated_end_ns(at))
-        if self._chunked and self._known:
-            return Piece(at, self._next_known(at), lost=True, end_ns=end_ns)
         own_end = self._stated_end(at)
-        if own_end is not None and self._sound(own_end) is not None:
-            return Piece(at, own_end, lost=True, end_ns=end_ns)
-        heads = _CHUNK_HEAD if self._chunked else _ANY_HEAD
-        found = heads.search(self._memory, at + 1)
-        while found is not None and self._sound(found.start()) is None:
-            found = heads.search(self._memory, found.start() + 1)
-        return Piece(at, self._end if found is None else found.start(), lost=True, end_ns=end_ns)
+        if self._chunked and self._known:
+            end = self._next_known(at)
+        elif own_end is not None and self._sound(own_end) is not None:
+            end = own_end
+        else:
+            heads = _CHUNK_HEAD if self._chunked else _ANY_HEAD
+            found = heads.search(self._memory, at + 1)
+            while found is not None and self._sound(found.start()) is None:
+                found = heads.search(self._memory, found.start() + 1)
+            end = self._end if found is None else found.start()
+        return Piece(at, end, lost=True, end_ns=end_ns)
 
     def _stated_end_ns(self, at: int) -> int | None:
         """Return the latest log time that a chunk at a byte states, even a damaged or truncated one."""

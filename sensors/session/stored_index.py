@@ -1,9 +1,9 @@
-"""Index in a session: all of the session but its images, so that opening reads no chunk.
+"""Index in a session: all of the session except its images, so that opening reads no chunk.
 
-MCAP's own index has the messages' log times, not their publish times (the devices' stamps), by which images
-are paired. So the writer adds an attachment: a JSON header (its length, 4 bytes, in front), then the messages
-in the file's order as columns packed by zstd. Its CRC is the attachment's. A program that rewrites the file
-and copies the attachment makes it contradict the summary: then it is not used.
+Images are paired by the devices' stamps, and MCAP's own index has the log times alone. So the writer adds an
+attachment: a JSON header (its length, 4 bytes, in front), then the messages in the file's order as columns
+packed by zstd. Its CRC is the attachment's. Where a program that rewrites the file copies the attachment, it
+contradicts the summary, and is not used.
 """
 
 import base64
@@ -27,13 +27,10 @@ MAX_HEADER_BYTES = 1 << 22
 MAX_COLUMN_BYTES = 1 << 27
 """Bytes of the header, with 40,000 events, and of the unpacked columns, 3 million messages. A session with
 more carries no index: opening reads all of it."""
+COLUMNS = 5  # numbers of a message in the index
 _LENGTH = struct.Struct("<I")
-COLUMNS = 5
-"""Numbers of a message in the index."""
 _NUMBER_BYTES = 8
-
-
-_BROKEN = (ValueError, KeyError, TypeError, AttributeError, RecursionError, struct.error)
+_BROKEN = (ValueError, KeyError, TypeError, AttributeError, RecursionError, struct.error, zstandard.ZstdError)
 
 
 class ContradictionError(ValueError):
@@ -42,7 +39,7 @@ class ContradictionError(ValueError):
 
 @dataclass
 class StoredIndex:
-    """All of a session but its images.
+    """All of a session except its images.
 
     columns: int64 (5, n), a message each, in the file's order: number of its topic, device stamp, log time,
     number of its chunk, number among the records of the chunk. ends: first byte of every chunk, and the
@@ -72,13 +69,13 @@ class StoredIndex:
         text = json.dumps(header).encode()
         if columns.nbytes + ends.nbytes > MAX_COLUMN_BYTES or len(text) > MAX_HEADER_BYTES:
             return None
-        # Because differences of neighbours are small, they compress better.
+        # Differences of neighbours, because small numbers compress better.
         steps = [np.diff(each, axis=1, prepend=0).astype("<i8").tobytes() for each in (columns, ends)]
         return _LENGTH.pack(len(text)) + text + zstandard.compress(b"".join(steps))
 
     @classmethod
     def decode(cls, data: bytes) -> "StoredIndex":
-        """Inverse of ``encode``. Raises ContradictionError."""
+        """Invert ``encode``. Raises ContradictionError."""
         try:
             (length,) = _LENGTH.unpack_from(data)
             if length > MAX_HEADER_BYTES:
@@ -95,7 +92,7 @@ class StoredIndex:
                 {str(t): base64.b64decode(m) for t, m in header["calibrations"].items()},
                 [(int(stamp_ns), str(text)) for stamp_ns, text in header["events"]],
             )
-        except (*_BROKEN, zstandard.ZstdError) as error:
+        except _BROKEN as error:
             raise ContradictionError(str(error)) from error
 
 
@@ -116,23 +113,21 @@ def _unpacked(packed: bytes, messages: int, chunks: int) -> tuple[NDArray[np.int
 
 def read_index(file: BinaryIO, summary: Summary) -> StoredIndex | None:
     """Return the index of a file; None without one, or if the index contradicts the summary."""
-    found = [each for each in summary.attachments if each.name == NAME]
-    if not found or not HEAD.size <= found[0].length <= 2 * MAX_COLUMN_BYTES:
+    found = next((each for each in summary.attachments if each.name == NAME), None)
+    if found is None or not HEAD.size <= found.length <= 2 * MAX_COLUMN_BYTES:
         return None
-    if found[0].offset + found[0].length > summary.start:
+    if found.offset + found.length > summary.start:
         return None
-    file.seek(found[0].offset)
-    record = file.read(found[0].length)
-    if len(record) != found[0].length or HEAD.unpack_from(record) != (
-        Opcode.ATTACHMENT,
-        len(record) - HEAD.size,
-    ):
+    file.seek(found.offset)
+    record = file.read(found.length)
+    head = (Opcode.ATTACHMENT, found.length - HEAD.size)
+    if len(record) != found.length or HEAD.unpack_from(record) != head:
         return None
     content, crc = record[HEAD.size : -4], record[-4:]
     if zlib.crc32(content).to_bytes(4, "little") != crc:
         return None
     try:
-        index = StoredIndex.decode(content[len(content) - found[0].data_size :])
+        index = StoredIndex.decode(content[len(content) - found.data_size :])
         _check(index, summary)
     except ContradictionError:
         return None

@@ -6,21 +6,19 @@ Layout: MCAP specification, "Footer", "Chunk Index", "Summary Section".
 import os
 import struct
 import zlib
-from collections import Counter
+from collections import Counter, defaultdict
 from dataclasses import dataclass
 from typing import Any, BinaryIO
 
 import numpy as np
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, MetadataIndex, Schema, Statistics
 from numpy.typing import NDArray
 
-from sensors.session.mcap_records import HEAD, MAGIC, MAX_RECORD_BYTES, parsed, spans
+from sensors.session.mcap_records import BROKEN, HEAD, MAGIC, MAX_RECORD_BYTES, parsed, spans
 
 CHUNK = np.dtype([("offset", "i8"), ("end", "i8"), ("first_ns", "i8"), ("last_ns", "i8")])
 """Byte of a chunk, the byte behind it and its message indexes, earliest and latest log time."""
-
 _FOOTER = struct.Struct("<QQI")  # summary_start, summary_offset_start, summary_crc
 _CHUNK = struct.Struct("<QQQQI")  # message_start_time, message_end_time, offset, length, bytes of a map
 _INDEXES = struct.Struct("<Q")  # message_index_length
@@ -33,11 +31,11 @@ class Summary:
 
     start: int
     chunks: NDArray[np.void]
-    schemas: tuple[Schema, ...]
-    channels: tuple[Channel, ...]
+    schemas: list[Schema]
+    channels: list[Channel]
     statistics: Statistics | None
-    attachments: tuple[AttachmentIndex, ...]
-    metadata: tuple[MetadataIndex, ...]
+    attachments: list[AttachmentIndex]
+    metadata: list[MetadataIndex]
 
     @property
     def counts(self) -> Counter[str]:
@@ -67,12 +65,12 @@ def read_summary(file: BinaryIO) -> Summary | None:
         return None
     try:
         return _summary(start, data)
-    except (McapError, struct.error, ValueError, OverflowError, StopIteration):
+    except BROKEN:
         return None
 
 
 def _summary(start: int, data: bytes) -> Summary:
-    records: dict[int, list[Any]] = {}
+    records: defaultdict[int, list[Any]] = defaultdict(list)
     chunks = []
     for span in spans(data):
         if span.opcode == Opcode.CHUNK_INDEX:
@@ -80,18 +78,13 @@ def _summary(start: int, data: bytes) -> Summary:
             (indexes,) = _INDEXES.unpack_from(data, span.start + _CHUNK.size + map_bytes)
             chunks.append((offset, offset + length + indexes, first, last))
         elif span.opcode != Opcode.SUMMARY_OFFSET:
-            records.setdefault(span.opcode, []).append(parsed(data, span))
-
-    def of(opcode: Opcode) -> tuple[Any, ...]:
-        return tuple(records.get(opcode, ()))
-
-    statistics = of(Opcode.STATISTICS)
+            records[span.opcode].append(parsed(data, span))
     return Summary(
         start,
         np.sort(np.array(chunks, CHUNK), order="offset"),
-        of(Opcode.SCHEMA),
-        of(Opcode.CHANNEL),
-        statistics[0] if statistics else None,
-        of(Opcode.ATTACHMENT_INDEX),
-        of(Opcode.METADATA_INDEX),
+        records[Opcode.SCHEMA],
+        records[Opcode.CHANNEL],
+        next(iter(records[Opcode.STATISTICS]), None),
+        records[Opcode.ATTACHMENT_INDEX],
+        records[Opcode.METADATA_INDEX],
     )

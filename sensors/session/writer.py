@@ -1,9 +1,8 @@
-"""Writer of a session: an MCAP file that Foxglove and ROS tools open and that survives a crash.
+"""Writer of a session: an MCAP file for Foxglove and ROS tools that survives a crash.
 
-Topics are those of ``messages``; log_time is the host's arrival, publish_time the device's stamp.
-While it is written a session is called ``NAME.mcap.partial``; it can be read at any time, and takes its
-final name once complete. Every depth frame ends a compressed chunk that is handed to the system at once, so
-that a killed process loses at most the frame it was writing.
+Topics: ``messages``; log_time is the host's arrival, publish_time the device's stamp. Until it is complete a
+session is called ``NAME.mcap.partial``, and can be read at any time. Every depth frame ends a compressed
+chunk that is handed to the system at once, so that a killed process loses at most one frame.
 """
 
 import errno
@@ -22,7 +21,6 @@ from sensors.files.atomic import check_free
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.indexed_writer import IndexedWriter
-from sensors.session.lock import open_locked
 from sensors.session.messages import (
     COLOR,
     DEPTH,
@@ -37,18 +35,19 @@ from sensors.session.messages import (
     image_message,
     thermal_message,
 )
-from sensors.session.paths import partial_of
+from sensors.session.recording_file import open_locked, partial_of
 
 
 class SessionWriter:
-    """Writes one session; use it as a context manager.
+    """Writer of one session, as a context manager.
 
-    On success the file takes its final name. On an exception, Ctrl-C included, what was recorded stays
-    under ``partial`` and opens as a truncated session; with ``keep_partial`` False it is removed instead.
-    The partial is locked (``lock``) while it is written. Raises ExistsError when ``path`` or an unfinished
-    recording of it exists and ``overwrite`` is False, at the end too, RecordingError while another process
-    writes it.
+    On success the file takes its final name. On an exception, Ctrl-C included, the record stays under
+    ``partial`` and opens as a truncated session. The partial is locked (``recording_file``) while it is
+    written. Raises ExistsError when ``path`` or an unfinished recording of it exists and ``overwrite`` is
+    False, at the end too, RecordingError while another process writes it.
     """
+
+    keeps_partial = True
 
     def __init__(
         self,
@@ -58,12 +57,11 @@ class SessionWriter:
         *,
         overwrite: bool = False,
         metadata: dict[str, str] | None = None,
-        keep_partial: bool = True,
     ) -> None:
         self.path, self.calibration = path, calibration
         self.partial = partial_of(path)
         self._metadata = {**(metadata or {}), "name": name}
-        self._overwrite, self._keep_partial = overwrite, keep_partial
+        self._overwrite = overwrite
         self._file: BinaryIO
         self._writer: IndexedWriter
         self._channels: dict[str, int] = {}
@@ -84,7 +82,7 @@ class SessionWriter:
         return self
 
     def _begin(self) -> None:
-        """Write what stands before the first message."""
+        """Write the records in front of the first message."""
         self._writer = IndexedWriter(self._file)
         for topic, schema in SCHEMAS.items():
             described = build_file_descriptor_set(schema).SerializeToString()
@@ -100,20 +98,18 @@ class SessionWriter:
                     self._file.flush()
                     os.fsync(self._file.fileno())
                     self._check_names()
-                    # Before the lock goes: nobody finds a partial that is not locked.
-                    self.partial.replace(self.path)
+                    self.partial.replace(self.path)  # while the partial is locked
         finally:
-            if not self._keep_partial:
+            if not self.keeps_partial:
                 self.partial.unlink(missing_ok=True)
 
     def is_in_place(self) -> bool:
-        """Return whether the partial is still where it was made."""
+        """Return whether the partial is still under its name; True where that is unknown."""
         try:
             return os.path.samestat(self.partial.stat(), os.fstat(self._file.fileno()))
         except FileNotFoundError:
             return False
-        except OSError:
-            # Not known, as of a share that does not answer: no reason to end.
+        except OSError:  # of a share that does not answer
             return True
 
     def _check_names(self) -> None:
@@ -127,7 +123,7 @@ class SessionWriter:
             )
 
     def write(self, frame: RigFrame, arrival_ns: int | None = None) -> None:
-        """Write all that a frame has, stamped with the depth camera's time. Raises FormatError."""
+        """Write a frame, stamped with the depth camera's time. Raises FormatError."""
         stamp_ns = frame.stamp_ns
         if frame.color_encoded is not None:
             self.add(COLOR, color_message(frame.color_encoded, stamp_ns), stamp_ns, arrival_ns)
@@ -138,17 +134,17 @@ class SessionWriter:
         self.write_depth(frame.depth_mm, stamp_ns, arrival_ns)
 
     def write_depth(self, depth_mm: NDArray[np.uint16], stamp_ns: int, arrival_ns: int | None = None) -> None:
-        """Write a depth image of the calibrated size, and hand everything so far to the system."""
+        """Write a depth image of the calibrated size, and hand all data so far to the system."""
         self.calibration.depth.check_size("depth image", depth_mm.shape)
         self.add(DEPTH, image_message(depth_mm, "depth", stamp_ns), stamp_ns, arrival_ns)
         self.flush()
 
     def event(self, stamp_ns: int, text: str, arrival_ns: int | None = None) -> None:
-        """Note something that happened at ``stamp_ns``."""
+        """Write a note on an event at ``stamp_ns``."""
         self.add(EVENTS, event_message(stamp_ns, text), stamp_ns, arrival_ns)
 
     def flush(self) -> None:
-        """End the chunk and hand it to the system: from here on it survives the death of the process."""
+        """End the chunk and hand it to the system: then it survives the death of the process."""
         self._writer.flush()
 
     def add(self, topic: str, message: ProtoMessage, stamp_ns: int, arrival_ns: int | None = None) -> None:
@@ -157,9 +153,15 @@ class SessionWriter:
         if not (0 <= stamp_ns < 1 << 63 and 0 <= arrival < 1 << 63):
             raise FormatError(f"time {stamp_ns} ns is impossible; give 0 to 2^63 - 1")
         if not self._calibrated:
-            # First of all, and with the first stamp: the session's time range is that of its images.
+            # First, and with the first stamp: the session's time range is the images'.
             self._calibrated = True
             for its_topic, calibration in calibration_messages(self.calibration, stamp_ns):
                 self.add(its_topic, calibration, stamp_ns, arrival)
             self.flush()
         self._writer.add_message(self._channels[topic], arrival, message.SerializeToString(), stamp_ns)
+
+
+class RepeatableWriter(SessionWriter):
+    """Writer of a session that can be made again: on an exception nothing stays."""
+
+    keeps_partial = False

@@ -20,7 +20,7 @@ from sensors.recording.rig_templates import RigTemplate
 from sensors.rig.camera import Intrinsics, distort, project, rays
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration, save_calibration
-from sensors.session.writer import SessionWriter
+from sensors.session.writer import RepeatableWriter
 from synth.appearance.color_camera import encode
 
 BACKING_M = 0.03  # from the plate to the warm backing
@@ -117,7 +117,7 @@ def record_plate(
     rough = roughly(views.calibration)
     with (
         replacing(truth, overwrite) as temporary,
-        SessionWriter(out, rough, views.name, overwrite=overwrite, keep_partial=False) as writer,
+        RepeatableWriter(out, rough, views.name, overwrite=overwrite) as writer,
     ):
         save_calibration(temporary, replace(views.calibration, depth_shift_mm=-DEPTH_SHIFT_MM))
         for frame in views:

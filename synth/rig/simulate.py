@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sensors.rig.frame import RigFrame
-    from sensors.session.writer import SessionWriter
+    from sensors.session.writer import RepeatableWriter
     from synth.rig.truth import Truth
     from synth.rig.virtual_rig import VirtualRig
 
@@ -34,7 +34,7 @@ def simulate(
     from annotate.labelset.label_set import MANIFEST, LabelSet
     from annotate.suit.palette import suit_to_toml
     from sensors.files.atomic import check_free, replacing, sweep
-    from sensors.session.writer import SessionWriter
+    from sensors.session.writer import RepeatableWriter
     from synth.rig.truth import truth_labels
 
     truth_folder = truth_path(out)
@@ -47,9 +47,7 @@ def simulate(
         "scene": rig.scene,
         "rig": rig.rig,
     }
-    writer = SessionWriter(
-        out, rig.calibration, rig.name, overwrite=overwrite, metadata=metadata, keep_partial=False
-    )
+    writer = RepeatableWriter(out, rig.calibration, rig.name, overwrite=overwrite, metadata=metadata)
     out.parent.mkdir(parents=True, exist_ok=True)
     sweep(out.parent, f".{escape(suit_path(out).name)}.*.partial")
     with (
@@ -66,7 +64,7 @@ def simulate(
             progress(1)
 
 
-def _record(writer: "SessionWriter", frame: "RigFrame", known: "Truth") -> None:
+def _record(writer: "RepeatableWriter", frame: "RigFrame", known: "Truth") -> None:
     """Write a frame, the thermal camera's closed flag and the pyrometer's reading."""
     from sensors.session.messages import PYROMETER, spot_message
     from synth.rig.virtual_rig import FLAG_CLOSED

@@ -1,4 +1,7 @@
-"""Lock of a recording while it is written: the kernel's (flock), which a dead process does not hold."""
+"""Names of a recording's file, and its lock while it is written: the kernel's (flock).
+
+A dead process holds no lock.
+"""
 
 import fcntl
 import os
@@ -8,17 +11,36 @@ from typing import BinaryIO
 
 from sensors.errors import CloudError
 
-PATIENCE_S, PAUSE_S = 1.0, 0.01
-"""Seconds for which a writer waits for programs that check the lock (they hold it for microseconds); seconds
-between two tries. Untuned."""
+SUFFIX, PARTIAL = ".mcap", ".partial"
+PATIENCE_S, PAUSE_S = 1.0, 0.01  # a writer waits for programs that check the lock, between two tries; untuned
 
 
 class RecordingError(CloudError):
     """The recording is still being written."""
 
 
+def partial_of(path: Path) -> Path:
+    """Return the name of the session ``path`` until it is complete."""
+    return path.with_name(path.name + PARTIAL)
+
+
+def final_of(path: Path) -> Path:
+    """Return the session's name once it is complete."""
+    return path.with_name(path.name.removesuffix(PARTIAL))
+
+
+def recording_at(path: Path) -> Path:
+    """Return the path, or its unfinished recording where only that exists."""
+    return partial_of(path) if not path.exists() and partial_of(path).is_file() else path
+
+
+def repaired_of(path: Path) -> Path:
+    """Return the name of the repaired copy of the session ``path``."""
+    return path.with_name(f"{path.name.removesuffix(SUFFIX)}.repaired{SUFFIX}")
+
+
 def open_locked(path: Path, overwrite: bool) -> BinaryIO:
-    """Create a file and lock it until it is closed, or empty one with ``overwrite``.
+    """Create a file, or empty one with ``overwrite``, and lock it until it is closed.
 
     Raises RecordingError while another process writes or repairs it, FileExistsError without ``overwrite``.
     """
@@ -60,7 +82,6 @@ def _locked(file: BinaryIO, kind: int) -> bool:
         fcntl.flock(file, kind | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
-    except OSError:
-        # A file system without locks.
+    except OSError:  # a file system without locks
         return True
     return True
