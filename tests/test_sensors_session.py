@@ -334,7 +334,11 @@ def test_flipped_anywhere_it_is_an_error_or_what_was_recorded(tmp_path, whole, d
 
 @pytest.mark.parametrize(
     ("content", "says"),
-    [(b"", "empty"), (b"not an MCAP file", "not an MCAP"), (b"\x89MCAP0\r\n" + b"junk" * 20, "x.mcap"),],
+    [
+        (b"", "empty"),
+        (b"not an MCAP file", "not an MCAP"),
+        (b"\x89MCAP0\r\n" + b"junk" * 20, "x.mcap"),
+    ],
 )
 def test_what_is_no_session_is_named(tmp_path, content, says):
     path = tmp_path / "x.mcap"

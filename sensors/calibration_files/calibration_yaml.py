@@ -2,17 +2,17 @@
 
 A folder holds ``calib_ir.yaml``, ``calib_color.yaml``, ``calib_pose.yaml`` (ir -> colour),
 ``calib_depth.yaml`` (depthShift, millimetres that kinect2_bridge.cpp adds to depth), and of ours
-``calib_thermal.yaml`` and ``calib_pose_thermal.yaml``. The keys of OpenCV's own calibration sample
-(camera_matrix, image_width, ...) are read as well.
+``calib_thermal.yaml`` and ``calib_pose_thermal.yaml``. Cameras are read by ``camera_text``.
 """
 
-import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
 
+from sensors.calibration_files.camera_text import read_camera_text, scan
 from sensors.errors import CalibrationError
 from sensors.files.atomic import replacing
 from sensors.files.bounded import read_bounded
@@ -22,11 +22,8 @@ from sensors.rig.rig_calibration import MAX_CALIBRATION_BYTES, Pose, RigCalibrat
 FILES = {"depth": "calib_ir.yaml", "color": "calib_color.yaml", "thermal": "calib_thermal.yaml"}
 POSES = {"color": "calib_pose.yaml", "thermal": "calib_pose_thermal.yaml"}
 SHIFT = "calib_depth.yaml"
-SIZES = {"depth": (512, 424), "color": (1920, 1080), "thermal": (160, 120)}  # iai_kinect2 states none
-_ENTRY = re.compile(  # a key with a number, or with a matrix as OpenCV writes it
-    r"^(\w+): *(?:([-+]?\d+\.?\d*(?:e[-+]?\d+)?)\s*$|!!opencv-matrix\s+rows:[^\[]*\bdata: *\[([^\]]*)\])",
-    re.MULTILINE,
-)
+SIZES = {"depth": (424, 512), "color": (1080, 1920), "thermal": (120, 160)}  # (h, w); iai_kinect2 has none
+T = TypeVar("T")
 
 
 def open_calibration(path: Path) -> RigCalibration:
@@ -39,8 +36,10 @@ def read_yaml(folder: Path) -> RigCalibration:
     depth, color, thermal = (_lens(folder, name) for name in ("depth", "color", "thermal"))
     if depth is None:
         raise CalibrationError(f"{folder} has no {FILES['depth']}; give a folder that iai_kinect2 wrote")
-    poses = {f"{name}_from_depth": _pose(folder, name) for name in POSES}
-    return RigCalibration(depth, color, thermal=thermal, depth_shift_mm=_shift_mm(folder), **poses)
+    poses = {f"{name}_from_depth": _read(folder, file, _pose) for name, file in POSES.items()}
+    # One of iai_kinect2's own units has no shift.
+    shift_mm = _read(folder, SHIFT, lambda text: _numbers(text, "depthShift", 1)[0]) or 0.0
+    return RigCalibration(depth, color, thermal=thermal, depth_shift_mm=shift_mm, **poses)
 
 
 def write_yaml(folder: Path, calibration: RigCalibration) -> None:
@@ -76,62 +75,31 @@ def _write(path: Path, fields: dict[str, Any]) -> None:
         temporary.write_text(storage.releaseAndGetString(), encoding="utf-8")
 
 
-class _Fields:
-    """Numbers of a YAML file by key. OpenCV's own parser writes beyond its memory at corrupt files."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        data = read_bounded(path, MAX_CALIBRATION_BYTES, "give a calibration file", CalibrationError)
-        try:
-            entries = [match.groups() for match in _ENTRY.finditer(data.decode())]
-            self._fields = {
-                key: [float(n) for n in (number or numbers).split(",")] for key, number, numbers in entries
-            }
-        except ValueError as error:
-            raise CalibrationError(f"calibration {path} cannot be read ({error}); restore it") from error
-        if not np.isfinite([number for numbers in self._fields.values() for number in numbers]).all():
-            raise CalibrationError(f"calibration {path} holds numbers that are not finite; restore it")
-
-    @classmethod
-    def existing(cls, folder: Path, file: str) -> "_Fields | None":
-        """Read the file of this name, or with a device's name before it; None where none exists."""
-        found = sorted(path for path in folder.glob(f"*{file}") if path.is_file())
-        if len(found) > 1:
-            raise CalibrationError(f"{folder} has {len(found)} files for {file}; keep one device's there")
-        return cls(found[0]) if found else None
-
-    def numbers(self, *keys: str, counts: tuple[int, ...]) -> list[float]:
-        """Return the numbers of the first of these keys, by rows. Raises CalibrationError."""
-        values = next((self._fields[key] for key in keys if key in self._fields), [])
-        if not values:
-            raise CalibrationError(f"{self._path} has no {keys[0]}; give an OpenCV calibration file")
-        if len(values) not in counts:
-            raise CalibrationError(f"{self._path}: {keys[0]} has {len(values)} numbers; give {counts[0]}")
-        return values
-
-    def whole(self, key: str) -> int:
-        """Return a whole number, 0 where the key is missing."""
-        return int(self._fields.get(key, [0])[0])
+def _read(folder: Path, file: str, parse: Callable[[str], T]) -> T | None:
+    """Return the parsed text of a file with this name, or with a device's name before it; None without it."""
+    found = sorted(path for path in folder.glob(f"*{file}") if path.is_file())
+    if len(found) > 1:
+        raise CalibrationError(f"{folder} has {len(found)} files for {file}; keep one device's there")
+    if not found:
+        return None
+    data = read_bounded(found[0], MAX_CALIBRATION_BYTES, "give a calibration file", CalibrationError)
+    try:
+        return parse(data.decode())
+    except ValueError as error:
+        raise CalibrationError(f"calibration {found[0]} cannot be read ({error}); restore it") from error
 
 
 def _lens(folder: Path, name: str) -> Intrinsics | None:
-    if (fields := _Fields.existing(folder, FILES[name])) is None:
-        return None
-    fx, _, cx, _, fy, cy = fields.numbers("cameraMatrix", "camera_matrix", counts=(9,))[:6]
-    lens = fields.numbers("distortionCoefficients", "distortion_coefficients", counts=(4, 5))
-    width, height = fields.whole("image_width"), fields.whole("image_height")
-    size = (width, height) if width and height else SIZES[name]
-    return Intrinsics(*size, fx, fy, cx, cy, *lens)
+    return _read(folder, FILES[name], lambda text: read_camera_text(text, SIZES[name])[0])
 
 
-def _pose(folder: Path, name: str) -> Pose | None:
-    if (fields := _Fields.existing(folder, POSES[name])) is None:
-        return None
-    rotation = np.reshape(fields.numbers("rotation", counts=(9,)), (3, 3))
-    return Pose(rotation, np.array(fields.numbers("translation", counts=(3,))))
+def _pose(text: str) -> Pose:
+    return Pose(np.reshape(_numbers(text, "rotation", 9), (3, 3)), np.array(_numbers(text, "translation", 3)))
 
 
-def _shift_mm(folder: Path) -> float:
-    """Return depthShift; 0 without the file, which one of iai_kinect2's own units lacks."""
-    fields = _Fields.existing(folder, SHIFT)
-    return 0.0 if fields is None else fields.numbers("depthShift", counts=(1,))[0]
+def _numbers(text: str, key: str, count: int) -> list[float]:
+    """Return the numbers of a key. Raises ValueError for another count."""
+    numbers = scan(text)[0].get(key.lower(), [])
+    if len(numbers) != count:
+        raise ValueError(f"{key} has {len(numbers)} numbers: give {count}")
+    return numbers

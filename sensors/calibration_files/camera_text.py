@@ -12,6 +12,7 @@ parser writes beyond its memory at corrupt files. Read are:
   ``width height fx fy cx cy`` (ARKitScenes), or a line of COLMAP's cameras.txt.
 """
 
+import math
 import re
 from dataclasses import replace
 
@@ -66,7 +67,7 @@ def read_camera_text(text: str, shape: tuple[int, int]) -> tuple[Intrinsics, flo
     lines = (re.sub(r"(?:^|\s)(?:#|//).*|^%.*", "", line) for line in text.splitlines())
     body = re.sub(r"</[^>]*>", "\n", "\n".join(lines))
     body = re.sub(r"<\??([A-Za-z_][\w.]*)[^>]*>", r"\n\1: ", body)
-    fields, words = _scan(body)
+    fields, words = scan(body)
     if not fields:
         return _plain(text, shape), None
     unread = [key for key, numbers in fields.items() if _UNREAD.search(key) and any(numbers)]
@@ -82,7 +83,7 @@ def read_camera_text(text: str, shape: tuple[int, int]) -> tuple[Intrinsics, flo
     return _with_lens(pinhole, fields), _unit_mm(fields)
 
 
-def _scan(text: str) -> tuple[Fields, dict[str, str]]:
+def scan(text: str) -> tuple[Fields, dict[str, str]]:
     """Return numbers and words behind each key, in small letters. Raises ValueError for repeated keys."""
     fields: Fields = {}
     words: dict[str, str] = {}
@@ -96,7 +97,8 @@ def _scan(text: str) -> tuple[Fields, dict[str, str]]:
             continue
         owner = key
         numbers = [float(number) for number in _NUMBERS.findall(value)]
-        if re.search(r"(?<![\w.])[-+.]*(?:nan|inf)\b", value, re.IGNORECASE):
+        wrong = re.search(r"(?<![\w.])[-+.]*(?:nan|inf)\b", value, re.IGNORECASE)
+        if wrong or not all(map(math.isfinite, numbers)):
             raise ValueError(f"{key} holds numbers that are not finite")
         if not numbers:
             words.setdefault(key, value.strip(" \t\r\n\"',;{}[]").lower())
