@@ -257,7 +257,7 @@ def test_strokes_take_over_the_other_set_or_the_frame_before(hand):
         hand.parts.flat[pixel] == PART_ID["hip"] and "as in the other set" in hand.panels.status.next.text()
     )
     hand.key("from_before")
-    assert "no frame before" in hand.said
+    assert "No frame lies before" in hand.said
     hand.key("head")
     assert hand.edits.giver == "part"
 

@@ -1,4 +1,4 @@
-"""The audit of a label set: the work of each person on it, from its journal."""
+"""Audit of a label set: the work of each person, from the journal."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
@@ -20,7 +20,7 @@ _NAMES = {**{part.id: part.name for part in PARTS}, UNDEFINED: "undefined"}
 
 @dataclass(frozen=True)
 class PartWork:
-    """Work on one part: strokes with it, their active seconds, pixels that it gained and lost in the end."""
+    """Work on one part: strokes, their active seconds, pixels gained and lost in the end."""
 
     strokes: int
     seconds: float
@@ -32,11 +32,10 @@ class PartWork:
 class PersonWork:
     """One person's work on a label set.
 
-    first, last: times of their work, ISO 8601 UTC, "" if unknown. frames: number of frames that they
-    edited; accepted: of those, accepted by them; accepted_untouched: share of the accepted whose labels
-    are as they were at first. seconds_median, seconds_p90: active seconds a frame.
-    seconds: active seconds by kind. strokes, undos, operations: counts. changed: share of the body's
-    pixels in their frames whose part they changed in the end. parts: by name.
+    first, last: times of the work, ISO 8601 UTC, "" if unknown. frames, accepted: numbers of edited frames
+    and of accepted ones. accepted_untouched: share of the accepted with their first labels. seconds_median,
+    seconds_p90: active seconds a frame. seconds: active seconds by kind. changed: share of the body's pixels
+    with another part in the end. parts: by name.
     """
 
     who: str
@@ -57,7 +56,7 @@ class PersonWork:
 
 @dataclass(frozen=True)
 class WorkedFrame:
-    """Active seconds of all people on a frame. step: of learning that had labelled it, "" for none."""
+    """Active seconds of all people on a frame. step: of the learning that labelled the frame, or ""."""
 
     frame_id: str
     seconds: float
@@ -66,21 +65,21 @@ class WorkedFrame:
 
 @dataclass(frozen=True)
 class Audit:
-    """people: the one with most frames first. rejected: frame id -> reason of its rejection. course: the
-    frames that people worked on, in the order in which they last did."""
+    """Audit. people: the one with most frames first. rejected: reason by frame id. course: worked frames in
+    the order of the last stroke."""
 
     people: tuple[PersonWork, ...]
     rejected: dict[str, str]
     course: tuple[WorkedFrame, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values, without the course."""
+        """Return plain values, without the course."""
         return {"people": [asdict(person) for person in self.people], "rejected": self.rejected}
 
 
 @dataclass(frozen=True)
 class _Visit:
-    """One person's entries on one frame. before, after: uint8 (n,), parts of the pixels they changed last."""
+    """One person's entries on one frame. before, after: uint8 (n,), parts of the pixels changed last."""
 
     strokes: tuple[Stroke, ...]
     before: UInt8
@@ -91,7 +90,7 @@ class _Visit:
 
 
 def audit(labels: LabelSet, journal: Journal) -> Audit:
-    """The audit of a label set. Raises FormatError when its journal or a frame is corrupt."""
+    """Audit a label set. Raises FormatError when the journal or a frame is corrupt."""
     visits: defaultdict[str, list[_Visit]] = defaultdict(list)
     rejected, course = {}, []
     for frame_id in in_order(set(labels.frame_ids) & set(journal.frame_ids)):
@@ -113,7 +112,7 @@ def audit(labels: LabelSet, journal: Journal) -> Audit:
 
 
 def _visits(strokes: Sequence[Stroke], before: UInt8, after: UInt8) -> Iterator[tuple[str, _Visit]]:
-    """The visit of every person to a frame; a changed pixel belongs to the person who changed it last."""
+    """Yield every person's visit to a frame; a changed pixel belongs to the last person."""
     names = list(dict.fromkeys(stroke.who for stroke in strokes))
     last = np.zeros(before.size, np.intp)
     for stroke in strokes:

@@ -1,11 +1,9 @@
-"""A correction session over a label set that can be killed at any time and continued.
+"""Correction session over a label set that can be killed at any time and continued.
 
 On disk: ``frames/`` holds the labels as last saved, ``journal.jsonl`` every stroke, ``original/`` each
-corrected frame's labels before its first one. A frame's note "journal" counts the entries of the journal that
-its saved labels include; the later ones are applied when it is read. That is safe at every moment, since the
-journal is written first, and applying an entry twice, in order, is the same as applying it once. Frames are
-saved on a verdict, on leaving them, and when a killed session is opened again: a stroke waits for one write
-only.
+corrected frame's labels before the first stroke. A frame's note "journal" counts the entries that the saved
+labels include; later entries are applied when the frame is read. The journal is written first, and an entry
+applied twice has no further effect. Frames are saved on a verdict, on leaving, and after a killed session.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -16,7 +14,7 @@ from typing import Any, Literal, Self
 
 from annotate.correction.edit import ActiveTime, Editor, steady_time
 from annotate.correction.history import History
-from annotate.correction.replay import State, after, begun_from, noted, replayed, state_of, step_of, verdicts
+from annotate.correction.replay import State, after, noted, replayed, state_of, step_of, verdicts
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.journal import REMEDY, Journal, NotSavedError, nothing_changed
@@ -27,15 +25,14 @@ from sensors.errors import CloudError, FormatError
 
 
 class RestorableError(FormatError):
-    """A frame's labels are corrupt, but ``Correction.restore`` can rebuild them."""
+    """Error of corrupt labels that ``Correction.restore`` can rebuild."""
 
 
 class Correction:
-    """One person correcting one label set; a context manager that saves and releases the set.
+    """Correction of one label set by one person; a context manager that saves and releases the set.
 
-    labels, journal: the set on the disk. who: the person. read_only: whether strokes are refused.
-    Strokes are on the disk when an editor's operation returns. When the disk refuses them, the operation
-    raises NotSavedError after it took effect; they are kept in memory and written again at every stroke.
+    Strokes are on the disk when an editor's operation returns. When the disk refuses a stroke, the operation
+    raises NotSavedError after it took effect; the next stroke writes refused ones again.
     """
 
     def __init__(self, labels: LabelSet, who: str, claim: Claim | None, clock: Callable[[], float]) -> None:
@@ -53,8 +50,8 @@ class Correction:
     ) -> Self:
         """Open the label set at ``path`` where it was left. who: "" for the system's user.
 
-        Raises FormatError when the set or its journal is corrupt, ClaimedError naming the owner when
-        somebody else is correcting it, CloudError when it cannot be written to.
+        Raises FormatError for a corrupt set or journal, and CloudError for a set that cannot be written to.
+        Raises ClaimedError with the name of another person who corrects the set.
         """
         labels, who = LabelSet.open(path), who or login()
         claim = None if read_only else Claim.take(path, who)
@@ -76,18 +73,18 @@ class Correction:
 
     @property
     def read_only(self) -> bool:
-        """Whether strokes are refused."""
+        """True where strokes are refused."""
         return self._claim is None
 
     @property
     def unsaved(self) -> int:
-        """Number of entries that are only in memory because the disk refused them."""
+        """Number of entries in memory that the disk refused."""
         return len(self.journal.pending)
 
     def frame(self, frame_id: str) -> FrameLabels:
-        """A frame after its last stroke. Other threads may call this, to read ahead.
+        """Read a frame after its last stroke. Any thread may call this.
 
-        Raises RestorableError when its labels are corrupt but can be rebuilt, FormatError when not.
+        Raises RestorableError when corrupt labels can be rebuilt, else FormatError.
         """
         try:
             saved = self.labels.read(frame_id)
@@ -97,13 +94,8 @@ class Correction:
             raise
         return self._learnt(after(saved, self._later(frame_id, saved.notes)))
 
-    def begun(self, frame_id: str) -> FrameLabels:
-        """A frame as it was when the first person began. Raises what ``frame`` raises."""
-        first = self.labels.read(frame_id, original=self.labels.has_original(frame_id))
-        return self._learnt(begun_from(first, self.journal.strokes(frame_id)))
-
     def _learnt(self, frame: FrameLabels) -> FrameLabels:
-        """A frame with the confidence of the step of learning whose labels it has."""
+        """Return a frame with the confidence of the learning step that labelled it."""
         step = step_of(self.journal.strokes(frame.frame_id))
         if step is None or step == frame.notes.get(LEARNT):
             return frame
@@ -114,9 +106,9 @@ class Correction:
         return replace(frame, confidence=confidence, notes=notes)
 
     def edit(self, frame_id: str) -> Editor:
-        """An editor of a frame, with the history of its strokes; every stroke goes to the journal.
+        """Return an editor of a frame with the history of its strokes, and save the frames edited before.
 
-        Frames edited before are saved. Raises what ``frame`` raises, and CloudError when read-only.
+        Every stroke goes to the journal. Raises as ``frame`` does, and CloudError when read-only.
         """
         self._refuse_read_only()
         opened = self._opened.get(frame_id)
@@ -125,10 +117,7 @@ class Correction:
         return editor
 
     def begin(self, frame: FrameLabels) -> Editor:
-        """An editor as of ``edit``, of a frame that was read (``frame``) after its last stroke.
-
-        Frames edited before stay open until ``leave_others``.
-        """
+        """Return an editor of a frame just read; frames edited before stay open until ``leave_others``."""
         self._refuse_read_only()
         frame_id = frame.frame_id
         if frame_id in self._opened:
@@ -140,7 +129,7 @@ class Correction:
         return editor
 
     def leave_others(self, frame_id: str) -> None:
-        """Save and close all frames that were edited but this one; those that the disk refuses stay open."""
+        """Save and close all other edited frames; frames that the disk refuses stay open."""
         for other in [i for i in self._opened if i != frame_id]:
             with suppress(NotSavedError):
                 self.leave(other)
@@ -156,12 +145,12 @@ class Correction:
         self._unsaved.discard(frame_id)
 
     def leave_all(self) -> None:
-        """Save and close all frames that were edited. Raises NotSavedError."""
+        """Save and close all edited frames. Raises NotSavedError."""
         for frame_id in list(self._opened):
             self.leave(frame_id)
 
     def leave(self, frame_id: str) -> None:
-        """Save a frame that was edited, and close its editor."""
+        """Save an edited frame, and close its editor."""
         editor = self._opened[frame_id][1]
         editor.leave()
         if frame_id in self._unsaved:
@@ -169,21 +158,21 @@ class Correction:
         del self._opened[frame_id]
 
     def now(self) -> str:
-        """The correction's clock as ISO 8601 in UTC."""
+        """Return the clock as ISO 8601 in UTC."""
         return ActiveTime(self._clock).now()
 
     def flush(self) -> None:
-        """Write the entries that the disk refused before. Raises NotSavedError."""
+        """Write the entries that the disk refused. Raises NotSavedError."""
         with _saving(self.labels.path):
             for frame_id in sorted({stroke.frame_id for stroke in self.journal.pending}):
                 self.labels.keep_original(frame_id)
             self.journal.flush()
 
     def record_together(self, strokes: Sequence[Stroke]) -> None:
-        """Take entries of frames that nobody has worked on: all together or, after a crash, none.
+        """Add entries of untouched frames: all or, after a crash, none.
 
-        No editor may be open (``leave_all``): another thread than the editors' may call this.
-        Raises NotSavedError, CloudError when read-only.
+        Any thread may call this, but no editor may be open (``leave_all``). Raises NotSavedError, and
+        CloudError when read-only.
         """
         self._refuse_read_only()
         assert not self._opened, f"frames {sorted(self._opened)} are being edited"
@@ -199,7 +188,7 @@ class Correction:
         """Return the state of a frame."""
         strokes = self.journal.strokes(frame_id)
         known = self._states.get(frame_id)
-        # The window needs the states of all frames after every stroke, and no other program writes the set.
+        # Kept, because the window needs all states after every stroke, and no other program writes the set.
         if known is None or known[0] != len(strokes):
             known = self._states[frame_id] = len(strokes), state_of(strokes, self._first_status(frame_id))
         return known[1]
@@ -212,10 +201,9 @@ class Correction:
         return self._statuses[frame_id]
 
     def next_verdict(self, frame_id: str) -> Literal["accept", "agree", "none"]:
-        """Return the verdict that agreeing gives now.
+        """Return the verdict of the accept key, which never overrules a rejection.
 
-        "agree" where another person accepted or rejected the frame last, "none" where this person did,
-        "accept" where no verdict stands. So agreeing never overrules a rejection.
+        "accept" where no verdict stands, "agree" after another person's verdict, "none" after this person's.
         """
         if self.state(frame_id) in ("auto", "touched"):
             return "accept"
@@ -223,7 +211,7 @@ class Correction:
         return "none" if standing and standing[-1].who == self.who else "agree"
 
     def can_restore(self, frame_id: str) -> bool:
-        """Whether a frame's labels from before its first correction were kept, and can be read."""
+        """Return whether a frame's labels from before the first correction can be read."""
         try:
             self.labels.read(frame_id, original=True)
         except CloudError:
@@ -233,7 +221,7 @@ class Correction:
     def restore(self, frame_id: str) -> FrameLabels:
         """Rebuild a frame's labels and notes from ``original/`` and the journal, and save them.
 
-        Raises FormatError when the original is corrupt too, or the journal is incomplete or another set's.
+        Raises FormatError when the original is corrupt, or the journal is incomplete or of another set.
         """
         self._refuse_read_only()
         try:
@@ -249,8 +237,7 @@ class Correction:
     def close(self) -> None:
         """Save the open frames and release the set.
 
-        Raises NotSavedError, the set still claimed, when the disk refuses strokes: call it again, or
-        ``abandon``.
+        Raises NotSavedError when the disk refuses strokes; the set stays claimed until ``abandon``.
         """
         if not self.read_only:
             self.leave_all()
@@ -258,15 +245,15 @@ class Correction:
         self.abandon()
 
     def abandon(self) -> None:
-        """Release the set as it is on the disk; nothing is written to it from here on."""
+        """Release the set as it is on the disk; later writes are refused."""
         claim, self._claim = self._claim, None
         if claim:
             claim.release()
 
     def _later(self, frame_id: str, notes: dict[str, Any]) -> Sequence[Stroke]:
-        """Entries that a saved frame with these notes does not include yet.
+        """Return the entries that a saved frame with these notes does not include.
 
-        The labels of a copy without journal and originals have no history: there are no entries to apply.
+        A copy of a set without journal and originals has no entries.
         """
         strokes, included = self.journal.strokes(frame_id), notes.get("journal", 0)
         if not strokes and not self.labels.has_original(frame_id):
@@ -279,7 +266,7 @@ class Correction:
         return strokes[included:]
 
     def _with_history(self, frame: FrameLabels) -> FrameLabels:
-        """The frame; in a copy of a set without its journal, its history begins anew."""
+        """Return the frame; in a copy of a set without its journal the history begins anew."""
         if frame.notes.get("journal") and not self.journal.strokes(frame.frame_id):
             frame = replace(frame, notes={k: v for k, v in frame.notes.items() if k != "journal"})
             with _saving(self.labels.path):
@@ -287,9 +274,9 @@ class Correction:
         return frame
 
     def _recover(self) -> None:
-        """Save the frames whose last strokes a killed session left in the journal alone."""
+        """Save the frames whose last strokes are in the journal alone, after a killed session."""
         for frame_id in sorted(set(self.journal.frame_ids) & set(self.labels.frame_ids)):
-            # A corrupt frame is refused when it is opened; strokes that cannot be saved are in the journal.
+            # A corrupt frame is refused when it is opened; its strokes stay in the journal.
             with suppress(CloudError, OSError):
                 if self._later(frame_id, self.labels.notes(frame_id)):
                     self._write(self.frame(frame_id))

@@ -1,7 +1,4 @@
-"""The operations that change one frame's labels, and the time they take. No window and no file here.
-
-Every operation computes its result first and then replaces, by one stroke; ``undo`` takes back one stroke.
-"""
+"""Operations that change one frame's labels by one stroke each, and their time."""
 
 import time
 from collections.abc import Callable, Iterable
@@ -27,23 +24,18 @@ from annotate.labelset.stroke import (
 from annotate.parts import BACKGROUND, LEFT_RIGHT, UNDEFINED, on_body
 from sensors.errors import CloudError
 
-ARMS, LEGS = LEFT_RIGHT[:2], LEFT_RIGHT[2:]
-"""The limbs that can be confused with each other, as (left, right) pairs."""
-IDLE_S = 120.0
-"""Longest gap between two events that counts, in seconds: longer ones are breaks (inception #5909)."""
+ARMS, LEGS = LEFT_RIGHT[:2], LEFT_RIGHT[2:]  # (left, right) pairs
+IDLE_S = 120.0  # longest gap between two events that counts; longer ones are breaks (inception #5909)
 _EPOCH_S = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 def steady_time() -> float:
-    """Seconds since the epoch by a clock that does not jump when a person or NTP sets the host's clock."""
+    """Return the seconds since the epoch by a clock that does not jump when the host's clock is set."""
     return _EPOCH_S + time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 class ActiveTime:
-    """Sums of the gaps between a person's events, by activity.
-
-    clock: seconds since the epoch; ``steady_time``, or the clock of the simulated annotator.
-    """
+    """Sums of the gaps between a person's events, by activity. clock: seconds since the epoch."""
 
     def __init__(self, clock: Callable[[], float] = steady_time) -> None:
         self.clock = clock
@@ -51,35 +43,31 @@ class ActiveTime:
         self._seconds: dict[Activity, float] = {}
 
     def mark(self, kind: Activity) -> None:
-        """Count the time since the previous event (a key, a click, a camera move) for an activity."""
+        """Count the time since the previous event (key, click, camera move) for an activity."""
         now = self.clock()
         if self._last is not None and 0 < now - self._last <= IDLE_S:
             self._seconds[kind] = self._seconds.get(kind, 0.0) + (now - self._last)
         self._last = now
 
     def take(self) -> dict[Activity, float]:
-        """Seconds by activity since the last call, to the millisecond."""
+        """Return the seconds by activity since the last call, to the millisecond."""
         taken, self._seconds = self._seconds, {}
         return {kind: round(seconds, 3) for kind, seconds in taken.items()}
 
     def now(self) -> str:
-        """The clock as ISO 8601 in UTC."""
+        """Return the clock as ISO 8601 in UTC."""
         return datetime.fromtimestamp(self.clock(), UTC).isoformat(timespec="milliseconds")
 
 
 class Editor:
-    """One frame's labels under correction.
+    """Labels of one frame under correction.
 
-    frame_id; depth_mm (h, w); valid (h, w): pixels with depth, the only ones that can get a part.
-    locks: part ids whose pixels stay as they are: a locked part neither loses nor gains any. With the
-    background locked, the person's outline stays.
-    only: the one part that may be replaced, or None for any.
-    who: the person's name. time: their active time. history: the strokes to undo and redo, without limit.
+    valid (h, w): pixels with depth, the only ones that can get a part. locks: ids of parts that neither lose
+    nor gain pixels. only: the one part that may be replaced, or None for any. record: called with every
+    stroke after its effect; errors of it pass through.
 
-    Operations return the stroke, or None when nothing would change. They raise CloudError on part ids and
-    pixels that do not exist, and what ``record`` raises: the stroke took effect nevertheless.
-    ``record`` is called with every stroke after it took effect (``correction`` writes the journal there).
-    ``pixels`` are flat indices (n,) into the image, or a mask (h, w).
+    Operations return the stroke, or None for no change, and raise CloudError on part ids and pixels that do
+    not exist. ``pixels`` are flat indices (n,) into the image, or a mask (h, w).
     """
 
     def __init__(
@@ -101,15 +89,13 @@ class Editor:
 
     @property
     def parts(self) -> UInt8:
-        """Part ids (h, w) after the last stroke; a read-only view that follows every stroke."""
+        """Part ids (h, w), a read-only view that follows every stroke."""
         view = self._parts.view()
         view.flags.writeable = False
         return view
 
-    # Changes of labels
-
     def paint(self, pixels: NDArray[np.generic], part: int, how: Gesture = KEY) -> Stroke | None:
-        """Give pixels a part: 0 for background, 255 for undefined."""
+        """Give pixels a part; 0 is background, 255 undefined."""
         _known(part)
         return self._give("paint", self._flat(pixels), part, how)
 
@@ -130,7 +116,7 @@ class Editor:
         return self.replace("swap_left_right", table[self._parts], None, how)
 
     def merge(self, source: int, target: int, how: Gesture = KEY) -> Stroke | None:
-        """Turn one part into another: all of ``source`` becomes ``target``."""
+        """Turn all of one part into another."""
         _known(source)
         _known(target)
         merged = np.where(self._parts == source, np.uint8(target), self._parts)
@@ -145,36 +131,32 @@ class Editor:
     def replace(
         self, operation: Operation, parts: UInt8, part: int | None = None, how: Gesture = KEY
     ) -> Stroke | None:
-        """Replace the labels by others (h, w), as far as locks and ``only`` allow."""
+        """Replace the labels by others (h, w), within depth, locks and ``only``."""
         at = self.preview(parts)
         return self._change(operation, at, parts.ravel()[at], part, how)
 
     def preview(self, parts: UInt8) -> Int64:
-        """Flat indices of the pixels that ``replace`` by these labels (h, w) would change."""
+        """Return the flat indices of the pixels that ``replace`` would change."""
         self._same_shape(parts)
         at = np.flatnonzero(parts != self._parts)
         return at[self._allowed(at, parts.ravel()[at])]
 
-    # Undo and redo
-
     def undo(self, how: Gesture = KEY) -> Stroke | None:
-        """Take back the last stroke or verdict; None when there is none."""
+        """Take back the last stroke or verdict."""
         return self._again("undo", self.history.done, how)
 
     def redo(self, how: Gesture = KEY) -> Stroke | None:
-        """Do again what was undone last; None when there is nothing."""
+        """Redo the last undone stroke or verdict."""
         return self._again("redo", self.history.undone, how)
 
-    # Verdicts and time
-
     def judge(self, verdict: Verdict, reason: str = "", how: Gesture = KEY) -> Stroke:
-        """Accept the frame, agree with its annotator, or reject it. Raises CloudError for no reason then."""
+        """Give a verdict. Raises CloudError for a rejection without reason."""
         if verdict == "reject" and not reason.strip():
-            raise CloudError("a rejection needs a reason; write in a few words what is wrong")
+            raise CloudError("the rejection has no reason; write the fault in a few words")
         return self._do(verdict, _NONE, None, how, " ".join(reason.split()))
 
     def leave(self) -> Stroke | None:
-        """Record the time spent since the last stroke; None when there was none."""
+        """Record the time spent since the last stroke, if any."""
         seconds = self.time.take()
         if not seconds:
             return None
@@ -212,7 +194,7 @@ class Editor:
         return stroke
 
     def _allowed(self, at: Int64, new: UInt8) -> Bool:
-        """Whether each of the flat pixels (n,) may become ``new``, by depth, locks and ``only``."""
+        """Return whether each flat pixel (n,) may become ``new``, by depth, locks and ``only``."""
         old = self._parts.ravel()[at]
         bare = (new == BACKGROUND) | (new == UNDEFINED)
         allowed = bare & (old != BACKGROUND) | self.valid.ravel()[at]
@@ -225,7 +207,7 @@ class Editor:
         return np.asarray(allowed)
 
     def _flat(self, pixels: NDArray[np.generic]) -> Int64:
-        """Sorted flat indices, each once."""
+        """Return sorted flat indices, each once."""
         pixels = np.asarray(pixels)
         if pixels.dtype == np.bool_:
             self._same_shape(pixels)

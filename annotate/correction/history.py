@@ -1,4 +1,4 @@
-"""The history of one frame: the strokes and verdicts that stand, and those that can be redone."""
+"""History of one frame: strokes and verdicts that stand, and undone ones."""
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -13,11 +13,11 @@ from sensors.errors import FormatError
 
 @dataclass
 class History:
-    """Strokes and verdicts of one frame as one history, the last at the end.
+    """Strokes and verdicts of one frame, the last at the end.
 
-    done: those that stand. undone: those that a redo does again; a new stroke or verdict clears them.
-    An undo without runs takes a verdict back. Journals of earlier versions hold two more orders: an undo that
-    passes over the verdicts given after its stroke, and a redo of a stroke across a later verdict.
+    done: entries that stand. undone: entries to redo; a new stroke or verdict clears them. An undo without
+    runs takes a verdict back. Old journals also hold an undo that passes over later verdicts, and a redo of a
+    stroke across a later verdict.
     """
 
     done: list[Stroke] = field(default_factory=list)
@@ -26,7 +26,7 @@ class History:
 
     @classmethod
     def of(cls, strokes: Iterable[Stroke]) -> Self:
-        """Return the history after a frame's entries. Raises FormatError as ``add`` does."""
+        """Return the history of a frame's entries. Raises FormatError as ``add`` does."""
         history = cls()
         for stroke in strokes:
             history.add(stroke)

@@ -1,9 +1,8 @@
-"""Relabelling: untouched frames get the labels of a network that has learnt, as one step of the journal.
+"""Relabelling: untouched frames get the labels of a fine-tuned network, as one step of the journal.
 
-Every such frame gets one entry ``relabel`` that names the step; all entries of a step come to the disk
-together. Taking a step back is a step of the same kind, back to the labels before. What a person has worked
-on, even if they undid it, is never changed. A step keeps its confidences in ``learnt/``; the first ones stay
-where they are.
+Every such frame gets one entry ``relabel`` that names the step; all entries of a step are written together.
+Taking a step back is a step of the same kind. A frame with a person's work, even undone, is never changed. A
+step keeps its confidences in ``learnt/``.
 """
 
 from collections.abc import Sequence
@@ -20,14 +19,11 @@ from annotate.labelset.stroke import Gesture, Stroke, difference
 from annotate.parts import BACKGROUND
 from sensors.errors import CloudError
 
-BY_ITSELF = Gesture("key")
-"""Gesture of what needs no key."""
-
 
 @dataclass(frozen=True)
 class Relabelled:
-    """Result of a step. step: its name, "" for the first labels; frames: how many got other labels; changed:
-    share of their body's pixels that are another part now."""
+    """Result of a step. step: its name, "" for the first labels. frames: number of frames with other labels.
+    changed: share of their body's pixels with another part."""
 
     step: str
     frames: int
@@ -35,12 +31,12 @@ class Relabelled:
 
     @property
     def text(self) -> str:
-        """Return the step in words: how many frames it labelled again, and how much of the person changed."""
+        """Relabelling in words."""
         return f"{self._frames} labelled again: {self.changed:.1%} of the person is another part"
 
     @property
     def text_of_taking_back(self) -> str:
-        """Return the step in words where it takes back another one."""
+        """Taking back in words."""
         return f"The last learning is taken back: {self._frames} restored"
 
     @property
@@ -49,21 +45,16 @@ class Relabelled:
 
 
 def untouched(correction: Correction) -> list[str]:
-    """Ids of the frames that nobody has worked on, whatever labelled them."""
-    return [i for i in correction.labels.frame_ids if is_untouched(correction, i)]
-
-
-def is_untouched(correction: Correction, frame_id: str) -> bool:
-    """Whether nobody has changed a frame's labels or judged it, not even to take it back."""
-    worked = any(stroke.by_person for stroke in correction.journal.strokes(frame_id))
-    return not worked and correction.state(frame_id) == "auto"
+    """Return the ids of the frames without any stroke or verdict of a person, even undone."""
+    free = [i for i in correction.labels.frame_ids if correction.state(i) == "auto"]
+    return [i for i in free if not any(stroke.by_person for stroke in correction.journal.strokes(i))]
 
 
 def relabel(correction: Correction, learnt: LabelSet) -> Relabelled:
-    """Give the frames that nobody has worked on their labels in another set of the same recording.
+    """Give untouched frames their labels in another set of the same recording.
 
-    Frames that the set lacks, or shows another depth image of, stay as they are. Raises CloudError where the
-    set is of another camera, NotSavedError; what ``Correction.frame`` raises.
+    Frames that the set lacks, or has with another depth image, stay as they are. Raises CloudError for a set
+    of another camera, NotSavedError, and as ``Correction.frame`` does.
     """
     if learnt.intrinsics.shape != correction.labels.intrinsics.shape:
         raise CloudError(f"{learnt.path} is of another camera than {correction.labels.path}; learn anew")
@@ -83,7 +74,7 @@ def relabel(correction: Correction, learnt: LabelSet) -> Relabelled:
 
 
 def take_back(correction: Correction) -> Relabelled | None:
-    """Give the frames that nobody has worked on their labels from before the last step; None without one."""
+    """Give untouched frames their labels from before the last step; None without a step."""
     steps = {i: step_of(correction.journal.strokes(i)) or "" for i in untouched(correction)}
     last = max(steps.values(), default="")
     if not last:
@@ -100,7 +91,7 @@ def take_back(correction: Correction) -> Relabelled | None:
 
 
 def before_step(correction: Correction, frame_id: str) -> UInt8 | None:
-    """Parts (h, w) of a frame before the last step that changed its labels; None where there was none."""
+    """Return the parts (h, w) of a frame from before the last step on it, if any."""
     entries = correction.journal.strokes(frame_id)
     last = max((n for n, stroke in enumerate(entries) if stroke.operation == "relabel"), default=-1)
     if last < 0:
@@ -117,7 +108,7 @@ def _recorded(correction: Correction, strokes: Sequence[Stroke], step: str) -> R
 
 
 def _next_step(correction: Correction) -> str:
-    """A name that no step has had yet."""
+    """Return an unused name."""
     journal = correction.journal
     entries = (stroke for i in journal.frame_ids for stroke in journal.strokes(i))
     used = (int(stroke.reason or 0) for stroke in entries if stroke.operation == "relabel")
@@ -127,4 +118,6 @@ def _next_step(correction: Correction) -> str:
 def _stroke(correction: Correction, frame_id: str, step: str, old: UInt8, new: UInt8) -> Stroke:
     everywhere = np.arange(old.size)
     runs = difference(everywhere, old.ravel(), new.ravel())
-    return Stroke(frame_id, "relabel", runs, None, BY_ITSELF, correction.who, correction.now(), reason=step)
+    return Stroke(
+        frame_id, "relabel", runs, None, Gesture("key"), correction.who, correction.now(), reason=step
+    )

@@ -15,7 +15,6 @@ from annotate.parts import on_body
 from sensors.errors import FormatError
 
 State = Literal["auto", "touched", "accepted", "reviewed", "rejected"]
-"""Not edited; edited; accepted by the annotator; accepted, and a reviewer agrees; rejected."""
 _BASE: dict[Status, State] = {
     "auto": "auto",
     "corrected": "accepted",
@@ -29,12 +28,11 @@ STATE_NAMES: dict[State, str] = {
     "reviewed": "reviewed",
     "rejected": "rejected",
 }
-"""States in words, the same in the window, at its end and in ``info``."""
 _VERDICT: dict[str, State] = {"accept": "accepted", "reject": "rejected"}
 
 
 def replayed(labels: LabelSet, journal: Journal, frame_id: str) -> FrameLabels:
-    """One frame after all of its entries, starting from its labels in ``original/``, or else from its own.
+    """Return a frame after all entries, from its labels in ``original/`` or else in ``frames/``.
 
     Raises FormatError when the entries were made on other labels.
     """
@@ -43,9 +41,9 @@ def replayed(labels: LabelSet, journal: Journal, frame_id: str) -> FrameLabels:
 
 
 def after(frame: FrameLabels, strokes: Sequence[Stroke], exact: bool = False) -> FrameLabels:
-    """A frame after more entries. exact: whether each must meet the labels on which it was made.
+    """Return a frame after more entries. Raises FormatError for entries that do not fit the frame.
 
-    Raises FormatError when they do not fit the frame.
+    exact: each entry must meet the labels on which it was made.
     """
     parts = frame.parts.copy()
     for stroke in strokes:
@@ -58,19 +56,19 @@ def after(frame: FrameLabels, strokes: Sequence[Stroke], exact: bool = False) ->
 
 
 def begun_from(frame: FrameLabels, strokes: Sequence[Stroke]) -> FrameLabels:
-    """A frame's labels when the first person began, after the relabellings before; frame: its first ones."""
+    """Return a frame's labels at the first person's start, after relabelling. frame: first labels."""
     return after(frame, [stroke for stroke in strokes if stroke.operation == "relabel"], exact=True)
 
 
 def _fits(stroke: Stroke, parts: UInt8) -> bool:
-    # The end is checked first, because runs are expanded to as many pixels as they state.
+    # First, because runs are expanded to all pixels that they state.
     if stroke.end > parts.size:
         return False
     return bool((parts.ravel()[stroke.pixels] == stroke.old).all())
 
 
 def noted(frame: FrameLabels, journal: Journal, before: Status) -> FrameLabels:
-    """A frame with the status and notes that its entries give it. before: its status before the first."""
+    """Return a frame with the status and notes of its entries. before: status before the first entry."""
     strokes = journal.strokes(frame.frame_id)
     if not strokes:
         return frame
@@ -118,8 +116,7 @@ def rejection(strokes: Sequence[Stroke]) -> str | None:
 
 
 def _notes_of(strokes: Sequence[Stroke], state: State) -> dict[str, Any]:
-    """A frame's notes on the work: the last person and time, active seconds, counts of strokes, and the
-    number of entries of the journal that its labels include."""
+    """Return a frame's notes on the work. journal: number of entries that the labels include."""
     operations = Counter(stroke.operation for stroke in strokes if stroke.operation != "leave")
     step = step_of(strokes)
     return {
@@ -137,10 +134,10 @@ def _notes_of(strokes: Sequence[Stroke], state: State) -> dict[str, Any]:
 
 
 def is_stroke(stroke: Stroke) -> bool:
-    """Whether an entry changed labels, other than by undo or redo."""
+    """Return whether an entry changed labels, other than by undo or redo."""
     return stroke.changes and stroke.by_person and stroke.operation not in ("undo", "redo")
 
 
 def step_of(strokes: Sequence[Stroke]) -> str | None:
-    """The step of learning whose labels a frame has; "" for its first ones, None where none ever came."""
+    """Return the learning step that labelled a frame; "" after taking back, None without any step."""
     return next((s.reason for s in reversed(strokes) if s.operation == "relabel"), None)

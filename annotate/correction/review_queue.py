@@ -1,4 +1,7 @@
-"""Remaining work on a label set: a reviewer's queue with its reasons, progress, and the time left."""
+"""Remaining work on a label set: a reviewer's queue with reasons, progress, and the time left.
+
+Constants are untuned.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,21 +15,15 @@ from annotate.correction.replay import is_stroke, rejected_by, verdicts
 from annotate.labelset.stroke import Stroke
 from sensors.errors import CloudError
 
-HASTY_S = 1.5
-"""Active seconds on an accepted frame below which it was hardly looked at. Untuned."""
-LEAST_DONE = 3
-"""Least number of finished frames from which the time for the rest is estimated, because a person's first
-frames take longer (untuned)."""
-UNSURE = 0.9
-"""Mean confidence of a frame's labels below which accepting them unchanged is worth a look. Untuned."""
-REACH = 10
-"""Frames in time around the farthest from what is done among which the least sure one teaches most. Chosen by
-eye."""
+HASTY_S = 1.5  # active seconds on an accepted frame below which a review is worth while
+LEAST_DONE = 3  # finished frames before the time left is estimated, because first frames take longer
+UNSURE = 0.9  # mean confidence below which labels that were accepted unchanged are worth a look
+REACH = 10  # frames around the farthest one, among which the least sure teaches most
 
 
 @dataclass(frozen=True)
 class Queued:
-    """A frame that waits for a reviewer. reason: why it is worth a look; urgency: of the queue's order."""
+    """Frame that waits for a reviewer, with the reason for a look. urgency: of the queue's order."""
 
     frame_id: str
     reason: str
@@ -35,8 +32,7 @@ class Queued:
 
 @dataclass(frozen=True)
 class Progress:
-    """done, total: numbers of frames; left_s: active seconds for the rest at the median of those done by
-    this person, or None before there are LEAST_DONE of them."""
+    """Numbers of frames. left_s: active seconds for the rest at this person's median, None at the start."""
 
     done: int
     total: int
@@ -44,7 +40,7 @@ class Progress:
 
     @property
     def text(self) -> str:
-        """In words, such as "12 of 40 done, 9 min left"."""
+        """Progress in words, such as "12 of 40 done, 9 min left"."""
         if self.left_s is None or self.done == self.total:
             return f"{self.done} of {self.total} done"
         minutes = self.left_s / 60
@@ -71,10 +67,10 @@ def is_queued(correction: Correction, frame_id: str) -> bool:
 
 
 def teaching_order(correction: Correction) -> list[str]:
-    """The frames that nobody has worked on, each the one that teaches most after those before it.
+    """Return the untouched frames, each the one that teaches most after the frames before it.
 
-    That is one far in time from all that were worked on or stand before it, and of those around the farthest
-    the least sure; the first is the least sure of all.
+    The first is the least sure of all. Each next one is the least sure around the frame that is farthest in
+    time from all worked and earlier ones.
     """
     ids, free = correction.labels.frame_ids, set(untouched(correction))
     doubt = np.array([1 - (confidence_of(correction, i) or 0.0) for i in ids])
@@ -94,7 +90,7 @@ def teaching_order(correction: Correction) -> list[str]:
 
 
 def progress(correction: Correction, frame_ids: list[str]) -> Progress:
-    """Progress of the work on these frames."""
+    """Return the progress of the work on frames."""
     done = [i for i in frame_ids if correction.state(i) not in ("auto", "touched")]
     spent = [
         sum(stroke.active_seconds for stroke in strokes if stroke.who == correction.who)
@@ -106,10 +102,7 @@ def progress(correction: Correction, frame_ids: list[str]) -> Progress:
 
 
 def confidence_of(correction: Correction, frame_id: str) -> float | None:
-    """Mean confidence of a frame's labels from its notes; None where it is unknown.
-
-    -1 where the notes cannot be read: such frames come first wherever the worst do.
-    """
+    """Return the mean confidence in a frame's notes; None if unknown, -1 for corrupt notes."""
     try:
         value = correction.labels.notes(frame_id).get("confidence")
     except CloudError:
@@ -118,7 +111,7 @@ def confidence_of(correction: Correction, frame_id: str) -> float | None:
 
 
 def _why(entries: Sequence[Stroke], confidence: float | None) -> tuple[str, float]:
-    """The reason, and its urgency: the mean doubt, and a whole number for the kind of the reason."""
+    """Return the reason, and its urgency: the mean doubt plus a whole number for the kind."""
     doubt = 0.0 if confidence is None else min(1.0, 1 - confidence)
     unsure = "" if confidence is None else f", confidence {max(confidence, 0):.2f}"
     if (rejected := rejected_by(entries)) is not None:

@@ -1,6 +1,7 @@
-"""The pixels that a gesture selects: by shapes drawn on a view of the cloud, or by pieces of its surface.
+"""Pixels that a gesture selects: by shapes drawn on a view of the cloud, or by pieces of its surface.
 
-Point index = pixel index: all selections are flat indices (n,) into the depth image. No window here.
+All selections are flat indices (n,) into the depth image. No window here. Constants are untuned unless a
+source is given.
 """
 
 from dataclasses import dataclass
@@ -17,18 +18,11 @@ from annotate.parts import BACKGROUND, palette_rgb
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics, unproject
 
-CELL_PX = 3
-"""Side of the screen cells in which the nearest point hides the others, in pixels. Untuned."""
-BEHIND = 0.03
-"""Largest distance behind its cell's nearest point at which a point is still in front, as a share of its
-distance: 6 cm at 2 m. Untuned."""
-MARGIN_PX = 24
-"""Width of the margin around the person that has pieces, in pixels. Untuned."""
-MARGIN_DEPTH = 0.08
-"""Largest depth difference of the margin to the person, as a share of depth: 16 cm at 2 m. Untuned."""
-COLOR_WEIGHT = 4.0
-"""Weight of colour against distance, since mistakes end at colour borders. Measured (virtual rig, hard, seed
-101, 4 frames): 20 clicks correct 40 % of the wrong pixels, with a weight of 1 36 %."""
+CELL_PX = 3  # side of the screen cells in which the nearest point hides the others
+BEHIND = 0.03  # of the distance: a point so far behind its cell's nearest is in front (6 cm at 2 m)
+MARGIN_PX = 24  # width of the margin around the person that has pieces
+MARGIN_DEPTH = 0.08  # of the depth: largest difference of the margin to the person (16 cm at 2 m)
+COLOR_WEIGHT = 4.0  # 20 clicks correct 40 % of the wrong pixels, with 1 36 % (hard, seed 101, 4 frames)
 
 
 @dataclass(frozen=True)
@@ -36,9 +30,8 @@ class ScreenPoints:
     """Screen positions of the points of a cloud, computed once for every camera move.
 
     xy_px: float32 (n, 2), screen position of each pixel's point, y down; NaN = not on the screen.
-    distance_m: float32 (n,), from the eye. size_px: (width, height) of the screen. cell_px: size of the
-    cells in which the nearest point hides the others; at least twice the distance of neighbouring points
-    on the screen, or what lies behind shines through.
+    distance_m: float32 (n,), from the eye. size_px: (width, height) of the screen. cell_px: at least twice
+    the distance of neighbouring points on the screen, or points behind show through.
     """
 
     xy_px: Float32
@@ -48,10 +41,7 @@ class ScreenPoints:
 
     @classmethod
     def of_image(cls, depth_mm: UInt16, scale: float = 1.0) -> "ScreenPoints":
-        """The depth image itself (h, w) as a pane shows it, ``scale`` screen pixels to one of its own.
-
-        Pixels without depth are there too, so that they can be seen; the editor leaves them alone.
-        """
+        """Return the depth image (h, w) itself, ``scale`` screen pixels a pixel, those without depth too."""
         height, width = depth_mm.shape
         v, u = np.divmod(np.arange(depth_mm.size), width)
         xy_px = (np.stack([u, v], axis=1).astype(np.float32) + np.float32(0.5)) * np.float32(scale)
@@ -72,7 +62,7 @@ class ScreenPoints:
 
     @cached_property
     def front(self) -> Bool:
-        """Whether each point (n,) is in front: none in its cell is nearer by more than BEHIND."""
+        """True for each point (n,) in front: no point of its cell is nearer by more than BEHIND."""
         xy = self.xy_px[self.pixels].astype(np.int64) // self.cell_px
         across = self.size_px[0] // self.cell_px + 1
         cell = xy[:, 1] * across + xy[:, 0]
@@ -85,7 +75,7 @@ class ScreenPoints:
 
 
 def polygon(view: ScreenPoints, corners_px: NDArray[np.floating], through: bool = False) -> Int64:
-    """Points inside a polygon with corners (k, 2) in screen pixels. through: not only those in front."""
+    """Return the points inside a polygon (k, 2) in screen pixels. through: not only in front."""
     shape = np.zeros(view.size_px[::-1], np.uint8)
     cv2.fillPoly(shape, [_fixed(corners_px)], 1, shift=_SHIFT)
     return _under(view, shape, through)
@@ -94,7 +84,7 @@ def polygon(view: ScreenPoints, corners_px: NDArray[np.floating], through: bool 
 def brush(
     view: ScreenPoints, path_px: NDArray[np.floating], radius_px: float, through: bool = False
 ) -> Int64:
-    """Points within ``radius_px`` of a path (k, 2) in screen pixels; one corner is a dab."""
+    """Return the points within ``radius_px`` of a path (k, 2) in screen pixels; one corner is a dab."""
     shape = np.zeros(view.size_px[::-1], np.uint8)
     path = _fixed(path_px)
     radius = round(radius_px * (1 << _SHIFT))
@@ -105,7 +95,7 @@ def brush(
 
 
 def nearest(view: ScreenPoints, at_px: tuple[float, float], reach_px: float = 12.0) -> int | None:
-    """The front point nearest to a screen position, or None if there is none within ``reach_px``."""
+    """Return the front point nearest to a screen position within ``reach_px``, or None."""
     found = brush(view, np.array([at_px], np.float64), reach_px)
     if not len(found):
         return None
@@ -116,10 +106,9 @@ def nearest(view: ScreenPoints, at_px: tuple[float, float], reach_px: float = 12
 def edit_supervoxels(
     depth_mm: UInt16, parts: UInt8, camera: Intrinsics, color_rgb: UInt8 | None = None
 ) -> Int32:
-    """Supervoxel ids (h, w) of the person and their margin, -1 elsewhere.
+    """Return supervoxel ids (h, w) of the person and a margin, -1 elsewhere.
 
-    depth_mm, parts: (h, w). color_rgb: uint8 (h, w, 3), or None to take the parts' palette, so that pieces
-    keep to the borders of the labels. ``select.supervoxel`` cuts a piece along them in any case.
+    color_rgb: uint8 (h, w, 3), or None for the parts' palette, so that pieces keep to the labels' borders.
     """
     mask = _near_person(depth_mm, parts)
     ids = np.full(parts.shape, -1, np.int32)
@@ -132,14 +121,14 @@ def edit_supervoxels(
 
 
 def _near_person(depth_mm: UInt16, parts: UInt8) -> Bool:
-    """Pixels (h, w) with depth that belong to the person or lie near them in the image and in depth."""
+    """Return the pixels (h, w) with depth on the person, or near in the image and in depth."""
     person = (parts != BACKGROUND) & (depth_mm > 0)
     if not person.any():
         return np.asarray(person)
     away_px, nearest = cv2.distanceTransformWithLabels(
         (~person).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    # Every pixel of the person has a label of its own: it leads from any pixel to the nearest one's depth.
+    # Every pixel of the person has its own label, which leads to the depth of the nearest one.
     depth_of = np.zeros(int(nearest.max()) + 1, np.float32)
     depth_of[nearest[person]] = depth_mm[person]
     beside = depth_of[nearest]
@@ -148,27 +137,21 @@ def _near_person(depth_mm: UInt16, parts: UInt8) -> Bool:
 
 
 def supervoxel(ids: Int32, parts: UInt8, pixel: int) -> Int64:
-    """The pixels of the supervoxel under a pixel that have its part; empty where there is no supervoxel.
-
-    ids: int32 (h, w), -1 = none. parts: uint8 (h, w).
-    """
+    """Return the pixels of the supervoxel under a pixel that have the pixel's part; ids: -1 = none."""
     if ids.flat[pixel] < 0:
         return np.empty(0, np.int64)
     return np.flatnonzero((ids == ids.flat[pixel]) & (parts == parts.flat[pixel]))
 
 
 def patch(parts: UInt8, depth_mm: UInt16, pixel: int) -> Int64:
-    """The connected surface of one part under a pixel; empty where there is no depth. parts: (h, w)."""
+    """Return the connected surface of one part under a pixel; empty without depth."""
     depth_m = depth_mm.astype(np.float32) / np.float32(1000)
     labels, _ = components((parts == parts.flat[pixel]) & (depth_mm > 0), depth_m)
     return np.flatnonzero(labels == labels.flat[pixel]) if labels.flat[pixel] else np.empty(0, np.int64)
 
 
 def grow(ids: Int32, parts: UInt8, depth_mm: UInt16, pixels: Int64) -> Int64:
-    """The pixels, and every supervoxel of the same part that their surface touches.
-
-    The part is that of most of the pixels. ids: int32 (h, w); parts: uint8 (h, w).
-    """
+    """Return the pixels and every supervoxel that their surface touches, of the part of most pixels."""
     if not len(pixels):
         return pixels
     part = int(np.bincount(parts.ravel()[pixels]).argmax())
@@ -185,10 +168,8 @@ def grow(ids: Int32, parts: UInt8, depth_mm: UInt16, pixels: Int64) -> Int64:
     return np.flatnonzero((chosen > 0) | (same & np.isin(ids, reached)))
 
 
-_SHIFT = 4
-"""Fractional bits of the corners that OpenCV draws with."""
-_AROUND = np.ones((5, 5), np.uint8)
-"""Two pixels around, as in ``grid``: dropouts do not cut a surface."""
+_SHIFT = 4  # fractional bits of the corners that OpenCV draws with
+_AROUND = np.ones((5, 5), np.uint8)  # so that dropouts do not cut a surface, as in ``grid``
 
 
 def _fixed(corners_px: NDArray[np.floating]) -> Int32:
@@ -200,6 +181,6 @@ def _fixed(corners_px: NDArray[np.floating]) -> Int32:
 
 
 def _under(view: ScreenPoints, shape: UInt8, through: bool) -> Int64:
-    """Points under a drawn shape (height, width)."""
+    """Return the points under a drawn shape (height, width)."""
     found = view.pixels[shape.ravel()[view.cells] > 0]
     return found if through else found[view.front[found]]

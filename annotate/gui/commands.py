@@ -31,7 +31,7 @@ STROKE_SETUP = {
 }
 """Commands whose keys count for the stroke that follows."""
 POINTED = ("swap", "neighbour", "merge", "pick")
-"""Commands that need a place: the pointer's, or else that of the next click."""
+"""Commands that need a place: of the pointer, or else of the next click."""
 MENUS = {
     "File": "&File",
     "Edit": "Ed&it",
@@ -84,7 +84,7 @@ def _made(window: CorrectionWindow, command: Command, run: Callable[..., None]) 
 
 
 def _check(window: CorrectionWindow) -> None:
-    """Tick the menu entries of what is on."""
+    """Tick the menu entries that are on."""
     options, display = window.options, window.edits.display
     on = {options.tool, *(name for name in SWITCHES if getattr(options, name)), f"from_{window.edits.giver}"}
     states = {"onion": display.onion, "solo": display.alone, "peek": window.views.peeking}
@@ -171,7 +171,7 @@ def _switch(window: CorrectionWindow, name: str) -> Outcome | None:
     _toggle(window.edits.display, name)
     window.views.recolor()
     if name == "onion" and window.edits.display.onion and window.edits.frame.before is None:
-        return Outcome("There is no frame before this one", "warn")
+        return Outcome("No frame lies before this one", "warn")
     return None
 
 

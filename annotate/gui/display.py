@@ -21,7 +21,7 @@ def displays() -> list[str]:
     names = [name for name in SCREENS if os.environ.get(name)]
     if not names:
         raise CloudError(
-            f"there is no screen (neither {' nor '.join(SCREENS)} is set); "
+            f"no screen is set (neither {' nor '.join(SCREENS)}); "
             "start it on a desktop, over ssh -X, or with xvfb-run -a"
         )
     return names

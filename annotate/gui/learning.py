@@ -80,7 +80,7 @@ class Learner(QObject):
         """Take back the changes of the last learning, in all frames without a person's work since."""
 
         def words(done: Relabelled | None) -> str:
-            return done.text_of_taking_back if done else "There is no learning to take back"
+            return done.text_of_taking_back if done else "No learning is left to take back"
 
         busy = "Restoring the labels from before the last learning…"
         self._take(busy, partial(take_back, self._window.correction), words)

@@ -120,9 +120,7 @@ class EditController:
         old, self.giver = self.giver, "part" if self.giver == giver else giver
         if self._given() is None:
             self.giver = old
-            missing = {"other": self.frame.scene.no_other, "before": "there is no frame before this one"}[
-                giver
-            ]
+            missing = {"other": self.frame.scene.no_other, "before": "no frame lies before this one"}[giver]
             return Outcome(missing[:1].upper() + missing[1:], "warn")
         return Outcome("")
 
@@ -138,8 +136,8 @@ class EditController:
         """Give the pixels of a drawn shape the chosen part.
 
         start: the pixel under the first point, or None. Only pixels of the body change, because a lasso also
-        includes the room behind. With ``drawing.room`` all change, with ``drawing.only`` those of the part at
-        the start, even of the room.
+        includes the room behind. With ``drawing.room`` all change, with ``drawing.only`` the part at the start,
+        even of the room.
         """
         self.editor()
         old = self.parts.ravel()[pixels]
@@ -153,13 +151,13 @@ class EditController:
         """Give the piece under a click the chosen part; grow the piece that was just painted."""
         self.editor()
         if pixel is None:
-            return Outcome("There is no point here: click on the body", "warn")
+            return Outcome("No point lies here: click on the body", "warn")
         if grown := self._grows(pixel):
             return self._grow(grown, drawing)
         before = self.parts.copy()
         pixels = select.supervoxel(self.frame.scene.pieces, before, pixel)
         if not len(pixels):
-            return Outcome("There is no piece here: draw round it instead", "warn")
+            return Outcome("No piece lies here: draw round the place instead", "warn")
         done = self._outcome(
             self._paint(pixels, self._gesture(drawing)), self._already(int(before.flat[pixel]))
         )
@@ -211,7 +209,7 @@ class EditController:
             return Outcome("Point at an arm or a leg to swap left and right", "warn")
         limb = "arms" if pairs is ARMS else "legs"
         stroke = self.editor().swap_left_right(pairs, how=self._key(pixel))
-        return self._outcome(stroke, f"There are no {limb} to swap", limb)
+        return self._outcome(stroke, f"This frame has no {limb} to swap", limb)
 
     def to_neighbour(self, pixel: int | None) -> Outcome:
         """Give the connected patch under the pointer to the part it touches most."""
@@ -249,7 +247,7 @@ class EditController:
     def copy_previous(self) -> Outcome:
         """Copy the parts of the frame before where both frames show the body."""
         if self.frame.before is None:
-            return Outcome("There is no frame before this one", "warn")
+            return Outcome("No frame lies before this one", "warn")
         stroke = self.editor().copy_previous(self.frame.before, self._key(keys=2))
         return self._outcome(stroke, "The frame before has the same labels")
 
@@ -297,7 +295,7 @@ class EditController:
         name = "holes" if operation == "fill_holes" else "islands"
         name += f" in {title(part)}" if part is not None else ""
         if not len(pixels):
-            return Outcome(f"There are no {name}", pixels=dropped)
+            return Outcome(f"This frame has no {name}", pixels=dropped)
         self.preview = _Preview(operation, part, parts, pixels)
         text = f"{pixels_text(len(pixels))} of {name} marked: the same key applies it, Esc cancels"
         return Outcome(text, "warn", np.union1d(dropped, pixels))
@@ -315,7 +313,7 @@ class EditController:
 
     def _why_nothing(self, pixels: Int64, taken: Bool, drawing: Drawing) -> str:
         if not len(pixels):
-            return "There is no point inside"
+            return "No point lies inside"
         if not taken.any():
             if drawing.only:
                 return "Nothing inside belongs to the part at the start"

@@ -1,12 +1,6 @@
 """Commands of the window: names, keys and menus, and the user's file that changes the keys.
 
-The keys of parts and tools lie under the left hand while the right hand holds the mouse. The parts are laid
-out like a body that faces you: head on top, its right arm on the left.
-
-     1  2  3        right upper arm   head    left upper arm
-     Q  W  E        right forearm     torso   left forearm
-     A  S  D        right upper leg   hip     left upper leg
-     Z  X  C        right lower leg   erase   left lower leg
+The keys of parts and tools lie under the left hand while the right hand holds the mouse.
 """
 
 import os
@@ -28,7 +22,7 @@ THEMES = ("system", "light", "dark")
 
 BODY_KEYS = "123QWEASDZXC"
 BODY_GRID = ((4, 1, 3), (6, 2, 5), (9, 7, 8), (11, 0, 10))
-"""Part ids as a body that faces you, and their keys row by row."""
+"""Part ids laid out like a body that faces the user: the right arm is at the left."""
 
 _AZERTY_DIGITS = dict(zip("123456", "&É\"'(-", strict=True))
 LAYOUTS: dict[str, dict[str, str]] = {

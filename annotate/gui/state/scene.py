@@ -46,7 +46,7 @@ class FrameScene:
 
     @property
     def points_m(self) -> Float32:
-        """Points (h * w, 3) in metres, depth-camera frame, NaN where there is no reading."""
+        """Points (h * w, 3) in metres, depth-camera frame, NaN without a reading."""
         return self.cloud.points_m.reshape(-1, 3)
 
     @cached_property

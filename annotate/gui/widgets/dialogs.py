@@ -28,7 +28,7 @@ REASONS = (
     "Depth missing or noisy",
     "Thermal and depth images do not match",
     "Several people touch",
-    "Parts cannot be told apart",
+    "Parts cannot be distinguished",
 )
 FORMAT_TITLES = {
     "pairs": "Image pairs (PNG)",
