@@ -136,8 +136,8 @@ class EditController:
         """Give the pixels of a drawn shape the chosen part.
 
         start: the pixel under the first point, or None. Only pixels of the body change, because a lasso also
-        includes the room behind. With ``drawing.room`` all change, with ``drawing.only`` the part at the start,
-        even of the room.
+        includes the room behind. With ``drawing.room`` all change, with ``drawing.only`` the part at the
+        start, even of the room.
         """
         self.editor()
         old = self.parts.ravel()[pixels]

@@ -61,8 +61,8 @@ class StrokeOptions:
 class DrawingLayer(QWidget):
     """Layer over a view that repaints without rendering the view again.
 
-    The layer shows the shape being drawn, the brush, a ring at the position in the other view, and the outline
-    of a click. The corners show words on the pixel and the scale of the colours. drawn: a finished Drawing.
+    The layer shows the shape being drawn, the brush, a ring at the position in the other view, and the
+    outline of a click. The corners show words on the pixel and the scale of colours. drawn: finished Drawing.
     hovered: position of the pointer, or None when it left. held: other modifier keys are held. sampled: click
     with Alt, or with Ctrl and the right button, because window managers take Alt.
     """
