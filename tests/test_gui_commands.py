@@ -11,35 +11,28 @@ from PySide6.QtWidgets import QAbstractButton, QLineEdit, QMenu
 
 from annotate.correction.correction import Correction
 from annotate.correction.review_queue import review_queue
-from annotate.frame_labels import FrameLabels
-from annotate.gui.state.keys import Settings, load_settings
+from annotate.gui.state.keys import Settings
+from annotate.gui.views.drawing_layer import StrokeOptions
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import PART_ID
-from bench.window import figure
-from sensors.rig.camera import Intrinsics
+from tests.helpers.figure_sets import figure_set, judge
 from tests.helpers.gui_driver import Driver
 
 HEAD, TORSO, RIGHT_ARM, LEFT_ARM = (
     PART_ID[name] for name in ("head", "torso", "right_upper_arm", "left_upper_arm")
 )
 CONFIDENCES = (0.9, 0.8, 0.5, 0.7, 0.6)
-SHAPE = (212, 256)
 
 
 @pytest.fixture(scope="module")
 def figures(tmp_path_factory):
     """Five frames of a figure that moves to its left, and another set that takes its torso for the hip."""
-    camera = Intrinsics(SHAPE[1], SHAPE[0], 183.0, 183.0, 128.0, 106.0)
     path = tmp_path_factory.mktemp("figures")
-    for name in ("labels", "other"):
-        labels = LabelSet.create(path / name, camera, {})
-        for i, mean in enumerate(CONFIDENCES):
-            depth, parts = figure(*SHAPE, 0.01 * i)
-            confidence = np.ones(SHAPE, np.float32)
-            confidence[parts == LEFT_ARM] = 0.3 if i == 0 else 1.0
-            if name == "other":
-                parts[parts == TORSO] = PART_ID["hip"]
-            labels.write(FrameLabels(f"{i:06d}", depth, parts, confidence, notes={"confidence": mean}))
+    labels = figure_set(path / "labels", CONFIDENCES)
+    figure_set(path / "other", CONFIDENCES, instead={TORSO: PART_ID["hip"]})
+    first = labels.read("000000")
+    sure = np.where(first.parts == LEFT_ARM, np.float32(0.3), np.float32(1))
+    labels.write(replace(first, confidence=sure))
     return path
 
 
@@ -52,7 +45,7 @@ def one_window(qapp, figures):
 
 @pytest.fixture
 def hand(one_window):
-    """The window as it was when it opened, but for the journal."""
+    """The window as it was when it opened, apart from the journal."""
     one_window.start_again()
     return one_window
 
@@ -117,12 +110,8 @@ def test_the_order_by_doubt_opens_the_worst_and_leaves_none(hand):
 
 def test_reviewers_get_the_frames_of_others_and_the_reasons(figures, tmp_path):
     folder = shutil.copytree(figures / "other", tmp_path / "labels")
-    with Correction.open(folder, "mia") as correction:
-        for frame_id in correction.labels.frame_ids[:3]:
-            editor = correction.edit(frame_id)
-            editor.paint(np.arange(3) + SHAPE[1] * 106 + 128, 3)
-            editor.judge("accept")
-        correction.edit(correction.labels.frame_ids[4]).judge("reject", "blurred")
+    judge(folder, "mia", f0="accept", f1="accept", f2="accept", f4="blurred")
+    with Correction.open(folder, "mia", read_only=True) as correction:
         assert review_queue(correction) == []
     with Correction.open(folder, "ben", read_only=True) as correction:
         queue = review_queue(correction)
@@ -148,17 +137,6 @@ def test_every_command_is_in_a_menu_and_has_a_name_for_every_ear(hand):
     )
 
 
-def test_words_are_written_once_however_often_they_are_asked_for(hand, monkeypatch):
-    header, written = hand.panels.header, []
-    shown = header.show_edits
-    monkeypatch.setattr(header, "show_edits", lambda *what: (written.append(what), shown(*what)))
-    for _ in range(3):
-        hand.window.refresh()
-    assert not written
-    hand.settle()
-    assert len(written) == 1
-
-
 def test_a_button_that_needs_a_place_takes_the_next_click(hand):
     arm, part = hand.middle_of(RIGHT_ARM), hand.edits.part
     button = hand.panels.tools.buttons["swap"]
@@ -172,16 +150,6 @@ def test_a_button_that_needs_a_place_takes_the_next_click(hand):
     QTest.mouseClick(button, Qt.MouseButton.LeftButton)
     hand.key("cancel")
     assert not hand.window.options.once
-
-
-@pytest.mark.parametrize(("layout", "key"), [("qwertz", "Y"), ("azerty", "W")])
-def test_one_setting_moves_the_keys_to_another_keyboard(hand, tmp_path, layout, key):
-    (tmp_path / "window.toml").write_text(f'layout = "{layout}"')
-    settings = load_settings(tmp_path / "window.toml")
-    driver = Driver(hand.correction.labels.path, read_only=True, settings=settings)
-    driver.press(key)
-    assert driver.edits.part == PART_ID["right_lower_leg"]
-    driver.close()
 
 
 def test_a_number_leads_to_its_frame(hand):
@@ -214,16 +182,9 @@ def test_a_stroke_leaves_its_outline_in_every_colouring(hand):
     before = pane._rgb.copy()
     hand.click(hand.place(pixel))
     changed = (before != pane._rgb).any(axis=2)
-    taken = np.zeros(SHAPE, bool)
+    taken = np.zeros(changed.shape, bool)
     taken.flat[hand.strokes()[-1].pixels] = True
     assert changed[taken].any() and not changed[taken].all(), "a line, not a blot"
-    peek = hand.window.settings.key("peek")
-    QTest.keyPress(hand.window, peek)
-    assert hand.views.look(pane).outlines is False
-    QTest.keyRelease(hand.window, peek)
-    while hand.views.peeking:
-        QTest.qWait(5)
-    assert hand.views.look(pane).outlines
 
 
 def test_a_hidden_part_is_hidden_in_the_depth_image_too(hand):
@@ -253,13 +214,18 @@ def test_strokes_take_over_the_other_set_or_the_frame_before(hand):
     pixel = hand.middle_of(TORSO)
     hand.key("from_other")
     hand.click(hand.place(pixel))
-    assert (
-        hand.parts.flat[pixel] == PART_ID["hip"] and "as in the other set" in hand.panels.status.next.text()
-    )
-    hand.key("from_before")
-    assert "No frame lies before" in hand.said
+    assert hand.parts.flat[pixel] == PART_ID["hip"]
+    assert "as in the other set" in hand.panels.status.next.text()
+    for name in ("from_before", "copy_previous"):
+        hand.key(name)
+        assert "No frame lies before" in hand.said
     hand.key("head")
     assert hand.edits.giver == "part"
+    hand.key("next")
+    before = hand.edits.frame.before
+    hand.key("copy_previous")
+    both = (hand.edits.frame.scene.labels.parts > 0) & (before > 0)
+    np.testing.assert_array_equal(hand.parts[both], before[both])
 
 
 def test_the_frames_picture_and_state_follow_a_stroke(hand):
@@ -310,7 +276,7 @@ def test_all_of_it_fits_a_small_screen(hand):
 
 
 def test_size_colours_tool_and_order_are_remembered(qapp, figures, tmp_path):
-    memory = tmp_path / "state" / "window.json"
+    memory = tmp_path / "state" / "window.ini"
     driver = Driver(figures / "labels", read_only=True, memory=memory, size=(1040, 700))
     driver.key("brush")
     driver.key("larger")
@@ -324,9 +290,10 @@ def test_size_colours_tool_and_order_are_remembered(qapp, figures, tmp_path):
     window = again.window
     assert (window.width(), window.height()) == (1040, 700) and window.theme.ground == "#eef0f4"
     assert (window.options.tool, window.options.radius_px, window.frames.order) == ("brush", radius, "worst")
-    assert window.views.cloud.look == replace(window.views.cloud.look, colouring="depth", tint=0.5)
+    look = window.views.cloud.look
+    assert look == replace(look, colouring="depth", tint=0.5)
     again.close()
-    memory.write_text('{"size": [9, "x"], "tool": "hammer", "looks": 3}')
+    memory.write_text("[General]\ntool=hammer\nradius_px=nan\ngeometry=9\n[cloud]\ntint=2\nx")
     third = Driver(figures / "labels", read_only=True, memory=memory)
-    assert third.window.options.tool == "piece"
+    assert third.window.options == StrokeOptions(color=third.window.options.color)
     third.close()

@@ -1,4 +1,4 @@
-"""What goes wrong around the window: nothing is lost, and one line or dialogue says what to do."""
+"""Faults around the window: nothing is lost, and one line or dialog names the remedy."""
 
 import builtins
 import errno
@@ -13,17 +13,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QSurface
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
 from shiboken6 import Shiboken
 
 from annotate.correction.correction import Correction
 from annotate.gui.app import recording_of
 from annotate.gui.background import Background, Task
 from annotate.gui.display import check_opengl, check_screen
-from annotate.gui.widgets.dialogs import REASONS
 from annotate.labelset.journal import Journal
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import PART_ID
@@ -52,19 +49,15 @@ def paint(driver: Driver) -> int:
 # Before there is a window
 
 
-def test_a_wrong_folder_and_a_missing_screen_are_one_line(annotate_cloud, folder, tmp_path, monkeypatch):
+def test_a_wrong_folder_and_a_missing_screen_are_one_line(annotate_cloud, folder, monkeypatch):
     assert_refused(annotate_cloud("fix", folder / "frames"), "not a label set", "labelset.json")
-    monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     before = tree(folder)
+    monkeypatch.setenv("DISPLAY", ":9876")
+    assert_refused(annotate_cloud("fix", folder), ":9876", "cannot be reached")
+    monkeypatch.delenv("DISPLAY")
     assert_refused(annotate_cloud("fix", folder), "no screen", "xvfb-run")
     assert tree(folder) == before
-
-
-def test_a_screen_out_of_reach_is_one_line(annotate_cloud, folder, monkeypatch):
-    monkeypatch.setenv("DISPLAY", ":9876")
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    assert_refused(annotate_cloud("fix", folder), ":9876", "cannot be reached")
 
 
 def test_without_the_extra_it_says_what_to_install(annotate_cloud, folder, monkeypatch):
@@ -79,15 +72,12 @@ def test_without_the_extra_it_says_what_to_install(annotate_cloud, folder, monke
     assert_refused(annotate_cloud("fix", folder), "PySide6", "annotate-cloud[gui]")
 
 
-def test_old_graphics_are_named_with_the_remedy():
+def test_old_graphics_are_named_with_the_remedy(display):
     for version, found in (("2.1", "OpenGL 2.1"), ("0.0", "no OpenGL")):
         with pytest.raises(CloudError, match=f"{found}.*LIBGL_ALWAYS_SOFTWARE"):
             check_opengl(version)
     check_opengl("3.2")
     check_opengl("4.6")
-
-
-def test_a_screen_with_graphics_is_let_through(display):
     check_screen()
 
 
@@ -103,7 +93,7 @@ def test_a_set_without_frames_is_refused(annotate_cloud, rig_labels, tmp_path, d
 
 
 def catches(pid: int, number: int) -> bool:
-    """Whether a process has a handler of its own for a signal (proc(5), SigCgt)."""
+    """Return whether a process has its own handler of a signal (proc(5), SigCgt)."""
     status = Path(f"/proc/{pid}/status").read_text()
     caught = int(re.search(r"SigCgt:\s+(\w+)", status)[1], 16)
     return bool(caught >> (number - 1) & 1)
@@ -124,8 +114,7 @@ def test_the_command_opens_the_window_and_ends_politely(display, folder):
 # While it is open
 
 
-def test_what_comes_of_work_is_an_event_of_its_own(qapp):
-    """Also where the work is done at once: the window never waits for it."""
+def test_the_result_of_work_is_an_event_of_its_own(qapp):
     background, came = Background(), []
     background.run(Task("Working", lambda: 1, came.append), came.append, lambda: None)
     time.sleep(0.05)
@@ -148,16 +137,14 @@ def test_qts_binding_keeps_its_references(qapp, folder):
 
 
 def test_a_closed_window_leaves_no_surface_behind(qapp, folder):
-    """Qt's binding would take for it whatever comes to lie at its address: it hears of a surface's end only
-    where it is dropped in time, since a ``QSurface`` is no ``QObject``.
-    """
+    """Qt's binding would take another object at the same address for the surface of a closed window."""
 
     def surfaces() -> set[int]:
         return {id(one) for one in Shiboken.getAllValidWrappers() if type(one) is QSurface}
 
     before = surfaces()
     driver = Driver(folder)
-    assert surfaces() - before, "what the cloud is drawn on"
+    assert surfaces() - before, "of the cloud"
     driver.close()
     assert not surfaces() - before
 
@@ -222,28 +209,8 @@ def test_a_full_disk_loses_nothing(qapp, folder, monkeypatch):
     assert (LabelSet.open(folder).read(frame_id).parts == painted).all()
 
 
-def test_a_frame_is_rejected_with_a_reason(qapp, folder):
-    driver = Driver(folder)
-    frame_id = driver.window.frame_id
-
-    def second() -> None:
-        QTest.keyClick(QApplication.activeModalWidget(), Qt.Key.Key_2)
-
-    QTimer.singleShot(300, second)
-    driver.key("reject")
-    assert driver.correction.state(frame_id) == "rejected" and driver.window.frame_id != frame_id
-    driver.key("back")
-    assert REASONS[1] in driver.panels.header.facts.text()
-    assert driver.panels.header.facts.textFormat() == Qt.TextFormat.PlainText
-    QTimer.singleShot(300, lambda: QTest.keyClick(QApplication.activeModalWidget(), Qt.Key.Key_Escape))
-    driver.key("reject")
-    assert driver.window.frame_id == frame_id
-    driver.close()
-    assert LabelSet.open(folder).read(frame_id).notes["rejected"] == REASONS[1]
-
-
 def test_a_fine_screen_selects_what_is_under_the_pointer(display, folder, tmp_path):
-    """Twice the pixels (QT_SCALE_FACTOR), in a process of its own: what is clicked is what is painted."""
+    """Twice the pixels (QT_SCALE_FACTOR), in a process of its own."""
     script = (
         "import sys; from pathlib import Path; from PySide6.QtWidgets import QApplication\n"
         "app = QApplication([]); from tests.helpers.gui_driver import Driver\n"
@@ -273,13 +240,11 @@ def test_a_frame_without_a_person_can_be_opened(qapp, rig_labels, tmp_path):
 # The recording
 
 
-def test_without_a_recording_the_first_sentence_says_how_to_give_it(qapp, folder, rig_session):
-    driver = Driver(folder)
-    assert driver.said == "No recording found: reopen with --session RECORDING for colour and heat"
-    driver.close()
-    driver = Driver(folder, rig_session)
-    assert "No recording" not in driver.said
-    driver.close()
+def test_without_a_recording_the_first_sentence_names_the_option(qapp, folder, rig_session):
+    for session in (None, rig_session):
+        driver = Driver(folder, session)
+        assert ("--session RECORDING" in driver.said) == (session is None)
+        driver.close()
 
 
 def test_a_recording_that_was_given_is_remembered_for_its_label_set(

@@ -36,7 +36,7 @@ def one_window(qapp, rig_labels, rig_session, tmp_path_factory):
 
 @pytest.fixture
 def at_window(one_window):
-    """The window as it was when it opened, but for the journal."""
+    """The window as it was when it opened, apart from the journal."""
     one_window.start_again()
     return one_window
 
@@ -156,17 +156,20 @@ def test_keys_under_the_pointer(at_window):
 
 
 def test_clean_up_is_shown_then_applied_or_dropped(at_window):
-    at_window.key("brush")
-    at_window.key("small")
-    at_window.key("head")
+    for name in ("brush", "small", "head"):
+        at_window.key(name)
     pixel = at_window.middle_of(TORSO)
     at_window.click(at_window.place(pixel))
     island = at_window.parts.copy()
     assert island.flat[pixel] == HEAD
-    at_window.key("remove_islands")
-    assert (at_window.parts == island).all() and at_window.edits.preview
-    at_window.key("cancel")
-    assert at_window.edits.preview is None and (at_window.parts == island).all()
+    for drop in ("cancel", "stroke"):
+        at_window.key("remove_islands")
+        assert (at_window.parts == island).all() and at_window.edits.preview
+        if drop == "cancel":
+            at_window.key(drop)
+        else:
+            at_window.click(at_window.place(at_window.middle_of(PART_ID["left_lower_leg"])))
+        assert at_window.edits.preview is None and at_window.parts.flat[pixel] == HEAD
     at_window.key("remove_islands")
     at_window.key("remove_islands")
     assert at_window.parts.flat[pixel] == TORSO
@@ -198,7 +201,7 @@ def test_space_accepts_and_a_reviewer_agrees(qapp, folder):
     annotator.key("back")
     assert annotator.window.frame_id == first and "Space: go on" in annotator.panels.status.space.text()
     annotator.key("accept")
-    assert annotator.correction.state(first) == "accepted", "nobody reviews their own work"
+    assert annotator.correction.state(first) == "accepted", "a person does not review own work"
     annotator.close()
     reviewer = Driver(folder, who="ben")
     reviewer.window.open_frame(first)
@@ -210,30 +213,13 @@ def test_space_accepts_and_a_reviewer_agrees(qapp, folder):
     reviewer.close()
 
 
-def test_a_stroke_outdates_a_preview(at_window):
-    at_window.key("small")
-    at_window.key("brush")
-    at_window.key("head")
-    pixel = at_window.middle_of(TORSO)
-    at_window.click(at_window.place(pixel))
-    at_window.key("remove_islands")
-    assert at_window.edits.preview
-    at_window.key("piece")
-    at_window.click(at_window.place(at_window.middle_of(PART_ID["left_lower_leg"])))
-    assert at_window.edits.preview is None and at_window.parts.flat[pixel] == HEAD
-
-
-def test_frames_before_help_and_carry(at_window):
-    at_window.key("next")
-    at_window.key("copy_previous")
-    assert at_window.parts.any()
+def test_orders_help_colourings_and_themes(at_window):
     for order in ("worst", "teach", "review", "time"):
         at_window.key("order")
         assert at_window.window.frames.order == order
-    at_window.key("help")
-    assert at_window.panels.key_page.isVisible()
-    at_window.key("help")
-    assert not at_window.panels.key_page.isVisible()
+    for shown in (True, False):
+        at_window.key("help")
+        assert at_window.panels.key_page.isVisible() == shown
     for _ in range(3):
         at_window.key("colouring")
         at_window.key("theme")
@@ -257,13 +243,6 @@ def test_closing_keeps_everything_and_opening_goes_on(qapp, folder, rig_session)
     again.close()
 
 
-def test_without_a_recording_colour_is_not_offered(qapp, folder):
-    driver = Driver(folder)
-    entries = driver.panels.panes.bars[driver.views.depth].entries
-    assert not entries["colour"].isEnabled() and "--session" in entries["colour"].text()
-    driver.close()
-
-
 def test_two_sets_are_compared(at_window):
     at_window.look("disagreement", outlines=False)
     scene = at_window.edits.frame.scene
@@ -275,8 +254,9 @@ def test_two_sets_are_compared(at_window):
 def test_every_key_can_be_moved(qapp, folder):
     moved = tuple(replace(c, key="Ctrl+K") if c.name == "help" else c for c in Settings().commands)
     driver = Driver(folder, settings=Settings("light", moved))
-    driver.press("F1")
-    assert not driver.panels.key_page.isVisible()
-    driver.press("Ctrl+K")
-    assert driver.panels.key_page.isVisible()
+    for key, shown in (("F1", False), ("Ctrl+K", True)):
+        driver.press(key)
+        assert driver.panels.key_page.isVisible() == shown
+    entries = driver.panels.panes.bars[driver.views.depth].entries
+    assert not entries["colour"].isEnabled() and "--session" in entries["colour"].text()
     driver.close()

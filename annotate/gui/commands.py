@@ -18,6 +18,7 @@ from annotate.gui.state.outcome import Outcome
 from annotate.gui.state.point_colors import TINTS, Look, colourings
 from annotate.gui.verdicts import Verdicts
 from annotate.gui.widgets.dialogs import ask_export
+from annotate.gui.widgets.theme import DARK, LIGHT
 from annotate.gui.window import CorrectionWindow
 from annotate.parts import PARTS, UNDEFINED
 
@@ -63,6 +64,7 @@ def bind(window: CorrectionWindow, learn: LearnCommand | None = None) -> None:
     window.requested.connect(lambda name: _arm(window, name) if name in POINTED else run(name))
     window.panels.palette_.locked.connect(lambda part: window.act(partial(window.edits.toggle_lock, part)))
     window.panels.palette_.faded.connect(lambda part: window.act(partial(window.edits.fade, part)))
+    window.panels.key_page.closed.connect(partial(_toggle_help, window))
     window.refresh()
 
 
@@ -150,11 +152,11 @@ def _actions(window: CorrectionWindow, verdicts: Verdicts, learner: Learner) -> 
         "peek": lambda: window.views.peek(not window.views.peeking),
         "swap_views": window.panels.panes.swap,
         "front_view": partial(_front_view, window),
-        "theme": window.toggle_theme,
+        "theme": lambda: window.show_theme(LIGHT if window.theme is DARK else DARK),
         "save": partial(_save, window),
         "export": partial(_export, window),
         "close": partial(_close, window),
-        "help": window.toggle_help,
+        "help": partial(_toggle_help, window),
     }
 
 
@@ -191,9 +193,20 @@ def _arm(window: CorrectionWindow, name: str) -> None:
 
 def _cancel(window: CorrectionWindow) -> Outcome | None:
     if window.panels.key_page.isVisible():
-        window.toggle_help()
+        _toggle_help(window)
         return None
     return Outcome("Stroke cancelled") if window.views.cancel() else window.edits.cancel()
+
+
+def _toggle_help(window: CorrectionWindow) -> None:
+    """Show or hide the page of all keys, under which no other command works."""
+    page = window.panels.key_page
+    shown = not page.isVisible()
+    page.setVisible(shown)
+    page.raise_()
+    for name, action in window.actions_by_name.items():
+        if name not in ("help", "cancel"):
+            action.setEnabled(not shown and not (window.correction.read_only and name in CHANGING))
 
 
 def _doubt(window: CorrectionWindow) -> Outcome:

@@ -12,7 +12,6 @@ from PySide6.QtWidgets import QMainWindow
 from annotate.correction.correction import Correction
 from annotate.gui.background import Background, Task
 from annotate.gui.held_keys import HeldKeys
-from annotate.gui.panels.bars import CHANGING
 from annotate.gui.panels.layout import Panels
 from annotate.gui.placement import Placement
 from annotate.gui.settings import Memory, order_key
@@ -25,7 +24,7 @@ from annotate.gui.state.scene import SceneReader
 from annotate.gui.views.drawing_layer import StrokeOptions
 from annotate.gui.views.view_pair import View, ViewPair
 from annotate.gui.widgets import dialogs
-from annotate.gui.widgets.theme import DARK, LIGHT, part_color, style_app, theme_of
+from annotate.gui.widgets.theme import DARK, Theme, part_color, style_app, theme_of
 from annotate.labelset.journal import NotSavedError
 from annotate.labelset.stroke import Activity
 from sensors.errors import CloudError
@@ -78,7 +77,8 @@ class CorrectionWindow(QMainWindow):
         self._connect()
         self.panels.strip.model_.order(self.frames.frame_ids)
         self.choose(self.edits.part)
-        self._show_theme()
+        self.panels.set_theme(self.theme)
+        self.views.set_theme(self.theme)
         self.show_frame()
         if not reader.has_recording and not frame.scene.remark:
             self.say(Outcome(NO_RECORDING, "warn"))
@@ -102,16 +102,15 @@ class CorrectionWindow(QMainWindow):
             bar.coloured.connect(
                 lambda name, view=view: self.views.set_look(view, replace(view.look, colouring=name))
             )
-            bar.requested.connect(partial(self._requested_by, view))
+            bar.requested.connect(lambda name, view=view: self._request(view, name))
         self.panels.palette_.chosen.connect(lambda part: self.act(lambda: self.choose(part)))
         self.panels.tools.requested.connect(self.requested)
         self.panels.progress.ordered.connect(lambda name: self.arrange(name, self.frames.filter))
         self.panels.progress.filtered.connect(lambda name: self.arrange(self.frames.order, name))
         self.panels.progress.went.connect(lambda number: self.act(partial(self.go_to, number)))
         self.panels.strip.opened.connect(self.open_frame)
-        self.panels.key_page.closed.connect(self.toggle_help)
 
-    def _requested_by(self, view: View, name: str) -> None:
+    def _request(self, view: View, name: str) -> None:
         self.views.last = view
         self.requested.emit(name)
 
@@ -242,26 +241,13 @@ class CorrectionWindow(QMainWindow):
         self.views.cancel()
         self.views.hover_again()
 
-    def toggle_theme(self) -> None:
-        """Switch between light and dark."""
-        self.theme = LIGHT if self.theme is DARK else DARK
-        style_app(self.theme)
-        self._show_theme()
+    def show_theme(self, theme: Theme) -> None:
+        """Give everything the colours of a theme."""
+        self.theme = theme
+        style_app(theme)
+        self.panels.set_theme(theme)
+        self.views.set_theme(theme)
         self.views.recolor()
-
-    def _show_theme(self) -> None:
-        self.panels.set_theme(self.theme)
-        self.views.set_theme(self.theme)
-
-    def toggle_help(self) -> None:
-        """Show or hide the page of all keys, under which no other command works."""
-        page = self.panels.key_page
-        shown = not page.isVisible()
-        page.setVisible(shown)
-        page.raise_()
-        for name, action in self.actions_by_name.items():
-            if name not in ("help", "cancel"):
-                action.setEnabled(not shown and not (self.correction.read_only and name in CHANGING))
 
     # Actions
 

@@ -1,6 +1,6 @@
 """Small label sets of a drawn figure that moves to its left, for windows that open quickly."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +15,18 @@ SHAPE = (212, 256)
 CAMERA = Intrinsics(SHAPE[1], SHAPE[0], 183.0, 183.0, 128.0, 106.0)
 
 
-def figure_set(path: Path, confidences: Sequence[float], step_m: float = 0.01) -> LabelSet:
-    """Write a set of a frame for each mean confidence. step_m: the figure's way between two of them."""
+def figure_set(
+    path: Path, confidences: Sequence[float], step_m: float = 0.01, instead: Mapping[int, int] | None = None
+) -> LabelSet:
+    """Write a set of a frame for each mean confidence.
+
+    step_m: the figure's way between two frames. instead: by part, the part that it is mistaken for.
+    """
     labels = LabelSet.create(path, CAMERA, {})
     for i, mean in enumerate(confidences):
         depth, parts = figure(*SHAPE, step_m * i)
+        for part, other in (instead or {}).items():
+            parts[parts == part] = other
         sure = np.full(SHAPE, mean, np.float32)
         labels.write(FrameLabels(f"{i:06d}", depth, parts, sure, notes={"confidence": mean}))
     return labels

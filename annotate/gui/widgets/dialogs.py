@@ -1,18 +1,18 @@
 """Dialogs: the reason for a rejection, exports, and choices when a file or the disk fails."""
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
+from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import (
+    QComboBox,
     QDialog,
     QFileDialog,
     QGridLayout,
-    QHBoxLayout,
+    QInputDialog,
     QLabel,
-    QLineEdit,
+    QMessageBox,
     QPushButton,
     QVBoxLayout,
     QWidget,
@@ -42,49 +42,19 @@ FORMAT_TITLES = {
 }
 
 
-class ReasonDialog(QDialog):
-    """Question for the reason of a rejection: a button for each of REASONS, and a field for own words.
-
-    reason: the given one, or "". Typed text goes into the field, also while a button has the focus.
-    """
-
-    def __init__(self, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.setWindowTitle("Reject the frame")
-        self.setMinimumWidth(360)
-        self.reason = ""
-        buttons = [QPushButton(f"{i}   {reason}", autoDefault=False) for i, reason in enumerate(REASONS, 1)]
-        for number, (button, reason) in enumerate(zip(buttons, REASONS, strict=True), 1):
-            button.setStyleSheet("text-align: left; padding: 8px 12px")
-            button.clicked.connect(partial(self._choose, reason))
-            QShortcut(QKeySequence(str(number)), self, button.click)
-        self.words = QLineEdit(placeholderText="…or in your own words, then Enter", maxLength=200)
-        self.words.setAccessibleName("Reason in your own words")
-        self.words.returnPressed.connect(lambda: self._choose(self.words.text()))
-        question = named(QLabel("Why should this frame not be used?"), "title")
-        keep = named(QLabel("Esc keeps the frame"), "quiet")
-        items = question, *buttons, self.words, keep
-        laid(QVBoxLayout(self), *items, gap=8, margins=(20, 18, 20, 18))
-
-    def _choose(self, reason: str, _: bool = False) -> None:
-        if reason.strip():
-            self.reason = reason.strip()
-            self.accept()
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:  # noqa: N802
-        """Qt's hook: write letters that no widget takes into the field."""
-        if event.text().strip() and event.text().isprintable():
-            self.words.setFocus()
-            self.words.insert(event.text())
-        else:
-            super().keyPressEvent(event)
-
-
 def ask_reason(parent: QWidget) -> str | None:
     """Return the reason of a rejection: one of REASONS, or own words; None keeps the frame."""
-    dialog = ReasonDialog(parent)
-    dialog.exec()
-    return dialog.reason or None
+    dialog = QInputDialog(parent, labelText="Reason for the rejection: choose one, or type own words")
+    dialog.setWindowTitle("Reject the frame")
+    dialog.setComboBoxItems(list(REASONS))
+    dialog.setComboBoxEditable(True)
+    dialog.setTextValue("")
+    box = dialog.findChild(QComboBox)
+    assert box is not None
+    # Own words end with Enter, which would take a completion.
+    box.setCompleter(None)  # type: ignore[arg-type]
+    accepted = dialog.exec() == QDialog.DialogCode.Accepted
+    return dialog.textValue().strip() or None if accepted else None
 
 
 def show_keys(parent: QWidget, keys: Sequence[tuple[str, str]]) -> None:
@@ -105,40 +75,24 @@ def show_keys(parent: QWidget, keys: Sequence[tuple[str, str]]) -> None:
 
 def _ask(parent: QWidget | None, title: str, text: str, yes: str, no: str) -> bool:
     """Ask a question with two answers; Escape is ``no``."""
-    dialog = QDialog(parent)
-    dialog.setWindowTitle(title)
     # Plain, because a file's name is not markup.
-    words = QLabel(text, textFormat=Qt.TextFormat.PlainText, wordWrap=True)
-    words.setMinimumWidth(440)
-    decline, agree = QPushButton(no), QPushButton(yes, default=True)
-    decline.clicked.connect(dialog.reject)
-    agree.clicked.connect(dialog.accept)
-    answers = laid(QHBoxLayout(), None, decline, agree, gap=12)
-    heading = named(QLabel(title), "title")
-    laid(QVBoxLayout(dialog), heading, words, answers, gap=12, margins=(22, 20, 22, 18))
-    return dialog.exec() == QDialog.DialogCode.Accepted
+    box = QMessageBox(parent, text=title, informativeText=text, textFormat=Qt.TextFormat.PlainText)
+    agree = box.addButton(yes, QMessageBox.ButtonRole.AcceptRole)
+    box.setEscapeButton(box.addButton(no, QMessageBox.ButtonRole.RejectRole))
+    box.setDefaultButton(agree)
+    box.exec()
+    return box.clickedButton() is agree
 
 
 def ask_export(parent: QWidget, formats: Sequence[str]) -> tuple[str, Path] | None:
     """Ask for the format and the folder of an export; None cancels."""
-    dialog = QDialog(parent)
-    dialog.setWindowTitle("Export")
-    question = named(QLabel("Export format"), "title")
-    given: list[str] = []
-
-    def choose(name: str) -> None:
-        given.append(name)
-        dialog.accept()
-
-    buttons = [QPushButton(FORMAT_TITLES.get(name, name), autoDefault=False) for name in formats]
-    for item, name in zip(buttons, formats, strict=True):
-        item.clicked.connect(partial(choose, name))
-    laid(QVBoxLayout(dialog), question, *buttons, gap=8, margins=(20, 18, 20, 18))
-    dialog.exec()
+    titles = [FORMAT_TITLES.get(name, name) for name in formats]
+    chosen, given = QInputDialog.getItem(parent, "Export", "Export format", titles, 0, False)
     if not given:
         return None
-    folder = QFileDialog.getSaveFileName(parent, f"New folder for {given[0]}", f"{given[0]}-export")[0]
-    return (given[0], Path(folder)) if folder else None
+    name = formats[titles.index(chosen)]
+    folder = QFileDialog.getSaveFileName(parent, f"New folder for {name}", f"{name}-export")[0]
+    return (name, Path(folder)) if folder else None
 
 
 def restored(correction: Correction, frame_id: str, error: CloudError, parent: QWidget | None) -> bool:
