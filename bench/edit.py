@@ -41,7 +41,7 @@ def lasso(i):
 
 
 def actions(editor: Editor, view: select.ScreenPoints, pieces):
-    """What a person does, by name; each takes its round."""
+    """Return the actions of a person by name; each takes its round."""
     at = int(np.flatnonzero((pieces >= 0) & (editor.parts == 2))[0])
     piece = select.supervoxel(pieces, editor.parts, at)
     everywhere = np.arange(editor.parts.size)

@@ -29,7 +29,7 @@ FRAMES = 8
 
 
 def bench() -> list[tuple[str, float, float]]:
-    """Rows (what, seconds, seconds allowed); in a process of its own on an Xvfb where there is no screen."""
+    """Rows (what, seconds, seconds allowed), from a process of its own, on an Xvfb without a screen."""
     command = [sys.executable, "-m", "bench.window"]
     if not os.environ.get("DISPLAY"):
         if not shutil.which("xvfb-run"):

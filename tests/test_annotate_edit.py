@@ -7,17 +7,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from annotate import cleanup
-from annotate.correction import select
 from annotate.correction.edit import ARMS, IDLE_S, LEGS, ActiveTime, Editor
 from annotate.correction.history import History
 from annotate.correction.replay import after
-from annotate.correction.select import edit_supervoxels
 from annotate.frame_labels import FrameLabels
-from annotate.gui.state.drawing import Drawing
 from annotate.labelset.stroke import Gesture, Stroke, difference, from_line, to_line
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, PART_ID, UNDEFINED, swap_left_right
 from sensors.errors import CloudError, FormatError
-from sensors.rig.camera import Intrinsics
 
 law = settings(deadline=None, max_examples=60)
 
@@ -64,18 +60,14 @@ def blank(parts: np.ndarray, depth_mm: int = 1500) -> FrameLabels:
 @given(frame=frames(), operations=works)
 @law
 def test_undoing_everything_gives_the_original_and_redoing_it_the_result(frame, operations):
-    editor = Editor(frame, "ann")
+    editor, steps = Editor(frame, "ann"), 0
     work(editor, operations)
-    result = editor.parts.copy()
-    redone = len(editor.history.undone)
-    steps = 0
+    result, redone = editor.parts.copy(), len(editor.history.undone)
     while editor.undo():
         steps += 1
     np.testing.assert_array_equal(editor.parts, frame.parts)
-    for _ in range(steps):
-        assert editor.redo()
+    assert all(editor.redo() for _ in range(steps)) and len(editor.history.undone) == redone
     np.testing.assert_array_equal(editor.parts, result)
-    assert len(editor.history.undone) == redone
 
 
 @given(frame=frames(), operations=works)
@@ -88,7 +80,7 @@ def test_recorded_work_replays_exactly_through_its_lines(frame, operations):
     read = [from_line(to_line(stroke)) for stroke in strokes]
     np.testing.assert_array_equal(after(frame, read, exact=True).parts, editor.parts)
     for cut in range(len(read)):
-        # Saved labels may already hold what is applied to them.
+        # Saved labels may already hold the applied strokes.
         half = after(frame, read[: cut + 1])
         np.testing.assert_array_equal(after(half, read[cut // 2 :]).parts, editor.parts)
     history = History.of(read)
@@ -98,19 +90,12 @@ def test_recorded_work_replays_exactly_through_its_lines(frame, operations):
 
 @given(frame=frames(), operations=works, locks=st.sets(ids, max_size=4))
 @law
-def test_a_locked_part_neither_loses_nor_gains(frame, operations, locks):
+def test_locked_parts_and_pixels_without_depth_stay(frame, operations, locks):
     editor = Editor(frame, "ann")
     editor.locks = locks
     work(editor, operations)
     for part in locks:
         np.testing.assert_array_equal(editor.parts == part, frame.parts == part)
-
-
-@given(frame=frames(), operations=works)
-@law
-def test_pixels_without_depth_never_get_a_part(frame, operations):
-    editor = Editor(frame, "ann")
-    work(editor, operations)
     assert not editor.parts[frame.depth_mm == 0].any()
 
 
@@ -148,28 +133,13 @@ def test_runs_are_the_difference_and_no_more(old, new, mask):
 # Operations
 
 
-def test_a_new_stroke_leaves_nothing_to_redo():
-    editor = Editor(blank(np.zeros((H, W), np.uint8)), "ann")
-    editor.paint(np.array([0]), 1)
-    editor.undo()
-    editor.paint(np.array([1]), 1)
-    assert editor.redo() is None
-    editor.undo()
-    editor.judge("accept")
-    assert editor.redo() is None, "what was accepted stays as it was accepted"
-    assert editor.undo().operation == "undo" and editor.parts.flat[1] == 0
-
-
 def test_painting_takes_masks_and_indices_in_any_order_and_more_than_once():
-    parts = np.zeros((H, W), np.uint8)
-    by_mask, by_index = Editor(blank(parts), "ann"), Editor(blank(parts), "ann")
     mask = np.arange(H * W).reshape(H, W) % 3 == 0
-    by_mask.paint(mask, 2)
-    by_index.paint(np.concatenate([np.flatnonzero(mask)[::-1], [0, 0]]), 2)
-    np.testing.assert_array_equal(by_mask.parts, np.where(mask, 2, 0))
-    np.testing.assert_array_equal(by_mask.parts, by_index.parts)
-    assert by_mask.paint(mask, 2) is None
-    assert len(by_mask.history.done) == 1
+    for pixels in (mask, np.concatenate([np.flatnonzero(mask)[::-1], [0, 0]])):
+        editor = Editor(blank(np.zeros((H, W), np.uint8)), "ann")
+        editor.paint(pixels, 2)
+        np.testing.assert_array_equal(editor.parts, np.where(mask, 2, 0))
+        assert editor.paint(pixels, 2) is None and len(editor.history.done) == 1
 
 
 @pytest.mark.parametrize(
@@ -193,41 +163,31 @@ def test_a_mistake_changes_nothing(wrong):
     assert not editor.history.done
 
 
-def test_the_labels_shown_cannot_be_written_to_but_follow():
-    editor = Editor(blank(np.zeros((H, W), np.uint8)), "ann")
-    shown = editor.parts
-    with pytest.raises(ValueError, match="read-only"):
-        shown[0, 0] = 1
-    editor.paint(np.array([0]), 1)
-    assert shown[0, 0] == 1
-
-
-def test_a_stroke_that_cannot_be_saved_has_its_effect():
+def test_the_shown_labels_are_read_only_and_follow_a_stroke_that_cannot_be_saved():
     def full(stroke):
         raise CloudError("disk full")
 
     editor = Editor(blank(np.zeros((H, W), np.uint8)), "ann", full)
+    shown = editor.parts
+    with pytest.raises(ValueError, match="read-only"):
+        shown[0, 0] = 1
     with pytest.raises(CloudError, match="full"):
         editor.paint(np.array([5]), 3)
-    assert editor.parts.flat[5] == 3
-    assert len(editor.history.done) == 1
+    assert shown.flat[5] == 3 and len(editor.history.done) == 1
 
 
 @given(parts=maps)
 @law
-def test_swapping_limbs(parts):
+def test_swapping_limbs_and_merging_take_these_parts_only(parts):
     editor = Editor(blank(parts), "ann")
     editor.swap_left_right(ARMS)
     legs_kept = np.isin(parts, np.array(LEGS))
     np.testing.assert_array_equal(editor.parts[legs_kept], parts[legs_kept])
     editor.swap_left_right(LEGS)
     np.testing.assert_array_equal(editor.parts, swap_left_right(parts))
-
-
-def test_merging_takes_one_part_only():
-    editor = Editor(blank(np.repeat(np.array([[3, 5, 7]], np.uint8), 4, axis=0)), "ann")
+    swapped = editor.parts.copy()
     editor.merge(3, 5)
-    np.testing.assert_array_equal(editor.parts, [[5, 5, 7]] * 4)
+    np.testing.assert_array_equal(editor.parts, np.where(swapped == 3, 5, swapped))
 
 
 def test_a_selection_goes_to_the_neighbour_it_touches_most():
@@ -272,7 +232,7 @@ def test_a_journal_with_strokes_that_were_carried_over_replays():
 # Tidying
 
 
-def test_holes_are_filled_but_not_what_is_seen_through_them():
+def test_holes_are_filled_but_not_the_wall_behind_them():
     parts, depth = np.zeros((60, 60), np.uint8), np.full((60, 60), 2000, np.uint16)
     parts[5:55, 5:55] = 2
     parts[10:14, 10:14] = 0  # a hole at the surface's depth
@@ -291,7 +251,7 @@ def test_holes_are_filled_but_not_what_is_seen_through_them():
     assert not len(editor.preview(cleanup.filled(editor.parts, depth, 2)))
 
 
-def test_a_large_hole_is_no_slip():
+def test_a_large_hole_stays():
     parts = np.full((60, 60), 2, np.uint8)
     parts[10:40, 10:40] = 7
     np.testing.assert_array_equal(cleanup.filled(parts, blank(parts).depth_mm, 2), parts)
@@ -306,135 +266,12 @@ def test_islands_go_to_what_surrounds_them_and_the_largest_piece_stays():
     parts[12, 12] = 5  # an island in the island
     parts[50:56, 50:56] = 2  # one in the arm
     parts[70:74, 70:74], depth[70:74, 70:74] = 2, 1000  # a speck in the air
-    parts[40:44, 20:24] = UNDEFINED  # nobody asked
+    parts[40:44, 20:24] = UNDEFINED  # undefined stays
     parts[66:69, 5:8] = 8  # a part in one small piece: as good as it gets
     expected = parts.copy()
     expected[10:14, 10:14], expected[50:56, 50:56], expected[70:74, 70:74] = 2, 3, 0
     expected[12, 12] = 5
     np.testing.assert_array_equal(cleanup.without_islands(parts, depth), expected)
-
-
-# Selections
-
-
-def view_of(points_m: np.ndarray, size_px: tuple[int, int] = (200, 150)) -> select.ScreenPoints:
-    """A pinhole view of points (n, 3)."""
-    xy = 100 * points_m[:, :2] / points_m[:, 2:] + np.array([100, 75])
-    return select.ScreenPoints(xy.astype(np.float32), points_m[:, 2].astype(np.float32), size_px)
-
-
-def scattered(n: int = 3000, seed: int = 0) -> select.ScreenPoints:
-    rng = np.random.default_rng(seed)
-    xy = rng.uniform(-20, 220, (n, 2)).astype(np.float32)
-    xy[:50] = np.nan
-    return select.ScreenPoints(xy, np.full(n, 2, np.float32), (200, 150))
-
-
-def rectangle(view: select.ScreenPoints, corner_px, opposite_px, through: bool = False) -> np.ndarray:
-    return Drawing("rectangle", corner_px, through=through, points_px=[corner_px, opposite_px]).pixels(view)
-
-
-def on_screen(view: select.ScreenPoints) -> np.ndarray:
-    with np.errstate(invalid="ignore"):
-        return (view.xy_px >= 0).all(axis=1) & (view.xy_px < view.size_px).all(axis=1)
-
-
-def test_a_brush_takes_the_points_near_its_path():
-    view = scattered()
-    start, end = np.array([30.0, 20.0]), np.array([150.0, 110.0])
-    along = np.clip((view.xy_px - start) @ (end - start) / np.square(end - start).sum(), 0, 1)
-    away = np.linalg.norm(view.xy_px - start - along[:, None] * (end - start), axis=1)
-    found = np.zeros(len(away), np.bool_)
-    found[select.brush(view, np.stack([start, end]), 15.0, through=True)] = True
-    assert not found[~on_screen(view)].any()
-    # The screen's pixels decide: what is farther than a pixel's diagonal from the rim is certain.
-    np.testing.assert_array_equal(found[on_screen(view) & (away < 13)], True)
-    assert not found[away > 17].any()
-
-
-def test_a_lasso_takes_the_points_inside():
-    view = scattered(seed=1)
-    angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
-    found = np.zeros(len(view.xy_px), np.bool_)
-    corners = np.stack([100 + 50 * np.cos(angle), 75 + 50 * np.sin(angle)], axis=1)
-    found[select.polygon(view, corners, through=True)] = True
-    away = np.linalg.norm(view.xy_px - np.array([100, 75]), axis=1)
-    assert found[away < 48.5].all()
-    assert not found[away > 51.5].any()
-
-
-def test_a_rectangle_on_the_depth_pane_takes_its_pixels():
-    view = select.ScreenPoints.of_image(np.full((H, W), 1000, np.uint16), 4.0)
-    found = rectangle(view, (8.5, 12.5), (23.5, 4.5))
-    expected = np.zeros((H, W), np.bool_)
-    expected[1:3, 2:6] = True
-    np.testing.assert_array_equal(found, np.flatnonzero(expected))
-    assert select.nearest(view, (4 * 5 + 2, 4 * 3 + 2)) == 3 * W + 5
-    beyond = np.array([[-1e9, -1e9], [1e9, -1e9], [0, 1e9]])
-    np.testing.assert_array_equal(select.polygon(view, beyond), np.arange(H * W))
-
-
-def test_what_lies_behind_is_left_alone_unless_asked():
-    v, u = np.mgrid[0:1:40j, 0:1:50j]
-    front = np.stack([u.ravel() - 0.5, v.ravel() - 0.5, np.full(u.size, 1.0)], axis=1)
-    back = front * 1.5
-    hidden = np.arange(u.size, 2 * u.size)
-    view = view_of(np.concatenate([front, back]))
-    all_of_it = (0.0, 0.0), (200.0, 150.0)
-    found = rectangle(view, *all_of_it)
-    assert set(found) >= set(range(u.size)) and not set(found) & set(hidden)
-    np.testing.assert_array_equal(rectangle(view, *all_of_it, through=True), np.arange(2 * u.size))
-    assert select.nearest(view, (100, 75)) < u.size
-    assert select.nearest(view, (2, 2)) is None
-
-
-def test_a_click_takes_a_piece_and_the_next_one_what_it_touches():
-    piece = np.full((20, 40), -1, np.int32)
-    piece[:, :10], piece[:, 10:20], piece[:, 20:30] = 0, 1, 2
-    parts = np.full((20, 40), 2, np.uint8)
-    parts[:10, 10:20] = 3
-    depth = np.full((20, 40), 1000, np.uint16)
-    depth[:, 20:] = 1500
-    first = select.supervoxel(piece, parts, 15 * 40 + 12)
-    expected = np.zeros((20, 40), np.bool_)
-    expected[10:, 10:20] = True
-    np.testing.assert_array_equal(first, np.flatnonzero(expected))
-    # Again: the piece beside it with the same part; not what is deeper, not the other part.
-    expected[:, :10] = True
-    np.testing.assert_array_equal(select.grow(piece, parts, depth, first), np.flatnonzero(expected))
-    assert not len(select.supervoxel(piece, parts, 39))
-    assert not len(select.grow(piece, parts, depth, np.empty(0, np.int64)))
-
-
-def test_one_click_mends_one_patch():
-    camera = Intrinsics(160, 120, 360, 360, 79.5, 59.5)
-    v, u = np.mgrid[:120, :160]
-    depth = np.where((abs(u - 80) < 30) & (abs(v - 60) < 45), 1500, 2500).astype(np.uint16)
-    depth += np.random.default_rng(0).integers(0, 6, depth.shape, np.uint16)
-    depth[::7, ::5] = 0
-    truth = np.where(depth < 2000, np.where(v < 60, 2, 7), 0).astype(np.uint8)
-    truth[depth == 0] = 0
-    parts = truth.copy()
-    parts[(truth == 2) & (v > 45) & (u > 90)] = 7
-    colors = np.where((truth == 2)[..., None], [200, 30, 30], [30, 30, 200]).astype(np.uint8)
-    pieces = edit_supervoxels(depth, parts, camera, colors)
-    assert pieces.shape == parts.shape and pieces.dtype == np.int32
-    assert (pieces[truth > 0] >= 0).all()
-    assert (pieces[(depth == 0) | (depth > 2000)] == -1).all()
-    editor = Editor(FrameLabels("f", depth, parts), "ann")
-    wrong = editor.parts != truth
-    clicks = 0
-    for piece in np.unique(pieces[wrong]):
-        inside = (pieces == piece) & (parts == 7)
-        if wrong[inside].mean() > 0.5:
-            at = int(np.flatnonzero(inside)[0])
-            editor.paint(select.supervoxel(pieces, editor.parts, at), 2, Gesture("supervoxel", 1))
-            clicks += 1
-    # What is left are pixels on the border that share a voxel of 12 mm.
-    assert (editor.parts != truth).sum() < 0.15 * wrong.sum()
-    assert clicks <= wrong.sum() / 15
-    empty = edit_supervoxels(depth, np.zeros_like(parts), camera)
-    assert (empty == -1).all()
 
 
 # Time
@@ -450,23 +287,20 @@ def test_idle_time_does_not_count():
         spent.mark(kind)
     assert spent.take() == {"looking": 3, "painting": IDLE_S, "navigating": 2}
     assert spent.take() == {}
-    assert spent.now() == "1970-01-01T00:04:01.000+00:00"
 
 
-def test_strokes_say_who_when_how_and_how_long():
+def test_strokes_hold_person_time_gesture_and_seconds():
     now = 100.0
     editor = Editor(blank(np.zeros((H, W), np.uint8)), "ann", time=ActiveTime(lambda: now))
     editor.time.mark("looking")
     now += 4
     gesture = Gesture("lasso", points=20, path_px=150.0)
     stroke = editor.paint(np.array([1]), 6, gesture)
-    assert (stroke.who, stroke.how, stroke.part) == ("ann", gesture, 6)
+    assert (stroke.who, stroke.how, stroke.part, stroke.seconds) == ("ann", gesture, 6, {"painting": 4})
     assert stroke.when == "1970-01-01T00:01:44.000+00:00"
-    assert stroke.seconds == {"painting": 4}
     now += 2
     editor.time.mark("navigating")
-    assert editor.leave().seconds == {"navigating": 2}
-    assert editor.leave() is None
+    assert editor.leave().seconds == {"navigating": 2} and editor.leave() is None
 
 
 # Strokes from outside

@@ -72,12 +72,19 @@ def scribbled(seed: int, values: tuple[int, ...]) -> np.ndarray:
     return parts
 
 
-def test_a_right_frame_costs_one_look():
-    for parts in (person(), np.zeros((H, W), np.uint8)):
-        editor, strokes = worked(parts, parts)
-        assert [stroke.operation for stroke in strokes] == ["accept"]
-        assert seconds(strokes) == pytest.approx(MENTAL_S + KEY_S, abs=1e-3)
-        np.testing.assert_array_equal(editor.parts, parts)
+@pytest.mark.parametrize(
+    ("start", "operations", "spent_s"),
+    [
+        (np.zeros((H, W), np.uint8), ["accept"], MENTAL_S + KEY_S),
+        (person(), ["accept"], MENTAL_S + KEY_S),
+        (swap_left_right(person()), ["swap_left_right", "accept"], 2 * MENTAL_S + POINT_S + 2 * KEY_S),
+    ],
+)
+def test_a_right_frame_costs_one_look_and_swapped_arms_one_key(start, operations, spent_s):
+    editor, strokes = worked(start, person() if start.any() else start)
+    assert [stroke.operation for stroke in strokes] == operations
+    assert seconds(strokes) == pytest.approx(spent_s, abs=1e-3)
+    np.testing.assert_array_equal(editor.parts, person() if start.any() else start)
 
 
 def test_errors_cost_work_until_the_goal_is_reached():
@@ -86,14 +93,7 @@ def test_errors_cost_work_until_the_goal_is_reached():
         editor, strokes = worked(with_errors(n), person())
         spent.append(seconds(strokes))
         assert Agreement(person(), EVERYWHERE).of(editor.parts) >= AGREEMENT
-        assert [stroke.operation for stroke in strokes][-1] == "accept"
     assert spent == sorted(set(spent))
-
-
-def test_swapped_arms_are_one_key_under_the_pointer():
-    _, strokes = worked(swap_left_right(person()), person())
-    assert [stroke.operation for stroke in strokes] == ["swap_left_right", "accept"]
-    assert seconds(strokes) == pytest.approx(2 * MENTAL_S + POINT_S + 2 * KEY_S, abs=1e-3)
 
 
 def test_repairs_of_one_part_are_made_with_one_look():
@@ -200,18 +200,6 @@ def test_agreement_is_what_a_plain_loop_says(seed, tolerance_px):
     assert agreement.of(parts) == pytest.approx(right / counted if counted else 1.0)
 
 
-@law
-@given(st.integers(0, 999), st.integers(0, 3))
-def test_agreement_is_mutual_and_strict_at_no_tolerance(seed, tolerance_px):
-    rng = np.random.default_rng(seed)
-    a, b = rng.choice(np.array([0, 0, 1, 2], np.uint8), (2, 9, 11))
-    valid = rng.random((9, 11)) < 0.7
-    wrong = Agreement(a, valid, tolerance_px).wrong(b)
-    np.testing.assert_array_equal(wrong, Agreement(b, valid, tolerance_px).wrong(a))
-    assert not (wrong & (a == b)).any()
-    np.testing.assert_array_equal(Agreement(a, valid).wrong(b), a != b)
-
-
 @pytest.mark.parametrize("was", [BACKGROUND, 2])
 def test_a_thin_piece_that_is_missing_is_wrong_and_a_border_beside_is_not(was):
     truth = np.full((40, 40), was, np.uint8)
@@ -236,21 +224,25 @@ def test_gains_are_the_difference_that_a_change_makes(seed, tolerance_px):
     np.testing.assert_array_equal(agreement.gains(before, pixels, parts), expected)
 
 
-def test_gestures_cost_what_the_model_says():
-    assert gesture_s(KEY, 1.0) == KEY_S
-    assert gesture_s(Gesture("key", points=1, keys=1), 1.0) == pytest.approx(POINT_S + KEY_S)
-    assert gesture_s(Gesture("supervoxel", clicks=1), 1.0) == pytest.approx(POINT_S + CLICK_S)
-    assert gesture_s(Gesture("grow", clicks=3, points=1), 1.0) == pytest.approx(POINT_S + 3 * CLICK_S)
-    path = gesture_s(Gesture("lasso", path_px=413.3), 1.0) - gesture_s(Gesture("lasso"), 1.0)
-    assert path == pytest.approx(100 * STEER_S)
-    assert gesture_s(Gesture("brush", path_px=413.3), 2.0) == pytest.approx(POINT_S + CLICK_S + 50 * STEER_S)
+@pytest.mark.parametrize(
+    ("how", "sd_px", "spent_s"),
+    [
+        (KEY, 1.0, KEY_S),
+        (Gesture("key", points=1, keys=1), 1.0, POINT_S + KEY_S),
+        (Gesture("supervoxel", clicks=1), 1.0, POINT_S + CLICK_S),
+        (Gesture("grow", clicks=3, points=1), 1.0, POINT_S + 3 * CLICK_S),
+        (Gesture("lasso", path_px=413.3), 1.0, POINT_S + CLICK_S + 100 * STEER_S),
+        (Gesture("brush", path_px=413.3), 2.0, POINT_S + CLICK_S + 50 * STEER_S),
+    ],
+)
+def test_gestures_cost_the_seconds_of_the_model(how, sd_px, spent_s):
+    assert gesture_s(how, sd_px) == pytest.approx(spent_s)
 
 
 def test_the_hand_goes_round_a_patch_and_along_it():
     patch = np.zeros((H, W), np.bool_)
     patch[40:60, 50:90] = True
-    free = np.zeros_like(patch)
-    tight, wide = outline(patch, free, CAREFUL), loop(patch, QUICK)
+    tight, wide = outline(patch, np.zeros_like(patch), CAREFUL), loop(patch, QUICK)
     assert length_px(tight, closed=True) == pytest.approx(2 * (19 + 39), abs=6)
     assert length_px(wide, closed=True) > length_px(tight, closed=True)
     path = along(patch, 6.0)

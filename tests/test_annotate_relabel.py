@@ -1,4 +1,4 @@
-"""What a network has learnt replaces labels that nobody worked on, in one step that is taken back whole."""
+"""Learnt labels replace untouched ones in one step, which is taken back whole."""
 
 import os
 import signal
@@ -50,7 +50,7 @@ def folder(tmp_path) -> Path:
 
 @pytest.fixture
 def learnt(tmp_path) -> tuple[LabelSet, LabelSet]:
-    """What two steps of learning say."""
+    """Labels of two steps of learning."""
     return written(tmp_path / "first", 4, 0.8), written(tmp_path / "second", 7, 1.0)
 
 
@@ -59,11 +59,11 @@ def images(path: Path) -> dict[str, bytes]:
 
 
 def parts(path: Path) -> dict[str, int]:
-    """The part of each frame's right half, as anybody reads it."""
+    """The part of each frame's right half, as a reader of the set has it."""
     return {frame.frame_id: int(frame.parts[5, 10]) for frame in LabelSet.open(path)}
 
 
-def test_only_frames_that_nobody_worked_on_change_and_stay_automatic(folder, learnt):
+def test_only_untouched_frames_change_and_stay_automatic(folder, learnt):
     with Correction.open(folder, "ann") as correction:
         assert untouched(correction) == list(FREE)
         done = relabel(correction, learnt[0])
@@ -100,7 +100,7 @@ def test_a_person_goes_on_from_learnt_labels_which_no_step_takes_back_then(folde
     with Correction.open(folder, "ann") as correction:
         relabel(correction, learnt[0])
         editor = correction.edit(FREE[0])
-        assert editor.undo() is None, "what was learnt is no stroke of the person's"
+        assert editor.undo() is None, "learning is not a stroke of the person"
         editor.paint(SPOT, 5)
         assert correction.state(FREE[0]) == "touched"
         correction.leave_all()

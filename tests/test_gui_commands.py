@@ -156,7 +156,7 @@ def test_a_number_leads_to_its_frame(hand):
     hand.key("go_to")
     field = hand.panels.progress.number
     QTest.keyClicks(field, "3 ")
-    assert hand.edits.part == HEAD, "keys in the field are no commands"
+    assert hand.edits.part == HEAD, "keys in the field are not commands"
     QTest.keyClick(field, Qt.Key.Key_Return)
     hand.settle()
     assert hand.window.frame_id == "000003" and not field.hasFocus()

@@ -119,7 +119,7 @@ def test_hidden_points_neither_hide_nor_are_chosen():
 
 
 def test_a_near_surface_leaves_no_gap_when_it_is_zoomed():
-    """Points 12 px apart on the screen hide what is behind them only in cells as large."""
+    """Points 12 px apart on the screen hide points behind them only in cells as large."""
     grid = np.stack(np.meshgrid(np.arange(-5, 6), np.arange(-5, 6)), -1).reshape(-1, 2) * 0.01
     near, far = (np.c_[grid + by, np.full(len(grid), z)] for by, z in ((0.0, 1.0), (0.005, 1.3)))
     points = np.r_[near, far].astype(np.float32)
@@ -141,7 +141,7 @@ def test_a_shape_scaled_takes_what_it_took(scale, corner):
     for u, v in lasso.points_px[1:]:
         zoomed.drag(u * scale + corner, v * scale + corner)
     back = zoomed.scaled(corner, corner, scale)
-    # The corners are rounded to a sixteenth of a pixel: those on the very edge may fall to either side.
+    # Corners are rounded to a sixteenth of a pixel, so points on the edge may fall to either side.
     assert len(set(back.pixels(view)) ^ set(lasso.pixels(view))) <= 3
     assert lasso.gesture("lasso").path_px < zoomed.gesture("lasso").path_px * 1.01
 

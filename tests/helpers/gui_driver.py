@@ -1,4 +1,4 @@
-"""Drives the correction window as a person does: mouse and key events, places given in the depth image."""
+"""Drive the correction window by mouse and key events, with places in the depth image."""
 
 import ctypes
 import ctypes.util
@@ -32,7 +32,7 @@ ALT = Qt.KeyboardModifier.AltModifier
 
 
 class Driver:
-    """A window on a label set, and a hand. said: what its status line says of the last action."""
+    """Window on a label set, and a person at mouse and keys. said: last outcome in the status line."""
 
     def __init__(self, path: Path, session: Path | None = None, **options) -> None:
         settings = options.pop("settings", Settings("dark"))
@@ -54,7 +54,7 @@ class Driver:
         self.settle()
 
     def start_again(self) -> None:
-        """Everything as in a new window, and all strokes and verdicts taken back."""
+        """Restore the state of a new window, and take back all strokes and verdicts."""
         window, first = self.window, self.window.frames.all_ids[0]
         window.frames.arrange("time", "all", window.frame_id)
         for frame_id in window.frames.all_ids:
@@ -104,7 +104,7 @@ class Driver:
         return self.window.edits.parts
 
     def settle(self) -> None:
-        """Let everything that is due happen: work beside the window, events, timers at once, repaints."""
+        """Let all due work happen: beside the window, events, timers at once, repaints."""
         while self.window.background.busy:
             QApplication.processEvents()
             time.sleep(0.002)
@@ -118,7 +118,7 @@ class Driver:
     def press(self, sequence: str) -> None:
         """Press a key such as "Ctrl+Z"."""
         if not self.window.isActiveWindow():
-            # After a dialogue: a screen without a window manager gives the focus back to nobody.
+            # A screen without a window manager does not give the focus back after a dialog.
             self.window.activateWindow()
             assert QTest.qWaitForWindowActive(self.window)
         combination = QKeySequence(sequence)[0]
@@ -145,7 +145,7 @@ class Driver:
         self.settle()
 
     def place(self, pixel: int, view=None) -> QPoint:
-        """Where a pixel is on a view's widget."""
+        """Return the place of a pixel on a view's widget."""
         view = view or self.window.views.cloud
         if isinstance(view, CloudView):
             x, y = view.view().xy_px[pixel]
@@ -153,7 +153,7 @@ class Driver:
         return view.place_of(pixel).toPoint()
 
     def on_window(self, place: QPoint | QPointF, view=None) -> QPoint:
-        """A place of a view as one of the window, to which all events are sent as the system does."""
+        """Return a place of a view as one of the window, to which all events are sent."""
         view = view or self.window.views.cloud
         canvas = view.plotter if isinstance(view, CloudView) else view
         return canvas.mapTo(self.window, QPointF(place).toPoint())
@@ -194,7 +194,7 @@ class Driver:
         view=None,
         button=Qt.MouseButton.LeftButton,
     ) -> Callable[[], None]:
-        """As ``drag``, but for the release, which is returned."""
+        """Do as ``drag`` without the release, which is returned."""
         handle, points = self.window.windowHandle(), [self.on_window(p, view) for p in places]
         QTest.mouseMove(handle, points[0])
         QTest.mousePress(handle, button, modifier, points[0])
@@ -203,18 +203,18 @@ class Driver:
         return lambda: QTest.mouseRelease(handle, button, modifier, points[-1])
 
     def circle(self, middle: QPoint, radius: float) -> list[QPoint]:
-        """Places round a place."""
+        """Return places round a place."""
         angles = np.linspace(0, 2 * np.pi, 20)
         return [middle + QPointF(radius * np.cos(a), radius * np.sin(a)).toPoint() for a in angles]
 
     def middle_of(self, part: int) -> int:
-        """A pixel in the middle of a part."""
+        """Return a pixel in the middle of a part."""
         pixels = np.flatnonzero(self.parts.ravel() == part)
         v, u = np.divmod(pixels, self.parts.shape[1])
         return int(pixels[np.hypot(v - np.median(v), u - np.median(u)).argmin()])
 
     def picture(self) -> NDArray[np.uint8]:
-        """What the 3D view shows, as pixels (h, w, 3)."""
+        """Return the picture of the 3D view (h, w, 3)."""
         self.settle()
         return np.asarray(self.window.views.cloud.plotter.screenshot(return_img=True))
 
@@ -226,7 +226,7 @@ class Driver:
 
 
 def answering(text: str) -> Callable[[], list[str]]:
-    """Click the button that begins with ``text`` in the next dialogue; what it said, once it has come."""
+    """Click the button that begins with ``text`` in the next dialog; return its texts, once it has come."""
     said: list[str] = []
 
     def click() -> None:

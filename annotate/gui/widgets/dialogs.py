@@ -48,11 +48,11 @@ def ask_reason(parent: QWidget) -> str | None:
     dialog.setWindowTitle("Reject the frame")
     dialog.setComboBoxItems(list(REASONS))
     dialog.setComboBoxEditable(True)
-    dialog.setTextValue("")
     box = dialog.findChild(QComboBox)
     assert box is not None
     # Own words end with Enter, which would take a completion.
     box.setCompleter(None)  # type: ignore[arg-type]
+    box.setCurrentIndex(-1)
     accepted = dialog.exec() == QDialog.DialogCode.Accepted
     return dialog.textValue().strip() or None if accepted else None
 
