@@ -26,15 +26,14 @@ from eval.network.body_state import BodyState, joint_row
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import NetworkLabeller
 from eval.network.side_smoothing import sided_by_parts
-from eval.scores.joints import JOINT, JOINT_NAMES
-from eval.scores.skeleton_fit import BONES
+from eval.scores.joints import BONES, JOINT, JOINT_NAMES
 from sensors.interrupt import Ending, ended_by_signals, interrupted_by_signals
 from sensors.rig.camera import Intrinsics
 
 # s after which a computing thread yields the interpreter, because each thermal image passes three threads,
 # and its camera keeps 0.125 s of images; untuned.
 SWITCH_S = 0.001
-BONE_ENDS = tuple((JOINT[a], JOINT[b]) for a, b, _ in BONES)
+BONE_ENDS = tuple((JOINT[a], JOINT[b]) for a, b in BONES)
 Show = Callable[[LiveFrame], None] | None  # shows a labelled frame; None = no output
 # Streams a pipeline's frames during the context.
 Stream = Callable[[LivePipeline], AbstractContextManager[None]]

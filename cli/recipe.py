@@ -18,8 +18,8 @@ from eval.compare.compare import compare_sets
 from eval.compare.results import Result, save_result
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import predict_source
-from eval.report.build import write_report
 from eval.report.gather import gather
+from eval.report.page import write_report
 from sensors.session.reader import Session
 from synth.rig.simulate import simulate, truth_path
 from synth.rig.virtual_rig import VirtualRig

@@ -1,13 +1,17 @@
 """The report's pictures, clouds and tables, and what it is gathered from."""
 
+import base64
 import csv
+import hashlib
 import io
 import json
 import re
 from dataclasses import replace
 from functools import partial
+from html.parser import HTMLParser
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -17,9 +21,9 @@ from annotate.labelset.label_set import LabelSet
 from annotate.parts import BACKGROUND, BODY_PARTS, PARTS, UNDEFINED, palette_rgb
 from eval.compare.compare import Comparison, compare_sets
 from eval.compare.results import Result, save_result
-from eval.report import charts, tables
 from eval.report import frame_images as figures
-from eval.report.build import embedded_json, write_report
+from eval.report import numbers
+from eval.report.figures import figures_of, plain
 from eval.report.frame_images import render_thermal_cloud
 from eval.report.gallery import (
     SCENE_POINTS,
@@ -31,9 +35,10 @@ from eval.report.gallery import (
     points_of,
 )
 from eval.report.gather import Material, gather
+from eval.report.page import render, write_report
 from eval.report.training_history import load_training
-from eval.report.views import view_of
 from sensors.errors import CloudError, ExistsError, FormatError
+from tests.helpers.browser import CHROMIUM, Browser
 from tests.helpers.report_doll import (
     CAMERA,
     HOSTILE,
@@ -186,14 +191,115 @@ def test_a_training_is_read_back(run: Path, tmp_path: Path, monkeypatch: pytest.
             load_training(tmp_path)
 
 
-def test_embedded_text_can_neither_end_a_script_nor_be_markup() -> None:
-    text = embedded_json({"name": HOSTILE})
-    assert not set("<>&") & set(text) and json.loads(text)["name"] == HOSTILE
-    assert charts.plain("<b>&") == "&lt;b&gt;&amp;" and len(charts.short("x" * 90)) == 28
+@pytest.fixture(scope="module")
+def page(material: Material) -> str:
+    return render(material)
+
+
+class Tags(HTMLParser):
+    """Tags with their attributes, and the text of each script."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data: str) -> None:
+        if self.tags and self.tags[-1][0] == "script" and data.strip():
+            self.scripts.append(data)
+
+
+def test_no_text_becomes_markup_and_only_the_page_s_own_scripts_run(page: str) -> None:
+    parsed = Tags(page)
+    tags = [tag for tag, _ in parsed.tags]
+    assert not {"iframe", "object", "link", "base", "form", "embed"} & set(tags)
+    assert tags.count("script") == len(parsed.scripts) == 3
+    assert not [name for _, attributes in parsed.tags for name in attributes if name.startswith("on")]
+    assert HOSTILE not in page and "<script>window" not in page and "&lt;script&gt;window" in page
+    policy = next(a["content"] for tag, a in parsed.tags if a.get("http-equiv") == "Content-Security-Policy")
+    allowed = re.findall(r"'sha256-([^']+)'", policy or "")
+    digests = [base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in parsed.scripts[1:]]
+    assert allowed == digests and "default-src 'none'" in (policy or "")
+
+
+def test_the_page_loads_nothing(page: str) -> None:
+    parsed = Tags(page)
+    for _, attributes in parsed.tags:
+        for name in ("src", "href", "srcset", "data", "action", "xlink:href"):
+            value = attributes.get(name)
+            assert value is None or value.startswith(("data:image/", "#"))
+    for script in parsed.scripts:
+        page = page.replace(script, "")
+    assert not re.search(r"url\(|@import|https?://", page)
+
+
+def test_the_page_shows_the_numbers(page: str, compared: Comparison) -> None:
+    assert f"{compared.scores['mean_recall']:.3f}" in page and "0.864" in page and "0.732" in page
+    assert "6 frames of 3 people" in page and "2026-01-02 to 2026-01-03" in page
+    rows, columns, shown, training = 6, 4, 6 * 3, 9
+    assert [tag for tag, _ in Tags(page).tags].count("img") == rows * columns + shown + training
+
+
+def test_figures_show_hostile_names_letter_by_letter(material: Material) -> None:
+    found = figures_of(material)
+    assert {"overview", "parts-recall", "people", "reliability", "pck", "loss", "differences"} <= set(found)
+    assert all("<img" not in figure.to_json().replace("\\u003c", "<") for figure in found.values())
+    assert plain("<b>&") == "&lt;b&gt;&amp;" and len(plain("x" * 90, 28)) == 28
+
+
+def test_absent_scores_are_left_out(compared: Comparison) -> None:
+    """Nothing but background, no confidence: every score is absent, none is 0 or 1."""
+    blank = type(compared.counts)(np.zeros_like(compared.counts.flat))
+    blank.confusion[:, 0, 0] = 50
+    empty = replace(compared, counts=blank, joints_mm=None)
+    text = render(Material((Result("Empty", empty),)))
+    ids = [attributes.get("id") for tag, attributes in Tags(text).tags if tag == "section"]
+    assert not {"calibration", "gallery", "joints"} & set(ids) and {"headline", "parts", "method"} <= set(ids)
+
+
+def test_a_browser_draws_every_figure_and_asks_for_nothing(page: str, tmp_path: Path) -> None:
+    if CHROMIUM is None:
+        pytest.skip("needs chromium")
+    (tmp_path / "report.html").write_text(page)
+    browser = Browser(tmp_path / "profile")
+    try:
+        browser.open(tmp_path / "report.html")
+        drawn = "document.querySelectorAll('[data-figure]:not([data-figure^=scene]).js-plotly-plot').length"
+        wanted = "document.querySelectorAll('[data-figure]:not([data-figure^=scene])').length"
+        assert browser.run(drawn) == browser.run(wanted) >= 12
+        browser.run("document.querySelector('[data-figure^=scene]').scrollIntoView()")
+        there = "document.querySelector('[data-figure^=scene]').data"
+        look = f"const look = () => {there} ? done(true) : setTimeout(look, 50)"
+        assert browser.run(f"new Promise(done => {{ {look}; look(); }})")
+        assert browser.run("window.hit") is None
+        assert (
+            browser.run(
+                "document.querySelectorAll('svg a, svg foreignObject, img:not([src^=\"data:\"])').length"
+            )
+            == 0
+        )
+        assert browser.run("document.documentElement.scrollWidth <= innerWidth")
+        picture = cv2.imdecode(np.frombuffer(browser.picture(), np.uint8), cv2.IMREAD_COLOR)
+        assert picture.std() > 10 and browser.pdf().startswith(b"%PDF")
+        sent = [
+            e["params"]["request"]["url"]
+            for e in browser.events
+            if e["method"] == "Network.requestWillBeSent"
+        ]
+        assert all(url.startswith(("file:", "data:image/", "blob:")) for url in sent)
+        kinds = ("Runtime.exceptionThrown", "Log.entryAdded")
+        faults = [e["params"] for e in browser.events if e["method"] in kinds]
+        assert not [fault for fault in faults if fault.get("entry", {}).get("level") != "warning"]
+    finally:
+        browser.close()
 
 
 def test_the_tables_hold_the_same_numbers(material: Material, compared: Comparison) -> None:
-    texts = tables.texts(material)
+    texts = numbers.texts(material)
     rows = list(csv.DictReader(io.StringIO(texts[".csv"])))
     found = {(row["result"], row["score"], row["part"]): row["value"] for row in rows}
     assert float(found["Automatic", "miou", ""]) == pytest.approx(compared.scores["miou"], abs=1e-6)
@@ -204,18 +310,17 @@ def test_the_tables_hold_the_same_numbers(material: Material, compared: Comparis
     value = json.loads(texts[".json"])
     assert value["results"][0]["miou"] == pytest.approx(float(compared.scores["miou"]))
     assert [one["b"] for one in value["differences"]] == ["Automatic"]
-    assert texts[".tex"].count(r"\begin{tabular}") == 4 and f"{compared.scores['miou']:.3f}" in texts[".tex"]
+    assert texts[".tex"].count(r"\begin{tabular}") == 5 and f"{compared.scores['miou']:.3f}" in texts[".tex"]
 
 
 def test_hostile_titles_stay_text_in_every_table(compared: Comparison) -> None:
-    view = view_of(Result("=1+1,\\input{x}\n%_&", compared))
-    assert list(csv.reader(io.StringIO(tables.to_csv([view]))))[1][0].startswith("'=1+1")
-    latex = tables.to_latex([view])
+    result = Result("=1+1,\\input{x}\n%_&", compared)
+    assert list(csv.reader(io.StringIO(numbers.to_csv([result]))))[1][0].startswith("'=1+1")
+    latex = numbers.to_latex(Material((result,)))
     assert r"\textbackslash{}input\{x\}\%\_\&" in latex and r"\input{x}" not in latex
 
 
 def test_the_same_results_give_the_same_bytes(material: Material, tmp_path: Path) -> None:
-    """And none of them is the time of day, which a test within one minute would not find."""
     one, other = (write_report(tmp_path / name / "report.html", material) for name in ("one", "other"))
     assert [path.read_bytes() for path in one] == [path.read_bytes() for path in other]
     assert not re.search(r"\d\d:\d\d UTC", one[-1].read_text())
@@ -261,7 +366,7 @@ def test_the_verb_takes_everything_there_is_to_show(
     given = ("report", result, "--out", page, "--ceiling", result, "--history", run, *shown)
     assert annotate_cloud(*given).code == 0
     text = page.read_text()
-    assert "A remark on real scans" in text and "corrections (--audit)" in text and "Epoch 12" in text
+    assert "A remark on real scans" in text and "Epoch 12" in text
     for taken in (page, page.with_suffix(".csv")):
         again = annotate_cloud(*given)
         assert again.code == 1 and f"{taken.name} already exists" in again.err

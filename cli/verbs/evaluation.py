@@ -131,10 +131,9 @@ def compare(
 ) -> None:
     """Show by how much result A is better than result B, and how certain that is."""
     check_there(a, b)
-    from eval.compare.result_file import check_results
+    from eval.compare.results import check_results, load_result
 
     check_results(a, b)
-    from eval.compare.results import load_result
 
     first, second = load_result(a), load_result(b)
     from cli.score_tables import difference_text
@@ -193,17 +192,16 @@ def report(
     check_free(out, overwrite)
     given = [*results, *([ceiling] if ceiling else [])]
     check_there(*given, *sets)
-    from eval.compare.result_file import check_results
+    from eval.compare.results import check_results, load_result
 
     check_results(*given)
-    from eval.compare.results import load_result
     from sensors.session.reader import Session
 
     loaded = [load_result(path) for path in results]
     # These imports take a second, which a refusal need not spend.
     with needing("report"):
-        from eval.report.build import free_outputs, write_report
         from eval.report.gather import gather
+        from eval.report.page import free_outputs, write_report
 
     free_outputs(out, overwrite)
     material = gather(

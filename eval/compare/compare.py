@@ -16,7 +16,8 @@ from eval.compare.pairs import Digests, count_pairs, pair_up
 from eval.scores import confusion, intervals
 from eval.scores.confusion import Counts, Scores
 from eval.scores.counts import WIDTH, FrameCounts, blocks
-from eval.scores.joint_errors import OBSERVED, joint_errors_mm, summary
+from eval.scores.joint_errors import summary
+from eval.scores.joints import N_JOINTS
 from eval.scores.scores import PART_SCORES, named, plain, scores_of
 from eval.scores.traits import Traits
 from sensors.errors import CloudError
@@ -29,9 +30,9 @@ SUMMARY = ("mean_recall", "recall", "miou", "iou", "boundary_f", "left_right_swa
 class Comparison:
     """Counts of F compared frames, from which every score is derived.
 
-    subjects: who is seen in each frame. counts: with one leading axis, (F,). joints_mm: float64 (F, J),
-    error of each joint in millimetres, NaN where it is not scored and inf where it was not found; None
-    where the truth knows no joints. extra_frames: how many predicted frames have no truth and were left out.
+    subjects: the person in each frame. counts: with one leading axis, (F,). joints_mm: float64 (F, 15), error
+    of each joint of the network in millimetres, NaN if not scored; None without any. extra_frames: number of
+    predicted frames without a truth.
     Raises CloudError when nothing was compared or an id stands twice, ValueError for arrays that do not
     fit together.
     """
@@ -190,10 +191,10 @@ def compare_sets(
     that the prediction lacks or shows otherwise than the truth, or FormatError for a corrupt one.
     """
     pairs, extra = pair_up(predicted, truth)
-    counts, joints = np.empty((len(pairs), WIDTH), np.int32), np.empty(len(pairs), OBSERVED)
+    counts, joints = np.empty((len(pairs), WIDTH), np.int32), np.empty((len(pairs), N_JOINTS))
     texts: list[tuple[str, str, Traits, Digests]] = []
     for i, frame in enumerate(count_pairs(predicted, truth, pairs, workers)):
-        counts[i], joints[i] = frame.counts, frame.joints
+        counts[i], joints[i] = frame.counts, frame.joints_mm
         subject = intern(frame.subject or intervals.UNKNOWN)
         texts.append((pairs[i].truth.frame_id, subject, frame.traits, frame.digests))
         advance(1)
@@ -204,6 +205,6 @@ def compare_sets(
         traits=traits,
         digests=digests,
         counts=FrameCounts(counts),
-        joints_mm=joint_errors_mm(joints, intervals.persons_of(subjects)) if joints["known"].any() else None,
+        joints_mm=None if np.isnan(joints).all() else joints,
         extra_frames=extra,
     )

@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.array_types import Int32
+from annotate.array_types import Float64, Int32
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import Entry
 from annotate.labelset.labelled_frames import LabelledFrames, camera_of, pinhole_of
 from eval.scores.counts import count
-from eval.scores.joint_errors import Observed, observe
+from eval.scores.joint_errors import joint_errors_mm
 from eval.scores.traits import Traits, traits_of, writable
 from sensors.errors import CloudError, FormatError
 from synth.images.workers import processes
@@ -45,7 +45,7 @@ class Digests(NamedTuple):
 class Counted(NamedTuple):
     """One frame's subject, traits, digests, counts and joints.
 
-    counts: int32 (WIDTH,), see ``FrameCounts.flat``. joints: OBSERVED ().
+    counts: int32 (WIDTH,), see ``FrameCounts.flat``. joints_mm: errors (15,), NaN if not scored.
     """
 
     frame_id: str
@@ -53,7 +53,7 @@ class Counted(NamedTuple):
     traits: Traits
     digests: Digests
     counts: Int32
-    joints: Observed
+    joints_mm: Float64
 
 
 def pair_up(predicted: LabelledFrames, truth: LabelledFrames) -> tuple[list[Pair], int]:
@@ -123,7 +123,7 @@ def count_frame(predicted: FrameLabels, truth: FrameLabels, frames: LabelledFram
         traits,
         Digests(_digest(truth.depth_mm), _digest(truth.parts), _digest(predicted.parts)),
         counts.astype(np.int32),
-        observe(predicted, truth, camera),
+        joint_errors_mm(predicted, truth, camera),
     )
 
 

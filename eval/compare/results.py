@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from annotate.frame_labels import Status
 from eval.compare.compare import Comparison
 from eval.compare.pairs import Digests
-from eval.compare.result_file import REMEDY
 from eval.scores.counts import WIDTH, FrameCounts
 from eval.scores.joints import N_JOINTS
 from eval.scores.traits import Traits
 from sensors.errors import CloudError, FormatError
 from sensors.files.atomic import check_free, replacing
-from sensors.files.npz import load_arrays
+from sensors.files.npz import array_sizes, load_arrays
 
-SCHEMA = 5
+SCHEMA = 6
+REMEDY = "give a result of 'evaluate --out'; evaluate again if another version wrote it"
 MAX_BYTES = 2_000_000_000
 """Of a result in memory: 600,000 frames of 3.2 kB, twice as many as the paper's own set has."""
 NUMBERS = ("distance_m", "invalid_share", "mm_per_px")
@@ -77,6 +77,13 @@ def _arrays(result: Result) -> dict[str, NDArray[Any]]:
         **{name: np.array([getattr(t, name) for t in comparison.traits]) for name in NUMBERS},
         **joints,
     }
+
+
+def check_results(*paths: Path) -> None:
+    """Check that files have the arrays of a result. Raises FormatError for the first without them."""
+    for path in paths:
+        if missing := {"counts", "texts"} - set(array_sizes(path, REMEDY)):
+            raise FormatError(f"{path} is not a result ({sorted(missing)[0]!r}); {REMEDY}")
 
 
 def load_result(path: Path) -> Result:

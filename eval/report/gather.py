@@ -33,7 +33,6 @@ from eval.report.gallery import (
     pick_frames,
 )
 from eval.report.training_history import Training, load_training
-from eval.report.views import ResultView, view_of
 from sensors.errors import CloudError
 from sensors.session.reader import Session
 
@@ -80,11 +79,6 @@ class Material:
         twice = next((title for title in titles if titles.count(title) > 1), None)
         if twice is not None:
             raise CloudError(f"two results have the title {twice!r}; evaluate one again with another --title")
-
-    @cached_property
-    def views(self) -> list[ResultView]:
-        """Numbers of each result."""
-        return [view_of(result) for result in self.results]
 
     @cached_property
     def differences(self) -> list[Difference]:

@@ -22,8 +22,7 @@ from annotate.labelset.label_set import LabelSet
 from eval.network.body_state import BodyState
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict_source import predict_source
-from eval.scores.joints import JOINT, JOINT_NAMES, joint_evidence
-from eval.scores.skeleton_fit import fit_skeletons
+from eval.scores.joints import JOINT, JOINT_NAMES
 from sensors.importers.open_source import open_source
 from synth.body.skeleton import JOINT_ID
 from synth.images.standing_statistics import facing_deg
@@ -135,9 +134,9 @@ def measure_scan(path, network):
     source = open_source(path)
     with tempfile.TemporaryDirectory() as folder:
         labels = predict_source(source, network, Path(folder) / "p", lambda n: None).labels
-        frame = labels.read("000000")
-        seen = joint_evidence(frame.parts, frame.depth_mm, labels.intrinsics)
-    joints = fit_skeletons(seen[None], [""])[0]
+        bearing = Bearing.from_note(labels.notes("000000").get("bearing"))
+        found = bearing and bearing.joints_mm(labels.intrinsics)
+    joints = np.full((len(JOINT_NAMES), 3), np.nan) if found is None else found
     off = np.linalg.norm(joints - microsofts_mm(path.with_suffix(".csv"), source.notes[0]), axis=1)
     told = ", ".join(f"{name} {off[JOINT[name]]:.0f}" for name in JOINT_NAMES)
     print(f"{path.stem}: mean {np.nanmean(off):.0f} mm; {told}", flush=True)

@@ -1,0 +1,331 @@
+"""Tables of the report as data frames of text, and the files of numbers beside it."""
+
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pandas as pd
+
+from annotate.parts import BODY_PARTS, PARTS
+from eval.compare import paper_results as paper
+from eval.compare.details import suspicious
+from eval.compare.paired import Difference
+from eval.compare.results import Result
+from eval.report.estimates import (
+    SHOWN_ORDER,
+    SUMMARY,
+    Estimate,
+    difference_of,
+    estimate,
+    group_recall,
+    printed,
+    row_shares,
+)
+from eval.report.gather import Material
+from eval.scores import confusion
+from eval.scores.joint_errors import summary as joint_summary
+from eval.scores.joints import JOINT_NAMES
+from eval.scores.traits import groups
+
+SUFFIXES = (".csv", ".json", ".tex")
+PART_SCORES = {"recall": "Recall", "precision": "Precision", "iou": "IoU", "dice": "Dice",
+               "boundary_iou_by_part": "Boundary IoU"}  # fmt: skip
+INSIDE = {
+    "miou_merged": "mIoU with left and right merged",
+    "mean_recall_person": "Mean recall where both maps have a person",
+    "miou_person": "mIoU where both maps have a person",
+    "mean_recall_all": "Mean recall with background as a twelfth part",
+    "error_rate_near": "Error rate within 3 px of a border",
+    "error_rate_inside": "Error rate farther inside",
+}
+KIND_TITLES = {
+    "subject": "Person",
+    "activity": "Pose",
+    "view": "Seen from",
+    "distance": "Distance",
+    "invalid depth": "Share of invalid depth",
+    "status": "Labels",
+    "hard": "Difficulty",
+}
+ROWS = 200  # frames listed
+SUSPECTS = 30  # doubtful labels listed
+VALUES = 24  # values of a trait listed, the most frequent ones
+OF_PAPER = (paper.SYNTHETIC, paper.REAL)
+
+
+def _table(data: object, columns: Sequence[str] | None = None) -> pd.DataFrame:
+    """Return a data frame whose texts can be written: half a surrogate pair becomes a question mark."""
+    if isinstance(data, dict):
+        data = {_writable(name): values for name, values in data.items()}
+    return pd.DataFrame(data, columns=columns, dtype=object).map(_writable)
+
+
+def _writable(value: object) -> object:
+    return value.encode(errors="replace").decode() if isinstance(value, str) else value
+
+
+def summary_table(material: Material) -> pd.DataFrame:
+    """Return the summary scores of every result, the ceiling and the paper."""
+    rows = [_summary_row(result) for result in material.results]
+    if material.ceiling is not None:
+        rows.append(_summary_row(material.ceiling) | {"Result": f"{material.ceiling.title} (two people)"})
+    for one in OF_PAPER:
+        of_paper = {"Result": one.title, "Frames": f"{one.frames:,}", "People": str(one.people or "--")}
+        rows.append(of_paper | {SUMMARY["mean_recall"]: f"{one.mean_recall:.3f}"})
+    return _table(rows).fillna("--")
+
+
+def _summary_row(result: Result) -> dict[str, str]:
+    c = result.comparison
+    scores = {title: printed(name, estimate(c, name)) for name, title in SUMMARY.items()}
+    return {"Result": result.title, **scores, "Frames": f"{len(c.frame_ids):,}", "People": str(c.n_subjects)}
+
+
+def part_table(result: Result) -> pd.DataFrame:
+    """Return every score of every part of a result, with the paper's recall."""
+    c = result.comparison
+    rows = []
+    for part in BODY_PARTS:
+        pixels = c.matrices[:, part.id].sum(-1)
+        scores = {t: printed(name, estimate(c, name, part.id)) for name, t in PART_SCORES.items()}
+        size = {"Pixels": f"{int(pixels.sum()):,}", "Frames": f"{int((pixels > 0).sum()):,}"}
+        of_paper = f"{paper.REAL.table[part.id, part.id]:.2f}"
+        rows.append({"Part": part.title, **size, **scores, "Paper's recall, real": of_paper})
+    return _table(rows)
+
+
+def difference_table(found: Sequence[Difference]) -> pd.DataFrame:
+    """Return every summary score's difference, with Wilcoxon's p and the frames."""
+    rows = []
+    for one in found:
+        p = one.wilcoxon_p.get("mean_recall")
+        scores = {
+            title: printed(name, difference_of(one, name), sign="+")
+            for name, title in SUMMARY.items()
+            if name != "ece"
+        }
+        frames = f"{one.frames[0]:,}, the same" if one.paired else f"{one.frames[0]:,} and {one.frames[1]:,}"
+        p_text = "--" if p is None else f"{p:.3f}"
+        rows.append(
+            {"Difference": f"{one.a} minus {one.b}", **scores, "Wilcoxon p": p_text, "Frames": frames}
+        )
+    return _table(rows)
+
+
+def gap_table(found: Sequence[Difference]) -> pd.DataFrame:
+    """Return the recall of every part minus the first result's, beside the paper's gap."""
+    columns = {"Part": [part.title for part in BODY_PARTS]}
+    for one in found:
+        values = (difference_of(one, "recall", part.id) for part in BODY_PARTS)
+        columns[f"{one.a} minus {one.b}"] = [printed("recall", value, sign="+") for value in values]
+    gap = np.diagonal(paper.REAL.table - paper.SYNTHETIC.table)
+    columns["Paper, real minus synthetic"] = [f"{gap[part.id]:+.2f}" for part in BODY_PARTS]
+    return _table(columns)
+
+
+def group_tables(results: Sequence[Result]) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Yield mean recall by each trait that differs between frames or results."""
+    by_result = [groups(r.comparison.subjects, r.comparison.traits) for r in results]
+    for kind, title in KIND_TITLES.items():
+        counts = Counter[str]()
+        for found in by_result:
+            counts.update({value: len(frames) for value, frames in found.get(kind, {}).items()})
+        if len(counts) < 2:
+            continue
+        values = sorted((value for value, _ in counts.most_common(VALUES)), key=_place)
+        columns = {title: values}
+        for result, found in zip(results, by_result, strict=True):
+            columns[result.title] = [_group_cell(result, found.get(kind, {}).get(v)) for v in values]
+        left_out = len(counts) - len(values)
+        yield title + (f" ({left_out} rarer values left out)" if left_out else ""), _table(columns)
+
+
+def _group_cell(result: Result, frames: object) -> str:
+    if frames is None:
+        return "--"
+    of = np.asarray(frames)
+    return f"{printed('recall', group_recall(result.comparison, of))} of {len(of):,}"
+
+
+def _place(value: str) -> tuple[bool, float]:
+    """Return a sort key: ranges ("under 1 m", "1 to 1.5 m") by their lower end; the rest keeps its order."""
+    start = re.match(r"(under )?([0-9.]+) ?(to|m|%)", value)
+    return (False, float(start[2]) - bool(start[1]) * 1e-3) if start else (True, 0.0)
+
+
+def error_table(results: Sequence[Result]) -> pd.DataFrame:
+    """Return the kinds of errors, one column a result."""
+    columns = {}
+    for result in results:
+        c = result.comparison
+        kinds = {name: int(n) for name, n in confusion.error_kinds(c.confusion).items()}
+        pixels = c.confusion
+        columns[result.title] = {
+            "All wrong pixels": f"{(pixels.sum() - pixels.trace()) / max(pixels.sum(), 1):.1%}",
+            SUMMARY["left_right_swap_rate"]: printed(
+                "left_right_swap_rate", estimate(c, "left_right_swap_rate")
+            ),
+            "Swaps among all errors": f"{kinds['left_right_swap'] / max(sum(kinds.values()), 1):.1%}",
+            "Frames that a left-right flip improves": str(int(confusion.flip_helps(c.matrices).sum())),
+            **{title: printed(name, estimate(c, name)) for name, title in INSIDE.items()},
+        }
+    return _table(columns).reset_index(names="Error")
+
+
+def calibration_table(results: Sequence[Result]) -> pd.DataFrame:
+    """Return the expected calibration error of results with confidence."""
+    rows = [
+        {
+            "Result": r.title,
+            "All": printed("ece", estimate(r.comparison, "ece")),
+            "Near a border": printed("ece", estimate(r.comparison, "ece_near")),
+        }
+        for r in results
+        if r.comparison.has_confidence
+    ]
+    return _table(rows)
+
+
+def suspect_table(results: Sequence[Result]) -> pd.DataFrame:
+    """Return the least probable labels of the truth, the worst first."""
+    found = [(r.title, one) for r in results for one in suspicious(r.comparison, SUSPECTS)]
+    rows = [
+        (title, s.frame_id, PARTS[s.part_id].title, f"{s.quality:.3f}", f"{s.pixels:,}")
+        for title, s in sorted(found, key=lambda pair: pair[1].quality)[:SUSPECTS]
+    ]
+    return _table(rows, columns=["Result", "Frame", "Part", "Quality", "Pixels"])
+
+
+def joint_table(results: Sequence[Result]) -> pd.DataFrame:
+    """Return mean error and share within 100 mm of each of the network's joints."""
+    columns: dict[str, list[str]] = {"Joint": ["All", *(n.replace("_", " ") for n in JOINT_NAMES)]}
+    for result in results:
+        if result.comparison.joints_mm is None:
+            continue
+        total = joint_summary(result.comparison.joints_mm)
+        of = [total, *(total["by_joint"][name] for name in JOINT_NAMES)]
+        columns[result.title] = [
+            "--" if one["mpjpe_mm"] is None else f"{one['mpjpe_mm']:.0f} mm, {one['pck_100mm']:.1%}"
+            for one in of
+        ]
+    return _table(columns)
+
+
+def mean_table(results: Sequence[Result]) -> pd.DataFrame:
+    """Return the mean IoUs of a result by the ways of averaging."""
+    names = ("Whole set", "Mean of the frames", "Mean of frames, then parts", "Worst 5 % of frames")
+    rows = []
+    for result in results:
+        means = confusion.mean_ious(result.comparison.matrices).values()
+        rows.append({"Result": result.title, **dict(zip(names, (f"{v:.3f}" for v in means), strict=True))})
+    return _table(rows)
+
+
+def frame_table(results: Sequence[Result]) -> pd.DataFrame:
+    """Return the worst frames of every result."""
+    rows = []
+    for result in results:
+        c = result.comparison
+        for i in np.argsort(c.frame_miou, kind="stable")[:ROWS]:
+            hard = ", ".join(c.traits[i].hard)
+            rows.append((result.title, c.frame_ids[i], c.subjects[i], hard, f"{c.frame_miou[i]:.3f}"))
+    return _table(rows, columns=["Result", "Frame", "Person", "Difficulty", "mIoU"])
+
+
+def audit_table(material: Material) -> pd.DataFrame:
+    """Return the work of each person on each corrected label set."""
+    rows = [
+        {
+            "Labels": title, "Person": p.who, "When": " to ".join(sorted({p.first[:10], p.last[:10]})),
+            "Frames": p.frames, "Seconds, median": f"{p.seconds_median:.1f}",
+            "90th percentile": f"{p.seconds_p90:.1f}", "Strokes": p.strokes, "Undos": p.undos,
+            "Changed": f"{p.changed:.1%}", "Accepted": p.accepted, "Untouched": f"{p.accepted_untouched:.1%}",
+        }
+        for title, found in material.audits.items()
+        for p in found.people
+    ]  # fmt: skip
+    return _table(rows)
+
+
+def texts(material: Material) -> dict[str, str]:
+    """Return the files beside the page by suffix."""
+    return {".csv": to_csv(material.results), ".json": to_json(material), ".tex": to_latex(material)}
+
+
+def to_csv(results: Sequence[Result]) -> str:
+    """Return one score a line with its interval, empty if there is none; the paper's recalls come last."""
+    rows: list[tuple[object, ...]] = []
+    for result in results:
+        c = result.comparison
+        for name, of_part, found in _scores(result):
+            size = (len(c.frame_ids), c.n_subjects)
+            rows.append((_safe(result.title), name, of_part, found.value, found.low, found.high, *size))
+    for one in OF_PAPER:
+        of = (np.nan, np.nan, one.frames, one.people)
+        rows.append((one.title, "mean_recall", "", one.mean_recall, *of))
+        rows += [(one.title, "recall", p.name, one.table[p.id, p.id], *of) for p in BODY_PARTS]
+    columns = ["result", "score", "part", "value", "low95", "high95", "frames", "people"]
+    kinds = dict.fromkeys(("value", "low95", "high95"), "float64") | {"people": "Int64"}
+    frame = _table(rows, columns=columns).astype(kinds)
+    return str(frame.to_csv(index=False, float_format="%.6f", lineterminator="\n"))
+
+
+def _scores(result: Result) -> Iterator[tuple[str, str, Estimate]]:
+    for name in (*SUMMARY, *INSIDE):
+        yield name, "", estimate(result.comparison, name)
+    for part in BODY_PARTS:
+        for name in PART_SCORES:
+            yield name, part.name, estimate(result.comparison, name, part.id)
+
+
+def _safe(text: str) -> str:
+    """Return text that no spreadsheet takes for a formula."""
+    return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text
+
+
+def to_json(material: Material) -> str:
+    """Return the results as `evaluate` and `compare` print them, the audits and the facts."""
+    value = {
+        "facts": dict(material.facts),
+        "results": [
+            {"title": r.title, "facts": dict(r.facts), **r.comparison.to_evaluation_json()}
+            for r in material.results
+        ],
+        "ceiling": material.ceiling.comparison.to_evaluation_json() if material.ceiling else None,
+        "differences": [found.to_json() for found in material.differences],
+        "audits": {title: audit.to_json() for title, audit in material.audits.items()},
+        "paper": {
+            "citation": paper.CITATION,
+            "parts": [part.name for part in PARTS],
+            "synthetic": paper.SYNTHETIC.table.tolist(),
+            "real": paper.REAL.table.tolist(),
+        },
+    }
+    return json.dumps(value, allow_nan=False, indent=1) + "\n"
+
+
+def to_latex(material: Material) -> str:
+    r"""Return tables for \input: summary, parts and confusion matrix of each result."""
+    tables = [summary_table(material), *map(part_table, material.results)]
+    names = [PARTS[i].title for i in SHOWN_ORDER]
+    for result in material.results:
+        shares = row_shares(result.comparison.confusion)[np.ix_(SHOWN_ORDER, SHOWN_ORDER)]
+        rows = _table(shares, columns=names).map(lambda v: "--" if np.isnan(v) else f"{v:.2f}")
+        rows.insert(0, _writable(result.title), names)
+        tables.append(rows)
+    printable = (table.rename(columns=_printable).map(_printable) for table in tables)
+    shown = [table.style.hide(axis="index").to_latex(hrules=True, convert_css=False) for table in printable]
+    return "% Needs \\usepackage{booktabs}.\n\n" + "\n".join(shown)
+
+
+_TEX = {
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
+    **{letter: "\\" + letter for letter in "&%$#_{}"},
+}  # fmt: skip
+
+
+def _printable(text: object) -> str:
+    """Return text with LaTeX's own characters escaped and control characters dropped."""
+    return "".join(_TEX.get(letter, letter) for letter in str(text) if letter.isprintable())
