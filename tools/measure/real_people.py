@@ -134,8 +134,8 @@ def measure_scan(path, network):
     source = open_source(path)
     with tempfile.TemporaryDirectory() as folder:
         labels = predict_source(source, network, Path(folder) / "p", lambda n: None).labels
-        bearing = Bearing.from_note(labels.notes("000000").get("bearing"))
-        found = bearing and bearing.joints_mm(labels.intrinsics)
+        body = BodyState.from_note(labels.notes("000000").get("bearing"))
+        found = body and body.joints_mm(labels.intrinsics)
     joints = np.full((len(JOINT_NAMES), 3), np.nan) if found is None else found
     off = np.linalg.norm(joints - microsofts_mm(path.with_suffix(".csv"), source.notes[0]), axis=1)
     told = ", ".join(f"{name} {off[JOINT[name]]:.0f}" for name in JOINT_NAMES)
