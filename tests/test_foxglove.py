@@ -117,13 +117,16 @@ def test_the_file_holds_the_numbers_of_labels_and_recording(exported, rig_sessio
         np.testing.assert_allclose(1000 * np.array(joints), true_joints_mm(labels), atol=0.06)
 
 
-def test_the_file_has_every_topic_with_its_public_schema(exported, rig_session):
+def test_the_file_has_public_schemas_and_is_a_session_of_undistorted_images(exported, rig_session):
     with exported.open("rb") as file:
         summary = make_reader(file).get_summary()
         kinds = {c.topic: summary.schemas[c.schema_id].name for c in summary.channels.values()}
-    has_events = bool(Session(rig_session).events)
+    truth, again = LabelSet.open(truth_path(rig_session)), Session(exported)
     expected = {topic: schema.DESCRIPTOR.full_name for topic, schema in SCHEMAS.items()}
-    assert kinds == {t: name for t, name in expected.items() if t != EVENTS or has_events}
+    assert kinds == {t: name for t, name in expected.items() if t != EVENTS or again.events}
+    assert again.events == Session(rig_session).events
+    for labels, frame in zip(truth, again, strict=True):
+        np.testing.assert_array_equal(Fuser(again.calibration).fuse_frame(frame).depth_mm, labels.depth_mm)
 
 
 def test_cameras_stand_where_the_calibration_says(exported, rig_session):
@@ -147,13 +150,6 @@ def test_cameras_stand_where_the_calibration_says(exported, rig_session):
         np.testing.assert_allclose(rotation_of(np.array([q.x, q.y, q.z, q.w])), back.rotation, atol=1e-9)
         np.testing.assert_allclose([t.x, t.y, t.z], back.translation_m)
         assert link.parent_frame_id == "depth"
-
-
-def test_the_file_is_a_session_of_undistorted_images(exported, rig_session):
-    truth, again = LabelSet.open(truth_path(rig_session)), Session(exported)
-    assert again.events == Session(rig_session).events
-    for labels, frame in zip(truth, again, strict=True):
-        np.testing.assert_array_equal(Fuser(again.calibration).fuse_frame(frame).depth_mm, labels.depth_mm)
 
 
 def test_the_command_finds_the_recording_and_replaces_nothing(annotate_cloud, rig_session, tmp_path):
@@ -184,7 +180,7 @@ def test_without_the_recording_depth_parts_and_skeleton_are_shown(rig_session, t
     assert np.isnan(points(found[topics.HEAT_CLOUD][0][1])["temperature"]).all()
 
 
-def synced(shape=(4, 5), **fields) -> Shown:
+def labelled(shape=(4, 5), **fields) -> Shown:
     depth = np.full(shape, 1500, np.uint16)
     depth[0, 0] = 0
     calibration = RigCalibration(CAMERA)
@@ -193,10 +189,9 @@ def synced(shape=(4, 5), **fields) -> Shown:
 
 
 def test_only_wanted_topics_are_made(monkeypatch):
-    monkeypatch.setattr(topics, "heat_points", lambda *_: pytest.fail("nobody wants it"))
-    made = [topic for topic, *_ in shown_messages(synced(), lambda topic: topic == DEPTH)]
-    assert made == [DEPTH]
-    assert not list(shown_messages(synced(), lambda topic: False))
+    monkeypatch.setattr(topics, "heat_points", lambda *_: pytest.fail("no client has subscribed"))
+    made = [topic for topic, *_ in shown_messages(labelled(), lambda topic: topic == DEPTH)]
+    assert made == [DEPTH] and not list(shown_messages(labelled(), lambda topic: False))
 
 
 def test_a_skeleton_has_the_bones_whose_ends_are_known_and_goes_with_the_person():
@@ -246,7 +241,9 @@ def test_a_client_of_the_public_protocol_receives_every_topic():
     thermal = np.full((2, 3), 30, np.float32)
     whole = RigCalibration(CAMERA, CAMERA, Pose.identity(), Intrinsics(3, 2, 4, 4, 1, 0.5), Pose.identity())
     joints = {name: (0.0, 1.0 * i, 900.0) for i, name in enumerate(JOINT_NAMES)}
-    shown = synced(color_encoded=b"\xff\xd8\xff", thermal_c=thermal, joints_mm=joints, events=((5, "flag"),))
+    shown = labelled(
+        color_encoded=b"\xff\xd8\xff", thermal_c=thermal, joints_mm=joints, events=((5, "flag"),)
+    )
     shown = replace(shown, calibration=whole)
     sent = {topic: (stamp, m.SerializeToString()) for topic, stamp, m in shown_messages(shown)}
     assert sent.keys() == SCHEMAS.keys()
@@ -262,7 +259,7 @@ def test_a_client_of_the_public_protocol_receives_every_topic():
     assert got == sent
 
 
-def test_a_taken_port_is_said_in_one_line():
+def test_a_taken_port_is_refused_with_the_remedy():
     pytest.importorskip("foxglove")
     from annotate.foxglove.server import FoxgloveServer
 
@@ -279,42 +276,35 @@ def request(origin: str | None, *fields: str) -> bytes:
     return "\r\n".join(lines).encode("latin-1")
 
 
-@pytest.mark.parametrize(
-    "origin", [None, "https://app.foxglove.dev", "file://", "http://localhost:8080", "http://[::1]:80"]
-)
-def test_programs_foxglove_and_pages_of_this_machine_are_admitted(origin):
-    assert is_admitted(request(origin))
-
-
-@pytest.mark.parametrize(
-    "origin",
-    ["https://evil.example", "null", "", "https://app.foxglove.dev.evil.example", "http://localhost.evil",
-     "https://evil.example/localhost", "http://127.0.0.1@evil.example", "http://[", "http://127.0.0.2"],
+ADMITTED = (None, "https://app.foxglove.dev", "file://", "http://localhost:8080", "http://[::1]:80")
+REFUSED = (
+    "https://evil.example", "null", "", "https://app.foxglove.dev.evil.example", "http://localhost.evil",
+    "https://evil.example/localhost", "http://127.0.0.1@evil.example", "http://[", "http://127.0.0.2",
 )  # fmt: skip
-def test_pages_of_other_sites_are_refused(origin):
-    assert not is_admitted(request(origin))
-    assert not is_admitted(request("file://", f"origin: {origin}"))
 
 
-def test_a_request_that_opens_no_websocket_is_refused():
+def test_only_programs_foxglove_and_pages_of_this_machine_are_admitted():
+    """Neither a foreign page nor a port scan receives anything."""
+    assert all(is_admitted(request(origin)) for origin in ADMITTED)
+    assert not any(is_admitted(request(origin)) for origin in REFUSED)
+    assert not any(is_admitted(request("file://", f"origin: {origin}")) for origin in REFUSED)
     assert not is_admitted(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
-
-
-def test_a_web_page_receives_nothing_and_does_not_find_the_server_behind():
     pytest.importorskip("foxglove")
     from websockets.exceptions import InvalidStatus
     from websockets.sync.client import connect
 
     from annotate.foxglove.server import FoxgloveServer
 
-    evil, own = (partial(connect, origin=site) for site in ("https://evil.example", "file://"))
+    evil, own = (
+        partial(connect, origin=site, subprotocols=[PROTOCOL]) for site in ("https://evil.example", "file://")
+    )
     with FoxgloveServer(0) as server:
         with pytest.raises(InvalidStatus, match="403"):
-            evil(server.address, subprotocols=[PROTOCOL])
-        with own(server.address, subprotocols=[PROTOCOL]) as client:
+            evil(server.address)
+        with own(server.address) as client:
             assert json.loads(client.recv(timeout=60))["op"] == "serverInfo"
         with pytest.raises(OSError):
-            evil(f"ws://127.0.0.1:{server.behind[1]}", subprotocols=[PROTOCOL])
+            evil(f"ws://127.0.0.1:{server.behind[1]}")
 
 
 def test_the_layout_of_the_documentation_is_current_and_shows_topics_that_there_are():
@@ -341,9 +331,9 @@ def test_live_streams_a_session_and_a_taken_port_ends_it_before_it_begins(annota
         rig=SimpleNamespace(events=deque([(1, Event(5, "mark"))]), calibration=BARE),
     )
     body_pose = BodyPose(JOINT_NAMES, np.ones((15, 3)), (), 0.0, 1.0, "sitting", 1.0)
-    labels = FrameLabels("000000", synced().cloud.depth_mm, synced().parts)
+    labels = FrameLabels("000000", labelled().cloud.depth_mm, labelled().parts)
     captured = SyncedFrame(RigFrame(0, 1, labels.depth_mm, b"no image"), 7, 9)
-    latest = LiveFrame(captured, synced().cloud, labels, body_pose, None, (), 1.0)
+    latest = LiveFrame(captured, labelled().cloud, labels, body_pose, None, (), 1.0)
     with FoxgloveServer(0) as server, connect(server.address, subprotocols=[PROTOCOL]) as client:
         client.recv(timeout=60)
         topic_of, got = subscribed(client), {}

@@ -1,12 +1,10 @@
 """A rig that runs is recorded from key to key: what is unplugged comes back, a full disk loses nothing."""
 
-import _thread
 import errno
 import gc
 import itertools
 import json
 import shutil
-import signal
 import threading
 import time
 from collections.abc import Callable
@@ -19,8 +17,6 @@ import pytest
 import sensors.recording.device_readers
 import sensors.recording.live_rig
 import sensors.recording.recorder
-from annotate.label_recording import run
-from annotate.live.live_frame import Labelling
 from annotate.live.rig_warnings import rig_warnings
 from sensors.device.protocol import DepthImage, DeviceReading, Spot
 from sensors.errors import (
@@ -37,7 +33,6 @@ from sensors.recording.playback import Playback
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.reader import Session
-from tests.helpers.labellers import CloudLabeller, no_person
 from tests.helpers.slow_disk import on_disk_of
 
 CAMERA = Intrinsics(8, 6, 10.0, 10.0, 3.5, 2.5)
@@ -116,8 +111,8 @@ def numbers_in(path) -> list[int]:
     return [int(frame.depth_mm[0, 0]) for frame in Session(path)]
 
 
-def test_what_is_recorded_from_key_to_key_has_no_gap(rig_of, tmp_path):
-    rig = rig_of(Camera(), Pyrometer())
+def test_recordings_from_key_to_key_have_no_gap_and_the_name_of_the_person(rig_of, tmp_path, annotate_cloud):
+    rig, before = rig_of(Camera(), Pyrometer()), datetime.now().astimezone().replace(microsecond=0)
     for name in ("a.mcap", "b.mcap"):
         rig.record(tmp_path / name, subject="anna")
         begun, measured = rig.frames.count, rig.health().streams["pyrometer"].count
@@ -132,30 +127,9 @@ def test_what_is_recorded_from_key_to_key_has_no_gap(rig_of, tmp_path):
         assert not session.truncated and session.metadata["subject"] == "anna"
         assert [text for _, text in session.events] == ["sits down"]
         assert np.isfinite(session.reference_c).any()
-
-
-@pytest.mark.parametrize("verb", [["record"], ["live", "--no-window", "--record"]])
-def test_a_polite_kill_leaves_a_whole_recording(annotate_cloud, tmp_path, monkeypatch, verb):
-    def fail(*_):
-        raise CloudError("nobody is in view")
-
-    def terminate() -> None:
-        wait_for(lambda: partial.exists() and partial.stat().st_size > 10_000)
-        handled.append(signal.getsignal(signal.SIGTERM))
-        _thread.interrupt_main(signal.SIGTERM)
-
-    monkeypatch.setattr(Camera, "calibration", RigCalibration(CAMERA))
-    monkeypatch.setattr("cli.rig_devices.open_device", lambda address, shown: Camera())
-    monkeypatch.setattr("cli.live_view.labelling_by", lambda suit: Labelling(fail, fail))
-    path, partial, handled = tmp_path / "a.mcap", tmp_path / "a.mcap.partial", []
-    killer = threading.Thread(target=terminate)
-    killer.start()
-    # Where nothing handles the signal, the end comes by time.
-    done = annotate_cloud(*verb, path, "--device", "kinect2:", "--seconds", 60)
-    killer.join()
-    assert done.code == 0 and handled != [signal.SIG_DFL]
-    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
-    assert not partial.exists() and not Session(path).truncated and len(Session(path)) > 10
+    info = json.loads(annotate_cloud("info", tmp_path / "a.mcap", "--json").out)
+    assert info["subject"] == "anna" and "anna" in annotate_cloud("info", tmp_path / "a.mcap").out
+    assert before <= datetime.fromisoformat(info["started"]) <= datetime.now().astimezone()
 
 
 def test_the_collector_passes_over_what_was_there_while_devices_are_read(rig_of, tmp_path):
@@ -167,27 +141,6 @@ def test_the_collector_passes_over_what_was_there_while_devices_are_read(rig_of,
     assert gc.get_freeze_count() >= before + len(loaded) > 10_000
     rig.close()
     assert gc.get_freeze_count() == 0
-
-
-def test_labels_bear_the_name_that_was_recorded(rig_of, tmp_path):
-    rig = rig_of(Camera())
-    rig.record(tmp_path / "a.mcap", subject="anna")
-    wait_for(lambda: rig.frames.count > 3)
-    rig.close()
-    labeller = CloudLabeller(no_person)
-    made = run(Session(tmp_path / "a.mcap"), {}, tmp_path / "labels", labeller, lambda n: None)
-    assert len(made.labels) and {frame.subject for frame in made.labels} == {"anna"}
-
-
-def test_info_shows_whom_and_when_a_recording_is_of(rig_of, tmp_path, annotate_cloud):
-    rig, before = rig_of(Camera()), datetime.now().astimezone().replace(microsecond=0)
-    rig.record(tmp_path / "a.mcap", subject="anna")
-    wait_for(lambda: rig.frames.count > 3)
-    rig.close()
-    told = json.loads(annotate_cloud("info", tmp_path / "a.mcap", "--json").out)
-    assert told["subject"] == "anna"
-    assert before <= datetime.fromisoformat(told["started"]) <= datetime.now().astimezone()
-    assert "anna" in annotate_cloud("info", tmp_path / "a.mcap").out
 
 
 def test_nothing_is_recorded_twice_at_once_or_over_something(rig_of, tmp_path):
@@ -242,7 +195,7 @@ def test_a_full_disk_ends_the_recording_keeps_what_came_and_the_rig_runs_on(rig_
     assert rig.health().recording is None
     seen = rig.frames.count
     wait_for(lambda: rig.frames.count > seen + 3)
-    assert len(numbers_in(tmp_path / "a.mcap.partial")) == 10
+    assert len(numbers_in(tmp_path / "a.mcap.partial")) == 10 == rig.last_take.frames
 
 
 class Kinect(Camera):
@@ -376,8 +329,9 @@ def test_a_camera_in_another_mode_ends_the_rig_at_once_and_leaves_nothing(rig_of
     assert not list(tmp_path.iterdir())
 
 
-def test_a_rig_needs_depth_and_a_playback_is_not_recorded(rig_session, tmp_path):
-    with pytest.raises(DeviceError, match="depth"):
-        LiveRig("ward", [Pyrometer()], RigCalibration(CAMERA), {}, never)
+def test_a_rig_needs_each_stream_once_and_depth_and_a_playback_is_not_recorded(rig_session, tmp_path):
+    for devices, match in (([Pyrometer()], "depth"), ([Camera(), Camera()], "both give depth")):
+        with pytest.raises(DeviceError, match=match):
+            LiveRig("ward", devices, RigCalibration(CAMERA), {}, never)
     with pytest.raises(CloudError, match="played back"):
         Playback(Session(rig_session)).record(tmp_path / "a.mcap")

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from sensors.calibration_files.lens_models import realsense_intrinsics
-from sensors.device import node
 from sensors.drivers import realsense
 from sensors.drivers.realsense import PRESETS, QUEUE, USB_IDS, RealSense, Settings, realsense_serials
 from sensors.errors import CalibrationError, CloudError, DeviceAccessError, DeviceError, DeviceLostError
@@ -214,7 +213,6 @@ def test_without_a_udev_rule_and_without_the_library(monkeypatch, tmp_path):
     assert realsense_serials() == []
     with pytest.raises(DeviceError, match=r"not installed; install annotate-cloud\[realsense\]"):
         open_device("virtual:realsense", small_ball())
-    assert callable(node.check_usb)
 
 
 @pytest.mark.parametrize("model", ["brown_conrady", "inverse_brown_conrady", "modified_brown_conrady"])
