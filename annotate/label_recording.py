@@ -255,11 +255,7 @@ class _Fused(NamedTuple, Generic[S]):
 def _fused_ahead(
     source: FrameSource, fuse: Callable[[RigFrame], _Fused[S]]
 ) -> Iterator[tuple[str, Future[_Fused[S]]]]:
-    """Yield the frames of a source, some of them read and fused ahead.
-
-    The future raises the errors of ``fuse`` and CloudErrors of the source, which cost one frame. Other errors
-    of the source are raised in the frame's turn.
-    """
+    """Yield the frames of a source, some of them read and fused ahead."""
     frames = iter(source)
     with ThreadPoolExecutor(1, "read") as reader, ThreadPoolExecutor(DETECTORS, "fuse") as detectors:
 

@@ -51,21 +51,20 @@ def fuse_naive(calibration, depth_mm, color_rgb, thermal_c):
 
     scale = (calibration.color.fx / camera.fx) / (KINECT2_COLOR.f / KINECT2_DEPTH.fx)
     window = round(scale), round(2 * scale)
-    u, v, _, _, seen, _, _ = _look(
-        calibration.color, calibration.color_from_depth, camera, z, window, 0.01, 0
-    )
+    view = _view(calibration.color, calibration.color_from_depth, (camera, z), window, (0.01, 0))
+    u, v, seen = view["u"], view["v"], view["seen"]
     color = np.zeros((*camera.shape, 3), np.uint8)
     color[seen] = color_rgb[_pixel(v[seen]), _pixel(u[seen])]
 
     reach = 1.5 * camera.fx / calibration.thermal.fx
-    sight = _look(
-        calibration.thermal, calibration.thermal_from_depth, camera, z, (1, 1), THERMAL_TOLERANCE, reach
-    )
-    return ThermalCloud(camera, undistorted, points, color, seen, _bilinear(thermal_c, *sight))
+    thermal, pose = calibration.thermal, calibration.thermal_from_depth
+    view = _view(thermal, pose, (camera, z), (1, 1), (THERMAL_TOLERANCE, reach))
+    return ThermalCloud(camera, undistorted, points, color, seen, _bilinear(thermal_c, **view))
 
 
-def _look(other, pose, camera, z, window, tolerance, reach):
-    """Position in the other camera, z there, slack, what is seen, the z-buffer and its window's front."""
+def _view(other, pose, points, window, slacks):
+    """Project points of (camera, metres); return places, metres ahead, slack, visibility and z-buffers."""
+    (camera, z), (tolerance, reach) = points, slacks
     turned = np.einsum("ij,hwj->ihw", pose.rotation, rays(camera)).astype(F)
     t = pose.translation_m.astype(F)
     k1, k2, p1, p2, k3 = (F(k) for k in other.distortion)
@@ -85,7 +84,7 @@ def _look(other, pose, camera, z, window, tolerance, reach):
     slack = F(tolerance) * ahead + F(reach) * _slope(ahead)
     seen = np.zeros(z.shape, bool)
     seen[inside] = ahead[inside] - front[row, column] <= slack[inside]
-    return u, v, ahead, slack, seen, nearest, front
+    return {"u": u, "v": v, "seen": seen, "depth": (ahead, slack, nearest, front)}
 
 
 def _pixel(coordinate):
@@ -102,9 +101,10 @@ def _slope(z):
     return slope
 
 
-def _bilinear(image, u, v, ahead, slack, seen, nearest, front):
+def _bilinear(image, u, v, seen, depth):
     """Bilinear mean over the pixels with a reading that show the point's own surface alone."""
-    nearest, front, image = (np.pad(plane, 1, constant_values=np.nan) for plane in (nearest, front, image))
+    nearest, front, image = (np.pad(plane, 1, constant_values=np.nan) for plane in (*depth[2:], image))
+    ahead, slack = depth[:2]
     x, y, z = u[seen] + F(1), v[seen] + F(1), ahead[seen]
     left, top = x.astype(np.intp), y.astype(np.intp)
     a, b = x - left.astype(F), y - top.astype(F)

@@ -20,7 +20,7 @@ from sensors.session.reader import Session
 def registered(
     image: np.ndarray, points_m: np.ndarray, camera: Intrinsics, pose: Pose, share: float
 ) -> np.ndarray:
-    """An image's pixels at the places of depth's points (h, w, 3); 0 where hidden, or there is no depth.
+    """An image's pixels at the places of depth's points (h, w, 3); 0 where hidden or without depth.
 
     share: of its depth by which a point behind the nearest one of its pixel and its neighbours is hidden.
     """
@@ -92,7 +92,7 @@ def test_the_command_prints_what_it_assumes_and_keeps_the_subject(annotate_cloud
 
 
 def test_doubts_are_printed_by_every_verb(annotate_cloud, folder, tmp_path):
-    """Depth that a user declared wrongly stays in the session; whoever opens it is told."""
+    """Depth that a user declared wrongly stays in the session; every verb warns."""
     annotate_cloud("import", folder, tmp_path / "x.mcap", "--depth-unit", "10")
     info = annotate_cloud("info", tmp_path / "x.mcap")
     checked = annotate_cloud("validate", tmp_path / "x.mcap")

@@ -16,11 +16,9 @@ from annotate.exchange import coco as coco_format
 from annotate.exchange import companion as companion_format
 from annotate.exchange import cvat as cvat_format
 from annotate.exchange import parquet as parquet_format
-from annotate.exchange.coco import ANNOTATIONS, rle_from_string, rle_to_string
+from annotate.exchange.coco import ANNOTATIONS
 from annotate.exchange.companion import COMPANION, Companion
-from annotate.exchange.cvat import ANNOTATIONS as XML
 from annotate.exchange.formats import FORMATS, export_labels, import_labels, recognise
-from annotate.exchange.masks import mask_from_runs, runs_of
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.journal import JOURNAL
 from annotate.labelset.label_set import LabelSet
@@ -29,6 +27,7 @@ from sensors.errors import CloudError, FormatError
 from sensors.importers.clouds import records
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics, unproject
+from tests.helpers.label_sets import CAMERA, blocks, make
 from tests.helpers.same_frame import assert_same_frame
 
 law = settings(deadline=None, max_examples=12)
@@ -64,13 +63,6 @@ def label_sets(draw) -> tuple[Intrinsics, list[FrameLabels]]:
     return camera, frames
 
 
-def make(path: Path, camera: Intrinsics, frames: list[FrameLabels]) -> LabelSet:
-    labels = LabelSet.create(path, camera, {})
-    for frame in frames:
-        labels.write(frame)
-    return labels
-
-
 @pytest.mark.parametrize("name", FORMATS)
 @given(made=label_sets())
 @law
@@ -94,23 +86,6 @@ def test_a_round_trip_changes_nothing(name, made):
 
 
 # A label set for the tools of others
-
-
-def blocks(seed: int = 0) -> FrameLabels:
-    """All parts and undefined in blocks, noise within; two persons; depth everywhere but in one corner."""
-    rng = np.random.default_rng(seed)
-    ids = np.array([0, *range(12), 255, 0, 3], np.uint8).reshape(4, 4)
-    parts = np.kron(ids, np.ones((6, 8), np.uint8))
-    parts[rng.random(parts.shape) < 0.1] = 0
-    depth = rng.integers(500, 4500, parts.shape).astype(np.uint16)
-    depth[:4, :5] = 0
-    persons = (parts > 0).astype(np.uint8)
-    persons[20:, 24:] = 2
-    confidence = (rng.integers(0, 256, parts.shape) / np.float32(255)).astype(np.float32)
-    return FrameLabels(f"{seed:06d}", depth, parts, confidence, "corrected", f"P{seed}", {}, persons)
-
-
-CAMERA = Intrinsics(32, 24, 30.0, 31.0, 15.5, 11.5)
 
 
 @pytest.fixture
@@ -160,18 +135,6 @@ def test_pycocotools_reads_our_masks(export, capsys):
     assert all(names[part.id] == part.name for part in PARTS[1:])
 
 
-@given(st.lists(st.booleans(), min_size=1, max_size=80), st.integers(0, 3))
-@law
-def test_run_lengths_are_those_of_pycocotools(bits, zeros):
-    mask = pytest.importorskip("pycocotools.mask")
-    flat = np.array([*bits, *[False] * (400 * zeros)], bool)
-    runs = runs_of(flat)
-    theirs = mask.encode(np.asfortranarray(flat[:, None].astype(np.uint8)))["counts"].decode()
-    assert rle_to_string(runs) == theirs
-    assert rle_from_string(theirs) == runs
-    np.testing.assert_array_equal(mask_from_runs(runs, len(flat)), flat)
-
-
 @pytest.mark.parametrize("name", ["pcd", "ply"])
 def test_open3d_reads_our_clouds(export, name):
     o3d = pytest.importorskip("open3d")
@@ -217,71 +180,6 @@ def test_semantic_kitti_is_read_as_its_own_tools_do(export):
     assert config["labels"][3] == "left_upper_arm"
     learned, back = config["learning_map"], config["learning_map_inv"]
     assert {back[learned[i]] for i in config["labels"]} == set(config["labels"])
-
-
-# CVAT
-
-
-def test_cvat_masks_and_polygons_of_others_are_read(export, tmp_path):
-    """Also of many corners and many masks; a name leads nowhere outside."""
-    out = export("cvat")
-    (out / XML).write_text(
-        '<?xml version="1.0" encoding="utf-8"?><annotations><version>1.1</version>'
-        '<image id="7" name="sub/000001.png" width="32" height="24">'
-        '<polygon label="torso" points="4.0,3.0;10.0,3.0;10.0,9.0;4.0,9.0" z_order="0"></polygon>'
-        '<mask label="head" rle="1, 2, 1" left="5" top="4" width="2" height="2" z_order="1"/>'
-        '<box label="x" xtl="1"/><tag label="y"/></image></annotations>'
-    )
-    parts = import_labels(out, tmp_path / "back", nothing)[0].read("000001").parts
-    assert parts[4:6, 5:7].tolist() == [[2, 1], [1, 2]]
-    assert set(np.unique(parts[4:8, 5:9])) == {1, 2} and (parts > 0).sum() in range(36, 50)
-    round_ = [(16 + 9 * np.cos(a), 12 + 9 * np.sin(a)) for a in np.linspace(0, 2 * np.pi, 12_000)]
-    polygon = f'<polygon label="torso" points="{";".join(f"{x:.4f},{y:.4f}" for x, y in round_)}"/>'
-    dot = '<mask label="head" rle="0,1" left="16" top="12" width="1" height="1" z_order="1"/>'
-    (out / XML).write_text(xml(polygon + dot * 2500, "../../000000.png"))
-    parts = import_labels(out, tmp_path / "many", nothing)[0].read("000000").parts
-    assert parts[12, 16] == 1 and (parts == 2).sum() in range(230, 290)
-
-
-BOMB = '<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "aaaaaaaaaa">' + "".join(
-    f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in zip("abcdefgh", "bcdefghi", strict=True)
-)
-
-
-def xml(shape: str, name: str = "000000.png") -> str:
-    return f'<annotations><image name="{name}">{shape}</image></annotations>'
-
-
-def mask(label: str, rle: str, left: int, width: int, height: int = 1) -> str:
-    return xml(f'<mask label="{label}" rle="{rle}" left="{left}" top="0" width="{width}" height="{height}"/>')
-
-
-EVIL_XML = {
-    "empty dtd": "<!DOCTYPE x>" + xml(""),
-    "bomb": BOMB + "]><annotations>&i;</annotations>",
-    "external": '<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/hostname">]>' + xml("", "&e;"),
-    "external dtd": '<!DOCTYPE x SYSTEM "http://127.0.0.1:1/x.dtd"><annotations/>',
-    "deep": "<a>" * 100_000,
-    "cut": "<annotations><image",
-    "other": "<html></html>",
-    "nul": xml("", "a&#x41;.png"),
-    "label": mask("tail", "0,1", 0, 1),
-    "huge": mask("head", "0,999999999999", 0, 10**6, 10**6),
-    "negative": mask("head", "-1,2", 0, 1),
-    "nan": xml('<polygon label="head" points="nan,0;1,1;2,2"/>'),
-}
-
-
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
-@pytest.mark.parametrize("name", EVIL_XML)
-def test_evil_xml_is_refused(export, tmp_path, name, encoding):
-    out = export("cvat")
-    before = tree(tmp_path)
-    (out / XML).write_bytes(EVIL_XML[name].encode(encoding))
-    with pytest.raises(CloudError, match="document type" if "DOCTYPE" in EVIL_XML[name] else None) as error:
-        import_labels(out, tmp_path / "back", nothing)
-    assert "hostname" not in str(error.value).replace(str(tmp_path), "")
-    assert set(tree(tmp_path)) == set(before)
 
 
 # The command
@@ -384,20 +282,6 @@ def test_folders_of_others_need_only_intrinsics(export, tmp_path):
     (out / "intrinsics.json").unlink()
     with pytest.raises(CloudError, match=r"intrinsics\.json"):
         import_labels(out, tmp_path / "other", nothing)
-
-
-def test_coco_with_uncompressed_runs_is_read_and_equal_names_are_refused(export, tmp_path):
-    out = export("coco")
-    content = json.loads((out / ANNOTATIONS).read_text())
-    for annotation in content["annotations"]:
-        annotation["segmentation"]["counts"] = rle_from_string(annotation["segmentation"]["counts"])
-    (out / ANNOTATIONS).write_text(json.dumps(content))
-    back, *_ = import_labels(out, tmp_path / "back", nothing)
-    np.testing.assert_array_equal(back.read("000000").parts, blocks(0).parts)
-    content["images"][1]["file_name"] = content["images"][0]["file_name"]
-    (out / ANNOTATIONS).write_text(json.dumps(content))
-    with pytest.raises(FormatError, match="two images are called"):
-        import_labels(out, tmp_path / "more", nothing)
 
 
 # Bounds

@@ -223,7 +223,7 @@ def test_undistortion_equals_libfreenect2s_bit_for_bit(seed, unit):
 
 @pytest.mark.parametrize("fuser", [Fuser, CoarseFuser])
 def test_a_saturated_reading_is_none(fuser):
-    """65535 of a session that another program, or an older version, has written is no wall 65.5 m away."""
+    """65535, as other programs and older versions write it, is not a wall 65.5 m away."""
     depth = wall(2000)
     saturated = depth.copy()
     depth[10:20, 10:30], saturated[10:20, 10:30] = 0, 65535

@@ -49,7 +49,7 @@ def session(rig_session) -> Session:
 
 @pytest.fixture
 def labelled(tmp_path, rig_labels) -> Path:
-    """What labelling the session with its suit has made; all times of files are kept."""
+    """Copy of the labelled session with its file times."""
     return Path(shutil.copytree(rig_labels.path, tmp_path / "l"))
 
 
@@ -124,7 +124,7 @@ def test_a_corrupt_frame_blocks_resuming_and_is_left_alone(session, labelled):
 
 
 def stripes(shape: tuple[int, int], trusted: bool = True) -> PersonMask:
-    """A person in the upper third of the image, somebody else in the lower third."""
+    """A person in the upper third of the image, another one in the lower third."""
     rows = np.broadcast_to(np.arange(shape[0])[:, None] * 3 // shape[0], shape)
     whose = np.select([rows == 0, rows == 2], [1, 2], 0).astype(np.uint8)
     return PersonMask(rows == 0, "thermal", whose, () if trusted else ("thermal: off",), trusted)

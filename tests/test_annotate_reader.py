@@ -1,4 +1,4 @@
-"""The reader of suits: what the network sees, and borders by colour."""
+"""Suit network: input channels, probabilities, flips, and borders by colour."""
 
 import pickle
 from dataclasses import replace
@@ -120,7 +120,7 @@ def test_a_pixel_is_seen_among_every_step_th():
     planes = planes.astype(np.uint8)
     found = reader.probabilities(planes, 3)
     np.testing.assert_allclose(found[:, ::3, ::3], reader.probabilities(planes[:, ::3, ::3], 1), atol=1e-6)
-    # An image that repeats each pixel is the same in all samples, but for what is around moving on.
+    # An image that repeats each pixel is the same in all samples, except for the shifted context.
     doubled = planes[:, :32, :48].repeat(2, axis=1).repeat(2, axis=2)
     once, twice = reader.probabilities(planes[:, :32, :48], 1), reader.probabilities(doubled, 2)
     assert (twice[:, 1::2, 1::2].argmax(axis=0) == once.argmax(axis=0)).mean() > 0.7

@@ -1,4 +1,4 @@
-"""The suit is read as it is worn, in shade and in any light, and what is not seen is never made up."""
+"""Suit segmentation holds in shade and any light, and leaves unreadable pixels undefined."""
 
 from dataclasses import replace
 
@@ -53,7 +53,7 @@ def seen(rig_session) -> list[tuple[ThermalCloud, np.ndarray]]:
 
 @pytest.fixture(scope="module")
 def read(seen) -> list[Segmentation]:
-    """What is read of them, each frame by itself."""
+    """Segmentations of the clouds, each frame by itself."""
     return [read_in(cloud) for cloud, _ in seen]
 
 
@@ -130,7 +130,7 @@ def alike(cloud: ThermalCloud, truth: np.ndarray, one: int, other: int) -> tuple
 
 
 def test_neighbours_of_one_colour_are_less_sure(seen, read):
-    """Above all at their border, which colours no longer tell; shape tells what is far from it."""
+    """Above all at their border, where only shape is left."""
     cloud, truth = seen[0]
     result = read_in(*alike(cloud, truth, TORSO, HIP))
     both, beside = (truth == TORSO) | (truth == HIP), np.ones((9, 9), np.uint8)
@@ -203,7 +203,7 @@ def test_a_light_that_the_frame_before_tells_is_kept_or_found_anew(seen, read, t
 
 
 def test_a_glance_names_what_a_reading_names(seen, read):
-    """But for borders; and only where there is depth."""
+    """Except at borders; and only at pixels with depth."""
     for (cloud, truth), whole in zip(seen[:3], read, strict=False):
         found = label_cloud(SuitLabeller(DEFAULT_SUIT, single_pass=True), cloud, None)[0]
         assert right(found, truth) > right(whole, truth) - 0.03 and not found.parts[~cloud.valid].any()

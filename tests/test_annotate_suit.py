@@ -104,7 +104,7 @@ def test_parts_that_share_skin_do_not_look_alike():
 
 
 def nearest(suit: Suit, learnt: Suit) -> dict[str, float]:
-    """How far each part's learnt swatches are from its own, in chromaticity; the best of them."""
+    """Return the least chromaticity distance of each part's learnt swatches to its own."""
     own, found = chromaticity(suit.colors_rgb), chromaticity(learnt.colors_rgb)
     return {
         p.name: np.linalg.norm(own[suit.parts == p.id][:, None] - found[learnt.parts == p.id], axis=2).min()

@@ -31,7 +31,7 @@ def two_patches(gap_m=0.2):
 
 
 def same_partition(a: NDArray[np.int32], b: NDArray[np.int32]) -> bool:
-    """Whether two labelings split the points alike, whatever the ids."""
+    """Return whether two labelings split the points alike."""
     pairs = np.unique(np.column_stack([a, b]), axis=0)
     return len(pairs) == len(np.unique(a)) == len(np.unique(b))
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from conftest import assert_refused
 
-from annotate.exchange import masks
 from annotate.exchange.annotated_images import frame_ids
 from annotate.exchange.formats import import_labels
 from annotate.labelset.label_set import LabelSet
@@ -251,13 +250,6 @@ def test_files_of_others(shared_data, tmp_path, name, remarks):
     np.testing.assert_array_equal(LabelSet.open(tmp_path / "labels").parts("000000"), HEAD)
 
 
-def test_a_file_of_annotations_is_read_alone(coco, tmp_path):
-    coco("a.png", annotations="annotations/instances_a.json")
-    source = coco("b.png", annotations="annotations/instances_b.json")
-    assert taken(source, tmp_path / "both").labels.frame_ids == ["a", "b"]
-    assert taken(source / "annotations/instances_b.json", tmp_path / "b").labels.frame_ids == ["b"]
-
-
 RING = HEAD.copy()
 RING[8:12, 30:40] = 0
 SQUARE = [x for corner in FORWARD for x in corner]
@@ -278,18 +270,6 @@ def test_polygons_hold_the_pixels_whose_centres_lie_in_them(coco, tmp_path, draw
     """Also one without the list around it, in pairs, beside lines, with a hole, and beyond the image."""
     labels = taken(coco(annotation={"segmentation": drawn}), tmp_path / "labels").labels
     np.testing.assert_array_equal(labels.parts("000000"), pixels)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_a_polygon_is_its_naive_twin(seed, monkeypatch):
-    """Ray by ray (Shimrat 1962), however few edges are computed at once."""
-    monkeypatch.setattr(masks, "CELLS", 3 * 30)
-    corners = np.random.default_rng(seed).uniform(-10, 50, (9, 2))
-    x, y = np.meshgrid(np.arange(40) + 0.5, np.arange(30) + 0.5)
-    odd = np.zeros((30, 40), bool)
-    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        odd ^= ((y0 <= y) != (y1 <= y)) & (x0 + (y - y0) * (x1 - x0) / (y1 - y0) <= x)
-    np.testing.assert_array_equal(masks.polygon_pixels(corners, (30, 40)), odd)
 
 
 def cvat_of(folder, shape, size=(W, H), file="annotations.xml", around="image"):

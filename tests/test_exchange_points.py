@@ -100,7 +100,7 @@ def test_hidden_points_are_undefined_and_visible_ones_are_not(tmp_path):
     label = read_ply(tmp_path / "out" / "000000.ply").records["label"]
     facing = (ball * (ball - [0.1, 0.2, 2.0])).sum(axis=1) / 0.3 / np.linalg.norm(ball, axis=1)
     assert (label[facing < -0.3] == 2).mean() > 0.99
-    assert (label[facing > 0.3] == UNDEFINED).mean() > 0.98  # but for gaps between points
+    assert (label[facing > 0.3] == UNDEFINED).mean() > 0.98  # the rest lies in gaps
     assert set(np.unique(label)) == {2, UNDEFINED}
 
 

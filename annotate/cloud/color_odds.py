@@ -1,7 +1,4 @@
-"""Log odds of a person by colour, learnt within a frame from its sure pixels.
-
-Constants are untuned.
-"""
+"""Log odds of a person by colour, learnt within a frame from its sure pixels. Constants are untuned."""
 
 import cv2
 import numpy as np

@@ -137,10 +137,7 @@ def _view_of(name: str, image: NDArray[Any], view: PointView | None) -> PointVie
 
 @njit(cache=True, nogil=True)
 def _undistort(depth_mm: UInt16, source: Int32, rays_xy: Float32) -> tuple[UInt16, Float32]:
-    """Return undistorted depth (h, w) in millimetres, and points (h, w, 3) in metres, NaN = no reading.
-
-    depth_mm: flat. source: (h, w), index into it, -1 = none. rays_xy: (h, w, 2), rays at depth 1.
-    """
+    """Return undistorted depth (h, w) in millimetres, and points (h, w, 3) in metres, NaN = no reading."""
     undistorted = np.zeros(source.shape, np.uint16)
     points = np.full((*source.shape, 3), np.float32(np.nan))
     for v in range(source.shape[0]):
@@ -169,11 +166,7 @@ def _nearest(projection: Projection, seen: Bool, image: UInt8) -> UInt8:
 
 @njit(cache=True, nogil=True)
 def _bilinear(projection: Projection, slack_m: Float32, sight: Float32) -> Float32:
-    """Return the bilinear mean (h, w) over pixels with a reading of the point's own surface alone.
-
-    sight: (h', w', 3), z-buffer (inf without a reading), its window's minimum and temperatures; bordered by a
-    pixel.
-    """
+    """Return the bilinear mean (h, w) over pixels with a reading of the point's own surface alone."""
     column, row, ahead = projection
     values = np.full(ahead.shape, np.float32(np.nan))
     for v in range(ahead.shape[0]):

@@ -148,10 +148,7 @@ def nearest_pixel(coordinate: np.float32) -> np.uint32:
 def _project(
     depth_m: Float32, turned: Float32, translation_m: Float32, lens: Float32, size: tuple[np.float32, ...]
 ) -> tuple[Float32, Float32, Float32]:
-    """Project flat depths (n,); return columns, rows and metres ahead (n,).
-
-    Free of branches and shared arrays, so that it vectorises: 0.2 ms a frame instead of 2.
-    """
+    """Project flat depths (n,); return columns, rows and metres ahead (n,)."""
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = lens
     t_x, t_y, t_z = translation_m
     rays_x, rays_y, rays_z = turned[0], turned[1], turned[2]

@@ -176,10 +176,7 @@ def _masks(
 
 
 def _run_pixels(segmentation: dict[str, Any], box: object, shape: tuple[int, int]) -> tuple[Bool, str]:
-    """Return the pixels (h, w) of run lengths, and a remark or "". Raises FormatError.
-
-    COCO counts column by column, some programs row by row; the annotation's ``bbox`` shows the direction.
-    """
+    """Return the pixels (h, w) of run lengths, and a remark or "". Raises FormatError."""
     height, width = (int(side) for side in segmentation["size"])
     if (height, width) != shape:
         raise FormatError(f"a mask is {height}x{width} on an image of {shape}; export it again")

@@ -60,11 +60,7 @@ def export_points(
 
 
 def _as_labelled(path: Path, depth_mm: UInt16) -> tuple[pointcloud.CloudFile, Turn]:
-    """Open the cloud as it was labelled; return it with the turn of its images.
-
-    A label set does not hold the options of its import, but its depth image shows them. Raises FormatError if
-    none gives this image.
-    """
+    """Open the cloud as it was labelled; return it with the turn of its images."""
     why: FormatError | None = None
     for options in _declarations():
         try:

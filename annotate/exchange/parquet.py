@@ -52,10 +52,7 @@ def is_parquet(source: Path) -> bool:
 
 
 def camera_of_parquet(source: Path, intrinsics: Path | None = None) -> Companion:
-    """Return the camera of Parquet files, or the folder's companion.
-
-    Raises FormatError, CalibrationError.
-    """
+    """Return the camera of Parquet files, or the folder's companion. Raises FormatError, CalibrationError."""
     camera = _camera(_files(source)[0])
     return Companion(camera) if camera else load_companion(source, intrinsics)
 

@@ -117,10 +117,7 @@ def _network() -> Network:
 
 
 def _found(points_m: Float32, warmth: Float32, single_pass: bool = False) -> tuple[Float32, Float32]:
-    """Return log odds (h, w) of points (h, w, 3), and votes (h', w', 3) of every second point.
-
-    Metres in the camera's frame, 0 = no reading; h' = ceil(h / 2).
-    """
+    """Return log odds (h, w) of points (h, w, 3), and votes (h', w', 3) of every second point."""
     height, width = points_m.shape[:2]
     more = ((0, -height % MULTIPLE), (0, -width % MULTIPLE))
     given = network_input(np.pad(points_m[..., 2], more), np.pad(warmth, more))
@@ -142,11 +139,7 @@ def _found(points_m: Float32, warmth: Float32, single_pass: bool = False) -> tup
 
 
 def _by_votes(votes_m: Float32, surface_m2: Float32, odds: Float32) -> UInt8:
-    """Return the person (n,) of pixels, 0 = no person, by votes (n, 3), surfaces (n,) and log odds (n,).
-
-    A middle is a vote with the densest votes within ``MIDDLES_M``; each other vote joins the nearest denser
-    one (Rodriguez & Laio 2014, clustering by density peaks).
-    """
+    """Return the person (n,) of pixels, 0 = no person, by votes (n, 3), surfaces (n,) and log odds (n,)."""
     step = 1 + len(votes_m) // MOST_VOTES
     some, weight = votes_m[::step], surface_m2[::step] * step
     leader = _leaders(some, weight)

@@ -67,10 +67,7 @@ def distance_m(planes: Sequence[Plane], points_m: Float32) -> Float32:
 
 
 def _fitted(lines: Float32, pixel_m2: Float32, start: int) -> tuple[Plane, Bool]:
-    """Fit a plane by least squares around a start point; return it and flags (n,) of its points.
-
-    lines: (6, n), points in metres and normals. pixel_m2: (n,), their surface.
-    """
+    """Fit a plane by least squares around a start point; return it and flags (n,) of its points."""
     normal = np.ascontiguousarray(lines[3:, start])
     plane = Plane(normal, float(normal @ lines[:3, start]), 0.0)
     on = _on(plane, lines)
@@ -111,10 +108,7 @@ def _nearest_m(points_m: Float32, planes: Float32) -> Float32:
 
 @njit(cache=True, nogil=True)
 def _best(lines: Float32, tried: Index) -> int:
-    """Return the index, among those tried (k,), of the point with the most surface on its plane.
-
-    lines: (6, n), points in metres and normals.
-    """
+    """Return the index, among those tried (k,), of the point with the most surface on its plane."""
     x, y, z, right, down, ahead = lines
     weight = np.rint(100 * z**2).astype(np.int64)  # whole numbers add up in any order
     best, most = 0, np.int64(-1)
@@ -133,11 +127,7 @@ def _best(lines: Float32, tried: Index) -> int:
 
 @njit(cache=True, nogil=True)
 def _normals(depth_m: Float32, lens: Float64, rows: Index, columns: Index) -> Float32:
-    """Return unit normals (n, 3) of the surface at pixels, towards the camera; NaN with few readings.
-
-    Least squares of 1/z, which is linear over the image of a plane, on 5 x 5 pixels two apart. lens: (fx, fy,
-    cx, cy).
-    """
+    """Return unit normals (n, 3) of the surface at pixels, towards the camera; NaN with few readings."""
     fx, fy, cx, cy = lens
     height, width = depth_m.shape
     normals = np.full((rows.size, 3), np.float32(np.nan))

@@ -189,10 +189,7 @@ def coarse_pass(view: View, suit: Suit, network: SuitNetwork) -> tuple[Rectangle
 def _find_parts(
     view: View, illuminant: ColorModel, sample_m: float, network: SuitNetwork
 ) -> tuple[Rectangle, UInt8, Float64]:
-    """Return the place of the parts by one image of samples, or the whole view if there are none.
-
-    With it the colours (n, 3) of the parts, and their beliefs in parts (n, 11).
-    """
+    """Return the place of the parts by one image of samples, or the whole view if there are none."""
     step = view.step(sample_m)
     some = slice(None, None, step), slice(None, None, step)
     planes, rgb = view.planes[:, *some], view.rgb[some]

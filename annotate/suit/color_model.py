@@ -132,11 +132,7 @@ def _match(chroma: Float64, noise: Float64, swatches: _Swatches) -> Float32:
 
 @njit(cache=True, nogil=True)
 def _away(colors: Float32, swatches: Float32) -> tuple[Float32, Float32]:
-    """Return squared distances (K, n) in standard deviations, and determinants (K, n) of the covariances.
-
-    colors: (3, n), chromaticities and variances. swatches: (5, K), chromaticities and covariances (xx, xy,
-    yy). In single precision and along the colours, so that loops vectorise.
-    """
+    """Return squared distances (K, n) in standard deviations, and determinants (K, n) of the covariances."""
     shape = swatches.shape[1], colors.shape[1]
     away, area = np.empty(shape, np.float32), np.empty(shape, np.float32)
     for k in range(shape[0]):
@@ -219,10 +215,7 @@ def _fitted_gain(model: ColorModel, chroma: Float64, weight: Float64) -> Float64
 
 
 def _fitted_swatches(model: ColorModel, chroma: Float64, share: Float64) -> ColorModel:
-    """Fit each swatch's shift and spread to its share (K, n) of colours (n, 2).
-
-    The prior of a shift is drawn out towards the illuminant's chromaticity, because cloth fades.
-    """
+    """Fit each swatch's shift and spread to its share (K, n) of colours (n, 2)."""
     prior = np.linalg.inv(_strays(model.fading))
     mass, total = share.sum(axis=1), share @ chroma
     mean = total / np.maximum(mass, 1e-9)[:, None]

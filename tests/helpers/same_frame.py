@@ -1,4 +1,4 @@
-"""Whether two labelled frames are equal to the bit."""
+"""Comparison of labelled frames to the bit."""
 
 import numpy as np
 
