@@ -29,8 +29,8 @@ from synth.markers.posture_fit import Observed, fit_posture
 from synth.markers.solve import bridge, solve
 from synth.motion_files.marker_files import read_markers
 from synth.motion_files.vertical_axis import GIVEN, Upward
+from tests.helpers.lab_angles import LEG, PlugInGait, columns, errors_deg
 from tests.helpers.marker_truth import joint_errors_deg, plug_in_gait, synthesise
-from tools.measure.people.lab_angles import LEG, PlugInGait, columns, errors_deg
 
 UP = Upward("z", GIVEN)
 

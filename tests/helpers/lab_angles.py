@@ -1,14 +1,6 @@
-"""Joint angles beside a laboratory's: ``python -m tools.measure.people.lab_angles TRIAL.c3d STATIC.c3d``.
+"""Plug-in-Gait's joint angles, to compare with a laboratory's."""
 
-TRIAL holds the segments and angles that Plug-in-Gait computed. Prints degrees RMS after a constant offset,
-flexion at hip, knee and ankle: of the solved angles as they are, and of the angles by Plug-in-Gait's own
-formulas of the markers as they sit on the solved body (the laboratory's definition of axes and joint centres,
-this project's motion).
-"""
-
-import sys
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
@@ -16,17 +8,13 @@ from annotate.array_types import Float64
 from synth.body.skeleton import JOINT_ID
 from synth.markers.kinematics import State, markers_at
 from synth.markers.solve import fit_person, solve
-from synth.motion_files.marker_files import Markers, read_markers
+from synth.motion_files.marker_files import Markers
 
 LEG = ("Hip", "Knee", "Ankle")
 
 
 class PlugInGait:
-    """One leg's model (Davis et al. 1991; Kadaba et al. 1990), its constants read off a laboratory's outputs.
-
-    side: "L" or "R". Joint centres follow from a marker, the joint above and a wand marker by a right angle
-    at a fixed distance ("chord").
-    """
+    """One leg's model (Davis et al. 1991; Kadaba et al. 1990) with constants from a laboratory's outputs."""
 
     def __init__(self, trial: Markers, side: str) -> None:
         at = columns(trial.labels, trial.positions)
@@ -39,12 +27,12 @@ class PlugInGait:
             for a, m in ((knee, "KNE"), (ankle, "ANK"))
         ]
         foot = np.einsum("fji,fjk->fik", self.segments(at)[3], _recorded(at, f"{side}FO"))
-        # What the static trial says of the shoe: a constant turn of the foot.
+        # The constant turn of the shoe in the static trial.
         u, _, v = np.linalg.svd(foot.mean(axis=0))
         self.shoe = u @ v
 
     def segments(self, at: dict[str, Float64]) -> list[Float64]:
-        """Axes (F, 3, 3) of pelvis, thigh, shank, foot: columns forwards, left, up. at: places of markers."""
+        """Return axes (F, 3, 3) of pelvis, thigh, shank, foot: columns forwards, left, up."""
         side, sign = self.side, 1 if self.side == "L" else -1
         pelvis, origin = _pelvis(at)
         hip = origin + pelvis @ self.hip
@@ -55,7 +43,7 @@ class PlugInGait:
         return [pelvis, _axes(hip - knee, sign * (at[f"{side}KNE"] - knee)), shank, foot]
 
     def flexion_deg(self, at: dict[str, Float64]) -> Float64:
-        """Flexion (F, 3) at hip, knee and ankle, degrees (Grood & Suntay 1983): hip and ankle as recorded."""
+        """Return the flexion (F, 3) at hip, knee and ankle, degrees (Grood & Suntay 1983)."""
         *upper, foot = self.segments(at)
         segments = [*upper, foot @ self.shoe]
         turns = [np.einsum("fji,fjk->fik", a, b) for a, b in pairwise(segments)]
@@ -64,7 +52,7 @@ class PlugInGait:
 
 
 def columns(labels: tuple[str, ...], positions: Float64) -> dict[str, Float64]:
-    """Places (F, 3) by label, of (F, M, 3)."""
+    """Return places (F, 3) by label, of (F, M, 3)."""
     return {label: positions[:, i] for i, label in enumerate(labels)}
 
 
@@ -73,22 +61,21 @@ def _unit(vectors: Float64) -> Float64:
 
 
 def _axes(up: Float64, left: Float64) -> Float64:
-    """Axes (F, 3, 3) of an exact way up and one to the left that need not be square to it."""
+    """Return axes (F, 3, 3) of an exact way up and an approximate way left."""
     up = _unit(up)
     ahead = _unit(np.cross(left, up))
     return np.stack([ahead, np.cross(up, ahead), up], axis=-1)
 
 
 def _pelvis(at: dict[str, Float64]) -> tuple[Float64, Float64]:
-    """Axes (F, 3, 3) of the pelvis and the middle (F, 3) of its front."""
+    """Return axes (F, 3, 3) of the pelvis and the middle (F, 3) of its front."""
     front, back = (at["LASI"] + at["RASI"]) / 2, (at["LPSI"] + at["RPSI"]) / 2
     left = _unit(at["LASI"] - at["RASI"])
     return _axes(np.cross(front - back, left), left), front
 
 
 def _chord(above: Float64, marker: Float64, wand: Float64, radius: float) -> Float64:
-    """Joint centres (F, 3) at a radius from a marker, where the joint above and it are seen at a right angle,
-    in the plane of the three, away from the wand."""
+    """Return joint centres (F, 3) at a radius from a marker and a right angle to the joint above."""
     line = above - marker
     length = np.linalg.norm(line, axis=-1, keepdims=True)
     along = _unit(line)
@@ -99,13 +86,12 @@ def _chord(above: Float64, marker: Float64, wand: Float64, radius: float) -> Flo
 
 
 def _recorded(at: dict[str, Float64], segment: str) -> Float64:
-    """Axes (F, 3, 3) of a segment that the laboratory's software wrote."""
+    """Return axes (F, 3, 3) of a segment from the laboratory's software."""
     return np.stack([_unit(at[segment + end] - at[segment + "O"]) for end in "ALP"], axis=-1)
 
 
 def errors_deg(trial: Markers, static: Markers) -> dict[str, tuple[Float64, Float64]]:
-    """Degrees RMS (3,) after a constant offset at hip, knee, ankle by side: of the solved angles as they are,
-    and by Plug-in-Gait's formulas."""
+    """Return RMS (3,) after an offset at hip, knee, ankle by side: of solved angles, and by the formulas."""
     motion, (_, person, markerset, _) = solve(trial, static), fit_person(trial, static)
     states = [State.of(a, p) for a, p in zip(motion.angles_rad, motion.pelvis_m, strict=True)]
     worn = 1000 * np.array([markers_at(state, person) for state in states])
@@ -117,13 +103,3 @@ def errors_deg(trial: Markers, static: Markers) -> dict[str, tuple[Float64, Floa
         formula = PlugInGait(trial, side).flexion_deg(columns(markerset.names, worn))
         found[name] = (plain - own).std(axis=0), (formula - own).std(axis=0)
     return found
-
-
-def main(trial: Path, static: Path) -> None:
-    for side, (plain, formula) in errors_deg(read_markers(trial), read_markers(static)).items():
-        for joint, as_is, by_formula in zip(LEG, plain, formula, strict=True):
-            print(f"{side} {joint.lower()}: {as_is:.2f} as it is, {by_formula:.2f} by the formulas")
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
