@@ -1,7 +1,7 @@
 """Making samples, beside Open3D's ray caster in the same run.
 
 The naive way casts a ray per pixel of the same frames. Memory of a worker and bytes an image go to stderr.
-Blender is no part of this project: its row is a measurement of once.
+Blender is not a dependency: its row was measured once.
 """
 
 import resource

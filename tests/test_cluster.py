@@ -1,4 +1,4 @@
-"""A real scheduler and real workers on loopback: the bytes of one machine, whoever is killed.
+"""A real scheduler and real workers on loopback: the bytes of one machine, even if a worker is killed.
 
 The tests follow each other: every one leaves fewer workers.
 """
@@ -89,7 +89,7 @@ def ward(rig_session, tmp_path):
 
 
 def assert_alike(one, other):
-    """Label sets of the same bytes, but for the names of their recordings."""
+    """Label sets of the same bytes, except the names of their recordings."""
     sets = [LabelSet.open(path) for path in (one, other)]
     for labels in sets:
         assert labels.info.pop("recording")["name"] == f"{labels.path.name}.mcap"

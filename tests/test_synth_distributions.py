@@ -13,7 +13,7 @@ from sensors.errors import CloudError, FormatError
 from synth.body.skeleton import JOINT_ID, N_JOINTS
 from synth.images.comparison import charts, profile, ranges
 from synth.images.distributions import Distributions, cut_out, distributions_at, figures_of, figures_of_labels
-from synth.images.silhouette_statistics import holes, roughness, widths
+from synth.images.silhouette_statistics import widths
 from synth.images.standing_statistics import ankles_m, arms_deg, facing_deg
 
 
@@ -24,7 +24,7 @@ def disc(size=100, radius=40):
 
 
 def standing(turned_deg=0.0, knee_m=0.0, elbow_m=0.0):
-    """Joints (J, 3) in millimetres of somebody who stands 2.5 m before a level camera."""
+    """Joints (J, 3) in millimetres of a person standing 2.5 m in front of a level camera."""
     places = {"pelvis": (0, 0, 0), "neck": (0, 0, 0.5)}
     for side, x in (("left", 1), ("right", -1)):
         places[f"{side}_shoulder"] = (0.2 * x, 0, 0.5)
@@ -37,22 +37,8 @@ def standing(turned_deg=0.0, knee_m=0.0, elbow_m=0.0):
         joints[JOINT_ID[name]] = place
     turn = np.radians(turned_deg)
     x, y = joints[:, 0] * np.cos(turn) - joints[:, 1] * np.sin(turn), joints[:, 0] * np.sin(turn)
-    # The body's front, -y, is towards the camera where nobody has turned.
+    # The body's front, -y, is towards the camera at 0 degrees.
     return 1000 * np.column_stack([x, -joints[:, 2], 2.5 + y + joints[:, 1] * np.cos(turn)])
-
-
-def test_holes_and_the_rim_of_a_disc():
-    person = disc()
-    assert holes(person) == 0 and roughness(person) < 1.03
-    holed = person.copy()
-    holed[50, 40:60:4] = False
-    assert holes(holed) == pytest.approx(5 / person.sum())
-    person[40:60, 45:55] = False  # a gap between limbs
-    assert holes(person) == 0
-    ragged = disc() ^ (np.random.default_rng(0).random((100, 100)) < 0.3) & (
-        disc(radius=42) ^ disc(radius=38)
-    )
-    assert roughness(ragged) > 1.2
 
 
 def test_widths_leave_gaps_out_and_do_not_depend_on_size():

@@ -59,9 +59,9 @@ def test_a_garment_sits_where_its_rows_put_it(tmp_path):
     ("spoilt", "message"),
     [
         ({"head": "basemesh alpha7\n"}, "is made for alpha7"),
-        ({"rows": "10\n20 30 40 0.2 0.3\n"}, "is no garment"),
+        ({"rows": "10\n20 30 40 0.2 0.3\n"}, "is not a garment"),
         ({"rows": ROWS.replace("70", "19158")}, "vertices beyond"),
-        ({"rows": ROWS.replace("0.2", "nan")}, "is no garment"),
+        ({"rows": ROWS.replace("0.2", "nan")}, "is not a garment"),
         ({"faces": "f 1 2 4\n"}, "do not belong"),
         ({"obj": "../elsewhere/other.obj"}, "cannot be read"),
     ],

@@ -1,4 +1,4 @@
-"""Light that bounces twice: corners read too deep, what is flat or bulges reads as it is."""
+"""Light that bounces twice: corners read too deep, flat and convex surfaces read correctly."""
 
 import numpy as np
 import pytest

@@ -92,15 +92,6 @@ def test_a_silhouette_loses_and_mixes_pixels_and_a_wall_does_not():
     assert mixed[border].sum() > 50 and noisy[mixed].max() <= 2101
 
 
-def test_pixels_are_lost_by_how_dark_they_are():
-    dark = np.zeros(CAMERA.shape, np.float32)
-    dark[:60], dark[60:90] = 1.0, 0.5
-    lost = noise(plane(2.0), replace(OFF, dark=0.4), dark=dark) == 0
-    assert lost[:60].mean() == pytest.approx(0.4, abs=0.03)
-    assert lost[60:90].mean() == pytest.approx(0.2, abs=0.03)
-    assert not lost[90:].any()
-
-
 @pytest.mark.parametrize("slope", [0.0, 2.0, 4.0])
 def test_grazing_surfaces_are_lost_with_the_eighth_power_of_the_incidence(slope):
     middle = np.s_[:, 70:90]
@@ -117,12 +108,3 @@ def test_lateral_noise_moves_edges_by_a_pixel_and_leaves_flat_parts():
     moved = noisy != np.rint(1000 * depth)
     assert moved[:, 78:82].mean() > 0.1
     assert not moved[:, :76].any() and not moved[:, 84:].any()
-
-
-def test_one_seed_one_image_and_wanted_pixels_do_not_depend_on_the_others():
-    depth, faults = plane(2.0, 0.5), TimeOfFlight()
-    whole = noise(depth, faults, 7)
-    np.testing.assert_array_equal(whole, noise(depth, faults, 7))
-    assert (whole != noise(depth, faults, 8)).any()
-    only = np.random.default_rng(0).random(CAMERA.shape) < 0.3
-    np.testing.assert_array_equal(noise(depth, faults, 7, only=only), np.where(only, whole, 0))

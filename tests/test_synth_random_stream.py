@@ -1,4 +1,4 @@
-"""Streams of random numbers by name meet neither each other nor those of tuples."""
+"""Streams of random numbers by name are unlike each other, and unlike streams by tuples."""
 
 from itertools import product
 
@@ -18,7 +18,4 @@ def test_no_two_streams_are_the_same():
     drawn = [first(stream(seed, name, *own)) for seed, name, own in product(range(20), NAMES, keys)]
     tuples = [first(np.random.default_rng((seed, n))) for seed, n in product(range(20), range(40))]
     assert len({*drawn, *tuples}) == len(drawn) + len(tuples)
-
-
-def test_a_stream_depends_on_its_seed_name_and_keys_alone():
     assert first(stream(5, "shot", 7)) == first(stream(5, "shot", 7))

@@ -45,7 +45,8 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(shot, rig_sessi
     assert not np.array_equal(Session(rig_session).frame(0).depth_mm, shot["clean"][0][0].depth_mm)
 
 
-def test_truth_has_parts_only_where_there_is_depth(shot):
+def test_truth_has_parts_only_where_there_is_depth_and_is_undefined_only_with_noise(shot):
+    assert not any((known.parts == UNDEFINED).any() for _, known in shot["clean"])
     for frames in shot.values():
         for frame, known in frames:
             assert known.parts.shape == frame.depth_mm.shape == KINECT2_DEPTH.shape
@@ -64,10 +65,6 @@ def test_people_are_whole_and_of_human_size(shot):
             meters = frame.depth_mm[person] / 1000
             assert 0.2 < (meters**2).sum() / (camera.fx * camera.fy) < 2
             assert 1 < np.median(meters) < 4
-
-
-def test_only_noise_makes_undefined_truth(shot):
-    assert not any((known.parts == UNDEFINED).any() for _, known in shot["clean"])
 
 
 def test_the_person_is_within_the_temperature_window_and_little_else_is(shot):
@@ -121,16 +118,6 @@ def roughness(depth_mm: np.ndarray, parts: np.ndarray) -> float:
     return float(bend[same & (parts[:, 2:] < UNDEFINED) & (bend < 30)].mean())
 
 
-def test_subjects_take_turns(rig_session):
-    """Of three frames the first of two has two."""
-    session, truth = Session(rig_session), LabelSet.open(truth_path(rig_session))
-    assert len(VirtualRig(3, 2, "clean", 5)) == len(session) == 3
-    assert [frame.index for frame in session] == [0, 1, 2]
-    assert [frame.subject for frame in truth] == ["subject-0", "subject-0", "subject-1"]
-    stamps = [frame.stamp_ns for frame in session]
-    assert stamps == sorted(set(stamps))
-
-
 @pytest.mark.parametrize(
     ("counts", "difficulty", "options", "says"),
     [
@@ -160,6 +147,10 @@ def test_what_is_recorded_is_what_was_shot(rig_session):
     np.testing.assert_allclose(session.frame(0).thermal_c, frame.thermal_c, atol=0.01)
     np.testing.assert_array_equal(truth.read("000000").parts, truth_labels(frame, known).parts)
     assert {truth.read(i).status for i in truth.frame_ids} == {"truth"}
+    # Of three frames the first of two subjects has two.
+    assert [one.subject for one in truth] == ["subject-0", "subject-0", "subject-1"]
+    stamps = [one.stamp_ns for one in session]
+    assert stamps == sorted(set(stamps)) and [one.index for one in session] == [0, 1, 2]
 
 
 @pytest.mark.parametrize("scene", ["chair", "bed", "floor"])
@@ -218,14 +209,15 @@ def test_a_reading_is_whose_surface_it_lies_on():
     depth_mm[rng.random(face.shape) < 0.1] = 0
     parts, persons = whose_readings(ZBuffer(depth_m, face), tags, Reading(depth_mm, face), noise)
     for v, u in np.ndindex(face.shape):
-        tag = naive_tag(tags, face, exact, depth_mm, v, u)
+        tag = naive_tag(tags, face, exact, depth_mm, (v, u))
         person = 1 if 0 < tag < N_CLASSES else 2 * (tag == Surface.OTHER_PERSON)
         part = tag if tag == UNDEFINED or tag < N_CLASSES else 0
         assert (parts[v, u], persons[v, u]) == (part, person), (v, u)
 
 
-def naive_tag(tags, face, exact, depth_mm, v, u):
+def naive_tag(tags, face, exact, depth_mm, pixel):
     """The tag of the surface a reading lies on: 255 for none near it, 0 for no reading."""
+    v, u = pixel
     if depth_mm[v, u] == 0:
         return 0
     rows, columns = range(max(v - 1, 0), min(v + 2, 8)), range(max(u - 1, 0), min(u + 2, 12))

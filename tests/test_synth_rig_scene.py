@@ -1,4 +1,4 @@
-"""What stands about a subject keeps out of its way, and nobody is in anybody else."""
+"""Things near a subject keep out of its way, and people do not overlap."""
 
 from dataclasses import replace
 from functools import cache
@@ -161,7 +161,7 @@ def test_robots_look_at_the_person_from_a_robots_distance(scene):
 
 
 def test_a_loose_suit_changes_the_persons_shape_and_nothing_else_about_the_stay():
-    """Place, camera, light, colours by part and everybody else are those of the tight suit."""
+    """Location, camera, light, colours by part and the visitor equal the tight suit's."""
     tight, loose = (episode(difficulty=replace(NORMAL, loose=share), number=1) for share in (0.0, 1.0))
     slim, wide = (next(s.states()) for s in (tight, loose))
     one, other = tight.scene, loose.scene

@@ -27,7 +27,7 @@ DARK[30:45, 60:100] = 1.0
 
 
 def scene():
-    """Depth, and pixels of somebody with a hand before them, before a wall; at the left nothing is hit."""
+    """Depth, and pixels of a person with a hand in front and a wall behind; no hit at the left."""
     depth = np.full(CAMERA.shape, 3.0, np.float32)
     depth[:, :30] = np.nan
     person = np.zeros(CAMERA.shape, bool)
@@ -229,7 +229,7 @@ def test_figures_of_shapes_without_and_with_faults():
     pierced = person.copy()
     pierced[60:63, 60:63] = pierced[50, 50] = False
     assert holes(pierced) == pytest.approx(10 / person.sum())
-    # A gap between limbs is no hole, nor is what opens outwards, nor an island outside.
+    # Neither a gap between limbs, nor an open ring, nor an island outside is a hole.
     open_ring = person & ~disc(10)
     open_ring[60, 60:] = False
     open_ring[0, 0] = True

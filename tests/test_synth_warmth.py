@@ -1,4 +1,4 @@
-"""How warm people, things and the thermal camera's pixels are."""
+"""Temperatures of people, things and the thermal camera's pixels."""
 
 import numpy as np
 import pytest

@@ -86,7 +86,6 @@ def light_room(spread: LightSpread, rng: np.random.Generator) -> Lighting:
 
 
 def _stratified(rng: np.random.Generator) -> Float64:
-    """Draw places (4, 3) in [-1, 1], one in every quarter of y and z."""
     quarter = np.array([(0, -1, -1), (0, -1, 1), (0, 1, -1), (0, 1, 1)])
     return np.asarray((quarter + rng.uniform(-1, 1, (4, 3))) / 2)
 

@@ -109,7 +109,6 @@ def _outfit(body: Body, fields: Float64, zone_rgb: Float64, wear: Wear, rng: np.
 
 
 def _zones(cloth_rgb: Float64, rng: np.random.Generator) -> Float64:
-    """Return linear colours (15, 3): cloth by part, then skin, hair and shoes."""
     zones = np.zeros((N_ZONES, 3))
     zones[:N_CLASSES] = cloth_rgb
     tone = rng.uniform(0, len(SKIN_RGB) - 1)

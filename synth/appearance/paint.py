@@ -288,7 +288,6 @@ def _rise(tile: Float32, q: Triple, here: float, edge: Triple) -> float:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _ridge(tile: Float32, q: Triple) -> float:
-    """Return the height of folds, 1 at most, at a place."""
     c = _FOLD_CELLS
     return smooth_noise(tile, c * q[0], c * q[1], 1.6 * c * q[2])
 

@@ -48,7 +48,6 @@ def _normals(points: Float32) -> Float32:
 
 @numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _bounce(points: Float32, normals: Float32, area: Float32, reflectance: float) -> Float32:
-    """Return the mean excess of path length (n,), metres, one way."""
     n = len(points)
     excess = np.zeros(n, np.float32)
     away = np.empty(n)

@@ -105,7 +105,6 @@ def _rounded_box() -> tuple[Float64, Int32]:
 
 
 def _parts_beneath(naked: Body, middles_m: Float64) -> UInt8:
-    """Return the parts (f,) of trunk or thigh at each face's height and side."""
     crest = naked.vertices_m[naked.faces[naked.face_parts == PART_ID["hip"]], 2].max()
     thigh = naked.joints_m[JOINT_ID["left_hip"], 2] - 0.04
     side = np.where(middles_m[:, 0] > 0, PART_ID["left_upper_leg"], PART_ID["right_upper_leg"])

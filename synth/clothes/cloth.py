@@ -104,7 +104,6 @@ def hold_apart(body: Body, places: SkinMap, normals: Float32, off_m: Float32) ->
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _shorten(vertices: Float32, normals: Float32, off: Float32, first: Int64, second: Int64) -> None:
-    """Shorten the displacements of two sets of vertices with facing normals."""
     room_1, room_2 = np.full(len(first), REACH_M), np.full(len(second), REACH_M)
     for a in range(len(first)):
         i = first[a]

@@ -95,7 +95,6 @@ def _bun(head: _Head, bulge_m: float, tilt_rad: float) -> Float32:
 
 
 def _peak(head: _Head, peak_m: float) -> Float32:
-    """Return displacements (n, 3) of a shelf in front of the brow."""
     round_the_brow = np.cos(np.clip(head.around_rad * (np.pi / 2 / PEAK_RAD), -np.pi / 2, np.pi / 2))
     band = np.clip(1.5 - np.abs(head.over_brow_m) / PEAK_HALF_M, 0, 1)
     reach = np.where(head.skull, peak_m * band * np.sqrt(np.maximum(round_the_brow, 0)), 0)

@@ -196,7 +196,6 @@ def _inwards(body: Body, hidden: Bool) -> Float32:
 
 
 def _mean_influences(body: Body, near: Int64) -> tuple[UInt8, Float32]:
-    """Return bones and weights (n, 4) of the mean of skin vertices (n, k)."""
     n = len(near)
     by_joint = np.zeros((n, N_JOINTS), np.float32)
     rows = np.repeat(np.arange(n), near.shape[1] * BONES_PER_VERTEX)

@@ -122,7 +122,6 @@ def _frames(middles: Float64, pelvis: Triple, hips: float) -> Float64:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _between(start: Triple, end: Triple, share: float) -> Triple:
-    """Return a unit vector between two others."""
     a, b = 1 - share, share
     return unit((a * start[0] + b * end[0], a * start[1] + b * end[1], a * start[2] + b * end[2]))
 
@@ -177,7 +176,6 @@ def _in_ring(point: Triple, side: int, middles: Float64, frames: Float64) -> tup
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _mixed(a: Float64, b: Float64, share: float) -> Triple:
-    """Return the unit vector between b and a."""
     other = 1 - share
     return unit((share * a[0] + other * b[0], share * a[1] + other * b[1], share * a[2] + other * b[2]))
 
@@ -227,7 +225,6 @@ def _hanging(flesh: Float32, ease: Float32, flare: float, frames: Float64) -> Fl
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _left_share(j: int) -> float:
-    """Return the left leg's share of node j's place."""
     if j <= CAP:
         return 1.0
     if j < CAP + BRIDGE:
@@ -237,7 +234,6 @@ def _left_share(j: int) -> float:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _outwards(j: int, frames: Float64) -> Triple:
-    """Return the direction from the ring's core to node j."""
     share, turn = _left_share(j), 0.0
     if j <= CAP:
         turn = np.pi * j / CAP

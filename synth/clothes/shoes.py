@@ -29,7 +29,6 @@ def put_on_shoes(fitting: Fitting, shoes: Shoes) -> None:
 
 
 def _foot(fitting: Fitting, own: Int64, ankle: Float32, shoes: Shoes) -> None:
-    """Move a foot's vertices off its axis, and its sole down."""
     points = fitting.body.vertices_m[own]
     ahead = points.mean(axis=0) - ankle
     ahead[2] = 0

@@ -88,7 +88,6 @@ def _upright(rest_joints_m: Float64) -> tuple[float, float]:
 
 
 def _heights(body: Body, skirt: Skirt) -> tuple[float, float]:
-    """Return the heights of waist and hem at rest."""
     hip, knee, ankle, neck = (
         body.joints_m[JOINT_ID[n], 2] for n in ("left_hip", "left_knee", "left_ankle", "neck")
     )

@@ -67,7 +67,6 @@ def _widest(places: Places, source: Bool, start: float, rings: int) -> Float32:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _smoothed(radii: Float32) -> Float32:
-    """Return means (n, SECTORS) of each node and its neighbours."""
     n = len(radii)
     result = np.empty_like(radii)
     for k in range(n):
@@ -80,7 +79,6 @@ def _smoothed(radii: Float32) -> Float32:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _read(radii: Float32, ring: float, around: float) -> float:
-    """Interpolate the radius between nodes."""
     sector = around * (SECTORS / (2 * np.pi))
     k, j = int(ring), int(np.floor(sector))
     a, b = ring - k, sector - j

@@ -106,7 +106,6 @@ def _chart(figure: Quantity, own: Float64, real: Float64) -> Chart:
 
 
 def _known(people: Distributions | None, name: str, column: int | None = None) -> Float64:
-    """Return the values (n,) of a quantity, or of one of its columns, without NaN."""
     if people is None:
         return np.empty(0)
     values = people.figures[name] if column is None else people.figures[name][:, column]

@@ -129,7 +129,6 @@ def _data_uri(image: UInt8) -> str:
 
 
 def _bars(counts: Int64, edges: NDArray[Any]) -> list[tuple[float, float, float]]:
-    """Return (left edge, right edge, share of the highest) of the bins, without empty ends."""
     filled = np.flatnonzero(counts)
     first, last = (int(filled[0]), int(filled[-1])) if filled.size else (0, 0)
     top = max(1, int(counts.max()))

@@ -98,7 +98,6 @@ def _figures(crop: Bool, rows: float, whole: bool, joints_mm: Float64 | None) ->
 
 
 def _numbers(frame: FrameLabels, note: str, shape: tuple[int, ...], key: str | None = None) -> Float64:
-    """Return the numbers of a frame's note, or of one of its entries."""
     try:
         value = frame.notes[note]
         numbers = np.array(value if key is None else [value[key]], np.float64)

@@ -161,7 +161,6 @@ def _shows(view: PersonView) -> bool:
 def _read(
     view: PersonView, mask: Bool, crop: Crop, sensor: Sensor, rng: np.random.Generator
 ) -> tuple[UInt16, UInt8]:
-    """Return the crop's depth and parts as read by a sensor."""
     clean = CleanDepth(view.camera, view.depth_m, view.dark, crop.reads(mask.shape), mask)
     reading = sensor.read(clean, rng)
     return _cropped(*reading, view.parts, *crop.pixels())

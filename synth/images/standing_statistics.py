@@ -42,7 +42,6 @@ def facing_deg(joints_mm: Float64, across: tuple[str, ...] = ("shoulder", "hip")
 
 
 def _bone(joints_mm: Float64, *names: str) -> Float64:
-    """Return the vectors (n - 1, 3) from each of n joints to the next."""
     return np.diff(joints_mm[[JOINT_ID[name] for name in names]], axis=0)
 
 

@@ -75,7 +75,6 @@ def visibility(parts: UInt8, whole: UInt8) -> Float64:
 
 @numba.njit(cache=True)
 def _tally(parts: UInt8) -> Int64:
-    """Return the pixels (12,) of each part, [0] of all."""
     pixels = np.zeros(N_CLASSES, np.int64)
     for row in parts:
         for part in row:
@@ -123,7 +122,6 @@ def _slopes(points: Float32) -> tuple[float, float, float, float]:
 
 
 def _clip(low: float, high: float, size: int) -> tuple[int, int]:
-    """Return first and end pixel between two coordinates inside an image's side."""
     start = int(min(max(low - BORDER_PX, 0), size - 1))
     return start, int(min(max(high + BORDER_PX + 1, start + 1), size))
 

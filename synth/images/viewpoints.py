@@ -180,7 +180,6 @@ def _whole(
 
 @numba.njit(cache=True)
 def _middle(points: Float64) -> Float64:
-    """Return the middle (3,) of the points' box."""
     return np.array([(points[:, a].min() + points[:, a].max()) / 2 for a in range(3)])
 
 

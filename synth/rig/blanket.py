@@ -57,7 +57,6 @@ def bed_blanket(location: Location, body: Body, rng: np.random.Generator) -> Thi
 
 
 def _vertices_of(body: Body, names: tuple[str, ...]) -> Int64:
-    """Return the vertices (n,) of parts, or of limbs on both sides."""
     ids = [PART_ID[p] for name in names for p in (name, *(f"{s}_{name}" for s in _SIDES)) if p in PART_ID]
     return np.unique(body.faces[np.isin(body.face_parts, ids)]).astype(np.int64)
 

@@ -126,7 +126,6 @@ class Episode:
             now = following
 
     def _wear(self, skin: Body, rng: np.random.Generator) -> Body:
-        """Return the body, perhaps in loose clothes."""
         return cut_loose(skin, rng) if rng.random() < self._difficulty.loose else skin
 
     def _state(self, moment: Moment, other: Moment | None) -> SceneState:
@@ -165,7 +164,6 @@ class Episode:
                 cushion.leave_warm(cushion.press(person_m + np.array([aside, 0, 0], np.float32)), heat)
 
     def _fixed_temperatures(self, rng: np.random.Generator) -> tuple[Float64, Float64]:
-        """Return temperatures of the visitor's faces, and of things and fixed furniture."""
         strength, visitor_c = self._difficulty.warmth, np.zeros(0)
         if self._visitor is not None:
             clothing = replace(Clothing.sample(rng, strength), offset_c=float(rng.normal(*VISITOR_OFFSET_C)))

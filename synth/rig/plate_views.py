@@ -212,7 +212,6 @@ def _meet(ray: Float64, pose: Pose) -> tuple[Float64, Float64]:
 
 
 def _inside(xy: Float64, plate: HolePlate) -> tuple[Bool, Bool]:
-    """Return masks of the points (..., 2) on the plate, and in a hole."""
     (left, top), (right, bottom) = plate.size_m
     x, y = np.moveaxis(xy, -1, 0)
     row = np.clip(np.rint(y / plate.pitch_m), 0, plate.rows - 1)

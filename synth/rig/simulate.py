@@ -65,7 +65,6 @@ def simulate(
 
 
 def _record(writer: "RepeatableWriter", frame: "RigFrame", known: "Truth") -> None:
-    """Write a frame, the thermal camera's closed flag and the pyrometer's reading."""
     from sensors.session.messages import PYROMETER, spot_message
     from synth.rig.virtual_rig import FLAG_CLOSED
 

@@ -188,7 +188,6 @@ class VirtualRig(FrameSource):
 
 
 def _drafted(calibration: RigCalibration) -> RigCalibration:
-    """Return the calibration with a small colour camera."""
     color = calibration.color
     assert color is not None
     by = min(1.0, DRAFT_PX / color.width)
