@@ -76,7 +76,7 @@ def parts_seen() -> np.ndarray:
 
 def painted(scene: Mesh, outfits: list[Outfit], camera: Intrinsics = CAMERA, pose: Pose = ABOVE) -> Surfaces:
     seen = rasterize(camera, pose.apply(scene.vertices_m).astype(np.float32), scene.faces)
-    return paint(seen, camera, pose, scene, outfits, plain_room())
+    return paint(seen, (camera, pose), scene, outfits, plain_room())
 
 
 def test_a_clean_photograph_shows_the_suit_as_it_is():

@@ -73,7 +73,7 @@ def test_what_is_no_garment_is_refused_in_one_line(tmp_path, spoilt, message):
 
 
 def test_a_folder_without_garments_is_refused(tmp_path):
-    with pytest.raises(CloudError, match=r"holds no \.mhclo"):
+    with pytest.raises(CloudError, match=r"has no \.mhclo"):
         read_garments(tmp_path)
 
 

@@ -126,8 +126,8 @@ def illuminate(surfaces: Surfaces, scene: Mesh, lighting: Lighting) -> Float32:
     size2 = ((lighting.place_m - centre[:, None]) ** 2).sum(axis=-1).mean(axis=-1)
     chest2 = ((centre - CHEST_M) ** 2).sum(axis=-1) + size2
     power = lighting.rgb * chest2[:, None]
-    arrays = (array.astype(np.float32) for array in (centre, size2, power, lighting.ambient))
-    _shine(surfaces, shadow, _Lamps(*arrays, lighting.sky), light)
+    a, b, c, d = (array.astype(np.float32) for array in (centre, size2, power, lighting.ambient))
+    _shine(surfaces, shadow, _Lamps(a, b, c, d, lighting.sky), light)
     return light
 
 
