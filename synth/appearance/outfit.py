@@ -104,9 +104,8 @@ def dress_plainly(body: Body, wear: Wear, rng: np.random.Generator) -> Outfit:
 
 def _outfit(body: Body, fields: Float64, zone_rgb: Float64, wear: Wear, rng: np.random.Generator) -> Outfit:
     rest, folds = body.vertices_m + rng.uniform(0, 10, 3), wear.fold_m * _bending(body)
-    seams = (zone_rgb, wear.seam_sd_m, wear.patch)
     a, b, c = (array.astype(np.float32) for array in (rest, fields, folds))
-    return Outfit(body.face_parts, a, b, c, *seams)
+    return Outfit(body.face_parts, a, b, c, zone_rgb, wear.seam_sd_m, wear.patch)
 
 
 def _zones(cloth_rgb: Float64, rng: np.random.Generator) -> Float64:
