@@ -65,7 +65,7 @@ def _solve() -> None:
     from synth.markers.kinematics import State, Subject, markers_at
     from synth.markers.person_fit import zero_bones
     from synth.markers.solve import solve
-    from synth.motion.floor import Traces
+    from synth.motion.grounded import Traces
     from synth.motion_files.marker_files import Markers
     from synth.motion_files.marker_set import shipped_marker_sets
     from synth.motion_files.vertical_axis import GIVEN, Upward

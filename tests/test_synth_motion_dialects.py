@@ -6,7 +6,7 @@ import pytest
 from sensors.errors import CloudError, FormatError
 from synth.body.skeleton import JOINT_ID
 from synth.markers.solve import solve, solve_takes
-from synth.motion.repertoire import read_repertoire
+from synth.motion.library import read_repertoire
 from synth.motion_files.bvh import LEG_M, read_bvh
 from synth.motion_files.joint_file import SMPL_JOINTS, SMPL_PARENTS, joints_of_rotations, read_joint_file
 from synth.motion_files.marker_set import known_markers

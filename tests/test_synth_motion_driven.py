@@ -21,10 +21,8 @@ from synth.markers.motion_file import MarkerReport, Motion, save_motion
 from synth.markers.person_fit import person_body, zero_bones
 from synth.markers.solve import solve_takes
 from synth.motion.grounded import ground, resampled
-from synth.motion.library import motion_files, read_motions, read_take
-from synth.motion.performance import perform
-from synth.motion.placed import stand, take_seat
-from synth.motion.repertoire import read_repertoire
+from synth.motion.library import motion_files, read_motions, read_repertoire, read_take
+from synth.motion.placed import perform, stand, take_seat
 from synth.motion_files.joint_file import read_joint_file
 from synth.rig.film import FilmRig
 from synth.rig.simulate import simulate, truth_path
@@ -199,7 +197,7 @@ def test_what_is_no_motion_is_one_line(tmp_path):
     cases = {
         "holds no motions": lambda: motion_files(tmp_path / "empty"),
         "does not exist": lambda: motion_files(tmp_path / "nowhere"),
-        "2 frames": lambda: FilmRig("two", read_take(tmp_path / "two.npz", None)[1], "clean", 0),
+        "0.07 s; give": lambda: FilmRig("two", read_take(tmp_path / "two.npz", None)[1], "clean", 0),
         "Tail1": lambda: read_motions(dog),
         "takes; name one": lambda: read_take(joint_file(tmp_path / "lib.npz", squatting(3)), None),
     }

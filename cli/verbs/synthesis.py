@@ -110,8 +110,7 @@ def _bake(names: list[str], sizes: "Sequence[BodySize | None]", rng: "np.random.
 def _preset(name: str | None, motion: Path | None, garments: Path | None) -> "Preset":
     """Return the preset of a name or a motion; dressed in the garments of a folder, if any."""
     from synth.images.presets import dressed_from, preset_named, preset_of
-    from synth.motion.library import motion_files
-    from synth.motion.repertoire import read_repertoire
+    from synth.motion.library import motion_files, read_repertoire
 
     if motion is None:
         chosen = preset_named(str(name))

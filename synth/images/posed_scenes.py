@@ -17,7 +17,7 @@ from synth.images.viewpoints import (
     unplanned,
 )
 from synth.motion import placed
-from synth.motion.repertoire import Repertoire
+from synth.motion.library import Repertoire
 from synth.pose.postures import FALLEN, IN_BED, SITTING, UPRIGHT, lie, rise, sit
 from synth.pose.standing import stand
 from synth.pose.standing_parameters import draw_standing

@@ -33,7 +33,7 @@ from synth.images.posed_scenes import (
 from synth.images.standing_statistics import facing_deg
 from synth.images.view import PersonView, cut, occluder, render_view, visibility
 from synth.images.viewpoints import Shot, inside_image
-from synth.motion.repertoire import Repertoire
+from synth.motion.library import Repertoire
 from synth.pose.pose_parameters import posture_class
 from synth.surface.rasterize import merge
 

@@ -12,7 +12,7 @@ from synth.body.body import Body, pose
 from synth.markers.motion_file import Motion
 from synth.markers.person_fit import person_body
 from synth.motion.grounded import ground, resampled
-from synth.motion.performance import Performance, perform
+from synth.motion.placed import Performance, perform
 from synth.pose.pose_parameters import Moment, Posed
 from synth.rig.difficulty import Clutter
 from synth.rig.locations import Location
