@@ -32,7 +32,7 @@ CROPS, RECORDED = 64, 5
 
 
 class Silent(OnnxNetwork):
-    """Network whose outputs are computed once: the time left is that of the work around it."""
+    """Network whose outputs are computed once: the rest of the time is the work around it."""
 
     @cache  # noqa: B019
     def _outputs(self, n):

@@ -1,4 +1,4 @@
-"""`train` on the command line: it resumes, starts from weights, and says in one line what is wrong."""
+"""`train` on the command line: it resumes, starts from weights, and refuses mistakes in one line."""
 
 import json
 
@@ -62,7 +62,7 @@ def test_what_is_wrong_is_one_line(annotate_cloud, tmp_path, labels):
     weights, out = tmp_path / "w.safetensors", tmp_path / "t"
     weights.write_bytes(b"\x80\x04nonsense")
     for more, said in (
-        (("--hold-out", "nobody"), "no labelled part of nobody"),
+        (("--hold-out", "zoe"), "no labelled part of zoe"),
         (("--hold-out", "a", "--hold-out", "b"), "no labelled part"),
         (("--hold-out", "a", "--test", labels.path), "give one of them"),
         (("--init", tmp_path / "w.safetensors"), "leave out --network"),

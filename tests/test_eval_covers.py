@@ -1,4 +1,4 @@
-"""Blankets and boards hide what they lie on, and are nobody's body."""
+"""Blankets and boards hide the pixels under them, and are background."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ seeds = st.integers(0, 9999)
 
 
 def standing() -> tuple[np.ndarray, np.ndarray]:
-    """Somebody as a post: head, trunk, an arm before it, hip, two legs with a gap between them."""
+    """A person as a post: head, trunk, an arm before it, hip, two legs with a gap between them."""
     parts = np.zeros((SIZE, SIZE), np.uint8)
     for part, rows in ((1, (5, 40)), (2, (40, 100)), (7, (100, 110)), (8, (110, 160)), (10, (160, 205))):
         parts[slice(*rows), 80:130] = part

@@ -1,4 +1,4 @@
-"""Everybody in depth alone: numbers that last, each one's joints, nobody where nobody is."""
+"""All persons in depth alone: numbers that last, joints of each, empty rooms, support."""
 
 import csv
 from dataclasses import replace
@@ -110,7 +110,7 @@ def test_whoever_sits_still_does_not_fade(tmp_path, network):
 
 
 def box_on(height_m: float, slab_m: float):
-    """Depth of somebody who lies as a box, its top at a height above the floor, on a slab; and the box."""
+    """Depth of a person who lies as a box, its top at a height above the floor, on a slab; and the box."""
     ray = rays(CAMERA)
     down = np.full(CAMERA.shape, np.inf)
     body = np.zeros(CAMERA.shape, bool)

@@ -1,4 +1,4 @@
-"""Training of the person finder: scenes and who is in them, what is altered, and the network's export."""
+"""Training of the person finder: scenes and their people, augmentation, and the network's export."""
 
 import cv2
 import numpy as np

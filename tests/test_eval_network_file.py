@@ -1,5 +1,6 @@
 """Weights from anywhere: a network of the right kind is opened, anything else refused in one line."""
 
+import json
 import os
 import pickle
 from pathlib import Path
@@ -7,18 +8,32 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+pytest.importorskip("torch")
+import torch
+from safetensors.torch import save_file
+
 from annotate.crop import SIZE
 from annotate.parts import N_CLASSES
+from eval.network import checkpoint
+from eval.network.checkpoint import load_weights, save_weights
+from eval.network.compact import CompactConfig
+from eval.network.networks import build
+from eval.network.onnx_export import export_network
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.training.crops import to_crop
 from sensors.errors import FormatError
 from synth.images.presets import PRESETS, sample
 
+TINY = CompactConfig((4, 6, 6), 1)
 
-def test_absent_weights_are_named(tmp_path):
+
+def test_absent_weights_and_pipes_are_refused_at_once(tmp_path):
     for path in (tmp_path / "absent.onnx", tmp_path):
         with pytest.raises(FormatError, match="cannot be read"):
             OnnxNetwork(path)
+    os.mkfifo(tmp_path / "w.onnx")
+    with pytest.raises(FormatError, match="is not a file"):
+        OnnxNetwork(tmp_path / "w.onnx")
 
 
 KINDS = "full", "float16 inside", "float16 throughout", "dynamic", "static"
@@ -27,11 +42,8 @@ KINDS = "full", "float16 inside", "float16 throughout", "dynamic", "static"
 def converted(folder: Path, kind: str) -> Path:
     """The shipped network in full precision, and as ONNX Runtime's own tools convert that."""
     onnx, quantization = pytest.importorskip("onnx"), pytest.importorskip("onnxruntime.quantization")
-    networks = pytest.importorskip("eval.network.onnx_export", reason="exporting needs torch")
-    from eval.network.checkpoint import load_weights
-
     full, out = folder / "full.onnx", folder / "n.onnx"
-    networks.export_network(load_weights(SHIPPED_WEIGHTS.with_suffix(".safetensors"))[0].float(), full)
+    export_network(load_weights(SHIPPED_WEIGHTS.with_suffix(".safetensors"))[0].float(), full)
     if kind == "full":
         return full
     if kind.startswith("float16"):
@@ -107,27 +119,20 @@ def onnx_network(path: Path, classes: int, outside: str | None = None, softmax: 
     return path
 
 
-def test_the_least_network_is_one(tmp_path):
-    network = OnnxNetwork(onnx_network(tmp_path / "n.onnx", N_CLASSES))
-    np.testing.assert_allclose(network.probabilities(np.zeros((1, SIZE, SIZE), np.float32)), 1 / N_CLASSES)
-
-
-@pytest.mark.parametrize("classes", [1, 11, 13, 21])
-def test_weights_of_another_class_count_say_so(tmp_path, classes):
-    with pytest.raises(
-        FormatError, match=rf"give \(2, {classes}, 212, 212\) for two crops; give a network of 12 classes"
-    ):
-        OnnxNetwork(onnx_network(tmp_path / "n.onnx", classes))
-
-
-def test_a_network_without_softmax_says_so(tmp_path):
-    with pytest.raises(FormatError, match="no probabilities; export the network with its softmax"):
-        OnnxNetwork(onnx_network(tmp_path / "n.onnx", N_CLASSES, softmax=False))
+def test_probabilities_of_twelve_classes_are_required(tmp_path):
+    path, nothing = tmp_path / "n.onnx", np.zeros((1, SIZE, SIZE), np.float32)
+    network = OnnxNetwork(onnx_network(path, N_CLASSES))
+    np.testing.assert_allclose(network.probabilities(nothing), 1 / N_CLASSES)
+    for classes in (1, 11, 13):
+        with pytest.raises(FormatError, match=rf"\(2, {classes}, 212, 212\) .* give a network of 12 classes"):
+            OnnxNetwork(onnx_network(path, classes))
+    with pytest.raises(FormatError, match="export the network with its softmax"):
+        OnnxNetwork(onnx_network(path, N_CLASSES, softmax=False))
 
 
 @pytest.mark.parametrize("where", ["../secret.bin", "/etc/hostname", "beside.bin"])
 def test_weights_that_point_to_other_files_are_refused(tmp_path, monkeypatch, where):
-    """Their hash would not cover these, and the paths are whoever's who made the file."""
+    """Their hash would not cover these, and the file's maker chooses the paths."""
     folder = tmp_path / "in"
     folder.mkdir()
     monkeypatch.chdir(folder)
@@ -164,7 +169,57 @@ def test_what_is_no_network_is_refused_in_one_line_and_not_run(tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_weights_that_are_no_file_are_refused_at_once(tmp_path):
-    os.mkfifo(tmp_path / "w.onnx")
-    with pytest.raises(FormatError, match="is not a file"):
-        OnnxNetwork(tmp_path / "w.onnx")
+def test_weights_hold_their_network(tmp_path):
+    path = tmp_path / "w.safetensors"
+    network = build(TINY)
+    save_weights(path, network, TINY)
+    model, config = load_weights(path)
+    assert config == TINY
+    for name, value in network.state_dict().items():
+        assert torch.equal(model.state_dict()[name], value)
+    save_weights(tmp_path / "again.safetensors", model, config)
+    assert (tmp_path / "again.safetensors").read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "why"),
+    [
+        (lambda data: data[: len(data) // 2], "cut off"),
+        (lambda data: pickle.dumps({"model": 1}), "cut off"),
+        (lambda data: data.replace(b'\\"classes\\": 12', b'\\"classes\\": 13'), "13 classes"),
+        (lambda data: data.replace(b"[4, 6, 6]", b"[4, 6, 7]"), "shape"),
+        (lambda data: data.replace(b"[4, 6, 6]", b"[4,1e9,6]"), "malformed"),
+        (lambda data: data.replace(b"compact", b"compost"), "does not describe a network"),
+        (lambda data: data.replace(b'"network"', b'"netwerk"'), "does not hold weights"),
+    ],
+)
+def test_weights_of_another_kind_are_refused_in_one_line(tmp_path, spoil, why):
+    path = tmp_path / "w.safetensors"
+    save_weights(path, build(TINY), TINY)
+    path.write_bytes(spoil(path.read_bytes()))
+    with pytest.raises(FormatError, match=why) as error:
+        load_weights(path)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "network",
+    [
+        {"kind": "compact", "widths": [8192] * 5, "layers": 4, "classes": 12},
+        {"kind": "paper", "base": 8192, "dense": 1, "classes": 12},
+        {"kind": "smp", "encoder": "resnet18", "decoder": [8192] * 5, "classes": 12},
+        [],
+        None,
+    ],
+)
+def test_a_claim_of_large_weights_takes_no_memory(tmp_path, monkeypatch, network):
+    """The first three would take gigabytes; a file has the weights that it claims, or no network is built."""
+    built = []
+    real = checkpoint.build
+    monkeypatch.setattr(checkpoint, "build", lambda config: built.append(real(config)) or built[-1])
+    path = tmp_path / "w.safetensors"
+    save_file({}, path, {"network": json.dumps(network)})
+    with pytest.raises(FormatError) as error:
+        load_weights(path)
+    assert "\n" not in str(error.value)
+    assert all(p.is_meta for model in built for p in model.parameters())

@@ -51,18 +51,14 @@ def test_what_describes_no_network_is_refused(description):
         config_from(description)
 
 
-@pytest.mark.parametrize("side", [2, 30, SIZE])
-def test_the_compact_network_keeps_the_images_size(side):
+@pytest.mark.parametrize(
+    ("config", "side"),
+    [(c, s) for c in CONFIGS[:2] for s in (32, SIZE)] + [(CONFIGS[0], 2), (CONFIGS[0], 30)],
+)
+def test_networks_keep_the_images_size(config, side):
     with torch.no_grad():
-        scores = build(CompactConfig((4, 6, 8))).eval()(torch.zeros(2, 1, side, side)).scores
+        scores = build(config).eval()(torch.rand(2, 1, side, side)).scores
     assert scores.shape == (2, N_CLASSES, side, side)
-
-
-@pytest.mark.parametrize("side", [32, SIZE])
-def test_the_papers_network_keeps_the_images_size(side):
-    with torch.no_grad():
-        scores = build(PaperConfig(2, 4)).eval()(torch.rand(1, 1, side, side)).scores
-    assert scores.shape == (1, N_CLASSES, side, side)
 
 
 def test_the_papers_network_has_the_papers_layers():

@@ -1,4 +1,4 @@
-"""The network at work: it labels the person and nothing else, wherever and however far away they are."""
+"""Prediction labels the person alone, at any place and distance; runs resume to the same bytes."""
 
 import json
 import shutil
@@ -28,6 +28,8 @@ from sensors.importers.open_source import open_source
 from sensors.session.reader import Session
 from tests.helpers.shards import write_dataset
 
+ALL = PredictOptions(probabilities=True)
+
 
 def silent(n: int) -> None:
     assert n == 1
@@ -45,36 +47,35 @@ def truth(rig_session) -> LabelSet:
 
 @pytest.fixture(scope="module")
 def predicted(tmp_path_factory, rig_session, network) -> LabelSet:
-    """What the shipped network makes of the clean rig's recording."""
+    """Labels of the clean rig's recording by the shipped network."""
     out = tmp_path_factory.mktemp("predict") / "p"
     return predict_source(Session(rig_session), network, out, silent).labels
 
 
-def test_probabilities_are_probabilities(network):
+def test_probabilities_do_not_depend_on_the_batch(network):
     x = np.random.default_rng(0).random((3, SIZE, SIZE), np.float32)
     p = network.probabilities(x)
     assert (p.shape, p.dtype) == ((3, N_CLASSES, SIZE, SIZE), np.float32)
     np.testing.assert_allclose(p.sum(axis=1), 1, atol=1e-4)
     assert p.min() >= 0
-    for i in range(3):
-        np.testing.assert_allclose(network.probabilities(x[i : i + 1])[0], p[i], atol=1e-4)
+    np.testing.assert_allclose(network.probabilities(x[1:2])[0], p[1], atol=1e-4)
 
 
-def test_every_pixel_of_the_person_gets_a_part_and_no_other(network, truth):
+def test_every_pixel_of_the_person_gets_a_part_and_the_room_changes_nothing(network, truth):
     for frame in truth:
         person = frame.parts > 0
         result = network.segment(frame.depth_mm, person)
         on = person & (frame.depth_mm > 0)
-        assert (result.parts.dtype, result.confidence.dtype) == (np.uint8, np.float32)
         assert ((result.parts[on] >= 1) & (result.parts[on] < N_CLASSES)).all()
-        assert (result.parts[~on] == BACKGROUND).all()
-        assert (result.confidence[~on] == 0).all()
-        assert (result.confidence >= 0).all()
-        assert (result.confidence <= 1).all()
+        assert (result.parts[~on] == BACKGROUND).all() and (result.confidence[~on] == 0).all()
+        assert 0 <= result.confidence.min() <= result.confidence.max() <= 1
+        alone = network.segment(np.where(person, frame.depth_mm, 0).astype(np.uint16), person)
+        np.testing.assert_array_equal(result.parts, alone.parts)
+        np.testing.assert_array_equal(result.confidence, alone.confidence)
 
 
-def test_a_mirror_image_gets_mirrored_labels(network, truth):
-    """To the bit: both are asked for the same two images."""
+def test_a_flipped_image_gets_flipped_labels(network, truth):
+    """To the bit, because both are computed from the same two images."""
     frame = truth.read("000000")
     crop = network_crop(frame.parts > 0)
     depth, person = crop.cut(frame.depth_mm, 0), crop.cut(frame.parts > 0, False)
@@ -83,108 +84,44 @@ def test_a_mirror_image_gets_mirrored_labels(network, truth):
     )
     np.testing.assert_array_equal(swap_left_right(other.parts)[:, ::-1], found.parts)
     np.testing.assert_array_equal(other.confidence[:, ::-1], found.confidence)
-    bearing, mirrored = (BodyState.from_note(result.bearing) for result in (found, other))
-    assert mirrored.facing_deg == pytest.approx(-bearing.facing_deg)
-    np.testing.assert_allclose(mirrored.joints_px[TWIN, 0], SIZE - 1 - bearing.joints_px[:, 0], atol=0.11)
+    state, flipped = (BodyState.from_note(result.bearing) for result in (found, other))
+    assert flipped.facing_deg == pytest.approx(-state.facing_deg)
+    np.testing.assert_allclose(flipped.joints_px[TWIN, 0], SIZE - 1 - state.joints_px[:, 0], atol=0.11)
     once = OnnxNetwork(flip=False).segment(depth, person)
     assert (once.parts != found.parts).any()
 
 
-def test_the_room_behind_changes_nothing(network, truth):
+def test_place_and_distance_of_the_person_change_nothing(network, truth):
     frame = truth.read("000000")
-    person = frame.parts > 0
-    alone = np.where(person, frame.depth_mm, 0).astype(np.uint16)
-    a, b = (network.segment(depth, person) for depth in (frame.depth_mm, alone))
-    np.testing.assert_array_equal(a.parts, b.parts)
-    np.testing.assert_array_equal(a.confidence, b.confidence)
-
-
-def test_where_the_person_sits_in_the_image_changes_nothing(network, truth):
-    frame = truth.read("000000")
-    person = frame.parts > 0
+    depth_mm, person = frame.depth_mm, frame.parts > 0
     rows, columns = np.nonzero(person)
-    dv, du = 3 - rows.min(), -(2 - columns.min())
-    shift = (int(dv), -int(du))
-    moved = network.segment(np.roll(frame.depth_mm, shift, (0, 1)), np.roll(person, shift, (0, 1)))
-    straight = network.segment(frame.depth_mm, person)
+    shift = 3 - int(rows.min()), 2 - int(columns.min())
+    moved = network.segment(np.roll(depth_mm, shift, (0, 1)), np.roll(person, shift, (0, 1)))
+    straight = network.segment(depth_mm, person)
     np.testing.assert_array_equal(moved.parts, np.roll(straight.parts, shift, (0, 1)))
+    further = network.segment(np.where(depth_mm > 0, depth_mm + 400, 0).astype(np.uint16), person)
+    assert (straight.parts != further.parts).sum() <= 0.001 * (straight.parts > 0).sum()
 
 
-def test_how_far_the_person_sits_changes_nothing(network, truth):
-    frame = truth.read("000001")
-    further = np.where(frame.depth_mm > 0, frame.depth_mm + 400, 0).astype(np.uint16)
-    a, b = (network.segment(depth, frame.parts > 0).parts for depth in (frame.depth_mm, further))
-    assert (a != b).sum() <= 0.001 * (a > 0).sum()
-
-
-def test_nobody_is_labelled_nothing(network):
+def test_an_empty_mask_gets_no_parts_and_one_pixel_gets_one(network):
     depth = np.full((424, 512), 2000, np.uint16)
     for depth_mm, person in ((depth, np.zeros(depth.shape, bool)), (depth * 0, np.ones(depth.shape, bool))):
         result = network.segment(depth_mm, person)
-        assert not result.parts.any()
-        assert "no person" in result.notes[0]
+        assert not result.parts.any() and "no person" in result.notes[0]
+    for at in ((0, 0), (423, 511), (200, 300)):
+        person = np.zeros(depth.shape, bool)
+        person[at] = True
+        np.testing.assert_array_equal(network.segment(depth, person).parts > 0, person)
 
 
-@pytest.mark.parametrize("at", [(0, 0), (423, 511), (200, 300)])
-def test_a_person_of_one_pixel_is_labelled(network, at):
-    person = np.zeros((424, 512), bool)
-    person[at] = True
-    parts = network.segment(np.full(person.shape, 2000, np.uint16), person).parts
-    np.testing.assert_array_equal(parts > 0, person)
-
-
-def test_a_run_keeps_the_extraction_and_goes_on_to_the_same_bytes(tmp_path, rig_session, predicted, network):
-    assert predicted.info["steps"]["predict"]["weights"] == network.sha256
-    assert {predicted.notes(i)["extraction"] for i in predicted.frame_ids} == {"thermal"}
-
-    class Interrupted(OnnxNetwork):
-        def segment(self, depth_mm, person, *, probabilities=False):
-            if np.array_equal(depth_mm, second.depth_mm):
-                raise KeyboardInterrupt
-            return super().segment(depth_mm, person, probabilities=probabilities)
-
-    second = predicted.read("000001")
-    out = tmp_path / "p"
-    with pytest.raises(KeyboardInterrupt):
-        predict_source(Session(rig_session), Interrupted(), out, silent)
-    assert len(LabelSet.open(out)) == 1
-    predict_source(Session(rig_session), network, out, silent)
-    assert tree(out) == tree(predicted.path)
-
-
-def test_labels_of_another_recording_are_not_mixed_in(tmp_path, truth, network):
-    out = tmp_path / "p"
-    predict_frames(truth, network, out, silent)
-    before = tree(out)
-    other = LabelSet.create(tmp_path / "other", truth.intrinsics, truth.info)
-    frame = truth.read("000000")
-    other.write(type(frame)("000000", frame.depth_mm[::-1].copy(), frame.parts[::-1].copy()))
-    with pytest.raises(ExistsError, match="another recording"):
-        predict_frames(other, network, out, silent)
-    assert tree(out) == before
-
-
-def test_subjects_are_carried_along(tmp_path, truth, network):
-    run = predict_frames(truth, network, tmp_path / "p", silent)
-    assert [f.subject for f in run.labels] == [f.subject for f in truth]
-    assert {f.status for f in run.labels} == {"auto"}
-
-
-def test_the_shipped_network_knows_the_parts(truth, predicted):
-    """Needs the trained weights; a placeholder fails here."""
-    assert float(compare_sets(predicted, truth).scores["mean_recall"]) >= 0.6
-
-
-def test_rims_that_a_small_crop_drops_get_the_part_beside_them():
-    """A network gives background where it sees nothing; a pixel of the person never takes that for a head."""
+def test_a_rim_that_a_small_crop_drops_gets_the_part_beside_it():
+    """The network gives background off the person; a pixel of the person never takes that for a head."""
 
     class Forearms(OnnxNetwork):
         def outputs(self, crops):
             planes = np.zeros((len(crops), N_CLASSES, SIZE, SIZE), np.float32)
-            planes[:, PART_ID["left_forearm"]], planes[:, BACKGROUND] = (
-                0.9 * (crops > 0),
-                1 - 0.9 * (crops > 0),
-            )
+            planes[:, PART_ID["left_forearm"]] = 0.9 * (crops > 0)
+            planes[:, BACKGROUND] = 1 - 0.9 * (crops > 0)
             return [planes]
 
     person = np.random.default_rng(0).random((424, 512)) < 0.5
@@ -193,21 +130,37 @@ def test_rims_that_a_small_crop_drops_get_the_part_beside_them():
     np.testing.assert_allclose(result.confidence, np.where(person, 0.9, 0), atol=1e-6)
 
 
-# Label sets and datasets
+# Runs over recordings, label sets and datasets
+
+
+def test_a_recordings_run_resumes_to_the_same_bytes(tmp_path, rig_session, predicted, truth, network):
+    assert predicted.info["steps"]["predict"]["weights"] == network.sha256
+    assert {predicted.notes(i)["extraction"] for i in predicted.frame_ids} == {"thermal"}
+    assert all(predicted.probabilities(i) is None for i in predicted.frame_ids)
+    # Needs the trained weights; untrained ones fail here.
+    assert float(compare_sets(predicted, truth).scores["mean_recall"]) >= 0.6
+
+    class Interrupted(OnnxNetwork):
+        def segment(self, depth_mm, person, *, probabilities=False):
+            if np.array_equal(depth_mm, second.depth_mm):
+                raise KeyboardInterrupt
+            return super().segment(depth_mm, person, probabilities=probabilities)
+
+    second, out = predicted.read("000001"), tmp_path / "p"
+    with pytest.raises(KeyboardInterrupt):
+        predict_source(Session(rig_session), Interrupted(), out, silent)
+    assert len(LabelSet.open(out)) == 1
+    predict_source(Session(rig_session), network, out, silent)
+    assert tree(out) == tree(predicted.path)
 
 
 def crop_frame(truth: LabelSet, frame_id: str, name: str) -> FrameLabels:
-    """A frame as a dataset holds it: the person's crop."""
+    """A frame as in a dataset: the person's crop."""
     frame = truth.read(frame_id)
     crop = crop_around(frame.parts > 0)
-    return FrameLabels(
-        name,
-        crop.cut(frame.depth_mm, 0),
-        crop.cut(frame.parts, 0),
-        subject=f"subject {frame_id}",
-        status="truth",
-        notes={"crop": [crop.top, crop.left, crop.side]},
-    )
+    depth, parts = crop.cut(frame.depth_mm, 0), crop.cut(frame.parts, 0)
+    notes = {"crop": [crop.top, crop.left, crop.side]}
+    return FrameLabels(name, depth, parts, subject=f"subject {frame_id}", status="truth", notes=notes)
 
 
 @pytest.fixture(scope="module")
@@ -217,9 +170,12 @@ def crops(tmp_path_factory, truth) -> Dataset:
     return write_dataset(tmp_path_factory.mktemp("dataset") / "d", frames)
 
 
-def test_a_dataset_is_labelled_as_its_frames_are(tmp_path, crops, truth, network):
-    """Its frames are crops already: what training saw is what the network gets."""
-    run = predict_frames(crops, network, tmp_path / "p", silent)
+def test_a_dataset_is_labelled_as_its_frames_are(tmp_path, crops, network):
+    """Its frames are crops already, as in training."""
+    done, again = [], []
+    run = predict_frames(crops, network, tmp_path / "p", done.append)
+    predict_frames(crops, network, tmp_path / "p", again.append)
+    assert sum(done) == sum(again) == 6
     assert run.labels.frame_ids == sorted(frame.frame_id for frame in crops)
     for frame in crops:
         predicted = run.labels.read(frame.frame_id)
@@ -229,17 +185,10 @@ def test_a_dataset_is_labelled_as_its_frames_are(tmp_path, crops, truth, network
         np.testing.assert_array_equal(predicted.parts, np.where(there, body.argmax(axis=0) + 1, 0))
         np.testing.assert_array_equal(predicted.depth_mm, frame.depth_mm)
         assert (predicted.subject, predicted.notes["crop"]) == (frame.subject, frame.notes["crop"])
+        assert predicted.status == "auto"
 
 
-def test_the_number_of_frames_at_once_changes_no_byte(tmp_path, crops, network):
-    for batch in (1, 4, 7):
-        predict_frames(crops, network, tmp_path / str(batch), silent, PredictOptions(True, batch=batch))
-    assert tree(tmp_path / "1") == tree(tmp_path / "4") == tree(tmp_path / "7")
-
-
-def test_an_interrupted_dataset_goes_on_to_the_same_bytes(tmp_path, crops, network):
-    whole = predict_frames(crops, network, tmp_path / "whole", silent, PredictOptions(True))
-
+def test_batches_and_interruptions_change_no_byte(tmp_path, crops, network):
     class Interrupted(OnnxNetwork):
         calls = 0
 
@@ -249,44 +198,42 @@ def test_an_interrupted_dataset_goes_on_to_the_same_bytes(tmp_path, crops, netwo
                 raise KeyboardInterrupt
             return super().segment_all(images, probabilities=probabilities)
 
+    for batch in (1, 4, 7):
+        predict_frames(crops, network, tmp_path / str(batch), silent, PredictOptions(True, batch=batch))
     out = tmp_path / "p"
     with pytest.raises(KeyboardInterrupt):
         predict_frames(crops, Interrupted(), out, silent, PredictOptions(True, batch=2))
     assert 0 < len(LabelSet.open(out)) < 6
-    assert len(predict_frames(crops, network, out, silent, PredictOptions(True)).labels) == 6
-    assert tree(out) == tree(whole.labels.path)
+    predict_frames(crops, network, out, silent, ALL)
+    assert tree(tmp_path / "1") == tree(tmp_path / "4") == tree(tmp_path / "7") == tree(out)
 
 
-def test_progress_counts_every_frame_once(tmp_path, crops, network):
-    done = []
-    predict_frames(crops, network, tmp_path / "p", done.append)
-    again = []
-    predict_frames(crops, network, tmp_path / "p", again.append)
-    assert sum(done) == sum(again) == 6
-
-
-def test_a_dataset_of_other_images_is_not_mixed_in(tmp_path, crops, truth, network):
-    out = tmp_path / "p"
+def test_another_source_or_setting_is_not_mixed_in(tmp_path, crops, truth, network):
+    out, whole = tmp_path / "p", tmp_path / "w"
     predict_frames(crops, network, out, silent)
-    before = tree(out)
+    predict_frames(truth, network, whole, silent)
+    before = tree(tmp_path)
     other = write_dataset(tmp_path / "d", [crop_frame(truth, "000000", "00")])
-    with pytest.raises(ExistsError, match="another source"):
-        predict_frames(other, network, out, silent)
-    with pytest.raises(ExistsError, match="other settings"):
-        predict_frames(crops, network, out, silent, PredictOptions(True))
-    assert tree(out) == before
-
-
-def test_one_frame_is_enough_and_none_is_said(tmp_path, truth, network):
-    one = write_dataset(tmp_path / "one", [crop_frame(truth, "000000", "0")])
-    assert len(predict_frames(one, network, tmp_path / "p", silent).labels) == 1
+    recording = LabelSet.create(tmp_path / "other", truth.intrinsics, truth.info)
+    frame = truth.read("000000")
+    recording.write(FrameLabels("000000", frame.depth_mm[::-1].copy(), frame.parts[::-1].copy()))
+    for source, folder, options, why in (
+        (other, out, PredictOptions(), "another source"),
+        (crops, out, ALL, "other settings"),
+        (recording, whole, PredictOptions(), "another recording"),
+    ):
+        with pytest.raises(ExistsError, match=why):
+            predict_frames(source, network, folder, silent, options)
+    assert before.items() <= tree(tmp_path).items()
     none = LabelSet.create(tmp_path / "none", truth.intrinsics, {})
     with pytest.raises(CloudError, match="holds no frames"):
         predict_frames(none, network, tmp_path / "q", silent)
     assert not (tmp_path / "q").exists()
+    with pytest.raises(CloudError, match="--everybody"):
+        PredictOptions(probabilities=True, everybody=True)
 
 
-def test_a_shard_that_breaks_off_keeps_what_was_done(tmp_path, crops, network):
+def test_a_shard_that_breaks_off_keeps_the_frames_before(tmp_path, crops, network):
     path = Path(shutil.copytree(crops.path, tmp_path / "d"))
     shard = path / "shard-000000.tar"
     shard.write_bytes(shard.read_bytes()[: shard.stat().st_size * 2 // 3])
@@ -297,73 +244,51 @@ def test_a_shard_that_breaks_off_keeps_what_was_done(tmp_path, crops, network):
     assert validate(kept) == []
 
 
-# Probabilities
+# Stored probabilities
 
 
-def test_probabilities_come_back_and_give_the_labels(tmp_path, truth, network):
-    run = predict_frames(truth, network, tmp_path / "p", silent, PredictOptions(True))
+def test_probabilities_come_back_and_give_the_labels(tmp_path, truth, rig_session, network):
+    run = predict_frames(truth, network, tmp_path / "p", silent, ALL)
     for frame in run.labels:
         stored = run.labels.probabilities(frame.frame_id)
-        assert stored is not None
         exact = network.segment(frame.depth_mm, frame.parts > 0, probabilities=True).probabilities
         assert stored.crop == exact.crop
         np.testing.assert_allclose(stored.planes, exact.planes, atol=0.03)
         np.testing.assert_allclose(stored.planes.sum(axis=0), 1, atol=1e-5)
         image = stored.crop.paste(stored.planes.transpose(1, 2, 0), frame.parts.shape, 0)
-        assert image.shape == (*frame.parts.shape, N_CLASSES)
         person = frame.parts > 0
         scores = np.sort(image[..., 1:][person], axis=-1)
         # Rounding keeps the order: only a tie between the first two may be another label.
         untied = scores[:, -1] > scores[:, -2]
         agree = image[..., 1:].argmax(axis=-1)[person] + 1 == frame.parts[person]
         assert agree[untied].all() and untied.mean() > 0.98
-
-
-def test_without_being_asked_none_are_kept(predicted):
-    assert all(predicted.probabilities(i) is None for i in predicted.frame_ids)
-
-
-def test_a_session_keeps_them_too(tmp_path, rig_session, network):
-    run = predict_source(Session(rig_session), network, tmp_path / "p", silent, PredictOptions(True))
-    assert all(run.labels.probabilities(i) is not None for i in run.labels.frame_ids)
-    labels = run.labels
+    labels = predict_source(Session(rig_session), network, tmp_path / "q", silent, ALL).labels
+    assert all(labels.probabilities(i) is not None for i in labels.frame_ids)
     labels.write(labels.read("000000"))
     assert labels.probabilities("000000") is None
-
-
-def wrong_size() -> bytes:
-    return cv2.imencode(".png", np.zeros((SIZE, SIZE), np.uint8))[1].tobytes()
 
 
 def no_sum() -> bytes:
     return cv2.imencode(".png", np.full((N_CLASSES * SIZE, SIZE), 9, np.uint8))[1].tobytes()
 
 
-def bomb() -> bytes:
-    """A header that claims more than memory holds."""
-    data = bytearray(no_sum())
-    data[16:24] = (2**31 - 1).to_bytes(4, "big") * 2
-    return bytes(data)
-
-
-@pytest.mark.parametrize(
-    ("spoil", "says"),
-    [
-        (lambda data: data[: len(data) // 2], "nothing readable|cut off|add up"),
-        (lambda data: b"\x80\x04K\x01." * 10, "not a PNG"),
-        (lambda data: wrong_size(), "2544 x 212"),
-        (lambda data: no_sum(), "add up to one"),
-        (lambda data: bomb(), "claims"),
-    ],
-)
-def test_spoilt_probabilities_are_named(tmp_path, truth, network, spoil, says):
-    labels = predict_frames(truth, network, tmp_path / "p", silent, PredictOptions(True)).labels
+def test_damaged_probabilities_are_named(tmp_path, truth, network):
+    labels = predict_frames(truth, network, tmp_path / "p", silent, ALL).labels
     file = labels.path / "frames" / "000000.probability.png"
-    file.write_bytes(spoil(file.read_bytes()))
-    with pytest.raises(FormatError, match=says) as error:
-        labels.probabilities("000000")
-    assert str(file) in str(error.value)
-    assert [str(error.value)] == validate(labels)
+    data, bomb = file.read_bytes(), bytearray(no_sum())
+    bomb[16:24] = (2**31 - 1).to_bytes(4, "big") * 2  # claims more than memory holds
+    for spoilt, why in (
+        (data[: len(data) // 2], "nothing readable|cut off|add up"),
+        (b"\x80\x04K\x01." * 10, "not a PNG"),
+        (cv2.imencode(".png", np.zeros((SIZE, SIZE), np.uint8))[1].tobytes(), "2544 x 212"),
+        (no_sum(), "add up to one"),
+        (bytes(bomb), "claims"),
+    ):
+        file.write_bytes(spoilt)
+        with pytest.raises(FormatError, match=why) as error:
+            labels.probabilities("000000")
+        assert str(file) in str(error.value)
+        assert [str(error.value)] == validate(labels)
 
 
 # As a command
@@ -382,27 +307,24 @@ def test_predict_takes_a_dataset_and_a_folder_of_depth_images(annotate_cloud, tm
     done = annotate_cloud("predict", folder, "--out", tmp_path / "b", "--json")
     assert (done.code, done.result["frames"]) == (0, 1)
     assert "no thermal images" in done.err
-    labels = LabelSet.open(tmp_path / "b")
-    assert labels.notes("000000")["extraction"] == "depth"
+    assert LabelSet.open(tmp_path / "b").notes("000000")["extraction"] == "depth"
 
 
-def test_a_source_that_holds_nothing_to_label_is_refused(annotate_cloud, tmp_path, crops):
-    out = ("--out", tmp_path / "p")
-    empty = tmp_path / "empty"
+def test_an_unusable_source_is_refused(annotate_cloud, tmp_path, crops):
+    out, empty = ("--out", tmp_path / "p"), tmp_path / "empty"
     empty.mkdir()
     assert_refused(annotate_cloud("predict", empty, *out), "holds no depth images", empty)
     broken = Path(shutil.copytree(crops.path, tmp_path / "d"))
     (broken / "shard-000000.tar").unlink()
     assert_refused(annotate_cloud("predict", broken, *out), "lacks shard")
-    assert_refused(
-        annotate_cloud("predict", crops.path, *out, "--weights", broken / dataset.MANIFEST), "weights"
-    )
+    weights = ("--weights", broken / dataset.MANIFEST)
+    assert_refused(annotate_cloud("predict", crops.path, *out, *weights), "weights")
     assert not (tmp_path / "p").exists()
 
 
 @pytest.mark.parametrize("scan", ["20190823_020756", "20190823_030127"])
-def test_a_real_standing_person_comes_out_upright(shared_data, tmp_path, network, scan):
-    """Parts from head to feet downwards; the two scans are seen from in front and behind."""
+def test_a_real_standing_person_has_parts_from_head_to_feet(shared_data, tmp_path, network, scan):
+    """The two scans are from in front and from behind."""
     source = open_source(shared_data / "kinect2_standing" / f"{scan}.pcd")
     labels = predict_source(source, network, tmp_path / "p", silent).labels
     frame = labels.read("000000")

@@ -1,4 +1,4 @@
-"""Labels read again by a reader that learns by depth: the same in every way there is, and no worse."""
+"""Refined labels are the same on every way to them, and no worse than the network's."""
 
 from dataclasses import replace
 
@@ -34,79 +34,65 @@ class CutOut(Cold):
 
 
 @pytest.fixture(scope="module")
-def learnt() -> SuitNetwork:
+def network() -> SuitNetwork:
     return SuitNetwork(SHIPPED_REFINEMENT_NETWORK)
+
+
+def predict(source, out, **options) -> LabelSet:
+    return predict_source(source, OnnxNetwork(), out, lambda n: None, PredictOptions(**options)).labels
 
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory, rig_session) -> LabelSet:
     """A recording by the network alone."""
-    out = tmp_path_factory.mktemp("first") / "p"
-    return predict_source(Session(rig_session), OnnxNetwork(), out, lambda n: None).labels
+    return predict(Session(rig_session), tmp_path_factory.mktemp("first") / "p")
 
 
 @pytest.fixture(scope="module")
-def again(tmp_path_factory, rig_session, learnt) -> LabelSet:
-    """The same recording, read again."""
-    out = tmp_path_factory.mktemp("again") / "p"
-    return predict_source(
-        Session(rig_session), OnnxNetwork(), out, lambda n: None, PredictOptions(refiners=[learnt])
-    ).labels
+def refined(tmp_path_factory, rig_session, network) -> LabelSet:
+    return predict(Session(rig_session), tmp_path_factory.mktemp("refined") / "p", refiners=[network])
 
 
-def test_a_recording_is_read_again_as_its_labels_are(first, again, learnt):
-    for one, two in zip(first, again, strict=True):
-        read = refine(camera_in(first, one), one, learnt)
-        np.testing.assert_array_equal(two.parts, read.parts)
-        assert two.notes["bearing"] == one.notes["bearing"] == read.notes["bearing"]
-        assert two.notes["confidence"] == read.notes["confidence"]
+def test_recordings_and_label_sets_are_refined_as_their_frames_are(tmp_path, first, refined, network):
+    for one, two in zip(first, refined, strict=True):
+        own = refine(camera_in(first, one), one, network)
+        np.testing.assert_array_equal(two.parts, own.parts)
+        assert two.notes["bearing"] == one.notes["bearing"] == own.notes["bearing"]
+        assert two.notes["confidence"] == own.notes["confidence"]
         assert (two.confidence != one.confidence).any()
-    assert again.info["steps"]["predict"]["readers"] == [learnt.sha256]
-
-
-def test_it_reads_again_where_a_frame_shows_the_room(tmp_path, rig_session, first, again, learnt):
-    session, network = Session(rig_session), OnnxNetwork()
-
-    def found(name: str, source) -> LabelSet:
-        return predict_source(
-            source, network, tmp_path / name, lambda n: None, PredictOptions(room_refiner=learnt)
-        ).labels
-
-    for one, two in zip(found("room", session), again, strict=True):
-        np.testing.assert_array_equal(one.parts, two.parts)
-    cut_out = CutOut(session, [person_of(frame.parts) for frame in first])
-    alone = predict_source(cut_out, network, tmp_path / "alone", lambda n: None).labels
-    for one, two in zip(found("cut out", cut_out), alone, strict=True):
-        np.testing.assert_array_equal(one.parts, two.parts)
-
-
-def test_a_label_set_is_read_again_as_a_recording_is(tmp_path, first, learnt):
-    network = OnnxNetwork()
-    one = predict_frames(first, network, tmp_path / "one", lambda n: None).labels
-    two = predict_frames(
-        first, network, tmp_path / "two", lambda n: None, PredictOptions(refiners=[learnt])
+    assert refined.info["steps"]["predict"]["readers"] == [network.sha256]
+    alone, options = predict_frames(first, OnnxNetwork(), tmp_path / "one", lambda n: None).labels, [network]
+    found = predict_frames(
+        first, OnnxNetwork(), tmp_path / "two", lambda n: None, PredictOptions(refiners=options)
     ).labels
-    for own, read in zip(one, two, strict=True):
-        np.testing.assert_array_equal(read.parts, refine(camera_in(one, own), own, learnt).parts)
+    for one, two in zip(alone, found, strict=True):
+        np.testing.assert_array_equal(two.parts, refine(camera_in(alone, one), one, network).parts)
 
 
-def test_it_is_no_worse_than_the_network_alone(tmp_path, rig_session, first, again, learnt):
+def test_the_room_refiner_needs_a_room(tmp_path, rig_session, first, refined, network):
+    session = Session(rig_session)
+    cut_out = CutOut(session, [person_of(frame.parts) for frame in first])
+    alone = predict(cut_out, tmp_path / "alone")
+    for name, source, expected in (("room", session, refined), ("cut out", cut_out, alone)):
+        found = predict(source, tmp_path / name, room_refiner=network)
+        for one, two in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(one.parts, two.parts)
+
+
+def test_refined_labels_are_no_worse(tmp_path, rig_session, first, refined, network):
     """With temperatures and without: a better outline in both, and better parts over both."""
-    truth, cold, network = LabelSet.open(truth_path(rig_session)), Cold(Session(rig_session)), OnnxNetwork()
-    found = [first, again]
-    for name, readers in (("cold", ()), ("cold again", (learnt,))):
-        run = predict_source(cold, network, tmp_path / name, lambda n: None, PredictOptions(refiners=readers))
-        found.append(run.labels)
-    warm, warm_again, bare, bare_again = (compare_sets(labels, truth).scores for labels in found)
-    assert warm_again["person_iou"] > warm["person_iou"] and bare_again["person_iou"] > bare["person_iou"]
-    recall = [scores["mean_recall"] for scores in (warm_again, bare_again, warm, bare)]
+    truth, cold = LabelSet.open(truth_path(rig_session)), Cold(Session(rig_session))
+    found = [first, refined, predict(cold, tmp_path / "c"), predict(cold, tmp_path / "r", refiners=[network])]
+    warm, warm_refined, bare, bare_refined = (compare_sets(labels, truth).scores for labels in found)
+    assert warm_refined["person_iou"] > warm["person_iou"] and bare_refined["person_iou"] > bare["person_iou"]
+    recall = [scores["mean_recall"] for scores in (warm_refined, bare_refined, warm, bare)]
     assert sum(recall[:2]) > sum(recall[2:])
 
 
-def test_nobody_stays_nobody_and_no_colour_is_seen(first, learnt):
+def test_an_empty_frame_stays_and_colour_is_unused(first, network):
     frame = next(iter(first))
-    nobody = replace(frame, parts=np.zeros_like(frame.parts))
-    assert refine(first.intrinsics, nobody, learnt) is nobody
+    empty = replace(frame, parts=np.zeros_like(frame.parts))
+    assert refine(first.intrinsics, empty, network) is empty
     _, view = depth_view(frame, first.intrinsics)
     dark = [CHANNELS.index(name) for name in ("shade", "red", "green", "room", *LIKELIHOODS)]
     assert not view.planes[dark].any() and len(view.colors) == 0

@@ -14,14 +14,12 @@ import pytest
 pytest.importorskip("torch")
 import torch
 from conftest import tree
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file
 
 from annotate.crop import SIZE
 from annotate.labelset.images import decode_parts
 from annotate.parts import N_CLASSES, UNDEFINED
-from eval.network import checkpoint
 from eval.network.blocks import NetworkOutput
-from eval.network.checkpoint import load_weights, save_weights
 from eval.network.compact import CompactConfig
 from eval.network.networks import build
 from eval.network.onnx_export import export_network
@@ -58,7 +56,7 @@ def assert_same(a: Result, b: Result) -> None:
 
 @pytest.fixture(scope="module", autouse=True)
 def one_thread() -> Iterator[None]:
-    """Bits are the same for one number of threads: that of the other processes here."""
+    """Bits are the same for one number of threads, as in the other processes here."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -150,18 +148,13 @@ def test_two_processes_train_the_network_of_one(tmp_path, whole):
         np.testing.assert_allclose(state["average." + name].numpy(), expected, atol=1e-3, err_msg=name)
 
 
-def test_an_epoch_has_every_crop_once_in_the_seeds_order():
+def test_each_epoch_has_every_crop_once_shared_by_processes_and_made_by_workers():
     steps = list(BatchOrder(images=7, batch=3, epochs=2, seed=1).after(0))
-    assert [len(batch) for batch in steps] == [3] * 4
     for epoch in (0, 1):
         seen = [i for batch in steps for e, i in batch if e == epoch]
         assert len(set(seen)) == len(seen) == 6
     assert steps == list(BatchOrder(7, 3, 2, 1).after(0)) != list(BatchOrder(7, 3, 2, 2).after(0))
-    # Fewer crops than a batch are one batch.
     assert [len(batch) for batch in BatchOrder(2, 16, 3, 0).after(0)] == [2, 2, 2]
-
-
-def test_processes_share_each_batch_and_miss_none():
     alone = list(BatchOrder(11, 4, 2, 3).after(0))
     shares = [list(BatchOrder(11, 4, 2, 3, rank, 2).after(0)) for rank in (0, 1)]
     for batch, a, b in zip(alone, *shares, strict=True):
@@ -171,6 +164,13 @@ def test_processes_share_each_batch_and_miss_none():
         assert list(BatchOrder(11, 4, 2, 3).after(step)) == alone[step:]
     with pytest.raises(CloudError, match="2 processes"):
         BatchOrder(1, 4, 2, 3, 0, 2)
+    images, order = Images(CROPS, Augmentation(), 5), BatchOrder(7, 2, 1, 5)
+    alone, ahead = (list(batches(images, order, 1, workers)) for workers in (0, 2))
+    assert len(alone) == 2
+    for a, b in zip(alone, ahead, strict=True):
+        assert all(
+            torch.equal(x.float().nan_to_num(), y.float().nan_to_num()) for x, y in zip(a, b, strict=True)
+        )
 
 
 def test_a_finished_training_is_only_read(whole):
@@ -180,7 +180,7 @@ def test_a_finished_training_is_only_read(whole):
     assert tree(whole[0]) == before
 
 
-def test_it_learns_reports_and_labels_one_frame(whole):
+def test_it_learns_reports_and_labels_one_frame(whole, monkeypatch):
     told, seen, (out, (network, progress)) = [], [], whole
     epochs = progress.epochs
     assert epochs[-1].loss < epochs[0].loss
@@ -188,21 +188,17 @@ def test_it_learns_reports_and_labels_one_frame(whole):
     assert history["plan"] == PLAN.described()
     assert [e["number"] for e in history["epochs"]] == [1, 2, 3]
     assert history["epochs"][-1]["mean_recall"] == epochs[-1].mean_recall
-    train(Data(CROPS), out.with_name("again"), PLAN, ALONE, Watch(seen.append, told.append))
+    monkeypatch.setattr("eval.training.train.POINT_STEPS", 1)
+    _, again = train(Data(CROPS), out.with_name("again"), PLAN, ALONE, Watch(seen.append, told.append))
+    assert [point.images for point in again.points] == [2 * (i + 1) for i in range(9)]
+    losses = np.reshape([point.loss for point in again.points], (3, 3))
+    np.testing.assert_allclose([epoch.loss for epoch in again.epochs], losses.mean(axis=1))
     assert seen == [2] * 9
     assert [e.number for e in told] == [1, 2, 3] and all(e.miou is None for e in told)
     names = sorted(p.name for p in (out / "frame").iterdir())
     assert names == ["depth.png", *(f"epoch-{n:03d}.parts.png" for n in range(4)), "truth.parts.png"]
     last = decode_parts((out / "frame" / "epoch-003.parts.png").read_bytes())
     np.testing.assert_array_equal(last, next(predicted(network, CROPS))[0])
-
-
-def test_an_epochs_loss_is_the_mean_of_its_steps(tmp_path, monkeypatch):
-    monkeypatch.setattr("eval.training.train.POINT_STEPS", 1)
-    _, progress = train(Data(CROPS), tmp_path / "t", PLAN, ALONE)
-    assert [point.images for point in progress.points] == [2 * (i + 1) for i in range(9)]
-    losses = np.reshape([point.loss for point in progress.points], (3, 3))
-    np.testing.assert_allclose([epoch.loss for epoch in progress.epochs], losses.mean(axis=1))
 
 
 def test_another_plan_data_start_or_folder_is_refused(tmp_path, whole):
@@ -245,61 +241,6 @@ def test_a_broken_checkpoint_is_named_and_kept(tmp_path, whole, spoil):
     assert tree(tmp_path) == before
 
 
-def test_weights_hold_their_network(tmp_path, whole):
-    path = tmp_path / "w.safetensors"
-    save_weights(path, whole[1][0], TINY)
-    model, config = load_weights(path)
-    assert config == TINY
-    for name, value in weights(whole[1][0]).items():
-        np.testing.assert_array_equal(weights(model)[name], value)
-    save_weights(tmp_path / "again.safetensors", model, config)
-    assert (tmp_path / "again.safetensors").read_bytes() == path.read_bytes()
-
-
-@pytest.mark.parametrize(
-    ("spoil", "why"),
-    [
-        (lambda data: data[: len(data) // 2], "cut off"),
-        (lambda data: pickle.dumps({"model": 1}), "cut off"),
-        (lambda data: data.replace(b'\\"classes\\": 12', b'\\"classes\\": 13'), "13 classes"),
-        (lambda data: data.replace(b"[4, 6, 6]", b"[4, 6, 7]"), "shape"),
-        (lambda data: data.replace(b"[4, 6, 6]", b"[4,1e9,6]"), "malformed"),
-        (lambda data: data.replace(b"compact", b"compost"), "does not describe a network"),
-        (lambda data: data.replace(b'"network"', b'"netwerk"'), "does not hold weights"),
-    ],
-)
-def test_weights_of_another_kind_are_refused_in_one_line(tmp_path, whole, spoil, why):
-    path = tmp_path / "w.safetensors"
-    save_weights(path, whole[1][0], TINY)
-    path.write_bytes(spoil(path.read_bytes()))
-    with pytest.raises(FormatError, match=why) as error:
-        load_weights(path)
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize(
-    "network",
-    [
-        {"kind": "compact", "widths": [8192] * 5, "layers": 4, "classes": 12},
-        {"kind": "paper", "base": 8192, "dense": 1, "classes": 12},
-        {"kind": "smp", "encoder": "resnet18", "decoder": [8192] * 5, "classes": 12},
-        [],
-        None,
-    ],
-)
-def test_a_claim_of_large_weights_takes_no_memory(tmp_path, monkeypatch, network):
-    """The first three would take gigabytes; a file has the weights that it claims, or no network is built."""
-    built = []
-    real = checkpoint.build
-    monkeypatch.setattr(checkpoint, "build", lambda config: built.append(real(config)) or built[-1])
-    path = tmp_path / "w.safetensors"
-    save_file({}, path, {"network": json.dumps(network)})
-    with pytest.raises(FormatError) as error:
-        load_weights(path)
-    assert "\n" not in str(error.value)
-    assert all(p.is_meta for model in built for p in model.parameters())
-
-
 def test_one_image_is_enough_and_an_exploding_loss_is_refused(tmp_path):
     one = small_crops(1)
     assert train(Data(one, one), tmp_path / "t", PLAN, ALONE)[1].step == 3
@@ -338,16 +279,6 @@ def test_losses_are_over_the_pixels_of_their_recipe():
     assert told == pytest.approx(float(sum(paper)) / len(paper), rel=1e-5)
 
 
-def test_workers_make_the_same_batches():
-    images, order = Images(CROPS, Augmentation(), 5), BatchOrder(7, 2, 1, 5)
-    alone, ahead = (list(batches(images, order, 1, workers)) for workers in (0, 2))
-    assert len(alone) == 2
-    for a, b in zip(alone, ahead, strict=True):
-        assert all(
-            torch.equal(x.float().nan_to_num(), y.float().nan_to_num()) for x, y in zip(a, b, strict=True)
-        )
-
-
 def test_rare_parts_weigh_more_and_the_mean_pixel_one():
     parts = np.array([[1] * 75 + [2] * 20 + [3] * 5 + [0] * 40 + [UNDEFINED] * 9], np.uint8)
     weight = class_weights(ModernRecipe(balance=0.5), parts).numpy()
@@ -368,7 +299,6 @@ def test_the_export_is_the_network(tmp_path):
     found = OnnxNetwork(path, flip=False).probabilities(x)
     seen = np.broadcast_to(x[:, None] > 0, found.shape)
     np.testing.assert_allclose(found[seen], expected[seen], atol=1e-4)
-    # A pixel without depth is background.
     np.testing.assert_array_equal(found[:, 0][x == 0], 1)
     np.testing.assert_array_equal(found[:, 1:].max(axis=1)[x == 0], 0)
     assert [p.name for p in tmp_path.iterdir()] == ["w.onnx"]
@@ -403,7 +333,6 @@ def test_evaluation_counts_every_defined_pixel_once(whole):
     total = evaluate(whole[1][0], crops, batch=2)
     np.testing.assert_array_equal(total.sum(axis=1), [(parts == i).sum() for i in range(N_CLASSES)])
     np.testing.assert_array_equal(total, evaluate(whole[1][0], crops, batch=3))
-    # Within the outline background does not count, because the extraction decides on persons.
     scores = torch.tensor([9.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0])
     labels = np.concatenate(list(predicted(Constant(scores), CROPS, batch=3)))
     np.testing.assert_array_equal(labels, np.where(depth > 0, 5, 0))

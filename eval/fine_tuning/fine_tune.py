@@ -46,7 +46,7 @@ class FineTuned:
 
     @property
     def better(self) -> bool:
-        """Whether the network is better on the held-out frames."""
+        """True if the network is better on the held-out frames."""
         return self.after > self.before
 
 

@@ -43,9 +43,9 @@ class OnnxNetwork:
     """Exported network on the CPU; loading executes no code from the file.
 
     sha256: hash of the file. flip: average the outputs for an image and its flip (docs/adr/0024), which takes
-    twice as long. Raises FormatError unless the file is a network, in any precision and without other files,
-    (B, 1, 212, 212) -> probabilities (B, 12, 212, 212), with ``facing``, ``posture`` and ``joints`` as in
-    `NetworkOutput` or without.
+    twice as long. The network, in any precision, gives probabilities (B, 12, 212, 212) for (B, 1, 212, 212).
+    It may also give ``facing``, ``posture`` and ``joints`` as in `NetworkOutput`. Raises FormatError for any
+    other file, or for tensors in other files.
     """
 
     def __init__(self, path: Path = SHIPPED_WEIGHTS, *, flip: bool = True) -> None:
@@ -115,7 +115,7 @@ class OnnxNetwork:
     def segment_all(self, images: Sequence[Image], *, probabilities: bool = False) -> list[Segmentation]:
         """Label the persons of depth images of any sizes: each pixel with depth gets a body part.
 
-        An image of 212 x 212 is a crop already. probabilities: keep those of all classes. The result for an
+        An image of 212 x 212 is a crop already. probabilities: keep all classes. The result for an
         image is the same to the bit, whatever images are beside it.
         """
         masks = [person & (depth_mm > 0) for depth_mm, person in images]
@@ -143,7 +143,7 @@ class OnnxNetwork:
 def _pasted(crop: Crop, seen: Bool, planes: Float32, mask: Bool) -> tuple[UInt8, Float32]:
     """Return parts and confidence of the pixels of a mask (h, w).
 
-    seen: pixels of the crop with depth. planes: (12, 212, 212). The extraction decides what is person, so
+    seen: pixels of the crop with depth. planes: (12, 212, 212). The extraction decides on persons, so
     background does not count there.
     """
     best, certain = _likeliest(planes.reshape(N_CLASSES, -1))

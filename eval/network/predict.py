@@ -21,7 +21,7 @@ from eval.network.onnx_network import OnnxNetwork
 from eval.network.refine import camera_in, refine
 from sensors.errors import CloudError, FormatError
 
-BATCH = 8  # frames through the network at once; more are no faster on a CPU (bench/predict.py)
+BATCH = 8  # frames through the network at once; larger batches gain nothing on a CPU (bench/predict.py)
 WRITERS = 4  # frames written at once, because each waits for the disk; untuned
 
 
@@ -29,7 +29,7 @@ WRITERS = 4  # frames written at once, because each waits for the disk; untuned
 class PredictOptions:
     """Options of a prediction. Raises CloudError where they exclude each other.
 
-    probabilities: keep those of all classes. everybody: label all persons, not the subject alone. window_c:
+    probabilities: keep all classes. everybody: label all persons, not the subject alone. window_c:
     temperatures of persons. room_refiner: network that refines labels where a frame shows the room. refiners:
     networks that then refine all labels, in turn. The last three are of recordings, the batch of label sets.
     """
@@ -73,9 +73,8 @@ def predict_frames(
 ) -> Run:
     """Label the persons of a label set or a dataset by the network, and resume an interrupted run.
 
-    Frames that cannot be read are left out and listed. Raises ExistsError where ``out`` is not the beginning
-    of this run, ClaimedError while another process writes it, CloudError without any usable frame,
-    FormatError where a dataset breaks off.
+    Unreadable frames are left out and listed. Raises ExistsError where ``out`` holds another run,
+    ClaimedError while it is in use, CloudError without a usable frame, FormatError for a damaged dataset.
     """
     if not len(frames):
         raise CloudError(f"{frames.path} holds no frames; give a label set or dataset with frames")

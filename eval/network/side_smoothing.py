@@ -67,7 +67,7 @@ def _faced(before: FrameLabels, number: int) -> Float64:
 
 
 def _off_deg(state: BodyState, faced: Float64) -> float:
-    """Return the angle between a facing and that of the frames so far; 0 without earlier frames."""
+    """Return the angle between the facings of a frame and of all earlier frames; 0 without these."""
     x, y = state.facing, faced
     return float(np.degrees(np.arctan2(abs(x[0] * y[1] - x[1] * y[0]), x @ y))) if y.any() else 0.0
 

@@ -72,7 +72,7 @@ class Crops:
                     places.append(file.tell())
             file.flush()
             if not places:
-                raise CloudError("there are no crops; give at least one image")
+                raise CloudError("the training has 0 crops; give at least one image")
             packed = np.asarray(np.memmap(file, np.uint8, "r"))
         known = np.array(wholes, np.float32).reshape(-1, ROW)
         whose = np.array(["unknown"] * len(known) if subjects is None else subjects)

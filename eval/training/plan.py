@@ -19,7 +19,7 @@ from eval.training.fit import Schedule
 from eval.training.loader import Batch
 from eval.training.processes import ALONE, ProcessGroup
 
-COARSE, COARSE_STEP = 0.7, 4  # side of coarse images over that of whole ones, and its multiple in px; untuned
+COARSE, COARSE_STEP = 0.7, 4  # side of coarse over whole images, and its multiple in px; untuned
 ENDLESS = 10_000  # epochs that a training by the clock does not reach
 Precision = Literal["float32", "bfloat16"]
 
@@ -149,7 +149,7 @@ def class_weights(recipe: Recipe, parts: UInt8) -> Tensor:
 class Loss:
     """Loss of a recipe. weight: (12,), of the classes.
 
-    group: the processes that share each batch; the mean of their losses is that of the batch.
+    group: the processes that share each batch; the mean of their losses is the loss of the batch.
     """
 
     recipe: Recipe

@@ -39,7 +39,7 @@ class ProcessGroup:
 
     @property
     def first(self) -> bool:
-        """Whether this process writes and reports."""
+        """True for the process that writes and reports."""
         return self.rank == 0
 
     def wait(self) -> None:

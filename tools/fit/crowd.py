@@ -1,7 +1,4 @@
-"""Bakes the shipped crowd, ``synth/data/crowd.npz``: python -m tools.fit.crowd (extra ``bodies``).
-
-It takes some minutes.
-"""
+"""Bake the shipped crowd, ``synth/data/crowd.npz``: python -m tools.fit.crowd (extra ``bodies``)."""
 
 import sys
 import warnings
@@ -19,18 +16,15 @@ from synth.body.fit import BodyModel
 from synth.data_files import shipped
 
 PEOPLE = 28
-HEIGHT_CM = {"woman": (163.0, 6.5), "man": (176.0, 7.0)}
-"""Mean and standard deviation of adults' heights. Source: NCD-RisC 2016, Europe, rounded."""
+HEIGHT_CM = {"woman": (163.0, 6.5), "man": (176.0, 7.0)}  # mean, deviation; NCD-RisC 2016, Europe, rounded
 HEIGHT_ENDS_CM = (150.0, 195.0)
 AGE_YEARS, BMI = (16.0, 80.0), (17.0, 38.0)
-NEAR_BMI = 0.3
-"""Who falls short of a body mass index by more is heavier than anny's heaviest."""
-LIGHTER = 0.75
-"""anny's number of a weight: as bodies grow from there to 1, the heaviest, they grow on. Chosen by eye."""
+NEAR_BMI = 0.3  # more below a body mass index than this, a person is heavier than anny's heaviest
+LIGHTER = 0.75  # anny's weight from which bodies grow to 1, the heaviest, and on; untuned
 
 
 def sketches() -> list[tuple[float, float, float, float]]:
-    """(gender, age, height cm, BMI) of everybody: sexes in turn, the others spread evenly (Sobol)."""
+    """Return (gender, age, height cm, BMI) of all: sexes in turn, the others spread evenly (Sobol)."""
     from scipy.stats import norm
 
     draws = qmc.Sobol(3, seed=2).random(32)[:PEOPLE]
@@ -41,24 +35,18 @@ def sketches() -> list[tuple[float, float, float, float]]:
         sex = ("woman", "man")[i % 2]
         mean, deviation = HEIGHT_CM[sex]
         cm = float(np.clip(norm.ppf(height, mean, deviation), *HEIGHT_ENDS_CM))
-        people.append(
-            (
-                0.92 if sex == "woman" else 0.08,
-                anny_age(float(np.interp(age, (0, 1), AGE_YEARS))),
-                cm,
-                float(bmi[i]),
-            )
-        )
+        gender = 0.92 if sex == "woman" else 0.08
+        people.append((gender, anny_age(float(np.interp(age, (0, 1), AGE_YEARS))), cm, float(bmi[i])))
     return people
 
 
 def anny_age(years: float) -> float:
-    """anny's number of an age: child (10) at 1/3, young (25) at 2/3, old (90) at 1."""
+    """Return anny's number of an age: child (10) at 1/3, young (25) at 2/3, old (90) at 1."""
     return float(np.interp(years, (10, 25, 90), (1 / 3, 2 / 3, 1)))
 
 
 def fitted(model: BodyModel, gender: float, age: float, height_cm: float, bmi: float) -> Float64:
-    """Phenotypes (6,) nearest to a height and a body mass index; muscle and proportions near the middle."""
+    """Return phenotypes (6,) nearest to a height and a BMI; muscle and proportions near the middle."""
     kg = bmi * (height_cm / 100) ** 2
 
     def whole(free: Float64) -> Float64:
@@ -80,10 +68,7 @@ def fitted(model: BodyModel, gender: float, age: float, height_cm: float, bmi: f
 
 
 def beyond_anny(model: BodyModel, phenotype: Float64, height_cm: float, bmi: float) -> tuple[Float64, float]:
-    """Phenotypes (6,), and how far beyond them a body has a height and a body mass index.
-
-    In steps from ``LIGHTER`` to the heaviest; 0 where anny reaches it.
-    """
+    """Return phenotypes (6,), and steps beyond them to a height and a BMI; 0 within anny."""
     cm, kg, _ = model.measure(phenotype)
     if kg / (cm / 100) ** 2 > bmi - NEAR_BMI:
         return phenotype, 0.0
@@ -104,27 +89,27 @@ def beyond_anny(model: BodyModel, phenotype: Float64, height_cm: float, bmi: flo
 
 
 def lighter(phenotype: Float64) -> Float64:
-    """The same person's phenotypes (6,) at weight ``LIGHTER``."""
+    """Return the same person's phenotypes (6,) at weight ``LIGHTER``."""
     result = phenotype.copy()
     result[3] = LIGHTER
     return result
 
 
 def baked(model: BodyModel, name: str, phenotype: Float64, beyond: float) -> Body:
-    """The body of phenotypes (6,), so far beyond them."""
+    """Return the body of phenotypes (6,), so far beyond them."""
     body = model.bake(name, phenotype)
     return blend(model.bake(name, lighter(phenotype)), body, 1 + beyond) if beyond else body
 
 
 def full_mesh(anny: Any) -> Any:
-    """anny with all vertices of hm08, helpers too."""
+    """Return anny with all vertices of hm08, helpers too."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return anny.create_fullbody_model(remove_unattached_vertices=False)
 
 
 def base_mesh(model: BodyModel, phenotype: Float64, beyond: float) -> Float64:
-    """Vertices (19158, 3) of hm08 of phenotypes (6,), so far beyond them; ``model`` has the full mesh."""
+    """Return vertices (19158, 3) of hm08 of phenotypes (6,), so far beyond; ``model`` has the full mesh."""
     vertices = model.shape(phenotype)[0]
     return vertices + beyond * (vertices - model.shape(lighter(phenotype))[0]) if beyond else vertices
 

@@ -67,7 +67,7 @@ def sample_as_labelled(example: Example, sample_m: float) -> Sample:
 
 
 def without_unknown(sample: Sample) -> Sample:
-    """Return the sample with an undefined target wherever there is no depth."""
+    """Return the sample with an undefined target wherever depth is missing."""
     there = (sample.planes[FLAGS] & VALID) > 0
     return Sample(sample.planes, np.where(there, sample.target, np.uint8(UNDEFINED)))
 

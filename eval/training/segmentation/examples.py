@@ -56,7 +56,7 @@ def example_of(
 ) -> Example | None:
     """Return the example of a frame as labelling processes it; None where labelling skips the suit.
 
-    rough: use the illuminant of all colours, as labelling does first, instead of that of the parts.
+    rough: use the illuminant of all colours, as labelling does first, not the one of the parts.
     """
     network = None if rough else shipped_suit_network()
     return detected_example(SuitLabeller(suit).detect(cloud), truth, before, suit, network)
@@ -71,7 +71,7 @@ def detected_example(
 ) -> Example | None:
     """Return the example of a frame after person detection, as ``example_of``.
 
-    network: finds the parts' illuminant, None = use that of all colours.
+    network: finds the parts' illuminant, None = use all colours.
     """
     cloud, person = detection.cloud, detection.persons.person(before)
     view = detection.view(person) if person.trusted else None
@@ -108,7 +108,7 @@ class Recording:
     def examples(self) -> Iterator[Example | None]:
         """Yield the example of every frame in turn; None for automatic labels and unusable frames.
 
-        The labels before are those of the label set, checked or not. Raises CloudError for the labels of
+        The labels before are in the label set, checked or not. Raises CloudError for the labels of
         another recording.
         """
         fuser, before, kept = Fuser(self.source.calibration), None, set(self.labels.frame_ids)

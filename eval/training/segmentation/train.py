@@ -159,9 +159,8 @@ def train_labels(
     """Train the shipped suit network further on labelled recordings; write ``out``/reader.onnx.
 
     An interrupted run is resumed. The same recordings, steps and seed give the same weights. Examples, 3 MB a
-    frame, are removed at the end. Raises CloudError for fewer than two recordings or without a usable frame,
-    ExistsError where ``out`` holds another training or a finished one, ClaimedError while another process
-    works there.
+    frame, are removed at the end. Raises CloudError for fewer than two recordings or no usable frame,
+    ExistsError for another or a finished training in ``out``, ClaimedError while it is in use.
     """
     if len(recordings) < 2:
         raise CloudError("one recording is too few: confidence is fitted to another; give two or more")

@@ -27,7 +27,7 @@ class Validation(NamedTuple):
 
 
 def validate(network: SuitNet, examples: ExampleFiles, sample_m: float) -> Validation:
-    """Validate a network on examples, segmented as in labelling but for borders."""
+    """Validate a network on examples, segmented as in labelling, without borders."""
     network.eval()
     table, scores, targets = np.zeros((CLASSES, CLASSES), np.int64), [], []
     for index in examples.spread(MEASURED):
