@@ -141,7 +141,7 @@ def _ragged(person: Bool, rng: np.random.Generator) -> Bool:
 
 
 def _rim(person: Bool) -> Bool:
-    return person & (cv2.erode(person.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
+    return np.asarray(person & (cv2.erode(person.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0), np.bool_)
 
 
 def _with_extras(depth: Float32, rng: np.random.Generator) -> Float32:
