@@ -1,4 +1,4 @@
-"""The live window: shows what runs, says what is wrong, and records with a key."""
+"""The live window shows a running rig and warnings, and records with a key."""
 
 import time
 from dataclasses import replace

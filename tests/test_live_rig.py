@@ -1,4 +1,4 @@
-"""A rig that runs is recorded from key to key: what is unplugged comes back, a full disk loses nothing."""
+"""A running rig is recorded from key to key, through unplugged devices and a full disk."""
 
 import errno
 import gc
@@ -309,14 +309,14 @@ def test_a_loss_comes_through_a_full_queue(monkeypatch):
     camera = Camera(5)
     camera.rates_hz = {"depth": 1.0}
     with Intake([camera], never) as intake:
-        # Nobody drains: the queue is full when the camera is lost, and for some time after.
+        # The queue is full when the camera is lost, and for some time after.
         camera._ended.wait(0.3)
         wait_for(lambda: bool(intake.drain()) and camera.address in intake.away)
         assert not intake.drain()
 
 
 def test_a_camera_in_another_mode_ends_the_rig_at_once_and_leaves_nothing(rig_of, tmp_path):
-    """Nothing that it sends could be read again: that is no fault of one image."""
+    """The file would be unreadable, so this is not the fault of one image."""
     rig = LiveRig("ward", [Camera()], RigCalibration(Intrinsics(9, 6, 10.0, 10.0, 3.5, 2.5)), {}, never)
     rig.record(tmp_path / "a.mcap")
     rig.start()

@@ -75,7 +75,7 @@ def places(stamps_ns: list[int], arrivals_ns: list[int]) -> np.ndarray:
 
 @pytest.mark.parametrize(("count", "paired"), [(1, False), (2, False), (3, True)])
 def test_an_epoch_of_few_images_is_paired_only_if_they_agree_on_its_clock(count, paired):
-    """The first is 200 ms late, and nobody can know by how much before two others agree."""
+    """The first is 200 ms late, which only two others that agree can show."""
     color = (START_NS + np.arange(0, 20 * S, S // 30)).tolist()
     made = [*color[:150], *color[300 : 300 + count], *color[450:]]
     late = [at + (200 * MS if at == color[300] else 0) for at in made]

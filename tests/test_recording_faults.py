@@ -47,7 +47,7 @@ BAD = {
 
 
 class Camera:
-    """All three cameras in one, in turn; ``values`` says what is sent, None: the camera is gone."""
+    """All three cameras in one, in turn; ``values``: images, None = the camera is gone."""
 
     address, serial, calibration = "cameras:1", "1", RIG
 

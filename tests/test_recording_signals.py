@@ -48,7 +48,7 @@ class Camera:
         self.ended.set()
 
 def fail(*_):
-    raise CloudError("nobody is in view")
+    raise CloudError("the view is empty")
 
 cli.rig_devices.open_device = lambda address, shown: Camera()
 cli.live_view.labelling_by = lambda suit: Labelling(fail, fail, fail)

@@ -1,7 +1,5 @@
 """One contract for every device that can be opened here, addresses, and errors on opening."""
 
-import errno
-import os
 import threading
 from contextlib import closing
 from dataclasses import replace
@@ -15,7 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sensors.device import node
 from sensors.device.address import Address
 from sensors.device.protocol import ColorImage, DepthImage, Spot, ThermalCounts, ThermalImage
 from sensors.device.streaming_camera import StreamingCamera
@@ -31,7 +28,6 @@ from sensors.drivers.realsense import RealSense, Settings, realsense_serials
 from sensors.drivers.y16 import Radiometry, WordCamera, boson_mode, y16_mode
 from sensors.errors import (
     CloudError,
-    DeviceAccessError,
     DeviceBusyError,
     DeviceError,
     DeviceFaultError,
@@ -50,12 +46,8 @@ from sensors.virtual.schedule import Faults
 from sensors.virtual.v4l2 import VirtualLepton, VirtualOptris, VirtualWords, VirtualY16
 from tests.helpers.swinging_ball import small_ball, swinging_ball
 
-VALUES = {
-    "depth": DepthImage,
-    "color": ColorImage,
-    "thermal": (ThermalImage, ThermalCounts),
-    "pyrometer": Spot,
-}
+THERMAL = (ThermalImage, ThermalCounts)
+VALUES = {"depth": DepthImage, "color": ColorImage, "thermal": THERMAL, "pyrometer": Spot}
 
 
 @pytest.fixture(autouse=True)
@@ -283,9 +275,7 @@ def test_a_virtual_device_shows_the_frames_it_is_given():
     ("address", "match"),
     [
         ("", "is of no known kind; use kinect2"),
-        ("webcam:0", "is of no known kind"),
-        ("virtual:webcam", "has no virtual twin; use virtual: with"),
-        ("virtual:azure", "has no virtual twin"),
+        ("virtual:azure", "has no virtual twin; use virtual: with"),
         ("virtual:optris?mode=1hz", "mode '1hz' .* is unknown; use 128hz"),
         ("virtual:optris?speed=1", "unknown option 'speed'; its options: drop"),
         ("virtual:optris?drop=2", "drop '2' .* is not a number from 0 to 1"),
@@ -307,8 +297,6 @@ def test_a_virtual_device_shows_the_frames_it_is_given():
         ("y16:/dev/video77?scale=0.01", "only one of scale and offset; give both, or none for counts"),
         ("y16:/dev/video77?width=0", "width '0' .* is not a number from 1"),
         ("y16:/dev/video77?mode=1", "its options: height, mirror, offset, rate, scale, turn, width"),
-        ("y16:", "names no node; give for instance y16:/dev/video0"),
-        ("lepton:/dev/video77", "/dev/video77 does not exist; plug"),
     ],
 )
 def test_a_bad_address_is_one_clear_line(address, match):
@@ -332,58 +320,7 @@ def test_options_of_a_virtual_pyrometer_reach_the_real_driver():
         assert device.device.emissivity() == 0.95 and device.twin.emissivity == 0.95
 
 
-# --- nodes that do not open ------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("code", "kind", "match"),
-    [
-        (errno.EACCES, DeviceAccessError, r"belongs to group \w+ and you are not a member|udev rule"),
-        (errno.EBUSY, DeviceBusyError, "in use by another program; close"),
-        (errno.ENODEV, DeviceNotFoundError, "does not exist; plug"),
-        (errno.EIO, DeviceError, r"cannot be opened \(Input/output error\); give a device node"),
-    ],
-)
-def test_errors_of_the_system_give_the_remedy(monkeypatch, tmp_path, code, kind, match):
-    def refuse(*arguments, **options):
-        raise OSError(code, os.strerror(code))
-
-    monkeypatch.setattr(node.os, "open", refuse)
-    with pytest.raises(kind, match=match):
-        node.check_node(tmp_path / "video0")
-
-
-def test_without_permission_the_group_is_named(monkeypatch):
-    """The node's own group; a node unknown to the system has the group that Debian gives its kind."""
-    for name, group in (("video3", "video"), ("ttyUSB0", "dialout")):
-        text = str(node.node_error(Path("/nowhere") / name, errno.EACCES))
-        assert f"belongs to group {group}" in text and f"usermod -aG {group} $USER" in text
-    monkeypatch.setattr(node, "_group", lambda path: "root")
-    assert "udev rule" in str(node.node_error(Path("/nowhere"), errno.EACCES))
-
-
-def test_a_kinect_that_may_not_be_opened_differs_from_none(monkeypatch, tmp_path):
-    """libfreenect2 lists only devices that it can open; the system lists all USB devices."""
-    entry = tmp_path / "2-1"
-    entry.mkdir()
-    for name, text in (("idVendor", "045e"), ("idProduct", "02c4"), ("busnum", "2"), ("devnum", "5")):
-        (entry / name).write_text(text + "\n")
-    monkeypatch.setattr(node.os, "open", lambda path, flags: (_ for _ in ()).throw(OSError(errno.EACCES, "")))
-    node.check_usb(("0403:de37",), tmp_path)
-    with pytest.raises(DeviceAccessError, match="/dev/bus/usb/002/005"):
-        node.check_usb(kinect2.USB_IDS, tmp_path)
-
-
-def test_video_nodes_of_a_camera_are_found_without_its_metadata_node(tmp_path):
-    camera = tmp_path / "usb" / "1-2"
-    (camera / "1-2:1.0").mkdir(parents=True)
-    for name, text in (("idVendor", "0403"), ("idProduct", "de37"), ("serial", "77")):
-        (camera / name).write_text(text)
-    for index, name in enumerate(("video0", "video1")):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "device").symlink_to(camera / "1-2:1.0")
-        (tmp_path / name / "index").write_text(str(index))
-    assert node.video_nodes("0403:de37", tmp_path) == [(Path("/dev/video0"), "77")]
+# --- the list of devices ---
 
 
 def test_devices_lists_virtual_devices_thermal_cameras_and_ports(annotate_cloud, monkeypatch):

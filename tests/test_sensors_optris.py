@@ -40,7 +40,7 @@ SCENE = FrameLoop(swinging_ball())
 
 
 def facts_layout(name, frame):
-    """What the facts' table says, written out word by word."""
+    """Images and metadata by the table of facts, word by word."""
     stream, images, metadata = frame.ravel().tolist(), [], []
     width = {"128hz": 164, "96hz-bispectral": 764, "128hz-bispectral": 760}[name]
     rows, skip, data = {
@@ -167,7 +167,7 @@ def test_a_late_frame_is_left_out():
 
 
 def test_opencv_itself_has_what_the_seam_asks_for(tmp_path):
-    """The fake kernel stands in for these very names; a node that is no camera does not stream."""
+    """The fake kernel stands in for these very names; a node of another file does not stream."""
     capture = cv2.VideoCapture()
     for name in ("isOpened", "set", "get", "retrieve", "release"):
         assert callable(getattr(capture, name))

@@ -93,7 +93,7 @@ def test_the_unit_of_depth_counts_where_there_is_one(tmp_path, monkeypatch, unit
 
 
 def test_without_a_pose_colour_is_kept_but_not_fused(tmp_path, monkeypatch):
-    """Where the SDK knows no pose, zeros stand."""
+    """The SDK writes zeros for an unknown pose."""
     profile = orbbec_files.profile_message
 
     def without_pose(stream, *rest):

@@ -90,7 +90,7 @@ def test_a_slow_reader_loses_old_frames_and_is_told(twin):
             twin.show(number)
         readings = read_all(device)
     depth = [r for r in readings if r.stream == "depth"]
-    # What was lost before the first reading nobody knows of.
+    # Losses before the first reading are unknown.
     assert 5 < len(depth) <= QUEUE // 3 + 1 and not any(r.dropped for r in depth[1:])
 
 

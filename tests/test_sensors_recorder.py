@@ -197,7 +197,7 @@ def test_a_recording_that_is_slower_than_its_devices_still_ends(tmp_path, monkey
             nonlocal written
             written += 1
             with camera.changed:
-                # The image after this one is in the queue once the camera is asked for the one after that.
+                # The image after this one is in the queue once the camera has been read twice more.
                 camera.changed.wait_for(lambda: camera.closed or camera.asked > written + 1)
 
     monkeypatch.setattr(sensors.recording.recorder, "SessionWriter", Slow)

@@ -1,6 +1,7 @@
 """Export of a label set to an MCAP file for Foxglove: clouds, images, skeletons and events."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from mcap_protobuf.writer import Writer
@@ -17,20 +18,26 @@ from sensors.session.messages import METADATA
 Joints = Callable[[FrameLabels], Mapping[str, Sequence[float]] | None]  # (x, y, z) mm by joint, depth camera
 
 
+@dataclass(frozen=True)
+class FoxgloveSource:
+    """A label set. session: for colours, temperatures, poses, events and stamps.
+
+    None = 30 frames a second.
+    """
+
+    labels: LabelSet
+    session: Path | None
+    joints: Joints
+
+
 def export_foxglove(
-    labels: LabelSet,
-    session: Path | None,
-    joints: Joints,
-    out: Path,
-    advance: Callable[[int], None],
-    *,
-    overwrite: bool = False,
+    source: FoxgloveSource, out: Path, advance: Callable[[int], None], *, overwrite: bool = False
 ) -> list[str]:
     """Write all frames to ``out`` at once; return remarks on missing data.
 
-    session: the recording, for colours, temperatures, poses, events and stamps; None = 30 frames a second.
     Raises FormatError for an empty or corrupt label set or another set's recording, ExistsError.
     """
+    labels, session = source.labels, source.session
     if out.is_dir() or (session is not None and out.exists() and out.samefile(session)):
         raise ExistsError(f"{out} is {'a folder' if out.is_dir() else 'the recording'}; name another file")
     check_free(out, overwrite)
@@ -40,7 +47,7 @@ def export_foxglove(
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(out, overwrite) as temporary, temporary.open("wb") as file, Writer(file) as writer:
         writer.add_metadata(METADATA, {"name": labels.source or labels.path.name})
-        for shown in _frames(labels, Recorded(labels, session), joints, remarks):
+        for shown in _frames(labels, Recorded(labels, session), source.joints, remarks):
             for topic, stamp_ns, message in shown_messages(shown):
                 writer.write_message(topic, message, stamp_ns, stamp_ns)
             advance(1)

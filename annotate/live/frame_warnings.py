@@ -83,7 +83,7 @@ def color_warning(cloud: ThermalCloud, person: Bool, model: ColorModel) -> LiveW
     one, other = (PARTS[int(part_of[k])].name.replace("_", " ") for k in (i, j))
     return LiveWarning(
         "colours",
-        f"the suit's colours of {one} and {other} cannot be told apart in this light: "
+        f"the suit's colours of {one} and {other} are too similar in this light: "
         "use more light, or whiter light",
     )
 

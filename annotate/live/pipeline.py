@@ -1,6 +1,6 @@
 """Live pipeline: threads that take turns to fuse and label the latest frame of a rig.
 
-There is no queue: a free thread takes the latest frame. A displayed frame is at most one labelling and one
+Nothing queues up: a free thread takes the latest frame. A displayed frame is at most one labelling and one
 frame older than the rig.
 """
 

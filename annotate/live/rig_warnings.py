@@ -31,7 +31,7 @@ def rig_warnings(health: Health) -> Iterator[LiveWarning]:
         yield LiveWarning(
             "flag",
             f"the thermal camera's flag has been closed for {health.flag_closed_s:.0f} s: "
-            "there are no temperatures; unplug the camera and plug it in again",
+            "temperatures are missing; unplug the camera and plug it in again",
         )
     clocks = [
         f"the clock of {address} {'gains' if ppm > 0 else 'loses'} {abs(ppm) * 0.06:.0f} ms a minute: "

@@ -133,13 +133,14 @@ def _export_foxglove(
     check_free(out, overwrite)
     if session is not None:
         opener_at(session)
-    from annotate.foxglove.file import export_foxglove
+    from annotate.foxglove.file import FoxgloveSource, export_foxglove
     from annotate.labelset.source_recording import find_session
     from eval.network.joint_files import noted_joints
 
-    session, joints = session or find_session(labels), partial(noted_joints, labels)
+    session = session or find_session(labels)
+    source = FoxgloveSource(labels, session, partial(noted_joints, labels))
     with progress("export", len(labels)) as advance:
-        remarks = export_foxglove(labels, session, joints, out, advance, overwrite=overwrite)
+        remarks = export_foxglove(source, out, advance, overwrite=overwrite)
     for remark in remarks:
         say(remark)
     if session is None:

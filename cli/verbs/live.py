@@ -36,7 +36,7 @@ def live(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Label a running rig live, or play a session; show parts, joints, and what is wrong with the rig."""
+    """Label a running rig live, or play a session; show parts, joints, and warnings about the rig."""
     from cli.rig_devices import check_one_source, open_rig, rig_of
     from sensors.recording.playback import Playback
 

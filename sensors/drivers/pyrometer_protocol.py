@@ -85,9 +85,9 @@ def checksum(command: bytes) -> int:
 class BurstParser:
     """Finds the frames ``AA AA`` + two bytes a value in a stream that may start, or be damaged, anywhere.
 
-    A low byte may be AA too, so the first of three AA is data. Out of step, a frame counts only if the next
-    frame follows directly, every value is possible, and a later AA pair does not fit as well. skipped: bytes
-    in no frame.
+    A low byte may be AA too, so the first of three AA is data. Out of step, a frame counts only under
+    conditions: the next frame follows directly, every value is possible, and a later AA pair does not fit as
+    well. skipped: bytes in no frame.
     """
 
     def __init__(self, values: int, scale: Scale = TENTHS) -> None:

@@ -1,8 +1,8 @@
 """Readings as they arrive: stamps on one time scale, and the events between them. Constants are untuned.
 
-Every reading keeps its device's stamp, shifted so that the first stamp is its arrival on the host. A device
-that was lost, or whose clock was set, begins an *epoch* with a new shift, and an event marks its start
-(``sensors.rig.clock.begins_of`` reads it).
+Every reading keeps its device's stamp, shifted so that the first stamp is its arrival on the host. After a
+loss, or when its clock was set, a device begins an *epoch* with a new shift. An event marks the start of the
+epoch (``sensors.rig.clock.begins_of`` reads it).
 """
 
 from dataclasses import dataclass

@@ -1,9 +1,11 @@
-"""Rig file: names the devices of a rig and its calibration::
+"""Rig file: devices of a rig and its calibration, a path to the output of `calibrate` or to OpenCV YAML::
 
 name = "ward 3"
-calibration = "ward3.json"          # output of `calibrate`, or a folder of OpenCV YAML
+calibration = "ward3.json"
+
 devices = ["kinect2:", "optris:/dev/video0?mode=128hz", "pyrometer:/dev/ttyUSB0?family=ct"]
-[latency_ms]                        # from exposure to arrival, if known
+
+[latency_ms]  # from exposure to arrival, if known
 "kinect2:" = 25
 """
 

@@ -43,7 +43,7 @@ def skin_temperature_c(seconds: float) -> float:
 class VirtualPyrometer:
     """Answers on the pseudo-terminal ``port`` until ``unplug``. seed: of the faults, which may be replaced.
 
-    options: those of the device itself. target_c: true temperature over the seconds since the start. The
+    options: of the device itself. target_c: true temperature over the seconds since the start. The
     emissivity scales the difference to the ambient temperature.
     """
 

@@ -102,7 +102,7 @@ class LiveWindow(QMainWindow):
         self.setWindowTitle(f"{pipeline.rig.name} - annotate-cloud live")
         self.banner, self.state = named(QLabel(), "banner"), named(QLabel(), "title")
         self.facts = named(Elided(), "quiet")
-        for label, name in ((self.banner, "What is wrong"), (self.state, "Recording"), (self.facts, "State")):
+        for label, name in ((self.banner, "Warnings"), (self.state, "Recording"), (self.facts, "State")):
             label.setAccessibleName(name)
         self.state.setTextFormat(Qt.TextFormat.PlainText)
         self.banner.setTextFormat(Qt.TextFormat.RichText)
