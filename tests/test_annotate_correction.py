@@ -3,7 +3,6 @@
 import shutil
 import subprocess
 import sys
-import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +12,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from annotate.correction.correction import Correction, RestorableError
-from annotate.correction.replay import after, replayed
+from annotate.correction.replay import replayed
 from annotate.labelset.claim import ClaimedError
 from annotate.labelset.journal import JOURNAL, Journal, NotSavedError
 from annotate.labelset.label_set import LabelSet, validate
 from annotate.labelset.stroke import Stroke, to_line
 from sensors.errors import CloudError, FormatError
-from sensors.files.bounded import MAX_IMAGE_SIDE
 from tests.helpers.correctable import FRAMES, Clock, H, W, correctable
 
 law = settings(deadline=None, max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -130,25 +128,21 @@ def test_looking_alone_changes_nothing_and_its_time_is_kept(folder):
         editor.time.mark("navigating")
     frame = LabelSet.open(folder).read(FRAMES[0])
     assert (frame.status, frame.notes["active_seconds"], frame.notes["strokes"]) == ("auto", 5, 0)
-    with Correction.open(folder, read_only=True) as looking:
-        assert [looking.state(frame_id) for frame_id in FRAMES] == ["auto"] * 3
 
 
 def test_frames_are_saved_on_a_verdict_and_on_leaving(folder):
     labels = LabelSet.open(folder)
     with Correction.open(folder, "ann") as correction:
         editor = correction.edit(FRAMES[0])
-        editor.paint(dab(0), 5)
-        assert "journal" not in labels.notes(FRAMES[0])
-        editor.judge("accept")
-        assert labels.notes(FRAMES[0])["journal"] == 2
-        editor.undo()
-        assert labels.notes(FRAMES[0])["journal"] == 3 and not labels.notes(FRAMES[0])["accepted"]
-        editor.undo()
-        assert labels.notes(FRAMES[0])["journal"] == 3
-        assert correction.edit(FRAMES[0]) is editor
-        correction.edit(FRAMES[1])
-        assert labels.notes(FRAMES[0])["journal"] == 4
+        for operation, saved in (
+            (lambda: editor.paint(dab(0), 5), None),
+            (lambda: editor.judge("accept"), 2),
+            (editor.undo, 3),
+            (editor.undo, 3),
+            (lambda: correction.edit(FRAMES[1]), 4),
+        ):
+            operation()
+            assert labels.notes(FRAMES[0]).get("journal") == saved
 
 
 def test_a_save_cut_off_between_its_two_files_does_no_harm(folder):
@@ -243,8 +237,6 @@ def test_a_set_that_cannot_be_opened_is_not_claimed(folder):
         Correction.open(folder)
     assert validate(LabelSet.open(folder)) == [str(refusal.value)]
     assert not (folder / "claim.json").exists()
-    with pytest.raises(FormatError, match="is a folder with a label set"):
-        Correction.open(folder.parent)
 
 
 # Full disks
@@ -310,8 +302,7 @@ def test_what_was_never_corrected_or_has_no_depth_cannot_be_rebuilt(folder):
 
 def test_labels_are_not_thrown_away_for_a_journal_that_lost_lines(folder):
     worked(folder)
-    lines = (folder / JOURNAL).read_bytes().splitlines(keepends=True)
-    (folder / JOURNAL).write_bytes(lines[0])
+    (folder / JOURNAL).write_bytes((folder / JOURNAL).read_bytes().splitlines(keepends=True)[0])
     before = files(folder)
     with Correction.open(folder, "bob") as correction:
         for refused in (correction.frame, correction.edit, correction.restore):
@@ -349,23 +340,6 @@ def test_a_journal_of_another_set_is_refused(folder, runs, says):
     (folder / JOURNAL).write_bytes(to_line(other))
     with pytest.raises(FormatError, match="other labels"):
         replayed(LabelSet.open(folder), Journal.of(folder), FRAMES[0])
-
-
-def test_a_run_beyond_the_image_is_refused_before_it_is_expanded(folder):
-    """152 bytes that claim 16 GiB of pixels."""
-    with pytest.raises(FormatError, match="beyond every image"):
-        Stroke(FRAMES[0], "relabel", np.array([[0, 2**31 - 1, 0, 1]], np.int64), reason="0001")
-    largest = np.array([[0, MAX_IMAGE_SIDE**2, 0, 1]], np.int64)
-    stroke, frame = (
-        Stroke(FRAMES[0], "relabel", largest, reason="0001"),
-        LabelSet.open(folder).read(FRAMES[0]),
-    )
-    for exact, fault in ((True, "other labels"), (False, "reaches pixel")):
-        tracemalloc.start()
-        with pytest.raises(FormatError, match=fault):
-            after(frame, [stroke], exact=exact)
-        assert tracemalloc.get_traced_memory()[1] < 50_000_000
-        tracemalloc.stop()
 
 
 def test_what_killed_processes_left_is_swept(folder):

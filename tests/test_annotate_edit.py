@@ -1,5 +1,7 @@
 """The correction core: all work can be undone and replayed to the bit, and no lock is ever broken."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,6 +16,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.stroke import Gesture, Stroke, difference, from_line, to_line
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, PART_ID, UNDEFINED, swap_left_right
 from sensors.errors import CloudError, FormatError
+from sensors.files.bounded import MAX_IMAGE_SIDE
 
 law = settings(deadline=None, max_examples=60)
 
@@ -312,3 +315,20 @@ def test_an_undo_of_something_else_is_refused():
     for history in ([other], [stroke, other], [stroke, Stroke("f", "redo", stroke.runs)]):
         with pytest.raises(FormatError, match="last stroke"):
             History.of(history)
+
+
+def test_a_run_beyond_the_image_is_refused_before_it_is_expanded():
+    """152 bytes that claim 16 GiB of pixels."""
+    with pytest.raises(FormatError, match="beyond every image"):
+        Stroke("f", "relabel", np.array([[0, 2**31 - 1, 0, 1]], np.int64), reason="0001")
+    largest = np.array([[0, MAX_IMAGE_SIDE**2, 0, 1]], np.int64)
+    stroke, frame = (
+        Stroke("f", "relabel", largest, reason="0001"),
+        LabelSet.open().read(FRAMES[0]),
+    )
+    for exact, fault in ((True, "other labels"), (False, "reaches pixel")):
+        tracemalloc.start()
+        with pytest.raises(FormatError, match=fault):
+            after(frame, [stroke], exact=exact)
+        assert tracemalloc.get_traced_memory()[1] < 50_000_000
+        tracemalloc.stop()

@@ -44,8 +44,9 @@ FORMAT_TITLES = {
 
 def ask_reason(parent: QWidget) -> str | None:
     """Return the reason of a rejection: one of REASONS, or own words; None keeps the frame."""
-    dialog = QInputDialog(parent, labelText="Reason for the rejection: choose one, or type own words")
+    dialog = QInputDialog(parent)
     dialog.setWindowTitle("Reject the frame")
+    dialog.setLabelText("Reason for the rejection: choose one, or type own words")
     dialog.setComboBoxItems(list(REASONS))
     dialog.setComboBoxEditable(True)
     box = dialog.findChild(QComboBox)
