@@ -84,15 +84,6 @@ def test_it_survives_every_file_and_recorded_depth_stays_as_the_camera_gave_it(t
         assert ("depth readings are moved by -24 mm, as calibrated" in session.notes) == (one is rig)
 
 
-def test_iais_own_units(shared_data, tmp_path):
-    for unit, shift_mm in (("196605135147", -13.354), ("299150235147", 0.0)):
-        folder = tmp_path / unit
-        folder.mkdir()
-        for file in (shared_data / "kinect2_calibration").glob(f"iai_{unit}_*.yaml"):
-            (folder / file.name).write_bytes(file.read_bytes())
-        assert read_yaml(folder).depth_shift_mm == pytest.approx(shift_mm, abs=1e-3)
-
-
 def test_a_camera_that_reads_wrongly_is_right_after_calibration(annotate_cloud, tmp_path):
     """From the plate to points: a wall is where it is, within 2 mm, through command, session and labels.
 

@@ -130,14 +130,18 @@ def test_yaml_survives(tmp_path):
 
 
 def test_a_real_device_s_files_are_read(shared_data, tmp_path):
-    files = sorted((shared_data / "kinect2_calibration").glob("iai_196605135147_*.yaml"))
-    for file in files:
-        (tmp_path / file.name).write_bytes(file.read_bytes())
-    rig = read_yaml(tmp_path)
+    both = shared_data / "kinect2_calibration"
+    rigs = {}
+    for unit in ("196605135147", "299150235147"):
+        (tmp_path / unit).mkdir()
+        for file in both.glob(f"iai_{unit}_*.yaml"):
+            (tmp_path / unit / file.name).write_bytes(file.read_bytes())
+        rigs[unit] = read_yaml(tmp_path / unit)
+    assert [rig.depth_shift_mm for rig in rigs.values()] == pytest.approx([-13.354, 0.0], abs=1e-3)
+    rig = rigs["196605135147"]
     assert rig.depth.fx == pytest.approx(366.9475727)
     assert rig.color.shape == (1080, 1920)
     assert rig.color_from_depth.translation_m[0] == pytest.approx(-0.05205, abs=1e-5)
-    both = shared_data / "kinect2_calibration"
     with pytest.raises(CalibrationError, match="one device"):
         read_yaml(both)
 
@@ -188,7 +192,7 @@ def test_others_are_refused(tmp_path, text, says):
 def test_a_recording_gives_holes_to_a_fraction_of_a_pixel_and_the_rig_back(
     annotate_cloud, shot, tmp_path, monkeypatch
 ):
-    """What the verb solves, as the library gives it and as it is written."""
+    """The library and the written file give the verb's solution."""
     solved: list[Adjusted] = []
     monkeypatch.setattr(bundle, "adjust", lambda *given: solved.append(adjust(*given)) or solved[-1])
     with SessionWriter(tmp_path / "board.mcap", RIG, "board") as writer:

@@ -72,3 +72,28 @@ def test_pairs_are_within_their_windows(seed):
     assert (with_thermal >= 0)[inside].mean() > 0.99
     apart = np.abs(kinect - optris[with_thermal])[with_thermal >= 0]
     assert apart.max() <= THERMAL_WINDOW_NS + MS // 20
+
+
+def naive_pairs(master, other, window):
+    """The definition, pair by pair."""
+    pairs = []
+    for i, stamp in enumerate(master):
+        j = min(range(len(other)), key=lambda j: (abs(other[j] - stamp), j), default=None)
+        if j is None or abs(other[j] - stamp) > window:
+            pairs.append(-1)
+            continue
+        back = min(range(len(master)), key=lambda i: (abs(master[i] - other[j]), i))
+        pairs.append(j if back == i else -1)
+    return pairs
+
+
+stamps = st.lists(st.integers(0, 60), max_size=12).map(lambda v: np.array(sorted(v), np.int64))
+
+
+@given(master=stamps, other=stamps, window=st.integers(0, 8))
+@settings(deadline=None)
+def test_pairing_is_its_definition_and_uses_nothing_twice(master, other, window):
+    pairs = pair_stamps(master, other, window)
+    assert pairs.tolist() == naive_pairs(master.tolist(), other.tolist(), window)
+    used = pairs[pairs >= 0]
+    assert len(set(used.tolist())) == len(used)

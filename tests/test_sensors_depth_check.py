@@ -18,7 +18,7 @@ from sensors.rig.rig_calibration import RigCalibration
 
 
 def room_mm(seed: int = 0, near: float = 900, far: float = 4200) -> np.ndarray:
-    """A floor that rises to a wall, somebody before it, a noise of 3 mm, pixels without a reading; int64."""
+    """A floor that rises to a wall, a person in front, a noise of 3 mm, pixels without a reading; int64."""
     rng = np.random.default_rng(seed)
     depth = np.linspace(far, near, 96)[:, None] + np.linspace(0, 300, 128)[None]
     depth[20:80, 50:75] = (near + far) / 2.5
@@ -34,7 +34,7 @@ ROOMS = [room_mm(seed) for seed in range(3)]
 
 @pytest.mark.parametrize("unit", [0.1, 0.125, 0.2, 0.25, 1.0, 10.0])
 def test_a_declared_unit_is_obeyed(unit):
-    """Whatever the scene: the numbers are those of a naive multiplication."""
+    """A naive multiplication gives the same numbers."""
     samples = [np.clip(room / unit, 0, 65000).astype(np.uint16) for room in ROOMS]
     reading = judge_depth(samples, unit, "x")
     assert reading.unit_mm == unit and not any("doubt" in note for note in reading.notes)
@@ -130,7 +130,7 @@ def test_a_wall_at_a_code_s_or_a_round_distance_is_a_wall():
 
 
 def test_honest_scenes_pass():
-    """A street of 20 m with a declared unit, a close-up of 0.1 mm, somebody cut out, an empty image."""
+    """A street of 20 m with a declared unit, a close-up of 0.1 mm, a person cut out, an empty image."""
     street = [room_mm(seed, 6000, 40000).astype(np.uint16) for seed in range(2)]
     reading = judge_depth(street, 1.0, "x")
     assert any("doubtful" in note for note in reading.notes)

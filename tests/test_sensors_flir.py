@@ -40,8 +40,9 @@ def test_temperatures_come_back_in_every_byte_order(order, record, raw, shape):
     np.testing.assert_allclose(image.celsius, celsius, atol=0.05)
 
 
-def seen_through(celsius, emissivity, distance_m, reflected_c, air_c, window_c, window, humidity):
+def seen_through(celsius, scene):
     """Words of a scene behind air, a window and air, by adding up radiation from the scene to the camera."""
+    emissivity, distance_m, reflected_c, air_c, window_c, window, humidity = scene
     water = humidity * np.exp(1.5587 + 6.939e-2 * air_c - 2.7816e-4 * air_c**2 + 6.8455e-7 * air_c**3)
     way = np.sqrt(distance_m / 2)
     first, second = (
@@ -66,7 +67,7 @@ def test_what_is_between_scene_and_camera_is_taken_away(seed):
     emissivity, distance, window, humidity = rng.uniform([0.3, 0.5, 0.6, 0.1], [1, 40, 1, 0.9])
     reflected, air, pane = rng.uniform(-5, 45, 3)
     celsius = np.linspace(5, 70, 60 * 80).reshape(60, 80)
-    words = seen_through(celsius, emissivity, distance, reflected, air, pane, window, humidity)
+    words = seen_through(celsius, (emissivity, distance, reflected, air, pane, window, humidity))
     r1, r2, b, f, o = PLANCK.values()
     black = b / np.log(r1 / (r2 * (words + o)) + f) - 273.15  # what gives these words without all that
     scene = [emissivity, distance, reflected + 273.15, air + 273.15, pane + 273.15, window]

@@ -34,14 +34,14 @@ PLATE = replace(HolePlate(), hole_m=1e-5)
 SETUP = replace(PlateSetup.of(RIG, HolePlate()), plate=PLATE)
 
 
-def view_of(pose: Pose, rig: RigCalibration, plate: HolePlate, index=0, rng=None, noise_px=0.03) -> PlateView:
-    """What perfect cameras see of the plate, with the noise of finding holes and of depth."""
+def view_of(pose: Pose, rig: RigCalibration, plate: HolePlate, index=0, rng=None) -> PlateView:
+    """Return a perfect view of the plate, with noise of finding holes and of depth where rng is given."""
     points = pose.apply(np.c_[plate.centers_m, np.zeros(len(plate.centers_m))])
     poses = {"depth": Pose.identity(), "color": rig.color_from_depth, "thermal": rig.thermal_from_depth}
     centers = {name: project(getattr(rig, name), poses[name].apply(points)) for name in CAMERAS}
     depth_mm = 1000 * points[:, 2] - 8
     if rng is not None:
-        centers = {name: px + rng.normal(0, noise_px, px.shape) for name, px in centers.items()}
+        centers = {name: px + rng.normal(0, 0.03, px.shape) for name, px in centers.items()}
         depth_mm = depth_mm + rng.normal(0, 1.5, len(depth_mm))
     return PlateView(index, centers, centers["depth"], depth_mm)
 
@@ -90,7 +90,7 @@ def test_a_view_is_new_when_all_cameras_see_it_and_it_is_held_otherwise():
 
 @pytest.fixture(scope="module")
 def held() -> list[PlateView]:
-    """Views of somebody who follows the guide without its knowing yet how sure anything is."""
+    """Views of a person who follows the guide before any calibration is solved."""
     rng, seen, views = np.random.default_rng(11), [], []
     for index in range(ENOUGH_VIEWS + 1):
         seen.append(next_placement(seen))

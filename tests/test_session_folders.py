@@ -76,20 +76,18 @@ def rewritten(
     *,
     metadata="",
     drop="",
-    shuffle=False,
-    chunked=True,
-    compression=CompressionType.ZSTD,
-    chunk_size=1 << 20,
+    **how,
 ) -> Path:
     """A session as the plain mcap library rewrites it. metadata: first, last or "" for none."""
+    size, compression = how.get("chunk_size", 1 << 20), how.get("compression", CompressionType.ZSTD)
     with source.open("rb") as file:
         reader = make_reader(file)
         messages = [m for m in reader.iter_messages() if not (drop and m[1].topic.startswith(drop))]
         records = list(reader.iter_metadata())
-    if shuffle:
+    if how.get("shuffle"):
         messages = [messages[i] for i in np.random.default_rng(0).permutation(len(messages))]
     with out.open("wb") as file:
-        writer = Writer(file, chunk_size, compression, use_chunking=chunked)
+        writer = Writer(file, size, compression, use_chunking=how.get("chunked", True))
         writer.start()
         channels: dict[str, int] = {}
         for record_ in records if metadata == "first" else ():

@@ -30,15 +30,14 @@ from tests.conftest import assert_refused
 from tests.helpers.depth_files import NUMBERS, depth_image, png, write
 from tests.test_sensors_session import (
     DEPTH_CAMERA,
-    EMPTY,
     PERIOD_NS,
     assert_same,
     cut_off,
     frames,
     law,
-    packed,
     record,
 )
+from tests.test_session_foreign import EMPTY, packed
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Repair keeps every frame that is sound, bit for bit, states what is gone, and leaves the source alone."""
+"""Repair keeps every frame that is sound, bit for bit, states the losses, and leaves the source alone."""
 
 import struct
 from pathlib import Path
