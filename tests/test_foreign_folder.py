@@ -1,4 +1,4 @@
-"""A folder of somebody else: the command imports nothing from where the user stands."""
+"""The command imports nothing from the current folder."""
 
 import subprocess
 

@@ -75,10 +75,13 @@ def test_padding_of_pcl_is_skipped(tmp_path):
     records["xyz"], records["a"], records["b"] = GRID.reshape(-1, 3), 255, 255
     records["rgb"] = np.arange(len(records)) % 200 + 1
     header = fields("x y z _ rgb _ h", "4 4 4 1 4 1 4", "F F F U F U F", "1 1 1 4 1 12 5")
-    source = open_source(write(tmp_path / "x.pcd", pcd(GRID, 32, 24, records.tobytes(), **header)))
-    np.testing.assert_array_equal(source.frame(0).depth_mm, DEPTH)
-    expected = np.where(DEPTH > 0, records["rgb"].reshape(24, 32), 0)
-    np.testing.assert_array_equal(source.frame(0).decode_color()[..., 2], expected)
+    rows = np.column_stack([records[name].reshape(len(records), -1) for name, *_ in layout])
+    text = "\n".join(" ".join(f"{number:.9g}" for number in row) for row in rows).encode()
+    for data, content in (("binary", records.tobytes()), ("ascii", text)):
+        source = open_source(write(tmp_path / "x.pcd", pcd(GRID, 32, 24, content, DATA=data, **header)))
+        np.testing.assert_array_equal(source.frame(0).depth_mm, DEPTH)
+        expected = np.where(DEPTH > 0, records["rgb"].reshape(24, 32), 0)
+        np.testing.assert_array_equal(source.frame(0).decode_color()[..., 2], expected)
 
 
 PACKED = {"float": {}, "unsigned": {"TYPE": "F F F U"}, "rgba": {"FIELDS": "x y z rgba", "TYPE": "F F F U"}}

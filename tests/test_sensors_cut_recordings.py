@@ -135,7 +135,7 @@ def take(folder, stamps_ms: list[float], numbers: list[int]) -> RealSenseRecordi
     stamped = zip(numbers, stamps_ms, strict=True)
     frames = [(number, ms, smooth(i), grey, yuyv) for i, (number, ms) in enumerate(stamped)]
     lens = LENS, "Brown Conrady"
-    source = open_source(write_realsense_bag(folder / "x.bag", frames, lens, lens))
+    source = open_source(write_realsense_bag(folder / "x.bag", frames, (lens, lens)))
     for i, frame in enumerate(source):
         np.testing.assert_array_equal(frame.depth_mm, smooth(i))
         assert frame.color_encoded is not None

@@ -297,10 +297,8 @@ def old_bag(tmp_path):
     lens = Intrinsics(64, 48, 50, 51, 31.5, 23.5)
     bent = replace(lens, k1=-0.0557, k2=0.0603)
     turned = (0.0, 0.0, 0.0998334, 0.9950042)
-    return files.write_old_bag(
-        tmp_path / "old.bag", old_frames(), (lens, "Brown Conrady"), (bent, "Inverse Brown Conrady"),
-        0.0005, turned,
-    )  # fmt: skip
+    lenses = (lens, "Brown Conrady"), (bent, "Inverse Brown Conrady")
+    return files.write_old_bag(tmp_path / "old.bag", old_frames(), lenses, 0.0005, turned)
 
 
 def assert_old_frames(source):

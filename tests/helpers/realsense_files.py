@@ -14,11 +14,12 @@ STREAM_INFO = "realsense_msgs/msg/StreamInfo"
 STORE.register(typesys.get_types_from_msg("uint32 fps\nstring encoding\nbool is_recommended", STREAM_INFO))
 
 
-def write_old_bag(path, frames, depth_lens, color_lens, unit_m=0.001, rotation=(0.0, 0.0, 0.0, 1.0)) -> Path:
+def write_old_bag(path, frames, lenses, unit_m=0.001, rotation=(0.0, 0.0, 0.0, 1.0)) -> Path:
     """A .bag of version 3 with its depth, left infrared and YUYV colour; see ros_writer.cpp of librealsense.
 
-    frames: (number, milliseconds, depth, infrared, YUYV) of each. depth_lens, color_lens: with model.
+    frames: (number, milliseconds, depth, infrared, YUYV) of each. lenses: of depth and colour, with model.
     """
+    depth_lens, color_lens = lenses
     with rosbag1.Writer(path) as writer:
         connections = {}
 

@@ -127,7 +127,7 @@ class Ros1File:
             if record is None:
                 self.lost = f"{self.path.name} is cut off or damaged at byte {offset}: what follows is lost"
                 return
-            if record.op == _CHUNK and record.size:
+            if record.op == _CHUNK:
                 yield from self._inside(offset)
             elif record.op in (_DESCRIPTION, _MESSAGE):
                 yield _WHOLE, file, record
