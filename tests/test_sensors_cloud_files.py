@@ -75,7 +75,10 @@ def test_padding_of_pcl_is_skipped(tmp_path):
     records["xyz"], records["a"], records["b"] = GRID.reshape(-1, 3), 255, 255
     records["rgb"] = np.arange(len(records)) % 200 + 1
     header = fields("x y z _ rgb _ h", "4 4 4 1 4 1 4", "F F F U F U F", "1 1 1 4 1 12 5")
-    rows = np.column_stack([records[name].reshape(len(records), -1) for name, *_ in layout])
+    values = {name: records[name] for name in records.dtype.names} | {
+        "rgb": np.ascontiguousarray(records["rgb"]).view("<f4")
+    }
+    rows = np.column_stack([column.reshape(len(records), -1) for column in values.values()])
     text = "\n".join(" ".join(f"{number:.9g}" for number in row) for row in rows).encode()
     for data, content in (("binary", records.tobytes()), ("ascii", text)):
         source = open_source(write(tmp_path / "x.pcd", pcd(GRID, 32, 24, content, DATA=data, **header)))
