@@ -159,7 +159,7 @@ def train_labels(
     """Train the shipped suit network further on labelled recordings; write ``out``/reader.onnx.
 
     An interrupted run is resumed. The same recordings, steps and seed give the same weights. Examples, 3 MB a
-    frame, are removed at the end. Raises CloudError for fewer than two recordings or no usable frame,
+    frame, are removed at the end. Raises CloudError for one recording or no usable frame,
     ExistsError for another or a finished training in ``out``, ClaimedError while it is in use.
     """
     if len(recordings) < 2:
