@@ -98,7 +98,7 @@ def test_depth_without_its_infrared_comes_all_the_same(twin):
     """Half of an exposure may be lost; the other half waits no longer than until the next one comes."""
     with closing(driver(twin)) as device:
         device.start()
-        feed, twin._feed = twin._feed, lambda *a: feed(*a) if a[1] is not twin._infrared else None
+        feed, twin._feed = twin._feed, lambda *a: feed(*a) if a[0] is not twin._infrared else None
         twin.show(0)
         twin._feed = feed
         twin.show(1)

@@ -79,7 +79,7 @@ def nothing_labelled(*_: object) -> Labelling:
     def fail(*_: object) -> None:
         raise CloudError("nobody is in view")
 
-    return Labelling(fail, fail, fail)  # type: ignore[arg-type]
+    return Labelling(fail, fail)  # type: ignore[arg-type]
 
 
 def record(way: str, path: Path) -> None:
