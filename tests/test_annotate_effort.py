@@ -231,6 +231,7 @@ def test_gains_are_the_difference_that_a_change_makes(seed, tolerance_px):
         (Gesture("key", points=1, keys=1), 1.0, POINT_S + KEY_S),
         (Gesture("supervoxel", clicks=1), 1.0, POINT_S + CLICK_S),
         (Gesture("grow", clicks=3, points=1), 1.0, POINT_S + 3 * CLICK_S),
+        (Gesture("rectangle"), 1.0, 2 * POINT_S),
         (Gesture("lasso", path_px=413.3), 1.0, POINT_S + CLICK_S + 100 * STEER_S),
         (Gesture("brush", path_px=413.3), 2.0, POINT_S + CLICK_S + 50 * STEER_S),
     ],
