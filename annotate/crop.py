@@ -87,7 +87,8 @@ def crop_from_note(note: object, name: str) -> Crop:
         or max(map(abs, note)) > 2 * MAX_IMAGE_SIDE
     ):
         raise FormatError(
-            f"note {name!r} is malformed ({str(note)[:60]}); give [top, left, side], or label it again"
+            f"field notes.{name} of the frame is malformed ({str(note)[:60]}); give [top, left, side], or "
+            "label the frame again"
         )
     return Crop(*note)
 

@@ -68,7 +68,7 @@ def label_sets_in(predicted: Path, truth: Path, scheduler: str | None) -> dict[s
         known = [truth / path.name, truth / f"{path.name}.truth"]
         pairs[path.name] = path, next((each for each in known if holds_frames(each)), known[0])
         if not holds_frames(pairs[path.name][1]):
-            raise CloudError(f"{path.name} has no truth; give {known[0]} or {known[1].name} beside it")
+            raise CloudError(f"{path.name} has no truth; put {known[0]} or {known[1].name} beside it")
     return pairs
 
 

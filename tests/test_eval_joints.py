@@ -61,7 +61,7 @@ def test_without_joints_nothing_is_scored(joints, note):
 @pytest.mark.parametrize("note", [[], "x", [[0, 0, np.inf]] * skeleton.N_JOINTS])
 def test_malformed_true_joints_are_named(joints, note):
     truth = replace(truth_of(joints), notes={"joints_mm": note})
-    with pytest.raises(FormatError, match="frame f: its note 'joints_mm' is malformed"):
+    with pytest.raises(FormatError, match=r"frame f: field notes\.joints_mm is malformed"):
         joint_errors_mm(predicted_of(joints), truth, CAMERA)
 
 

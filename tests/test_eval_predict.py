@@ -282,7 +282,7 @@ def test_damaged_probabilities_are_named(tmp_path, truth, network):
         (b"\x80\x04K\x01." * 10, "not a PNG"),
         (cv2.imencode(".png", np.zeros((SIZE, SIZE), np.uint8))[1].tobytes(), "2544 x 212"),
         (no_sum(), "add up to one"),
-        (bytes(bomb), "claims"),
+        (bytes(bomb), "give at most"),
     ):
         file.write_bytes(spoilt)
         with pytest.raises(FormatError, match=why) as error:

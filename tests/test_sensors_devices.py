@@ -274,7 +274,7 @@ def test_a_virtual_device_shows_the_frames_it_is_given():
 @pytest.mark.parametrize(
     ("address", "match"),
     [
-        ("", "is of no known kind; use kinect2"),
+        ("", "is of an unknown kind; use kinect2"),
         ("virtual:azure", "has no virtual twin; use virtual: with"),
         ("virtual:optris?mode=1hz", "mode '1hz' .* is unknown; use 128hz"),
         ("virtual:optris?speed=1", "unknown option 'speed'; its options: drop"),

@@ -216,5 +216,5 @@ def test_colour_and_depth_in_one_array_are_refused(tmp_path):
 @pytest.mark.parametrize("wrong", [np.eye(3)[:2], np.ones((3, 3)), np.stack([K, K + 1])])
 def test_other_matrices_are_no_camera(wrong, tmp_path):
     np.savez(tmp_path / "x.npz", depth=np.stack(DEPTH[:2]), K=wrong)
-    with pytest.raises(CloudError, match="K is not a 3x3 camera matrix"):
+    with pytest.raises(CloudError, match="K is not a camera matrix"):
         open_source(tmp_path / "x.npz")

@@ -119,7 +119,7 @@ def test_what_is_no_source_is_refused(tmp_path):
     write(tmp_path / "a.txt", b"hello")
     (tmp_path / "empty").mkdir()
     for name, match in (
-        ("a.txt", "no known kind"),
+        ("a.txt", "of an unsupported kind"),
         ("b.mcap", "does not exist"),
         ("empty", "no depth images"),
     ):

@@ -60,7 +60,7 @@ def altered(**fields):
     [
         (CALIBRATION, {}, FormatError, "no depth images"),
         ([(DEPTH, IMAGE)], {}, CalibrationError, "no /depth/calibration"),
-        ([*CALIBRATION, (DEPTH, IMAGE)], {"encoding": "cdr"}, FormatError, "only protobuf"),
+        ([*CALIBRATION, (DEPTH, IMAGE)], {"encoding": "cdr"}, FormatError, "not protobuf"),
         ([*CALIBRATION, (COLOR, IMAGE)], {}, FormatError, "CompressedImage"),
         ([*CALIBRATION, (DEPTH, altered(encoding="32FC1"))], {}, FormatError, "32FC1"),
         ([*CALIBRATION, (DEPTH, altered(width=2**31))], {}, FormatError, "bytes a row"),

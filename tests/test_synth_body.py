@@ -128,7 +128,7 @@ def test_what_is_no_body_is_refused(tmp_path):
         (lambda: path.write_bytes(b"PK\x03\x04 no archive"), lambda: load_body(path), "cannot be read"),
         (lambda: np.savez_compressed(path, a=np.zeros((4000, 4000))), lambda: load_body(path), "unpacks to"),
         (lambda: np.savez(path, vertices_m=np.zeros((3, 3))), lambda: load_body(path), "cannot be read"),
-        (lambda: None, lambda: replace(body, faces=body.faces + 1), "point outside"),
+        (lambda: None, lambda: replace(body, faces=body.faces + 1), "exceed its vertices"),
         (lambda: None, lambda: replace(body, weights=body.weights[:, :3]), "weights"),
     ):
         make()

@@ -67,7 +67,7 @@ def test_a_broken_run_goes_on_and_ends_with_the_same_bytes(tmp_path):
 def test_another_order_is_never_mixed_in(tmp_path, other):
     run(tmp_path / "a", order(8))
     before = contents(tmp_path / "a")
-    with pytest.raises(ExistsError, match="holds something else"):
+    with pytest.raises(ExistsError, match="holds another dataset"):
         run(tmp_path / "a", other)
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "mine.txt").write_text("mine")

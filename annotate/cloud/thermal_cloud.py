@@ -75,7 +75,7 @@ class ThermalCloud:
         """
         missing = [n for n in ("colors", "color_valid", "temperature", "pixel") if n not in cloud.point]
         if missing:
-            raise FormatError(f"cloud has no attribute {missing[0]!r}; give one that came from to_open3d")
+            raise FormatError(f"cloud has no attribute {missing[0]!r}; give a cloud that to_open3d made")
         size, pixel = camera.height * camera.width, cloud.point.pixel.numpy()[:, 0]
         if len(np.unique(pixel)) < len(pixel) or (len(pixel) and not 0 <= pixel.min() <= pixel.max() < size):
             raise FormatError(

@@ -63,5 +63,8 @@ def _popped(stack: list[Stroke], stroke: Stroke, undo: bool) -> Stroke:
         stack.pop()
     runs = (stack[-1].inverse_runs() if undo else stack[-1].runs) if stack else None
     if runs is None or not np.array_equal(runs, stroke.runs):
-        raise FormatError(f"frame {stroke.frame_id}: its {stroke.operation} is not of the last stroke")
+        raise FormatError(
+            f"frame {stroke.frame_id}: entry {stroke.operation!r} does not fit the last stroke; restore "
+            "the journal from a copy"
+        )
     return stack.pop()

@@ -57,7 +57,9 @@ def relabel(correction: Correction, learnt: LabelSet) -> Relabelled:
     of another camera, NotSavedError, and as ``Correction.frame`` does.
     """
     if learnt.intrinsics.shape != correction.labels.intrinsics.shape:
-        raise CloudError(f"{learnt.path} is of another camera than {correction.labels.path}; learn anew")
+        raise CloudError(
+            f"{learnt.path} has labels of another image size than {correction.labels.path}; run learn again"
+        )
     step, there = _next_step(correction), set(learnt.frame_ids)
     strokes = []
     for frame_id in untouched(correction):

@@ -140,5 +140,5 @@ def _inside(name: str) -> PurePosixPath:
         # Of a program's own absolute path only the file's name is portable.
         path = PurePosixPath(path.name)
     if not path.name or path.name == ".." or "\0" in path.name:
-        raise FormatError(f"{name[:100]!r} names no image; correct it")
+        raise FormatError(f"image name {name[:100]!r} is not a file name; export the annotations again")
     return path

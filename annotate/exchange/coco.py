@@ -127,9 +127,13 @@ def _images(source: Path, file: Path, companion: Companion) -> list[AnnotatedIma
             else:
                 companion.remark("annotations of images that the file does not list are not read")
     except KeyError as error:
-        raise FormatError(f"{file} is not a COCO file (it lacks {str(error)[:80]})") from error
+        raise FormatError(
+            f"{file} is not a COCO file (it lacks {str(error)[:80]}); export it as COCO JSON"
+        ) from error
     except (ValueError, TypeError, AttributeError, RecursionError, OverflowError) as error:
-        raise FormatError(f"{file} is not a COCO file ({str(error)[:80]!r})") from error
+        raise FormatError(
+            f"{file} is not a COCO file ({str(error)[:80]!r}); export it as COCO JSON"
+        ) from error
     return list(found.values())
 
 

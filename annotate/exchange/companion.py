@@ -76,7 +76,9 @@ class Companion:
             known = {name: fields[name] for name in ("subject", "status", "notes") if name in fields}
             return replace(frame, **known)
         except TypeError as error:
-            raise FormatError(f"{COMPANION}: frame {frame_id[:100]!r} is malformed ({error})") from error
+            raise FormatError(
+                f"{COMPANION}: frame {frame_id[:100]!r} is malformed ({error}); export again"
+            ) from error
 
 
 def load_companion(folder: Path, intrinsics: Path | None = None) -> Companion:

@@ -80,7 +80,7 @@ def read_cvat(source: Path, companion: Companion) -> Iterator[FrameLabels]:
     try:
         root = fromstring(read_bounded(file, MAX_TEXT_BYTES), forbid_dtd=True)
     except DTDForbidden as error:
-        raise FormatError(f"{file} has a document type; export it from CVAT again") from error
+        raise FormatError(f"{file} has a document type declaration; export it from CVAT again") from error
     except (ParseError, ValueError, LookupError) as error:
         raise FormatError(f"{file} is not XML ({str(error)[:80]}); export it from CVAT again") from error
     elements = list(root.iter("image"))

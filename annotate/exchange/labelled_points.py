@@ -47,7 +47,9 @@ def export_points(
     cloud, turn = _as_labelled(path, frames[0].depth_mm)
     for frame in frames:
         if not np.array_equal(frame.depth_mm, frames[0].depth_mm):
-            raise FormatError(f"{labels.path} shows several depth images; {path} is one cloud")
+            raise FormatError(
+                f"{labels.path} shows several depth images, but {path} is one cloud; give that cloud's labels"
+            )
     shape = cloud.cloud.grid or (1, len(cloud.cloud.records))
     with appearing(out, COMPANION, labels.path, overwrite=overwrite) as folder:
         for frame in frames:

@@ -84,11 +84,15 @@ class LabelSet:
         if manifest.pop("schema", None) != SCHEMA:
             raise FormatError(f"{path / MANIFEST} is not of schema {SCHEMA}; use the version that wrote it")
         if manifest.pop("parts", None) != {part.name: part.id for part in PARTS}:
-            raise FormatError(f"{path / MANIFEST} names other parts; only the twelve classes are supported")
+            raise FormatError(
+                f"{path / MANIFEST} names other parts than the twelve classes; label the recording again"
+            )
         try:
             intrinsics = Intrinsics(**manifest.pop("intrinsics"))
         except (TypeError, KeyError, CalibrationError) as error:
-            raise FormatError(f"{path / MANIFEST} has malformed intrinsics ({error}); restore it") from error
+            raise FormatError(
+                f"{path / MANIFEST} has malformed intrinsics ({error}); restore it from a copy"
+            ) from error
         manifest.pop("versions", None)
         return cls(path, intrinsics, manifest)
 
@@ -162,7 +166,7 @@ class LabelSet:
             return FrameLabels(frame_id, depth, parts, confidence, persons=whose, **fields)
         except TypeError as error:
             raise FormatError(
-                f"{self._file(frame_id, 'json')} has unknown fields ({error}); restore it"
+                f"{self._file(frame_id, 'json')} has unknown fields ({error}); restore it from a copy"
             ) from error
 
     def parts(self, frame_id: str) -> UInt8:
@@ -208,7 +212,7 @@ class LabelSet:
         if frame.depth_mm.shape != self.intrinsics.shape:
             raise FormatError(
                 f"frame {frame.frame_id} is {frame.depth_mm.shape}, the label set {self.intrinsics.shape}; "
-                "one set holds one camera"
+                "write each camera into its own label set"
             )
         self._put(frame.frame_id, "depth.png", images.encode_png, frame.depth_mm)
         self._put(frame.frame_id, "confidence.png", images.encode_confidence, frame.confidence)
@@ -256,7 +260,9 @@ class LabelSet:
         file = self._file(frame_id, suffix, folder)
         image = images.read_image(file, decode)
         if image.shape != self.intrinsics.shape:
-            raise FormatError(f"{file} is {image.shape}, the label set {self.intrinsics.shape}; restore it")
+            raise FormatError(
+                f"{file} is {image.shape}, the label set {self.intrinsics.shape}; restore it from a copy"
+            )
         return image
 
 
@@ -311,7 +317,9 @@ def _learnt_in(notes: object) -> str:
 def _of_step(step: object) -> str:
     """Return the file name of a step's confidence. Raises FormatError."""
     if not isinstance(step, str) or not _STEP.fullmatch(step):
-        raise FormatError(f"{str(step)[:40]!r} names no step of learning; restore the frame from a copy")
+        raise FormatError(
+            f"{str(step)[:40]!r} is not a name of a fine-tuning step; restore the frame from a copy"
+        )
     return f"{step}.confidence.png"
 
 

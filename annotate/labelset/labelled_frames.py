@@ -39,7 +39,7 @@ def camera_of(frames: LabelledFrames, frame: FrameLabels) -> Intrinsics:
         return Intrinsics(*frame.notes["intrinsics"])
     except (TypeError, CalibrationError) as error:
         raise FormatError(
-            f"frame {frame.frame_id}: its note 'intrinsics' is malformed ({error}); "
+            f"frame {frame.frame_id}: field notes.intrinsics is malformed ({error}); "
             "give width, height, fx, fy, cx, cy"
         ) from error
 

@@ -59,7 +59,7 @@ class Gesture:
         if self.kind not in get_args(GestureKind):
             raise FormatError(f"gesture {str(self.kind)[:40]!r} is unknown; use {get_args(GestureKind)}")
         if not all(type(n) in (int, float) and 0 <= n < 1e9 for n in numbers):
-            raise FormatError(f"gesture {self.kind} counts something else than numbers from 0")
+            raise FormatError(f"gesture {self.kind} counts something else than integers from 0")
 
 
 KEY = Gesture("key", keys=1)
@@ -92,7 +92,7 @@ class Stroke:
             raise FormatError(f"part id {str(self.part)[:40]} is unknown; use 0 to 11, or 255 for undefined")
         texts = (self.frame_id, self.who, self.when, self.reason)
         if not all(isinstance(text, str) for text in texts):
-            raise FormatError("a name, time or reason is not a text")
+            raise FormatError("its name, time or reason is not a string")
         if not isinstance(self.seconds, dict) or not all(
             kind in get_args(Activity) and type(s) in (int, float) and 0 <= s < 1e9
             for kind, s in self.seconds.items()
@@ -179,23 +179,23 @@ def from_line(line: bytes) -> Stroke:
     try:
         fields = json.loads(line)
     except (ValueError, RecursionError) as error:
-        raise FormatError(f"no JSON ({error})") from error
+        raise FormatError(f"entry is not JSON ({error})") from error
     if not isinstance(fields, dict):
-        raise FormatError("no JSON object")
+        raise FormatError("entry is not a JSON object")
     try:
         runs, how = _runs(fields.pop("runs")), Gesture(**fields.pop("how"))
         return Stroke(runs=runs, how=how, **fields)
     except (TypeError, KeyError) as error:
-        raise FormatError(f"its fields do not make a stroke ({str(error)[:100]})") from error
+        raise FormatError(f"entry has wrong fields ({str(error)[:100]})") from error
 
 
 def _runs(numbers: object) -> Int64:
     if not isinstance(numbers, list) or len(numbers) % 4 or not all(type(n) is int for n in numbers):
-        raise FormatError("its runs are not a list of whole numbers, four for each run")
+        raise FormatError("field 'runs' is not a list of integers, four for each run of pixels")
     try:
         return np.array(numbers, np.int64).reshape(-1, 4)
     except OverflowError as error:
-        raise FormatError("its runs hold a number too large") from error
+        raise FormatError("field 'runs' holds an integer beyond 64 bits") from error
 
 
 def _check_runs(runs: Int64) -> None:
@@ -204,10 +204,10 @@ def _check_runs(runs: Int64) -> None:
     start, length, old, new = runs.T
     ids = np.array([*range(N_CLASSES), UNDEFINED])
     if start[0] < 0 or length.min() < 1 or max(start.max(), length.max()) >= 1 << 31:
-        raise FormatError("runs start before the image or are empty")
+        raise FormatError("field 'runs' holds a run of no pixels or with an index below 0")
     if int(start[-1] + length[-1]) > MAX_IMAGE_SIDE**2:
-        raise FormatError(f"runs end at pixel {start[-1] + length[-1]}, beyond every image")
+        raise FormatError(f"field 'runs' ends at pixel {start[-1] + length[-1]}, beyond every image")
     if (start[1:] < (start + length)[:-1]).any():
-        raise FormatError("runs overlap or are not sorted")
+        raise FormatError("field 'runs' overlaps or is not sorted")
     if not (np.isin(old, ids).all() and np.isin(new, ids).all()) or (old == new).any():
-        raise FormatError("runs name unknown part ids, or change nothing")
+        raise FormatError("field 'runs' holds an unknown part id, or changes nothing")

@@ -43,7 +43,7 @@ def person_warnings(cloud: ThermalCloud, person: Bool) -> Iterator[LiveWarning]:
     away_m = float(np.median(cloud.points_m[..., 2][person]))
     if away_m > far_m:
         yield LiveWarning(
-            "far", f"the person is {away_m:.1f} m away: more than {far_m:.1f} m is too far for this camera"
+            "far", f"the person is {away_m:.1f} m away, too far for this camera: stay within {far_m:.1f} m"
         )
 
 

@@ -119,7 +119,7 @@ def measure_drift(frames: Iterable[RigFrame], calibration: RigCalibration) -> Th
     if len(surfaces) < GROUPS:
         raise CalibrationError(
             f"{len(surfaces)} frames show a warm person's outline in depth and temperature; "
-            f"give a session with at least {GROUPS}"
+            f"give a session with at least {GROUPS} such frames"
         )
     groups = [np.mean(surfaces[i::GROUPS], axis=0) for i in range(GROUPS)]
     shift_px = peak_px(np.mean(surfaces, axis=0))

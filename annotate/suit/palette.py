@@ -89,7 +89,7 @@ def suit_from_toml(text: str, what: str) -> Suit:
     try:
         return _suit(tomllib.loads(text), what, "suit")
     except (ValueError, RecursionError) as error:
-        raise CloudError(f"{what} cannot be read ({error}); restore it") from error
+        raise CloudError(f"{what} is not valid TOML ({error}); correct that line") from error
 
 
 def _suit(fields: dict[str, Any], what: str, name: str) -> Suit:

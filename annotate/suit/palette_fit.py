@@ -33,7 +33,8 @@ def corrected_frames(labels: LabelSet) -> list[str]:
     ids = [i for i in labels.frame_ids if labels.read(i).status != "auto"]
     if not ids:
         raise CloudError(
-            f"{labels.path} holds no corrected frame; correct one, or name correct ones with --frame"
+            f"{labels.path} holds no corrected frame; correct a frame with fix, or name frames with right "
+            "labels by --frame"
         )
     return ids
 

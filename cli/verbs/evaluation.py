@@ -67,7 +67,9 @@ def _evaluate_each(
     for name, (predicted, truth) in pairs.items():
         path = out / f"{name}.npz" if out else None
         if path and not overwrite and _is_older(path, predicted, truth):
-            raise ExistsError(f"{path} is older than what it measures; pass --overwrite to measure again")
+            raise ExistsError(
+                f"{path} is older than the labels it measures; pass --overwrite to measure again"
+            )
         where = path.resolve() if path else None
         named = f"{title}: {name}"
         jobs[name] = (predicted.resolve(), truth.resolve(), where, named, overwrite, provenance())

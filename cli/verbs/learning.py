@@ -73,6 +73,8 @@ def _taken_over(labels: Path, learnt: Path) -> dict[str, Any]:
         with Correction.open(labels) as correction:
             step = relabel(correction, LabelSet.open(learnt))
     except ClaimedError:
-        say(f"{labels} is open elsewhere; take over the labels in its window, or run the command again later")
+        say(
+            f"{labels} is open elsewhere; take over the labels in that window, or run the command again later"
+        )
         return {}
     return {"relabelled": step.frames, "changed": round(step.changed, 6), "text": step.text}

@@ -136,7 +136,7 @@ def _check_order(
 ) -> list[Path]:
     """Return the input files of a dataset. Raises CloudError for a missing one."""
     if (preset is None) == (motion is None):
-        raise CloudError("give either --preset or --motion")
+        raise CloudError("both or none of --preset and --motion are given; give one of them")
     if motion is not None:
         from synth.motion.library import motion_files
 

@@ -175,7 +175,10 @@ def _say_unchecked(paths: list[Path]) -> None:
         if isinstance(labels, LabelSet):
             automatic = sum(labels.status(frame_id) == "auto" for frame_id in labels.frame_ids)
             if automatic:
-                say(f"{path}: {automatic} of {len(labels)} frames have unchecked labels")
+                say(
+                    f"{path}: {automatic} of {len(labels)} frames have unchecked labels; correct them "
+                    "with fix for a better network"
+                )
 
 
 def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSplit") -> dict[str, Any]:
@@ -253,7 +256,9 @@ def _sources(
     from synth.rig.simulate import suit_path, truth_path
 
     if len(sessions) < 2:
-        raise CloudError("one recording is too few: confidence is fitted to another; give two or more")
+        raise CloudError(
+            "one recording is given; give two or more, because confidence is fitted on a held-out one"
+        )
     if truth and len(truth) != len(sessions):
         raise CloudError(f"{len(truth)} label sets for {len(sessions)} recordings; give one --truth for each")
     known = truth or [truth_path(session) for session in sessions]

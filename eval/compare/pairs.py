@@ -116,7 +116,7 @@ def count_frame(predicted: FrameLabels, truth: FrameLabels, frames: LabelledFram
     traits = traits_of(truth, predicted, pinhole_of(truth, camera))
     counts = count(truth, predicted, traits.mm_per_px).flat
     if counts.max(initial=0) > np.iinfo(np.int32).max:
-        raise CloudError(f"frame {truth.frame_id} is too large to be counted; compare smaller images")
+        raise CloudError(f"frame {truth.frame_id} has over 2^31 pixels of one kind; compare smaller images")
     return Counted(
         truth.frame_id,
         writable(truth.subject),

@@ -83,7 +83,7 @@ def check_results(*paths: Path) -> None:
     """Check that files have the arrays of a result. Raises FormatError for the first without them."""
     for path in paths:
         if missing := {"counts", "texts"} - set(array_sizes(path, REMEDY)):
-            raise FormatError(f"{path} is not a result ({sorted(missing)[0]!r}); {REMEDY}")
+            raise FormatError(f"{path} is not a result (it lacks {sorted(missing)[0]!r}); {REMEDY}")
 
 
 def load_result(path: Path) -> Result:

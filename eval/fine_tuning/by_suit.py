@@ -67,7 +67,8 @@ class SuitFineTuner(FineTuner):
         known = [self._examples[frame_id] for frame_id in ids if frame_id in self._examples]
         if not known:
             raise CloudError(
-                f"accepted frames of {self._labels.path} do not show a readable suit; accept other frames"
+                f"accepted frames of {self._labels.path} do not show a readable suit; accept frames that "
+                "show the suit in even light"
             )
         return known
 
@@ -119,7 +120,8 @@ class SuitFineTuner(FineTuner):
             if not left:
                 return
         raise CloudError(
-            f"{self._source.name} is not the recording of {self._labels.path}; give it with --session"
+            f"{self._source.name} is not the recording of {self._labels.path}; give the right one with "
+            "--session"
         )
 
 

@@ -67,7 +67,8 @@ class OnnxNetwork:
             ) from error
         if trial.shape != (2, N_CLASSES, SIZE, SIZE):
             raise FormatError(
-                f"weights {path} give {trial.shape} for two crops; give a network of {N_CLASSES} classes at "
+                f"weights {path} output {trial.shape} for two crops; give a network of {N_CLASSES} "
+                "classes at "
                 f"{SIZE}x{SIZE}"
             )
         if not ((trial >= 0).all() and np.abs(trial.sum(axis=1) - 1).max() < ROUNDING):

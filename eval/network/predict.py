@@ -43,10 +43,13 @@ class PredictOptions:
 
     def __post_init__(self) -> None:
         if self.everybody and self.probabilities:
-            raise CloudError("probabilities are kept of one person; leave out --probabilities or --everybody")
+            raise CloudError(
+                "--probabilities stores one person, --everybody labels all; leave out one of them"
+            )
         if self.all_refiners and (self.everybody or self.probabilities):
             raise CloudError(
-                "one person is refined, and the labels then differ from the probabilities; leave one out"
+                "refinement works on one person and changes labels, not probabilities; leave out "
+                "--everybody and --probabilities"
             )
 
     @property

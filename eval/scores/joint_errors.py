@@ -58,7 +58,7 @@ def true_joints_mm(truth: FrameLabels) -> Float64:
         joints = np.empty(0)
     if joints.shape != (skeleton.N_JOINTS, 3) or not (np.abs(joints) <= FARTHEST_MM).all():
         raise FormatError(
-            f"frame {truth.frame_id}: its note 'joints_mm' is malformed; give {skeleton.N_JOINTS} joints "
+            f"frame {truth.frame_id}: field notes.joints_mm is malformed; give {skeleton.N_JOINTS} joints "
             "(x, y, z) in millimetres"
         )
     return np.asarray(joints[IN_SKELETON])

@@ -86,7 +86,9 @@ def _read(folder: Path, file: str, parse: Callable[[str], T]) -> T | None:
     try:
         return parse(data.decode())
     except ValueError as error:
-        raise CalibrationError(f"calibration {found[0]} cannot be read ({error}); restore it") from error
+        raise CalibrationError(
+            f"calibration {found[0]} cannot be read ({error}); restore it from a copy"
+        ) from error
 
 
 def _lens(folder: Path, name: str) -> Intrinsics | None:

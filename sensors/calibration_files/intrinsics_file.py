@@ -55,7 +55,7 @@ def read_intrinsics(file: Path, shape: tuple[int, int] = (0, 0)) -> FoundIntrins
     try:
         found = _found(data.decode(json.detect_encoding(data), errors="replace"), shape)
     except (TypeError, ValueError, KeyError, AttributeError, OverflowError, RecursionError) as error:
-        raise CalibrationError(f"{file} is malformed ({error}); correct it") from error
+        raise CalibrationError(f"{file} is malformed ({error}); correct that field") from error
     if found.unit_mm is not None and not 0 < found.unit_mm <= 1000:
         raise CalibrationError(f"{file} has depth steps of {found.unit_mm} mm; give more than 0, up to 1000")
     check_camera(found.depth, str(file))

@@ -72,7 +72,7 @@ def judge_celsius(samples: Sequence[NDArray[Any]], where: str) -> tuple[Scale, t
     scale = next(room, None) or next(cold, None)
     if scale is None:
         raise FormatError(
-            f"{where}: temperatures with a median of {_median(samples, scales[0]):.0f} C; {remedy}, "
+            f"{where}: temperatures have a median of {_median(samples, scales[0]):.0f} C; {remedy}, "
             "not raw counts"
         )
     median, notes = _median(samples, scale), []

@@ -110,7 +110,7 @@ class Camera:
     def __init__(self, index: int) -> None:
         self._k4a, self._handle = load_k4a(), c_void_p()
         if self._k4a.k4a_device_open(c_uint32(index), byref(self._handle)):
-            raise DeviceError("the device cannot be opened")
+            raise DeviceError("the Azure Kinect cannot be opened; close the program that uses it")
 
     @property
     def serial(self) -> str:
@@ -121,7 +121,7 @@ class Camera:
         """Begin to stream narrow depth and 1080p JPEG at 30 images a second."""
         wanted = Configuration(COLOR_MJPG, COLOR_1080P, NARROW_UNBINNED, FPS_30)
         if self._k4a.k4a_device_start_cameras(self._handle, byref(wanted)):
-            raise DeviceError("the device does not start")
+            raise DeviceError("the Azure Kinect does not start; use a USB 3 port and plug in its power")
 
     def factory_calibration(self) -> bytes:
         """Return the factory's JSON."""
@@ -132,7 +132,7 @@ class Camera:
         capture = c_void_p()
         result = self._k4a.k4a_device_get_capture(self._handle, byref(capture), c_int32(timeout_ms))
         if result == FAILED:
-            raise DeviceError("the device is gone")
+            raise DeviceError("the Azure Kinect is no longer connected; plug it in again")
         return read_capture(self._k4a, capture) if result == SUCCEEDED else None
 
     def close(self) -> None:
@@ -174,8 +174,8 @@ def read_text(call: Callable[..., int]) -> bytes:
     """Return the text of a function that reports the size first. Raises DeviceError."""
     size = c_size_t(0)
     if call(None, byref(size)) == FAILED:
-        raise DeviceError("the device does not answer")
+        raise DeviceError("the Azure Kinect does not answer; plug it in again")
     buffer = create_string_buffer(size.value)
     if call(buffer, byref(size)) != SUCCEEDED:
-        raise DeviceError("the device does not answer")
+        raise DeviceError("the Azure Kinect does not answer; plug it in again")
     return buffer.raw[: size.value].rstrip(b"\0")

@@ -92,7 +92,7 @@ class Kinect2(StreamingCamera):
         wait_ms = round(1000 * timeout_s)
         code = self._shim.k2_read(self._handle, wait_ms, ctypes.byref(frame), self._buffer, BUFFER_BYTES)
         if code < 0:
-            raise DeviceFaultError(f"{self.address} sent {frame.bytes} bytes at once; plug it in again")
+            raise DeviceFaultError(f"{self.address} sent {frame.bytes} bytes as one frame; plug it in again")
         if code and frame.type == INFRARED:
             self._infrared = frame.sequence, self._image(frame)
         elif code:

@@ -174,7 +174,9 @@ def depth_of(frame: SdkObject) -> NDArray[np.uint16]:
     shape = frame.get_height(), frame.get_width()
     values = np.frombuffer(np.asarray(frame.get_data()).tobytes(), "<u2")
     if values.size != shape[0] * shape[1]:
-        raise DeviceFaultError(f"{values.size} pixels came, not {shape[0] * shape[1]}; wait for the next")
+        raise DeviceFaultError(
+            f"{values.size} pixels came, not {shape[0] * shape[1]}; wait for the next image"
+        )
     millimetres = np.rint(values.reshape(shape) * np.float32(frame.get_depth_scale()))
     return millimetres.clip(0, 65535).astype(np.uint16)
 

@@ -120,7 +120,7 @@ class Pyrometer:
         now = self.emissivity()
         if round(now * 1000) != round(emissivity * 1000):
             raise DeviceFaultError(
-                f"{self._line.port} kept {now:g} when {emissivity:g} was set; "
+                f"{self._line.port} kept emissivity {now:g} when {emissivity:g} was set; "
                 "try again, check the family, or switch the device off and on (its checksum may be off)"
             )
 

@@ -58,7 +58,7 @@ def png_shape(data: bytes, name: str) -> tuple[int, int]:
         raise FormatError(f"{name} image is not a PNG or is cut off; restore it from a copy")
     width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     if not (0 < width <= MAX_IMAGE_SIDE and 0 < height <= MAX_IMAGE_SIDE):
-        raise FormatError(f"{name} PNG claims {width}x{height} pixels; give at most {MAX_IMAGE_SIDE} a side")
+        raise FormatError(f"{name} PNG has {width}x{height} pixels; give at most {MAX_IMAGE_SIDE} a side")
     return height, width
 
 
@@ -80,7 +80,7 @@ def image_shape(data: bytes, name: str) -> tuple[int, int]:
     if pages != 1:
         raise FormatError(f"{name} holds {pages} images; store every image in a file of its own")
     if max(width, height) > MAX_IMAGE_SIDE:
-        raise FormatError(f"{name} claims {width}x{height} pixels; give at most {MAX_IMAGE_SIDE} a side")
+        raise FormatError(f"{name} has {width}x{height} pixels; give at most {MAX_IMAGE_SIDE} a side")
     return height, width
 
 

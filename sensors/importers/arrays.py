@@ -148,7 +148,7 @@ def _numbers(path: Path, arrays: Arrays) -> tuple[float, ...] | None:
             return pinhole_of(matrix.astype(float).ravel().tolist())
         except ValueError as error:
             raise CalibrationError(
-                f"{path}: {name} is not a 3x3 camera matrix ({error}); correct it"
+                f"{path}: {name} is not a camera matrix ({error}); give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
             ) from error
     if any(each not in arrays for each in _NUMBERS):
         return None

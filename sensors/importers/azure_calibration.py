@@ -28,7 +28,9 @@ def calibration_from_factory(
     """Return a rig's calibration for images of these sizes (width, height). Raises CalibrationError."""
     if depth_size not in DEPTH_MODES:
         size = "x".join(map(str, depth_size))
-        raise CalibrationError(f"depth images of {size} ({mode[:40]!r}) belong to no mode of the camera")
+        raise CalibrationError(
+            f"depth images of {size} ({mode[:40]!r}) fit no depth mode; record with k4arecorder"
+        )
     try:
         entries = json.loads(data.rstrip(b"\0"))["CalibrationInformation"]["Cameras"]
         cameras = {entry["Purpose"].removeprefix("CALIBRATION_CameraPurpose"): entry for entry in entries}

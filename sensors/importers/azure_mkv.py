@@ -66,7 +66,9 @@ class AzureRecording(FrameSource):
             with path.open("rb") as file:
                 self._scan(EbmlFile(file))
         except OSError as error:
-            raise FormatError(f"{path} cannot be read ({error.strerror}); give a recording") from error
+            raise FormatError(
+                f"{path} cannot be read ({error.strerror}); check path and permissions"
+            ) from error
 
     def _frame(self, index: int) -> RigFrame:
         stamp_ns, payload = self._tracks[DEPTH].images[index]

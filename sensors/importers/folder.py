@@ -159,7 +159,9 @@ def _by_list(path: Path, images: FolderImages, listed: Listed, options: ImportOp
         if its_color in there:
             color[name] = there[its_color]
     if not depth:
-        raise FormatError(f"{path}: no depth image is named in its list; give the folder the list belongs to")
+        raise FormatError(
+            f"{path}: the list in it names none of its depth images; give the folder of the list"
+        )
     left_out = len(images.depth) - len(depth)
     rest = f"; {left_out} depth images that it does not name are left out" if left_out else ""
     counted = f"{listed.file} has numbers, not times: {options.rate}"

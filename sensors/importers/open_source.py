@@ -209,8 +209,8 @@ def _other(path: Path, head: bytes, options: ImportOptions) -> Opener:
         return Opener(partial(CloudFile, path, options), own=True)
     by_bytes = (text for at, magic, text in _FOREIGN_BYTES if head[at:].startswith(magic))
     if kind := next(by_bytes, None) or _FOREIGN_SUFFIXES.get(suffix):
-        raise FormatError(f"{path} is of no known kind: {kind}")
-    raise FormatError(f"{path} is of no known kind; 'annotate-cloud import --help' lists the kinds")
+        raise FormatError(f"{path} is of an unsupported kind: {kind}")
+    raise FormatError(f"{path} is of an unknown kind; see the kinds: annotate-cloud import --help")
 
 
 def _head(path: Path) -> bytes:
@@ -220,4 +220,4 @@ def _head(path: Path) -> bytes:
         with path.open("rb") as file:
             return file.read(32)
     except OSError as error:
-        raise FormatError(f"{path} cannot be read ({error.strerror}); check its permissions") from error
+        raise FormatError(f"{path} cannot be read ({error.strerror}); check path and permissions") from error

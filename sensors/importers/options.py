@@ -36,7 +36,7 @@ class ImportOptions:
         if self.rate_hz is not None and not 1e-3 <= self.rate_hz <= 1e4:
             raise CloudError(f"rate is {self.rate_hz:g} Hz; give 0.001 to 10000")
         if len(self.topics) > 2:
-            raise CloudError(f"{len(self.topics)} topics; give depth's, then colour's")
+            raise CloudError(f"{len(self.topics)} topics are given; give the topic of depth, then of colour")
 
     @property
     def period_ns(self) -> int:

@@ -88,7 +88,7 @@ def _lines(file: Path, words: int) -> list[list[str]]:
             continue
         if len(line) < words:
             raise FormatError(
-                f"{file}: line {' '.join(line)[:60]!r} has fewer than {words} words; correct it"
+                f"{file}: line {' '.join(line)[:60]!r} has fewer than {words} words; correct that line"
             )
         lines.append(line[:words])
     return lines
@@ -102,10 +102,10 @@ def _image(words: list[str], file: Path) -> Image:
     # 64 bits hold nine billion seconds of nanoseconds.
     match = re.fullmatch(r"([0-8]?\d{1,9})(?:\.(\d*))?", words[0], re.ASCII)
     if match is None:
-        raise FormatError(f"{file}: {words[0][:40]!r} is not a time in seconds; correct it")
+        raise FormatError(f"{file}: {words[0][:40]!r} is not a time in seconds; correct that line")
     name = PurePosixPath(words[1].replace("\\", "/")).name
     if not name or name == ".." or "\0" in name or len(name) > 200:
-        raise FormatError(f"{file}: {words[1][:40]!r} does not name an image; correct it")
+        raise FormatError(f"{file}: {words[1][:40]!r} is not the name of an image; correct that line")
     return int(match[1]) * 1_000_000_000 + int((match[2] or "").ljust(9, "0")[:9]), name
 
 

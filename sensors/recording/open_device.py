@@ -55,7 +55,9 @@ def check_kind(address: Address) -> None:
     if address.virtual and address.kind not in TWINS:
         raise DeviceError(f"{address.text!r} has no virtual twin; use virtual: with {', '.join(TWINS)}")
     if not address.virtual and address.kind not in OPENERS:
-        raise DeviceError(f"{address.text!r} is of no known kind; use {', '.join(OPENERS)}, or virtual:KIND")
+        raise DeviceError(
+            f"{address.text!r} is of an unknown kind; use {', '.join(OPENERS)}, or virtual:KIND"
+        )
 
 
 def find_devices() -> list[Found]:

@@ -41,7 +41,9 @@ class RecordingRig:
                 raise DeviceError(f"rig {self.name!r} names {address!r} twice; name each device once")
         for address, latency_ms in self.latency_ms.items():
             if address not in self.devices:
-                raise DeviceError(f"rig {self.name!r}: latency_ms of {address!r}, not one of its devices")
+                raise DeviceError(
+                    f"rig {self.name!r}: latency_ms names {address!r}, not one of its devices; correct it"
+                )
             if not 0 <= latency_ms <= MAX_LATENCY_MS:
                 raise DeviceError(f"latency_ms {latency_ms} of {address!r} is not a number from 0 to 1000")
 

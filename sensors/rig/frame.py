@@ -134,7 +134,9 @@ class FrameSource(ABC):
     def frame(self, index: int) -> RigFrame:
         """Read frame ``index`` of 0 .. len - 1 alone. Raises IndexError, FormatError or CalibrationError."""
         if not 0 <= index < len(self):
-            raise IndexError(f"{self.name} has {len(self)} frames, no frame {index}")
+            raise IndexError(
+                f"{self.name} has {len(self)} frames; frame {index} does not exist: give 0 to {len(self) - 1}"
+            )
         return self._frame(index).sized_as(self.calibration)
 
     @abstractmethod

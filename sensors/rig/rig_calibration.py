@@ -117,7 +117,7 @@ def calibration_from_json(fields: object) -> RigCalibration:
                 values[name] = Intrinsics(**{**{k: float(v) for k, v in entry.items()}, **sizes})  # type: ignore[arg-type]
         except (TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
             raise CalibrationError(
-                f"calibration entry {name!r} is malformed ({error}); correct it"
+                f"calibration entry {name!r} is malformed ({error}); correct that entry or calibrate again"
             ) from error
     return RigCalibration(**values)
 

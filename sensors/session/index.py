@@ -68,7 +68,7 @@ def read_contents(path: Path) -> Contents:
         with path.open("rb") as file:
             return _indexed(file) or scan(file)
     except OSError as error:
-        raise FormatError(f"{path} cannot be read ({error.strerror}); give a recorded session") from error
+        raise FormatError(f"{path} cannot be read ({error.strerror}); check path and permissions") from error
 
 
 def _indexed(file: BinaryIO) -> Contents | None:
@@ -152,8 +152,8 @@ class _Scan:
         name = self._schemas.get(channel.schema_id, "none")
         if channel.message_encoding != "protobuf" or name != expected.DESCRIPTOR.full_name:
             raise FormatError(
-                f"{self._name}: topic {channel.topic} is {plain(channel.message_encoding)} {plain(name)}; "
-                f"only protobuf {expected.DESCRIPTOR.full_name} is read"
+                f"{self._name}: topic {channel.topic} is {plain(channel.message_encoding)} {plain(name)}, "
+                f"not protobuf {expected.DESCRIPTOR.full_name}; give a session that 'record' or 'import' wrote"
             )
         self._topics[channel.id] = channel.topic
 
@@ -165,7 +165,10 @@ class _Scan:
         topic, start = self._topics.get(channel), span.start + MESSAGE.size
         if topic in self.places:
             if stamp_ns >= 1 << 63 or arrival_ns >= 1 << 63:
-                raise FormatError(f"{self._name}: an impossible time in {topic}; record it again")
+                raise FormatError(
+                    f"{self._name}: {topic} has a message at {max(stamp_ns, arrival_ns) / 1e9:.0f} s "
+                    "since 1970; set the clock to before 2262 and record again"
+                )
             self.places[topic].extend((stamp_ns, arrival_ns, offset, slot))
         elif topic in OF_CALIBRATION:
             # One byte beyond the bound, so that calibration_from refuses a larger one.

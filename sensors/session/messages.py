@@ -65,7 +65,7 @@ def image_from(data: bytes, name: str) -> NDArray[np.uint16]:
     """Invert ``image_message``; ``name`` is the image's in errors. Raises FormatError."""
     message = _decode(RawImage, data)
     if message.encoding not in ("16UC1", "mono16"):
-        raise FormatError(f"{name} image has encoding {message.encoding!r}; only 16UC1 is read")
+        raise FormatError(f"{name} image has encoding {message.encoding!r}; record it as 16UC1")
     height, width, step = message.height, message.width, message.step
     if width == 0 or height == 0 or step < 2 * width or step % 2 or len(message.data) != step * height:
         raise FormatError(
@@ -85,7 +85,7 @@ def target_from(data: bytes) -> float:
     """Return the target's temperature of a ``spot_message``, Celsius. Raises FormatError."""
     message = _decode(RawImage, data)
     if message.encoding != "32FC1" or len(message.data) < 4:
-        raise FormatError(f"a pyrometer reading has encoding {message.encoding!r}; only 32FC1 is read")
+        raise FormatError(f"a pyrometer reading has encoding {message.encoding!r}; record it as 32FC1")
     return float(np.frombuffer(message.data[:4], "<f4")[0])
 
 
@@ -119,7 +119,7 @@ def color_from(data: bytes) -> bytes:
     """Invert ``color_message``. Raises FormatError."""
     message = _decode(CompressedImage, data)
     if message.format not in _FORMATS.values():
-        raise FormatError(f"colour image has format {message.format!r}; only jpeg and png are read")
+        raise FormatError(f"colour image has format {message.format!r}; record it as jpeg or png")
     return bytes(message.data)
 
 
@@ -179,7 +179,9 @@ def _shift_from(data: bytes) -> float:
     try:
         return float(entry.value) if entry.key == SHIFT_KEY else 0.0
     except ValueError as error:
-        raise CalibrationError(f"{SHIFT} holds {entry.value[:40]!r}; record it again") from error
+        raise CalibrationError(
+            f"{SHIFT} holds {entry.value[:40]!r}, not millimetres; record it again"
+        ) from error
 
 
 def _decode(kind: type[M], data: bytes) -> M:

@@ -130,7 +130,9 @@ def _opened(source: Path) -> BinaryIO:
     try:
         file = source.open("rb")
     except OSError as error:
-        raise FormatError(f"{source} cannot be read ({error.strerror}); give a recorded session") from error
+        raise FormatError(
+            f"{source} cannot be read ({error.strerror}); check path and permissions"
+        ) from error
     try:
         check_ended(file)
         if not source.exists():

@@ -205,5 +205,5 @@ def encode(rgb: UInt8) -> bytes:
     """Return the JPEG of an sRGB image (h, w, 3)."""
     ok, data = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     if not ok:
-        raise FormatError(f"colour image {rgb.shape} cannot be encoded as JPEG")
+        raise FormatError(f"colour image {rgb.shape} cannot be encoded as JPEG; give uint8 (h, w, 3)")
     return bytes(data)

@@ -62,7 +62,9 @@ class Body:
             or self.bones.max() >= N_JOINTS
             or ((self.waist < 0) | (self.waist >= v)).any()
         ):
-            raise FormatError(f"body {self.name}: indices point outside; make it again")
+            raise FormatError(
+                f"body {self.name}: indices exceed its vertices; bake it again with 'synth bodies'"
+            )
 
     @property
     def vertex_parts(self) -> UInt8:

@@ -104,7 +104,7 @@ def _numbers(frame: FrameLabels, note: str, shape: tuple[int, ...], key: str | N
     except (TypeError, ValueError, KeyError):
         numbers = np.empty(0)
     if numbers.shape != shape:
-        raise FormatError(f"frame {frame.frame_id}: its note {note!r} is malformed; give {shape} numbers")
+        raise FormatError(f"frame {frame.frame_id}: field notes.{note} is malformed; give {shape} numbers")
     return numbers
 
 

@@ -138,7 +138,9 @@ def _begin(order: Order, out: Path) -> None:
     text = (json.dumps(order.manifest(), sort_keys=True) + "\n").encode()
     if is_taken(out):
         if not started.is_file() or started.read_bytes() != text:
-            raise ExistsError(f"{out} holds something else; choose another folder or pass --overwrite")
+            raise ExistsError(
+                f"{out} holds another dataset or other files; choose another folder or pass --overwrite"
+            )
         return
     out.mkdir(parents=True, exist_ok=True)
     write_bytes(started, text)

@@ -73,7 +73,10 @@ class Wardrobe:
         """Draw a person. Raises CloudError if the folder has changed."""
         garments, found = _garments(self.folder)
         if found != self.sha256:
-            raise CloudError(f"{self.folder} has other garments than the order; copy the same everywhere")
+            raise CloudError(
+                f"{self.folder} has other garments than at the start of the run; copy the same files to "
+                "every machine"
+            )
         body, _ = _between(crowd(), rng)
         if rng.random() < GARMENT_SHARE:
             return _described(body, wear(body, choose(garments, body, rng)))

@@ -89,7 +89,9 @@ class Motion:
         if self.bones_m.shape != (N_JOINTS, 3) or not np.isfinite(self.bones_m).all():
             raise FormatError(f"the person's bones are {self.bones_m.shape}; give ({N_JOINTS}, 3)")
         if not (0 < self.leg_m < 3 and 0 < self.frames_per_second <= 10_000):
-            raise FormatError(f"a leg of {self.leg_m} m at {self.frames_per_second} frames/s; solve again")
+            raise FormatError(
+                f"the motion has a leg of {self.leg_m} m at {self.frames_per_second} frames/s; solve again"
+            )
 
     def __len__(self) -> int:
         return len(self.angles_rad)

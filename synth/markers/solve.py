@@ -170,7 +170,7 @@ def _calibration_frames(trial: KnownMarkers, count: int) -> Float64:
     chosen = np.array([s[np.argmax(seen[s])] for s in stretches])
     chosen = chosen[seen[chosen] >= max(MIN_SEEN, 0.5 * seen.max())]
     if not len(chosen):
-        raise CloudError("no frame holds enough of the markers; record again")
+        raise CloudError("no frame holds enough markers of the set; check --markerset, or record again")
     return np.asarray(trial.positions_m[chosen])
 
 

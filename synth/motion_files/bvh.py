@@ -60,7 +60,10 @@ def read_bvh(path: Path) -> tuple[Markers, MarkerSet]:
     try:
         text = parse_bvh(data)
         if len(text.rows) * len(text.bones) > MAX_CENTRES:
-            raise FormatError(f"{len(text.rows)} frames of {len(text.bones)} joints; cut the motion")
+            raise FormatError(
+                f"{len(text.rows)} frames of {len(text.bones)} joints, over {MAX_CENTRES} joint "
+                "positions; cut the motion"
+            )
         return _markers(text)
     except (ValueError, IndexError) as error:
         raise FormatError(f"{path}: damaged BVH ({error}); export it again") from error

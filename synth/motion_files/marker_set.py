@@ -237,7 +237,7 @@ def _span(positions: Float64) -> float:
     count = np.isfinite(positions).all(axis=2).sum(axis=1)
     full = positions[count >= max(4, 0.8 * count.max())]
     if not len(full):
-        raise CloudError("no frame holds four known markers; record again")
+        raise CloudError("no frame holds four markers of the set; check --markerset, or record again")
     return float(np.median(np.linalg.norm(np.nanmax(full, axis=1) - np.nanmin(full, axis=1), axis=1)))
 
 

@@ -62,7 +62,7 @@ UNSTATED = Upward()
 def given(axis: str) -> Upward:
     """Return a direction that is used unchecked. Raises CloudError for other names than ``AXES``."""
     if axis not in AXES:
-        raise CloudError(f"vertical axis {axis!r} is none; give {', '.join(AXES)}")
+        raise CloudError(f"vertical axis {axis!r} is unknown; give {', '.join(AXES)}")
     return Upward(axis, GIVEN)
 
 

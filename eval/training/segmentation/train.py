@@ -163,7 +163,9 @@ def train_labels(
     ExistsError for another or a finished training in ``out``, ClaimedError while it is in use.
     """
     if len(recordings) < 2:
-        raise CloudError("one recording is too few: confidence is fitted to another; give two or more")
+        raise CloudError(
+            "one recording is given; give two or more, because confidence is fitted on a held-out one"
+        )
     torch.set_num_threads(1)
     stage = Stage(SAMPLING, steps, PEAK_RATE, AVERAGED)
     sources = [[r.source.name, r.digest()] for r in recordings]

@@ -88,7 +88,8 @@ class Topic:
             stamp_ns = stamp_and_frame(message)[0]
         if not (0 <= stamp_ns < 1 << 63 and 0 <= entry.logged_ns < 1 << 63):
             raise FormatError(
-                f"{file.path}: a message of {entry.topic[:60]!r} has an impossible time; record it again"
+                f"{file.path}: {entry.topic[:60]!r} has a message at {stamp_ns / 1e9:.0f} s, logged at "
+                f"{entry.logged_ns / 1e9:.0f} s; set the clock to 1970 to 2262 and record again"
             )
         self.messages.append(Message(stamp_ns, entry.logged_ns, file, entry.place))
 
@@ -110,7 +111,8 @@ def index_topics(files: list[BagFile]) -> dict[str, Topic]:
             topic = topics.setdefault(entry.topic, Topic(entry.topic, entry.kind, entry.encoding))
             if (topic.kind, topic.encoding) != (entry.kind, entry.encoding):
                 raise FormatError(
-                    f"{file.path}: topic {entry.topic[:60]!r} holds messages of two kinds; record it again"
+                    f"{file.path}: topic {entry.topic[:60]!r} holds two kinds ({topic.kind} "
+                    f"{topic.encoding}, {entry.kind} {entry.encoding}); record each in its own topic"
                 )
             topic.add(file, entry)
     for topic in topics.values():

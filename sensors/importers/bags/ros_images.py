@@ -49,7 +49,7 @@ def depth_from(picture: Picture) -> Depth:
         return _unpacked_depth(picture)
     kind = DEPTHS.get(picture.encoding)
     if kind is None:
-        raise FormatError(f"depth image is {picture.encoding[:40]!r}; only {', '.join(DEPTHS)} are read")
+        raise FormatError(f"depth image is {picture.encoding[:40]!r}; record {', '.join(DEPTHS)}")
     values = pixels_of(picture, np.dtype(kind), 1)[..., 0]
     return values.astype(np.float32) if kind is np.float32 else values.astype(np.uint16)
 
@@ -87,10 +87,10 @@ def color_encoded_from(picture: Picture) -> bytes:
     """Return JPEG or PNG bytes: the sender's own, or a raw image as lossless PNG. Raises FormatError."""
     if picture.compressed:
         if not picture.data.startswith(PICTURE_MAGICS):
-            raise FormatError(f"colour image is {picture.encoding[:40]!r}; only JPEG and PNG are read")
+            raise FormatError(f"colour image is {picture.encoding[:40]!r}; record JPEG or PNG")
         return picture.data
     if picture.encoding not in COLORS:
-        raise FormatError(f"colour image is {picture.encoding[:40]!r}; only {', '.join(COLORS)} are read")
+        raise FormatError(f"colour image is {picture.encoding[:40]!r}; record {', '.join(COLORS)}")
     channels, code = COLORS[picture.encoding]
     pixels = pixels_of(picture, np.dtype(np.uint8), channels)
     bgr = pixels if code is None else cv2.cvtColor(pixels, code)
@@ -117,9 +117,7 @@ def pixels_of(picture: Picture, dtype: np.dtype[Any], channels: int) -> NDArray[
 def _unpacked_depth(picture: Picture) -> Depth:
     start = picture.data[:64].find(PNG_MAGIC)
     if start < 0:
-        raise FormatError(
-            f"compressed depth has format {picture.encoding[:60]!r}; only PNG is read, not RVL: record it raw"
-        )
+        raise FormatError(f"compressed depth has format {picture.encoding[:60]!r}; record PNG or raw depth")
     png = picture.data[start:]
     values: NDArray[np.uint16] = decode_grey(png, np.uint16, "compressed depth")
     if start != _CONFIG.size or "32FC1" not in picture.encoding:

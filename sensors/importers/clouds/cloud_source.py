@@ -44,7 +44,7 @@ class CloudFile(FrameSource):
         self.cloud = READERS[path.suffix.lower()](path)
         points = _finite_points(self.cloud.points())
         if (count := np.isfinite(points[:, 0]).sum()) < 2:
-            raise FormatError(f"{path} holds {count} finite points; give a surface")
+            raise FormatError(f"{path} holds {count} finite points; give the cloud of a depth image")
         self._view = view_of(path, self.cloud, points, options)
         depth_m = np.where(self._view.shown >= 0, self._view.points_m[self._view.shown, 2], np.nan)
         self._depth_mm = mm_from_metres(depth_m)

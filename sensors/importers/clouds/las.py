@@ -24,7 +24,7 @@ def read_las(path: Path) -> CloudRecords:
         with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as reader:
             header = reader.header
             if not 0 < header.point_count <= MAX_POINTS:
-                raise FormatError(f"{path} claims {header.point_count} points; give 1 to {MAX_POINTS}")
+                raise FormatError(f"{path} has {header.point_count} points; give 1 to {MAX_POINTS}")
             colors = _COLORS if {*header.point_format.dimension_names}.issuperset(_COLORS) else ()
             layout = [*((axis, "<f8") for axis in "xyz"), *((name, "<u2") for name in colors)]
             records, held = np.zeros(header.point_count, layout), 0

@@ -92,7 +92,7 @@ def opened_cloud(path: Path, kind: str) -> Iterator[BinaryIO]:
         with path.open("rb") as file:
             yield file
     except OSError as error:
-        raise FormatError(f"{path} cannot be read ({error.strerror}); give a point cloud") from error
+        raise FormatError(f"{path} cannot be read ({error.strerror}); check path and permissions") from error
     except (ValueError, KeyError, IndexError, TypeError, OverflowError) as error:
         why = f"{error} is missing or unknown" if isinstance(error, KeyError) else str(error)
         raise FormatError(f"{path} is malformed ({why[:100]}); give a valid {kind} file") from error
