@@ -153,7 +153,7 @@ class _Scan:
         if channel.message_encoding != "protobuf" or name != expected.DESCRIPTOR.full_name:
             raise FormatError(
                 f"{self._name}: topic {channel.topic} is {plain(channel.message_encoding)} {plain(name)}, "
-                f"not protobuf {expected.DESCRIPTOR.full_name}; give a session that 'record' or 'import' wrote"
+                f"not protobuf {expected.DESCRIPTOR.full_name}; give a session of 'record' or 'import'"
             )
         self._topics[channel.id] = channel.topic
 
