@@ -280,7 +280,7 @@ def test_a_corrupt_frame_blocks_opening_and_is_rebuilt(folder, suffix, spoil):
     path.write_bytes(data[: len(data) // 2] if spoil == "cut" else b"")
     with Correction.open(folder, "bob") as correction:
         spoilt = files(folder)
-        with pytest.raises(RestorableError, match=rf"{path.name}.*rebuilt from original"):
+        with pytest.raises(RestorableError, match=rf"{path.name}.*rebuild it from original"):
             correction.edit(FRAMES[0])
         assert files(folder) == spoilt
         np.testing.assert_array_equal(correction.restore(FRAMES[0]).parts, parts)

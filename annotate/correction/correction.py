@@ -90,7 +90,9 @@ class Correction:
             saved = self.labels.read(frame_id)
         except FormatError as error:
             if self.can_restore(frame_id):
-                raise RestorableError(f"{error}, or have it rebuilt from original and journal") from error
+                raise RestorableError(
+                    f"{error}, or let fix rebuild it from original/ and the journal"
+                ) from error
             raise
         return self._learnt(after(saved, self._later(frame_id, saved.notes)))
 

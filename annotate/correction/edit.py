@@ -213,12 +213,14 @@ class Editor:
             self._same_shape(pixels)
             return np.flatnonzero(pixels)
         if pixels.size and not 0 <= int(pixels.min()) <= int(pixels.max()) < self._parts.size:
-            raise CloudError(f"pixels reach outside the image of {self._parts.size}; give flat indices")
+            raise CloudError(
+                f"pixel indices are {pixels.min()} to {pixels.max()}; give 0 to {self._parts.size - 1}"
+            )
         return np.unique(pixels.astype(np.int64))
 
     def _same_shape(self, image: NDArray[np.generic]) -> None:
         if image.shape != self._parts.shape:
-            raise CloudError(f"labels or a mask of {image.shape} do not fit frame {self._parts.shape}")
+            raise CloudError(f"labels or mask are {image.shape}; give {self._parts.shape}")
 
 
 _NONE = np.empty((0, 4), np.int64)

@@ -35,7 +35,9 @@ def check_screen() -> None:
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     except subprocess.TimeoutExpired as error:
-        raise CloudError(f"the screen did not answer within {TIMEOUT_S} s; check the desktop") from error
+        raise CloudError(
+            f"the screen did not answer within {TIMEOUT_S} s; log in on the desktop again, or use xvfb-run -a"
+        ) from error
     if "could not connect" in done.stderr:
         screens = " and ".join(f"{name}={os.environ[name]}" for name in names)
         raise CloudError(f"the screen {screens} cannot be reached; log in on the desktop, or use xvfb-run -a")

@@ -30,13 +30,13 @@ def calibrate(
     ] = None,
     check: Annotated[
         bool,
-        Option("--check", help="Only measure whether the calibration of the session still fits its images."),
+        Option("--check", help="Only measure how well the session's calibration fits its images."),
     ] = False,
     live: Annotated[
         bool,
         Option(
             "--live",
-            help="Guide you: say and draw which view of the plate is needed next, and stop when the "
+            help="Print and draw the next view of the plate that is needed; stop when the "
             "calibration is good. Views come from the rig or devices, or else from the session.",
         ),
     ] = False,
@@ -96,7 +96,7 @@ def _with_views(path: Path) -> "Session":
 
 
 def _check_rig(board: Path, rig: Path | None, device: list[str] | None, overwrite: bool) -> None:
-    """Check that views of a rig can be recorded, if one is asked for, before anything is imported."""
+    """Check that views can be recorded if a rig or device is given, before any heavy import."""
     if rig is None and not device:
         return
     from cli.rig_devices import rig_of
@@ -178,7 +178,7 @@ def _result(found: "Adjusted", good: bool) -> dict[str, Any]:
 
 
 LONGER = {"depth": 200, "color": 400, "thermal": 60}
-"""How much longer than true the arrows are drawn."""
+"""Length of a drawn arrow as a multiple of its residual."""
 
 
 def _plot_residuals(path: Path, found: "Adjusted") -> None:

@@ -84,7 +84,7 @@ def _evaluate_each(
 
 
 def _is_older(result: Path, *sets: Path) -> bool:
-    """Whether a label set was written to since a result: its files are replaced, which changes the folder."""
+    """Return true if a label set changed after its result: replaced files change the folder's time."""
     folders = [folder for path in sets for folder in (path, path / "frames") if folder.is_dir()]
     changed_ns = max(folder.stat().st_mtime_ns for folder in folders)
     return result.exists() and result.stat().st_mtime_ns < changed_ns
@@ -111,7 +111,7 @@ def _evaluate_one(
 def _facts(
     predicted: "LabelledFrames", truth: "LabelledFrames", comparison: "Comparison", origin: dict[str, str]
 ) -> dict[str, str]:
-    """What is needed to repeat the result. origin: the command and its version."""
+    """Return the facts that repeat a result. origin: the command and its version."""
     weights: object = predicted.info
     for key in ("steps", "predict", "weights"):
         weights = weights.get(key) if isinstance(weights, dict) else None
@@ -128,7 +128,7 @@ def _facts(
 
 def compare(
     a: Annotated[Path, Argument(help="Result that 'evaluate --out' wrote.")],
-    b: Annotated[Path, Argument(help="Result to compare it with.")],
+    b: Annotated[Path, Argument(help="Result to compare with the first.")],
     json: Json = False,
 ) -> None:
     """Show by how much result A is better than result B, and how certain that is."""
@@ -177,7 +177,7 @@ def report(
         list[Path] | None, Option(help="Folder of 'train', to show loss and scores; repeatable.")
     ] = None,
     audit: Annotated[
-        list[Path] | None, Option(help="Corrected label set, to show who did what; repeatable.")
+        list[Path] | None, Option(help="Corrected label set, to show each person's corrections; repeatable.")
     ] = None,
     shown: Annotated[
         list[Path] | None, Option(help="Label set without a truth, to show it; repeatable.")
@@ -186,7 +186,7 @@ def report(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Write one page with all results beside those of the paper; it opens offline."""
+    """Write one page with all results beside the paper's results; the page opens offline."""
     check_extra("report", "jinja2", "plotly")
     notes, sets = note or [], shown or []
     if len(notes) > len(sets):

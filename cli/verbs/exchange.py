@@ -43,14 +43,14 @@ def import_(
     ] = None,
     turn: Annotated[int, Option(help="Turn all images clockwise by 0, 90, 180 or 270 degrees.")] = 0,
     mirror: Annotated[
-        bool, Option("--mirror", help="Mirror all images left to right, before they are turned.")
+        bool, Option("--mirror", help="Mirror all images left to right, then turn them.")
     ] = False,
     subject: Annotated[str, Option(help="Name of the recorded person.")] = "",
     rate: Annotated[
         float | None, Option(help="Frames a second.", show_default="the recording's times, else 30")
     ] = None,
     topic: Annotated[
-        list[str] | None, Option(help="Topic of a bag; repeatable: depth's, then colour's.")
+        list[str] | None, Option(help="Topic of a bag; given twice: topic of depth, then of colour.")
     ] = None,
     axes: Annotated[
         str, Option(help="Axes of a cloud: camera, y-up, ros, z-up or kinect.", show_default="by its points")
@@ -58,7 +58,7 @@ def import_(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Import a recording (out.mcap) or another tool's labels (a folder); print what is assumed."""
+    """Import a recording (out.mcap) or another tool's labels (a folder); print all assumptions."""
     options = ImportOptions(intrinsics, depth_unit, turn, mirror, subject, rate, tuple(topic or ()), axes)
     if out.suffix.lower() == SESSION_SUFFIX:
         _import_images(source, out, options, overwrite, json)

@@ -107,7 +107,7 @@ def _label(
 def learn(
     out: Annotated[Path, Option(help="Palette (TOML) to write.")],
     labels: Annotated[Path | None, Argument(help="Label set with corrected frames.")] = None,
-    session: Annotated[Path | None, Option(help="Recording the labels were made from.")] = None,
+    session: Annotated[Path | None, Option(help="Recording from which the labels were made.")] = None,
     frame: Annotated[
         list[str] | None,
         Option(help="Id of a correctly labelled frame; repeatable. Default: all corrected frames."),
@@ -163,16 +163,16 @@ def predict(
         bool, Option("--probabilities", help="Also store the probabilities of all classes, 12 kB per frame.")
     ] = False,
     joints: Annotated[
-        Path | None, Option(help="Also write joints, facing and posture there: .jsonl or .csv.")
+        Path | None, Option(help="File for joints, facing and posture: .jsonl or .csv.")
     ] = None,
     everybody: Annotated[bool, Option("--everybody", help="Label all persons, not the subject.")] = False,
     again: Annotated[
         bool | None,
-        Option(help="Read them again in the room's depth: better outlines.", show_default="recordings alone"),
+        Option(help="Refine the labels by the depth of the room.", show_default="recordings alone"),
     ] = None,
     learnt: Annotated[
         Path | None,
-        Option(help="Reader (.onnx) from learn that reads them again, of this person and room."),
+        Option(help="Refinement network (.onnx) of this person and room, from learn."),
     ] = None,
     scheduler: Scheduler = None,
     overwrite: Overwrite = False,
@@ -185,9 +185,13 @@ def predict(
         check_kind(joints)
         check_free(joints, overwrite)
     if probabilities and everybody:
-        raise typer.BadParameter("probabilities are kept of one person; leave it or --everybody out")
+        raise typer.BadParameter(
+            "--probabilities stores one person, --everybody labels all; leave out one of them"
+        )
     if (again or learnt) and (probabilities or everybody):
-        raise typer.BadParameter("one person is read again; leave --probabilities and --everybody out")
+        raise typer.BadParameter(
+            "--again and --learnt refine one person; leave out --probabilities and --everybody"
+        )
     given = [path for path in (weights, learnt) if path]
     check_there(*given)
     how = _Prediction(weights, window, probabilities, everybody, again, learnt)
@@ -214,7 +218,7 @@ def predict(
 
 
 class _Prediction(NamedTuple):
-    """How ``predict`` labels, as its options say."""
+    """Options of ``predict``."""
 
     weights: Path | None
     window_c: tuple[float, float] | None
@@ -232,7 +236,7 @@ def _predict(how: _Prediction, session: Path, out: Path) -> "Run":
 def _work(
     opened: "LabelledFrames | Source", out: Path, how: _Prediction
 ) -> "Callable[[Callable[[int], None]], Run]":
-    """What labels frames or a recording by the network, given the progress."""
+    """Return the function that labels frames or a recording by the network, given the progress."""
     from annotate.labelset.labelled_frames import LabelledFrames
     from annotate.segmentation.suit_network import SuitNetwork
     from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork

@@ -31,7 +31,7 @@ def live(
     serve: Annotated[
         bool, Option("--serve", help="Also stream to Foxglove on this machine (extra foxglove).")
     ] = False,
-    port: Annotated[int, Option(help="Where --serve listens; 0 takes a free one.", min=0, max=65535)] = 8765,
+    port: Annotated[int, Option(help="Port of --serve; 0 takes a free port.", min=0, max=65535)] = 8765,
     seconds: Annotated[float | None, Option(min=0.1, help="Duration. Default: until Ctrl-C.")] = None,
     overwrite: Overwrite = False,
     json: Json = False,

@@ -45,7 +45,7 @@ def record(
 ) -> None:
     """Record depth, colour and temperature from devices, real or virtual, into a session."""
     if preview and infrared:
-        raise typer.BadParameter("--preview records people, not the hole plate; leave --infrared out")
+        raise typer.BadParameter("--preview records people, not the hole plate; leave out --infrared")
     if suit is not None and not preview:
         raise typer.BadParameter("needs --preview; a recording has no palette", param_hint="--suit")
     from cli.rig_devices import open_rig, rig_of

@@ -52,7 +52,7 @@ def simulate(
     rig: Annotated[
         str | None,
         Option(
-            help="Which cameras; the verb rig lists them.",
+            help="Rig with these cameras; the verb rig lists all.",
             autocompletion=names,
             show_default="kinect2-optris",
         ),

@@ -238,7 +238,7 @@ def film(
     motion: Annotated[Path, Argument(help=f"{Motion}.")],
     out: Annotated[Path, Argument(metavar="out.mcap", help="Session to write.")],
     take: Annotated[
-        str | None, Option(help="Name of the take, for a file of several.", show_default="the only one")
+        str | None, Option(help="Name of the take, if the file has several.", show_default="the only one")
     ] = None,
     difficulty: Difficulty = "normal",
     seed: Annotated[int, Option(help="The same seed gives the same session.", min=0)] = 0,

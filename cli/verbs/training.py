@@ -273,7 +273,9 @@ def _sources(
 
 def train_labels(
     sessions: Annotated[list[Path], Argument(help="Two or more recordings of people in the suit.")],
-    out: Annotated[Path, Option(help="Folder for reader.onnx; an interrupted run continues there.")],
+    out: Annotated[
+        Path, Option(help="Folder for the suit network, reader.onnx; an interrupted run continues there.")
+    ],
     truth: Annotated[
         list[Path] | None,
         Option(

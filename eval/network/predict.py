@@ -48,8 +48,7 @@ class PredictOptions:
             )
         if self.all_refiners and (self.everybody or self.probabilities):
             raise CloudError(
-                "refinement works on one person and changes labels, not probabilities; leave out "
-                "--everybody and --probabilities"
+                "--again and --learnt refine one person; leave out --probabilities and --everybody"
             )
 
     @property

@@ -39,7 +39,7 @@ CONFIG = Path(__file__).with_suffix(
 def load_sdk() -> SdkObject:
     """Return the library, loaded with its output on stderr. Raises DeviceNotFoundError."""
     if find_spec("pyorbbecsdk") is None:
-        raise DeviceNotFoundError("pyorbbecsdk2 is not installed; install annotate-cloud[orbbec]")
+        raise DeviceNotFoundError("pyorbbecsdk2 is not installed; pip install 'annotate-cloud[orbbec]'")
     if (loaded := sys.modules.get("pyorbbecsdk")) is not None:
         return loaded
     sys.stdout.flush()

@@ -235,7 +235,7 @@ class RealSense(StreamingCamera):
 def load_sdk() -> SdkObject:
     """Return the module pyrealsense2. Raises DeviceNotFoundError."""
     if find_spec("pyrealsense2") is None:
-        raise DeviceNotFoundError("pyrealsense2 is not installed; install annotate-cloud[realsense]")
+        raise DeviceNotFoundError("pyrealsense2 is not installed; pip install 'annotate-cloud[realsense]'")
     import pyrealsense2
 
     return pyrealsense2

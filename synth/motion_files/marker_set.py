@@ -70,9 +70,9 @@ def load_marker_set(path: Path) -> MarkerSet:
     rows = [_place(path, name, entry) for name, entry in markers.items()]
     also = {key_of(name): _also(path, name, entry) for name, entry in markers.items() if "also" in entry}
     keys = [key_of(name) for name in (*markers, *(other for others in also.values() for other in others))]
-    if len(set(keys)) < len(keys):
+    if twice := next((key for key in keys if keys.count(key) > 1), ""):
         raise FormatError(
-            f"marker set {path} names a marker twice; labels must differ in more than case and punctuation"
+            f"marker set {path} names {twice!r} twice (case and punctuation do not count); rename one"
         )
     joint, at, spread, weight = zip(*rows, strict=True)
     return MarkerSet(
