@@ -1,4 +1,4 @@
-"""What a command prints: progress on stderr, its result on stdout as a table or as JSON."""
+"""The output of a command: progress on stderr, its result on stdout as a table or as JSON."""
 
 import json
 import math
@@ -7,6 +7,7 @@ import shlex
 import shutil
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,37 +29,28 @@ if TYPE_CHECKING:
 Json = Annotated[bool, Option("--json", help="Print one JSON object on stdout.")]
 Overwrite = Annotated[bool, Option("--overwrite", help="Replace existing output.")]
 
-LINE_SECONDS = 5.0
-"""Seconds between two lines of progress where stderr is not a terminal; untuned."""
-
-WIDTH = 110
-"""Columns of a table where stdout is not a terminal; untuned."""
-
-_NUMBER = re.compile(r"[+-]?[\d.,]+( ?%)?|-")
+LINE_SECONDS = 5.0  # s between two lines of progress without a terminal; untuned
+WIDTH = 110  # columns of a table without a terminal; untuned
+NUMBER = re.compile(r"[+-]?[\d.,]+( ?%)?|-")
+# As in ``sensors.recording.arrival_times``.
+DROPPED = re.compile(r"(?P<stream>\w+): (?P<lost>\d+) dropped(?:, (?P<slow>\d+) as writing was too slow)?")
 
 
 @contextmanager
-def progress(what: str, total: int | None) -> Iterator[Callable[[int], None]]:
-    """Show the progress of a long run, its rate and the time left; yields ``advance(n)``.
-
-    total: None where it is not known.
-    """
+def progress(title: str, total: int | None) -> Iterator[Callable[[int], None]]:
+    """Show progress, rate and time left of a run; yield ``advance(n)``. total: None = unknown."""
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield _lines(what, total)
+        yield _lines(title, total)
         return
     from rich import progress as bars
 
     columns = (
-        bars.SpinnerColumn(),
-        bars.TextColumn("{task.description}"),
-        bars.BarColumn(),
-        bars.MofNCompleteColumn(),
-        bars.TextColumn("{task.fields[rate]}"),
-        bars.TimeRemainingColumn(),
+        *(bars.SpinnerColumn(), bars.TextColumn("{task.description}"), bars.BarColumn()),
+        *(bars.MofNCompleteColumn(), bars.TextColumn("{task.fields[rate]}"), bars.TimeRemainingColumn()),
     )
     with bars.Progress(*columns, console=console, transient=True) as bar:
-        task, started, done = bar.add_task(what, total=total, rate=""), time.monotonic(), 0
+        task, started, done = bar.add_task(title, total=total, rate=""), time.monotonic(), 0
 
         def advance(n: int) -> None:
             nonlocal done
@@ -68,28 +60,26 @@ def progress(what: str, total: int | None) -> Iterator[Callable[[int], None]]:
         yield advance
 
 
-def _lines(what: str, total: int | None) -> Callable[[int], None]:
-    started = said = time.monotonic()
+def _lines(title: str, total: int | None) -> Callable[[int], None]:
+    started = printed = time.monotonic()
     done = 0
 
     def advance(n: int) -> None:
-        nonlocal said, done
+        nonlocal printed, done
         done += n
         now = time.monotonic()
-        if now - said >= LINE_SECONDS or (total is not None and done >= total):
-            said = now
-            rate = done / (now - started + 1e-6)
-            course = f"{what}: {done}, {rate:.1f}/s"
+        if now - printed >= LINE_SECONDS or (total is not None and done >= total):
+            printed, rate = now, done / (now - started + 1e-6)
+            of, end = "", ""
             if total is not None:
-                left = max(0, total - done) / rate if rate else 0
-                course = f"{what}: {done}/{total}, {rate:.1f}/s, {left:.0f} s left"
-            print(course, file=sys.stderr, flush=True)
+                of, end = f"/{total}", f", {max(0, total - done) / rate if rate else 0:.0f} s left"
+            print(f"{title}: {done}{of}, {rate:.1f}/s{end}", file=sys.stderr, flush=True)
 
     return advance
 
 
 def cell(value: object, unit: str = "") -> str:
-    """A value for people: numbers to three digits, then the unit; None and NaN as a dash."""
+    """Return a value for people: numbers to three digits, then the unit; None and NaN as a dash."""
     match value:
         case None:
             return "-"
@@ -112,14 +102,14 @@ def cell(value: object, unit: str = "") -> str:
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str = "") -> str:
-    """Lines of a table: a row for each of ``rows``, its values as ``cell`` writes them.
+    """Return the lines of a table, its values as ``cell`` writes them.
 
-    columns: names, with the unit where there is one ("time, s"). Columns of numbers are set to the right.
+    columns: names, with the unit if any ("time, s"). Columns of numbers are set to the right.
     """
     lines = [[cell(value) for value in row] for row in rows]
     shown = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, show_header=any(columns))
     for name, values in zip(columns, zip(*lines, strict=True) if lines else [()] * len(columns), strict=True):
-        numbers = set(values) != {"-"} and all(map(_NUMBER.fullmatch, values))
+        numbers = set(values) != {"-"} and all(map(NUMBER.fullmatch, values))
         shown.add_column(name, justify="right" if numbers else "left", overflow="fold")
     for line in lines:
         # Names come from outside: as Text they cannot be markup.
@@ -131,8 +121,43 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str =
 
 
 def facts(values: Mapping[str, object]) -> str:
-    """Lines of two columns without a heading: what it is, and its value as ``cell`` writes it."""
+    """Return lines of two columns without a heading: names, and values as ``cell`` writes them."""
     return table(("", ""), [(name.replace("_", " "), cell(value)) for name, value in values.items()])
+
+
+def event_lines(events: Mapping[str, int]) -> list[str]:
+    """Return a line for each text, and one line for all lost images of a stream.
+
+    events: number of each text of a recording.
+    """
+    lines, gaps, lost, slow = list[str](), Counter[str](), Counter[str](), Counter[str]()
+    for text, times in events.items():
+        found = DROPPED.fullmatch(text)
+        if found is None:
+            lines.append(text + (f" ({times} times)" if times > 1 else ""))
+            continue
+        stream = found["stream"]
+        gaps[stream] += times
+        lost[stream] += times * int(found["lost"])
+        slow[stream] += times * int(found["slow"] or 0)
+    for stream, times in gaps.items():
+        places = f" in {times:,} gaps" if times > 1 else ""
+        why = f", {slow[stream]:,} as writing was too slow" if slow[stream] else ""
+        lines.append(f"{stream}: {lost[stream]:,} dropped{places}{why}")
+    return lines
+
+
+def provenance() -> dict[str, str]:
+    """Return the running command and the version, for files that name their origin."""
+    from importlib.metadata import version
+
+    return {"command": shlex.join(["annotate-cloud", *sys.argv[1:]]), "version": version("annotate-cloud")}
+
+
+def say(*lines: str) -> None:
+    """Print remarks on stderr."""
+    for line in lines:
+        print(one_line(line), file=sys.stderr, flush=True)
 
 
 def finish(result: dict[str, Any], as_json: bool, text: str) -> None:
@@ -140,37 +165,21 @@ def finish(result: dict[str, Any], as_json: bool, text: str) -> None:
     print(json.dumps(result, allow_nan=False) if as_json else "\n".join(map(one_line, text.split("\n"))))
 
 
-def provenance() -> dict[str, str]:
-    """The command that is running and the version, for files that name their origin."""
-    from importlib.metadata import version
-
-    return {"command": shlex.join(["annotate-cloud", *sys.argv[1:]]), "version": version("annotate-cloud")}
-
-
-def say(line: str) -> None:
-    """Print a remark on stderr."""
-    print(one_line(line), file=sys.stderr, flush=True)
-
-
 def finish_run(result: dict[str, Any], run: "Run", as_json: bool, text: str) -> None:
-    """Print the result of a run over frames and the frames that failed; exits with 3 if there are any."""
+    """Print the result of a run over frames, its remarks and failed frames; exit with 3 if a frame failed."""
     result["remarks"], total = run.remarks(), len(run.labels)
     for remark, frames in result["remarks"].items():
         say(f"{len(frames)} of {total} frames, first {frames[0]}: {remark}")
     if run.failed:
         result["failed"] = [{"frame": frame, "why": why} for frame, why in run.failed]
-        for frame, why in run.failed:
-            say(f"frame {frame}: {why}")
+        say(*(f"frame {frame}: {why}" for frame, why in run.failed))
     finish(result, as_json, text)
     if run.failed:
         raise typer.Exit(3)
 
 
 def check_room(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
-    """Check that a folder is new, holds ``marker`` or may be replaced: before what writes it is imported.
-
-    Raises ExistsError for one that holds something else, or must not be removed.
-    """
+    """Raise ExistsError unless a folder is new, holds ``marker``, or may be replaced."""
     from annotate.labelset.atomic_folder import check_replaceable
 
     if overwrite and out.exists():
@@ -180,10 +189,7 @@ def check_room(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
 
 
 def clear(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
-    """With ``overwrite``, remove a folder that an earlier run made (it holds ``marker``).
-
-    Raises ExistsError for a folder that must not be removed (``check_replaceable``).
-    """
+    """With ``overwrite``, remove the folder of an earlier run. Raises ExistsError (``check_replaceable``)."""
     if overwrite and out.exists():
         from annotate.labelset.atomic_folder import remove
 

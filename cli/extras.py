@@ -1,8 +1,8 @@
 """Optional parts of the package: pip install 'annotate-cloud[NAME]'."""
 
-import importlib.util
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 
 from sensors.errors import CloudError
 
@@ -23,12 +23,12 @@ COSTS = {
     "orbbec": "no Orbbec cameras as devices",
     "docs": "no documentation pages (make docs)",
 }
-"""Every extra, and what does not work without it."""
+"""Missing features by extra that is not installed."""
 
 
 @contextmanager
 def needing(*extras: str) -> Iterator[None]:
-    """Context for imports that these extras install. Raises CloudError that names the extras if one fails."""
+    """Run imports that extras install. Raises CloudError that names the extras."""
     try:
         yield
     except ImportError as error:
@@ -39,21 +39,15 @@ def needing(*extras: str) -> Iterator[None]:
 
 
 def check_extra(extra: str, *modules: str) -> None:
-    """Check, without the second that importing them takes, that an extra's modules are there.
-
-    Raises CloudError that names the extra, as ``needing`` does.
-    """
+    """Raise CloudError, as ``needing``, unless an extra's modules are installed; import nothing."""
     with needing(extra):
         for name in modules:
-            if importlib.util.find_spec(name) is None:
+            if find_spec(name) is None:
                 raise ModuleNotFoundError(name=name)
 
 
 def check_window() -> None:
-    """Check that a window could be shown, without the seconds that importing its libraries takes.
-
-    Raises CloudError where its libraries are missing or there is no screen.
-    """
+    """Raise CloudError where a window cannot be shown: libraries are missing, or a screen."""
     check_extra("gui", "PySide6", "pyvista", "pyvistaqt")
     from annotate.gui.display import displays
 

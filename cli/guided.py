@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -24,61 +25,58 @@ from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
 
-STILL_PX = 1.0
-"""Pixels of the depth camera by which the plate may move between two looks: more, and it is in motion."""
-
-MOST_BLIND = 30
-"""Frames in a row without infrared, which a camera's first may lack, after which none is to come. By eye."""
+STILL_PX = 1.0  # most motion of the plate between two frames in the depth image; untuned
+MOST_BLIND = 30  # frames without infrared, which a camera's first frames may lack, before an error; untuned
 
 
-def guided_calibration(
-    board: Path,
-    plate: HolePlate,
-    rig: Path | None,
-    device: list[str] | None,
-    picture: Path,
-    overwrite: bool,
-) -> Adjusted:
-    """The calibration of the views that were taken, of a rig (recorded to ``board``) or of a session.
+@dataclass(frozen=True)
+class Guided:
+    """Source of views: a rig file or addresses, recorded to ``board``, else the session ``board``.
 
-    Raises CalibrationError where they are too few.
+    picture: PNG of the wanted view.
     """
-    picture.parent.mkdir(parents=True, exist_ok=True)
-    if rig is None and not device:
-        session = Session(board)
+
+    board: Path
+    rig: Path | None
+    device: list[str] | None
+    picture: Path
+    overwrite: bool
+
+    def calibrate(self, plate: HolePlate) -> Adjusted:
+        """Return the calibration of the taken views. Raises CalibrationError for too few views."""
+        self.picture.parent.mkdir(parents=True, exist_ok=True)
+        now = self._from_rig(plate) if self.rig or self.device else self._from_session(plate)
+        if now.found is None:
+            raise CalibrationError(
+                f"{len(now.seen)} views of the plate were taken, which are too few; hold the plate as "
+                f"{self.picture} shows, still and in front of a warm area, until all cameras see every hole"
+            )
+        return now.found
+
+    def _from_session(self, plate: HolePlate) -> Guidance:
+        session = Session(self.board)
         check_infrared(session)
-        now = guided(iter(session), plate, session.calibration, picture, None)
-    else:
-        check_free(board, overwrite)
+        return guided(iter(session), plate, session.calibration, self.picture, None)
+
+    def _from_rig(self, plate: HolePlate) -> Guidance:
+        check_free(self.board, self.overwrite)
         with (
             interrupted_by_signals(),
-            closing(open_rig(rig, device, plate)) as running,
+            closing(open_rig(self.rig, self.device, plate)) as running,
             ended_by_signals() as ending,
             ExitStack() as stack,
         ):
-            views = Views(SessionWriter(board, running.calibration, running.name, overwrite=overwrite), stack)
-            frames = rig_frames(running, ending)
-            now = guided(frames, plate, running.calibration, picture, views.keep)
-    if now.found is None:
-        raise CalibrationError(
-            f"{len(now.seen)} views of the plate were taken, which are too few; hold it as {picture} shows, "
-            "still and in front of something warm, until all cameras see every hole"
-        )
-    return now.found
+            writer = SessionWriter(self.board, running.calibration, running.name, overwrite=self.overwrite)
+            begun = False
 
+            def keep(frame: RigFrame) -> None:
+                nonlocal begun
+                if not begun:  # without a view, no file
+                    stack.enter_context(writer)
+                    begun = True
+                writer.write(frame)
 
-class Views:
-    """The session of the views that were taken, begun with the first one: no view leaves no file."""
-
-    def __init__(self, writer: SessionWriter, stack: ExitStack) -> None:
-        self._writer, self._stack, self._begun = writer, stack, False
-
-    def keep(self, frame: RigFrame) -> None:
-        """Write a view."""
-        if not self._begun:
-            self._stack.enter_context(self._writer)
-            self._begun = True
-        self._writer.write(frame)
+            return guided(rig_frames(running, ending), plate, running.calibration, self.picture, keep)
 
 
 def guided(
@@ -88,10 +86,10 @@ def guided(
     picture: Path,
     keep: Callable[[RigFrame], None] | None,
 ) -> Guidance:
-    """Look at frames until their views are enough, they end, or Ctrl-C; say and draw what is wanted next.
+    """Take views of frames until the views are enough, frames end, or Ctrl-C; print and draw the next view.
 
-    picture: a PNG, written again at every look. keep: called with each frame whose view is taken, once the
-    plate is held still; None = every frame is a view that was taken.
+    picture: a PNG, written again for every frame. keep: called with each frame whose view is taken while the
+    plate is still; None = every frame is a taken view.
     """
     setup, views = PlateSetup.of(guess, plate), list[PlateView]()
     now, before = Guidance((), next_placement(()), None, False), None
@@ -99,13 +97,14 @@ def guided(
     try:
         with interruptible():
             for frame in frames:
-                if (looked := _looked(frame, plate, guess)) is None:
+                try:
+                    view, known = view_plate(frame, plate, guess.depth), with_all_cameras(guess, frame)
+                except FormatError as error:
+                    say(str(error))
                     continue
-                view, now_known = looked
-                if now_known is not guess:
-                    guess, setup = now_known, PlateSetup.of(now_known, plate)
-                still = keep is None or _still(before, view)
-                if still and is_new(view, views, setup):
+                if known is not guess:
+                    guess, setup = known, PlateSetup.of(known, plate)
+                if (keep is None or _still(before, view)) and is_new(view, views, setup):
                     views.append(view)
                     if keep is not None:
                         keep(frame)
@@ -121,35 +120,23 @@ def guided(
     return now
 
 
-def _looked(
-    frame: RigFrame, plate: HolePlate, guess: RigCalibration
-) -> tuple[PlateView, RigCalibration] | None:
-    """A frame's view of the plate, and the cameras by now; None of a frame that came cut off."""
-    try:
-        return view_plate(frame, plate, guess.depth), with_all_cameras(guess, frame)
-    except FormatError as error:
-        say(str(error))
-        return None
-
-
 def rig_frames(running: LiveRig, ending: Ending) -> Iterator[RigFrame]:
-    """The newest frame of a rig again and again; it runs until the last is taken. Raises what ended it.
+    """Run a rig and yield its latest frames until a signal; print warnings without a frame.
 
-    Frames end with a signal, which interrupts nothing: they are being recorded.
-    Says what is wrong with a rig that gives none. Raises CalibrationError where none has infrared.
+    A signal interrupts nothing, because frames are being recorded. Raises the error that ended the rig,
+    CalibrationError without infrared.
     """
     running.start()
-    seen, blind, told = 0, 0, set[str]()
+    seen, blind, printed = 0, 0, set[str]()
     try:
         while not running.frames.ended:
             if ending.asked:
                 say("stopped by a signal")
                 break
             if (latest := running.frames.after(seen, 0.5)) is None:
-                wrong = [one for one in rig_warnings(running.health()) if one.kind not in told]
-                told |= {one.kind for one in wrong}
-                for one in wrong:
-                    say(one.text)
+                wrong = [one for one in rig_warnings(running.health()) if one.kind not in printed]
+                printed |= {one.kind for one in wrong}
+                say(*(one.text for one in wrong))
                 continue
             seen, synced = latest
             blind = 0 if synced.frame.infrared is not None else blind + 1
@@ -172,14 +159,10 @@ def _still(before: PlateView | None, view: PlateView) -> bool:
 
 
 def _report(now: Guidance) -> None:
-    say(f"view {len(now.seen)}: {now.seen[-1].text}" + (f"; {_sure(now.found)}" if now.found else ""))
-    say("that is enough" if now.wanted is None else f"now hold it {now.wanted.text}")
-
-
-def _sure(found: Adjusted) -> str:
-    """How well poses are known by now: twice the standard deviation, as ``judge`` states it."""
+    """Print the last view, the precision of the poses (two standard deviations), and the next view."""
     texts = []
-    for name, sd in found.deviations.items():
+    for name, sd in now.found.deviations.items() if now.found else ():
         turn, shift = 2 * sd.rotation_deg.max(), 2 * sd.translation_mm
         texts.append(f"{name} to {turn:.3f} degrees, {shift[:2].max():.2f} and {shift[2]:.2f} mm")
-    return "; ".join(texts)
+    say("; ".join([f"view {len(now.seen)}: {now.seen[-1].text}", *texts]))
+    say("that is enough" if now.wanted is None else f"now hold it {now.wanted.text}")

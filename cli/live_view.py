@@ -5,7 +5,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -36,7 +36,7 @@ SWITCH_S = 0.001
 BONE_ENDS = tuple((JOINT[a], JOINT[b]) for a, b in BONES)
 Show = Callable[[LiveFrame], None] | None  # shows a labelled frame; None = no output
 # Streams a pipeline's frames during the context.
-Stream = Callable[[LivePipeline], AbstractContextManager[None]]
+Stream = Callable[[LivePipeline], AbstractContextManager[object]]
 
 
 @dataclass(frozen=True)
@@ -79,16 +79,11 @@ def _print_lines(running: Rig, options: LiveOptions, ending: Ending, stream: Str
     _finish(running, pipeline, options.json)
 
 
-def unstreamed(_: LivePipeline) -> AbstractContextManager[None]:
-    """Stream nothing."""
-    return nullcontext()
-
-
 @contextmanager
 def serving(port: int | None) -> Iterator[Stream]:
     """Run a server for Foxglove, which takes its port before a rig is opened; None = no server."""
     if port is None:
-        yield unstreamed
+        yield nullcontext
         return
     with needing("foxglove"):
         from annotate.foxglove.server import FoxgloveServer
@@ -98,7 +93,7 @@ def serving(port: int | None) -> Iterator[Stream]:
         yield partial(streamed, server=server)
 
 
-def show_window(running: Rig, options: LiveOptions, ending: Ending, stream: Stream = unstreamed) -> None:
+def show_window(running: Rig, options: LiveOptions, ending: Ending, stream: Stream = nullcontext) -> None:
     """Show a rig in the window until the window is closed."""
     with needing("gui"):
         from annotate.gui.app import run_live
@@ -112,9 +107,11 @@ def show_window(running: Rig, options: LiveOptions, ending: Ending, stream: Stre
 
 
 @contextmanager
-def run_pipeline(running: Rig, labelling: Labelling, stream: Stream = unstreamed) -> Iterator[LivePipeline]:
+def run_pipeline(running: Rig, labelling: Labelling, stream: Stream = nullcontext) -> Iterator[LivePipeline]:
     """Run a rig and its labelling; end both, and the recording, at the end of the context."""
-    with closing(running), _switching(SWITCH_S), closing(LivePipeline(running, labelling)) as pipeline:
+    with closing(running), ExitStack() as stack, closing(LivePipeline(running, labelling)) as pipeline:
+        stack.callback(sys.setswitchinterval, sys.getswitchinterval())
+        sys.setswitchinterval(SWITCH_S)
         running.start()
         pipeline.start()
         with stream(pipeline):
@@ -122,17 +119,6 @@ def run_pipeline(running: Rig, labelling: Labelling, stream: Stream = unstreamed
     for error in (running.error, pipeline.error):
         if error is not None:
             raise error
-
-
-@contextmanager
-def _switching(seconds: float) -> Iterator[None]:
-    """Set the interpreter's switch interval."""
-    before_s = sys.getswitchinterval()
-    sys.setswitchinterval(seconds)
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(before_s)
 
 
 def show_lines(pipeline: LivePipeline, end_s: float, show: Show, ending: Ending) -> int:
@@ -202,15 +188,9 @@ def _suit_body_pose(network: OnnxNetwork, labels: FrameLabels, camera: Intrinsic
 def _body_pose(state: BodyState | None, camera: Intrinsics) -> BodyPose | None:
     if state is None:
         return None
-    return BodyPose(
-        JOINT_NAMES,
-        state.joints_mm(camera) / 1000,
-        BONE_ENDS,
-        state.facing_deg,
-        state.facing_sure,
-        state.name,
-        float(state.posture.max()),
-    )
+    joints_m, posture_sure = state.joints_mm(camera) / 1000, float(state.posture.max())
+    facing = state.facing_deg, state.facing_sure
+    return BodyPose(JOINT_NAMES, joints_m, BONE_ENDS, *facing, state.name, posture_sure)
 
 
 def _finish(running: Rig, pipeline: LivePipeline, json: bool) -> None:

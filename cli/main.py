@@ -1,4 +1,4 @@
-"""The ``annotate-cloud`` command: all verbs, and the one place that prints errors and exits."""
+"""The ``annotate-cloud`` command: all verbs, and the place that prints errors and exits."""
 
 import errno
 import os
@@ -6,14 +6,13 @@ import sys
 
 import typer
 
-from cli import kernels
 from cli.verbs import (
     calibration,
     demo,
-    doctor,
     evaluation,
     exchange,
     info,
+    installation,
     labelling,
     learning,
     live,
@@ -37,37 +36,22 @@ app = typer.Typer(
 app.add_typer(labelling.suit_app, name="suit", rich_help_panel="Labels")
 app.add_typer(synthesis.app, name="synth", rich_help_panel="Synthetic people")
 VERBS = {
-    "Getting started": (demo.demo, doctor.doctor, kernels.compile_),
+    "Getting started": (demo.demo, installation.doctor, installation.compile_),
     "Recordings": (
-        simulation.simulate,
-        recording.devices,
-        rigs.rig,
-        recording.record,
-        live.live,
-        recording.repair,
-        calibration.calibrate,
-        exchange.import_,
-        info.info,
-        info.validate,
+        *(simulation.simulate, recording.devices, rigs.rig, recording.record, live.live),
+        *(recording.repair, calibration.calibrate, exchange.import_, info.info, info.validate),
     ),
     "Labels": (
-        labelling.label,
-        training.train_labels,
-        labelling.fix,
-        learning.learn,
-        evaluation.diff,
-        exchange.export,
+        *(labelling.label, training.train_labels, labelling.fix, learning.learn),
+        *(evaluation.diff, exchange.export),
     ),
     "Synthetic people": (motion.solve,),
     "Networks and results": (
-        training.train,
-        labelling.predict,
-        evaluation.evaluate,
-        evaluation.compare,
-        evaluation.report,
+        *(training.train, labelling.predict),
+        *(evaluation.evaluate, evaluation.compare, evaluation.report),
     ),
 }
-"""The verbs under the headings of ``--help``, in the order in which a newcomer needs them."""
+"""Verbs under the headings of ``--help``, in the order of first use."""
 
 for heading, verbs in VERBS.items():
     for verb in verbs:
@@ -78,8 +62,8 @@ CONTINUED = ("label", "predict", "train", "learn", "synth generate")
 
 
 def main() -> None:
-    """Run the command; exit 0 done, 1 a user's error in one line, 2 wrong usage, 3 done in part."""
-    # Child processes import nothing from the folder in which the user stands: it may be somebody else's.
+    """Run the command; exit with 0 done, 1 a user's error in one line, 2 wrong usage, 3 done in part."""
+    # Child processes import nothing from the current folder, because it may be another person's.
     os.environ["PYTHONSAFEPATH"] = "1"
     try:
         with interruptible():
@@ -94,7 +78,7 @@ def main() -> None:
             _fail(_interrupted(sys.argv[1:]), 130)
         raise
     except BrokenPipeError:
-        # Whatever read the output has ended: there is nowhere to print to.
+        # The reader of the output has ended.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except OSError as error:
@@ -108,7 +92,7 @@ def main() -> None:
 
 
 def _interrupted(words: list[str]) -> str:
-    """Return what an interrupted command prints: whether the same command, its ``words``, continues it."""
+    """Return the message of an interrupted command, given its words."""
     if " ".join(words[:1]) in CONTINUED or " ".join(words[:2]) in CONTINUED:
         kept = ", without --overwrite," if "--overwrite" in words else ""
         return f"interrupted; run the same command again{kept} to continue"

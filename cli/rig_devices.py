@@ -1,4 +1,4 @@
-"""The devices of a rig file or of addresses, opened and started; scenes of virtual cameras."""
+"""Devices of a rig file or of addresses, opened and started; scenes of virtual cameras."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 VIRTUAL_SEED = 7
 VIRTUAL_FRAMES = 30  # at 30 a second, which the virtual cameras repeat
-# Views of the plate, of which a calibration takes 12 to 14; s of each; untuned.
-VIRTUAL_VIEWS, HELD_S = 24, 4.0
+VIRTUAL_VIEWS, HELD_S = 24, 4.0  # views of the plate, of which a calibration takes 12 to 14; untuned
 
 
 class Shown:

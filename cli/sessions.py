@@ -1,11 +1,12 @@
 """A verb for every session of a folder: one after another here, or all at once on a dask cluster.
 
-Workers read sessions and write label sets where the command would, so all machines see the folders under the
-same path. A task goes on where a killed one ended, and its bytes are those of one machine.
+Workers read and write the same paths as the command. A task continues a killed task, to the same
+bytes on any machine.
 """
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -33,36 +34,40 @@ Scheduler = Annotated[
 ]
 
 
-def sessions_in(folder: Path, scheduler: str | None) -> dict[str, Path]:
-    """Sessions of a folder by name; none where it is a recording itself, in one piece or several.
+def recordings_in(folder: Path, *, foreign: bool = False) -> list[Path]:
+    """Return the MCAP files of a folder with sessions, in order; none where the folder is a recording itself.
 
-    Raises BadParameter where a scheduler is given and there are none.
+    foreign: include files of other programs; else a folder with such files is a recording.
     """
-    recording = not folder.is_dir() or (folder / "metadata.yaml").exists() or (folder / "depth").exists()
-    found: dict[str, Path] = {}
-    if not recording:
-        from sensors.session.recognise import mcap_files
+    if not folder.is_dir() or (folder / "metadata.yaml").exists() or (folder / "depth").exists():
+        return []
+    from sensors.session.recognise import mcap_files
 
-        sessions, foreign, unknown = mcap_files(folder)
-        if not foreign:
-            found = {path.stem: path for path in paths_in_order([*sessions, *unknown])}
+    sessions, others, unknown = mcap_files(folder)
+    wanted = sessions if foreign else not others
+    return paths_in_order([*sessions, *others, *unknown]) if wanted else []
+
+
+def sessions_in(folder: Path, scheduler: str | None) -> dict[str, Path]:
+    """Return the sessions of a folder by name. Raises BadParameter for a scheduler without sessions."""
+    found = {path.stem: path for path in recordings_in(folder)}
     if scheduler and not found:
-        raise typer.BadParameter(f"{folder} is no folder of sessions (*{SUFFIX}); leave out --scheduler")
+        raise typer.BadParameter(f"{folder} is not a folder of sessions (*{SUFFIX}); leave out --scheduler")
     return found
 
 
 def label_sets_in(predicted: Path, truth: Path, scheduler: str | None) -> dict[str, tuple[Path, Path]]:
-    """Label sets of a folder by name, each with its truth: NAME or NAME.truth of the other folder.
+    """Return the label sets of a folder by name, each with its truth: NAME or NAME.truth of the other folder.
 
-    None where it is a label set itself. Raises BadParameter where a scheduler is given and there are none,
-    CloudError for one without a truth.
+    The result is empty for a label set. Raises BadParameter for a scheduler without label sets,
+    CloudError for a label set without a truth.
     """
     from annotate.labelset.labelled_frames import holds_frames
 
     alone = holds_frames(predicted) or not predicted.is_dir()
     found = [] if alone else paths_in_order(path for path in predicted.iterdir() if holds_frames(path))
     if scheduler and not found:
-        raise typer.BadParameter(f"{predicted} is no folder of label sets; leave out --scheduler")
+        raise typer.BadParameter(f"{predicted} is not a folder of label sets; leave out --scheduler")
     pairs = {}
     for path in found:
         known = [truth / path.name, truth / f"{path.name}.truth"]
@@ -73,9 +78,9 @@ def label_sets_in(predicted: Path, truth: Path, scheduler: str | None) -> dict[s
 
 
 def each(
-    what: str, work: Callable[..., T], jobs: Mapping[str, tuple[Any, ...]], scheduler: str | None
+    title: str, work: Callable[..., T], jobs: Mapping[str, tuple[Any, ...]], scheduler: str | None
 ) -> tuple[dict[str, T], dict[str, str]]:
-    """What ``work`` gives for every job's arguments, by the job's name; and why it gave nothing.
+    """Return the results of ``work`` on every job's arguments, and the errors, by the job's name.
 
     Raises CloudError where the cluster cannot be reached or is lost.
     """
@@ -85,7 +90,7 @@ def each(
     failed: dict[str, str] = {}
     with (
         cluster(scheduler) if scheduler else nullcontext() as workers,
-        progress(what, len(jobs)) as advance,
+        progress(title, len(jobs)) as advance,
     ):
         for name, outcome in _outcomes(work, jobs, workers):
             try:
@@ -100,7 +105,7 @@ def each(
 def _outcomes(
     work: Callable[..., T], jobs: Mapping[str, tuple[Any, ...]], workers: "Workers | None"
 ) -> Iterator[tuple[str, Callable[[], T]]]:
-    """Name of a job and what gives or raises its outcome, in the order in which they are done."""
+    """Yield each job's name and the call that returns or raises its outcome, as jobs end."""
     if workers is None:
         yield from ((name, partial(work, *job)) for name, job in jobs.items())
         return
@@ -117,45 +122,48 @@ def _decisive() -> dict[str, str]:
 
 
 def _checked(wanted: dict[str, str], work: Callable[..., T], *job: object) -> T:
-    """A job's outcome. Raises CloudError on a worker of other versions, whose bytes might differ."""
+    """Return a job's outcome. Raises CloudError on a worker of other versions, whose bytes might differ."""
     if (here := _decisive()) != wanted:
         raise CloudError(f"a worker has {here}, the command {wanted}; install the same versions everywhere")
     return work(*job)
 
 
+@dataclass(frozen=True)
+class EachOptions:
+    """Options of a verb for every session of a folder. scheduler: of a cluster, None = here."""
+
+    out: Path
+    scheduler: str | None
+    overwrite: bool
+    json: bool
+
+
 def label_each(
-    what: str,
-    work: Callable[..., "Run"],
-    sessions: Mapping[str, Path],
-    out: Path,
-    scheduler: str | None,
-    overwrite: bool,
-    json: bool,
+    title: str, work: Callable[[Path, Path], "Run"], sessions: Mapping[str, Path], options: EachOptions
 ) -> None:
-    """Label every session into a label set of its name below ``out``, and print how many frames each has.
+    """Label every session into a label set of its name, and print the number of frames of each.
 
     work: (session, label set) -> run. Exits with 3 where a session or a frame failed.
     """
     from annotate.labelset import label_set as store
 
+    out = options.out
     for name, path in sessions.items():
-        clear(out / name, store.MANIFEST, overwrite, path)
+        clear(out / name, store.MANIFEST, options.overwrite, path)
     out.mkdir(parents=True, exist_ok=True)
     jobs = {name: (path.resolve(), (out / name).resolve()) for name, path in sessions.items()}
-    runs, failed = each(what, work, jobs, scheduler)
+    runs, failed = each(title, work, jobs, options.scheduler)
     rows = {name: {"frames": len(run.labels), "failed": len(run.failed)} for name, run in runs.items()}
     for name, run in runs.items():
-        for frame, why in run.failed:
-            say(f"{name}, frame {frame}: {why}")
-    finish_each(rows, failed, json, out)
+        say(*(f"{name}, frame {frame}: {why}" for frame, why in run.failed))
+    finish_each(rows, failed, options.json, out)
 
 
 def finish_each(
     rows: Mapping[str, Mapping[str, Any]], failed: Mapping[str, str], json: bool, out: Path | None
 ) -> None:
-    """Print a row a session; exits with 3 where one failed, or frames of it, with 1 where all failed."""
-    for name, why in failed.items():
-        say(f"{name}: {why}")
+    """Print a row a session; exit with 3 if a session or a frame failed. Raises CloudError if all failed."""
+    say(*(f"{name}: {why}" for name, why in failed.items()))
     if not rows:
         raise CloudError(f"none of the {len(failed)} sessions could be done; the lines above say why")
     heads = list(next(iter(rows.values())))

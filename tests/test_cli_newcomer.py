@@ -6,7 +6,7 @@ import pytest
 from conftest import assert_refused
 
 import synth.rig.simulate
-from cli.event_lines import event_lines
+from cli.console import event_lines
 
 VERBS = ("info", "fix", "export", "diff")
 

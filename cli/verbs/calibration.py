@@ -13,8 +13,9 @@ from sensors.files.atomic import check_free, replacing
 if TYPE_CHECKING:
     from sensors.calibrate.bundle import Adjusted
     from sensors.calibrate.hole_plate import HolePlate
-    from sensors.calibrate.verdict import Finding
-    from sensors.session.reader import Session
+
+LONGER = {"depth": 200, "color": 400, "thermal": 60}  # length of a drawn arrow as a multiple of its residual
+COLOR = "#1f6f8b"
 
 
 def calibrate(
@@ -60,79 +61,47 @@ def calibrate(
         raise typer.BadParameter("give a file for the calibration, or --check", param_hint="--out")
     if not live and (rig is not None or device):
         raise typer.BadParameter("needs --live; without it, record the plate first", param_hint="--rig")
-    for path in (out, _plot(out), *([yaml] if yaml else [])):
+    plot = out.with_suffix(".png")
+    for path in (out, plot, *([yaml] if yaml else [])):
         check_free(path, overwrite)
-    _check_rig(board, rig, device, overwrite)
-    session = None if live else _with_views(board)
     with needing("rig"):
+        from cli.guided import Guided
+        from cli.rig_devices import rig_of
         from sensors.calibrate.hole_plate import HolePlate
         from sensors.calibrate.verdict import judge
 
     plate = HolePlate(columns, rows, pitch_mm / 1000, hole_mm / 1000)
-    if session is None:
-        from cli.guided import guided_calibration
-
-        found = guided_calibration(board, plate, rig, device, out.with_suffix(".guide.png"), overwrite)
+    if live:
+        if rig is not None or device:
+            check_free(board, overwrite)
+            rig_of(rig, device)
+        found = Guided(board, rig, device, out.with_suffix(".guide.png"), overwrite).calibrate(plate)
     else:
-        found = _solve(session, plate)
+        found = _solve(board, plate)
     _write(found, out, yaml)
-    _report(found, *judge(found), out, json)
-
-
-def _opened(path: Path) -> "Session":
-    """A session, opened before what else is imported: a refusal need not wait."""
-    from sensors.session.reader import Session
-
-    return Session(path)
-
-
-def _with_views(path: Path) -> "Session":
-    """A session of the plate that can be calibrated, checked before anything is imported."""
-    from cli.rig_devices import check_infrared
-
-    session = _opened(path)
-    check_infrared(session)
-    return session
-
-
-def _check_rig(board: Path, rig: Path | None, device: list[str] | None, overwrite: bool) -> None:
-    """Check that views can be recorded if a rig or device is given, before any heavy import."""
-    if rig is None and not device:
-        return
-    from cli.rig_devices import rig_of
-
-    check_free(board, overwrite)
-    rig_of(rig, device)
-
-
-def _plot(out: Path) -> Path:
-    return out.with_suffix(".png")
+    _plot_residuals(plot, found)
+    good, findings = judge(found)
+    say(*(finding.text + (f": {finding.remedy}" if finding.remedy else "") for finding in findings))
+    verdict = "good" if good else "not reliable yet, see above"
+    finish(_result(found, good), json, f"{out}: {verdict}; errors drawn in {plot}")
 
 
 def _write(found: "Adjusted", out: Path, yaml: Path | None) -> None:
-    """The calibration, a plot of its errors beside it, and the same as YAML where that is wanted."""
     from sensors.calibration_files.calibration_yaml import write_yaml
     from sensors.rig.rig_calibration import save_calibration
 
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(out) as temporary:
         save_calibration(temporary, found.calibration)
-    _plot_residuals(_plot(out), found)
     if yaml is not None:
         write_yaml(yaml, found.calibration)
 
 
-def _report(found: "Adjusted", good: bool, findings: "list[Finding]", out: Path, json: bool) -> None:
-    for finding in findings:
-        say(finding.text + (f": {finding.remedy}" if finding.remedy else ""))
-    verdict = "good" if good else "not reliable yet, see above"
-    finish(_result(found, good), json, f"{out}: {verdict}; errors drawn in {_plot(out)}")
-
-
 def _check(path: Path, json: bool) -> None:
-    session = _opened(path)
     from annotate.person.alignment import measure_drift
+    from sensors.session.reader import Session
 
+    session = Session(path)
     drift = measure_drift(session, session.calibration)
     right, down = drift.shift_px
     verdict = "fits" if drift.is_tolerable else "record the hole plate and calibrate again"
@@ -150,10 +119,14 @@ def _check(path: Path, json: bool) -> None:
     finish(result, json, text)
 
 
-def _solve(session: "Session", plate: "HolePlate") -> "Adjusted":
+def _solve(path: Path, plate: "HolePlate") -> "Adjusted":
+    from cli.rig_devices import check_infrared
     from sensors.calibrate.bundle import adjust
     from sensors.calibrate.plate_view import view_plate, with_all_cameras
+    from sensors.session.reader import Session
 
+    session = Session(path)
+    check_infrared(session)
     views, guess = [], session.calibration
     with progress("find the plate", len(session)) as advance:
         for frame in session:
@@ -177,10 +150,6 @@ def _result(found: "Adjusted", good: bool) -> dict[str, Any]:
     }
 
 
-LONGER = {"depth": 200, "color": 400, "thermal": 60}
-"""Length of a drawn arrow as a multiple of its residual."""
-
-
 def _plot_residuals(path: Path, found: "Adjusted") -> None:
     """Write a PNG: above the residuals as arrows in each image, below their size by view."""
     import numpy as np
@@ -191,21 +160,14 @@ def _plot_residuals(path: Path, found: "Adjusted") -> None:
     for column, (name, seen) in enumerate(found.residuals.items()):
         camera = getattr(found.calibration, name)
         image, bars = axes[0, column], axes[1, column]
-        image.quiver(
-            *seen.px.T,
-            *(LONGER[name] * seen.error_px).T,
-            angles="xy",
-            scale_units="xy",
-            scale=1,
-            width=0.002,
-            color="#1f6f8b",
-        )
+        arrows = *seen.px.T, *(LONGER[name] * seen.error_px).T
+        image.quiver(*arrows, angles="xy", scale_units="xy", scale=1, width=0.002, color=COLOR)
         image.set(xlim=(0, camera.width), ylim=(camera.height, 0), aspect="equal")
         image.set_title(f"{name}: {seen.rms_px:.3f} px rms, arrows {LONGER[name]} times longer")
         views = np.unique(seen.view)
         square = np.square(seen.error_px).sum(axis=1)
         rms = [float(np.sqrt(square[seen.view == view].mean())) for view in views]
-        bars.bar(views, rms, color="#1f6f8b")
+        bars.bar(views, rms, color=COLOR)
         bars.set(xlabel="frame", ylabel="rms, px")
     with replacing(path) as temporary:
         figure.savefig(temporary, format="png", dpi=100)

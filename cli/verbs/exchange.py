@@ -1,17 +1,17 @@
 """Verbs that read recordings and labels of other tools, and write labels for them: import, export."""
 
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, BadParameter, Option
 
 from cli.console import Json, Overwrite, finish, progress, say
 from sensors.errors import FormatError
 from sensors.files.atomic import check_free
-from sensors.importers.open_source import KINDS, judged_notes, open_source, opener_at
+from sensors.importers.open_source import CLOUDS, KINDS, judged_notes, open_source, opener_at
 from sensors.importers.options import ImportOptions
 from synth.data_files import check_choice
 
@@ -19,20 +19,31 @@ if TYPE_CHECKING:
     from annotate.labelset.label_set import LabelSet
     from sensors.rig.frame import FrameSource, RigFrame
 
-SESSION_SUFFIX = ".mcap"
 FOXGLOVE = "foxglove"
-"""Its name for ``export --format``."""
+
+
+@dataclass(frozen=True)
+class Output:
+    """A verb's output. path: file or folder to write."""
+
+    path: Path
+    overwrite: bool
+    json: bool
+
+    def finish(self, result: dict[str, Any], text: str) -> None:
+        """Print a result."""
+        finish(result, self.json, f"{text} in {self.path}")
 
 
 def formats() -> list[str]:
-    """Names of the formats of labels."""
+    """Return the names of the formats of labels."""
     from annotate.exchange.formats import FORMATS
 
     return [*FORMATS, FOXGLOVE]
 
 
 def import_(
-    source: Annotated[Path, Argument(help=f"Recording: {KINDS}. Labels: whatever export writes.")],
+    source: Annotated[Path, Argument(help=f"Recording: {KINDS}. Labels: any output of export.")],
     out: Annotated[Path, Argument(help="out.mcap for a recording, a folder for labels.")],
     intrinsics: Annotated[
         Path | None,
@@ -60,12 +71,13 @@ def import_(
 ) -> None:
     """Import a recording (out.mcap) or another tool's labels (a folder); print all assumptions."""
     options = ImportOptions(intrinsics, depth_unit, turn, mirror, subject, rate, tuple(topic or ()), axes)
-    if out.suffix.lower() == SESSION_SUFFIX:
-        _import_images(source, out, options, overwrite, json)
+    output = Output(out, overwrite, json)
+    if out.suffix.lower() == ".mcap":
+        _import_images(source, options, output)
         return
     if options != ImportOptions(intrinsics):
         raise BadParameter("--depth-unit to --axes are for recordings; name the output out.mcap")
-    _import_labels(source, out, intrinsics, overwrite, json)
+    _import_labels(source, intrinsics, output)
 
 
 def export(
@@ -83,7 +95,7 @@ def export(
         Path | None,
         Option(
             help="Recording of these labels, for foxglove's colours and temperatures (default: the one "
-            "beside them). For pcd and ply the cloud that was labelled: its own points get the labels."
+            "beside them). For pcd and ply, the labelled cloud: its own points get the labels."
         ),
     ] = None,
     overwrite: Overwrite = False,
@@ -91,93 +103,77 @@ def export(
 ) -> None:
     """Write a label set in another tool's format; import reads it back, except foxglove."""
     from annotate.exchange.formats import FORMATS, export_labels
+    from annotate.exchange.labelled_points import KINDS as POINTS
+    from annotate.exchange.labelled_points import export_points
     from annotate.labelset.label_set import LabelSet
 
     check_choice("format", format_, (*FORMATS, FOXGLOVE))
-    label_set = LabelSet.open(labels)
+    label_set, output = LabelSet.open(labels), Output(out, overwrite, json)
+    result: dict[str, Any] = {"frames": len(label_set), "format": format_, "path": str(out)}
     if format_ == FOXGLOVE:
-        _export_foxglove(label_set, session, out, overwrite, json)
+        remarks = _export_foxglove(label_set, session, output)
+        output.finish({**result, "remarks": remarks}, f"{len(label_set)} frames as {format_}")
         return
     if session is not None:
-        _export_points(label_set, session, out, format_, overwrite, json)
+        if format_ not in POINTS or session.suffix.lower() not in CLOUDS:
+            raise BadParameter(
+                f"only --format {FOXGLOVE} uses it, and {' and '.join(POINTS)} of a cloud file",
+                param_hint="--session",
+            )
+        done = export_points(label_set, session, format_, out, overwrite=overwrite)
+        text = f"labels of {done.labelled} of {done.points} points of {session}"
+        output.finish(result | done._asdict(), text)
         return
     with progress("export", len(label_set)) as advance:
         lost = export_labels(label_set, out, format_, advance, overwrite=overwrite)
     if lost:
         say(f"{format_} cannot carry {' and '.join(lost)}: left out")
-    result = {"frames": len(label_set), "format": format_, "path": str(out), "left_out": list(lost)}
-    finish(result, json, f"{len(label_set)} frames as {format_} in {out}")
+    output.finish({**result, "left_out": list(lost)}, f"{len(label_set)} frames as {format_}")
 
 
-def _export_points(
-    labels: "LabelSet", session: Path, out: Path, format_: str, overwrite: bool, json: bool
-) -> None:
-    """Write labels back onto the points of the cloud that was labelled."""
-    from annotate.exchange.labelled_points import KINDS as POINTS
-    from annotate.exchange.labelled_points import export_points
-    from sensors.importers.open_source import CLOUDS
-
-    if format_ not in POINTS or session.suffix.lower() not in CLOUDS:
-        raise BadParameter(
-            f"only --format {FOXGLOVE} uses it, and {' and '.join(POINTS)} of a cloud file",
-            param_hint="--session",
-        )
-    done = export_points(labels, session, format_, out, overwrite=overwrite)
-    result = {"frames": len(labels), "format": format_, "path": str(out), **done._asdict()}
-    finish(result, json, f"labels of {done.labelled} of {done.points} points of {session} in {out}")
-
-
-def _export_foxglove(
-    labels: "LabelSet", session: Path | None, out: Path, overwrite: bool, json: bool
-) -> None:
-    check_free(out, overwrite)
-    if session is not None:
-        opener_at(session)
+def _export_foxglove(labels: "LabelSet", session: Path | None, output: Output) -> list[str]:
+    """Write labels and their recording for Foxglove; return and print the remarks."""
     from annotate.foxglove.file import FoxgloveSource, export_foxglove
     from annotate.labelset.source_recording import find_session
     from eval.network.joint_files import noted_joints
 
+    check_free(output.path, output.overwrite)
+    if session is not None:
+        opener_at(session)
     session = session or find_session(labels)
     source = FoxgloveSource(labels, session, partial(noted_joints, labels))
     with progress("export", len(labels)) as advance:
-        remarks = export_foxglove(source, out, advance, overwrite=overwrite)
-    for remark in remarks:
-        say(remark)
+        remarks = export_foxglove(source, output.path, advance, overwrite=output.overwrite)
+    say(*remarks)
     if session is None:
         say("no recording beside the labels, so no colours and temperatures; give one with --session")
-    result = {"frames": len(labels), "format": FOXGLOVE, "path": str(out), "remarks": remarks}
-    finish(result, json, f"{len(labels)} frames as {FOXGLOVE} in {out}")
+    return remarks
 
 
-def _import_images(source: Path, out: Path, options: ImportOptions, overwrite: bool, json: bool) -> None:
+def _import_images(source: Path, options: ImportOptions, output: Output) -> None:
     from sensors.session.messages import SUBJECT
     from sensors.session.writer import RepeatableWriter
 
     frames = open_source(source, options)
     notes, streams, faults = judged_notes(frames), Counter[str](), Counter[str]()
-    with (
-        RepeatableWriter(
-            out,
-            frames.calibration,
-            frames.name,
-            overwrite=overwrite,
-            metadata={SUBJECT: frames.subject} if frames.subject else None,
-        ) as writer,
-        progress("import", len(frames)) as advance,
-    ):
+    subject = {SUBJECT: frames.subject} if frames.subject else None
+    file = RepeatableWriter(
+        output.path, frames.calibration, frames.name, overwrite=output.overwrite, metadata=subject
+    )
+    with file as writer, progress("import", len(frames)) as advance:
         for frame in map(partial(_without_broken_color, faults), frames):
             writer.write(frame)
-            streams.update(_streams_of(frame))
+            images = {"color": frame.color_encoded, "thermal": frame.thermal_c, "infrared": frame.infrared}
+            streams.update(["depth", *(name for name, image in images.items() if image is not None)])
             advance(1)
     notes = (*notes, *(f"colour of {count} frames is {fault}: left out" for fault, count in faults.items()))
-    for note in (*notes, _camera_note(frames)):
-        say(note)
+    say(*notes, _camera_note(frames))
     result = {"frames": streams["depth"], "streams": dict(streams), "notes": list(notes)}
-    finish(result, json, f"{streams['depth']} frames with {', '.join(sorted(streams))} in {out}")
+    output.finish(result, f"{streams['depth']} frames with {', '.join(sorted(streams))}")
 
 
 def _without_broken_color(faults: Counter[str], frame: "RigFrame") -> "RigFrame":
-    """Return a frame without its colour image where that is broken, and count the fault."""
+    """Return a frame without its colour image if the image is broken, and count the fault."""
     from sensors.files.images import size_of_encoded
 
     if frame.color_encoded is None:
@@ -207,21 +203,16 @@ def _camera_note(frames: "FrameSource") -> str:
     return f"depth camera: {'; '.join(texts)}"
 
 
-def _import_labels(source: Path, out: Path, intrinsics: Path | None, overwrite: bool, json: bool) -> None:
+def _import_labels(source: Path, intrinsics: Path | None, output: Output) -> None:
     from annotate.exchange.formats import import_labels
 
     with progress("import", None) as advance:
         labels, name, remarks = import_labels(
-            source, out, advance, overwrite=overwrite, intrinsics=intrinsics
+            source, output.path, advance, overwrite=output.overwrite, intrinsics=intrinsics
         )
-    for remark in remarks:
-        say(remark)
+    say(*remarks)
     frames = len(labels)
-    streams = {"depth": frames, "parts": frames}
-    result = {"frames": frames, "streams": streams, "format": name, "path": str(out), "remarks": remarks}
-    finish(result, json, f"{frames} labelled frames of {name} in {out}")
-
-
-def _streams_of(frame: "RigFrame") -> list[str]:
-    images = {"color": frame.color_encoded, "thermal": frame.thermal_c, "infrared": frame.infrared}
-    return ["depth", *(name for name, image in images.items() if image is not None)]
+    result = {"frames": frames, "streams": {"depth": frames, "parts": frames}, "format": name}
+    output.finish(
+        {**result, "path": str(output.path), "remarks": remarks}, f"{frames} labelled frames of {name}"
+    )

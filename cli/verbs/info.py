@@ -1,4 +1,4 @@
-"""The verbs ``info`` and ``validate``: what a path holds, and whether it is sound."""
+"""The verbs ``info`` and ``validate``: the contents of a path, and its problems."""
 
 from collections import Counter
 from datetime import datetime
@@ -8,52 +8,67 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument
 
-from cli.console import Json, cell, facts, finish, table
-from cli.event_lines import event_lines
-from cli.info_folder import folder_info, folder_problems, recordings_in
-from cli.info_labels import labels_info
+from cli.console import Json, cell, event_lines, facts, finish, table
+from cli.sessions import recordings_in
 from sensors.errors import CloudError
 from sensors.importers.open_source import judged_notes, open_source
 
-EARLIEST_NS = 946_684_800 * 10**9
-"""Nanoseconds from 1970 to 2000: earlier times are counted from a device's start."""
-DOUBTFUL = "doubtful"
-"""First word of notes on doubts."""
-
 if TYPE_CHECKING:
+    from annotate.correction.audit import Audit, PersonWork
+    from annotate.labelset.journal import Journal
+    from annotate.labelset.label_set import LabelSet
     from sensors.rig.frame import FrameSource
-    from sensors.rig.rig_calibration import RigCalibration
     from sensors.session.reader import Session
 
+EARLIEST_NS = 946_684_800 * 10**9  # 2000, from 1970: earlier times are counted from a device's start
+DOUBTFUL = "doubtful"  # first word of notes on doubts
+FOLDER = "folder of recordings"
 Held = Annotated[
     Path, Argument(help="Session or folder of sessions, label set, dataset, motion, or what import reads.")
 ]
-Shown = tuple[dict[str, Any], str]
-"""What a path holds: as JSON, and as lines for people."""
+Contents = tuple[dict[str, Any], str]  # as JSON, and as lines for people
+Problems = tuple[list[str], list[str]]  # problems and doubts
 
 
-def info(
-    path: Held,
-    json: Json = False,
-) -> None:
-    """Show what a path holds; for a label set, also who corrected what."""
+def info(path: Held, json: Json = False) -> None:
+    """Show the contents of a path; for a label set, also the work of each person on it."""
     from annotate.labelset import dataset, label_set
 
     if (path / label_set.MANIFEST).is_file() or label_set.label_sets_in(path):
-        result, text = labels_info(label_set.LabelSet.open(path))
+        result, text = _labels(label_set.LabelSet.open(path))
     elif (path / dataset.MANIFEST).is_file():
         shards = dataset.Dataset.open(path)
         result = {"kind": "dataset", "shards": len(shards.shards), **shards.info}
         text = facts(result)
-    elif files := recordings_in(path):
-        result, text = folder_info(files)
+    elif files := recordings_in(path, foreign=True):
+        result, text = _folder(files)
     else:
         result, text = _motion(path) or _source(path)
     finish(result, json, text)
 
 
-def _motion(path: Path) -> Shown | None:
-    """What a motion holds; None for anything else. Only archives are worth the imports."""
+def validate(path: Held, json: Json = False) -> None:
+    """Check every frame, print doubts about depth; exit with 1 on a problem."""
+    from annotate.labelset import dataset
+    from annotate.labelset import label_set as store
+
+    doubts: list[str] = []
+    if (path / store.MANIFEST).is_file():
+        problems = store.validate(store.LabelSet.open(path))
+    elif (path / dataset.MANIFEST).is_file():
+        problems = dataset.validate(dataset.Dataset.open(path))
+    elif files := recordings_in(path, foreign=True):
+        problems, doubts = _folder_problems(files)
+    else:
+        problems, doubts = _source_problems(path)
+    verdict = [] if problems else [f"{path}: no {'other ' if doubts else ''}problems found"]
+    result = {"ok": not problems, "problems": problems, **({"doubts": doubts} if doubts else {})}
+    finish(result, json, "\n".join([*doubts, *problems, *verdict]))
+    if problems:
+        raise typer.Exit(1)
+
+
+def _motion(path: Path) -> Contents | None:
     if path.suffix != ".npz":
         return None
     from cli.verbs.motion import motion_info
@@ -62,11 +77,10 @@ def _motion(path: Path) -> Shown | None:
     return motion_info(path) if is_motion(path) else None
 
 
-def _source(path: Path) -> Shown:
-    source = open_source(path)
-    # Imported after the file was recognised: a refusal costs no imports.
+def _source(path: Path) -> Contents:
     from sensors.session.reader import Session
 
+    source = open_source(path)
     result: dict[str, Any] = {"kind": type(source).__name__, "name": source.name, "frames": len(source)}
     if source.subject:
         result["subject"] = source.subject
@@ -103,62 +117,74 @@ def _recording(session: "Session") -> dict[str, Any]:
 
 
 def _started(source: "FrameSource") -> str | None:
-    """Return the date and time of the first frame, in this computer's time zone.
-
-    None where frames have no date.
-    """
+    """Return the local date and time of the first frame; None where frames have no date."""
     if not len(source) or (first_ns := int(source.times_ns[0])) < EARLIEST_NS:
         return None
     return datetime.fromtimestamp(first_ns / 1e9).astimezone().isoformat(" ", "seconds")
 
 
 def _streams(session: "Session") -> str:
-    columns = ("stream", "messages", "per second", "size, px", "focal length, px")
-    rows = [
-        (topic, stream.count, stream.rate_hz, *_camera(session.calibration, topic))
-        for topic, stream in session.streams.items()
-    ]
-    return table(columns, rows)
-
-
-def _camera(rig: "RigCalibration", topic: str) -> tuple[str | None, float | None]:
-    """Size and focal length of the camera that a topic's images are of, as its calibration has them."""
+    """Return a table of the streams, each with size and focal length of its camera."""
     from sensors.session.messages import COLOR, COUNTS, DEPTH, INFRARED, THERMAL
 
+    rig, rows = session.calibration, []
     depth, thermal = rig.depth, rig.thermal
     cameras = {DEPTH: depth, INFRARED: depth, THERMAL: thermal, COUNTS: thermal, COLOR: rig.color}
-    camera = cameras.get(topic)
-    return (None, None) if camera is None else (f"{camera.width} x {camera.height}", camera.fx)
+    for topic, stream in session.streams.items():
+        camera = cameras.get(topic)
+        lens = (None, None) if camera is None else (f"{camera.width} x {camera.height}", camera.fx)
+        rows.append((topic, stream.count, stream.rate_hz, *lens))
+    return table(("stream", "messages", "per second", "size, px", "focal length, px"), rows)
 
 
-def validate(path: Held, json: Json = False) -> None:
-    """Check every frame, print doubts about depth; exits with 1 if something is wrong."""
-    from annotate.labelset import dataset
-    from annotate.labelset import label_set as store
+def _folder(files: list[Path]) -> Contents:
+    found: dict[str, dict[str, Any]] = {}
+    for file in files:
+        try:
+            source = open_source(file)
+            span_s = float(source.times_ns[-1] - source.times_ns[0]) * 1e-9 if len(source) else 0.0
+            found[file.name] = {
+                "kind": type(source).__name__,
+                "name": source.name,
+                "frames": len(source),
+                "duration_s": round(span_s, 3),
+                "notes": list(source.notes),
+            }
+        except (CloudError, OSError) as error:
+            found[file.name] = {"error": str(error)}
+    rows = [
+        (name, one["kind"], one["name"], one["frames"], cell(one["duration_s"], "s"))
+        for name, one in found.items()
+        if "error" not in one
+    ]
+    lines = [
+        f"{name}: {text}"
+        for name, one in found.items()
+        for text in ([one["error"]] if "error" in one else one["notes"])
+    ]
+    head = facts({"kind": FOLDER, "recordings": len(files)})
+    columns = ("file", "kind", "name", "frames", "duration")
+    return {"kind": FOLDER, "recordings": found}, "\n\n".join([head, table(columns, rows), *lines])
 
-    doubts: list[str] = []
-    if (path / store.MANIFEST).is_file():
-        problems = store.validate(store.LabelSet.open(path))
-    elif (path / dataset.MANIFEST).is_file():
-        problems = dataset.validate(dataset.Dataset.open(path))
-    elif files := recordings_in(path):
-        problems, doubts = folder_problems(files, _source_problems)
-    else:
-        problems, doubts = _source_problems(path)
-    verdict = [] if problems else [f"{path}: no {'other ' if doubts else ''}problems found"]
-    result = {"ok": not problems, "problems": problems, **({"doubts": doubts} if doubts else {})}
-    finish(result, json, "\n".join([*doubts, *problems, *verdict]))
-    if problems:
-        raise typer.Exit(1)
+
+def _folder_problems(files: list[Path]) -> Problems:
+    problems, doubts = list[str](), list[str]()
+    for file in files:
+        try:
+            wrong, doubtful = _source_problems(file)
+        except (CloudError, OSError) as error:
+            wrong, doubtful = [str(error)], []
+        problems += [f"{file.name}: {problem}" for problem in wrong]
+        doubts += [f"{file.name}: {doubt}" for doubt in doubtful]
+    return problems, doubts
 
 
-def _source_problems(path: Path) -> tuple[list[str], list[str]]:
-    """Return the problems and the doubts of a source."""
-    source = open_source(path)
+def _source_problems(path: Path) -> Problems:
     from annotate.cloud.fuse import Fuser
     from annotate.label_recording import calibrated
     from sensors.session.reader import Session
 
+    source = open_source(path)
     problems = _session_problems(source, path) if isinstance(source, Session) else []
     fuser = Fuser(source.calibration)
     for index in range(len(source)):
@@ -173,7 +199,7 @@ def _source_problems(path: Path) -> tuple[list[str], list[str]]:
     try:
         doubts = [note for note in judged_notes(source) if note.startswith(DOUBTFUL)]
     except CloudError:
-        doubts = []  # a frame that cannot be read is a problem already
+        doubts = []  # an unreadable frame is among the problems
     return problems, doubts
 
 
@@ -189,3 +215,62 @@ def _session_problems(session: "Session", path: Path) -> list[str]:
             f"annotate-cloud repair {session.path}"
         ]
     return [f"{session.path}: {problem}" for problem in problems_of(session.path)]
+
+
+def _labels(labels: "LabelSet") -> Contents:
+    from annotate.correction.audit import audit
+    from annotate.labelset.journal import Journal
+
+    journal, frames = Journal.of(labels.path), len(labels.frame_ids)
+    states, pixels = _counted(labels, journal)
+    head = {"kind": "label set", "frames": frames, "states": states}
+    source, steps = labels.info.get("source", ""), labels.info.get("steps", {})
+    result: dict[str, Any] = {**head, "pixels": pixels, "source": source, "steps": steps}
+    texts = [
+        facts({**head, "source": source, "steps": list(steps)}),
+        table(("part", "pixels per frame"), [(part, n / max(1, frames)) for part, n in pixels.items()]),
+    ]
+    if journal and (found := audit(labels, journal)).people:
+        result["audit"] = found.to_json()
+        texts += [_people(found), *(_parts(person) for person in found.people if person.parts)]
+        texts += [f"rejected {frame_id}: {reason}" for frame_id, reason in found.rejected.items()]
+    return result, "\n\n".join(texts)
+
+
+def _counted(labels: "LabelSet", journal: "Journal") -> tuple[dict[str, int], dict[str, int]]:
+    """Return the number of frames by state, and of pixels by part."""
+    import numpy as np
+
+    from annotate.correction.replay import STATE_NAMES, state_of
+    from annotate.parts import PARTS
+
+    states, pixels = Counter[str](), np.zeros(256, np.int64)
+    for frame_id in labels.frame_ids:
+        strokes = journal.strokes(frame_id)
+        before = labels.status(frame_id, bool(strokes) and labels.has_original(frame_id))
+        truth = before == "truth" and not strokes
+        states["truth" if truth else STATE_NAMES[state_of(strokes, before)]] += 1
+        # Only this image is read, because the others take most of the time.
+        pixels += np.bincount(labels.parts(frame_id).ravel(), minlength=256)
+    return dict(states), {part.name: int(pixels[part.id]) for part in PARTS}
+
+
+def _people(found: "Audit") -> str:
+    names = ("person", "frames", "accepted", "untouched", "s median", "s p90", "strokes", "undos", "changed")
+    rows = [
+        (
+            *(person.who, person.frames, person.accepted, f"{person.accepted_untouched:.0%}"),
+            *(f"{person.seconds_median:.1f}", f"{person.seconds_p90:.1f}"),
+            *(person.strokes, person.undos, f"{person.changed:.1%}"),
+        )
+        for person in found.people
+    ]
+    return table(names, rows, "Corrections")
+
+
+def _parts(person: "PersonWork") -> str:
+    rows = [
+        (name, work.strokes, f"{work.seconds:.1f}", work.gained_px, work.lost_px)
+        for name, work in person.parts.items()
+    ]
+    return table(("part", "strokes", "seconds", "px gained", "px lost"), rows, f"Parts, {person.who}")

@@ -4,24 +4,23 @@ import math
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer import Argument, Option
 
 from cli.console import Json, Overwrite, check_room, clear, finish, finish_run, progress, say
 from cli.extras import check_extra, needing
-from cli.sessions import Scheduler, label_each, sessions_in
+from cli.sessions import EachOptions, Scheduler, label_each, sessions_in
 from sensors.files.atomic import check_free, check_there, write_bytes
 from sensors.importers.open_source import doubts_of, open_source, opener_at
 
 if TYPE_CHECKING:
-    from annotate.label_recording import Run
+    from annotate.label_recording import Run, SuitLabeller
     from annotate.labelset.labelled_frames import LabelledFrames
-    from annotate.segmentation.suit_network import SuitNetwork
-    from annotate.suit.palette import Suit
     from sensors.importers.open_source import Source
 
 suit_app = typer.Typer(help="Palettes of the colour-coded suit.", no_args_is_help=True)
@@ -60,33 +59,31 @@ def label(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Fuse the cameras, find the person by warmth and shape, and read the body parts from the suit."""
+    """Fuse the cameras, find the person by warmth and shape, and segment the body parts by the suit."""
+    from annotate.label_recording import SuitLabeller, label_source
     from annotate.labelset import label_set as store
+    from annotate.segmentation.suit_network import SuitNetwork, shipped_suit_network
     from annotate.suit.palette import load_suit
 
     palette = load_suit(suit) if suit else None
+    given = [path for path in (suit, weights) if path]
     sessions = sessions_in(session, scheduler)
     source = None if sessions else open_source(session)
-    given = [path for path in (suit, weights) if path]
     check_there(*given)
     if source is not None:
         check_room(out, store.MANIFEST, overwrite, session, *given)
-    from annotate.segmentation.suit_network import SuitNetwork, shipped_suit_network
-
-    reader = SuitNetwork(weights) if weights else shipped_suit_network()
+    network = SuitNetwork(weights) if weights else shipped_suit_network()
+    labeller = SuitLabeller(palette, network, window)
     if source is None:
-        one = partial(_label, palette, window, reader)
-        label_each("label", one, sessions, out, scheduler, overwrite, json)
+        one = partial(_label, labeller)
+        label_each("label", one, sessions, EachOptions(out, scheduler, overwrite, json))
         return
     clear(out, store.MANIFEST, overwrite, session, *given)
     notes = [*source.notes, *doubts_of(source), *(palette.notes if palette else ())]
-    for note in notes:
-        say(note)
-    from annotate.label_recording import SuitLabeller, label_source
-
+    say(*notes)
     started = time.monotonic()
     with progress("label", len(source)) as advance:
-        run = label_source(source, SuitLabeller(palette, reader, window), out, advance)
+        run = label_source(source, labeller, out, advance)
     seconds = (time.monotonic() - started) / max(1, len(source))
     frames, review = len(run.labels), run.review_order()
     result = {"frames": frames, "seconds_per_frame": round(seconds, 4), "review": review, "notes": notes}
@@ -94,13 +91,10 @@ def label(
     finish_run(result, run, json, text)
 
 
-def _label(
-    suit: "Suit | None", window_c: tuple[float, float] | None, reader: "SuitNetwork", session: Path, out: Path
-) -> "Run":
-    """Labels of one session of a folder, on any machine that sees it."""
-    from annotate.label_recording import SuitLabeller, label_source
+def _label(labeller: "SuitLabeller", session: Path, out: Path) -> "Run":
+    from annotate.label_recording import label_source
 
-    return label_source(open_source(session), SuitLabeller(suit, reader, window_c), out, lambda _: None)
+    return label_source(open_source(session), labeller, out, lambda _: None)
 
 
 @suit_app.command()
@@ -123,33 +117,70 @@ def learn(
     json: Json = False,
 ) -> None:
     """Learn the suit's palette from corrected frames, or from a photograph of its cloths."""
-    check_extra("rig", "skimage")
-    check_free(out, overwrite)
-    by_photo = swatches is not None and labels is None and session is None and not frame
-    if not by_photo and (swatches is not None or labels is None or session is None):
-        raise typer.BadParameter("give labels with --session, or --swatches alone")
-    check_there(*(given for given in (swatches, labels) if given is not None))
-    from annotate.labelset.label_set import LabelSet
-
-    if labels is not None and session is not None:
-        LabelSet.open(labels)
-        opener_at(session)
     with needing("rig"):
         from annotate.suit.palette import suit_to_toml
         from annotate.suit.palette_fit import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
+    from annotate.labelset.label_set import LabelSet
 
-    if swatches is not None:
+    check_free(out, overwrite)
+    if swatches is not None and labels is None and session is None and not frame:
+        check_there(swatches)
         palette = suit_from_photo(swatches, out.stem)
-    else:
-        assert labels is not None and session is not None
-        chosen = LabelSet.open(labels)
+    elif swatches is None and labels is not None and session is not None:
+        chosen, source = LabelSet.open(labels), open_source(session)
         ids = frame or corrected_frames(chosen)
-        palette = suit_from_labels(clouds_with(chosen, ids, open_source(session)), out.stem)
+        palette = suit_from_labels(clouds_with(chosen, ids, source), out.stem)
+    else:
+        raise typer.BadParameter("give labels with --session, or --swatches alone")
     write_bytes(out, suit_to_toml(palette).encode())
-    for note in palette.notes:
-        say(note)
+    say(*palette.notes)
     result = {"suit": str(out), "colors": len(palette.parts), "notes": list(palette.notes)}
     finish(result, json, f"{len(palette.parts)} colours in {out}")
+
+
+@dataclass(frozen=True)
+class PredictChoices:
+    """Options of ``predict``. Raises BadParameter for options that exclude each other.
+
+    again: None = recordings alone. learnt: further refinement network.
+    """
+
+    weights: Path | None
+    window_c: tuple[float, float] | None
+    probabilities: bool
+    everybody: bool
+    again: bool | None
+    learnt: Path | None
+
+    def __post_init__(self) -> None:
+        if self.probabilities and self.everybody:
+            raise typer.BadParameter(
+                "--probabilities stores one person, --everybody labels all; leave out one of them"
+            )
+        if (self.again or self.learnt) and (self.probabilities or self.everybody):
+            raise typer.BadParameter(
+                "--again and --learnt refine one person; leave out --probabilities and --everybody"
+            )
+
+    def work(self, opened: "LabelledFrames | Source", out: Path) -> "Callable[[Callable[[int], None]], Run]":
+        """Return the call that labels frames or a recording, given its progress."""
+        from annotate.labelset.labelled_frames import LabelledFrames
+        from annotate.segmentation.suit_network import SuitNetwork
+        from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
+        from eval.network.predict import PredictOptions, predict_frames
+        from eval.network.predict_source import predict_source
+        from eval.network.refine import shipped_refinement_network
+
+        network = OnnxNetwork(self.weights or SHIPPED_WEIGHTS)
+        refiners = [SuitNetwork(self.learnt)] if self.learnt else []
+        if isinstance(opened, LabelledFrames):
+            refiners = [shipped_refinement_network(), *refiners] if self.again else refiners
+            options = PredictOptions(self.probabilities, refiners=refiners)
+            return partial(predict_frames, opened, network, out, options=options)
+        once = self.again is False or self.probabilities or self.everybody
+        room = None if once else shipped_refinement_network()
+        options = PredictOptions(self.probabilities, self.everybody, self.window_c, room, refiners)
+        return partial(predict_source, opened, network, out, options=options)
 
 
 def predict(
@@ -171,41 +202,31 @@ def predict(
         Option(help="Refine the labels by the depth of the room.", show_default="recordings alone"),
     ] = None,
     learnt: Annotated[
-        Path | None,
-        Option(help="Refinement network (.onnx) of this person and room, from learn."),
+        Path | None, Option(help="Refinement network (.onnx) of this person and room, from learn.")
     ] = None,
     scheduler: Scheduler = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Label depth images with a network; label sets and datasets keep their outlines of the person."""
-    if joints is not None:
-        from eval.network.joint_files import check_kind, write_joints
+    from annotate.labelset import label_set as store
+    from eval.network.joint_files import check_kind, write_joints
 
+    if joints is not None:
         check_kind(joints)
         check_free(joints, overwrite)
-    if probabilities and everybody:
-        raise typer.BadParameter(
-            "--probabilities stores one person, --everybody labels all; leave out one of them"
-        )
-    if (again or learnt) and (probabilities or everybody):
-        raise typer.BadParameter(
-            "--again and --learnt refine one person; leave out --probabilities and --everybody"
-        )
+    choices = PredictChoices(weights, window, probabilities, everybody, again, learnt)
     given = [path for path in (weights, learnt) if path]
     check_there(*given)
-    how = _Prediction(weights, window, probabilities, everybody, again, learnt)
     if sessions := sessions_in(source, scheduler):
         if joints is not None:
             raise typer.BadParameter("--joints is for one session; its notes in each label set hold them")
-        one = partial(_predict, how)
-        label_each("predict", one, sessions, out, scheduler, overwrite, json)
+        one = partial(_predict, choices)
+        label_each("predict", one, sessions, EachOptions(out, scheduler, overwrite, json))
         return
     opened = _opened(source, everybody)
-    from annotate.labelset import label_set as store
-
     check_room(out, store.MANIFEST, overwrite, source, *given)
-    work = _work(opened, out, how)
+    work = choices.work(opened, out)
     clear(out, store.MANIFEST, overwrite, source, *given)
     started, total = time.monotonic(), len(opened)
     with progress("predict", total) as advance:
@@ -217,62 +238,25 @@ def predict(
     finish_run(result, run, json, f"{len(run.labels)} frames in {out}, {ms:.0f} ms each")
 
 
-class _Prediction(NamedTuple):
-    """Options of ``predict``."""
-
-    weights: Path | None
-    window_c: tuple[float, float] | None
-    probabilities: bool
-    everybody: bool
-    again: bool | None
-    learnt: Path | None
-
-
-def _predict(how: _Prediction, session: Path, out: Path) -> "Run":
-    """Labels of one session of a folder by the network, on any machine that sees it."""
-    return _work(open_source(session), out, how)(lambda _: None)
-
-
-def _work(
-    opened: "LabelledFrames | Source", out: Path, how: _Prediction
-) -> "Callable[[Callable[[int], None]], Run]":
-    """Return the function that labels frames or a recording by the network, given the progress."""
-    from annotate.labelset.labelled_frames import LabelledFrames
-    from annotate.segmentation.suit_network import SuitNetwork
-    from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
-    from eval.network.predict import PredictOptions, predict_frames
-    from eval.network.predict_source import predict_source
-    from eval.network.refine import shipped_refinement_network
-
-    network = OnnxNetwork(how.weights or SHIPPED_WEIGHTS)
-    readers = [SuitNetwork(how.learnt)] if how.learnt else []
-    if isinstance(opened, LabelledFrames):
-        readers = [shipped_refinement_network(), *readers] if how.again else readers
-        options = PredictOptions(how.probabilities, refiners=readers)
-        return partial(predict_frames, opened, network, out, options=options)
-    once = how.again is False or how.probabilities or how.everybody
-    refiner = None if once else shipped_refinement_network()
-    options = PredictOptions(how.probabilities, how.everybody, how.window_c, refiner, readers)
-    return partial(predict_source, opened, network, out, options=options)
+def _predict(choices: PredictChoices, session: Path, out: Path) -> "Run":
+    return choices.work(open_source(session), out)(lambda _: None)
 
 
 def _opened(source: Path, everybody: bool) -> "LabelledFrames | Source":
-    """Labels or a recording; what a recording lacks is said."""
+    """Open labels or a recording; print what a recording lacks."""
     from annotate.labelset.labelled_frames import holds_frames, open_frames
+    from eval.network.predict import check_one_person
 
     if holds_frames(source):
         if everybody:
             raise typer.BadParameter(
                 "--everybody needs a recording; label sets keep their outline of one person"
             )
-        from eval.network.predict import check_one_person
-
         labels = open_frames(source)
         check_one_person(labels)
         return labels
     frames = open_source(source)
-    for note in (*frames.notes, *doubts_of(frames)):
-        say(note)
+    say(*frames.notes, *doubts_of(frames))
     return frames
 
 
@@ -287,13 +271,12 @@ def fix(
     read_only: Annotated[bool, Option("--read-only", help="Open without changing anything.")] = False,
 ) -> None:
     """Correct part labels in a window; F1 shows the keys. Every stroke is saved at once."""
+    check_extra("gui", "PySide6", "pyvista", "pyvistaqt")
     from annotate.correction.correction import Correction
     from annotate.labelset.label_set import LabelSet
 
-    check_extra("gui", "PySide6", "pyvista", "pyvistaqt")
-    LabelSet.open(labels)
-    if compare is not None:
-        LabelSet.open(compare)
+    for path in (labels, *([compare] if compare else ())):
+        LabelSet.open(path)
     if session is not None:
         opener_at(session)
     with needing("gui"):

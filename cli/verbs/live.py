@@ -37,6 +37,8 @@ def live(
     json: Json = False,
 ) -> None:
     """Label a running rig live, or play a session; show parts, joints, and warnings about the rig."""
+    from annotate.suit.palette import load_suit
+    from cli.live_view import LiveOptions, watch
     from cli.rig_devices import check_one_source, open_rig, rig_of
     from sensors.recording.playback import Playback
 
@@ -50,17 +52,12 @@ def live(
         rig_of(rig, device)
     if record is not None:
         check_free(record, overwrite)
-    from annotate.suit.palette import load_suit
-
     palette = load_suit(suit) if suit else None
     if not no_window:
         check_window()
-    from cli.live_view import LiveOptions, watch
 
     def open_one() -> "Rig":
-        if session is None:
-            return open_rig(rig, device)
-        return Playback(open_source(session))
+        return open_rig(rig, device) if session is None else Playback(open_source(session))
 
     served = port if serve else None
     watch(open_one, LiveOptions(palette, record, subject, seconds, overwrite, json, not no_window, served))

@@ -1,4 +1,4 @@
-"""Verb ``solve``: markers to joint angles; and the facts of a motion for ``info``."""
+"""The verb ``solve``: markers to joint angles; facts of a motion for ``info``."""
 
 import time
 from dataclasses import replace
@@ -39,10 +39,6 @@ def solve(
     json: Json = False,
 ) -> None:
     """Turn recorded markers into joint angles that can move any body."""
-    for path in (out, picture, film):
-        if path is not None:
-            check_free(path, overwrite)
-    check_there(markers, *(given for given in (static, markerset) if given is not None))
     with needing("synth"):
         from synth.markers.motion_file import save_motion
         from synth.markers.solve import places_m
@@ -50,6 +46,9 @@ def solve(
         from synth.motion.picture import check_animation, save_animation, save_picture
         from synth.motion_files.vertical_axis import given
 
+    for given_out in filter(None, (out, picture, film)):
+        check_free(given_out, overwrite)
+    check_there(markers, *filter(None, (static, markerset)))
     if film is not None:
         check_animation(film)
     recorded, standing, places = _read(markers, static, markerset)
@@ -65,10 +64,17 @@ def solve(
         if path is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
             save(path, motion, places_m(recorded, standing, places))
-    report = motion.report
-    result = {"frames": len(motion), "frames_per_second": round(rate, 1), **_solved(report)}
-    for line in report.assumed:
-        say(line)
+    report, of_markers = motion.report, _per_marker(motion.report)
+    result = {
+        "frames": len(motion),
+        "frames_per_second": round(rate, 1),
+        "marker_median_mm": round(report.median_mm, 2),
+        "marker_rms_mm": round(report.rms_mm, 2),
+        "markers": of_markers,
+        "unknown": list(report.unknown),
+        "assumed": list(report.assumed),
+    }
+    say(*report.assumed)
     if report.unknown:
         shown = ", ".join(report.unknown[:8]) + (", ..." if len(report.unknown) > 8 else "")
         say(f"{len(report.unknown)} labels belong to no marker of the set: {shown}")
@@ -76,7 +82,7 @@ def solve(
         f"{len(motion)} frames in {out}, {rate:.0f} a second; "
         f"markers off by {report.median_mm:.1f} mm (median), {report.rms_mm:.1f} mm (rms)"
     )
-    finish(result, json, "\n".join([text, *_odd_markers(result["markers"])]))
+    finish(result, json, "\n".join([text, *_odd_markers(of_markers)]))
 
 
 def _read(
@@ -96,17 +102,6 @@ def _read(
         return recorded, None, places
     chosen = None if markerset is None else load_marker_set(markerset)
     return read_markers(markers), None if static is None else read_markers(static), chosen
-
-
-def _solved(report: "MarkerReport") -> dict[str, Any]:
-    """Return the fit of the markers as JSON."""
-    return {
-        "marker_median_mm": round(report.median_mm, 2),
-        "marker_rms_mm": round(report.rms_mm, 2),
-        "markers": _per_marker(report),
-        "unknown": list(report.unknown),
-        "assumed": list(report.assumed),
-    }
 
 
 def motion_info(path: Path) -> tuple[dict[str, Any], str]:

@@ -1,4 +1,4 @@
-"""Verbs on devices and what they record: devices, record, repair."""
+"""Verbs on devices and recordings: devices, record, repair."""
 
 import math
 import time
@@ -13,8 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from typer import Argument, Option
 
-from cli.console import LINE_SECONDS, Json, Overwrite, cell, finish, say, table
-from cli.event_lines import event_lines
+from cli.console import LINE_SECONDS, Json, Overwrite, cell, event_lines, finish, say, table
 from cli.extras import check_window
 from sensors.device.address import KINDS
 from sensors.files.atomic import check_free
@@ -44,19 +43,17 @@ def record(
     json: Json = False,
 ) -> None:
     """Record depth, colour and temperature from devices, real or virtual, into a session."""
+    from annotate.suit.palette import load_suit
+    from cli.rig_devices import open_rig, rig_of
+
     if preview and infrared:
         raise typer.BadParameter("--preview records people, not the hole plate; leave out --infrared")
     if suit is not None and not preview:
         raise typer.BadParameter("needs --preview; a recording has no palette", param_hint="--suit")
-    from cli.rig_devices import open_rig, rig_of
-
     rig_of(rig, device)
     check_free(out, overwrite)
-    palette = None
+    palette = load_suit(suit) if suit else None
     if preview:
-        from annotate.suit.palette import load_suit
-
-        palette = load_suit(suit) if suit else None
         check_window()
     with interrupted_by_signals(), closing(open_rig(rig, device)) as running, ended_by_signals() as ending:
         if preview:
@@ -87,9 +84,7 @@ def _run(running: "LiveRig", end_s: float, ending: Ending) -> str:
             if health.recording is None:
                 break
             warnings = active.update(rig_warnings(health), checked_s)
-            for warning in warnings:
-                if warning.kind not in printed:
-                    say(warning.text)
+            say(*(warning.text for warning in warnings if warning.kind not in printed))
             printed = {warning.kind for warning in warnings}
             show(health)
     running.close()
@@ -103,6 +98,59 @@ def _run(running: "LiveRig", end_s: float, ending: Ending) -> str:
     return "lost" if health.streams["depth"].away else "asked"
 
 
+@contextmanager
+def _preview() -> "Iterator[Callable[[Health], None]]":
+    """Yield a function that shows the state of the recording: as a table, or as lines without a terminal."""
+    console, printed = Console(stderr=True), time.monotonic()
+    if console.is_terminal:
+        from rich.live import Live
+
+        with Live(console=console, transient=True, auto_refresh=False) as live:
+            yield lambda health: live.update(_table(health), refresh=True)
+        return
+
+    def show(health: "Health") -> None:
+        nonlocal printed
+        if time.monotonic() - printed >= LINE_SECONDS:
+            printed = time.monotonic()
+            streams = health.streams.items()
+            say("; ".join(f"{n} {s.rate_hz:.1f}/s, {s.dropped} dropped, {s.shows}" for n, s in streams))
+
+    yield show
+
+
+def _table(health: "Health") -> Table:
+    table = Table("stream", "images", "a second", "dropped", "now", title="recording; Ctrl-C ends it")
+    for name, stream in health.streams.items():
+        table.add_row(name, str(stream.count), f"{stream.rate_hz:.1f}", str(stream.dropped), stream.shows)
+    return table
+
+
+def _report(running: "LiveRig", why: str, json: bool) -> None:
+    health, take = running.health(), running.last_take
+    events, seconds = (dict(take.events), take.seconds) if take else ({}, 0.0)
+    frames = take.frames if take else 0
+    where = f" in {take.path}" if take and take.path.exists() else ""
+    say(*event_lines(events))
+    result = {
+        "frames": frames,
+        "dropped": health.dropped,
+        "seconds": round(seconds, 2),
+        "streams": {
+            name: {"count": stream.count, "dropped": stream.dropped, "left_out": stream.left_out}
+            for name, stream in health.streams.items()
+        },
+        "events": events,
+        "ended": why,
+    }
+    text = f"{frames} frames{where}, {seconds:.1f} s, {health.dropped} messages dropped"
+    finish(result, json, text)
+    if health.trouble:
+        say(health.trouble)
+    if why != "asked":
+        raise typer.Exit(3)
+
+
 def repair(
     session: Annotated[Path, Argument(help="Recording that was cut off, or a damaged session.")],
     out: Annotated[
@@ -112,22 +160,15 @@ def repair(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Write a whole session with every frame of a damaged one that can be read; the damaged one stays."""
+    """Write a whole session with every readable frame of a damaged session; keep the damaged session."""
     from sensors.session.recording_file import recording_at
     from sensors.session.repair import repair as repair_session
 
     source = recording_at(session)
     done = repair_session(source, out, overwrite=overwrite)
-    result = {
-        "session": str(done.path),
-        "frames": done.frames,
-        "lost_frames": done.lost_frames,
-        "lost_seconds": round(done.lost_s, 3),
-        "lost_bytes": done.lost_bytes,
-        "damaged": done.damaged,
-        "changed": done.changed,
-    }
-    finish(result, json, _repaired_text(done, source))
+    names = ("frames", "lost_frames", "lost_bytes", "damaged", "changed")
+    result = {"session": str(done.path), **{name: getattr(done, name) for name in names}}
+    finish({**result, "lost_seconds": round(done.lost_s, 3)}, json, _repaired_text(done, source))
 
 
 def _repaired_text(done: "Repaired", source: Path) -> str:
@@ -148,70 +189,8 @@ def _count(number: int, name: str) -> str:
     return f"{number} {name}" + ("" if number == 1 else "s")
 
 
-@contextmanager
-def _preview() -> "Iterator[Callable[[Health], None]]":
-    """Show the state of the recording once a second."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield _lines()
-        return
-    from rich.live import Live
-
-    with Live(console=console, transient=True, auto_refresh=False) as live:
-        yield lambda health: live.update(_table(health), refresh=True)
-
-
-def _table(health: "Health") -> Table:
-    table = Table("stream", "images", "a second", "dropped", "now", title="recording; Ctrl-C ends it")
-    for name, stream in health.streams.items():
-        table.add_row(name, str(stream.count), f"{stream.rate_hz:.1f}", str(stream.dropped), stream.shows)
-    return table
-
-
-def _lines() -> "Callable[[Health], None]":
-    printed = time.monotonic()
-
-    def show(health: "Health") -> None:
-        nonlocal printed
-        if time.monotonic() - printed >= LINE_SECONDS:
-            printed = time.monotonic()
-            parts = (
-                f"{name} {stream.rate_hz:.1f}/s, {stream.dropped} dropped, {stream.shows}"
-                for name, stream in health.streams.items()
-            )
-            say("; ".join(parts))
-
-    return show
-
-
-def _report(running: "LiveRig", why: str, json: bool) -> None:
-    health, take = running.health(), running.last_take
-    events, seconds = (dict(take.events), take.seconds) if take else ({}, 0.0)
-    frames = take.frames if take else 0
-    where = f" in {take.path}" if take and take.path.exists() else ""
-    for line in event_lines(events):
-        say(line)
-    result = {
-        "frames": frames,
-        "dropped": health.dropped,
-        "seconds": round(seconds, 2),
-        "streams": {
-            name: {"count": stream.count, "dropped": stream.dropped, "left_out": stream.left_out}
-            for name, stream in health.streams.items()
-        },
-        "events": events,
-        "ended": why,
-    }
-    text = f"{frames} frames{where}, {seconds:.1f} s, {health.dropped} messages dropped"
-    finish(result, json, text)
-    if health.trouble:
-        say(health.trouble)
-    if why != "asked":
-        raise typer.Exit(3)
-
-
 def devices(json: Json = False) -> None:
-    """List connected and virtual devices, and what each kind needs and was tested with."""
+    """List connected and virtual devices, and the needs and tests of each kind."""
     from sensors.recording.open_device import find_devices
 
     found = find_devices()

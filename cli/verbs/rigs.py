@@ -8,7 +8,7 @@ from typer import Argument, Option
 
 from cli.console import Json, Overwrite, finish, table
 from sensors.errors import DeviceError
-from sensors.files.atomic import check_free, replacing
+from sensors.files.atomic import check_free, replacing, write_bytes
 
 if TYPE_CHECKING:
     from sensors.recording.rig_templates import RigTemplate
@@ -34,7 +34,9 @@ def rig(
     json: Json = False,
 ) -> None:
     """List common rigs, or write the files of one: rig file, rough calibration, printable hole plate."""
+    from sensors.calibrate.hole_plate import plate_svg
     from sensors.recording.rig_templates import TEMPLATES, template_named
+    from sensors.rig.rig_calibration import save_calibration
 
     if name is None:
         expected = {one.name: expectations(one) for one in TEMPLATES.values()}
@@ -46,20 +48,13 @@ def rig(
         raise DeviceError(f"no folder for rig {name!r}; give --out FOLDER")
     for file in (RIG, CALIBRATION, PLATE):
         check_free(out / file, overwrite)
-    from sensors.calibrate.hole_plate import plate_svg
-    from sensors.rig.rig_calibration import save_calibration
-
     out.mkdir(parents=True, exist_ok=True)
     with replacing(out / CALIBRATION) as temporary:
         save_calibration(temporary, template.calibration)
     for file, text in ((PLATE, plate_svg(template.plate)), (RIG, rig_file(template))):
-        with replacing(out / file) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-    finish(
-        {"rig": str(out / RIG), **expectations(template)},
-        json,
-        f"{out / RIG}: its comments are the next steps",
-    )
+        write_bytes(out / file, text.encode())
+    result = {"rig": str(out / RIG), **expectations(template)}
+    finish(result, json, f"{out / RIG}: its comments are the next steps")
 
 
 def expectations(rig: "RigTemplate") -> dict[str, Any]:

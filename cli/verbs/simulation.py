@@ -13,6 +13,8 @@ from synth.data_files import check_choice, table
 
 if TYPE_CHECKING:
     from annotate.suit.palette import Suit
+    from synth.rig.film import FilmRig
+    from synth.rig.virtual_rig import VirtualRig
 
 PLATE = "plate"  # in place of a scene: the target of calibrate
 RANDOM = "random"  # in place of a palette file: a suit drawn by the seed
@@ -71,35 +73,40 @@ def simulate(
     """Record people in a colour-coded suit with the virtual rig; the true labels go to out.truth/."""
     from sensors.recording.rig_templates import REFERENCE, template_named
 
+    with needing("synth"):
+        from synth.rig.plate_views import PlateViews, record_plate
+        from synth.rig.virtual_rig import RigOptions, VirtualRig
+
     cameras = template_named(rig or REFERENCE)
     check_free(out, overwrite)
     check_choice("difficulty", difficulty, difficulties())
     if scene == PLATE:
-        with needing("synth"):
-            from synth.rig.plate_views import PlateViews, record_plate
         with progress("simulate", frames) as advance:
             truth = record_plate(PlateViews(cameras, frames, seed), out, advance, overwrite=overwrite)
         result = {"frames": frames, "truth": str(truth), "suit": None}
         finish(result, json, f"{frames} views of the hole plate in {out}, the true calibration in {truth}")
         return
-    worn = _worn(suit, seed)
-    with needing("synth"):
-        from synth.rig.simulate import simulate, suit_path, truth_path
-        from synth.rig.virtual_rig import RigOptions, VirtualRig
-    options = RigOptions(scene, rig=cameras.name, suit=worn)
+    options = RigOptions(scene, rig=cameras.name, suit=_palette(suit, seed))
     virtual = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, options)
-    with progress("simulate", frames) as advance:
-        simulate(virtual, out, advance, overwrite=overwrite)
-    result = {"frames": frames, "truth": str(truth_path(out)), "suit": str(suit_path(out))}
-    finish(result, json, f"{frames} frames in {out}, truth in {truth_path(out)}, suit in {suit_path(out)}")
+    record_rig("simulate", virtual, out, overwrite, json)
 
 
-def _worn(suit: str | None, seed: int) -> "Suit":
-    """Return the palette of a file, drawn by the seed, or the virtual rig's own."""
+def record_rig(title: str, rig: "VirtualRig | FilmRig", out: Path, overwrite: bool, json: bool) -> None:
+    """Record a virtual rig with its truth and suit, and print their files."""
+    from synth.rig.simulate import simulate, suit_path, truth_path
+
+    with progress(title, len(rig)) as advance:
+        simulate(rig, out, advance, overwrite=overwrite)
+    frames, truth, suit = len(rig), str(truth_path(out)), str(suit_path(out))
+    text = f"{frames} frames in {out}, truth in {truth}, suit in {suit}"
+    finish({"frames": frames, "truth": truth, "suit": suit}, json, text)
+
+
+def _palette(suit: str | None, seed: int) -> "Suit":
+    """Return the palette of a file, a palette drawn by the seed, or the default."""
     from annotate.suit.palette import DEFAULT_SUIT, load_suit
+    from synth.appearance.random_suit import random_suit
 
-    if suit != RANDOM:
-        return load_suit(Path(suit)) if suit else DEFAULT_SUIT
-    with needing("synth"):
-        from synth.appearance.random_suit import random_suit
-    return random_suit(seed)
+    if suit == RANDOM:
+        return random_suit(seed)
+    return load_suit(Path(suit)) if suit else DEFAULT_SUIT

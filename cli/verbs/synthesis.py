@@ -11,17 +11,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from cli.console import Json, Overwrite, check_room, clear, finish, progress, say, table
+from cli.console import Json, Overwrite, check_room, clear, finish, progress, say
+from cli.console import table as draw_table
 from cli.extras import needing
-from cli.verbs.simulation import Difficulty, difficulties
+from cli.verbs.simulation import Difficulty, difficulties, record_rig
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free, check_there
 from sensors.importers.open_source import opener_at
 from synth.data_files import check_choice
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from synth.body.body import Body
     from synth.body.body_table import BodySize
     from synth.images.presets import Preset
@@ -58,43 +57,37 @@ def bodies(
     json: Json = False,
 ) -> None:
     """Fit bodies to height, weight and waist breadth. Needs the extra 'bodies'."""
+    from synth.body.body import save_body
+    from synth.body.body_picture import picture, save_picture
+    from synth.body.body_table import MEASURES, PAPER_BODIES, describe, read_sizes
+
     if table is not None and sample is not None:
         raise CloudError("--table and --sample exclude each other; give one of them")
-    import numpy as np
-
-    from synth.body.body_table import PAPER_BODIES, describe, read_sizes
-
     asked = PAPER_BODIES if table is None else read_sizes(table)
     sizes: Sequence[BodySize | None] = asked if sample is None else [None] * sample
     names = [f"sample_{i:03}" if size is None else size.name for i, size in enumerate(sizes)]
     for path in (out / PICTURE, *(out / f"{name}.npz" for name in names)):
         check_free(path, overwrite)
-    made = _bake(names, sizes, np.random.default_rng(seed))
-    from synth.body.body import save_body
-    from synth.body.body_picture import picture, save_picture
-
+    made = _bake(names, sizes, seed)
     out.mkdir(parents=True, exist_ok=True)
     for body in made:
         save_body(out / f"{body.name}.npz", body)
     save_picture(out / PICTURE, picture(made))
     rows = [describe(body, size) for body, size in zip(made, sizes, strict=True)]
-    finish({"bodies": rows}, json, _sizes(rows))
-
-
-def _sizes(rows: Sequence[dict[str, str | float]]) -> str:
-    """Return a table of the measured sizes, beside the requested ones if there are any."""
-    from synth.body.body_table import MEASURES
-
     columns = [key for m in MEASURES for key in (m, f"asked_{m}") if key in rows[0]]
     lines = [(row["model"], *(f"{row[key]:.2f}" for key in columns)) for row in rows]
-    return table(("body", *(key.replace("_", " ") for key in columns)), lines)
+    text = draw_table(("body", *(key.replace("_", " ") for key in columns)), lines)
+    finish({"bodies": rows}, json, text)
 
 
-def _bake(names: list[str], sizes: "Sequence[BodySize | None]", rng: "np.random.Generator") -> "list[Body]":
+def _bake(names: list[str], sizes: "Sequence[BodySize | None]", seed: int) -> "list[Body]":
     """Return bodies fitted to their sizes; random for None."""
+    import numpy as np
+
     with needing("bodies"):
         from synth.body.fit import BodyModel, fit, random_adult
 
+    rng = np.random.default_rng(seed)
     # Libraries under anny print to stdout.
     with redirect_stdout(sys.stderr):
         model = BodyModel()
@@ -117,35 +110,17 @@ def _preset(name: str | None, motion: Path | None, garments: Path | None) -> "Pr
     else:
         with progress("read motions", len(motion_files(motion))) as advance:
             repertoire = read_repertoire(motion, advance)
-        for line in repertoire.assumed:
-            say(line)
+        say(*repertoire.assumed)
         chosen = preset_of(repertoire)
     return chosen if garments is None else dressed_from(chosen, garments)
 
 
-def _check_beside(recording: Path) -> None:
+def _check_beside(recording: Path | None) -> None:
     """Raise CloudError for a path that is neither a label set nor an importable recording."""
     from annotate.labelset.label_set import MANIFEST
 
-    if not (recording / MANIFEST).is_file():
+    if recording is not None and not (recording / MANIFEST).is_file():
         opener_at(recording)
-
-
-def _check_order(
-    preset: str | None, motion: Path | None, garments: Path | None, beside: Path | None
-) -> list[Path]:
-    """Return the input files of a dataset. Raises CloudError for a missing one."""
-    if (preset is None) == (motion is None):
-        raise CloudError("both or none of --preset and --motion are given; give one of them")
-    if motion is not None:
-        from synth.motion.library import motion_files
-
-        motion_files(motion)
-    if garments is not None:
-        check_there(garments)
-    if beside is not None:
-        _check_beside(beside)
-    return [path for path in (motion, garments, beside) if path]
 
 
 @app.command("generate")
@@ -167,7 +142,7 @@ def generate_(
     ] = None,
     workers: Annotated[int, Option(help="Processes on this machine.", min=1, max=256)] = 2,
     scheduler: Annotated[
-        str | None, Option(help="Use a dask cluster instead: address of its scheduler, tcp://HOST:8786.")
+        str | None, Option(help="Use a dask cluster instead: address of the scheduler, tcp://HOST:8786.")
     ] = None,
     seed: Annotated[int, Option(help="The same seed gives the same bytes.", min=0)] = 0,
     occluders: Annotated[
@@ -186,13 +161,20 @@ def generate_(
     """Generate labelled depth images of people as tar shards, with a page of pictures and statistics."""
     from annotate.labelset.dataset import ORDER
 
-    inputs = _check_order(preset, motion, garments, beside)
-    check_room(out, ORDER, overwrite, *inputs)
     with needing("synth"):
         from synth.images.distributions import distributions_at
         from synth.images.generate import Order, generate
         from synth.images.workers import cluster, processes
+        from synth.motion.library import motion_files
 
+    if (preset is None) == (motion is None):
+        raise CloudError("both or none of --preset and --motion are given; give one of them")
+    if motion is not None:
+        motion_files(motion)
+    check_there(*filter(None, [garments]))
+    _check_beside(beside)
+    inputs = list(filter(None, (motion, garments, beside)))
+    check_room(out, ORDER, overwrite, *inputs)
     chosen = replace(_preset(preset, motion, garments), occluders=occluders, cut=cut)
     order = Order(chosen, chosen.count if count is None else count, seed)
     recording = None if beside is None else distributions_at(beside)
@@ -219,15 +201,14 @@ def page(
     """Draw the page of a dataset again, beside a recording of real people."""
     from annotate.labelset.dataset import ORDER, Dataset
 
-    opened = Dataset.open(dataset)
-    if not (dataset / ORDER).is_file():
-        raise CloudError(f"{dataset} was not made by synth generate; give a folder with {ORDER}")
-    if beside is not None:
-        _check_beside(beside)
     with needing("synth"):
         from synth.images.dataset_page import PAGE, write_page
         from synth.images.distributions import distributions_at
 
+    opened = Dataset.open(dataset)
+    if not (dataset / ORDER).is_file():
+        raise CloudError(f"{dataset} was not made by synth generate; give a folder with {ORDER}")
+    _check_beside(beside)
     recording = None if beside is None else distributions_at(beside)
     write_page(opened, recording)
     finish({"page": str(dataset / PAGE)}, json, f"{dataset / PAGE}")
@@ -246,21 +227,13 @@ def film(
     json: Json = False,
 ) -> None:
     """Record a motion with the virtual rig, 30 frames a second; the true labels go to out.truth/."""
+    with needing("synth"):
+        from synth.motion.library import check_motion, is_motion, read_take
+        from synth.rig.film import FilmRig
+
     check_choice("difficulty", difficulty, difficulties())
     check_free(out, overwrite)
-    from synth.motion.library import check_motion
-
     check_motion(motion)
-    with needing("synth"):
-        from synth.motion.library import is_motion, read_take
-        from synth.rig.film import FilmRig
-        from synth.rig.simulate import simulate, suit_path, truth_path
-
     name, moved = read_take(motion, take)
-    for line in () if is_motion(motion) else moved.report.assumed:
-        say(line)
-    rig = FilmRig(name, moved, difficulty, seed)
-    with progress("film", len(rig)) as advance:
-        simulate(rig, out, advance, overwrite=overwrite)
-    result = {"frames": len(rig), "truth": str(truth_path(out)), "suit": str(suit_path(out))}
-    finish(result, json, f"{len(rig)} frames in {out}, truth in {truth_path(out)}, suit in {suit_path(out)}")
+    say(*(() if is_motion(motion) else moved.report.assumed))
+    record_rig("film", FilmRig(name, moved, difficulty, seed), out, overwrite, json)
