@@ -51,8 +51,8 @@ def labels(tmp_path, rig_labels) -> Path:
     ("content", "says"),
     [
         (b"", "is empty"),
-        (bytes(range(256)) * 40, "no MCAP file"),
-        (b"frame,depth\n1,2\n", "no MCAP file"),
+        (bytes(range(256)) * 40, "not an MCAP file"),
+        (b"frame,depth\n1,2\n", "not an MCAP file"),
         (b"\x89MCAP0\r\n", "cut off in front of its first depth image"),
     ],
 )
@@ -215,8 +215,8 @@ def test_a_suit_of_two_equal_colours_is_diagnosed(annotate_cloud, tmp_path, rig_
     suit.write_text(PALETTE.replace(TORSO, 'torso = "#dc1e28"'))
     done = annotate_cloud("label", rig_session, "--suit", suit, "--out", out)
     assert done.code == 0 and len(LabelSet.open(out)) == 3
-    assert "torso and left_upper_arm have the same colour but for brightness" in done.err
-    assert "shape and place alone" in done.err
+    assert "torso and left_upper_arm differ only in brightness" in done.err
+    assert "choose another hue" in done.err
 
 
 def test_a_suit_that_is_no_text_is_refused(annotate_cloud, tmp_path, rig_session):

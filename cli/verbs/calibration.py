@@ -133,7 +133,7 @@ def _solve(path: Path, plate: "HolePlate") -> "Adjusted":
             guess = with_all_cameras(guess, frame)
             views.append(view_plate(frame, plate, guess.depth))
             advance(1)
-    say(f"solve {len(views)} views")
+    say(f"calibrating from {len(views)} views")
     return adjust(views, plate, guess)
 
 

@@ -90,7 +90,9 @@ class StreamingCamera(ABC):
         if before_ns is not None and stamp_ns <= before_ns:
             if before_ns - stamp_ns > RESET_NS:
                 back_s = (before_ns - stamp_ns) * 1e-9
-                raise DeviceLostError(f"{self.address} set its clock back by {back_s:.0f} s; open it again")
+                raise DeviceLostError(
+                    f"{self.address} set its clock back by {back_s:.0f} s; start the command again"
+                )
             return
         self._before_ns[value.stream] = stamp_ns
         if lost is None:

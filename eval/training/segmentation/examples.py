@@ -171,7 +171,9 @@ class ExampleFiles:
             archive = self._opened(path)
             planes, target, meta = (archive[f"{number}.{name}"] for name in Example._fields)
         except Exception as error:  # zipfile and numpy raise a dozen kinds at damaged bytes
-            raise FormatError(f"{path} cannot be read ({error}); remove it") from error
+            raise FormatError(
+                f"{path} cannot be read ({error}); remove that file and run the same command again"
+            ) from error
         return Example(planes, target, meta)
 
     def spread(self, most: int) -> list[int]:
