@@ -16,7 +16,7 @@ _INDEX = np.searchsorted(_LABELS, np.arange(256))
 
 
 def filled(parts: UInt8, depth_mm: UInt16, part: int) -> UInt8:
-    """Fill the holes of one part in labels uint8 (h, w).
+    """Return labels uint8 (h, w) with the holes of one part filled.
 
     A hole is at most MOST_HOLE_PX connected pixels at the part's depth, bordered by the part and by pixels
     without depth, mostly by the part.
@@ -79,7 +79,7 @@ def without_islands(parts: UInt8, depth_mm: UInt16) -> UInt8:
 
 
 def neighbours(parts: UInt8, pixels: Int64) -> list[int]:
-    """Return the labels beside flat ``pixels``: by contact, then by anatomy, background last.
+    """Return the labels beside flat ``pixels``: longest contact first, then by anatomy, background last.
 
     The pixels' own commonest part and undefined are left out.
     """

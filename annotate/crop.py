@@ -39,7 +39,7 @@ class Crop:
         return result
 
     def reads(self, shape: tuple[int, ...], size: int = SIZE) -> Bool:
-        """Return flags (h, w) of the pixels of an image of that shape that ``cut`` takes."""
+        """Return flags (h, w) of the pixels of an image that ``cut`` samples. shape: of the image."""
         v_read, u_read = np.zeros(shape[0], np.bool_), np.zeros(shape[1], np.bool_)
         for read, start in ((v_read, self.top), (u_read, self.left)):
             source = self._source(start, size)
@@ -47,14 +47,18 @@ class Crop:
         return v_read[:, None] & u_read
 
     def pixels(self, size: int = SIZE) -> tuple[Index, Index]:
-        """Return row and column (size,) of the image for the patch, some perhaps outside."""
+        """Return the image row and column (size,) of each row and column of the patch; some may lie outside
+        the image.
+        """
         return self._source(self.top, size), self._source(self.left, size)
 
     def _source(self, start: int, size: int) -> Index:
         return start + (np.arange(size) * self.side + self.side // 2) // size
 
     def paste(self, patch: NDArray[Any], shape: tuple[int, int], fill: int | float) -> NDArray[Any]:
-        """Spread a patch (size, size, ...) over the square of an image (h, w, ...); inverse of ``cut``."""
+        """Return an image (h, w, ...) with a patch (size, size, ...) enlarged into the square; inverse of
+        ``cut``.
+        """
         result = np.full((*shape, *patch.shape[2:]), fill, patch.dtype)
         (rows, row), (columns, column) = (
             self._within(start, length, patch.shape[0])
@@ -64,7 +68,10 @@ class Crop:
         return result
 
     def _within(self, start: int, length: int, size: int) -> tuple[slice, Index]:
-        """Return the slice of an image's side within the square, and the patch's index for each pixel."""
+        """Return the part of an image's side inside the square, and the patch index of each of its pixels.
+
+        start: of the square. length: of the image's side.
+        """
         first, end = max(start, 0), max(0, start, min(start + self.side, length))
         return slice(first, end), ((np.arange(first, end) - start) * size + size // 2) // self.side
 
@@ -106,7 +113,7 @@ def window_of(mask: Bool, margin_px: int = 0) -> tuple[slice, slice]:
 
 
 def crop_around(mask: Bool, margin: float = MARGIN) -> Crop:
-    """Return the square around a person's mask (h, w), with a free border as a share of its extent.
+    """Return the square around a person's mask (h, w). margin: free border as a share of its extent.
 
     Raises CloudError on an empty mask.
     """
@@ -119,7 +126,7 @@ def crop_around(mask: Bool, margin: float = MARGIN) -> Crop:
 
 
 def network_crop(mask: Bool) -> Crop:
-    """Return a person's square for a network: all of an image that is a crop already.
+    """Return a person's square for a network; an image of the network's size is returned whole.
 
     Raises CloudError on an empty mask.
     """
@@ -142,7 +149,7 @@ def person_of(parts: UInt8) -> Bool:
 
 
 def nearest_seen(seen: Bool) -> Index:
-    """Return the flat index (h, w) of the ``seen`` pixel nearest to each, or its own."""
+    """Return for each pixel (h, w) the flat index of the nearest pixel in ``seen``."""
     if not seen.any():
         return np.arange(seen.size).reshape(seen.shape)
     import cv2  # here, because info and refusals do not need it

@@ -1,4 +1,4 @@
-"""Labels of one depth image, checked once."""
+"""Labels of one depth image, validated at construction."""
 
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args

@@ -72,7 +72,7 @@ class Labeller(Protocol[C, S]):
 def label_cloud(
     labeller: Labeller[C, S], cloud: C, before: FrameLabels | None
 ) -> tuple[Segmentation, PersonMask]:
-    """Label one cloud after the labels of the previous frame."""
+    """Label one cloud. before: labels of the previous frame, or None."""
     return labeller.label(labeller.detect(cloud), before)
 
 
@@ -98,9 +98,8 @@ class Run:
 
 @dataclass(frozen=True)
 class SuitDetection:
-    """Cloud of a frame with its persons.
-
-    likely: the subject, judged by this frame alone. seen: view of the likely subject; None without a suit.
+    """Cloud of a frame with its persons. likely: the subject, detected in this frame alone. seen: network
+    input of the likely subject; None without a suit.
     """
 
     cloud: ThermalCloud
@@ -109,7 +108,7 @@ class SuitDetection:
     seen: View | None
 
     def view(self, person: PersonMask) -> View | None:
-        """Return the view of a trusted person; None where its colours are unreadable."""
+        """Return the network input of a trusted person; None where its colours are unreadable."""
         # The network distinguishes the subject from other persons, not these from one another.
         own, likely = (np.minimum(one.persons, 2) for one in (person, self.likely))
         if self.likely.trusted and np.array_equal(own, likely):
@@ -121,8 +120,8 @@ class SuitDetection:
 class SuitLabeller:
     """Labeller by the colours of a suit; without a suit, parts stay undefined.
 
-    network: None = the shipped one. window_c: least and most surface temperature of a person; None = from
-    each frame. single_pass: label every second pixel or so, for a live picture.
+    network: None = the shipped one. window_c: lowest and highest surface temperature of a person; None = from
+    each frame. single_pass: label about every second pixel, for a live picture.
     """
 
     suit: Suit | None
@@ -177,7 +176,8 @@ def run(
     labeller: Labeller[C, S],
     progress: Callable[[int], None],
 ) -> Run:
-    """Label every frame of a source into ``out``; resume an interrupted run with the same bytes.
+    """Label every frame of a source into ``out``; an interrupted run is resumed, with the same bytes as
+    without a break.
 
     progress: called with 1 for each frame that is stored or has failed. Raises ExistsError when ``out`` is
     not the beginning of this run, and ClaimedError while another process writes it. When every frame fails,
@@ -245,7 +245,9 @@ def _id(index: int) -> str:
 
 
 class _Fused(NamedTuple, Generic[S]):
-    """Fused frame. detection: None where its labels are stored. left_out: notes."""
+    """Fused frame. detection: None where its labels are already stored. left_out: notes on missing
+    streams.
+    """
 
     depth_mm: UInt16
     detection: S | None
@@ -255,7 +257,7 @@ class _Fused(NamedTuple, Generic[S]):
 def _fused_ahead(
     source: FrameSource, fuse: Callable[[RigFrame], _Fused[S]]
 ) -> Iterator[tuple[str, Future[_Fused[S]]]]:
-    """Yield the frames of a source, some of them read and fused ahead."""
+    """Yield the frames of a source; some of them are read and fused in advance."""
     frames = iter(source)
     with ThreadPoolExecutor(1, "read") as reader, ThreadPoolExecutor(DETECTORS, "fuse") as detectors:
 
@@ -273,7 +275,7 @@ def _fused_ahead(
 
 
 def check_same(labels: LabelSet, frame_id: str, depth_mm: UInt16) -> FrameLabels:
-    """Read the labels of a frame from an earlier run. Raises ExistsError if of another depth image."""
+    """Return the labels of a frame from an earlier run. Raises ExistsError if their depth image differs."""
     kept = labels.read(frame_id)
     if not np.array_equal(kept.depth_mm, depth_mm):
         raise ExistsError(
@@ -294,7 +296,7 @@ def finished(labels: LabelSet, failed: list[tuple[str, str]]) -> Run:
 
 
 def notes_of(result: Segmentation, remarks: Sequence[str] = ()) -> dict[str, Any]:
-    """Return a frame's notes: mean confidence on the person, remarks, place of stored probabilities."""
+    """Return a frame's notes: mean confidence on the person, remarks, crop of stored probabilities."""
     on_person = result.confidence[result.parts != BACKGROUND]
     return {
         "confidence": round(float(on_person.mean()), 4) if on_person.size else 0.0,
@@ -307,7 +309,10 @@ def notes_of(result: Segmentation, remarks: Sequence[str] = ()) -> dict[str, Any
 def labels_of(
     frame_id: str, depth_mm: UInt16, result: Segmentation, person: PersonMask, left_out: Sequence[str] = ()
 ) -> FrameLabels:
-    """Assemble the labels of a frame. depth_mm: (h, w), undistorted."""
+    """Assemble a frame's labels from its segmentation and person mask.
+
+    depth_mm: (h, w), undistorted. left_out: notes on streams or steps that this frame lacks.
+    """
     notes = notes_of(result, [*left_out, *person.notes]) | {"extraction": person.method}
     notes |= {"people": person.tracks} if person.tracks else {}
     notes |= {ILLUMINANT: result.illuminant.log_gain.round(3).tolist()} if result.illuminant else {}

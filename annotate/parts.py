@@ -65,7 +65,7 @@ TWIN_PARTS = swap_left_right(np.arange(N_CLASSES, dtype=np.uint8))
 
 
 def on_body(labels: UInt8) -> Bool:
-    """Return flags of labels of a body part, neither background nor undefined; any shape."""
+    """Return flags of labels that are a body part, not background or undefined; any shape."""
     return np.asarray((labels != BACKGROUND) & (labels != UNDEFINED))
 
 

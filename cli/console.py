@@ -189,7 +189,11 @@ def check_room(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
 
 
 def clear(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
-    """With ``overwrite``, remove the folder of an earlier run. Raises ExistsError (``check_replaceable``)."""
+    """Remove an earlier run's folder ``out`` if ``overwrite`` is set.
+
+    marker: file that such a folder contains. inputs: paths of the command, which must not lie in ``out``.
+    Raises ExistsError for a folder that must not be removed (``check_replaceable``).
+    """
     if overwrite and out.exists():
         from annotate.labelset.atomic_folder import remove
 

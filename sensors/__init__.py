@@ -1,1 +1,1 @@
-"""Cameras, frames, calibrations, sessions and devices: what a rig of sensors yields."""
+"""Data of a sensor rig: cameras, frames, calibrations, sessions and devices."""

@@ -1,4 +1,4 @@
-"""The tree of errors that a user can cause or meet."""
+"""Hierarchy of expected errors, caused by users, data or devices."""
 
 LONGEST = 1000  # characters of a message, because a file may be quoted at any length
 

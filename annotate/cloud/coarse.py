@@ -1,7 +1,8 @@
-"""Coarse cloud of a frame: every second pixel or so, a quarter of the work if no fine outline is needed.
+"""Coarse cloud of a frame, thinned by a stride of about 2: a quarter of the work where no fine outline is
+needed.
 
-The first pixel with a reading stands for its square. Labels of the coarse cloud return to the whole image by
-depth: a pixel takes the label of the nearest point around it on its surface.
+The first pixel with a reading represents its square. Labels of the coarse cloud are transferred back to the
+whole image by depth: a pixel takes the label of the nearest point around it on its surface.
 """
 
 from dataclasses import dataclass, replace
@@ -26,10 +27,13 @@ SAME_SURFACE = 0.01  # share of the depth that counts as a pixel's distance; twi
 
 @dataclass(frozen=True)
 class CoarseCloud:
-    """Coarse cloud of a frame, and its source.
+    """Coarse cloud of a frame, with the image that it was thinned from.
 
-    camera: undistorted, of the whole image depth_mm uint16 (h, w). cloud: of (h // stride, w // stride)
-    points. pixel: flat index of each point's pixel in the whole image, -1 = none.
+    camera: undistorted, of the whole image depth_mm uint16 (h, w). cloud: of (h
+
+    stride, w
+
+    stride) points. pixel: flat index of each point's pixel in the whole image, -1 = none.
     """
 
     camera: Intrinsics
@@ -57,11 +61,11 @@ class CoarseCloud:
         return cls(whole.camera, whole.depth_mm, cloud, pixel, stride)
 
     def enlarged(self, whose: UInt8) -> UInt8:
-        """Return the numbers (h, w) of the whole image's pixels, 0 without a reading."""
+        """Return labels (h, w) of the whole image's pixels from labels of the points; 0 without a reading."""
         return nearest_labels(self.depth_mm, self.pixel, whose, self.stride)
 
     def coarse(self, labels: FrameLabels) -> FrameLabels:
-        """Thin the labels of a whole image of this camera."""
+        """Return labels of a whole image of this camera, thinned to the coarse cloud's points."""
         pixel = _chosen(labels.depth_mm, self.stride)
 
         depth_mm = np.where(pixel >= 0, labels.depth_mm.ravel()[pixel], np.uint16(0))
@@ -92,7 +96,7 @@ class CoarseFuser:
         return self.fuse(frame.depth_mm, frame.thermal_c)
 
     def fuse(self, depth_mm: UInt16, thermal_c: Float32 | None = None) -> CoarseCloud:
-        """Fuse one moment; arguments as of ``Fuser.fuse``."""
+        """Fuse simultaneous images to a coarse cloud; arguments as of ``Fuser.fuse``."""
         self.camera.check_size("depth image", depth_mm.shape)
         measured = shifted(depth_mm, self.calibration.depth_shift_mm)
         whole = _undistorted(np.ascontiguousarray(measured).ravel(), self._source)
@@ -112,7 +116,7 @@ def nearest_labels(depth_mm: UInt16, pixel: Index, whose: UInt8, stride: int) ->
 
 
 def stride_of(camera: Intrinsics) -> int:
-    """Return the side in pixels of the square that a point of the coarse cloud stands for."""
+    """Return the side in pixels of the square that each point of the coarse cloud represents."""
     return max(1, int(min(camera.fx, camera.fy) / FOCAL_PX))
 
 
@@ -157,7 +161,9 @@ def _chosen(depth_mm: UInt16, stride: int) -> Index:
 
 @njit(cache=True, nogil=True)
 def _enlarged(depth_mm: UInt16, pixel: Index, whose: UInt8, ends: UInt8, stride: int) -> UInt8:
-    """As ``nearest_labels``; ends: (2, rows, columns), least and highest label around each point."""
+    """Enlarge labels as ``nearest_labels`` does. ends: (2, rows, columns), least and highest label around
+    each point.
+    """
     height, width = depth_mm.shape
     rows, columns = pixel.shape
     numbers = np.zeros(depth_mm.shape, np.uint8)
@@ -182,7 +188,9 @@ def _enlarged(depth_mm: UInt16, pixel: Index, whose: UInt8, ends: UInt8, stride:
 def _nearest(
     depth_mm: UInt16, pixel: Index, whose: UInt8, square: tuple[int, int], at: tuple[int, int]
 ) -> np.uint8:
-    """Return the label of the point nearest to a pixel, in its square and the eight around it."""
+    """Return the label of the point nearest to a pixel in place and depth, in its square and the eight around
+    it.
+    """
     (v, u), (y, x), width = square, at, depth_mm.shape[1]
     z, least, number = np.float32(depth_mm[y, x]), np.float32(np.inf), np.uint8(0)
     for r in range(max(v - 1, 0), min(v + 2, pixel.shape[0])):

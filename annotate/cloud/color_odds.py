@@ -1,4 +1,4 @@
-"""Log odds of a person by colour, learnt within a frame from its sure pixels. Constants are untuned."""
+"""Log odds of a person by colour, estimated within a frame from its certain pixels. Constants are untuned."""
 
 import cv2
 import numpy as np
@@ -13,10 +13,10 @@ LAB_BITS = (5, 3, 3)  # of each Lab channel left out of a bin: 8 x 32 x 32 bins
 
 
 def color_odds(lab: UInt8, odds: Float32, candidates: Bool, among: Bool) -> Float32:
-    """Return the log odds (h, w) of each colour, learnt from sure ``odds`` (h, w); 0 without a colour.
+    """Return log odds (h, w) of a person by colour; 0 without a colour.
 
-    lab: of ``lab_of``. candidates: all other pixels are background. among: pixels to learn from; both bool
-    (h, w).
+    lab: of ``lab_of``. odds: (h, w), log odds of each pixel from other data; pixels far from 0 are certain.
+    candidates: bool (h, w), other pixels are background. among: bool (h, w), pixels to estimate from.
     """
     seen = lab[..., 0] > 0
     bins = color_bins(lab)

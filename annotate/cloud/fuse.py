@@ -1,6 +1,6 @@
-"""Fusion of depth, colour and temperature of one moment to an organised cloud.
+"""Fusion of simultaneous depth, colour and temperature images to an organised cloud.
 
-A point takes the colour and temperature of its pixel only if the camera sees it
+A point takes the colour and temperature of its pixel only if it is visible to that camera
 (``annotate.cloud.visibility``). So a person's heat is not copied onto the wall behind.
 """
 
@@ -82,13 +82,13 @@ class Fuser:
     def fuse(
         self, depth_mm: UInt16, color_rgb: UInt8 | None = None, thermal_c: Float32 | None = None
     ) -> ThermalCloud:
-        """Fuse one moment to a cloud over the undistorted depth image.
+        """Fuse simultaneous images to a cloud over the undistorted depth image.
 
-        depth_mm: uint16 (h, w) of the sensor; undistorted by nearest neighbour as in libfreenect2, and moved
-        by the calibration's depth shift. color_rgb: uint8 (h', w', 3), by nearest pixel. thermal_c: float32
-        (h", w"), NaN = no reading, by bilinear mean of the four pixels that show the point's surface
-        alone. A missing image leaves colours invalid or temperatures NaN. Raises CalibrationError for another
-        image size or a missing camera.
+        depth_mm: uint16 (h, w) of the sensor; undistorted by nearest neighbour as in libfreenect2, and
+        shifted by the calibration's depth shift. color_rgb: uint8 (h', w', 3), by nearest pixel. thermal_c:
+        float32 (h", w"), NaN = no reading. Temperatures are interpolated bilinearly, without pixels that show
+        another surface than the point's. A missing image leaves colours invalid or temperatures NaN. Raises
+        CalibrationError for another image size or a missing camera.
         """
         self.camera.check_size("depth image", depth_mm.shape)
         measured = shifted(depth_mm, self.calibration.depth_shift_mm)
@@ -152,7 +152,9 @@ def _undistort(depth_mm: UInt16, source: Int32, rays_xy: Float32) -> tuple[UInt1
 
 @njit(cache=True, nogil=True)
 def _nearest(projection: Projection, seen: Bool, image: UInt8) -> UInt8:
-    """Return colours (h, w, 3) of the nearest pixels of an image (h', w', 3); 0 where not seen (h, w)."""
+    """Return colours (h, w, 3) of the nearest pixels of an image (h', w', 3); 0 where ``seen`` (h, w) is
+    False.
+    """
     columns, rows, _ = projection
     colors = np.zeros((*seen.shape, 3), np.uint8)
     for v in range(seen.shape[0]):
@@ -166,7 +168,9 @@ def _nearest(projection: Projection, seen: Bool, image: UInt8) -> UInt8:
 
 @njit(cache=True, nogil=True)
 def _bilinear(projection: Projection, slack_m: Float32, sight: Float32) -> Float32:
-    """Return the bilinear mean (h, w) over pixels with a reading of the point's own surface alone."""
+    """Return the bilinear mean (h, w) of an image, over pixels with a reading that show the point's own
+    surface alone.
+    """
     column, row, ahead = projection
     values = np.full(ahead.shape, np.float32(np.nan))
     for v in range(ahead.shape[0]):

@@ -23,7 +23,8 @@ def grown(mask: Bool, reach_px: float) -> Bool:
 
 
 def components(mask: Bool, depth_m: Float32) -> tuple[Int32, int]:
-    """Return labels int32 (h, w) of a mask's components, from 1, cut at depth jumps, and their count.
+    """Return ids int32 (h, w) of a mask's connected components, from 1, split at depth jumps, and their
+    number.
 
     depth_m: float32 (h, w), positive on the mask (bool (h, w)).
     """
@@ -32,7 +33,7 @@ def components(mask: Bool, depth_m: Float32) -> tuple[Int32, int]:
 
 @njit(cache=True, nogil=True, forceinline=True)
 def _find(parent: Int32, i: int) -> int:
-    """Return the root of ``i`` in a forest of parents (n,), and halve its path."""
+    """Return the root of ``i`` in a union-find forest of parents (n,), with path halving."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -41,7 +42,7 @@ def _find(parent: Int32, i: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _components(mask: Bool, depth: Float32, jump: np.float32) -> tuple[Int32, int]:
-    """As ``components``, by union-find over the earlier neighbours."""
+    """Label components as ``components`` does, by union-find over the earlier neighbours."""
     height, width = mask.shape
     parent = np.arange(height * width).astype(np.int32)
     for v in range(height):

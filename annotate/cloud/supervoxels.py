@@ -18,7 +18,7 @@ SPATIAL_WEIGHT, NORMAL_WEIGHT = 0.4, 1.0  # in PCL's distance: of place / ``seed
 
 @dataclass(frozen=True)
 class Supervoxels:
-    """Small pieces of surface, alike in place, normal and colour.
+    """Small pieces of surface with similar position, normal and colour.
 
     ids: int32 (n,), below count, -1 for points without a reading; every id is used. edges: int32 (e, 2),
     pairs of touching supervoxels, low id first, sorted.
@@ -76,7 +76,7 @@ def clusters(points_m: Float32, *, tolerance_m: float) -> Int32:
 
 
 def _assign_rest(points: Float32, ids: Int32, seed_m: float) -> tuple[int, Int32]:
-    """Return the number of supervoxels, and ids (n,) with every point assigned."""
+    """Return the number of supervoxels, and ids (n,) with the unassigned points added to supervoxels."""
     assigned, count = ids >= 0, int(ids.max(initial=-1)) + 1
     rest = np.flatnonzero(~assigned)
     if rest.size and count:
@@ -92,7 +92,7 @@ def _assign_rest(points: Float32, ids: Int32, seed_m: float) -> tuple[int, Int32
 
 
 def _spread(ids: Int32, finite: Bool) -> Int32:
-    """Return ids (n,) of all points from the finite ones (bool (n,)); -1 for the others."""
+    """Return ids (n,) of all points, from ids of the finite points (bool (n,)); -1 for the others."""
     spread = np.full(len(finite), -1, np.int32)
     spread[finite] = ids
     return spread

@@ -40,7 +40,7 @@ class Projection(NamedTuple):
 
 @dataclass(frozen=True)
 class PointView:
-    """View of the depth camera's points from another camera, with its rule of occlusion.
+    """View of the depth camera's points from another camera, with its occlusion test.
 
     rays: float32 (3, h, w), the depth camera's rays (z = 1) in the other camera's axes. translation_m:
     float32 (3,), other_from_depth. half_window: (rows, columns) of the z-buffer's window to each side.
@@ -85,10 +85,10 @@ class PointView:
         return Projection(*(plane.reshape(depth_m.shape) for plane in flat))
 
     def slack_m(self, ahead_m: Float32) -> Float32:
-        """Return the metres by which each point (h, w) may lie behind the z-buffer and be visible.
+        """Return the metres by which each point (h, w) may lie behind the z-buffer and still be visible.
 
-        ``tolerance`` of its depth, plus its surface's slope over ``slope_reach``. The slope is the lesser
-        difference to each side, so that edges do not count; beside a gap it is 0.
+        The slack is ``tolerance`` of its depth, plus the slope of its surface times ``slope_reach``. The
+        slope is the lesser difference to each side, so that edges do not count; beside a gap it is 0.
         """
         return _slack(ahead_m, np.float32(self.tolerance), np.float32(self.slope_reach))
 
@@ -119,7 +119,9 @@ class PointView:
         return _visible(projection, tall, _steps(columns), np.uint32(rows), self.slack_m(projection.ahead_m))
 
     def _buffer(self, rows: int) -> Float32:
-        """Return an image (h' + 2 * rows, w') of this view and the calling thread, to overwrite."""
+        """Return a reusable image (h' + 2 * rows, w') of this view and the calling thread; its content is
+        undefined.
+        """
         # Reused, because fresh pages for 1920x1080 floats cost more time than the arithmetic.
         height, width = self.camera.shape
         shape = height + 2 * rows, width
@@ -171,7 +173,7 @@ def _project(
 
 @njit(cache=True, nogil=True)
 def _slack(ahead_m: Float32, tolerance: np.float32, slope_reach: np.float32) -> Float32:
-    """As ``PointView.slack_m``."""
+    """Return flat ``PointView.slack_m`` of distances."""
     slack = tolerance * ahead_m
     for v in range(1, ahead_m.shape[0] - 1):
         above, row, below = ahead_m[v - 1], ahead_m[v], ahead_m[v + 1]
@@ -184,13 +186,15 @@ def _slack(ahead_m: Float32, tolerance: np.float32, slope_reach: np.float32) -> 
 
 
 def _steps(half: int) -> tuple[np.uint32, ...]:
-    """Return the steps through a window; as a tuple their number is compiled in."""
+    """Return the offsets from -half to half; a tuple, so that its length is known to the compiler."""
     return tuple(np.uint32(step) for step in range(2 * half + 1))
 
 
 @njit(cache=True, nogil=True)
 def _fill_zbuffer(projection: Projection, nearest: Float32, rows: tuple[np.uint32, ...]) -> None:
-    """Fill ``nearest`` with the least metres ahead on each pixel and the given rows below."""
+    """Fill ``nearest`` with the least metres ahead of each pixel, over the given row offsets of its
+    window.
+    """
     column, row, ahead = projection
     nearest[:] = np.float32(np.inf)
     for v in range(ahead.shape[0]):
@@ -206,7 +210,11 @@ def _fill_zbuffer(projection: Projection, nearest: Float32, rows: tuple[np.uint3
 def _visible(
     projection: Projection, tall: Float32, columns: tuple[np.uint32, ...], rows: np.uint32, slack_m: Float32
 ) -> Bool:
-    """As ``PointView.visible``; tall: z-buffer whose points fill their window, ``rows`` further down."""
+    """Return bool (h, w): True for points that no nearer point hides, as ``PointView.visible``.
+
+    tall: z-buffer (h' + 2 * rows, w'), already the minimum over the window's rows. columns: offsets of the
+    window's columns. slack_m: (h, w), depth difference that does not hide.
+    """
     column, row, ahead = projection
     seen, width = np.zeros(ahead.shape, np.bool_), tall.shape[1]
     half, last = np.uint32(len(columns) // 2), np.uint32(width - 1)

@@ -1,1 +1,1 @@
-"""A person's work on labels: selecting, painting, undoing, propagating, replaying."""
+"""Correction of labels by a person: selecting, painting, undoing, propagating, replaying."""

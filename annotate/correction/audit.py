@@ -20,7 +20,7 @@ _NAMES = {**{part.id: part.name for part in PARTS}, UNDEFINED: "undefined"}
 
 @dataclass(frozen=True)
 class PartWork:
-    """Work on one part: strokes, their active seconds, pixels gained and lost in the end."""
+    """Work on one part: number of strokes, their active seconds, final gained and lost pixels."""
 
     strokes: int
     seconds: float
@@ -30,12 +30,12 @@ class PartWork:
 
 @dataclass(frozen=True)
 class PersonWork:
-    """One person's work on a label set.
+    """Work of one person on a label set.
 
     first, last: times of the work, ISO 8601 UTC, "" if unknown. frames, accepted: numbers of edited frames
-    and of accepted ones. accepted_untouched: share of the accepted with their first labels. seconds_median,
-    seconds_p90: active seconds a frame. seconds: active seconds by kind. changed: share of the body's pixels
-    with another part in the end. parts: by name.
+    and of accepted frames. accepted_untouched: share of accepted frames with unchanged first labels.
+    seconds_median, seconds_p90: active seconds per frame. seconds: active seconds by kind. changed: share of
+    the body's pixels whose final part differs. parts: by name.
     """
 
     who: str
@@ -56,7 +56,7 @@ class PersonWork:
 
 @dataclass(frozen=True)
 class WorkedFrame:
-    """Active seconds of all people on a frame. step: of the learning that labelled the frame, or ""."""
+    """Active seconds of all people on a frame. step: fine-tuning step that labelled the frame, or ""."""
 
     frame_id: str
     seconds: float
@@ -65,8 +65,11 @@ class WorkedFrame:
 
 @dataclass(frozen=True)
 class Audit:
-    """Audit. people: the one with most frames first. rejected: reason by frame id. course: worked frames in
-    the order of the last stroke."""
+    """Work on a label set.
+
+    people: the person with most frames first. rejected: reason by frame id. course: worked frames in the
+    order of the last stroke.
+    """
 
     people: tuple[PersonWork, ...]
     rejected: dict[str, str]
@@ -79,7 +82,9 @@ class Audit:
 
 @dataclass(frozen=True)
 class _Visit:
-    """One person's entries on one frame. before, after: uint8 (n,), parts of the pixels changed last."""
+    """Entries of one person on one frame. before, after: uint8 (n,), old and new parts of pixels that this
+    person changed last.
+    """
 
     strokes: tuple[Stroke, ...]
     before: UInt8
@@ -112,7 +117,7 @@ def audit(labels: LabelSet, journal: Journal) -> Audit:
 
 
 def _visits(strokes: Sequence[Stroke], before: UInt8, after: UInt8) -> Iterator[tuple[str, _Visit]]:
-    """Yield every person's visit to a frame; a changed pixel belongs to the last person."""
+    """Yield the work of each person on a frame; a changed pixel belongs to the last person who changed it."""
     names = list(dict.fromkeys(stroke.who for stroke in strokes))
     last = np.zeros(before.size, np.intp)
     for stroke in strokes:

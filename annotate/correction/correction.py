@@ -31,12 +31,12 @@ class RestorableError(FormatError):
 class Correction:
     """Correction of one label set by one person; a context manager that saves and releases the set.
 
-    Strokes are on the disk when an editor's operation returns. When the disk refuses a stroke, the operation
-    raises NotSavedError after it took effect; the next stroke writes refused ones again.
+    A stroke is on disk when an editor's operation returns. If the disk refuses it, the operation raises
+    NotSavedError after it took effect; the next stroke writes refused ones again.
     """
 
     def __init__(self, labels: LabelSet, who: str, claim: Claim | None, clock: Callable[[], float]) -> None:
-        """Prefer ``open``."""
+        """Set up a correction; use ``open`` instead."""
         self.labels, self.who, self.journal = labels, who, Journal.of(labels.path)
         self._claim, self._clock = claim, clock
         self._opened: dict[str, tuple[FrameLabels, Editor]] = {}
@@ -48,10 +48,11 @@ class Correction:
     def open(
         cls, path: Path, who: str = "", *, read_only: bool = False, clock: Callable[[], float] = steady_time
     ) -> Self:
-        """Open the label set at ``path`` where it was left. who: "" for the system's user.
+        """Open the label set at ``path`` with all earlier corrections.
 
-        Raises FormatError for a corrupt set or journal, and CloudError for a set that cannot be written to.
-        Raises ClaimedError with the name of another person who corrects the set.
+        who: "" for the system's user. Raises FormatError for a corrupt set or journal, and CloudError for a
+        set that cannot be written to. Raises ClaimedError with the name of another person who corrects the
+        set.
         """
         labels, who = LabelSet.open(path), who or login()
         claim = None if read_only else Claim.take(path, who)
@@ -73,16 +74,16 @@ class Correction:
 
     @property
     def read_only(self) -> bool:
-        """True where strokes are refused."""
+        """Return True if strokes are refused."""
         return self._claim is None
 
     @property
     def unsaved(self) -> int:
-        """Number of entries in memory that the disk refused."""
+        """Return the number of entries in memory that the disk refused."""
         return len(self.journal.pending)
 
     def frame(self, frame_id: str) -> FrameLabels:
-        """Read a frame after its last stroke. Any thread may call this.
+        """Read a frame with all strokes applied. Any thread may call this.
 
         Raises RestorableError when corrupt labels can be rebuilt, else FormatError.
         """
@@ -97,7 +98,7 @@ class Correction:
         return self._learnt(after(saved, self._later(frame_id, saved.notes)))
 
     def _learnt(self, frame: FrameLabels) -> FrameLabels:
-        """Return a frame with the confidence of the learning step that labelled it."""
+        """Return a frame with the confidence of the fine-tuning step that labelled it."""
         step = step_of(self.journal.strokes(frame.frame_id))
         if step is None or step == frame.notes.get(LEARNT):
             return frame
@@ -119,7 +120,7 @@ class Correction:
         return editor
 
     def begin(self, frame: FrameLabels) -> Editor:
-        """Return an editor of a frame just read; frames edited before stay open until ``leave_others``."""
+        """Return an editor of a frame just read; other edited frames stay open until ``leave_others``."""
         self._refuse_read_only()
         frame_id = frame.frame_id
         if frame_id in self._opened:
@@ -137,7 +138,10 @@ class Correction:
                 self.leave(other)
 
     def save(self, frame_id: str) -> None:
-        """Save a frame's labels. Raises NotSavedError; the strokes are in the journal."""
+        """Write a frame's labels to the label set.
+
+        Raises NotSavedError when the disk refuses; the strokes stay in the journal.
+        """
         frame, editor = self._opened[frame_id]
         if not self.journal.strokes(frame_id):
             return
@@ -171,7 +175,7 @@ class Correction:
             self.journal.flush()
 
     def record_together(self, strokes: Sequence[Stroke]) -> None:
-        """Add entries of untouched frames: all or, after a crash, none.
+        """Add entries of untouched frames atomically: all or, after a crash, none.
 
         Any thread may call this, but no editor may be open (``leave_all``). Raises NotSavedError, and
         CloudError when read-only.
@@ -187,7 +191,7 @@ class Correction:
                 self._write(self.frame(stroke.frame_id))
 
     def state(self, frame_id: str) -> State:
-        """Return the state of a frame."""
+        """Return the state of a frame after its strokes and verdicts."""
         strokes = self.journal.strokes(frame_id)
         known = self._states.get(frame_id)
         # Kept, because the window needs all states after every stroke, and no other program writes the set.
@@ -203,9 +207,9 @@ class Correction:
         return self._statuses[frame_id]
 
     def next_verdict(self, frame_id: str) -> Literal["accept", "agree", "none"]:
-        """Return the verdict of the accept key, which never overrules a rejection.
+        """Return the verdict that the accept key gives next; a rejection is never overruled.
 
-        "accept" where no verdict stands, "agree" after another person's verdict, "none" after this person's.
+        "accept" without a verdict, "agree" after another person's verdict, "none" after this person's.
         """
         if self.state(frame_id) in ("auto", "touched"):
             return "accept"
@@ -247,7 +251,7 @@ class Correction:
         self.abandon()
 
     def abandon(self) -> None:
-        """Release the set as it is on the disk; later writes are refused."""
+        """Release the set without saving; later writes are refused."""
         claim, self._claim = self._claim, None
         if claim:
             claim.release()

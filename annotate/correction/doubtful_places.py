@@ -1,4 +1,4 @@
-"""Places of a frame that are worth a look, and the reason for each."""
+"""Places of a frame with probably wrong labels, and the reason for each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,8 +18,9 @@ LEAST_PX = 15  # of a doubtful place: smaller ones are within the borders' toler
 
 @dataclass(frozen=True)
 class Doubt:
-    """Doubtful place. pixels: flat indices (n,), connected. middle: the pixel in the middle. weight: expected
-    number of wrong pixels."""
+    """Place with probably wrong labels. pixels: flat indices (n,), connected. middle: the pixel in the
+    middle. weight: expected number of wrong pixels.
+    """
 
     pixels: Int64
     middle: int
@@ -30,10 +31,10 @@ class Doubt:
 def doubts(
     frame: FrameLabels, parts: UInt8, other: UInt8 | None = None, strokes: Sequence[Stroke] = ()
 ) -> list[Doubt]:
-    """Return the doubtful places of a frame, the heaviest first.
+    """Return the doubtful places of a frame, most expected wrong pixels first.
 
-    frame: as labelled automatically. parts: uint8 (h, w), as they stand. other: uint8 (h, w) of a set to
-    compare, or None. strokes: that stand; pixels of strokes are not doubtful.
+    frame: as labelled automatically. parts: uint8 (h, w), current labels. other: uint8 (h, w) of a set to
+    compare, or None. strokes: in effect; pixels of strokes are not doubtful.
     """
     untouched = np.ones(parts.size, np.bool_)
     for stroke in strokes:
@@ -55,7 +56,7 @@ def doubts(
 
 
 def part_title(part: int) -> str:
-    """Return a part's name in sentences."""
+    """Return a part's name for use in sentences."""
     return "undefined" if part == UNDEFINED else PARTS[part].title.lower()
 
 

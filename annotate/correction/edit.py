@@ -1,4 +1,4 @@
-"""Operations that change one frame's labels by one stroke each, and their time."""
+"""Editor of one frame's labels: each operation is one stroke, and active time is measured."""
 
 import time
 from collections.abc import Callable, Iterable
@@ -30,12 +30,12 @@ _EPOCH_S = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 def steady_time() -> float:
-    """Return the seconds since the epoch by a clock that does not jump when the host's clock is set."""
+    """Return the seconds since the epoch; setting the host's clock has no effect."""
     return _EPOCH_S + time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 class ActiveTime:
-    """Sums of the gaps between a person's events, by activity. clock: seconds since the epoch."""
+    """Active time by activity: sums of the gaps between a person's events. clock: seconds since the epoch."""
 
     def __init__(self, clock: Callable[[], float] = steady_time) -> None:
         self.clock = clock
@@ -50,7 +50,7 @@ class ActiveTime:
         self._last = now
 
     def take(self) -> dict[Activity, float]:
-        """Return the seconds by activity since the last call, to the millisecond."""
+        """Return the seconds by activity since the last call, rounded to the millisecond."""
         taken, self._seconds = self._seconds, {}
         return {kind: round(seconds, 3) for kind, seconds in taken.items()}
 
@@ -60,14 +60,13 @@ class ActiveTime:
 
 
 class Editor:
-    """Labels of one frame under correction.
+    """Editor of the labels of one frame.
 
     valid (h, w): pixels with depth, the only ones that can get a part. locks: ids of parts that neither lose
     nor gain pixels. only: the one part that may be replaced, or None for any. record: called with every
-    stroke after its effect; errors of it pass through.
-
-    Operations return the stroke, or None for no change, and raise CloudError on part ids and pixels that do
-    not exist. ``pixels`` are flat indices (n,) into the image, or a mask (h, w).
+    stroke after its effect; its errors pass through. Operations return the stroke, or None for no change, and
+    raise CloudError on part ids and pixels that do not exist. ``pixels`` are flat indices (n,) into the
+    image, or a mask (h, w).
     """
 
     def __init__(
@@ -89,18 +88,18 @@ class Editor:
 
     @property
     def parts(self) -> UInt8:
-        """Part ids (h, w), a read-only view that follows every stroke."""
+        """Return the part ids (h, w) as a read-only view of the current labels."""
         view = self._parts.view()
         view.flags.writeable = False
         return view
 
     def paint(self, pixels: NDArray[np.generic], part: int, how: Gesture = KEY) -> Stroke | None:
-        """Give pixels a part; 0 is background, 255 undefined."""
+        """Set the label of pixels to a part; 0 is background, 255 undefined."""
         _known(part)
         return self._give("paint", self._flat(pixels), part, how)
 
     def to_neighbour(self, pixels: NDArray[np.generic], how: Gesture = KEY) -> Stroke | None:
-        """Give pixels to the neighbouring part that they touch most."""
+        """Set the label of pixels to the neighbouring part with the longest contact."""
         at = self._flat(pixels)
         found = neighbours(self._parts, at)
         return self._give("to_neighbour", at, found[0], how) if found else None
@@ -131,7 +130,7 @@ class Editor:
     def replace(
         self, operation: Operation, parts: UInt8, part: int | None = None, how: Gesture = KEY
     ) -> Stroke | None:
-        """Replace the labels by others (h, w), within depth, locks and ``only``."""
+        """Replace the labels by others (h, w) at pixels that depth, locks and ``only`` allow."""
         at = self.preview(parts)
         return self._change(operation, at, parts.ravel()[at], part, how)
 
@@ -142,7 +141,7 @@ class Editor:
         return at[self._allowed(at, parts.ravel()[at])]
 
     def undo(self, how: Gesture = KEY) -> Stroke | None:
-        """Take back the last stroke or verdict."""
+        """Undo the last stroke or verdict."""
         return self._again("undo", self.history.done, how)
 
     def redo(self, how: Gesture = KEY) -> Stroke | None:

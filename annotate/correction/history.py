@@ -1,4 +1,4 @@
-"""History of one frame: strokes and verdicts that stand, and undone ones."""
+"""History of one frame: strokes and verdicts in effect, and undone ones."""
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -15,9 +15,9 @@ from sensors.errors import FormatError
 class History:
     """Strokes and verdicts of one frame, the last at the end.
 
-    done: entries that stand. undone: entries to redo; a new stroke or verdict clears them. An undo without
-    runs takes a verdict back. Old journals also hold an undo that passes over later verdicts, and a redo of a
-    stroke across a later verdict.
+    done: entries in effect. undone: entries to redo; a new stroke or verdict clears them. An undo without
+    runs (pixel changes) takes a verdict back. Old journals also hold an undo that passes over later verdicts,
+    and a redo of a stroke across a later verdict.
     """
 
     done: list[Stroke] = field(default_factory=list)
@@ -49,7 +49,7 @@ class History:
 
 
 def standing(strokes: Sequence[Stroke]) -> list[Stroke]:
-    """Return the strokes and verdicts that stand; skip an undo or redo that fits none of them."""
+    """Return the strokes and verdicts in effect; an undo or redo that matches none of them is skipped."""
     history = History()
     for stroke in strokes:
         with suppress(FormatError):
@@ -58,7 +58,9 @@ def standing(strokes: Sequence[Stroke]) -> list[Stroke]:
 
 
 def _popped(stack: list[Stroke], stroke: Stroke, undo: bool) -> Stroke:
-    """Return the last stroke of a stack, removed. stroke: the undo or redo of it."""
+    """Remove the last stroke of a stack and return it. stroke: the undo or redo entry, which must match
+    it.
+    """
     while stack and stroke.changes and not stack[-1].changes:
         stack.pop()
     runs = (stack[-1].inverse_runs() if undo else stack[-1].runs) if stack else None

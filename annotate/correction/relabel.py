@@ -23,7 +23,8 @@ from sensors.errors import CloudError
 @dataclass(frozen=True)
 class Relabelled:
     """Result of a step. step: its name, "" for the first labels. frames: number of frames with other labels.
-    changed: share of their body's pixels with another part."""
+    changed: share of their body pixels with another part.
+    """
 
     step: str
     frames: int
@@ -31,12 +32,12 @@ class Relabelled:
 
     @property
     def text(self) -> str:
-        """Relabelling in words."""
+        """Return the result of a relabelling as a sentence."""
         return f"{self._frames} labelled again: {self.changed:.1%} of the person is another part"
 
     @property
     def text_of_taking_back(self) -> str:
-        """Taking back in words."""
+        """Return the result of taking a step back as a sentence."""
         return f"The last learning is taken back: {self._frames} restored"
 
     @property
@@ -93,7 +94,7 @@ def take_back(correction: Correction) -> Relabelled | None:
 
 
 def before_step(correction: Correction, frame_id: str) -> UInt8 | None:
-    """Return the parts (h, w) of a frame from before the last step on it, if any."""
+    """Return the parts (h, w) of a frame before the last step on it, or None."""
     entries = correction.journal.strokes(frame_id)
     last = max((n for n, stroke in enumerate(entries) if stroke.operation == "relabel"), default=-1)
     if last < 0:

@@ -56,7 +56,7 @@ def after(frame: FrameLabels, strokes: Sequence[Stroke], exact: bool = False) ->
 
 
 def begun_from(frame: FrameLabels, strokes: Sequence[Stroke]) -> FrameLabels:
-    """Return a frame's labels at the first person's start, after relabelling. frame: first labels."""
+    """Return the labels from which the first person started, after any relabelling. frame: first labels."""
     return after(frame, [stroke for stroke in strokes if stroke.operation == "relabel"], exact=True)
 
 
@@ -68,7 +68,9 @@ def _fits(stroke: Stroke, parts: UInt8) -> bool:
 
 
 def noted(frame: FrameLabels, journal: Journal, before: Status) -> FrameLabels:
-    """Return a frame with the status and notes of its entries. before: status before the first entry."""
+    """Return a frame with status and notes derived from its entries. before: status before the first
+    entry.
+    """
     strokes = journal.strokes(frame.frame_id)
     if not strokes:
         return frame
@@ -79,14 +81,14 @@ def noted(frame: FrameLabels, journal: Journal, before: Status) -> FrameLabels:
 
 
 def verdicts(strokes: Sequence[Stroke]) -> list[Stroke]:
-    """Return the verdicts that stand, the last at the end."""
+    """Return the verdicts in effect, the last at the end."""
     return [stroke for stroke in standing(strokes) if stroke.operation in VERDICTS]
 
 
 def state_of(strokes: Sequence[Stroke], saved: Status = "auto") -> State:
     """Return a frame's state after its entries. saved: its status before the first entry.
 
-    A frame whose rejection is agreed with stays rejected.
+    A rejection that another person agrees with stays a rejection.
     """
     given = standing(strokes)
     agreed = bool(given) and given[-1].operation == "agree"
@@ -103,7 +105,7 @@ def state_of(strokes: Sequence[Stroke], saved: Status = "auto") -> State:
 
 
 def rejected_by(strokes: Sequence[Stroke]) -> Stroke | None:
-    """Return the rejection that stands, or None."""
+    """Return the rejection in effect, or None."""
     if state_of(strokes) != "rejected":
         return None
     return next(verdict for verdict in reversed(verdicts(strokes)) if verdict.operation == "reject")
@@ -139,5 +141,7 @@ def is_stroke(stroke: Stroke) -> bool:
 
 
 def step_of(strokes: Sequence[Stroke]) -> str | None:
-    """Return the learning step that labelled a frame; "" after taking back, None without any step."""
+    """Return the fine-tuning step that labelled a frame; "" after it was taken back, None without any
+    step.
+    """
     return next((s.reason for s in reversed(strokes) if s.operation == "relabel"), None)

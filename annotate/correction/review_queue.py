@@ -23,7 +23,7 @@ REACH = 10  # frames around the farthest one, among which the least sure teaches
 
 @dataclass(frozen=True)
 class Queued:
-    """Frame that waits for a reviewer, with the reason for a look. urgency: of the queue's order."""
+    """Frame that waits for a reviewer, with the reason. urgency: sort key of the queue."""
 
     frame_id: str
     reason: str
@@ -59,7 +59,9 @@ def review_queue(correction: Correction) -> list[Queued]:
 
 
 def is_queued(correction: Correction, frame_id: str) -> bool:
-    """Return whether a frame's last verdict is another person's, without agreement."""
+    """Return whether a frame waits for a reviewer: its last verdict is another person's, without
+    agreement.
+    """
     if correction.state(frame_id) not in ("accepted", "rejected"):
         return False
     standing = verdicts(correction.journal.strokes(frame_id))
@@ -67,10 +69,10 @@ def is_queued(correction: Correction, frame_id: str) -> bool:
 
 
 def teaching_order(correction: Correction) -> list[str]:
-    """Return the untouched frames, each the one that teaches most after the frames before it.
+    """Return the untouched frames in the order in which correcting them helps a fine-tuning most.
 
-    The first is the least sure of all. Each next one is the least sure around the frame that is farthest in
-    time from all worked and earlier ones.
+    The first has the lowest confidence. Each next one is the least confident frame near the frame that is
+    farthest in time from all corrected and earlier ones.
     """
     ids, free = correction.labels.frame_ids, set(untouched(correction))
     doubt = np.array([1 - (confidence_of(correction, i) or 0.0) for i in ids])
@@ -111,7 +113,9 @@ def confidence_of(correction: Correction, frame_id: str) -> float | None:
 
 
 def _why(entries: Sequence[Stroke], confidence: float | None) -> tuple[str, float]:
-    """Return the reason, and its urgency: the mean doubt plus a whole number for the kind."""
+    """Return the reason, and its urgency: a whole number for the kind plus the mean doubt (1 -
+    confidence).
+    """
     doubt = 0.0 if confidence is None else min(1.0, 1 - confidence)
     unsure = "" if confidence is None else f", confidence {max(confidence, 0):.2f}"
     if (rejected := rejected_by(entries)) is not None:

@@ -1,7 +1,7 @@
-"""Pixels that a gesture selects: by shapes drawn on a view of the cloud, or by pieces of its surface.
+"""Selection of pixels by a gesture: by shapes drawn on a view of the cloud, or by pieces of its surface.
 
-All selections are flat indices (n,) into the depth image. No window here. Constants are untuned unless a
-source is given.
+All selections are flat indices (n,) into the depth image. No GUI here. Constants are untuned unless a source
+is given.
 """
 
 from dataclasses import dataclass
@@ -41,7 +41,9 @@ class ScreenPoints:
 
     @classmethod
     def of_image(cls, depth_mm: UInt16, scale: float = 1.0) -> "ScreenPoints":
-        """Return the depth image (h, w) itself, ``scale`` screen pixels a pixel, those without depth too."""
+        """Return the pixels of a depth image (h, w) as screen points, ``scale`` screen pixels each, with or
+        without depth.
+        """
         height, width = depth_mm.shape
         v, u = np.divmod(np.arange(depth_mm.size), width)
         xy_px = (np.stack([u, v], axis=1).astype(np.float32) + np.float32(0.5)) * np.float32(scale)
@@ -50,19 +52,19 @@ class ScreenPoints:
 
     @cached_property
     def pixels(self) -> Int64:
-        """Flat indices (m,) of the points on the screen."""
+        """Return the flat indices (m,) of the points on the screen."""
         x, y = self.xy_px.T
         return np.flatnonzero((x >= 0) & (y >= 0) & (x < self.size_px[0]) & (y < self.size_px[1]))
 
     @cached_property
     def cells(self) -> Int64:
-        """Screen pixel (m,), row by row, of each of ``pixels``."""
+        """Return the flat index (m,) of the screen cell of each of ``pixels``."""
         xy = self.xy_px[self.pixels].astype(np.int64)
         return xy[:, 1] * self.size_px[0] + xy[:, 0]
 
     @cached_property
     def front(self) -> Bool:
-        """True for each point (n,) in front: no point of its cell is nearer by more than BEHIND."""
+        """Return bool (n,), True for points that no nearer point of their cell hides, by more than BEHIND."""
         xy = self.xy_px[self.pixels].astype(np.int64) // self.cell_px
         across = self.size_px[0] // self.cell_px + 1
         cell = xy[:, 1] * across + xy[:, 0]
@@ -75,7 +77,7 @@ class ScreenPoints:
 
 
 def polygon(view: ScreenPoints, corners_px: NDArray[np.floating], through: bool = False) -> Int64:
-    """Return the points inside a polygon (k, 2) in screen pixels. through: not only in front."""
+    """Return the points inside a polygon (k, 2) in screen pixels. through: also select hidden points."""
     shape = np.zeros(view.size_px[::-1], np.uint8)
     cv2.fillPoly(shape, [_fixed(corners_px)], 1, shift=_SHIFT)
     return _under(view, shape, through)
@@ -84,7 +86,11 @@ def polygon(view: ScreenPoints, corners_px: NDArray[np.floating], through: bool 
 def brush(
     view: ScreenPoints, path_px: NDArray[np.floating], radius_px: float, through: bool = False
 ) -> Int64:
-    """Return the points within ``radius_px`` of a path (k, 2) in screen pixels; one corner is a dab."""
+    """Return the points within ``radius_px`` of a path (k, 2) in screen pixels; a path of one point is a
+    disc.
+
+    through: also select hidden points.
+    """
     shape = np.zeros(view.size_px[::-1], np.uint8)
     path = _fixed(path_px)
     radius = round(radius_px * (1 << _SHIFT))
@@ -95,7 +101,7 @@ def brush(
 
 
 def nearest(view: ScreenPoints, at_px: tuple[float, float], reach_px: float = 12.0) -> int | None:
-    """Return the front point nearest to a screen position within ``reach_px``, or None."""
+    """Return the visible point nearest to a screen position within ``reach_px``, or None."""
     found = brush(view, np.array([at_px], np.float64), reach_px)
     if not len(found):
         return None
@@ -108,7 +114,8 @@ def edit_supervoxels(
 ) -> Int32:
     """Return supervoxel ids (h, w) of the person and a margin, -1 elsewhere.
 
-    color_rgb: uint8 (h, w, 3), or None for the parts' palette, so that pieces keep to the labels' borders.
+    color_rgb: uint8 (h, w, 3); None = the colours of the parts, so that supervoxels do not cross the labels'
+    borders.
     """
     mask = _near_person(depth_mm, parts)
     ids = np.full(parts.shape, -1, np.int32)
@@ -121,7 +128,7 @@ def edit_supervoxels(
 
 
 def _near_person(depth_mm: UInt16, parts: UInt8) -> Bool:
-    """Return the pixels (h, w) with depth on the person, or near in the image and in depth."""
+    """Return the pixels (h, w) with depth on the person, or close to it in the image and in depth."""
     person = (parts != BACKGROUND) & (depth_mm > 0)
     if not person.any():
         return np.asarray(person)
@@ -137,7 +144,9 @@ def _near_person(depth_mm: UInt16, parts: UInt8) -> Bool:
 
 
 def supervoxel(ids: Int32, parts: UInt8, pixel: int) -> Int64:
-    """Return the pixels of the supervoxel under a pixel that have the pixel's part; ids: -1 = none."""
+    """Return the pixels of the supervoxel under a pixel that have the same part as that pixel. ids: -1 =
+    none.
+    """
     if ids.flat[pixel] < 0:
         return np.empty(0, np.int64)
     return np.flatnonzero((ids == ids.flat[pixel]) & (parts == parts.flat[pixel]))
@@ -151,7 +160,9 @@ def patch(parts: UInt8, depth_mm: UInt16, pixel: int) -> Int64:
 
 
 def grow(ids: Int32, parts: UInt8, depth_mm: UInt16, pixels: Int64) -> Int64:
-    """Return the pixels and every supervoxel that their surface touches, of the part of most pixels."""
+    """Return the pixels and all supervoxels adjacent on their surface, limited to the part of most of the
+    pixels.
+    """
     if not len(pixels):
         return pixels
     part = int(np.bincount(parts.ravel()[pixels]).argmax())
@@ -181,6 +192,6 @@ def _fixed(corners_px: NDArray[np.floating]) -> Int32:
 
 
 def _under(view: ScreenPoints, shape: UInt8, through: bool) -> Int64:
-    """Return the points under a drawn shape (height, width)."""
+    """Return the points under a drawn shape (height, width). through: also hidden points."""
     found = view.pixels[shape.ravel()[view.cells] > 0]
     return found if through else found[view.front[found]]

@@ -1,1 +1,1 @@
-"""The simulated annotator: what it would do with the window, and how long that would take."""
+"""Simulated annotator: its corrections with the window's operations, and the time that they take."""

@@ -14,10 +14,10 @@ EVERYWHERE: Box = np.s_[:, :]
 class Agreement:
     """Truth to compare labels with, pixel by pixel.
 
-    Counted are pixels where truth or labels name a part, unless the truth is undefined there. A pixel is
-    right where both are equal. A pixel is also right beside a border: within ``tolerance_px`` (Chebyshev) the
-    truth has the labelled part and the labels have the true part. So a missing part is wrong, however thin.
-    truth: uint8 (h, w). valid: bool (h, w), pixels with depth; only these count as neighbours.
+    Pixels count where truth or labels name a part, unless the truth is undefined there. A pixel is right
+    where both are equal. A pixel is also right beside a border: within ``tolerance_px`` (Chebyshev) the truth
+    has the labelled part and the labels have the true part. So a missing part is wrong, however thin. truth:
+    uint8 (h, w). valid: bool (h, w), pixels with depth; only these count as neighbours.
     """
 
     def __init__(self, truth: UInt8, valid: Bool, tolerance_px: int = 0) -> None:
@@ -27,7 +27,7 @@ class Agreement:
             self._beside[part] = self._dilated(valid & (truth == part))
 
     def wrong(self, parts: UInt8, box: Box = EVERYWHERE) -> Bool:
-        """Return the pixels (h, w) of labels that count and are wrong, in a box of the image."""
+        """Return the wrong pixels (h, w) of labels, inside a box of the image."""
         truth, labels = self.truth[box], parts[box]
         wrong: Bool = self._counted(parts, box) & (labels != truth)
         if not self._reach_px or not wrong.any():
@@ -73,7 +73,9 @@ class Agreement:
         return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)
 
     def _around(self, pixels: Int64) -> Box:
-        """Return the box of all pixels whose result these can change, with the neighbours that count."""
+        """Return the box of all pixels whose correctness a change of these pixels can affect, with their
+        neighbours.
+        """
         v, u = np.divmod(pixels, self.truth.shape[1])
         margin = 2 * self._reach_px
         top, left = max(0, int(v.min()) - margin), max(0, int(u.min()) - margin)

@@ -1,8 +1,8 @@
 """Simulated annotator: it corrects a frame's labels by the operations of the window and counts the time.
 
-The annotator compares labels with a truth and makes the repair that corrects most pixels per second, with a
-hand that errs. Repairs that went wrong are undone. The work ends at the goal or when nothing helps.
-Constants are untuned unless a source is given.
+The annotator compares labels with a truth. It makes the repair that corrects most pixels per second, with
+random errors of the drawing hand, and undoes failed repairs. The work ends at the goal or when no repair
+helps. Constants are untuned unless a source is given.
 """
 
 import zlib
@@ -52,8 +52,7 @@ CTRL_KEY = Gesture("key", keys=2)
 
 @dataclass(frozen=True)
 class Effort:
-    """Work on a frame: its labels afterwards, its entries in the journal, a person's seconds, and the share
-    of right pixels afterwards."""
+    """Work on a frame: final labels, journal entries, a person's seconds, and final share of right pixels."""
 
     corrected: FrameLabels
     strokes: tuple[Stroke, ...]
@@ -62,12 +61,12 @@ class Effort:
 
     @property
     def repairs(self) -> int:
-        """Number of operations other than accepting."""
+        """Return the number of operations other than accepting."""
         return sum(stroke.operation != "accept" for stroke in self.strokes)
 
 
 class _Option(NamedTuple):
-    """A repair, the number of pixels it corrects, and the seconds it takes."""
+    """Possible repair, with the number of pixels that it corrects and the seconds that it takes."""
 
     repair: Repair
     gain: int
@@ -77,8 +76,8 @@ class _Option(NamedTuple):
 class Annotator:
     """Simulated person at the window.
 
-    goal: the agreement at which the annotator accepts. tolerance_px: at borders. at_once: number of patches
-    of one part for one look (``keystrokes``).
+    goal: agreement at which the annotator accepts. tolerance_px: at borders. at_once: number of patches of
+    one part that need one mental preparation (``keystrokes``).
     """
 
     def __init__(self, goal: float = AGREEMENT, tolerance_px: int = TOLERANCE_PX, at_once: int = 1) -> None:
@@ -128,7 +127,7 @@ class Annotator:
         return None
 
     def _options(self, found: list[Patch], view: View, tried: set[object]) -> Iterator[_Option]:
-        """Yield every untried repair of these patches, alone and with others of the same part."""
+        """Yield every untried repair of these patches, alone and joined with others of the same part."""
         best: dict[int, list[tuple[float, Repair]]] = defaultdict(list)
         for patch in found:
             untried = (repair for repair in repairs(patch, view) if repair.identity not in tried)
@@ -185,10 +184,10 @@ def correct_set(
     cloud_of: Callable[[str], ThermalCloud | None],
     order: Iterable[str] = (),
 ) -> Iterator[Effort]:
-    """Let a simulated annotator correct a label set, frame by frame.
+    """Let a simulated annotator correct a label set, and yield its effort on each frame.
 
-    correction: with the annotator's clock. cloud_of: colours of a frame, if there are any. order: frame
-    ids, read one by one; by time if empty.
+    correction: must use the annotator's clock. cloud_of: function that returns the cloud of a frame, for its
+    colours, or None. order: frame ids, read one by one; by time if empty.
     """
     for frame_id in order or correction.labels.frame_ids:
         automatic, true = correction.frame(frame_id), truth.read(frame_id)
@@ -206,7 +205,7 @@ def correct_set(
 
 
 def _apply(view: View, move: Move, corners: Float64 | None, how: Gesture) -> Stroke | None:
-    """Make a move with the editor."""
+    """Apply a move with the editor. corners: (k, 2) as (u, v), as drawn, or None."""
     editor, part = view.editor, move.part
     if move.operation == "swap_left_right":
         return editor.swap_left_right(move.pairs, how)

@@ -1,4 +1,4 @@
-"""Hand of the simulated annotator: lines around and over a patch, and their errors.
+"""Drawing hand of the simulated annotator: lines around and over a patch, and random errors.
 
 Constants are untuned unless a source is given.
 """
@@ -16,8 +16,11 @@ BRUSHES_PX = (3.0, 6.0, 10.0)  # radii in image pixels, as ``gui.commands`` at t
 
 @dataclass(frozen=True)
 class Hand:
-    """Way of drawing. sd_px: standard deviation of the error in image pixels. slack_px: distance outside the
-    patch at which the hand aims. notches: of the wheel, to zoom in first."""
+    """Drawing hand.
+
+    sd_px: standard deviation of the error in image pixels. slack_px: distance outside the patch at which the
+    hand aims. notches: notches of the mouse wheel by which the view is zoomed in first.
+    """
 
     sd_px: float
     slack_px: int
@@ -25,7 +28,7 @@ class Hand:
 
     @property
     def zoom(self) -> float:
-        """Enlargement of the image: 1.2 for each notch, as in the window."""
+        """Return the enlargement of the image: a factor of 1.2 for each notch, as in the window."""
         return 1.2**self.notches
 
 
@@ -35,10 +38,10 @@ FINE = Hand(sd_px=0.5, slack_px=1, notches=4)  # round a finger: the careful han
 
 
 def outline(patch: Bool, free: Bool, hand: Hand) -> Float64:
-    """Return the corners (k, 2) as (u, v) of a lasso round a patch (h, w), simplified to the hand's error.
+    """Return the corners (k, 2) as (u, v) of a lasso around a patch (h, w), simplified to the hand's error.
 
-    free: bool (h, w), pixels that the lasso may include. Pieces closer than five pixels are joined; then the
-    largest counts. Source: Douglas & Peucker 1973.
+    free: bool (h, w), pixels that the lasso may include. Pieces closer than five pixels are joined, and the
+    largest one is outlined. Source: Douglas & Peucker 1973.
     """
     mask = cv2.morphologyEx(patch.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     wide = cv2.dilate(mask, AROUND, iterations=hand.slack_px)
@@ -50,7 +53,7 @@ def outline(patch: Bool, free: Bool, hand: Hand) -> Float64:
 
 
 def loop(patch: Bool, hand: Hand) -> Float64:
-    """Return the corners (k, 2) as (u, v) of a patch's convex hull, with slack."""
+    """Return the corners (k, 2) as (u, v) of a patch's convex hull, enlarged by the hand's slack."""
     wide = cv2.dilate(patch.astype(np.uint8), AROUND, iterations=hand.slack_px)
     v, u = np.nonzero(wide)
     hull = cv2.convexHull(np.stack([u, v], axis=1).astype(np.int32))
@@ -71,7 +74,7 @@ def along(patch: Bool, radius_px: float) -> Float64:
 
 
 def drawn(corners: Float64, hand: Hand, rng: np.random.Generator) -> Float64:
-    """Return corners (k, 2) with the error of the hand."""
+    """Return corners (k, 2) with random errors of the hand."""
     return corners + rng.normal(0, hand.sd_px, corners.shape)
 
 

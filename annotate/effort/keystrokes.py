@@ -1,11 +1,10 @@
-"""Seconds of a person's work by the keystroke-level model, with a law for drawing.
+"""Time of a person's work by the keystroke-level model, with a law for drawing.
 
-Operators and times: Card, Moran & Newell, The Psychology of Human-Computer Interaction, 1983, chapter 8.
-Keys lie under the left hand while the right one holds the mouse (``gui.keys``): no homing is charged.
-
-Mental preparation is charged for every look: one before each repaired patch and a last one (as in Kieras,
-Using the keystroke-level model to estimate execution times, 2001). ``Annotator(at_once=4)`` charges one look
-for up to four patches of one part (Cowan, The magical number 4, 2001). docs/adr/0009 gives both figures.
+Operators and times: Card, Moran & Newell, The Psychology of Human-Computer Interaction, 1983, chapter 8. Keys
+lie under the left hand while the right one holds the mouse (``gui.keys``), so the model's homing time is 0.
+Mental preparation is counted before each repaired patch, and once at the end. Source: Kieras, Using the
+keystroke-level model to estimate execution times, 2001. ``Annotator(at_once=4)`` counts one preparation for
+up to four patches of one part (Cowan, The magical number 4, 2001). docs/adr/0009 gives both results.
 """
 
 from dataclasses import dataclass
@@ -27,7 +26,9 @@ PREVIEWED = ("fill_holes", "remove_islands")  # operations with a preview, which
 
 @dataclass(frozen=True)
 class Tools:
-    """Settings of the window: part, tool, brush radius on the screen; room: strokes change background."""
+    """Settings of the window: part, tool, brush radius on the screen. room: True if strokes change
+    background.
+    """
 
     part: int | None = None
     tool: str = ""
@@ -52,7 +53,9 @@ class Tools:
 
 
 def gesture(move: Move, corners: Float64 | None, keys: int) -> Gesture:
-    """Return the gesture of a move: ``keys`` for the settings, then corners (k, 2), or clicks."""
+    """Return the journal gesture of a move. keys: number of keys for the settings. corners: (k, 2) as drawn;
+    None = clicks.
+    """
     keys += move.keys + (move.only is not None)
     if corners is not None:
         path_px = length_px(corners, closed=move.kind == "lasso") * SCALE * move.hand.zoom
@@ -62,14 +65,14 @@ def gesture(move: Move, corners: Float64 | None, keys: int) -> Gesture:
 
 
 def move_s(move: Move, how: Gesture) -> float:
-    """Return the seconds of a move by a gesture, with zooming in and out and a look at a preview."""
+    """Return the seconds of a move by a gesture, including zooming in and out and the check of a preview."""
     wheel_s = 2 * move.hand.notches * KEY_S
     preview_s = MENTAL_S if move.operation in PREVIEWED else 0.0
     return gesture_s(how, move.hand.sd_px * SCALE * move.hand.zoom) + wheel_s + preview_s
 
 
 def moves_s(moves: tuple[Move, ...], tools: Tools) -> float:
-    """Return the seconds to find a mistake and repair it by moves that are drawn exactly."""
+    """Return the seconds to find a mistake and repair it by moves, drawn without error."""
     seconds = MENTAL_S
     for move in moves:
         needed = tools.set_for(move)
@@ -81,8 +84,8 @@ def moves_s(moves: tuple[Move, ...], tools: Tools) -> float:
 def gesture_s(how: Gesture, hand_sd_px: float) -> float:
     """Return the seconds of a gesture without mental preparation.
 
-    hand_sd_px: standard deviation of the drawing hand's error, in the pixels of ``how.path_px``. The point of
-    a key is the place under the pointer; a click that grows a piece needs no pointing.
+    hand_sd_px: standard deviation of the drawing hand's error, in the pixels of ``how.path_px``. A key acts
+    on the place under the pointer, so pointing is counted. A click that grows a piece needs no pointing.
     """
     seconds = how.keys * KEY_S + how.clicks * CLICK_S
     if how.kind in ("lasso", "brush"):

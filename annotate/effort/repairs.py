@@ -28,8 +28,10 @@ NEAR_PX = 60  # largest extent of a patch for which zooming in is worth while
 
 @dataclass(frozen=True)
 class Patch:
-    """Connected pixels of one true part. mask: bool (h, w). was: label of most of them. wrong: number of them
-    outside the tolerance."""
+    """Connected wrong pixels with one true part.
+
+    mask: bool (h, w). was: label of most of them. wrong: number of them outside the tolerance.
+    """
 
     mask: Bool
     part: int
@@ -39,9 +41,12 @@ class Patch:
 
 @dataclass(frozen=True)
 class Move:
-    """One action. part: to give, or None. corners: (k, 2) as (u, v), drawn by ``hand``. pixel: flat index
-    under the pointer. only: the one part to replace. keep_outline: the background stays. pairs: to swap.
-    keys: for the operation itself."""
+    """One action.
+
+    part: part to assign, or None. corners: (k, 2) as (u, v), drawn by ``hand``. pixel: flat index under the
+    pointer. only: the one part to replace. keep_outline: True if background stays. pairs: pairs of parts to
+    swap. keys: number of keys for the operation itself.
+    """
 
     operation: Operation
     kind: GestureKind
@@ -58,7 +63,7 @@ class Move:
 
     @property
     def identity(self) -> object:
-        """Fields that distinguish the move from others; the hand is not one of them."""
+        """Return the fields that distinguish the move from others, all except the hand."""
         drawn = b"" if self.corners is None else self.corners.tobytes()
         settings = (self.part, self.radius_px, self.only, self.keep_outline, self.pairs)
         return (self.operation, self.kind, *settings, self.pixel, self.clicks, drawn)
@@ -66,7 +71,7 @@ class Move:
 
 @dataclass(frozen=True)
 class Repair:
-    """Moves to make in turn, and their intended result: flat pixels (n,) and the parts (n,) they get."""
+    """Moves in order, and their intended result: flat pixels (n,) and their new parts (n,)."""
 
     moves: tuple[Move, ...]
     pixels: Int64
@@ -74,12 +79,12 @@ class Repair:
 
     @property
     def identity(self) -> object:
-        """Identities of the moves."""
+        """Return the identities of the moves."""
         return tuple(move.identity for move in self.moves)
 
 
 def in_one_go(several: Sequence[Repair]) -> Repair:
-    """Join repairs of different patches with the same part."""
+    """Join repairs of different patches with the same part to one repair."""
     pixels, first = np.unique(np.concatenate([repair.pixels for repair in several]), return_index=True)
     parts = np.concatenate([repair.parts for repair in several])[first]
     return Repair(tuple(move for repair in several for move in repair.moves), pixels, parts)
@@ -87,8 +92,10 @@ def in_one_go(several: Sequence[Repair]) -> Repair:
 
 @dataclass(frozen=True)
 class View:
-    """View of a frame under correction. supervoxels: int32 (h, w), -1 = none. imagined: random
-    numbers for the expected errors of the hand."""
+    """View of a frame under correction.
+
+    supervoxels: int32 (h, w), -1 = none. imagined: random numbers for the expected errors of the hand.
+    """
 
     editor: Editor
     agreement: Agreement
@@ -115,7 +122,9 @@ class View:
 
 
 def patches(parts: UInt8, agreement: Agreement) -> list[Patch]:
-    """Return the wrong patches of labels (h, w), the largest first. Dropouts do not divide a patch."""
+    """Return the wrong patches of labels (h, w), the largest first. Pixels without depth do not divide a
+    patch.
+    """
     wrong, truth = agreement.wrong(parts), agreement.truth
     found = []
     for part in np.unique(truth[wrong]).tolist():
@@ -194,14 +203,16 @@ def _clicks(patch: Patch, view: View) -> Iterator[Move]:
 
 
 def _growings(patch: Patch, view: View) -> Iterator[Move]:
-    """Yield one click on a supervoxel, and further clicks that grow it."""
+    """Yield repairs by one click on a supervoxel, and further clicks that grow the selection."""
     for start in list(_clicks(patch, view))[:1]:
         for clicks in range(2, 2 + MOST_GROWING):
             yield Move("paint", "grow", patch.part, pixel=start.pixel, clicks=clicks)
 
 
 def _of_piece(patch: Patch, view: View) -> Iterator[Repair]:
-    """Yield the whole piece under the pointer to its neighbour, and the whole part into another."""
+    """Yield repairs of whole pieces: the piece under the pointer to its neighbour, the whole part into
+    another.
+    """
     parts, at = view.editor.parts, int(np.flatnonzero(patch.mask & (view.editor.parts == patch.was))[0])
     if patch.was not in {p.id for p in BODY_PARTS}:
         return
@@ -215,7 +226,7 @@ def _of_piece(patch: Patch, view: View) -> Iterator[Repair]:
 
 
 def _painting(view: View, moves: tuple[Move, ...]) -> Repair:
-    """Return the repair by painting, drawn with the expected error of the hand."""
+    """Return the repair that paints by moves, drawn with the expected error of the hand."""
     lines = [m.corners if m.corners is None else drawn(m.corners, m.hand, view.imagined) for m in moves]
     pixels = np.unique(np.concatenate([view.chosen(*each) for each in zip(moves, lines, strict=True)]))
     editor, move = view.editor, moves[0]

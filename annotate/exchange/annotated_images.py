@@ -1,4 +1,4 @@
-"""Depth images with masks beside them, as COCO and CVAT store them: names, places, reading and writing."""
+"""Depth images with separate masks, as COCO and CVAT store them: names, folders, reading and writing."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -23,7 +23,10 @@ MAX_IMAGES = 2_000_000  # of an export searched for a name; untuned
 
 
 class AnnotatedImage(NamedTuple):
-    """Image of an annotation file. masks: for a depth image of a shape, later ones on top."""
+    """Image of an annotation file.
+
+    masks: function that returns the masks for a depth image of a shape, later ones on top.
+    """
 
     file: Path
     name: str
@@ -68,9 +71,9 @@ def check_size(stated: tuple[object, object], shape: tuple[int, int]) -> None:
 
 
 def frame_ids(names: list[str]) -> list[str]:
-    """Return the frame id of each image: its name without folders, or with them where two would be equal.
+    """Return the frame id of each image: the file name, or the path where two names would be equal.
 
-    Raises FormatError for a name that leads out of the folder, and for two equal names.
+    Raises FormatError for a path outside the folder, and for two equal paths.
     """
     paths = [_inside(name) for name in names]
     stems = Counter(safe_id(path.stem) for path in paths)
@@ -127,7 +130,9 @@ class DepthImages:
 
     @cached_property
     def _anywhere(self) -> dict[str, list[Path]]:
-        """PNGs of all folders by name: FiftyOne's ``data/``, COCO's ``train2017/``."""
+        """Return the PNGs of all subfolders by name, such as FiftyOne's ``data/`` and COCO's
+        ``train2017/``.
+        """
         found: dict[str, list[Path]] = {}
         for path in islice(self._source.rglob("*.png"), MAX_IMAGES):
             found.setdefault(normalize("NFC", path.name), []).append(path)

@@ -52,7 +52,7 @@ BOX_TOLERANCE_PX = 1.5  # between a stated box and its mask, because programs ro
 
 
 def write_coco(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
-    """Write into an empty folder."""
+    """Write frames in this format into an empty folder."""
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
     for frame in frames:
@@ -149,7 +149,7 @@ def _masks(
     companion: Companion,
     shape: tuple[int, int],
 ) -> Iterator[Mask]:
-    """Yield the masks of annotations; count boxes and key points alone as remarks."""
+    """Yield the masks of annotations; boxes and key points without a mask are counted as remarks."""
     for annotation in annotations:
         segmentation, name = annotation.get("segmentation"), categories[_key(annotation["category_id"])]
         person = int(annotation.get("person", 1))
@@ -203,10 +203,10 @@ def _fits(pixels: Bool, box: object) -> bool:
 
 
 def rle_to_string(runs: list[int]) -> str:
-    """Write run lengths in COCO's compressed form.
+    """Return run lengths in COCO's compressed form.
 
-    From the fourth on each is the difference to the last but one. A character, counted from "0", holds five
-    bits and a sixth that is set while more of the number follows.
+    From the fourth on, each run is stored as the difference to the run two before. A character, counted from
+    "0", holds five bits, and a sixth bit that is set while more of the number follows.
     """
     text = []
     for i, run in enumerate(runs):

@@ -32,7 +32,7 @@ MAX_TEXT_BYTES = 1_000_000_000  # largest JSON or XML file of an export; a frame
 class Companion:
     """Camera of a folder, and by frame id the fields that its images lack.
 
-    remarks: omissions and assumptions of a reader, counted. annotations: the one annotation file to read;
+    remarks: omissions and assumptions of a reader, with counts. annotations: the one annotation file to read;
     None = the folder's.
     """
 
@@ -45,7 +45,7 @@ class Companion:
         self.remarks[text] += 1
 
     def add(self, frame: FrameLabels) -> None:
-        """Note a frame's subject, status and notes."""
+        """Store a frame's subject, status and notes."""
         self.frames[frame.frame_id] = {
             "subject": frame.subject,
             "status": frame.status,
@@ -67,7 +67,7 @@ class Companion:
         persons: UInt8 | None = None,
         confidence: Float32 | None = None,
     ) -> FrameLabels:
-        """Assemble a frame with its noted subject, status and notes. Raises FormatError."""
+        """Return a frame with its stored subject, status and notes. Raises FormatError."""
         fields = self.frames.get(frame_id, {})
         # A persons image of zeros is kept only where the label set had one.
         present = persons is not None and bool(fields.get("persons", persons.any()))
@@ -82,7 +82,7 @@ class Companion:
 
 
 def load_companion(folder: Path, intrinsics: Path | None = None) -> Companion:
-    """Read a folder's companion, or intrinsics alone: a given file, or the folder's.
+    """Read a folder's companion file, or intrinsics alone: ``intrinsics``, or else the folder's.
 
     Raises FormatError, CalibrationError.
     """
@@ -121,7 +121,7 @@ def frame_files(folder: Path, suffix: str) -> Iterator[tuple[str, Path]]:
 
 
 def safe_id(stem: str) -> str:
-    """Return a name as the id of a frame: "Bän k 1" is "Ban_k_1"."""
+    """Return a name as a valid frame id: "Bän k 1" is "Ban_k_1"."""
     plain = normalize("NFKD", unquote(stem))
     kept = "".join(letter for letter in plain if not combining(letter))
     return re.sub(r"[^A-Za-z0-9_.-]", "_", kept).lstrip(".-")[:LONGEST_ID] or "_"

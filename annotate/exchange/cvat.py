@@ -42,7 +42,7 @@ NUMBER = (
 
 
 def write_cvat(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
-    """Write into an empty folder."""
+    """Write frames in this format into an empty folder."""
     with (out / ANNOTATIONS).open("w", encoding="ascii") as xml:
         xml.write('<?xml version="1.0" encoding="utf-8"?>\n<annotations>\n <version>1.1</version>\n')
         xml.write(f" <meta><task><labels>{''.join(_labels())}</labels></task></meta>\n")
@@ -92,7 +92,7 @@ def read_cvat(source: Path, companion: Companion) -> Iterator[FrameLabels]:
 
 
 def _masks(image: Element, companion: Companion, shape: tuple[int, int]) -> Iterator[Mask]:
-    """Yield the masks of an image's shapes, by their order; count other shapes as remarks."""
+    """Yield the masks of an image's shapes in drawing order; other shapes are counted as remarks."""
     for one in image:
         if one.tag == "polygon":
             companion.remark(POLYGONS)

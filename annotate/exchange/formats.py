@@ -1,4 +1,4 @@
-"""Formats of label sets, and the two ways through them: export and import.
+"""Formats of label sets, with export and import.
 
 To add a format, write a module with a writer and a reader of frames; ``image_pairs`` is the shortest example.
 Then add its line to ``FORMATS``, from which the commands and the round-trip tests take it. The file
@@ -30,11 +30,12 @@ from sensors.rig.camera import Intrinsics
 
 @dataclass(frozen=True)
 class Format:
-    """One format.
+    """Format of label sets.
 
-    write: frames of one camera into an empty folder. read: the frames of a folder, by ``companion.labels``.
-    recognise: whether a folder is of this format. lacks: fields of FrameLabels that it cannot carry; all
-    others must come back bit for bit. companion: camera and notes of a folder; by default
+    write: function that writes frames of one camera into an empty folder. read: function that yields the
+    frames of a folder, built by ``companion.labels``. recognise: function that returns whether a folder has
+    this format. lacks: fields of FrameLabels that the format cannot hold; all others must round-trip bit for
+    bit. companion: function that returns camera and notes of a folder; by default from
     ``annotate-cloud.json``.
     """
 
@@ -75,9 +76,9 @@ FORMATS = {
 def export_labels(
     labels: LabelSet, out: Path, name: str, advance: Callable[[int], None], *, overwrite: bool = False
 ) -> tuple[str, ...]:
-    """Write a label set in a format; return the fields that the format cannot carry.
+    """Write a label set in a format; return the fields that the format cannot hold.
 
-    ``out`` appears when it is complete. Raises FormatError for an unknown format or an invalid label set.
+    ``out`` is created when it is complete. Raises FormatError for an unknown format or an invalid label set.
     Raises ExistsError where ``out`` exists, unless an export made it and ``overwrite`` is True.
     """
     if name not in FORMATS:
@@ -124,8 +125,8 @@ def import_labels(
 ) -> Imported:
     """Read another tool's folder, archive (.zip) or annotation file into a new label set.
 
-    ``out`` appears when it is complete. intrinsics: the depth camera's, in JSON; None = the folder's. Raises
-    FormatError, also where no frame has a body part, CalibrationError, ExistsError.
+    ``out`` is created when it is complete. intrinsics: JSON file of the depth camera; None = the folder's.
+    Raises FormatError, also where no frame has a body part, CalibrationError, ExistsError.
     """
     with unpacked(source) as (folder, annotations):
         by_suffix = {".json": "coco", ".xml": "cvat"}

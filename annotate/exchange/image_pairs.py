@@ -26,7 +26,7 @@ MMSEG: Folders = ("img_dir", "ann_dir")
 
 
 def write_pairs(folders: Folders, frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
-    """Write into an empty folder."""
+    """Write frames in this format into an empty folder."""
     for name in folders:
         (out / name).mkdir()
     for frame in frames:

@@ -35,9 +35,10 @@ PLY_NAMES = {kind: name for name, kind in reversed(TYPES.items())}
 
 @dataclass(frozen=True)
 class CloudFile:
-    """File format of clouds. label_type: dtype of labels and person numbers.
+    """File format of clouds.
 
-    colors: its fields for colours uint8 (n, 3). write: records, shape, sensor's pose.
+    label_type: dtype of labels and person numbers. colors: function that returns its fields for colours uint8
+    (n, 3). write: function of records, shape and sensor pose that returns the file.
     """
 
     suffix: str
@@ -84,7 +85,7 @@ def write_ply(records: Records, shape: Shape, _: Pose | None = None) -> bytes:
 
 
 def _packed(rgb: UInt8) -> dict[str, NDArray[Any]]:
-    """Return PCL's one field: the bits of a whole number as a float."""
+    """Return PCL's packed colour field: the bits of an integer, as a float."""
     red, green, blue = rgb.astype(np.uint32).T
     return {"rgb": (red << 16 | green << 8 | blue).view(np.float32)}
 

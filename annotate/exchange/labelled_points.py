@@ -1,7 +1,7 @@
-"""Labels on the points of the cloud that was labelled, in the file's own order and coordinates.
+"""Labels for the points of the cloud file that was labelled, in its own order and coordinates.
 
 A cloud is labelled as a depth image. The field ``label`` of a point is the part of the pixel that shows it,
-or UNDEFINED for hidden points. All other fields stay.
+or UNDEFINED for hidden points. All other fields are copied.
 """
 
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ KINDS = {"pcd": PCD, "ply": PLY}
 
 
 class PointLabels(NamedTuple):
-    """Result of an export. points: of the cloud; labelled: number of visible ones."""
+    """Result of an export. points: number of points of the cloud; labelled: number of visible ones."""
 
     points: int
     labelled: int
@@ -62,7 +62,9 @@ def export_points(
 
 
 def _as_labelled(path: Path, depth_mm: UInt16) -> tuple[pointcloud.CloudFile, Turn]:
-    """Open the cloud as it was labelled; return it with the turn of its images."""
+    """Open the cloud with the import options under which it was labelled; return it with the turn of its
+    images.
+    """
     why: FormatError | None = None
     for options in _declarations():
         try:
@@ -81,7 +83,7 @@ def _as_labelled(path: Path, depth_mm: UInt16) -> tuple[pointcloud.CloudFile, Tu
 
 
 def _declarations() -> Iterator[ImportOptions]:
-    """Yield the common options of imported clouds."""
+    """Yield common import options of clouds; one of them may have been used for labelling."""
     yield AS_STATED
     yield ImportOptions(mirror=True)
     yield from (ImportOptions(axes=axes) for axes in AXES)

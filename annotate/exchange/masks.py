@@ -23,7 +23,7 @@ CELLS = 1 << 22  # crossings of edges and rows computed at once: bounds memory
 
 @dataclass(frozen=True)
 class Mask:
-    """Mask (h, w) with the name of its category; person: number, for PERSON."""
+    """Mask (h, w) with the name of its category. person: person number, for the category PERSON."""
 
     name: str
     person: int
@@ -76,10 +76,10 @@ def mask_from_runs(runs: list[int], size: int) -> Bool:
 
 
 def polygon_pixels(corners: Float64, shape: tuple[int, int]) -> Bool:
-    """Return the pixels (h, w) whose centre lies in a polygon with corners (n, 2), x and y.
+    """Return the pixels (h, w) with their centre inside a polygon with corners (n, 2), x and y.
 
-    Raises FormatError. Pixel centres lie at halves, as in COCO and CVAT. The even-odd rule gives a polygon
-    that touches itself a hole.
+    Pixel centres lie at halves, as in COCO and CVAT. By the even-odd rule a polygon that overlaps itself has
+    a hole. Raises FormatError.
     """
     if corners.shape[1:] != (2,) or len(corners) < 3 or not (np.abs(corners) < FARTHEST_PX).all():
         raise FormatError("a polygon has fewer than three corners on the image; export it again")

@@ -1,8 +1,9 @@
 """Parquet as Hugging Face ``datasets`` reads it, images as bytes: ``data/train-NNNNN-of-NNNNN.parquet``.
 
 Columns: id, image (16-bit depth PNG), label (palette PNG of part ids), confidence and persons (8-bit PNGs, or
-null), subject, and ``annotation``, the rest as JSON. The schema's metadata holds the camera, and the features
-under ``huggingface`` (Hugging Face datasets, "Features"). Needs pyarrow (extra ``exchange``).
+null), subject. The column ``annotation`` holds all other fields as JSON. The schema's metadata holds the
+camera, and the features under ``huggingface`` (Hugging Face datasets, "Features"). Needs pyarrow (extra
+``exchange``).
 """
 
 import json
@@ -31,7 +32,7 @@ Pyarrow = Any
 
 
 def write_parquet(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
-    """Write into an empty folder."""
+    """Write frames in this format into an empty folder."""
     pa = _pyarrow()
     (out / DATA).mkdir()
     schema = _schema(camera)

@@ -1,9 +1,10 @@
 """SemanticKITTI: ``sequences/00/velodyne/NNNNNN.bin`` and ``labels/NNNNNN.label``.
 
-A point is x, y, z, remission (float32; x forward, y left, z up, metres; remission 0), its label a uint32:
-part id below, person above. ``index/NNNNNN.index`` (uint32) holds each point's pixel, so that the depth image
-comes back. Pixels with a label but no depth are points at the origin. ``semantic-kitti.yaml`` names classes
-and colours. Format: semantic-kitti.org, "Dataset"; PRBonn/semantic-kitti-api.
+A point is x, y, z, remission (float32; x forward, y left, z up, metres; remission 0). Its label is a uint32:
+part id in the low 16 bits, person in the high ones. ``index/NNNNNN.index`` (uint32) holds each point's pixel,
+from which the depth image is rebuilt. Pixels with a label but no depth are points at the origin.
+``semantic-kitti.yaml`` names classes and colours. Format: semantic-kitti.org, "Dataset";
+PRBonn/semantic-kitti-api.
 """
 
 from collections.abc import Iterator
@@ -26,7 +27,7 @@ POINTS, LABELS, INDEX, CONFIG = "velodyne", "labels", "index", "semantic-kitti.y
 
 
 def write_kitti(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
-    """Write into an empty folder."""
+    """Write frames in this format into an empty folder."""
     for name in (POINTS, LABELS, INDEX):
         (out / SEQUENCE / name).mkdir(parents=True)
     for number, frame in enumerate(frames):
@@ -43,7 +44,7 @@ def write_kitti(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) ->
 
 
 def read_kitti(source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """Invert ``write_kitti``; a lidar's scans have no index. Raises FormatError."""
+    """Invert ``write_kitti``. Raises FormatError, also for lidar scans, which have no index."""
     folder, names = source / SEQUENCE, list(companion.frames)
     if not (folder / INDEX).is_dir():
         raise FormatError(f"{folder} has no {INDEX} of a depth image; give a folder that export wrote")

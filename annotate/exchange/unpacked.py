@@ -1,4 +1,4 @@
-"""Export of another tool as a folder: the folder itself, an archive (.zip), or its annotation file."""
+"""Export of another tool, opened as a folder; it is a folder, an archive (.zip), or an annotation file."""
 
 import shutil
 import zlib
@@ -18,7 +18,9 @@ OF_FOLDERS = "annotations"  # where COCO's layout keeps its annotation files
 
 
 class Export(NamedTuple):
-    """Export. annotations: the file that was given, or None for the folder's."""
+    """Export of another tool, opened as a folder. annotations: the given annotation file, or None for the
+    folder's.
+    """
 
     folder: Path
     annotations: Path | None = None
@@ -40,7 +42,7 @@ def unpacked(source: Path) -> Iterator[Export]:
 
 @contextmanager
 def _named(archive: Path, folder: str) -> Iterator[None]:
-    """Replace the temporary folder's name by the archive's in messages of errors."""
+    """Name the archive instead of the temporary folder in error messages."""
     try:
         yield
     except (FormatError, CalibrationError) as error:

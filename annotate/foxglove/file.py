@@ -20,9 +20,8 @@ Joints = Callable[[FrameLabels], Mapping[str, Sequence[float]] | None]  # (x, y,
 
 @dataclass(frozen=True)
 class FoxgloveSource:
-    """A label set. session: for colours, temperatures, poses, events and stamps.
-
-    None = 30 frames a second.
+    """Label set to export. session: recording for colours, temperatures, poses, events and stamps; None = 30
+    frames a second.
     """
 
     labels: LabelSet
@@ -33,7 +32,7 @@ class FoxgloveSource:
 def export_foxglove(
     source: FoxgloveSource, out: Path, advance: Callable[[int], None], *, overwrite: bool = False
 ) -> list[str]:
-    """Write all frames to ``out`` at once; return remarks on missing data.
+    """Write all frames to ``out`` atomically; return remarks on missing data.
 
     Raises FormatError for an empty or corrupt label set or another set's recording, ExistsError.
     """
@@ -57,7 +56,7 @@ def export_foxglove(
 def _frames(
     labels: LabelSet, recorded: Recorded, joints: Joints, remarks: dict[str, None]
 ) -> Iterator[Shown]:
-    """Yield all frames by id; an event belongs to the first frame that is not before it."""
+    """Yield all frames by id; an event is sent with the first frame at or after its time."""
     events = list(recorded.events)
     last = labels.frame_ids[-1]
     for number, frame in enumerate(labels):

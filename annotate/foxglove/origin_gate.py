@@ -26,7 +26,8 @@ def hidden_address() -> str:
 
 
 def is_admitted(request: bytes) -> bool:
-    """Return whether a request opens a WebSocket from a program, Foxglove's app, or a page of this machine.
+    """Return whether a request may open a WebSocket: from a program, Foxglove's app, or a page of this
+    machine.
 
     Programs send no ``Origin``. "null", which sandboxed pages of any site send, is refused.
     """
@@ -44,7 +45,7 @@ def is_admitted(request: bytes) -> bool:
 
 
 class OriginGate:
-    """Gate on ``127.0.0.1`` that connects admitted clients with a server; a context manager.
+    """Proxy on ``127.0.0.1`` that forwards admitted clients to a server; a context manager.
 
     behind: address and port of the server. port: 0 takes a free one. Raises OSError for a taken or forbidden
     port.

@@ -64,7 +64,7 @@ class FoxgloveServer:
 
     @property
     def address(self) -> str:
-        """URL for clients."""
+        """Return the URL for clients."""
         return f"ws://{LOOPBACK}:{self.port}"
 
     def show(self, shown: Shown) -> None:
@@ -79,7 +79,7 @@ class FoxgloveServer:
 
     @property
     def has_event_listeners(self) -> bool:
-        """True if a client has subscribed to events."""
+        """Return True if a client has subscribed to events."""
         return self._channels[EVENTS].has_sinks()
 
     def send_event(self, stamp_ns: int, text: str) -> None:

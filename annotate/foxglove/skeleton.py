@@ -1,4 +1,6 @@
-"""Skeleton of a person as a Foxglove scene: a sphere a joint, a line a bone in the colour of its part."""
+"""Skeleton of a person as a Foxglove scene: a sphere for each joint, a line for each bone in the colour of
+its part.
+"""
 
 from collections.abc import Mapping, Sequence
 
@@ -30,7 +32,7 @@ BALL_M, LINE_M = 0.05, 0.02  # diameter of a joint, width of a bone; untuned
 
 
 def skeleton_message(joints_mm: Mapping[str, Sequence[float]] | None, stamp_ns: int) -> SceneUpdate:
-    """Return an entity ``person`` with a ball for each known joint, in order, and the bones between them.
+    """Return an entity ``person`` with a sphere for each known joint, in order, and the bones between them.
 
     joints_mm: (x, y, z) by name, depth camera, NaN = unknown. None removes the person.
     """

@@ -39,10 +39,11 @@ SCHEMAS: dict[str, type[Message]] = {
 
 @dataclass(frozen=True)
 class Shown:
-    """A labelled frame. stamp_ns: of the depth image; parts: uint8 (h, w) of the cloud's pixels.
+    """Labelled frame to show in Foxglove.
 
-    color_encoded, thermal_c: as in ``RigFrame``. joints_mm: (x, y, z) by joint, depth camera. events: stamps
-    (ns) and texts since the frame before.
+    stamp_ns: of the depth image; parts: uint8 (h, w) of the cloud's pixels. color_encoded, thermal_c: as in
+    ``RigFrame``. joints_mm: (x, y, z) by joint, depth camera. events: stamps (ns) and texts since the
+    previous frame.
     """
 
     stamp_ns: int
@@ -99,7 +100,7 @@ def _thermal(shown: Shown) -> Message | None:
 
 
 def _heat(shown: Shown) -> Message | None:
-    """Return the coloured temperatures, because Foxglove's 16-bit scale shows a room as one grey."""
+    """Return the temperatures as a colour image, because Foxglove's 16-bit greys show a room as one grey."""
     if shown.thermal_c is None:
         return None
     rgb = heat_rgb(shown.thermal_c.reshape(-1), ROOM_RGB).astype("u1").reshape(*shown.thermal_c.shape, 3)

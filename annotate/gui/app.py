@@ -32,10 +32,10 @@ LISTEN_MS = 300  # interval in which Python handles signals, which Qt's loop doe
 def run_window(
     correction: Correction, session: Path | None, other: Path | None, learn: LearnCommand
 ) -> dict[str, int]:
-    """Correct a label set until the window is closed; return the number of frames by state.
+    """Open the correction window on a label set until it is closed; return the number of frames by state.
 
-    session, other: recording and set to compare, if any. The set is released in any case. Raises CloudError
-    where session, the other set, settings or screen cannot be used.
+    session, other: recording and set to compare, if any. learn: command for fine-tuning. The set is released
+    in any case. Raises CloudError where session, the other set, settings or screen cannot be used.
     """
     try:
         settings = load_settings(settings_path().expanduser())
@@ -55,7 +55,7 @@ def run_window(
 
 
 def recording_of(path: Path, given: Path | None) -> Path | None:
-    """Return the recording of a label set: the given one, the last given one, or one beside the set.
+    """Return the recording of a label set: ``given``, the last given one, or one beside the set.
 
     A given recording is stored for the set; a stored one that no longer fits is skipped. Raises CloudError
     where the set cannot be read or does not fit the given recording.

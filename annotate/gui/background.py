@@ -1,4 +1,4 @@
-"""Background work of the window: one task at a time, its result handed to the window's thread."""
+"""Background tasks of the window, one at a time; the result returns to the window's thread."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -14,7 +14,7 @@ from sensors.errors import CloudError
 class Task:
     """Work in a thread, then ``then`` with its result, or ``failed``, on the window's thread.
 
-    text: the task in words. failed: None for the window's own way of showing errors.
+    text: description of the task. failed: None for the window's default error display.
     """
 
     text: str

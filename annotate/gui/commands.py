@@ -47,7 +47,7 @@ CHECKABLE = {*TOOLS, *SWITCHES, "onion", "solo", "peek", "from_other", "from_bef
 
 
 def bind(window: CorrectionWindow, learn: LearnCommand | None = None) -> None:
-    """Give a window its commands: menus, keys, and the actions behind its buttons."""
+    """Add the commands to a window: menus, keys, and the actions of its buttons."""
     KeyRepeatFilter(window).repeated.connect(window.held.repeated)
     actions = _actions(window, Verdicts(window), Learner(window, learn))
     run = partial(_run, window, actions)
@@ -86,7 +86,7 @@ def _made(window: CorrectionWindow, command: Command, run: Callable[..., None]) 
 
 
 def _check(window: CorrectionWindow) -> None:
-    """Tick the menu entries that are on."""
+    """Update the check marks of the menu entries that are on or off."""
     options, display = window.options, window.edits.display
     on = {options.tool, *(name for name in SWITCHES if getattr(options, name)), f"from_{window.edits.giver}"}
     states = {"onion": display.onion, "solo": display.alone, "peek": window.views.peeking}
@@ -161,7 +161,7 @@ def _actions(window: CorrectionWindow, verdicts: Verdicts, learner: Learner) -> 
 
 
 def _after(values: Sequence[T], value: T) -> T:
-    """Return the value after another one, after the last one the first."""
+    """Return the value that follows ``value``; the first value follows the last."""
     return values[(values.index(value) + 1) % len(values)]
 
 
@@ -185,7 +185,7 @@ def _at_pointer(window: CorrectionWindow, name: str) -> Outcome | None:
 
 
 def _arm(window: CorrectionWindow, name: str) -> None:
-    """Let the next click carry out a command."""
+    """Make a command wait for the next click, which gives its place."""
     window.views.cancel()
     window.options.once = name
     window.refresh()
@@ -199,7 +199,7 @@ def _cancel(window: CorrectionWindow) -> Outcome | None:
 
 
 def _toggle_help(window: CorrectionWindow) -> None:
-    """Show or hide the page of all keys, under which no other command works."""
+    """Show or hide the page of all keys; while it is shown, other commands are disabled."""
     page = window.panels.key_page
     shown = not page.isVisible()
     page.setVisible(shown)
@@ -250,7 +250,9 @@ def _next_colouring(window: CorrectionWindow) -> None:
 
 
 def _over_colouring(window: CorrectionWindow, changed: Callable[[Look], Look]) -> Outcome | None:
-    """Change outlines or opacity; refuse in a view of the parts themselves, where both have no effect."""
+    """Change the look by ``changed``: outlines or tint. Refuse in a view coloured by parts, where both have
+    no effect.
+    """
     view = window.views.last
     if window.views.look(view).colouring not in colourings(window.edits.frame.scene)[1:]:
         key = window.settings.key("colouring")

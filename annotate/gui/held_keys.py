@@ -1,4 +1,4 @@
-"""Keys that are held down: their repetitions, and their effect on a stroke and on the view."""
+"""Keys that are held down: filter of repetitions, and effect on a stroke and on the view."""
 
 from PySide6.QtCore import QEvent, QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QKeyEvent
@@ -35,7 +35,7 @@ class KeyRepeatFilter(QObject):
         window.windowHandle().installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802
-        """Qt's hook: whether the event goes no further."""
+        """Return whether the event is filtered out (Qt's hook)."""
         if not isinstance(event, QKeyEvent):
             return False
         at = (event.key(), event.timestamp())
@@ -50,9 +50,11 @@ class KeyRepeatFilter(QObject):
 
 
 class HeldKeys(QObject):
-    """Keys of a begun polygon, Shift and Ctrl, and the key for peeking, in a window.
+    """Handler of held keys in a window: keys of a begun polygon, Shift and Ctrl, and the key that hides part
+    colours.
 
-    peek_key: set with the commands. said: an outcome to show. changed: other modifiers are held.
+    peek_key: set with the commands. said: signal with an outcome to show. changed: signal that other
+    modifiers are held.
     """
 
     said = Signal(object)
@@ -67,7 +69,7 @@ class HeldKeys(QObject):
 
     @property
     def _layer(self) -> DrawingLayer | None:
-        """The layer on which a shape is being drawn."""
+        """Return the layer on which a shape is being drawn."""
         return next((view.layer for view in self._views if view.layer.drawing), None)
 
     @property
@@ -77,7 +79,7 @@ class HeldKeys(QObject):
 
     @property
     def shape(self) -> str:
-        """Instruction that ends the shape being drawn; "" where none is drawn."""
+        """Return an instruction for finishing the shape being drawn; "" where none is drawn."""
         if self._polygon:
             return "A polygon is being drawn: Return closes it, Backspace removes a corner, Esc drops it"
         drawing = self._layer.drawing if self._layer else None
@@ -95,7 +97,7 @@ class HeldKeys(QObject):
             self.peek_due.stop()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802
-        """Qt's hook: whether the event goes no further."""
+        """Return whether the event is filtered out (Qt's hook)."""
         if event.type() == QEvent.Type.WindowDeactivate:
             self._hold(Qt.KeyboardModifier.NoModifier)
         elif isinstance(event, QKeyEvent) and event.key() in POLYGON_KEYS and (polygon := self._polygon):

@@ -1,4 +1,4 @@
-"""Learning in the background: another process fine-tunes, and the window takes over its labels."""
+"""Fine-tuning in the background: another process trains, and the window takes over its labels."""
 
 import json
 import re
@@ -29,16 +29,16 @@ Change = Callable[[], Relabelled | None]
 
 @dataclass(frozen=True)
 class LearnCommand:
-    """Command that learns, with its arguments, and the label set that it writes."""
+    """Command line of a fine-tuning, and the label set that it writes."""
 
     command: tuple[str, ...]
     labels: Path
 
 
 class Learner(QObject):
-    """One learning process at a time, killed with the window; the next one goes on from its files.
+    """One fine-tuning process at a time, killed with the window; the next one resumes from its files.
 
-    command: None where the program that opened the window cannot learn.
+    command: None where the program that opened the window cannot fine-tune.
     """
 
     def __init__(self, window: CorrectionWindow, command: LearnCommand | None) -> None:
@@ -52,11 +52,11 @@ class Learner(QObject):
 
     @property
     def running(self) -> bool:
-        """True while the process runs."""
+        """Return True while the process runs."""
         return self._process.state() != QProcess.ProcessState.NotRunning
 
     def learn(self) -> Outcome:
-        """Begin to learn from the frames accepted so far."""
+        """Start fine-tuning on the frames accepted so far."""
         if self._command is None:
             return Outcome("This window cannot learn: open the set with annotate-cloud fix", "warn")
         if self.running:
@@ -69,7 +69,7 @@ class Learner(QObject):
         return Outcome("Learning in the background; go on working")
 
     def stop_now(self) -> Outcome | None:
-        """Stop the learning that runs; labels stay as they are."""
+        """Stop the running fine-tuning; labels stay unchanged."""
         if not self.running:
             return Outcome("Nothing is being learnt", "warn")
         self._stopped = True
@@ -77,7 +77,7 @@ class Learner(QObject):
         return None
 
     def unlearn(self) -> None:
-        """Take back the changes of the last learning, in all frames without a person's work since."""
+        """Take back the labels of the last fine-tuning, in all frames without later work of a person."""
 
         def words(done: Relabelled | None) -> str:
             return done.text_of_taking_back if done else "No learning is left to take back"
@@ -132,7 +132,7 @@ class Learner(QObject):
         )
 
     def _take(self, busy: str, change: Change, words: Callable[[Relabelled | None], str]) -> None:
-        """Change labels beside the window, and show the open frame anew; later if the window is busy."""
+        """Change labels in the background, then reload the open frame; if the window is busy, do so later."""
         window = self._window
         if window.background.busy or window.held.shape:
             QTimer.singleShot(AGAIN_MS, self, partial(self._take, busy, change, words))

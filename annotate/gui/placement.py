@@ -1,4 +1,4 @@
-"""Size and place of a window on its screen, and the settings of its views and tools, from time to time."""
+"""Placement of a window on its screen, stored with the settings of its views and tools."""
 
 from typing import get_args
 
@@ -18,7 +18,7 @@ LOOKS = {"cloud": Look(), "depth": Look("colour", tint=TINTS[1])}
 
 
 class Placement(QObject):
-    """Placement of a window, restored from a memory at once and stored by ``remember``."""
+    """Placement of a window, restored from stored settings at once and stored by ``remember``."""
 
     def __init__(self, window: QMainWindow, memory: Memory, views: ViewPair, panes: Panes) -> None:
         super().__init__(window)
@@ -50,7 +50,9 @@ class Placement(QObject):
         memory.save()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802
-        """Qt's hook: fit the window with its title bar, which only a window on the screen has."""
+        """Fit the window to the screen once it is shown, because only then its title bar is known (Qt's
+        hook).
+        """
         if event.type() == QEvent.Type.Show:
             QTimer.singleShot(FRAMED_MS, self, self._fit_screen)
         return False

@@ -1,4 +1,4 @@
-"""Settings that the window remembers in an ini file: geometry, looks, tool, orders of frames, recordings."""
+"""Settings of the window in an ini file: geometry, looks, tool, frame orders, recordings."""
 
 import math
 import os
@@ -15,18 +15,18 @@ T = TypeVar("T")
 
 
 class Memory:
-    """Remembered settings. path: of the ini file, None for nowhere. Invalid values count as missing."""
+    """Stored settings. path: of the ini file, None for nowhere. Invalid values count as missing."""
 
     def __init__(self, path: Path | None) -> None:
         self._file = QSettings(str(path), QSettings.Format.IniFormat) if path else None
 
     def choice(self, key: str, known: Iterable[T], default: T) -> T:
-        """Return the stored one of the known values."""
+        """Return the stored value if it is among ``known``, else the default."""
         text = str(self._stored(key))
         return next((value for value in known if str(value) == text), default)
 
     def number(self, key: str, default: float) -> float:
-        """Return a stored finite number."""
+        """Return the stored number if it is finite, else the default."""
         try:
             value = float(str(self._stored(key)))
         except ValueError:
@@ -34,27 +34,27 @@ class Memory:
         return value if math.isfinite(value) else default
 
     def state(self, key: str) -> QByteArray:
-        """Return a stored state of a widget, empty if there is none."""
+        """Return the stored state of a widget, empty if absent."""
         value = self._stored(key)
         return value if isinstance(value, QByteArray) else QByteArray()
 
     def recording(self, labels: Path) -> Path | None:
-        """Return the recording that was given for a label set, if it still exists."""
+        """Return the stored recording of a label set, if it still exists."""
         path = self._stored(_named("recordings", labels.resolve()))
         return Path(path) if isinstance(path, str) and path and Path(path).exists() else None
 
     def put(self, key: str, value: object) -> None:
-        """Remember a value."""
+        """Store a value."""
         if self._file is not None:
             self._file.setValue(key, value if isinstance(value, QByteArray) else str(value))
 
     def put_recording(self, labels: Path, recording: Path) -> None:
-        """Remember the recording of a label set."""
+        """Store the recording of a label set."""
         self.put(_named("recordings", labels.resolve()), recording.resolve())
         self.save()
 
     def save(self) -> None:
-        """Write the file; a disk that refuses is ignored."""
+        """Write the file; an error of the disk is ignored."""
         if self._file is not None:
             self._file.sync()
 
@@ -63,7 +63,7 @@ class Memory:
 
 
 def order_key(correction: Correction) -> str:
-    """Return the key of a person's order of a set's frames."""
+    """Return the settings key under which the frame order of one person and one label set is stored."""
     return _named("orders", f"{correction.labels.path.resolve()} {correction.who}")
 
 
@@ -74,5 +74,5 @@ def memory_path() -> Path:
 
 
 def _named(group: str, name: object) -> str:
-    """Return a key for any name, whose slashes would be groups."""
+    """Return a settings key for any name; slashes are escaped, because they would make groups."""
     return f"{group}/{quote(str(name), safe='')}"

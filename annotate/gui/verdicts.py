@@ -1,4 +1,4 @@
-"""Verdicts in the window, each followed by the next frame that waits, and undo across frames."""
+"""Verdicts in the window, each followed by opening the next frame that waits, and undo across frames."""
 
 from annotate.correction.replay import rejected_by
 from annotate.gui.state.outcome import Outcome
@@ -8,7 +8,7 @@ from annotate.labelset.stroke import Gesture
 
 
 class Verdicts:
-    """Verdicts on the frames of a window."""
+    """Actions for verdicts on the frames of a window."""
 
     def __init__(self, window: CorrectionWindow) -> None:
         self._window = window
@@ -20,7 +20,7 @@ class Verdicts:
         return self._window.correction.state(self._window.frame_id) == "rejected"
 
     def accept(self) -> Outcome | None:
-        """Accept the frame or agree with the verdict that stands, and go on; a rejection stays."""
+        """Accept the frame or agree with its verdict, and open the next; a rejection stays."""
         window = self._window
         if window.correction.read_only:
             return self._go_on(Outcome("Read-only"))
@@ -33,7 +33,7 @@ class Verdicts:
         return self._go_on(Outcome(texts[verdict]))
 
     def reject(self) -> Outcome | None:
-        """Reject the frame for a reason, or agree with another person's rejection; go on."""
+        """Reject the frame for a reason, or agree with another person's rejection; open the next frame."""
         window = self._window
         if self._rejected and window.correction.next_verdict(window.frame_id) == "agree":
             return self.accept()
@@ -45,7 +45,7 @@ class Verdicts:
         return self._go_on(Outcome(f"Rejected ({first}{reason[1:]})"))
 
     def overrule(self) -> Outcome | None:
-        """Accept a rejected frame, and go on."""
+        """Accept a rejected frame, and open the next."""
         window = self._window
         if not self._rejected:
             key = window.settings.key("accept")
@@ -56,7 +56,10 @@ class Verdicts:
         return self._go_on(Outcome(f"Accepted: the rejection{whose} is overruled"))
 
     def undo(self) -> Outcome | None:
-        """Take back the last stroke, or the verdict that opened this frame if nothing was done since."""
+        """Undo the last stroke.
+
+        If this frame was opened by a verdict and has no stroke since, undo that verdict and reopen its frame.
+        """
         window, editor = self._window, self._window.edits.frame.editor
         if self._way and editor and not window.edits.preview:
             judged, opened, strokes = self._way[-1]

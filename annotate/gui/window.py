@@ -35,10 +35,10 @@ NO_RECORDING = "No recording found: reopen with --session RECORDING for colour a
 
 
 class CorrectionWindow(QMainWindow):
-    """Window that corrects one label set, and closes the set with itself. ``commands.bind`` adds commands.
+    """Window that corrects one label set, and closes the set with itself.
 
-    memory: file of the remembered settings, None for nowhere. requested: the button of a command was clicked.
-    closed: everything is saved. Raises CloudError when no frame can be opened.
+    ``commands.bind`` adds commands. memory: stored settings. requested: signal that the button of a command
+    was clicked. closed: signal that all is saved. Raises CloudError when no frame can be opened.
     """
 
     requested = Signal(str)
@@ -118,11 +118,11 @@ class CorrectionWindow(QMainWindow):
 
     @property
     def frame_id(self) -> str:
-        """Id of the open frame."""
+        """Return the id of the open frame."""
         return self.edits.frame.frame_id
 
     def open_frame(self, frame_id: str, then: Callable[[], Outcome | None] = lambda: None) -> None:
-        """Open another frame, at once where it was read ahead; then do something on it."""
+        """Open another frame, without delay if it was read in advance; then call ``then``."""
         if frame_id == self.frame_id or self.background.busy:
             return
         if shape := self.held.shape:
@@ -155,7 +155,9 @@ class CorrectionWindow(QMainWindow):
         return then()
 
     def show_anew(self, read: FrameRead, done: Outcome) -> Outcome:
-        """Show the open frame and all pictures as they were read after labels changed."""
+        """Reload the open frame and all pictures after labels changed. read: the frame. done: outcome to
+        show.
+        """
         self.edits.open(self.frames.begin(read))
         self.panels.strip.model_.forget()
         self.arrange(self.frames.order, self.frames.filter)
@@ -163,14 +165,14 @@ class CorrectionWindow(QMainWindow):
         return done
 
     def arrange(self, order: Order, kept: Filter) -> None:
-        """Show the frames in an order, and those that pass a filter."""
+        """Set order and filter of the shown frames."""
         self.frames.arrange(order, kept, self.frame_id)
         self.panels.strip.model_.order(self.frames.frame_ids)
         self.panels.strip.choose(self.frame_id)
         self.refresh()
 
     def go_to(self, number: str) -> Outcome | None:
-        """Open the frame of a number, without its leading zeros."""
+        """Open the frame with a number; leading zeros may be omitted."""
         ids = self.frames.all_ids
         found = [i for i in ids if number in (i, i.lstrip("0") or "0")]
         if not found:
@@ -182,12 +184,12 @@ class CorrectionWindow(QMainWindow):
     # Work beside the window
 
     def busy(self, task: Task) -> None:
-        """Do a task beside the window, which refuses commands that change anything meanwhile."""
+        """Run a task in the background; until it ends, commands that change anything are refused."""
         self.background.run(task, lambda error: self.say(Outcome(str(error), "bad")), self._idle)
         self.busy_due.start()
 
     def _idle(self) -> None:
-        """Close a window whose close waited for the task."""
+        """Close the window if its close waited for a background task."""
         if self._closing and not self.background.busy:
             self.close()
 
@@ -203,7 +205,7 @@ class CorrectionWindow(QMainWindow):
             self.panels.status.show_done(done, self.theme)
 
     def show_frame(self) -> None:
-        """Show the open frame everywhere."""
+        """Update all views and panels to the open frame."""
         self._doubt = None
         self.views.load()
         self.panels.strip.choose(self.frame_id)
@@ -211,7 +213,7 @@ class CorrectionWindow(QMainWindow):
         self.say(Outcome(self.edits.frame.scene.remark, "warn"))
 
     def refresh(self) -> None:
-        """Update palette, tools, header and sentences, once all events under way are done."""
+        """Update palette, tools, header and texts, after all pending events."""
         self.words_due.start()
 
     def _show_words(self) -> None:
@@ -222,13 +224,13 @@ class CorrectionWindow(QMainWindow):
         self.views.show_scales()
 
     def refresh_picture(self) -> None:
-        """Draw the frame's picture in the strip as its labels are now."""
+        """Draw the frame's picture in the strip again, from its current labels."""
         self.picture_due.stop()
         labels = self.edits.frame.scene.labels
         self.panels.strip.model_.refresh(replace(labels, parts=self.edits.parts.copy()))
 
     def choose(self, part: int) -> None:
-        """Choose the part that strokes give."""
+        """Choose the part that strokes assign."""
         self.edits.part, self.edits.giver = part, "part"
         self.options.color = part_color(part, self.theme) if part else QColor("white")
         if self.edits.display.alone:
@@ -236,13 +238,13 @@ class CorrectionWindow(QMainWindow):
         self.views.hover_again()
 
     def set_tool(self, tool: Tool) -> None:
-        """Choose another tool; a shape begun with the last one is dropped."""
+        """Choose another tool; an unfinished shape of the last tool is dropped."""
         self.options.tool = tool
         self.views.cancel()
         self.views.hover_again()
 
     def show_theme(self, theme: Theme) -> None:
-        """Give everything the colours of a theme."""
+        """Apply the colours of a theme to the window."""
         self.theme = theme
         style_app(theme)
         self.panels.set_theme(theme)
@@ -252,7 +254,7 @@ class CorrectionWindow(QMainWindow):
     # Actions
 
     def act(self, action: Callable[[], Outcome | None]) -> None:
-        """Do something, and show its outcome or error."""
+        """Run an action, and show its outcome or error."""
         try:
             done = action()
         except NotSavedError as error:
@@ -270,7 +272,7 @@ class CorrectionWindow(QMainWindow):
         self.refresh()
 
     def _not_saved(self, error: NotSavedError) -> Outcome:
-        """Ask whether to write again; after a refusal not again until the strokes are saved."""
+        """Ask whether to write again; if the user declines, do not ask again until the strokes are saved."""
         while not self._retry_declined and dialogs.ask_retry(self, str(error), self.correction.unsaved):
             try:
                 self.correction.flush()
@@ -294,7 +296,7 @@ class CorrectionWindow(QMainWindow):
         self.views.show_hovered(view, view.layer.place)
 
     def at_pixel(self, name: str, pixel: int | None) -> Outcome:
-        """Carry out a command that needs a place."""
+        """Run a command that needs a place, at a pixel."""
         edits = self.edits
         actions = {
             "swap": edits.swap,
@@ -313,9 +315,9 @@ class CorrectionWindow(QMainWindow):
             editor.time.mark(activity)
 
     def closeEvent(self, event: QCloseEvent) -> None:  # noqa: N802
-        """Qt's hook: close the window when everything is saved; it stays open otherwise.
+        """Close the window when all is saved; it stays open otherwise (Qt's hook).
 
-        Work beside the window ends first, because it may write to the label set.
+        Background work ends first, because it may write to the label set.
         """
         if self.background.busy and not self._closing:
             self._closing = True

@@ -1,4 +1,4 @@
-"""Folders that appear only when complete, and folders that must not be replaced."""
+"""Atomic folders, which exist only when complete, and checks before a folder is replaced."""
 
 import os
 import shutil
@@ -25,7 +25,9 @@ def check_replaceable(out: Path, marker: str, *inputs: Path) -> None:
 
 @contextmanager
 def claimed_to_replace(out: Path, marker: str, *inputs: Path) -> Iterator[None]:
-    """Hold the claim on a folder that is about to be replaced. Raises as ``check_replaceable``."""
+    """Hold the claim (writer's lock) on a folder that is about to be replaced. Raises as
+    ``check_replaceable``.
+    """
     for path in inputs:
         if path.resolve().is_relative_to(out.resolve()):
             raise ExistsError(f"{out} holds the input {path}; choose another folder for the result")

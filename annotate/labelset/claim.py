@@ -1,4 +1,4 @@
-"""Claims: one writer at a time for each folder of results, and the writer's name."""
+"""Claims: locks that allow one writer at a time for each folder of results, with the writer's name."""
 
 import getpass
 import json
@@ -19,14 +19,13 @@ OWNER_BYTES = 4096  # of the note; untuned
 
 
 class ClaimedError(CloudError):
-    """Another process is writing the folder."""
+    """Error of a folder that another process is writing."""
 
 
 class Claim:
-    """Right to write a label set, a dataset or a training, held while its process lives.
+    """Lock for writing a label set, a dataset or a training, held while its process lives.
 
-    The kernel's lock on ``claim.json`` is the claim, so a killed process leaves none. The content names the
-    owner.
+    The kernel locks ``claim.json``, so a killed process leaves no claim. The file's content names the owner.
     """
 
     def __init__(self, path: Path, lock: UnixFileLock) -> None:
@@ -34,7 +33,7 @@ class Claim:
 
     @classmethod
     def take(cls, folder: Path, who: str) -> Self:
-        """Claim ``folder`` for ``who``, and sweep up files that killed processes left in it.
+        """Claim ``folder`` for ``who``, and remove files that killed processes left in it.
 
         Raises ClaimedError naming the owner when it is taken, CloudError when the folder cannot be written.
         """
@@ -64,7 +63,7 @@ class Claim:
         self.release()
 
     def release(self) -> None:
-        """Release the folder; idempotent. A folder that took this one's place keeps its claim file."""
+        """Release the folder; idempotent. A folder that replaced this one keeps its claim file."""
         if self._lock.is_locked:
             with suppress(OSError):
                 # Removed while locked: a process that waits for the lock sees that and opens a new file.
@@ -74,7 +73,7 @@ class Claim:
 
 
 def login() -> str:
-    """Return the name of the system's user."""
+    """Return the login name of the system's user."""
     try:
         return getpass.getuser()
     except (OSError, KeyError):

@@ -32,7 +32,7 @@ _BROKEN = (OSError, tarfile.TarError, EOFError, ValueError, LookupError, Recursi
 
 
 class Entry(NamedTuple):
-    """Place of a frame: id, shard and first byte; a label set has no shards."""
+    """Position of a frame: id, shard and first byte; a label set has no shards."""
 
     frame_id: str
     shard: str = ""
@@ -59,7 +59,9 @@ def encode_shard(frames: Iterable[FrameLabels]) -> bytes:
 
 
 def read_shard(path: Path, offset: int = 0) -> Iterator[FrameLabels]:
-    """Yield a shard's frames in order from a byte on. Raises FormatError when it is cut off or foreign."""
+    """Yield a shard's frames in order, from byte ``offset`` on. Raises FormatError for a truncated or other
+    file.
+    """
     with _opened(path, offset) as tar:
         for members in _frames(path, tar):
             yield _decoded(path, tar, members)
@@ -124,10 +126,10 @@ def _decoded(path: Path, tar: tarfile.TarFile, members: list[tarfile.TarInfo]) -
 
 @dataclass(frozen=True)
 class Dataset:
-    """Folder of shards. shards: (file name, sha256) in order; info: the manifest's other entries.
+    """Folder of shards.
 
-    intrinsics: of the middle of the whole image; each crop's place is in its frame's notes. whole_image:
-    camera of synthetic images.
+    shards: (file name, sha256) in order; info: the manifest's other entries. intrinsics: camera in the middle
+    of the whole image; each crop's position is in its frame's notes. whole_image: camera of synthetic images.
     """
 
     path: Path
@@ -164,7 +166,7 @@ class Dataset:
 
     @property
     def identity(self) -> dict[str, str]:
-        """Return the manifest's hash, which covers the shards' hashes."""
+        """Return the hash of the manifest, which covers the shards' hashes."""
         return {"dataset": sha256(self.path / MANIFEST)}
 
     def __len__(self) -> int:

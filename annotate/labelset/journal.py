@@ -1,4 +1,4 @@
-"""Journal of a label set: every stroke, one line each, on the disk before the next one begins."""
+"""Journal of a label set: every stroke is a line, which is on disk before the next stroke begins."""
 
 import os
 import stat
@@ -21,12 +21,12 @@ REMEDY = "restore it from a copy, or move it and original/ away to continue from
 
 
 class NotSavedError(CloudError):
-    """The disk refused a write. The strokes stay in memory and are written later."""
+    """Error of a write that the disk refused. The strokes stay in memory and are written later."""
 
 
 @contextmanager
 def nothing_changed(path: Path) -> Iterator[None]:
-    """Raise NotSavedError in place of OSError, where a refused write has changed nothing."""
+    """Raise NotSavedError instead of OSError, for a failed write that changed no file."""
     try:
         yield
     except OSError as error:
@@ -69,7 +69,7 @@ class Journal:
         return sum(map(len, self._by_frame.values()))
 
     def strokes(self, frame_id: str) -> Sequence[Stroke]:
-        """Return a frame's entries, the oldest first; those not yet on the disk included."""
+        """Return a frame's entries, the oldest first, including unwritten ones."""
         return self._by_frame.get(frame_id, ())
 
     @property
@@ -83,14 +83,14 @@ class Journal:
         return self._pending
 
     def add(self, stroke: Stroke) -> None:
-        """Take one more entry; ``flush`` writes it to the disk."""
+        """Add an entry in memory; ``flush`` writes it to the disk."""
         self._by_frame[stroke.frame_id].append(stroke)
         self._pending.append(stroke)
 
     def flush(self) -> None:
-        """Append the pending entries and wait for the disk. Raises NotSavedError, and keeps them pending.
+        """Append the pending entries and wait for the disk.
 
-        A half-written line is cut off again.
+        Raises NotSavedError; the entries stay pending and a half-written line is removed.
         """
         if not self._pending:
             return
@@ -139,7 +139,7 @@ class Journal:
             os.close(file)
 
     def _lines(self) -> Iterator[bytes]:
-        """Yield the complete lines; lines that are appended meanwhile are left out."""
+        """Yield the complete lines; lines appended during the iteration are left out."""
         try:
             with open(self.path, "rb", opener=lambda name, flags: os.open(name, flags | FLAGS)) as file:
                 found = os.fstat(file.fileno())

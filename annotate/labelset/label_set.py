@@ -1,4 +1,4 @@
-"""Label set: a folder of labelled depth images that any viewer opens and no crash can break."""
+"""Label set: a folder of labelled depth images in common image formats, with atomic writes."""
 
 import json
 import os
@@ -45,10 +45,10 @@ Decode = Callable[[bytes], NDArray[T]]
 
 
 class LabelSet:
-    """Label set on disk. Every write is complete or absent; a frame exists once its JSON does.
+    """Label set on disk. Every write is atomic; a frame exists once its JSON does.
 
     intrinsics: the undistorted depth camera of all frames. info: the manifest's record of source and steps.
-    The manifest also lists the versions of the tools that began it, for people.
+    The manifest also lists the versions of the tools that created the set, for information.
     """
 
     def __init__(self, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> None:
@@ -140,7 +140,7 @@ class LabelSet:
 
     @property
     def identity(self) -> dict[str, str]:
-        """Return nothing, because people correct label sets."""
+        """Return an empty dict, because corrections change a label set."""
         return {}
 
     def entries(self) -> Iterator[Entry]:
@@ -174,7 +174,9 @@ class LabelSet:
         return self._image(frame_id, "parts.png", images.decode_parts)
 
     def confidence(self, frame_id: str, step: str = "") -> Float32 | None:
-        """Read the confidence (h, w) of a fine-tuning step's labels, or of the first ones, if any."""
+        """Return the confidence (h, w) of a fine-tuning step's labels, or of the first labels; None if not
+        stored.
+        """
         if not step:
             return self._optional_image(frame_id, "confidence.png", images.decode_confidence)
         return self._optional_image(frame_id, _of_step(step), images.decode_confidence, LEARNT)
@@ -244,7 +246,7 @@ class LabelSet:
         return self.path / folder / f"{frame_id}.{suffix}"
 
     def _put(self, frame_id: str, suffix: str, encode: Callable[[V], bytes], value: V | None) -> None:
-        """Write one file of a frame; without a value, remove an earlier one."""
+        """Write one file of a frame; remove an earlier one if ``value`` is None."""
         if value is None:
             self._file(frame_id, suffix).unlink(missing_ok=True)
         else:
@@ -267,7 +269,7 @@ class LabelSet:
 
 
 def as_read(frame: FrameLabels) -> FrameLabels:
-    """Return a frame's labels as they read back once written."""
+    """Return a frame's labels as they are read after writing, e.g. with rounded confidence."""
     confidence = None if frame.confidence is None else images.stored_confidence(frame.confidence)
     return replace(frame, confidence=confidence, notes=json.loads(_dump(frame.notes)))
 
@@ -305,7 +307,7 @@ def _journal_problems(labels: LabelSet) -> list[str]:
 
 
 def _settings(info: dict[str, Any]) -> dict[str, Any]:
-    """Return the entries of a manifest's record that determine the labels."""
+    """Return the manifest entries that determine the labels."""
     return {key: value for key, value in info.items() if key != RECORDING}
 
 

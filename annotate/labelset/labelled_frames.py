@@ -26,7 +26,7 @@ def open_frames(path: Path) -> LabelledFrames:
 
 
 def camera_of(frames: LabelledFrames, frame: FrameLabels) -> Intrinsics:
-    """Return the undistorted depth camera of the whole image that a frame is, or is a crop of.
+    """Return the undistorted depth camera of the whole image that a frame shows or was cropped from.
 
     Synthetic frames note their sensor's ``intrinsics`` (width, height, fx, fy, cx, cy) unless it is a Kinect
     v2. Raises FormatError for an invalid note.

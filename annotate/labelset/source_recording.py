@@ -1,4 +1,4 @@
-"""Recording of a label set: its place, and its frames fused beside the labels."""
+"""Recording of a label set: search for its file, and fusion of its frames with the labels."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -19,7 +19,7 @@ from sensors.session.recognise import mcap_files
 
 
 class Fused(NamedTuple):
-    """Points of a labelled frame. frame: as recorded, or None with a remark on the reason."""
+    """Cloud of a labelled frame. frame: as recorded, or None with a remark on the reason."""
 
     cloud: ThermalCloud
     frame: RigFrame | None
@@ -70,7 +70,7 @@ class Recorded:
 
 
 def recording_entry(path: Path | None) -> dict[str, Any]:
-    """Return the manifest's entry on a recording: its name, and a file's size."""
+    """Return the manifest entry about a recording: its name, and a file's size."""
     if path is None:
         return {}
     size = {"bytes": path.stat().st_size} if path.is_file() else {}
@@ -98,12 +98,14 @@ def find_session(labels: LabelSet) -> Path | None:
 
 
 def _is_plain(name: str) -> bool:
-    """Return whether a name from a manifest stays within the folder."""
+    """Return whether a name from a manifest is a plain file name, without folders."""
     return bool(name) and name != ".." and Path(name).name == name
 
 
 def _by_checksum(labels: LabelSet, folder: Path, size: int | None) -> Path | None:
-    """Return the session of a folder with the manifest's SHA-256; hash only likely files."""
+    """Return the session of a folder with the manifest's SHA-256; only files of equal size or name are
+    hashed.
+    """
     wanted = labels.info.get("sha256")
     if not isinstance(wanted, str):
         return None

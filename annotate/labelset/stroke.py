@@ -1,4 +1,4 @@
-"""Stroke: one entry of the journal, as the difference it made to the labels of one frame."""
+"""Stroke: one entry of the journal, stored as its difference to the labels of one frame."""
 
 import json
 from dataclasses import asdict, dataclass, field
@@ -43,7 +43,7 @@ Activity = Literal["looking", "painting", "navigating"]
 
 @dataclass(frozen=True)
 class Gesture:
-    """Gesture that chose the pixels, in the quantities of the keystroke-level model.
+    """Gesture that selected the pixels, in the quantities of the keystroke-level model.
 
     points: vertices of a lasso, polygon or brush path; path_px: its length on the screen. Raises FormatError.
     """
@@ -67,12 +67,12 @@ KEY = Gesture("key", keys=1)
 
 @dataclass(frozen=True)
 class Stroke:
-    """One action of a person on one frame, and the difference it made.
+    """One action of a person on one frame, and its difference to the labels.
 
-    part: the part given, None for several. runs: int64 (n, 4), each (start, length, old, new): pixels [start,
-    start + length), row by row, changed from part id old to new; sorted, without overlap. Undo and redo carry
-    their own runs. when: ISO 8601 UTC. seconds: active seconds since the previous entry, by activity. reason:
-    of a rejection; the step of a relabelling. Raises FormatError.
+    part: the assigned part, None for several. runs: int64 (n, 4), each (start, length, old, new): pixels
+    [start, start + length), row by row, changed from part id old to new; sorted, without overlap. Undo and
+    redo carry their own runs. when: ISO 8601 UTC. seconds: active seconds since the previous entry, by
+    activity. reason: of a rejection; for a relabelling, its step. Raises FormatError.
     """
 
     frame_id: str
@@ -107,12 +107,12 @@ class Stroke:
 
     @property
     def by_person(self) -> bool:
-        """Return whether a person changed labels, or gave or took back a verdict."""
+        """Return whether a person made this entry: changed labels, or gave or undid a verdict."""
         return self.operation not in ("leave", "relabel")
 
     @property
     def end(self) -> int:
-        """Return the flat index behind the last changed pixel; 0 without changes."""
+        """Return the flat index after the last changed pixel; 0 without changes."""
         return int(self.runs[-1, :2].sum()) if len(self.runs) else 0
 
     @property
@@ -124,12 +124,12 @@ class Stroke:
 
     @property
     def old(self) -> UInt8:
-        """Return part ids (n,) before, one for each of ``pixels``."""
+        """Return the old part ids (n,) of ``pixels``."""
         return np.repeat(self.runs[:, 2], self.runs[:, 1]).astype(np.uint8)
 
     @property
     def new(self) -> UInt8:
-        """Return part ids (n,) after, one for each of ``pixels``."""
+        """Return the new part ids (n,) of ``pixels``."""
         return np.repeat(self.runs[:, 3], self.runs[:, 1]).astype(np.uint8)
 
     @property
@@ -141,7 +141,9 @@ class Stroke:
         return self.runs[:, [0, 1, 3, 2]]
 
     def apply_to(self, parts: UInt8) -> None:
-        """Change ``parts`` (h, w), contiguous. Raises FormatError for a stroke that reaches outside."""
+        """Apply the stroke to ``parts`` (h, w), contiguous, in place. Raises FormatError for pixels
+        outside.
+        """
         if self.end > parts.size:
             raise FormatError(
                 f"a stroke on frame {self.frame_id} reaches pixel {self.end - 1} of {parts.size}"
@@ -150,12 +152,14 @@ class Stroke:
 
 
 def is_part(part: int) -> bool:
-    """Return whether a number is the id of a part, of the background, or 255."""
+    """Return whether a number is a valid label: a part id, background, or 255."""
     return 0 <= part < N_CLASSES or part == UNDEFINED
 
 
 def difference(pixels: Int64, old: UInt8, new: UInt8) -> Int64:
-    """Return the runs (n, 4) of a change of sorted flat ``pixels`` from ``old`` to ``new`` ids, all (m,)."""
+    """Return the runs (n, 4) for sorted flat ``pixels`` whose ids change from ``old`` to ``new``, all
+    (m,).
+    """
     differs = old != new
     pixels, old, new = pixels[differs], old[differs], new[differs]
     if not len(pixels):

@@ -14,7 +14,7 @@ AGAIN_S = 10.0  # s between two searches for the pyrometer's spot in the image; 
 
 
 class DriftWatch:
-    """Corrects temperatures once the pyrometer's spot in the image is known."""
+    """Correction of temperatures, active once the pyrometer's spot in the image is known."""
 
     def __init__(self, calibration: RigCalibration) -> None:
         self._reference = ThermalReference(calibration.thermal.fx) if calibration.thermal else None

@@ -1,4 +1,4 @@
-"""Warnings about a picture: its light, its person, the colours of the suit, the thermal camera's alignment.
+"""Warnings about a frame: its lighting, its person, the colours of the suit, the thermal camera's alignment.
 
 Constants are untuned unless a source is given.
 """
@@ -29,7 +29,7 @@ EVERY_NS, FRAMES = 500_000_000, 8  # ns between two checks of the alignment, and
 
 
 def person_warnings(cloud: ThermalCloud, person: Bool) -> Iterator[LiveWarning]:
-    """Yield warnings about the light on a person and the position. person: mask (h, w)."""
+    """Yield warnings about the lighting of a person and the person's position. person: mask (h, w)."""
     if np.count_nonzero(person) < LEAST_PIXELS:
         return
     yield from _light(cloud, person)
@@ -63,10 +63,11 @@ def _shift_warning(shift_px: tuple[float, float], camera: Intrinsics) -> LiveWar
 
 
 def color_warning(cloud: ThermalCloud, person: Bool, model: ColorModel) -> LiveWarning | None:
-    """Return a warning about the two most similar suit colours in this light, None if they differ enough.
+    """Return a warning about the two most similar suit colours in this illuminant, None if they differ
+    enough.
 
-    person: mask (h, w). model: colours in this frame's light. Pairs that are similar in the palette itself
-    are excluded, because the suit's notes report them.
+    person: mask (h, w). model: colours in this frame's illuminant. Pairs that are similar in the palette
+    itself are excluded, because the suit's notes report them.
     """
     rgb = cloud.color_rgb[person & cloud.color_valid]
     if len(rgb) < LEAST_PIXELS:
@@ -89,7 +90,9 @@ def color_warning(cloud: ThermalCloud, person: Bool, model: ColorModel) -> LiveW
 
 
 def _apart(chroma: Float64, variance: Float64) -> Float64:
-    """Return distances (K, K) of colours (K, 2) in standard deviations of both."""
+    """Return distances (K, K) between colours (K, 2), divided by the standard deviation of their
+    difference.
+    """
     away = np.linalg.norm(chroma[:, None] - chroma[None], axis=-1)
     return np.asarray(away / np.sqrt(variance[:, None] + variance[None]))
 
@@ -111,7 +114,9 @@ def _light(cloud: ThermalCloud, person: Bool) -> Iterator[LiveWarning]:
 
 
 class ShiftWatch:
-    """Alignment of the running thermal camera by the last frames (``annotate.person.alignment``)."""
+    """Check of the running thermal camera's alignment over the last frames
+    (``annotate.person.alignment``).
+    """
 
     def __init__(self) -> None:
         self._surfaces = deque[Float64](maxlen=FRAMES)

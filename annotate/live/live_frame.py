@@ -40,9 +40,10 @@ class BodyPose:
 
 @dataclass(frozen=True)
 class Labelling:
-    """Functions of the live pipeline. label: a cloud, given the labels before, as ``label_cloud``.
+    """Functions of the live pipeline.
 
-    body_pose: of the labelled person, or None.
+    label: labels a cloud, given the previous labels, as ``label_cloud``. body_pose: returns the pose of the
+    labelled person, or None.
     """
 
     label: Callable[[ThermalCloud, FrameLabels | None], tuple[Segmentation, PersonMask]]
@@ -51,9 +52,10 @@ class Labelling:
 
 @dataclass(frozen=True, eq=False)
 class LiveFrame:
-    """A labelled frame. synced: its images. labels: of the cloud's undistorted depth image.
+    """Labelled frame of a running rig.
 
-    latency_ms: from the arrival of the depth image to the end of labelling.
+    synced: its images. labels: of the cloud's undistorted depth image. latency_ms: from the arrival of the
+    depth image to the end of labelling.
     """
 
     synced: SyncedFrame
@@ -66,7 +68,7 @@ class LiveFrame:
 
 
 class Rig(Protocol):
-    """A ``LiveRig`` or a ``Playback``."""
+    """Protocol of ``LiveRig`` and ``Playback``."""
 
     name: str
     calibration: RigCalibration

@@ -1,7 +1,7 @@
 """Live pipeline: threads that take turns to fuse and label the latest frame of a rig.
 
-Nothing queues up: a free thread takes the latest frame. A displayed frame is at most one labelling and one
-frame older than the rig.
+Frames are not queued: a free thread takes the latest frame. A displayed frame is older than the rig's by one
+labelling and one frame period at most.
 """
 
 import threading
@@ -37,9 +37,8 @@ LATENCIES = 1000  # frames whose latencies are kept: half a minute; untuned
 
 @dataclass(frozen=True)
 class _Fused:
-    """A fused frame. left_out: notes on missing parts of the cloud.
-
-    unreadable: fault of its colour image or "".
+    """Fused frame. left_out: notes on missing parts of the cloud. unreadable: fault of its colour image or
+    "".
     """
 
     synced: SyncedFrame
@@ -51,8 +50,8 @@ class _Fused:
 class LivePipeline:
     """Labelled frames of a started rig, from ``start`` to ``close``. The caller closes the rig.
 
-    frames: latest labelled frames, for any number of readers. latencies_ms: of the last frames. warned:
-    latest text of each kind of warning so far. warnings: active ones. error: reason of the end.
+    frames: queue of the latest labelled frames, for any number of readers. latencies_ms: of the last frames.
+    warned: latest text of each kind of warning so far. warnings: active ones. error: reason of the end.
     """
 
     def __init__(self, rig: Rig, labelling: Labelling) -> None:
@@ -109,7 +108,8 @@ class LivePipeline:
     def _take(self) -> tuple[SyncedFrame, RigFrame, list[str]] | None:
         """Return the latest frame that no thread has taken, calibrated, and notes on its missing parts.
 
-        Frames start evenly spaced, so that they are shown evenly. None if there is none for some time.
+        Waits so that frames start at even intervals and are shown evenly. None without a new frame for some
+        time.
         """
         with self._taking:
             self._stop.wait(max(0.0, self._next_s - time.monotonic()))
@@ -132,7 +132,7 @@ class LivePipeline:
             return _Fused(synced, cloud, left_out, str(error))
 
     def _label(self, fused: _Fused) -> None:
-        """Label a frame, by the labels shown last, and show it; warn if labelling fails."""
+        """Label a frame after the last shown labels, and publish it; warn if labelling fails."""
         synced, cloud = fused.synced, fused.cloud
         try:
             result, person = self._labelling.label(cloud, self._before)
@@ -153,7 +153,7 @@ class LivePipeline:
             self.frames.put(LiveFrame(synced, cloud, labels, body_pose, health, self.warnings, latency_ms))
 
     def _warn(self, *of_frame: LiveWarning) -> Health:
-        """Update the warnings by the rig's health, which is returned, and a frame if there is one."""
+        """Update the warnings from the rig's health and from a frame's warnings; return the health."""
         health = self.rig.health()
         self.warnings = self._active.update([*rig_warnings(health), *of_frame], time.monotonic())
         self.warned |= {warning.kind: warning.text for warning in self.warnings}
@@ -173,6 +173,8 @@ class LivePipeline:
         return made
 
     def latency_ms(self, share: float) -> float:
-        """Return the milliseconds within which this share of the last frames was labelled; NaN at first."""
+        """Return the quantile ``share`` of the last frames' latencies, in milliseconds; NaN before any
+        frame.
+        """
         latencies = list(self.latencies_ms)
         return float(np.quantile(latencies, share)) if latencies else float("nan")

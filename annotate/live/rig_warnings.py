@@ -59,7 +59,7 @@ def _is_silent(state: StreamHealth) -> bool:
 
 
 def _of_streams(health: Health) -> Iterator[LiveWarning]:
-    """Yield one warning of a kind about streams of connected devices, with all streams of each remedy."""
+    """Yield warnings about streams of connected devices; streams with the same remedy share a warning."""
     found = dict[tuple[Kind, str], list[str]]()
     for stream, state in health.streams.items():
         if not state.away and (one := _of_stream(stream, state, health)) is not None:

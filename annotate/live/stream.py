@@ -61,7 +61,7 @@ def _stream(pipeline: LivePipeline, server: FoxgloveServer, stop: threading.Even
 
 
 class _SentTexts:
-    """Texts that the clients have received: events by number, warnings by kind."""
+    """Texts already sent to the clients: events by number, warnings by kind."""
 
     def __init__(self) -> None:
         self._number, self._active = 0, set[str]()
@@ -77,7 +77,9 @@ class _SentTexts:
 
 
 def shown_of(frame: LiveFrame, calibration: RigCalibration, texts: list[str]) -> Shown:
-    """Return a live frame for Foxglove, stamped by the host's clock. texts: new since the last frame."""
+    """Return a live frame for Foxglove, stamped by the host's clock. texts: events and warnings since the
+    last frame.
+    """
     recorded, stamp_ns, pose = frame.synced.frame, frame.synced.host_ns, frame.body_pose
     joints_mm = dict(zip(pose.names, (1000 * pose.joints_m).tolist(), strict=True)) if pose else None
     return Shown(

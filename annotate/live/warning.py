@@ -1,4 +1,4 @@
-"""Warnings about a rig or a picture, and the time that one must last before it is shown."""
+"""Warnings about a rig or a frame, and the time that a warning must last before it is shown."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,21 +13,21 @@ HOLD_S = 1.0  # s for which a fault must last before its warning, and be gone af
 
 @dataclass(frozen=True)
 class LiveWarning:
-    """One line of text with fault, value and remedy. There is one warning of a kind at a time."""
+    """Warning of one line with fault, value and remedy. There is at most one active warning of each kind."""
 
     kind: Kind
     text: str
 
 
 class ActiveWarnings:
-    """Warnings that were made for ``HOLD_S``, in the order of their first appearance."""
+    """Warnings that lasted for ``HOLD_S``, in the order of their first appearance."""
 
     def __init__(self) -> None:
         self._since: dict[Kind, float] = {}
         self._last: dict[Kind, tuple[float, LiveWarning]] = {}
 
     def update(self, made: Iterable[LiveWarning], now_s: float) -> tuple[LiveWarning, ...]:
-        """Add the warnings of one frame and return the active ones. now_s: on a clock that only rises."""
+        """Add the warnings of one frame and return the active ones. now_s: on a monotonic clock."""
         for warning in made:
             self._since.setdefault(warning.kind, now_s)
             self._last[warning.kind] = now_s, warning

@@ -1,7 +1,7 @@
-"""Shift of the thermal image against the depth image, in a frame and over a session (calibration drift).
+"""Shift of the thermal image relative to the depth image, in a frame and over a session (calibration drift).
 
-At a person's silhouette depth and temperature jump together. Points inside and outside of depth jumps are
-compared in temperature under a grid of shifts; the shift with the largest contrast is the error of the
+At a person's silhouette depth and temperature jump together. Temperatures of points inside and outside of
+depth jumps are compared under a grid of shifts. The shift with the largest contrast is the error of the
 calibration. A parabola refines the peak of a session's mean contrasts. Constants are untuned unless a source
 is given.
 """
@@ -40,9 +40,9 @@ TOLERABLE_DEG = 0.5  # drift that fusion and extraction tolerate: a pixel of a P
 
 @dataclass(frozen=True)
 class ThermalDrift:
-    """Shift (right, down) of the thermal image over the depth image, in depth pixels.
+    """Shift (right, down) of the thermal image relative to the depth image, in depth pixels.
 
-    sd_px: standard deviations by groups of frames. degrees: angle of the shift in the depth camera. frames:
+    sd_px: standard deviations over groups of frames. degrees: angle of the shift in the depth camera. frames:
     number of frames with enough silhouettes.
     """
 
@@ -63,10 +63,11 @@ def degrees(shift_px: tuple[float, float], camera: Intrinsics) -> float:
 
 
 def contrasts(cloud: ThermalCloud, window_c: tuple[float, float], warm: Bool) -> Float64 | None:
-    """Return the contrast (n, n) of shifts, down by rows, right by columns; None with few silhouettes.
+    """Return the contrast (n, n) under shifts, down by rows, right by columns; None with too few silhouettes.
 
-    Contrast: mean warmth inside silhouettes less outside, 1 between a person and the room. The middle is the
-    zero shift. window_c: a person's (least, most). warm: bool (h, w), near which silhouettes count.
+    Contrast: mean warmth inside silhouettes minus outside, 1 between a person and the room. The middle is the
+    zero shift. window_c: lowest and highest temperature of a person. warm: bool (h, w), area near which
+    silhouettes count.
     """
     reach_px = SEARCHED * cloud.camera.fx
     inside, outside = _sides(cloud.points_m[..., 2], grown(warm, reach_px))
@@ -78,13 +79,13 @@ def contrasts(cloud: ThermalCloud, window_c: tuple[float, float], warm: Bool) ->
 
 
 def warm_contrasts(cloud: ThermalCloud) -> Float64 | None:
-    """Return the contrasts at silhouettes of everything as warm as a person."""
+    """Return the contrasts at silhouettes of all objects as warm as a person."""
     window = find_window(cloud, cloud.valid) or WINDOW_C
     return contrasts(cloud, window, cloud.valid & is_warm(cloud.temperature_c, window))
 
 
 def misplacement_px(surface: Float64) -> tuple[float, float] | None:
-    """Return the shift (right, down) by which contrasts (n, n) show a wrong calibration, or None.
+    """Return the shift (right, down) that contrasts (n, n) reveal as a calibration error, or None.
 
     Only large shifts count, because the long edges of a bed resemble a person's silhouette.
     """
@@ -94,9 +95,9 @@ def misplacement_px(surface: Float64) -> tuple[float, float] | None:
 
 
 def is_warmer(warmth: Float32, persons: Bool, shift_px: tuple[float, float]) -> bool:
-    """Return whether a shift raises the warmth (h, w) on persons (h, w), or their warmth is unknown.
+    """Return whether a shift raises the mean warmth (h, w) on persons (h, w); True if the warmth is unknown.
 
-    Without a gain the contrast comes from furniture.
+    If the warmth does not rise, the contrast comes from furniture.
     """
     moved = np.roll(warmth, [-round(px) for px in shift_px[::-1]], axis=(0, 1))
     gain = (moved - warmth)[persons & np.isfinite(warmth)]
@@ -139,14 +140,14 @@ def peak_px(surface: Float64) -> tuple[float, float]:
 
 
 def _vertex(three: Float64) -> float:
-    """Return the maximum's place of a parabola through three values at -1, 0, 1; 0 at the border."""
+    """Return the position of the maximum of a parabola through values at -1, 0, 1; 0 at the border."""
     if len(three) < 3 or (bend := three[0] - 2 * three[1] + three[2]) >= 0:
         return 0.0
     return float(0.5 * (three[0] - three[2]) / bend)
 
 
 def _sides(depth_m: Float32, around: Bool) -> tuple[Int64, Int64]:
-    """Return pixels [v, u] (n, 2) just inside and just outside of depth jumps; the near side is inside."""
+    """Return pixels [v, u] (n, 2) just inside and just outside of depth jumps; the nearer side is inside."""
     insides, outsides = [], []
     slices: tuple[Any, ...] = (np.s_[:-2], np.s_[2:]), (np.s_[:, :-2], np.s_[:, 2:])
     for axis, (before, after) in enumerate(slices):
@@ -164,7 +165,7 @@ def _sides(depth_m: Float32, around: Bool) -> tuple[Int64, Int64]:
 
 @njit(cache=True, nogil=True)
 def _contrasts(warmth: Float32, inside: Int64, outside: Int64, shifts: Int64) -> Float64:
-    """Return the mean warmth inside less outside (n, n), by shifts down (rows) and right (columns)."""
+    """Return mean warmth inside minus outside (n, n), by shifts down (rows) and right (columns)."""
     height, width = warmth.shape
     contrast = np.zeros((shifts.size, shifts.size))
     for i in range(shifts.size):

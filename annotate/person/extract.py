@@ -1,7 +1,7 @@
 """Person detection in one frame, and the mask of its subject with track ids.
 
 Nishi & Miura 2017, section 4.2.1, take every point of 25 to 35 degrees Celsius. Here each frame has its own
-window, and a network weighs warmth and shape.
+temperature range, and a network weighs warmth and shape.
 """
 
 from collections.abc import Sequence
@@ -48,11 +48,12 @@ class PersonMask:
 
 
 class PersonDetection:
-    """Persons of one frame, detected in the coarse cloud, without any other frame.
+    """Persons of one frame, detected in the coarse cloud, independent of other frames.
 
-    window_c: least and most surface temperature of a person; None = from the frame. Without such warmth
-    no person is found. suit: of the subject, distinguishes it from others. everybody: label all persons; the
-    earlier subject keeps number 1, and none has to stand out. single_pass: of ``find_people``.
+    window_c: lowest and highest surface temperature of a person; None = from the frame. Without pixels in
+    this range no person is found. suit: suit of the subject, which distinguishes it from others. everybody:
+    label all persons; the earlier subject keeps number 1, and no clear subject is required. single_pass: of
+    ``find_people``.
     """
 
     def __init__(
@@ -83,13 +84,13 @@ class PersonDetection:
 
     @cached_property
     def _loose(self) -> Bool:
-        """Return points (h, w) off the planes, because a sunlit wall is not a person."""
+        """Return flags (h, w) of points off the room's planes, because a sunlit wall is not a person."""
         points_m = self._coarse.points_m
         return self._coarse.valid & (distance_m(self.planes, points_m) > TOLERANCE * points_m[..., 2])
 
     @cached_property
     def _warm(self) -> Bool:
-        """Return points (h, w) off the planes and as warm as a person."""
+        """Return flags (h, w) of points off the planes and as warm as a person."""
         return self._loose & is_warm(self._coarse.temperature_c, self.window_c)
 
     def _misalignment(self) -> tuple[str, ...]:
@@ -137,7 +138,7 @@ class PersonDetection:
         )
 
     def _ranked(self, before: FrameLabels | None) -> list[tuple[float, Person]]:
-        """Return persons with their scores, best first; the subject is the first."""
+        """Return persons with their scores, best first; the first person is the subject."""
         if len(self._persons) < 2:
             return [(1.0, person) for person in self._persons]
         shown = zip(self._persons, self._cloths, strict=True)
@@ -146,7 +147,7 @@ class PersonDetection:
 
     @cached_property
     def _cloths(self) -> list[float]:
-        """Return the number of the suit's cloths on each person; 1 without a suit."""
+        """Return the number of the suit's cloths that each person shows; 1 without a suit."""
         suit = self._suit if self._coarse.color_valid.any() else None
         return [cloths_shown(suit, self._coarse, one.mask) if suit else 1.0 for one in self._persons]
 
@@ -160,7 +161,7 @@ class PersonDetection:
 
     @cached_property
     def share(self) -> Float32:
-        """Return the share (h, w) from the surroundings' to a person's temperature, or NaN."""
+        """Return each pixel's position (h, w) between surrounding (0) and person temperature (1), or NaN."""
         if not self._warm.any():
             return np.full(self.cloud.depth_mm.shape, np.nan, np.float32)
         middle_m = float(np.median(self._coarse.points_m[..., 2][self._warm]))

@@ -81,7 +81,7 @@ def _person(cloud: ThermalCloud, mask: Bool) -> Person:
 
 
 def _grid(side: int, focal_px: float) -> Float64:
-    """Return the pixels (n,) of an image's side at a spacing that makes ``FOCAL_PX`` of its focal length."""
+    """Return the pixels (n,) along an image's side that resample its focal length to ``FOCAL_PX``."""
     step = max(focal_px / FOCAL_PX, 1.0)
     count = max(1, round(side / step))
     return np.asarray(((np.arange(count) + 0.5) * step - 0.5).clip(0, side - 1), np.float64)
@@ -94,8 +94,8 @@ def _spacing(grid: Float64) -> float:
 def network_input(depth_m: Float32, warmth: Float32) -> Float32:
     """Return the input (24, h / 2, w / 2) for depth (h, w) in metres, 0 = no reading; h, w even.
 
-    Six channels, each as the four images of every second pixel: valid, log depth, log depth less its mean in
-    a wide and in a narrow window, thermal reading, warmth.
+    Six channels, each split into four images of every second pixel (space to depth). The channels are: valid,
+    log depth, log depth minus its mean in a wide and in a narrow window, thermal reading, warmth.
     """
     valid = (depth_m > 0).astype(np.float32)
     log = np.where(depth_m > 0, np.log(np.maximum(depth_m, 0.1)), 0).astype(np.float32)
@@ -139,7 +139,9 @@ def _found(points_m: Float32, warmth: Float32, single_pass: bool = False) -> tup
 
 
 def _by_votes(votes_m: Float32, surface_m2: Float32, odds: Float32) -> UInt8:
-    """Return the person (n,) of pixels, 0 = no person, by votes (n, 3), surfaces (n,) and log odds (n,)."""
+    """Return the person number (n,) of pixels, 0 = no person, from votes (n, 3), surfaces (n,) and log odds
+    (n,).
+    """
     step = 1 + len(votes_m) // MOST_VOTES
     some, weight = votes_m[::step], surface_m2[::step] * step
     leader = _leaders(some, weight)
@@ -160,7 +162,9 @@ def _by_votes(votes_m: Float32, surface_m2: Float32, odds: Float32) -> UInt8:
 
 @njit(cache=True, nogil=True)
 def _leaders(votes: Float32, weight: Float32) -> Index:
-    """Return the index (n,) of the nearest denser vote within ``MIDDLES_M``; its own for a middle."""
+    """Return the index (n,) of the nearest vote of higher density within ``MIDDLES_M``; its own index for a
+    peak.
+    """
     density, leader = np.zeros(len(votes), np.float32), np.arange(len(votes))
     for i in range(len(votes)):
         for j in range(len(votes)):
@@ -193,7 +197,9 @@ class _Small(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _enlarged(points_m: Float32, small: _Small) -> UInt8:
-    """Return the person (h, w) of a cloud's points (h, w, 3), by neighbours on the same surface first."""
+    """Return the person number (h, w) of a cloud's points (h, w, 3), from small-image neighbours on the same
+    surface first.
+    """
     small_m, odds, whose, rows, columns = small
     height, width = points_m.shape[:2]
     owner = np.zeros((height, width), np.uint8)

@@ -24,9 +24,9 @@ TRIALS, MOST_PLANES = 40, 16  # points tried as the next plane; bound for rough 
 
 @dataclass(frozen=True)
 class Plane:
-    """Plane normal . p = offset_m of points p in metres, depth camera's frame.
+    """Plane normal . p = offset_m for points p in metres, depth camera's frame.
 
-    normal: float32 (3,), unit, towards the camera. area_m2: visible surface, as if seen head-on.
+    normal: float32 (3,), unit, towards the camera. area_m2: area of its visible surface.
     """
 
     normal: Float32
@@ -85,7 +85,9 @@ def _fitted(lines: Float32, pixel_m2: Float32, start: int) -> tuple[Plane, Bool]
 
 
 def _on(plane: Plane, lines: Float32) -> Bool:
-    """Return flags (n,) of points with normals (6, n) that are close to a plane and parallel to it."""
+    """Return flags (n,) of points that are close to a plane and have a parallel normal. lines: (6, n), points
+    and normals.
+    """
     distance_m = np.abs(plane.normal @ lines[:3] - np.float32(plane.offset_m))
     along = plane.normal @ lines[3:] >= np.float32(LEAST_COSINE)
     return np.asarray((distance_m <= np.float32(TOLERANCE) * lines[2]) & along, np.bool_)
@@ -108,7 +110,7 @@ def _nearest_m(points_m: Float32, planes: Float32) -> Float32:
 
 @njit(cache=True, nogil=True)
 def _best(lines: Float32, tried: Index) -> int:
-    """Return the index, among those tried (k,), of the point with the most surface on its plane."""
+    """Return the candidate point, among indices (k,), with the most surface on its plane."""
     x, y, z, right, down, ahead = lines
     weight = np.rint(100 * z**2).astype(np.int64)  # whole numbers add up in any order
     best, most = 0, np.int64(-1)

@@ -24,10 +24,10 @@ EDGE_PX = 4  # width of an image's rim; EDGE_PX^2 pixels on a rim count as cut t
 
 
 def cloths_shown(suit: Suit, cloud: ThermalCloud, person: Bool) -> float:
-    """Return the number of the suit's cloths in a person's colours (mask (h, w)), less one; not whole.
+    """Return the effective number of the suit's cloths in a person's colours (mask (h, w)), minus one.
 
-    The exponential of the mutual information of colour and swatch in the best illuminant: high for a suit,
-    low for clothes and things, 0 for colours lost in noise.
+    It is the exponential of the mutual information of colour and swatch in the best illuminant: high for a
+    suit, low for clothes and things, 0 for colours lost in noise.
     """
     mask = person & cloud.valid
     rgb = cloud.color_rgb[mask]
@@ -64,7 +64,7 @@ def persons_before(before: FrameLabels) -> UInt8:
 
 
 def crowd_warnings(scores: Sequence[float]) -> list[str]:
-    """Return a warning if none of three or more persons is clearly the subject; scores: best first."""
+    """Return a warning if no person of three or more has a clearly best score. scores: best first."""
     if len(scores) < 3 or scores[0] >= CLEAR_LEAD * scores[1]:
         return []
     return [

@@ -1,4 +1,4 @@
-"""Track ids of persons over a recording, by the distance of their middles."""
+"""Track ids of persons over a recording, by the distance of their centres."""
 
 from collections.abc import Sequence
 from itertools import count
@@ -14,9 +14,9 @@ REACH_M = 0.8  # between a person's middles in two frames: half a second of walk
 def assign_track_ids(
     people: Sequence[Person], before: FrameLabels | None, *, subject_first: bool
 ) -> tuple[list[int], list[list[int]]]:
-    """Return the track id of each person of a frame, 1 and on, and all tracks so far.
+    """Return the track id of each person of a frame, from 1 on, and all tracks so far.
 
-    A track is [id, x, y, z]: the middle when last seen, millimetres, depth camera. before: labels of the
+    A track is [id, x, y, z]: the centre when last detected, millimetres, depth camera. before: labels of the
     previous frame. subject_first: the first person gets id 1.
     """
     tracks = {number: at_mm for number, *at_mm in before.notes.get("people", ())} if before else {}

@@ -31,17 +31,18 @@ def warmth(celsius: Float32, window_c: tuple[float, float]) -> Float32:
 
 
 def is_warm(celsius: Float32, window_c: tuple[float, float]) -> Bool:
-    """Return flags (h, w) of temperatures (h, w) in a person's window; False without a reading."""
+    """Return flags (h, w) of temperatures (h, w) inside a person's range; False without a reading."""
     low_c, high_c = window_c
     return np.asarray((celsius >= low_c) & (celsius <= high_c), np.bool_)
 
 
 def find_window(cloud: ThermalCloud, loose: Bool) -> tuple[float, float] | None:
-    """Return a person's least and most temperature in this frame, or None without any contrast.
+    """Return the lowest and highest temperature of a person in this frame, in degrees Celsius.
 
-    loose: bool (h, w), pixels off the room's planes. The room has the commonest temperature of all pixels,
-    the person the commonest of the loose and warmer ones, by surface. The window begins halfway: at the
-    paper's 25 degrees for a room of 20 and a person of 30.
+    loose: bool (h, w), pixels not on a plane of the room. The room's temperature is the mode over all pixels,
+    weighted by surface area. The person's temperature is the mode over loose pixels warmer than the room. The
+    window starts halfway between both, as the paper's 25 degrees for a room of 20 and a person of 30. Returns
+    None where no loose pixel is warm enough.
     """
     known = cloud.valid & np.isfinite(cloud.temperature_c)
     if not known.any():
@@ -59,7 +60,7 @@ def find_window(cloud: ThermalCloud, loose: Bool) -> tuple[float, float] | None:
 
 
 def _mode(celsius: Float32, weight: Float32) -> float:
-    """Return the commonest of temperatures (n,) with weights (n,), by a smoothed histogram."""
+    """Return the mode of temperatures (n,) with weights (n,), from a smoothed histogram."""
     # Bins around the median: a common offset of all temperatures moves them along.
     middle, bin_c = float(np.median(celsius)), SPREAD_C / 4
     bins, around = round(2 * REACH_C / bin_c), (-REACH_C, REACH_C)
@@ -69,10 +70,11 @@ def _mode(celsius: Float32, weight: Float32) -> float:
 
 
 def warmth_share(celsius: Float32, warm: Bool, window_c: tuple[float, float], size_px: int) -> Float32:
-    """Return the share (h, w) from the local background to the local person; NaN = no reading.
+    """Return each pixel's position (h, w) between local background (0) and local person (1); NaN = no
+    reading.
 
-    warm: bool (h, w). window_c: a person's least and most. Both ends are means over windows of ``size_px``
-    pixels, because rooms and clothes are uneven.
+    warm: bool (h, w). window_c: lowest and highest temperature of a person. Both ends are means over windows
+    of ``size_px`` pixels, because rooms and clothes are uneven.
     """
     cold = np.isfinite(celsius) & ~warm & (celsius < window_c[1])
     background_c = _local_mean(celsius, cold, size_px)

@@ -24,9 +24,9 @@ def refine_borders(
 ) -> tuple[UInt8, Float32]:
     """Label the pixels of a rectangle; return class uint8 (h, w) and the network's probability (h, w).
 
-    chance: float32 (13, h, w), of the network. illuminant: the suit's colours in the frame's illuminant; None
-    = no suit. Background and other person take the parts' mean likelihood. By iterated conditional modes
-    (Besag 1986).
+    chance: float32 (13, h, w), class probabilities of the network. illuminant: the suit's colours in the
+    frame's illuminant; None = no suit. The colour likelihood of background and other person is the mean over
+    the parts. Solved by iterated conditional modes (Besag 1986).
     """
     undecided = cloud.valid[where] & (chance[0] < SURELY_ROOM)
     own = chance[:, undecided]
@@ -58,7 +58,9 @@ def _by_color(
 
 @njit(cache=True, nogil=True)
 def _modes(scores: Float32, depth_m: Float32, index: Int32) -> UInt8:
-    """Return classes (n,); index: (h, w), place of each pixel in ``scores`` (n, k), -1 elsewhere."""
+    """Return classes (n,) by iterated conditional modes. index: (h, w), row of each pixel in ``scores`` (n,
+    k), -1 elsewhere.
+    """
     height, width = index.shape
     chosen, total = np.empty(len(scores), np.uint8), np.empty(scores.shape[1], np.float32)
     for i in range(len(scores)):

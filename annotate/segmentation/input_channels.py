@@ -1,7 +1,7 @@
 """Input channels of the suit network: bytes (24, h, w) over a rectangle around the subject.
 
-A channel holds how well a pixel's colour fits a part's cloth under the frame's illuminant, so one network
-serves any suit. Constants are untuned unless a source is given.
+Some channels hold the likelihood of a pixel's colour under each part's cloth in the frame's illuminant, so
+one network serves any suit. Constants are untuned unless a source is given.
 """
 
 from typing import NamedTuple, Protocol
@@ -53,13 +53,15 @@ class Rectangle(NamedTuple):
     columns: slice
 
     def part(self, inner: "Rectangle") -> "Rectangle":
-        """Return a rectangle within this one in pixels of the image."""
+        """Return a rectangle given relative to this one, in pixels of the image."""
         sides = ((out.start, own) for out, own in zip(self, inner, strict=True))
         return Rectangle(*(slice(start + own.start, start + own.stop) for start, own in sides))
 
 
 class Room(Protocol):
-    """Room of a frame. share: (h, w) of the way from the background's temperature to the person's."""
+    """Room of a frame. share: (h, w), position between background temperature (0) and person
+    temperature (1).
+    """
 
     @property
     def planes(self) -> tuple[Plane, ...]: ...
@@ -70,7 +72,7 @@ class Room(Protocol):
 
 
 def rectangle(cloud: ThermalCloud, subject: Bool) -> tuple[Rectangle, float]:
-    """Return the rectangle around a subject's rough outline (h, w), not empty, and its pixels per metre."""
+    """Return the rectangle around a subject's coarse mask (h, w), not empty, and its pixels per metre."""
     pixels_per_m = cloud.camera.fx / float(np.median(cloud.points_m[..., 2][subject]))
     margin, arm = round(MARGIN_M * pixels_per_m), round(ARM_M * pixels_per_m)
     sides = []
@@ -124,7 +126,7 @@ def with_before(planes: UInt8, before: FrameLabels, where: Rectangle) -> UInt8:
 def with_likelihoods(planes: UInt8, rgb: UInt8, illuminant: ColorModel, among: Bool | bool = True) -> UInt8:
     """Return the channels (24, h, w) with the likelihoods of colours (h, w, 3).
 
-    among: bool (h, w), pixels whose likelihood is wanted.
+    among: bool (h, w), pixels to compute likelihoods for.
     """
     depth = planes[CHANNELS.index("depth")]
     wanted = np.flatnonzero(((planes[0] & SEEN) > 0) & (depth > 0) & (depth < 255) & among)
@@ -138,7 +140,7 @@ def with_likelihoods(planes: UInt8, rgb: UInt8, illuminant: ColorModel, among: B
 
 
 def _around_m(z: Float32, near: Bool) -> Float32:
-    """Return the mean depth (h, w) of the near pixels around each pixel."""
+    """Return the mean depth (h, w) of the ``near`` pixels around each pixel, in metres."""
     total, count = (
         cv2.blur(np.where(near, plane, np.float32(0)), (LOCAL_PX, LOCAL_PX)) for plane in (z, np.ones_like(z))
     )
@@ -146,7 +148,9 @@ def _around_m(z: Float32, near: Bool) -> Float32:
 
 
 def _colors(rgb: UInt8, seen: Bool) -> dict[str, Float64]:
-    """Return shade and chromaticity (h, w) of colours (h, w, 3) against the median of the seen ones."""
+    """Return brightness and chromaticity (h, w) of colours (h, w, 3), relative to the median over
+    ``seen``.
+    """
     brightest, chroma = np.maximum(np.maximum(rgb[..., 0], rgb[..., 1]), rgb[..., 2]), chromaticity(rgb)
     some = np.flatnonzero(seen)
     some = some[evenly(len(some))]
@@ -179,14 +183,15 @@ def _scaled(values: Float32, low: np.float32, scale: np.float32) -> UInt8:
 
 @njit(cache=True, nogil=True)
 def _put(made: UInt8, places: Index, values: UInt8) -> None:
-    """Write values (n,) to places (n,); a fifth of the time of numpy's."""
+    """Write values (n,) to places (n,), five times as fast as numpy."""
     for i in range(len(places)):
         made[places[i]] = values[i]
 
 
 @njit(cache=True, nogil=True)
 def network_input(planes: UInt8) -> Float32:
-    """Expand channels (24, h, w) to the network's input float32 (38, h, w): flags and parts one by one.
+    """Expand channels (24, h, w) to the network's input float32 (38, h, w); flags and parts become one-hot
+    planes.
 
     Unknown values are 0: temperature without a reading, unreadable colour.
     """

@@ -56,8 +56,8 @@ class View(NamedTuple):
     """Network input of a subject, in a rectangle around it.
 
     planes: channels uint8 (24, h, w), likelihoods still 0. rgb: uint8 (h, w, 3). pixels_per_m: at the
-    subject. colors: readable ones uint8 (n, 3) of the rough outline. kept: the suit's colours in the previous
-    frame's illuminant, if that is known.
+    subject. colors: readable colours uint8 (n, 3) inside the coarse mask. kept: the suit's colours in the
+    previous frame's illuminant, if known.
     """
 
     where: Rectangle
@@ -68,20 +68,22 @@ class View(NamedTuple):
     kept: ColorModel | None = None
 
     def after(self, before: FrameLabels | None, suit: Suit) -> "View":
-        """Add the labels and the illuminant of the previous frame, if any."""
+        """Return the view with labels and illuminant of the previous frame, if any."""
         if before is None:
             return self
         planes = with_before(self.planes, before, self.where)
         return self._replace(planes=planes, kept=_kept(suit, before))
 
     def step(self, sample_m: float) -> int:
-        """Return the pixels between two samples that are ``sample_m`` metres or more apart."""
+        """Return the sampling step in pixels that corresponds to at least ``sample_m`` metres."""
         longest = max(self.planes.shape[1:])
         return max(1, round(sample_m * self.pixels_per_m), -(-int(longest) // MOST_SAMPLES))
 
 
 def view_of(cloud: ThermalCloud, detection: PersonDetection, person: PersonMask) -> View | None:
-    """Return the view of a frame's subject by this frame alone; None where hardly a colour is readable."""
+    """Return the network input for a frame's subject, from this frame alone; None with too few readable
+    colours.
+    """
     mask = person.mask & cloud.valid
     rgb = cloud.color_rgb[mask]
     usable = readable(rgb, cloud.color_valid[mask])
@@ -93,7 +95,7 @@ def view_of(cloud: ThermalCloud, detection: PersonDetection, person: PersonMask)
 
 
 def _kept(suit: Suit, before: FrameLabels) -> ColorModel | None:
-    """Return the suit's colours in the illuminant that a frame's note gives, if valid."""
+    """Return the suit's colours in the illuminant noted in a frame, if valid."""
     gains = before.notes.get(ILLUMINANT)
     if not isinstance(gains, list) or [type(gain) for gain in gains] != [float, float]:
         return None
@@ -137,7 +139,8 @@ class SuitSegmenter:
 def fine_pass(
     cloud: ThermalCloud, view: View, near: Rectangle, illuminant: ColorModel | None, network: SuitNetwork
 ) -> tuple[Rectangle, UInt8, Float32]:
-    """Label every pixel of ``near`` in a view; return the place, the class (h, w) and its probability (h, w).
+    """Label every pixel of ``near`` in a view; return its rectangle, the class (h, w) and its probability (h,
+    w).
 
     illuminant: the suit's colours in the frame's illuminant; None = no suit.
     """
@@ -152,7 +155,7 @@ def fine_pass(
 def _single_pass(
     cloud: ThermalCloud, view: View, near: Rectangle, illuminant: ColorModel, network: SuitNetwork
 ) -> tuple[Rectangle, UInt8, Float32]:
-    """Label samples as ``fine_pass``; other pixels take the nearest sample of their surface."""
+    """Label sampled pixels like ``fine_pass``; other pixels take the nearest sample on their surface."""
     step = view.step(SAMPLE_M)
     some = slice(None, None, step), slice(None, None, step)
     samples = Rectangle(*(slice(own.start // step, -(-own.stop // step)) for own in near))
@@ -169,10 +172,11 @@ def _single_pass(
 
 
 def coarse_pass(view: View, suit: Suit, network: SuitNetwork) -> tuple[Rectangle, ColorModel]:
-    """Return the place of the parts in a view, with a margin, and the suit's colours in their illuminant.
+    """Return the rectangle of the parts in a view, with a margin, and the suit's colours in their illuminant.
 
-    The previous illuminant is kept if the parts found under it give nearly the same one and wear its colours.
-    Otherwise the parts are found in the illuminant that fits all colours of the outline.
+    The previous illuminant is kept under a condition: the parts found with it give nearly the same
+    illuminant, and their colours match the suit. Otherwise the parts are found in the illuminant that fits
+    all colours of the mask.
     """
     if view.kept is not None:
         near, rgb, belief = _find_parts(view, view.kept, ROUGH_M, network)
@@ -189,7 +193,10 @@ def coarse_pass(view: View, suit: Suit, network: SuitNetwork) -> tuple[Rectangle
 def _find_parts(
     view: View, illuminant: ColorModel, sample_m: float, network: SuitNetwork
 ) -> tuple[Rectangle, UInt8, Float64]:
-    """Return the place of the parts by one image of samples, or the whole view if there are none."""
+    """Return the rectangle of the parts in one sampled image, and the colours and beliefs of their samples.
+
+    The rectangle is the whole view if no part is found.
+    """
     step = view.step(sample_m)
     some = slice(None, None, step), slice(None, None, step)
     planes, rgb = view.planes[:, *some], view.rgb[some]
@@ -206,13 +213,19 @@ def _find_parts(
 
 
 def _grown(seen: Bool, step: int, margin: int, side: int) -> slice:
-    """Return the pixels from the first to the last true sample (n,), with a margin on both ends."""
+    """Return the pixels from the first to the last true sample (n,), with a margin at both ends.
+
+    step: pixels per sample. side: length of the image's side.
+    """
     first, last = (int(at) for at in np.flatnonzero(seen)[[0, -1]])
     return slice(max(first * step - margin, 0), min((last + 1) * step + margin, side))
 
 
 def diagnosis(rgb: UInt8, seen: Bool) -> tuple[str, ...]:
-    """Return a note on the defect of colours uint8 (n, 3), with its remedy; seen: bool (n,)."""
+    """Return a note on the colours' defect and its remedy, or ().
+
+    rgb: uint8 (n, 3), colours of the person. seen: bool (n,), points visible to the colour camera.
+    """
     if not len(rgb):
         return ("no person: nothing to label",)
     if seen.mean() < MIN_READABLE_SHARE:

@@ -1,7 +1,7 @@
-"""Split the suit network into a half that sees an image whole and a half that scores its pixels.
+"""Split of the suit network into an encoder of the whole image and a decoder for any part of it.
 
-The first half gives features of every square of ``PLACE`` x ``PLACE`` samples. The second half gives the
-scores of any part of an image from these features and the part's samples (docs/adr/0023).
+The first half computes features of every square of ``PLACE`` x ``PLACE`` samples. The second half computes
+the scores of any part of an image from these features and the part's samples (docs/adr/0023).
 """
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
@@ -41,7 +41,7 @@ def split_network(file: bytes) -> tuple[bytes, bytes, str]:
 
 
 def _part(model: Message, given: set[str], wanted: str) -> bytes:
-    """Return the file of the nodes that compute ``wanted`` from ``given``."""
+    """Return the ONNX file with the nodes that compute ``wanted`` from ``given``."""
     part = type(model)()
     part.CopyFrom(model)
     graph, needed, kept = part.graph, {wanted}, []

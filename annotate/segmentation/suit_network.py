@@ -53,10 +53,11 @@ class SuitNetwork:
         self._around, self._fine = onnx_session(first), onnx_session(second)
 
     def probabilities(self, planes: UInt8, step: int, near: Rectangle | None = None) -> Float32:
-        """Return class probabilities (13, h, w) of a rectangle of channels (24, h', w'); near: None = all.
+        """Return class probabilities (13, h, w) of a rectangle of channels (24, h', w'). near: None = all.
 
-        The network takes images of every ``step``-th pixel; each pixel is in one of them, with its own depth,
-        colour and temperature. Context comes from one image alone, and is shifted for the others.
+        The network runs on images of every ``step``-th pixel. Each pixel belongs to one of these images and
+        keeps its own depth, colour and temperature. Context features are computed for one image only, and
+        interpolated for the others.
         """
         near = near or Rectangle(*(slice(0, side) for side in planes.shape[1:]))
         place = PLACE * step
@@ -76,14 +77,16 @@ class SuitNetwork:
         return _softmax(found[:, *inner])
 
     def _of_all(self, planes: UInt8) -> Float32:
-        """Return the features of the first half, (k, h / 4, w / 4), padded at the end."""
+        """Return the features (k, h / 4, w / 4) of the first half for a whole image, padded at the end."""
         height, width = planes.shape[1:]
         padded = np.pad(planes, ((0, 0), (0, -height % MULTIPLE), (0, -width % MULTIPLE)))
         found: Float32 = self._around.run(None, {INPUT: network_input(padded)[None]})[0][0]
         return found
 
     def _of_own(self, planes: UInt8, around: Float32) -> Float32:
-        """Return the scores (13, h, w) of channels (24, h, w) with context (k, h / 4, w / 4)."""
+        """Return the scores (13, h, w) of the second half for channels (24, h, w). around: features (k, h /
+        4, w / 4).
+        """
         given = {INPUT: network_input(planes)[None], self._context: around[None]}
         scores: Float32 = self._fine.run(None, given)[0][0]
         if scores.shape != (CLASSES, *planes.shape[1:]):
@@ -118,7 +121,7 @@ def flip_averaged(network: SuitNetwork, planes: UInt8, step: int, near: Rectangl
 
 
 def _between(around: Float32, down: float, right: float) -> Float32:
-    """Interpolate features (k, h + 1, w + 1) by shares of a place's side; return (k, h, w)."""
+    """Return features (k, h, w) interpolated from (k, h + 1, w + 1). down, right: shares of a cell's side."""
     rows = around[:, :-1] + np.float32(down) * (around[:, 1:] - around[:, :-1])
     return np.ascontiguousarray(rows[..., :-1] + np.float32(right) * (rows[..., 1:] - rows[..., :-1]))
 

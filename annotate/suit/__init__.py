@@ -1,1 +1,1 @@
-"""Palette of the colour-coded clothing, its colours in a frame's light, and its learning."""
+"""Palette of the colour-coded clothing, its colours in a frame's illuminant, and its estimation."""

@@ -40,12 +40,13 @@ GRID_COLORS, REFINED = 300, 2  # colours that every illuminant of the grid is tr
 
 @dataclass(frozen=True)
 class ColorModel:
-    """K swatches in the illuminant of one frame.
+    """Chromaticities of a suit's K swatches (cloth colours) in the illuminant of one frame.
 
-    palette: (K, 2), chromaticities in white light. shift: (K, 2), offset from the palette under the gains.
-    unknown: (K, 2, 2), its covariance. variance: (K,), of a swatch's colours along one axis. wears: bool (K,
-    11), parts that show a swatch. bare: bool (K,), not cloth. log_gain: (2,), natural logarithms of red and
-    blue against green.
+    palette: (K, 2), chromaticities in white light. shift: (K, 2), estimated offset that remains after the
+    diagonal illuminant gains ``log_gain``. unknown: (K, 2, 2), covariance of ``shift``. variance: (K,),
+    spread of a swatch's colours along one axis. wears: bool (K, 11), True for parts that show the swatch.
+    bare: bool (K,), True for a swatch that is skin or hair, not cloth. log_gain: (2,), natural logarithms of
+    the red and blue gains relative to green.
     """
 
     palette: Float64
@@ -63,20 +64,23 @@ class ColorModel:
 
     @property
     def fading(self) -> Float64:
-        """Return the offset (K, 2) from the lit palette to the illuminant's own chromaticity."""
+        """Return the vector (K, 2) from each lit swatch towards the illuminant's chromaticity, where faded
+        colours lie.
+        """
         lit, white = _lit(self.palette, self.log_gain)
         return np.asarray(white - lit)
 
     def match(self, chroma: Float64, noise: Float64) -> Float32:
-        """Return the log likelihood (K, n) of colours, 0 at the middle of a swatch as wide as SIGMA.
+        """Return the log likelihood (K, n) of colours under each swatch.
 
-        chroma: (n, 2). noise: (n,), standard deviations of the chromaticities.
+        Scaled to 0 at the centre of a swatch with standard deviation SIGMA. chroma: (n, 2). noise: (n,),
+        standard deviations of the chromaticities.
         """
         swatches = _Swatches(self.lit + self.shift, self.variance, self.unknown, self._cost)
         return _match(chroma, noise, swatches)
 
     def match_under(self, log_gains: Float64, chroma: Float64, noise: Float64) -> Float32:
-        """Return the log likelihood (L, K, n) by ``match`` of the unfitted model under log gains (L, 2)."""
+        """Return ``match`` (L, K, n) for the unfitted model under each of L log gains (L, 2)."""
         lit, white = _lit(self.palette, log_gains)
         fading, count = white - lit, len(log_gains)
         middle, unknown = (lit + FADE * fading).reshape(-1, 2), _strays(fading).reshape(-1, 2, 2)
@@ -92,7 +96,10 @@ class ColorModel:
         return np.asarray(np.log(self._likelihood(rgb) + np.float32(STRAY)), np.float32)
 
     def worn(self, rgb: UInt8, belief: Float64) -> float:
-        """Return the share of colours uint8 (n, 3), n > 0, that parts with beliefs (n, 11) wear."""
+        """Return the mean probability that colours uint8 (n, 3), n > 0, come from a swatch of their part.
+
+        belief: (n, 11), part probabilities. The alternative is a stray colour.
+        """
         likely = self._likelihood(rgb)
         return float((belief.T * likely / (likely + STRAY)).sum() / len(rgb))
 
@@ -105,14 +112,16 @@ class ColorModel:
 
 
 def _lit(palette: Float64, log_gain: Float64) -> tuple[Float64, Float64]:
-    """Light a palette (K, 2) by log gains (..., 2); return it (..., K, 2), and white (..., 1, 2)."""
+    """Return a palette (K, 2) under log gains (..., 2) as (..., K, 2), and white as (..., 1, 2)."""
     white = np.exp(log_gain[..., [0, 0, 1]] * (1, 0, 1))[..., None, :]
     rgb = np.column_stack([palette, 1 - palette.sum(axis=1)]) * white
     return rgb[..., :2] / rgb.sum(axis=-1, keepdims=True), white[..., :2] / white.sum(axis=-1, keepdims=True)
 
 
 class _Swatches(NamedTuple):
-    """Normal distributions of K swatches. middle: (K, 2). unknown: (K, 2, 2), of the middle. cost: (K,)."""
+    """Normal distributions of K swatches. middle: (K, 2). unknown: (K, 2, 2), covariance of ``middle``. cost:
+    (K,), subtracted from the log density.
+    """
 
     middle: Float64
     variance: Float64
@@ -121,7 +130,7 @@ class _Swatches(NamedTuple):
 
 
 def _match(chroma: Float64, noise: Float64, swatches: _Swatches) -> Float32:
-    """Return the log density (K, n) of swatches less their cost, as ``ColorModel.match``."""
+    """Return the log density (K, n) of swatches minus their cost, as ``ColorModel.match``."""
     middle, variance, unknown, cost = swatches
     of_colors = chroma[:, 0], chroma[:, 1], noise**2
     of_swatches = *middle.T, variance + unknown[:, 0, 0], unknown[:, 0, 1], variance + unknown[:, 1, 1]
@@ -132,7 +141,7 @@ def _match(chroma: Float64, noise: Float64, swatches: _Swatches) -> Float32:
 
 @njit(cache=True, nogil=True)
 def _away(colors: Float32, swatches: Float32) -> tuple[Float32, Float32]:
-    """Return squared distances (K, n) in standard deviations, and determinants (K, n) of the covariances."""
+    """Return squared Mahalanobis distances (K, n), and determinants (K, n) of the covariances."""
     shape = swatches.shape[1], colors.shape[1]
     away, area = np.empty(shape, np.float32), np.empty(shape, np.float32)
     for k in range(shape[0]):
@@ -146,13 +155,13 @@ def _away(colors: Float32, swatches: Float32) -> tuple[Float32, Float32]:
 
 
 def readable(rgb: UInt8, seen: Bool) -> Bool:
-    """Return flags (n,) of colours uint8 (n, 3) that are seen (n,), not too dark and not clipped."""
+    """Return flags (n,) of colours uint8 (n, 3) in ``seen`` (n,) that are not too dark and not clipped."""
     red, green, blue = ((rgb[:, i] >= CLIPPED).view(np.uint8) for i in range(3))
     return np.asarray(seen & (_brightest(rgb) >= DARK) & (red + green + blue < 2))
 
 
 def unfitted(suit: Suit) -> ColorModel:
-    """Return the model of a palette in the expected illuminant."""
+    """Return the model of a palette in the expected illuminant, before any fit."""
     names = [part.name for part in BODY_PARTS]
     wears = [np.isin(names, PARTS[part].name) for part in suit.parts]
     wears += [np.isin(names, worn) for _, worn in BARE]
@@ -166,14 +175,16 @@ def unfitted(suit: Suit) -> ColorModel:
 
 
 def under(model: ColorModel, log_gain: Float64) -> ColorModel:
-    """Return the unfitted model of a palette under log gains (2,)."""
+    """Return the unfitted model of a palette in the illuminant with log gains (2,)."""
     model = replace(model, log_gain=log_gain)
     fading = model.fading
     return replace(model, shift=FADE * fading, unknown=_strays(fading))
 
 
 def refit_colors(model: ColorModel, rgb: UInt8, belief: Float64) -> ColorModel:
-    """Fit a model to colours uint8 (n, 3) of parts with beliefs (n, 11) by expectation maximisation."""
+    """Return a model refitted to colours uint8 (n, 3) by expectation maximisation. belief: (n, 11), part
+    probabilities.
+    """
     some = evenly(len(rgb))
     rgb, prior = rgb[some], (model.wears @ belief[some].T).astype(np.float32)
     chroma, noise = chromaticity(rgb), blur(rgb)
@@ -192,7 +203,9 @@ def evenly(count: int) -> slice:
 
 
 def blur(rgb: UInt8) -> Float64:
-    """Return the standard deviation (n,) of the chromaticity of colours uint8 (n, 3), by darkness."""
+    """Return the standard deviation (n,) of the chromaticity noise of colours uint8 (n, 3), larger for dark
+    ones.
+    """
     return np.asarray(NOISE_RGB / np.maximum(_brightest(rgb), 1.0))
 
 
@@ -215,7 +228,9 @@ def _fitted_gain(model: ColorModel, chroma: Float64, weight: Float64) -> Float64
 
 
 def _fitted_swatches(model: ColorModel, chroma: Float64, share: Float64) -> ColorModel:
-    """Fit each swatch's shift and spread to its share (K, n) of colours (n, 2)."""
+    """Return the model with each swatch's shift and spread fitted to colours (n, 2) with responsibilities (K,
+    n).
+    """
     prior = np.linalg.inv(_strays(model.fading))
     mass, total = share.sum(axis=1), share @ chroma
     mean = total / np.maximum(mass, 1e-9)[:, None]
@@ -230,15 +245,15 @@ def _fitted_swatches(model: ColorModel, chroma: Float64, share: Float64) -> Colo
 
 
 def _strays(fading: Float64) -> Float64:
-    """Return the prior covariance (..., 2, 2) of the swatches' shifts, by their fading (..., 2)."""
+    """Return the prior covariance (..., 2, 2) of the swatches' shifts, larger along their fading (..., 2)."""
     return FADE_SIGMA**2 * fading[..., :, None] * fading[..., None, :] + HUE_SIGMA**2 * np.eye(2)
 
 
 def fit_illuminant(suit: Suit, rgb: UInt8, belief: Float64 | None = None) -> ColorModel:
-    """Fit the illuminant that explains readable colours uint8 (n, 3) best, n > 0.
+    """Fit the illuminant to readable colours uint8 (n, 3), n > 0; return the suit's colours in it.
 
-    Return the suit's colours in it. belief: (n, 11), of each colour's part; None = all equally likely. The
-    most likely of a grid of illuminants are refined by expectation maximisation.
+    belief: (n, 11), part probabilities; None = all equally likely. The most likely candidates of a grid of
+    illuminants are refined by expectation maximisation.
     """
     palette = unfitted(suit)
     if belief is None:

@@ -42,20 +42,22 @@ class Suit:
 
     @cached_property
     def look_alikes(self) -> tuple[tuple[int, int], ...]:
-        """Return pairs of part ids, low id first, where one part's colours all look like the other's."""
+        """Return pairs of part ids, low id first, where each colour of one part resembles a colour of the
+        other.
+        """
         chroma = chromaticity(self.colors_rgb)
         near = np.linalg.norm(chroma[:, None] - chroma[None], axis=2) < MIN_CHROMA_DISTANCE
         ids = [part.id for part in BODY_PARTS]
         return tuple((a, b) for a in ids for b in ids if a < b and self._covers(near, a, b))
 
     def _covers(self, near: Bool, a: int, b: int) -> bool:
-        """Return whether all swatches of one part are near one of the other's; near: bool (K, K)."""
+        """Return whether each swatch of part ``a`` is near a swatch of part ``b``. near: bool (K, K)."""
         both = near[np.ix_(self.parts == a, self.parts == b)]
         return bool(both.any(axis=1).all() or both.any(axis=0).all())
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return warnings for the wearer: parts that look alike."""
+        """Return warnings about parts that look alike."""
         return tuple(
             f"suit {self.name!r}: {PARTS[a].name} and {PARTS[b].name} differ only in brightness; "
             "choose another hue for one of them"
@@ -64,9 +66,10 @@ class Suit:
 
 
 def chromaticity(rgb: NDArray[Any]) -> Float64:
-    """Return the chromaticity (..., 2) of sRGB colours (..., 3), 8-bit values, independent of shade.
+    """Return the chromaticity (..., 2) of sRGB colours (..., 3), 8-bit values, independent of brightness.
 
-    Shares of red and green in linear light: x = R / (R + G + B). Gamma: IEC 61966-2-1, taken as 2.2.
+    Shares of red and green in linear light: x = R / (R + G + B), y = G / (R + G + B). Gamma: IEC 61966-2-1,
+    approximated by 2.2.
     """
     light = _linear(np.arange(256)).take if rgb.dtype == np.uint8 else _linear
     red, green, blue = (light(rgb[..., i]) for i in range(3))
@@ -85,7 +88,9 @@ def load_suit(path: Path) -> Suit:
 
 
 def suit_from_toml(text: str, what: str) -> Suit:
-    """Read a palette from text that ``suit_to_toml`` wrote into ``what``. Raises CloudError."""
+    """Read a palette from the text of ``suit_to_toml``. what: its origin in error messages. Raises
+    CloudError.
+    """
     try:
         return _suit(tomllib.loads(text), what, "suit")
     except (ValueError, RecursionError) as error:

@@ -119,7 +119,7 @@ def _suit(colors: dict[int, UInt8], name: str) -> Suit:
 
 
 def _main_colors(rgb: UInt8) -> list[tuple[int, ...]]:
-    """Return the typical sRGB colour of a part's colours (n, 3), or two, the commoner first."""
+    """Return one or two typical sRGB colours of a part's colours (n, 3), the commoner first."""
     rgb = rgb[evenly(len(rgb))]
     chroma = chromaticity(rgb)
     # Starts from the median and the point farthest from it: the same points give the same swatches.
@@ -138,7 +138,7 @@ def _main_colors(rgb: UInt8) -> list[tuple[int, ...]]:
 
 
 def _typical(rgb: UInt8) -> tuple[int, ...]:
-    """Return the median chromaticity of colours (n, 3) at their upper brightness, as sRGB."""
+    """Return the median chromaticity of colours (n, 3), at their upper brightness, as sRGB."""
     x, y = np.median(chromaticity(rgb), axis=0)
     shares = np.maximum([x, y, 1 - x - y], 0)
     level = np.quantile(rgb.max(axis=1), 0.9)

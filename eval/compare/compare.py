@@ -1,4 +1,4 @@
-"""One set of labels against another: counts of every frame, and the scores derived from them."""
+"""Comparison of two label sets: counts of every frame, and the scores derived from them."""
 
 import hashlib
 from collections.abc import Callable
@@ -31,10 +31,9 @@ class Comparison:
     """Counts of F compared frames, from which every score is derived.
 
     subjects: the person in each frame. counts: with one leading axis, (F,). joints_mm: float64 (F, 15), error
-    of each joint of the network in millimetres, NaN if not scored; None without any. extra_frames: number of
-    predicted frames without a truth.
-    Raises CloudError when nothing was compared or an id stands twice, ValueError for arrays that do not
-    fit together.
+    of each network joint in millimetres, NaN if not scored; None without joints. extra_frames: number of
+    predicted frames without a truth. Raises CloudError without a compared frame or for a repeated id,
+    ValueError for arrays of different lengths.
     """
 
     frame_ids: tuple[str, ...]
@@ -58,32 +57,32 @@ class Comparison:
 
     @property
     def matrices(self) -> Counts:
-        """The frames' confusion matrices, int64 (F, 12, 12)."""
+        """Return the frames' confusion matrices, int64 (F, 12, 12)."""
         return self.counts.confusion
 
     @property
     def confusion(self) -> Counts:
-        """All frames' pixels in one matrix, int64 (12, 12)."""
+        """Return the confusion matrix of all frames together, int64 (12, 12)."""
         return self.total.confusion
 
     @cached_property
     def total(self) -> FrameCounts:
-        """Counts of the whole set."""
+        """Return the summed counts of the whole set."""
         return self.counts.total()
 
     @cached_property
     def scores(self) -> dict[str, Scores]:
-        """Scores of the whole set by name, see `scores_of`."""
+        """Return the scores of the whole set by name (`scores_of`)."""
         return scores_of(self.total)
 
     @cached_property
     def by_cluster(self) -> Counts:
-        """Counts (C, K) of what is drawn as one: a subject, or a lone subject's frame."""
+        """Return the counts (C, K) of each bootstrap cluster: a subject, or a frame of a lone subject."""
         return intervals.cluster_sums(self.counts.flat, intervals.clusters_of(self.subjects))
 
     @cached_property
     def behind(self) -> dict[str, Int64]:
-        """How many clusters each score rests on (...): those that show the part, or all."""
+        """Return the number of clusters (...) behind each score: clusters that show the part, or all."""
         behind: dict[str, Int64] = {}
         for rows in blocks(len(self.by_cluster)):
             for name, score in scores_of(FrameCounts(self.by_cluster[rows])).items():
@@ -92,12 +91,14 @@ class Comparison:
 
     @cached_property
     def resampled(self) -> dict[str, Scores]:
-        """Scores of each bootstrap resample (R, ...)."""
+        """Return the scores of each bootstrap resample (R, ...)."""
         return scores_of(FrameCounts(intervals.resampled_sums(self.by_cluster)))
 
     @cached_property
     def ci95(self) -> dict[str, Float64]:
-        """95 % interval of each score, (2, ...): lower and upper; NaN where a score rests on one subject."""
+        """Return the 95 % interval of each score (2, ...), lower and upper; NaN for a score from one
+        subject.
+        """
         return {
             name: intervals.interval(self.scores[name], values, self.behind[name])
             for name, values in self.resampled.items()
@@ -105,24 +106,24 @@ class Comparison:
 
     @property
     def ci_note(self) -> str:
-        """Why the intervals cannot be relied on; "" where they can."""
+        """Return the reason why the intervals are unreliable, or ""."""
         return intervals.note_on(self.subjects)
 
     @cached_property
     def frame_miou(self) -> Scores:
-        """Mean IoU of each frame (F,); NaN where neither map shows a person."""
+        """Return the mean IoU of each frame (F,); NaN where neither map shows a person."""
         return confusion.miou(self.matrices)
 
     @property
     def undefined_shares(self) -> dict[str, float]:
-        """Shares of all pixels undefined in the truth (ignored), and in the prediction only."""
+        """Return the share of all pixels undefined in the truth (ignored), and in the prediction only."""
         ignored, unnamed, pixels = self.total.undefined
         shares = confusion.ratio(np.array([ignored, unnamed]), np.array([pixels, pixels]))
         return {"truth": float(shares[0]), "predicted": float(shares[1])}
 
     @property
     def hashes(self) -> dict[str, str]:
-        """SHA-256 over all frames' digests of depth, truth and prediction."""
+        """Return the SHA-256 over all frames' digests of depth, truth and prediction."""
         return {
             name: hashlib.sha256("".join(of_frames).encode()).hexdigest()
             for name, of_frames in zip(Digests._fields, zip(*self.digests, strict=True), strict=True)
@@ -130,16 +131,16 @@ class Comparison:
 
     @property
     def n_subjects(self) -> int:
-        """Number of different people seen."""
+        """Return the number of different people."""
         return len(set(self.subjects))
 
     @property
     def has_confidence(self) -> bool:
-        """Whether the prediction came with confidence, which calibration needs."""
+        """Return whether the prediction has confidence, which calibration needs."""
         return bool(self.total.reliability.any())
 
     def only(self, frames: Index) -> Self:
-        """The same comparison over some frames (n,), in this order. Raises CloudError for none."""
+        """Return the comparison of some frames (n,), in this order. Raises CloudError for none."""
         if np.array_equal(frames, np.arange(len(self.frame_ids))):
             return self
         names = ("frame_ids", "subjects", "traits", "digests")
@@ -152,11 +153,13 @@ class Comparison:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """The summary that `diff` prints; null stands for a part that no frame shows."""
+        """Return the summary that `diff` prints; null stands for a part that no frame shows."""
         return {"frames": len(self.frame_ids), **{name: named(name, self.scores[name]) for name in SUMMARY}}
 
     def to_evaluation_json(self) -> dict[str, Any]:
-        """JSON that `evaluate` prints: all scores with intervals, the confusion, and what was left out."""
+        """Return the JSON that `evaluate` prints: all scores with intervals, the confusion, and the left-out
+        frames.
+        """
         return {
             "frames": len(self.frame_ids),
             "subjects": self.n_subjects,
@@ -184,11 +187,11 @@ def compare_sets(
     advance: Callable[[int], None] = lambda frames: None,
     workers: int | None = None,
 ) -> Comparison:
-    """Compare every frame of the truth with the prediction of the same id, on all cores where it pays.
+    """Compare every frame of the truth with the prediction of the same id, on several cores for large sets.
 
-    Predicted frames without a truth are common (few of a session's frames are corrected); they are left
-    out and counted. advance: called with the number of frames just done. Raises CloudError naming a frame
-    that the prediction lacks or shows otherwise than the truth, or FormatError for a corrupt one.
+    Predicted frames without a truth are common (few of a session's frames are corrected); they are left out
+    and counted. advance: called with the number of frames just done. Raises CloudError for a frame that the
+    prediction lacks or that has another depth image there. Raises FormatError for a corrupt frame.
     """
     pairs, extra = pair_up(predicted, truth)
     counts, joints = np.empty((len(pairs), WIDTH), np.int32), np.empty((len(pairs), N_JOINTS))

@@ -19,7 +19,9 @@ SHOWN = 20
 
 
 def details(comparison: Comparison) -> dict[str, Any]:
-    """Scores by subject, activity, distance and so on; reliability by bin; labels that look wrong."""
+    """Return scores by subject, activity, distance and other traits, reliability by bin, and suspicious
+    labels.
+    """
     reliability = comparison.total.reliability
     return {
         "by": {
@@ -50,7 +52,9 @@ def _curve(counts: Counts) -> dict[str, Any]:
 
 
 class Suspect(NamedTuple):
-    """A part of a frame's truth. quality: mean probability of its label over its pixels."""
+    """Part of a frame whose true label is doubtful. quality: mean probability that the prediction gives
+    it.
+    """
 
     frame_id: str
     part_id: int
@@ -59,11 +63,11 @@ class Suspect(NamedTuple):
 
 
 def suspicious(comparison: Comparison, worst: int = SHOWN) -> list[Suspect]:
-    """The least probable parts of all frames, the worst first; none where there is no confidence.
+    """Return the least probable parts of all frames, the worst first; empty without confidence.
 
     Each part of each frame is ranked by the mean probability that the prediction gives to its label, as
     cleanlab ranks segments (Lad & Mueller, arXiv 2307.05080, with a soft minimum for whole images). A low
-    rank means that label and network disagree, not which of them is wrong.
+    rank means that label and network disagree; either can be wrong.
     """
     counts = comparison.counts.label_quality[:, [part.id for part in BODY_PARTS]]
     pixels = counts[..., 1]

@@ -1,4 +1,4 @@
-"""One result against another: the difference of their scores, and how certain it is."""
+"""Difference of the scores of two results, with its confidence interval."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,12 +20,12 @@ MIN_SUBJECTS = 6
 
 @dataclass(frozen=True)
 class Difference:
-    """Scores of A minus those of B, by name as `scores_of` has them.
+    """Scores of A minus scores of B, by the names of `scores_of`.
 
-    paired: whether both were measured on the same frames; then only these are compared. frames, subjects:
-    of A and of B. ci95: (2, ...), 95 % intervals by Student's t over subjects. wilcoxon_p: two-sided, on the
-    subjects' own mean recall and mIoU; None unpaired, or with too few subjects. note: what to know before
-    trusting it.
+    paired: True if both share frames; then only shared frames are compared. frames, subjects: numbers of A
+    and of B. ci95: (2, ...), 95 % intervals by Student's t over subjects. wilcoxon_p: two-sided p value, on
+    each subject's mean recall and mIoU; None if unpaired or with too few subjects. note: warning about the
+    reliability.
     """
 
     a: str
@@ -39,7 +39,7 @@ class Difference:
     note: str
 
     def to_json(self) -> dict[str, Any]:
-        """JSON that `compare` prints; null = a score that one of the two lacks."""
+        """Return the JSON that `compare` prints; null = a score that one of the two lacks."""
         return {
             "a": self.a,
             "b": self.b,
@@ -54,10 +54,10 @@ class Difference:
 
 
 def difference(a: Result, b: Result) -> Difference:
-    """A minus B: over the frames that both were measured on, or of all frames where there are none.
+    """Return the scores of A minus B, over the shared frames, or over all frames if none are shared.
 
-    Frames are the same where id and depth are. Two networks on one test set share their frames, and so
-    does one network measured against automatic and against corrected labels; real and synthetic do not.
+    Frames are the same where id and depth are equal. Two networks on one test set share their frames. One
+    network measured against automatic and against corrected labels does too. Real and synthetic sets do not.
     """
     at_b = {key: i for i, key in enumerate(_keys(b.comparison))}
     shared = [(i, at_b[key]) for i, key in enumerate(_keys(a.comparison)) if key in at_b]

@@ -1,4 +1,4 @@
-"""Frames of a prediction beside those of the truth, counted one after the other or on all cores."""
+"""Pairs of predicted and true frames, counted one by one or on all cores."""
 
 import hashlib
 import os
@@ -28,14 +28,14 @@ WORTH_WORKERS = 400
 
 
 class Pair(NamedTuple):
-    """Where a frame's prediction and its truth lie."""
+    """Places of a frame's prediction and truth in their sets."""
 
     predicted: Entry
     truth: Entry
 
 
 class Digests(NamedTuple):
-    """Hashes (64 bit, hex) of a frame's three images, by which two results are of the same frame."""
+    """Hashes (64 bit, hex) of a frame's depth, truth and prediction, which identify frames across results."""
 
     depth: str
     truth: str
@@ -57,10 +57,11 @@ class Counted(NamedTuple):
 
 
 def pair_up(predicted: LabelledFrames, truth: LabelledFrames) -> tuple[list[Pair], int]:
-    """Each frame of the truth with the prediction of the same id, and how many predictions are left over.
+    """Return each frame of the truth with the prediction of the same id, and the number of unpaired
+    predictions.
 
-    Raises CloudError where the truth has no frame, or the prediction lacks one: leaving out what failed
-    would flatter the score. Raises FormatError where a dataset has a frame twice or cannot be read.
+    Raises CloudError where the truth has no frame, or the prediction lacks one, because a missing failure
+    would raise the score. Raises FormatError for a repeated or unreadable frame of a dataset.
     """
     known, wanted = _entries(predicted), _entries(truth)
     if not wanted:
@@ -75,7 +76,7 @@ def pair_up(predicted: LabelledFrames, truth: LabelledFrames) -> tuple[list[Pair
 
 
 def _entries(frames: LabelledFrames) -> dict[str, Entry]:
-    """Entries by frame id, in order."""
+    """Return the entries by frame id, in order."""
     entries: dict[str, Entry] = {}
     for entry in frames.entries():
         if entry.frame_id in entries:
@@ -87,9 +88,10 @@ def _entries(frames: LabelledFrames) -> dict[str, Entry]:
 def count_pairs(
     predicted: LabelledFrames, truth: LabelledFrames, pairs: Sequence[Pair], workers: int | None = None
 ) -> Iterator[Counted]:
-    """Every pair counted, in order. workers: processes to use; all cores by default where that pays.
+    """Yield the counts of every pair, in order.
 
-    Raises CloudError naming a frame whose two sides do not belong together, FormatError for a corrupt one.
+    workers: number of processes; None = all cores for large sets. Raises CloudError for two sides with
+    different depth images, FormatError for a corrupt frame.
     """
     if workers is None:
         workers = len(os.sched_getaffinity(0)) if len(pairs) >= WORTH_WORKERS else 1
@@ -107,9 +109,10 @@ def _count_chunk(predicted: LabelledFrames, truth: LabelledFrames, pairs: Sequen
 
 
 def count_frame(predicted: FrameLabels, truth: FrameLabels, frames: LabelledFrames) -> Counted:
-    """Count one frame. frames: the truth's, for its camera.
+    """Count one frame.
 
-    Raises CloudError where the two are no labels of the same depth image, FormatError for malformed notes.
+    frames: the true label set, which has the camera. Raises CloudError where both sides have different depth
+    images, FormatError for malformed notes.
     """
     _check_same(predicted, truth)
     camera = camera_of(frames, truth)

@@ -1,9 +1,8 @@
-"""What the paper reports, as arrays by our part ids (background is 0; the paper puts it last).
+"""Results printed in the paper, as arrays by our part ids (background is 0; the paper puts it last).
 
-Source: Nishi and Miura, Generation of human depth images with body part labels for complex human
-pose recognition, Pattern Recognition 71 (2017), doi 10.1016/j.patcog.2017.06.006: Tables 2 and 3,
-sections 4.1 and 4.2. Rows are the true part and are shares of it, printed with two decimals, so a
-row adds up to 1 only within rounding.
+Source: Nishi and Miura, Generation of human depth images with body part labels for complex human pose
+recognition, Pattern Recognition 71 (2017), doi 10.1016/j.patcog.2017.06.006: Tables 2 and 3, sections 4.1 and
+4.2. Rows are true parts. Values are shares of the row, rounded to two decimals, so a row adds up to about 1.
 """
 
 from typing import NamedTuple
@@ -16,7 +15,7 @@ CITATION = "Nishi & Miura, Pattern Recognition 71 (2017), doi:10.1016/j.patcog.2
 
 
 class Reported(NamedTuple):
-    """One of the tables, float64 (12, 12), and the numbers of its frames and people; None: not printed."""
+    """Table of the paper, float64 (12, 12), with its number of frames and people; None = not printed."""
 
     title: str
     table: Float64
@@ -25,7 +24,9 @@ class Reported(NamedTuple):
 
     @property
     def mean_recall(self) -> float:
-        """Mean of the diagonal over the eleven body parts: 0.8636 for Table 2, 0.7318 for Table 3."""
+        """Return the mean of the diagonal over the eleven body parts: 0.8636 for Table 2, 0.7318 for
+        Table 3.
+        """
         return float(np.diagonal(self.table)[1:].mean())
 
 

@@ -32,7 +32,7 @@ DIGESTS = Digests._fields
 
 @dataclass(frozen=True)
 class Result:
-    """A comparison and its title, e.g. "Network". facts: the command, hashes, where the sets lie."""
+    """Comparison with a title, e.g. "Network". facts: the command, hashes, and paths of the label sets."""
 
     title: str
     comparison: Comparison
@@ -87,7 +87,7 @@ def check_results(*paths: Path) -> None:
 
 
 def load_result(path: Path) -> Result:
-    """Read a result back; scores are derived anew from its counts. Raises FormatError if it is none."""
+    """Read a result; scores are computed again from its counts. Raises FormatError for any other file."""
     arrays = load_arrays(path, MAX_BYTES, REMEDY)
     try:
         texts = json.loads(arrays["texts"].tobytes())
@@ -133,7 +133,7 @@ def _check(array: NDArray[Any], kind: type[np.generic], shape: tuple[int, ...]) 
 
 
 def _text(value: object) -> str:
-    """Text, kept once however many frames have it. Raises ValueError for half a surrogate pair."""
+    """Return a value as an interned text. Raises ValueError for text that is not valid UTF-8."""
     text = str(value)
     text.encode()
     return intern(text)

@@ -28,9 +28,9 @@ from sensors.importers.open_source import open_source
 class SuitFineTuner(FineTuner):
     """Fine-tuning of the suit network.
 
-    session: recording of the labels; None = the one beside them. start: weights (.onnx); None = the shipped
-    ones. Raises CloudError where the recording is missing or another one, or where the labels were made with
-    other weights.
+    session: recording that was labelled; None = the one beside the labels. start: weights (.onnx); None = the
+    shipped ones. Raises CloudError where the recording is missing or another one, or where the labels were
+    made with other weights.
     """
 
     def __init__(self, labels: LabelSet, session: Path | None, start: Path | None) -> None:
@@ -52,7 +52,9 @@ class SuitFineTuner(FineTuner):
         self._ids, self._examples = set(labels.frame_ids), dict[str, Example]()
 
     def examples(self, frames: Sequence[CorrectedFrame], progress: Progress) -> list[Example]:
-        """Return the examples of frames, each after the first labels of the frame before."""
+        """Return the training examples of frames; each has the first labels of the previous frame as
+        input.
+        """
         ids = {frame.first.frame_id: frame.corrected for frame in frames}
         if new := ids.keys() - self._examples.keys():
             with progress("read the recording, frames", len(new)) as advance:
@@ -81,7 +83,9 @@ class SuitFineTuner(FineTuner):
         return {"label": suit_step(self._labels) | {"weights_sha256": SuitNetwork(weights).sha256}}
 
     def labels(self, correction: Correction, weights: Path) -> Iterator[FrameLabels]:
-        """Yield labels of the untouched frames, each after the current labels of the frame before."""
+        """Yield labels of the untouched frames; each has the current labels of the previous frame as
+        input.
+        """
         labeller = SuitLabeller(self._suit, SuitNetwork(weights))
         made: FrameLabels | None = None
         for frame_id, detection in self._detections(untouched(correction)):
@@ -93,19 +97,21 @@ class SuitFineTuner(FineTuner):
             yield labelled
 
     def _first_before(self, frame_id: str) -> FrameLabels | None:
-        """Return the first labels of the frame before another, if any."""
+        """Return the first labels of the frame before ``frame_id``, if any."""
         earlier = self._before(frame_id)
         if earlier is None:
             return None
         return self._labels.read(earlier, original=self._labels.has_original(earlier))
 
     def _before(self, frame_id: str) -> str | None:
-        """Return the id of the frame just before another of the recording, if it has labels."""
+        """Return the id of the recording's frame just before ``frame_id``, if that frame has labels."""
         earlier = f"{max(int(frame_id) - 1, 0):06d}"
         return earlier if earlier in self._ids and earlier != frame_id else None
 
     def _detections(self, wanted: Collection[str]) -> Iterator[tuple[str, SuitDetection]]:
-        """Yield frames of the recording, by id, in its order. Raises CloudError for another recording."""
+        """Yield the wanted frames by id, in the recording's order. Raises CloudError for another
+        recording.
+        """
         fuser, left = Fuser(self._source.calibration), set(wanted)
         labeller = SuitLabeller(self._suit, window_c=self._window_c)
         for frame in self._source:
@@ -126,7 +132,7 @@ class SuitFineTuner(FineTuner):
 
 
 def suit_step(labels: LabelSet) -> dict[str, Any]:
-    """Return the manifest's entry about the suit of a label set; empty without a suit."""
+    """Return the manifest entry about the suit of a label set; empty without a suit."""
     steps = labels.info.get("steps")
     step = steps.get("label") if isinstance(steps, dict) else None
     return step if isinstance(step, dict) and isinstance(step.get("suit"), str) else {}

@@ -30,10 +30,12 @@ RECORD, RUN = "learnt.json", "run"
 
 @dataclass(frozen=True)
 class FineTuned:
-    """Result of a fine-tuning. frames: corrected ones; held_out: those measured on first; measured_on: ids.
+    """Result of a fine-tuning.
 
-    before, after: mean agreement within 2 px on the held-out frames, of the first and of the new labels.
-    weights, labels: the network, and its labels of the untouched frames; None where it is not better.
+    frames: number of corrected frames. held_out: number of frames kept for measuring. measured_on: ids of the
+    held-out frames. before, after: mean agreement within 2 px with the held-out frames, of the first labels
+    and of the new labels. weights: file of the network, labels: its labels of the untouched frames; both None
+    where the network is not better.
     """
 
     frames: int
@@ -92,7 +94,7 @@ def fine_tune(path: Path, out: Path, tuner: FineTuner, progress: Progress) -> Fi
 
 
 def _measure(tuner: FineTuner, held: Sequence[CorrectedFrame], trial: Path) -> tuple[float, float]:
-    """Return the mean agreement of the first and of the new labels with held-out frames."""
+    """Return the mean agreement with held-out frames: of the first labels, and of the new labels."""
     tuner.save(trial)
     scores = []
     for frame, parts in zip(held, tuner.parts(held, trial), strict=True):
@@ -103,7 +105,7 @@ def _measure(tuner: FineTuner, held: Sequence[CorrectedFrame], trial: Path) -> t
 
 
 def _label(path: Path, tuner: FineTuner, out: Path, progress: Progress) -> None:
-    """Label the untouched frames of the set at ``path`` as a set of their own."""
+    """Label the untouched frames of the set at ``path``, and write them as a new set."""
     with (
         Correction.open(path, read_only=True) as correction,
         appearing(out / LABELS, MANIFEST, path, overwrite=True) as folder,

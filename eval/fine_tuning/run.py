@@ -32,10 +32,10 @@ SEED = 0  # of the samples; the same corrections give the same network
 
 
 class FineTuner(ABC):
-    """A segmentation network that adapts to the corrections of the label set that it labelled.
+    """Segmentation network that is fine-tuned on corrections of labels that it made.
 
-    start: weights (.onnx) in full precision. degrade: as of ``Sampling``. Raises FormatError where the
-    weights are of another kind.
+    start: weights (.onnx) in full precision. degrade: as in ``Sampling``. Raises FormatError for weights of
+    another kind.
     """
 
     def __init__(self, labels: LabelSet, start: Path, *, degrade: bool) -> None:
@@ -48,18 +48,22 @@ class FineTuner(ABC):
 
     @abstractmethod
     def parts(self, frames: Sequence[CorrectedFrame], weights: Path) -> list[UInt8]:
-        """Return parts (h, w) of frames by saved weights, in the place of the first labels."""
+        """Return parts (h, w) of frames by saved weights, to replace the first labels."""
 
     @abstractmethod
     def step(self, weights: Path) -> dict[str, Any]:
-        """Return the entry of a label set's manifest about saved weights."""
+        """Return the manifest entry about saved weights."""
 
     @abstractmethod
     def labels(self, correction: Correction, weights: Path) -> Iterator[FrameLabels]:
         """Yield labels of the untouched frames by saved weights."""
 
     def train(self, frames: Sequence[CorrectedFrame], more: bool, run: Path, progress: Progress) -> None:
-        """Train on corrected frames; more: after some of them. run: folder of checkpoints, to resume from."""
+        """Train on corrected frames.
+
+        more: train longer, on all frames after a training on some. run: folder of checkpoints, to resume
+        from.
+        """
         torch.set_num_threads(1)
         examples = self.examples(frames, progress)
         steps = round(min(STEPS_EACH * len(examples), MOST_STEPS) * (MORE if more else 1))
@@ -74,12 +78,12 @@ class FineTuner(ABC):
             self._network = train_stage(self._network, training, checkpoint, by_steps(advance))
 
     def save(self, path: Path) -> None:
-        """Write the network (.onnx); training can start from it, too."""
+        """Write the network (.onnx); a training can start from the file."""
         export_suit_network(self._network, path)
 
 
 def digest_of(start: str, examples: Sequence[Example], stage: Stage) -> str:
-    """Return the shortened SHA-256 of all that decides a training: start, examples and stage."""
+    """Return the shortened SHA-256 of all inputs of a training: start, examples and stage."""
     digest = hashlib.sha256(f"{start} {stage} {SEED}".encode())
     for example in examples:
         for array in example:

@@ -20,7 +20,9 @@ HELD_OUT = 4  # of so many corrected frames one is held out; untuned
 
 @dataclass(frozen=True)
 class CorrectedFrame:
-    """A finished frame. first: its labels before all work; corrected: now; place: its number in the set."""
+    """Finished frame. first: its labels before any correction; corrected: current labels; place: index in the
+    set.
+    """
 
     first: FrameLabels
     corrected: FrameLabels
@@ -67,7 +69,9 @@ def split_frames(frames: Sequence[CorrectedFrame]) -> tuple[list[CorrectedFrame]
 
 
 def _mean_gap(places: Int64, first: int, count: int) -> float:
-    """Return the mean distance, in frames, of places [first, first + count) from the nearest other one."""
+    """Return the mean distance, in frames, of places [first, first + count) from the nearest place
+    outside.
+    """
     inside = places[first : first + count]
     others = np.concatenate([places[:first], places[first + count :]])
     return float(np.abs(inside[:, None] - others).min(axis=1).mean()) if len(others) else 0.0

@@ -1,4 +1,4 @@
-"""Blocks that the networks share, and what a network gives for a crop."""
+"""Building blocks that the networks share, and the output of a network for a crop."""
 
 from typing import NamedTuple
 
@@ -10,8 +10,9 @@ class NetworkOutput(NamedTuple):
     """Class scores (B, 12, h, w) of a batch of crops; of some networks also facing, posture and joints.
 
     facing: (B, 2), cosine and sine of the camera's azimuth about the trunk, 0 in front of the chest, positive
-    on the person's left; the length is the certainty. posture: (B, P), scores by ``POSTURES``. joints:
-    (B, 15, 3) by ``JOINT_NAMES``, column and row as shares of the crop's side, depth in the crop's units.
+    on the person's left; the length is the certainty. posture: (B, P), scores by ``POSTURES``. joints: (B,
+    15, 3) by ``JOINT_NAMES``, column and row as shares of the crop's side, depth in the crop's units (1 =
+    2000 mm).
     """
 
     scores: Tensor
@@ -28,9 +29,10 @@ def convolution(c_in: int, c_out: int, side: int = 3, pad: int = 1, stride: int 
 
 
 def self_attention(projected: Tensor, shape: torch.Size, heads: int) -> Tensor:
-    """Return the values mixed by the softmax of queries and keys; projected: (B, N, 3 C); shape: (B, N, C).
+    """Return multi-head attention (B, N, C) of joined queries, keys and values (B, N, 3 C).
 
-    Written out, because cells are few and the exported graph is simple. Source: Vaswani et al. 2017.
+    Plain operations are used, because N is small and the exported graph stays simple. Source: Vaswani et al.
+    2017.
     """
     batch, count, width = shape
     query, key, value = (

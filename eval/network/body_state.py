@@ -31,7 +31,7 @@ class BodyState:
 
     @classmethod
     def of(cls, crop: Crop, image: tuple[UInt16, Bool], outputs: tuple[Float32, ...]) -> "BodyState":
-        """Return the state by a network's facing (2,), posture (P,) and joints (15, 3) for a crop.
+        """Return the state from a network's outputs for a crop: facing (2,), posture (P,) and joints (15, 3).
 
         image: depth in millimetres and the person's pixels, both (h, w).
         """
@@ -44,17 +44,18 @@ class BodyState:
 
     @property
     def name(self) -> str:
-        """The likeliest posture."""
+        """Return the likeliest posture."""
         return POSTURES[int(self.posture.argmax())]
 
     @property
     def facing(self) -> Float64:
-        """Cosine and sine of the azimuth (2,), of length ``facing_sure``."""
+        """Return cosine and sine of the azimuth (2,), of length ``facing_sure``."""
         azimuth = np.radians(self.facing_deg)
         return self.facing_sure * np.array([np.cos(azimuth), np.sin(azimuth)])
 
     def faced_by_joints(self, camera: Intrinsics) -> "BodyState":
-        """Return the state with the facing of its joints, which is right more often than the network's own.
+        """Return the state with the facing computed from its joints, which is more accurate than the
+        network's facing.
 
         camera: the undistorted depth camera, because a crop alone lacks the direction of view.
         """
@@ -66,7 +67,7 @@ class BodyState:
         return replace(self, facing_deg=azimuth_deg) if np.isfinite(azimuth_deg) else self
 
     def exchanged(self) -> "BodyState":
-        """Return the state with left and right exchanged, and with them front and back."""
+        """Return the state with left and right exchanged, and therefore front and back."""
         return replace(self, facing_deg=float(self.facing_deg % 360 - 180), joints_px=self.joints_px[TWIN])
 
     def joints_mm(self, camera: Intrinsics) -> Float64:

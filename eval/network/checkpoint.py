@@ -47,7 +47,7 @@ def load_weights(path: Path) -> tuple[nn.Module, NetworkConfig]:
 
 
 def _check_size(path: Path, config: NetworkConfig, tensors: dict[str, Tensor]) -> None:
-    """Raise FormatError where the file lacks weights of the network, before memory is taken for them."""
+    """Raise FormatError where the file lacks weights of the network; runs before memory is allocated."""
     if isinstance(config, SmpConfig):
         # Not all of its encoders can be outlined. Each stage of its decoder has a 3x3 of its own width.
         if sum(9 * width**2 for width in config.decoder) > sum(t.numel() for t in tensors.values()):
@@ -62,7 +62,7 @@ def _check_size(path: Path, config: NetworkConfig, tensors: dict[str, Tensor]) -
 
 
 def check_fits(path: Path, model: nn.Module, tensors: dict[str, Tensor]) -> None:
-    """Raise FormatError naming the first tensor that a model lacks, misses or has in another shape."""
+    """Raise FormatError with the first tensor that is missing, unexpected or of another shape."""
     expected = model.state_dict()
     for name in sorted(expected.keys() | tensors.keys()):
         theirs, ours = (tuple(t[name].shape) if name in t else None for t in (tensors, expected))

@@ -32,9 +32,9 @@ class CompactConfig:
 class CompactUNet(nn.Module):
     """Network for a depth crop in [0, 1]: class scores at the same resolution, facing, posture and joints.
 
-    The stem halves the image at once and a pixel shuffle restores it. At the coarsest level every cell
-    attends to every other. A pixel's class has no side at first; one more score a pixel gives left or right,
-    with weights that follow from the whole person.
+    The stem halves the resolution and a pixel shuffle restores it. At the coarsest level every cell attends
+    to every other. Each pixel first gets a class without side, e.g. arm. One more score per pixel gives left
+    or right, with weights computed from the whole person.
     """
 
     def __init__(self, config: CompactConfig = CompactConfig()) -> None:
@@ -92,7 +92,7 @@ class CompactUNet(nn.Module):
         return cells.transpose(1, 2).reshape(x.shape), cells.mean(dim=1)
 
     def _side(self, x: Tensor, whole: Tensor) -> Tensor:
-        """Return the score (B, 1, H, W) of left against right."""
+        """Return the score (B, 1, H, W) of left against right. whole: (B, C), mean of the attention cells."""
         batch, channels, height, width = x.shape
         weights = self.sides(whole).reshape(batch, 4, channels + 1)
         side = weights[..., :-1] @ x.flatten(2) + weights[..., -1:]
@@ -100,7 +100,7 @@ class CompactUNet(nn.Module):
 
 
 class _Attention(nn.Module):
-    """Transformer layer, normalised first."""
+    """Transformer layer with normalisation before each block (pre-norm)."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -119,7 +119,8 @@ class _Attention(nn.Module):
 
 
 def _scores(kinds: Tensor, side: Tensor) -> Tensor:
-    """Return class scores (B, 12, H, W) from scores of kinds and of the side (B, 1, H, W).
+    """Return class scores (B, 12, H, W) from scores of kinds (classes without side) and of the side (B, 1, H,
+    W).
 
     p(left arm) = p(arm) p(left): the logarithms are added.
     """
@@ -135,7 +136,7 @@ def _scores(kinds: Tensor, side: Tensor) -> Tensor:
 
 
 def _located(places: Tensor) -> Tensor:
-    """Return joints (B, J, 3) from maps (B, 2 J, h, w): mean place of each softmax, and the depth there.
+    """Return joints (B, J, 3) from maps (B, 2 J, h, w): the mean place of each softmax, and the depth there.
 
     Source: Sun et al. 2018, Integral Human Pose Regression.
     """

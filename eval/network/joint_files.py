@@ -25,9 +25,9 @@ def check_kind(path: Path) -> None:
 
 
 def write_joints(labels: LabelledFrames, path: Path) -> int:
-    """Write a line for each person with a body state, and return their number.
+    """Write one row for each person with a body state; return the number of rows.
 
-    frame; person: number, 1 is the subject; facing_deg, facing_sure, posture, posture_sure, support as in
+    Columns: frame; person, 1 = subject; facing_deg, facing_sure, posture, posture_sure, support as in
     ``BodyState``; joints in millimetres, frame of the undistorted depth camera (x right, y down, z forward).
     Raises CloudError as ``check_kind`` does.
     """
@@ -42,7 +42,8 @@ def write_joints(labels: LabelledFrames, path: Path) -> int:
 
 
 def noted_joints(labels: LabelledFrames, frame: FrameLabels) -> dict[str, list[float]] | None:
-    """Return joints of a frame by name, depth camera, millimetres: the network's, or the true ones, or None.
+    """Return a frame's joints by name, depth camera, millimetres: the network's, else the true ones, else
+    None.
 
     Raises FormatError for a malformed note of the truth.
     """

@@ -25,7 +25,7 @@ def build(config: NetworkConfig) -> nn.Module:
 
 
 def described(config: NetworkConfig) -> dict[str, Any]:
-    """Return a configuration as JSON values, with its kind."""
+    """Return a configuration as JSON values, with the name of its class."""
     match config:
         case CompactConfig():
             return {"kind": "compact", "widths": list(config.widths), "layers": config.layers}
@@ -65,7 +65,9 @@ def _widths(values: object) -> tuple[int, ...]:
 
 
 def _encoder(name: str) -> str:
-    """Return an encoder of the library's own; ``tu-hf_hub:`` and the like would download one."""
+    """Return the name of a built-in encoder; names such as ``tu-hf_hub:`` are refused because they
+    download.
+    """
     if not re.fullmatch("[A-Za-z0-9_-]{1,100}", name):
         raise ValueError(f"encoder {name[:60]!r}; give a name of letters, digits, - and _")
     return name

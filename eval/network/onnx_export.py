@@ -15,9 +15,9 @@ LEAST_HALVED = 1024  # numbers of a tensor from which half precision makes the f
 
 
 class _Probabilities(nn.Module):
-    """Network whose scores are turned into probabilities; a pixel without depth is background.
+    """Network with probabilities instead of scores; a pixel without depth is background.
 
-    Facing, probabilities of postures and joints follow if the network gives them.
+    Facing, probabilities of postures and joints follow if the network has them.
     """
 
     background: Tensor
@@ -30,7 +30,9 @@ class _Probabilities(nn.Module):
         self.register_buffer("background", background)
 
     def forward(self, depth: Tensor) -> tuple[Tensor, ...]:
-        """Return (B, 12, h, w), summing to 1, (B, 2), (B, P), (B, J, 3) for depth (B, 1, h, w)."""
+        """Return part probabilities (B, 12, h, w), facing (B, 2), postures (B, P), joints (B, J, 3) for depth
+        (B, 1, h, w).
+        """
         scores, facing, posture, joints = self.network(depth)
         # A softmax written out: ONNX Runtime's own along this axis takes five times as long.
         odds = torch.exp((scores - scores.amax(dim=1, keepdim=True)) / self.temperature)
@@ -53,10 +55,10 @@ def export_network(network: nn.Module, path: Path, temperature: float = 1.0) -> 
 
 
 def export_any_size(network: nn.Module, path: Path, channels: int, multiple: int, names: list[str]) -> None:
-    """Write a network of one image (1, channels, h, w) whose sides are multiples of ``multiple``.
+    """Write a network for one image (1, channels, h, w) whose sides are multiples of ``multiple``.
 
-    names: of the input and the output. Statistics stay apart from weights, so training can continue from the
-    file.
+    names: of the input and the output. Normalisation statistics are not folded into weights, so training can
+    continue from the file.
     """
     axes = {name: {2: "h", 3: "w"} for name in names}
     example = torch.zeros(1, channels, 2 * multiple, 3 * multiple)
@@ -70,7 +72,7 @@ def _write(
     axes: dict[str, dict[int, str]],
     mode: torch.onnx.TrainingMode = torch.onnx.TrainingMode.EVAL,
 ) -> None:
-    """Write a network; axes: sizes that may change, by the names of the input and then of the outputs."""
+    """Write a network as ONNX. axes: dimensions of variable size, by the names of inputs and outputs."""
     given, *outputs = axes
     with replacing(path) as temporary, warnings.catch_warnings():
         # The newer exporter needs another package, onnxscript.
@@ -89,7 +91,7 @@ def _write(
 
 
 def halve_onnx(path: Path) -> None:
-    """Store an ONNX file's larger tensors in half precision; the network computes with widened ones."""
+    """Store an ONNX file's large tensors in half precision; computation stays in single precision."""
     import onnx
     from onnx import helper, numpy_helper
 

@@ -95,7 +95,7 @@ class OnnxNetwork:
         return [half * (own + back(other)) for (own, other), back in zip(pairs, FLIPPED_BACK, strict=False)]
 
     def _each(self, crops: Float32) -> list[Float32]:
-        """Return the outputs for crops, without flips."""
+        """Return the outputs for crops, without test-time augmentation."""
         names = [self._session.get_outputs()[0].name, *self._body]
 
         # One crop at a time: products of matrices round otherwise with other crops beside it.
@@ -116,8 +116,8 @@ class OnnxNetwork:
     def segment_all(self, images: Sequence[Image], *, probabilities: bool = False) -> list[Segmentation]:
         """Label the persons of depth images of any sizes: each pixel with depth gets a body part.
 
-        An image of 212 x 212 is a crop already. probabilities: keep all classes. The result for an
-        image is the same to the bit, whatever images are beside it.
+        An image of 212 x 212 is treated as a crop. probabilities: keep the probabilities of all classes. The
+        result for an image is bit-identical in any batch.
         """
         masks = [person & (depth_mm > 0) for depth_mm, person in images]
         results = [_unlabelled(mask.shape) for mask in masks]
@@ -144,8 +144,8 @@ class OnnxNetwork:
 def _pasted(crop: Crop, seen: Bool, planes: Float32, mask: Bool) -> tuple[UInt8, Float32]:
     """Return parts and confidence of the pixels of a mask (h, w).
 
-    seen: pixels of the crop with depth. planes: (12, 212, 212). The extraction decides on persons, so
-    background does not count there.
+    seen: pixels of the crop with depth. planes: (12, 212, 212). Background is not a candidate, because the
+    mask already separates the person.
     """
     best, certain = _likeliest(planes.reshape(N_CLASSES, -1))
     # A smaller crop drops pixels: at a rim the crop's pixel for one of the person may show the room.
@@ -158,9 +158,9 @@ def _pasted(crop: Crop, seen: Bool, planes: Float32, mask: Bool) -> tuple[UInt8,
 
 @njit(cache=True, nogil=True)
 def _likeliest(planes: Float32) -> tuple[UInt8, Float32]:
-    """Return the likeliest part (n,) other than background, the first of equals, and its probability.
+    """Return the likeliest part (n,) other than background, and its probability.
 
-    planes: (12, n), by part.
+    planes: (12, n), by part. Of equal probabilities the lowest part id is returned.
     """
     best, certain = np.ones(planes.shape[1], np.uint8), planes[1].copy()
     for k in range(2, planes.shape[0]):

@@ -1,4 +1,4 @@
-"""Prediction on label sets and datasets by a trained network, within the same outlines."""
+"""Prediction on label sets and datasets by a trained network, inside the persons' given outlines."""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -29,9 +29,10 @@ WRITERS = 4  # frames written at once, because each waits for the disk; untuned
 class PredictOptions:
     """Options of a prediction. Raises CloudError where they exclude each other.
 
-    probabilities: keep all classes. everybody: label all persons, not the subject alone. window_c:
-    temperatures of persons. room_refiner: network that refines labels where a frame shows the room. refiners:
-    networks that then refine all labels, in turn. The last three are of recordings, the batch of label sets.
+    probabilities: keep the probabilities of all classes. everybody: label all persons, not the subject alone.
+    window_c: lowest and highest temperature of persons. room_refiner: network that refines labels where a
+    frame shows the room. refiners: networks that then refine all labels, one after the other. The last three
+    apply to recordings, the batch size to label sets.
     """
 
     probabilities: bool = False
@@ -53,7 +54,7 @@ class PredictOptions:
 
     @property
     def all_refiners(self) -> list[SuitNetwork]:
-        """Networks that refine labels, in turn."""
+        """Return the networks that refine labels, in order of use."""
         return [network for network in (self.room_refiner, *self.refiners) if network]
 
     def step(self, network: OnnxNetwork) -> dict[str, Any]:
@@ -112,7 +113,10 @@ def _todo(
     failed: list[tuple[str, str]],
     progress: Callable[[int], None],
 ) -> Iterator[FrameLabels]:
-    """Yield the frames that an earlier run has not done; list those that cannot be read."""
+    """Yield the frames that an earlier run has not labelled.
+
+    failed: receives the id and reason of each unreadable frame.
+    """
     done = set(predicted.frame_ids)
     for entry in frames.entries():
         try:

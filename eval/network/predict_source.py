@@ -43,7 +43,7 @@ def predict_source(
 class NetworkLabeller:
     """Labeller of coarse clouds (``annotate.label_recording.Labeller``) by a network.
 
-    single_pass: as of ``PersonDetection``.
+    single_pass: as in ``PersonDetection``.
     """
 
     network: OnnxNetwork
@@ -101,7 +101,7 @@ class NetworkDetection:
         return _joined(results, person.mask), person
 
     def _numbers(self, person: PersonMask) -> list[int]:
-        """Return the numbers of the persons to label."""
+        """Return the person ids to label: all ids of the mask, or the subject's 1."""
         return np.unique(person.persons[person.persons > 0]).tolist() if self._options.everybody else [1]
 
     def _labelled(self, person: PersonMask, number: int) -> Segmentation:
@@ -133,7 +133,10 @@ def _shows_room(depth_mm: UInt16, person: Bool) -> bool:
 
 
 def _joined(results: Sequence[tuple[int, Segmentation]], empty: Bool) -> Segmentation:
-    """Return the labels of the numbered persons of one image; empty: a mask (h, w) without pixels."""
+    """Return the merged labels of several persons of one image.
+
+    results: person ids with their labels. empty: a mask (h, w) without pixels.
+    """
     if not results:
         return unlabelled(empty)
     if len(results) == 1 and results[0][0] == 1:

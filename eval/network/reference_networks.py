@@ -17,9 +17,9 @@ SMP_STRIDE = 32  # sides are multiples of this, because the library's encoders h
 
 @dataclass(frozen=True)
 class PaperConfig:
-    """Channels of the first stage and of the two layers that replace the dense ones; published by default.
+    """Channels of the first stage and of the two layers that replace the dense ones.
 
-    A quarter of the published widths, (16, 1024), can be trained on a CPU.
+    Defaults are the published widths; a quarter of them, (16, 1024), can be trained on a CPU.
     """
 
     base: int = 64
@@ -30,10 +30,10 @@ class PaperFcn(nn.Module):
     """Network of Nishi & Miura 2017 (section 3.1 and Fig. 5; sizes after Oliveira et al. 2016).
 
     Fifteen convolutions (VGG-16's thirteen, 7x7, 1x1) and five learned deconvolutions (4x4, stride 2,
-    bilinear at first). After each but the last, the scores of the pooling layer of that resolution are added,
-    cropped about the centre. Half of the maps are dropped after the last two convolutions and on each skip.
-    135.1 M parameters at base 64. Added here, because training starts without VGG's weights: batch
-    normalisation after each convolution, He initialisation.
+    initialised bilinear). After each deconvolution but the last, the scores of the pooling layer of that
+    resolution are added, cropped about the centre. Channel dropout of 0.5 follows the last two convolutions
+    and each skip. 135.1 M parameters at base 64. Batch normalisation and He initialisation are added, because
+    training starts without VGG's weights.
     """
 
     def __init__(self, config: PaperConfig = PaperConfig()) -> None:
@@ -90,9 +90,10 @@ def _initialise(layer: nn.Module) -> None:
 
 
 def _bilinear(c_in: int, c_out: int) -> Tensor:
-    """Return weights (c_in, c_out, 4, 4) that double a map by interpolation; a random mix if channels differ.
+    """Return weights (c_in, c_out, 4, 4) that double a map by interpolation.
 
-    The mix is small, because untrained scores are to be near 0.
+    With c_in != c_out the channels are mixed at random; the mix is small, so that untrained scores are near
+    0.
     """
     ramp = torch.tensor([0.25, 0.75, 0.75, 0.25])
     mixture = torch.eye(c_in) if c_in == c_out else torch.randn(c_in, c_out) * 0.1 * c_in**-0.5
@@ -101,14 +102,16 @@ def _bilinear(c_in: int, c_out: int) -> Tensor:
 
 @dataclass(frozen=True)
 class SmpConfig:
-    """Encoder by the library's name, and channels of the decoder stages, of a U-Net."""
+    """Configuration of a U-Net of segmentation-models-pytorch: encoder name, and channels of the decoder
+    stages.
+    """
 
     encoder: str = "tu-mobilenetv4_conv_small"
     decoder: tuple[int, ...] = (64, 48, 32, 24, 16)
 
 
 class SmpUnet(nn.Module):
-    """U-Net of segmentation-models-pytorch from random weights, offline.
+    """U-Net of segmentation-models-pytorch with random initial weights; nothing is downloaded.
 
     Raises CloudError where the library is missing or has no such encoder.
     """

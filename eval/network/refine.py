@@ -1,7 +1,7 @@
 """Refinement of a network's labels by a segmentation network that was trained for it.
 
-Like the suit network it takes depth and the planes of the room. The first labels of the frame replace the
-labels of the frame before; colour and temperature are left out (docs/adr/0025).
+Like the suit network it takes depth and the room's planes (floor, walls). The first labels of the frame
+replace the labels of the previous frame; colour and temperature are left out (docs/adr/0025).
 """
 
 from dataclasses import replace
@@ -75,9 +75,10 @@ def depth_view(
 def refine(
     camera: Intrinsics, first: FrameLabels, network: SuitNetwork, planes: tuple[Plane, ...] | None = None
 ) -> FrameLabels:
-    """Return a frame with refined labels of its person, or unchanged without one; other persons stay.
+    """Return a frame with refined labels of its person; other persons and a frame without person are
+    unchanged.
 
-    first: as the network labelled it. planes: of the room, None = find them from depth.
+    first: labels of the network. planes: of the room; None = find them from depth.
     """
     view_of_depth = depth_view(first, camera, planes)
     if view_of_depth is None:
@@ -100,7 +101,7 @@ def refine(
 
 
 def _near(view: View) -> Rectangle:
-    """Return rows and columns of a view around the person in the first labels."""
+    """Return the rectangle of a view, as rows and columns, around the person in the first labels."""
     own, margin = (view.planes[0] & SUBJECT) > 0, round(NEAR_M * view.pixels_per_m)
     ends = (np.flatnonzero(own.any(axis=1 - axis))[[0, -1]] for axis in (0, 1))
     sides = zip(ends, own.shape, strict=True)

@@ -26,10 +26,11 @@ LIMBS = {
 
 
 def smooth_sides(labelled: Segmentation, before: FrameLabels | None, number: int = 1) -> Segmentation:
-    """Return a person's labels, left and right exchanged where the frames before outweigh this one.
+    """Return a person's labels with left and right as in the previous frames.
 
-    number: the person's. The note ``bearing`` gets ``faced``: the sum (2,) of the facings so far as the
-    network gave them, so that a wrong start is outvoted.
+    number: person id. Sides are exchanged where the facings of all earlier frames outweigh this frame. The
+    note ``bearing`` gets ``faced``: the sum (2,) of the network's facings so far, so that a wrong start is
+    outvoted.
     """
     state = BodyState.from_note(labelled.bearing)
     if state is None:
@@ -45,7 +46,7 @@ def smooth_sides(labelled: Segmentation, before: FrameLabels | None, number: int
 
 
 def _overlap(parts: UInt8, before: FrameLabels, number: int) -> float:
-    """Return the IoU of a person's parts (h, w) and the person's pixels in the frame before."""
+    """Return the IoU of a person's pixels in parts (h, w) and in the previous frame. number: person id."""
     own = parts != BACKGROUND
     earlier = before.parts != BACKGROUND if before.persons is None else before.persons == number
     either = int(np.count_nonzero(own | earlier))
@@ -60,22 +61,22 @@ def _exchanged(labelled: Segmentation) -> Segmentation:
 
 
 def _faced(before: FrameLabels, number: int) -> Float64:
-    """Return the sum of a person's facings over the frames so far (2,); 0 without any."""
+    """Return the sum (2,) of a person's facings over the earlier frames; 0 without any. number: person id."""
     note = body_state_notes(before.notes).get(number)
     faced = np.array(note.get("faced", ()) if isinstance(note, dict) else (), np.float64)
     return faced if faced.shape == (2,) and np.isfinite(faced).all() else np.zeros(2)
 
 
 def _off_deg(state: BodyState, faced: Float64) -> float:
-    """Return the angle between the facings of a frame and of all earlier frames; 0 without these."""
+    """Return the angle between a frame's facing and the summed facing of earlier frames; 0 without these."""
     x, y = state.facing, faced
     return float(np.degrees(np.arctan2(abs(x[0] * y[1] - x[1] * y[0]), x @ y))) if y.any() else 0.0
 
 
 def sided_by_parts(state: BodyState, parts: UInt8) -> BodyState:
-    """Return the state, exchanged where more joints lie in parts (h, w) of the other side than of their own.
+    """Return the state, sides exchanged where most joints lie on parts (h, w) of the other side.
 
-    A suit gives the right sides, a network may not.
+    Parts from a suit have reliable sides, parts from a network may not.
     """
     own = other = 0
     for joint, limbs in LIMBS.items():

@@ -1,4 +1,4 @@
-"""Support of a person by heights above the floor: floor or furniture. Constants are untuned."""
+"""Support of a person, floor or furniture, from heights above the floor. Constants are untuned."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -27,8 +27,8 @@ CARRIED = {"sitting": _TRUNK, "lying": _TRUNK}
 def support_of(posture: str, parts: UInt8, points_m: Float32, floor: Plane | None) -> str:
     """Return "floor", "furniture", or "" where the cloud shows no floor or too little of the parts.
 
-    parts: (h, w), of one person. points_m: (h, w, 3), frame of an upright camera, NaN = no reading. floor: of
-    ``floor_of``. On a bed that hides the whole floor the result is "floor".
+    parts: (h, w), of one person. points_m: (h, w, 3), frame of an upright camera, NaN = no reading. floor:
+    result of ``floor_of``. On a bed that hides the whole floor the result is "floor".
     """
     carried = np.isin(parts, [PART_ID[name] for name in CARRIED.get(posture, _LEGS)])
     points = points_m[carried & np.isfinite(points_m[..., 2])]
@@ -41,7 +41,7 @@ def support_of(posture: str, parts: UInt8, points_m: Float32, floor: Plane | Non
 def exclude_standing(state: BodyState, camera: Intrinsics, floor: Plane | None) -> BodyState:
     """Return a state without "standing" where the hips are too low, as with legs below a blanket.
 
-    camera: the undistorted depth camera. floor: of ``floor_of``; without it the state stays.
+    camera: the undistorted depth camera. floor: result of ``floor_of``; None leaves the state unchanged.
     """
     if floor is None:
         return state

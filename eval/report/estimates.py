@@ -31,7 +31,7 @@ SHOWN_ORDER = (*(part.id for part in BODY_PARTS), BACKGROUND)
 
 @dataclass(frozen=True)
 class Estimate:
-    """A score with its 95 % interval; the ends are NaN where none can be given."""
+    """Score with its 95 % interval; the ends are NaN without an interval."""
 
     value: float
     low: float
@@ -39,34 +39,38 @@ class Estimate:
 
     @property
     def known(self) -> bool:
-        """False for the score of a part that no frame shows."""
+        """Return False for the score of a part that no frame shows."""
         return not np.isnan(self.value)
 
     @property
     def bounded(self) -> bool:
-        """Whether there is an interval."""
+        """Return whether the estimate has an interval."""
         return not (np.isnan(self.low) or np.isnan(self.high))
 
 
 def estimate(comparison: Comparison, name: str, *index: int) -> Estimate:
-    """A score by its name in `eval.scores.scores.scores_of`; index: part id, tolerance or the like."""
+    """Return a score by its name in `eval.scores.scores.scores_of`. index: position in its array, e.g. part
+    id.
+    """
     return picked(comparison.scores[name], comparison.ci95[name], index)
 
 
 def difference_of(found: Difference, name: str, *index: int) -> Estimate:
-    """One score's difference with its interval."""
+    """Return one score's difference with its interval."""
     return picked(found.values[name], found.ci95[name], index)
 
 
 def picked(values: Float64, ends: Float64, index: tuple[int, ...] = ()) -> Estimate:
-    """One of many scores (...) with their intervals (2, ...)."""
+    """Return the estimate at an index of score values (...) and interval ends (2, ...)."""
     at: tuple[Any, ...] = (..., *index)
     low, high = ends[at]
     return Estimate(float(values[at]), float(low), float(high))
 
 
 def printed(name: str, found: Estimate, percent: str = " %", sign: str = "") -> str:
-    """A score to three digits, its interval in brackets; `SHARES` in percent; dashes where unknown."""
+    """Return a score as text: three digits and its interval in brackets; `SHARES` in percent; dashes if
+    unknown.
+    """
     if not found.known:
         return "--"
     scale, digits, unit = (100, 1, percent) if name in SHARES else (1, 3, "")
@@ -75,9 +79,9 @@ def printed(name: str, found: Estimate, percent: str = " %", sign: str = "") -> 
 
 
 def group_recall(comparison: Comparison, frames: Index) -> Estimate:
-    """Mean recall of some frames (n,) with its interval, from their confusion matrices alone.
+    """Return the mean recall of some frames (n,) with its interval, from their confusion matrices alone.
 
-    Quicker by far than `Comparison.only`, which resamples every count there is.
+    Much faster than `Comparison.only`, which resamples all counts.
     """
     matrices = comparison.matrices[frames]
     clusters = intervals.clusters_of([comparison.subjects[i] for i in frames])
@@ -88,12 +92,12 @@ def group_recall(comparison: Comparison, frames: Index) -> Estimate:
 
 
 def shown(table: Float64) -> list[list[float]]:
-    """A table (12, 12) by part id in the order it is shown."""
+    """Return a table (12, 12) by part id as lists in display order."""
     return [[float(v) for v in row] for row in table[np.ix_(SHOWN_ORDER, SHOWN_ORDER)]]
 
 
 def verdict(mean_recall: Estimate) -> str:
-    """Where a mean recall stands between the paper's two, in words."""
+    """Return a sentence that compares a mean recall with the paper's two."""
     if not mean_recall.known:
         return "no body part in the truth"
     one = mean_recall
@@ -105,5 +109,5 @@ def verdict(mean_recall: Estimate) -> str:
 
 
 def row_shares(matrix: Int64) -> Float64:
-    """A confusion matrix (12, 12) as shares of each true part's pixels, NaN for an absent part."""
+    """Return a confusion matrix (12, 12) as shares of each true part's pixels, NaN for an absent part."""
     return confusion.ratio(matrix, np.broadcast_to(matrix.sum(1, keepdims=True), matrix.shape))

@@ -62,13 +62,13 @@ def figures_of(material: Material) -> dict[str, go.Figure]:
 
 
 def plain(text: str, most: int = 60) -> str:
-    """Return text that plotly shows letter by letter: its markup escaped, cut to ``most`` letters."""
+    """Return text that plotly prints literally: markup escaped, cut to ``most`` characters."""
     text = text if len(text) <= most else text[: most - 1] + "…"
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
 def color(number: int) -> str:
-    """Return the colour of a result by its place; the sixth has the first's."""
+    """Return the colour of a result by its index; the colours repeat from the sixth result on."""
     return COLORS[number % len(COLORS)]
 
 
@@ -84,7 +84,7 @@ def _figure(traces: Sequence[object], height: int, x: str, y: str) -> go.Figure:
 
 
 def _errors(found: Sequence[Estimate]) -> dict[str, object]:
-    """Return the intervals as plotly's error bars, zero long without an interval."""
+    """Return the intervals as plotly's error bars; length 0 without an interval."""
     ends = [(e.high - e.value, e.value - e.low) if e.bounded else (0.0, 0.0) for e in found]
     above, below = np.array(ends).T
     return {"type": "data", "array": above, "arrayminus": below, "symmetric": False, "width": 0}
@@ -99,7 +99,7 @@ def _row(title: str, names: Sequence[str], found: Sequence[Estimate], hue: str) 
 
 
 def _rows(traces: Sequence[go.Scatter], count: int, axis: str) -> go.Figure:
-    """Return a figure with one line a name, the first on top, and the traces of a name beside each other."""
+    """Return a figure with one row per name, the first on top, and a name's traces beside each other."""
     figure = _figure(traces, 90 + 20 * count * max(1, len(traces) // 2), axis, "")
     return figure.update_layout(scattermode="group").update_yaxes(autorange="reversed", type="category")
 

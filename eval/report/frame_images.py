@@ -38,7 +38,7 @@ ERROR_NAMES, ERROR_RGB = zip(*ERROR_KINDS.values(), strict=True)
 
 
 def colorize_depth(depth_mm: UInt16) -> Image:
-    """Depth (h, w) as grey (h, w, 3), near bright; its own 2nd to 98th percentile span the greys."""
+    """Return depth (h, w) as grey RGB (h, w, 3), near bright; the 2nd to 98th percentile span the greys."""
     valid = depth_mm > 0
     image = np.full((*depth_mm.shape, 3), CANVAS, np.uint8)
     if valid.any():
@@ -49,12 +49,15 @@ def colorize_depth(depth_mm: UInt16) -> Image:
 
 
 def colorize_parts(parts: Labels) -> Image:
-    """Labels (h, w) in the colours of `annotate.parts` (h, w, 3)."""
+    """Return labels (h, w) in the part colours of `annotate.parts` (h, w, 3)."""
     return palette_rgb()[parts]
 
 
 def colorize_share(values: Float32) -> Image:
-    """Values (h, w) in [0, 1] from dark violet to yellow (h, w, 3); NaN is nothing."""
+    """Return colours (h, w, 3) of values (h, w) in [0, 1], from dark violet to yellow.
+
+    NaN gets the background colour.
+    """
     known = np.isfinite(values)
     levels = np.where(known, np.clip(values, 0, 1) * 255, 0).astype(np.uint8)
     image = np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1], np.uint8).copy()
@@ -63,12 +66,14 @@ def colorize_share(values: Float32) -> Image:
 
 
 def colorize_error(truth: Labels, predicted: Labels) -> Image:
-    """Picture of the errors, (h, w, 3): grey where the part is right, else in `ERROR_KINDS` colours."""
+    """Return a picture (h, w, 3) of the errors: grey where the part is right, else in `ERROR_KINDS`
+    colours.
+    """
     return np.array(ERROR_RGB, np.uint8)[error_kind_ids(truth, predicted)]
 
 
 def error_kind_ids(truth: Labels, predicted: Labels) -> Labels:
-    """Kind of error at each pixel (h, w), as an index into `ERROR_NAMES` and `ERROR_RGB`."""
+    """Return the kind of error at each pixel (h, w), as an index into `ERROR_NAMES` and `ERROR_RGB`."""
     guess = named(predicted)
     person, seen = truth != BACKGROUND, guess != BACKGROUND
     wrong = (truth != guess) & person & seen
@@ -91,11 +96,11 @@ def error_kind_ids(truth: Labels, predicted: Labels) -> Labels:
 def render_thermal_cloud(
     points_m: Float32, temperature_c: Float32, yaw_deg: float = 22.0, pitch_deg: float = 10.0
 ) -> Image:
-    """An organised cloud seen from slightly aside, coloured by temperature: (212, 212, 3).
+    """Return a picture (212, 212, 3) of an organised cloud from a turned viewpoint, coloured by temperature.
 
-    points_m: (h, w, 3), depth-camera frame, NaN = no reading or not to be drawn. temperature_c:
-    (h, w), NaN is drawn grey. The viewer moves by yaw to its right and by pitch upwards around the
-    cloud's middle. Points are drawn far to near as squares that close the gaps between them.
+    points_m: (h, w, 3), depth-camera frame, NaN = not drawn. temperature_c: (h, w), NaN is drawn grey. The
+    viewer moves around the cloud's middle by yaw to its right and by pitch upwards. Points are drawn far to
+    near as squares without gaps between them.
     """
     drawn = np.asarray(np.isfinite(points_m).all(-1))
     image = np.full((SIZE, SIZE, 3), CANVAS, np.uint8)
@@ -121,7 +126,7 @@ def render_thermal_cloud(
 
 
 def _orbit(points_m: Float32, drawn: Bool, yaw_deg: float, pitch_deg: float) -> Float64:
-    """Points (h, w, 3) in the frame of a viewer who moved around the cloud's middle."""
+    """Return points (h, w, 3) in the frame of a viewer who moved around the cloud's middle."""
     low, high = np.percentile(points_m[drawn], [2, 98], axis=0)
     middle = (low + high) / 2
     yaw, pitch = np.deg2rad([yaw_deg, pitch_deg])
@@ -141,7 +146,9 @@ def _thermal_colors(temperature_c: Float32) -> Float64:
 
 
 def _shade(points: Float64) -> Float64:
-    """Light from the viewer (h, w): 1 facing it, 0.55 at a grazing angle or where no normal is known."""
+    """Return the brightness (h, w) for light from the viewer: 1 facing it, 0.55 at a grazing angle or without
+    normal.
+    """
     across, down = np.gradient(points, axis=1), np.gradient(points, axis=0)
     normal = np.cross(across, down)
     length = np.linalg.norm(normal, axis=-1)
@@ -151,14 +158,16 @@ def _shade(points: Float64) -> Float64:
 
 
 def _splat_px(flat: Float64) -> int:
-    """Side of a point's square, from points in the picture (h, w, 2): their median gap, and a bit more."""
+    """Return the side of a point's square in pixels: a little more than the median gap of points (h, w,
+    2).
+    """
     gap = np.linalg.norm(np.diff(flat, axis=1), axis=-1)
     gap = gap[np.isfinite(gap)]
     return int(np.clip(np.ceil(np.median(gap) * 1.3), 1, 8)) if gap.size else 3
 
 
 def data_uri(image: Image) -> str:
-    """An RGB image as a data URI: PNG where it has few colours, as labels have, else WebP."""
+    """Return an RGB image as a data URI: PNG for images with few colours such as labels, else WebP."""
     return _data_uri(image.tobytes(), image.shape)
 
 

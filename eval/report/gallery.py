@@ -1,4 +1,6 @@
-"""Frames that a reader should see: laid out as the paper's Fig. 10 with their errors, or to turn in 3D."""
+"""Frames for the report: pictures in the layout of the paper's Fig. 10 with errors, and rotatable 3D
+scenes.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -38,8 +40,8 @@ SCENE_AROUND_M = 0.3
 class GalleryFrame:
     """One row of a gallery: pictures uint8 (h, w, 3) RGB by column title, in order.
 
-    group: why it is shown. subject: who is seen. miou and part_iou: its scores against the truth, by part
-    id where the part is there; NaN and empty without a truth.
+    group: reason for the choice, e.g. worst. subject: the person. miou: mean IoU, NaN without a truth.
+    part_iou: IoU by part id, of the parts that are present; empty without a truth.
     """
 
     frame_id: str
@@ -51,7 +53,7 @@ class GalleryFrame:
 
 
 def pick_frames(comparison: Comparison, each: int = EACH) -> dict[str, list[str]]:
-    """Frame ids by group: the worst and best by mIoU, and random ones of the rest; `each` at most."""
+    """Return frame ids by group: worst and best by mIoU, and random others; at most `each` per group."""
     ranked = np.argsort(comparison.frame_miou, kind="stable")
     ranked = ranked[~np.isnan(comparison.frame_miou[ranked])]
     worst, best = ranked[:each], ranked[each:][::-1][:each]
@@ -68,7 +70,7 @@ Picture = Callable[[Bool, Crop], Image | None]
 def make_frame(
     truth: FrameLabels, predicted: FrameLabels, picture: Picture | None = None, group: str = ""
 ) -> GalleryFrame:
-    """One row: thermal cloud (where there is one), extracted depth, target, prediction, errors."""
+    """Return a gallery row: thermal cloud (if any), extracted depth, target, prediction, errors."""
     person = on_body(truth.parts) if on_body(truth.parts).any() else on_body(predicted.parts)
     crop = _square(person)
     target, guess = crop.cut(truth.parts, BACKGROUND), crop.cut(predicted.parts, BACKGROUND)
@@ -87,7 +89,7 @@ def make_frame(
 
 
 def make_shown_frame(labels: FrameLabels, picture: Picture | None = None) -> GalleryFrame:
-    """One row without a truth: thermal cloud (where there is one), extracted depth, labels, confidence."""
+    """Return a gallery row without a truth: thermal cloud (if any), extracted depth, labels, confidence."""
     person = on_body(labels.parts)
     crop = _square(person)
     columns = {
@@ -102,7 +104,7 @@ def make_shown_frame(labels: FrameLabels, picture: Picture | None = None) -> Gal
 
 
 def _input_columns(frame: FrameLabels, person: Bool, crop: Crop, picture: Picture | None) -> dict[str, Image]:
-    """What the labelling had to go by: the thermal cloud, if any, and the person's depth."""
+    """Return the pictures of the labelling's input: the thermal cloud, if any, and the person's depth."""
     depth = crop.cut(np.where(person, frame.depth_mm, np.uint16(0)), 0)
     columns = {"Extracted depth": figures.colorize_depth(depth)}
     if picture is not None and (drawn := picture(person, crop)) is not None:
@@ -111,7 +113,9 @@ def _input_columns(frame: FrameLabels, person: Bool, crop: Crop, picture: Pictur
 
 
 def _bearing_column(frame: FrameLabels, person: Bool, crop: Crop) -> dict[str, Image]:
-    """Joints, facing and posture over the person's depth, of labels whose network gives them."""
+    """Return a picture of joints, facing and posture over the person's depth; empty for labels without
+    them.
+    """
     bearing = BodyState.from_note(frame.notes.get("bearing"))
     if bearing is None:
         return {}
@@ -120,12 +124,12 @@ def _bearing_column(frame: FrameLabels, person: Bool, crop: Crop) -> dict[str, I
 
 
 def _square(person: Bool) -> Crop:
-    """What the pictures show of a mask (h, w): the person, or all where nobody is."""
+    """Return the crop around the person of a mask (h, w), or the whole image without a person."""
     return crop_around(person, MARGIN) if person.any() else Crop(0, 0, max(person.shape))
 
 
 def cloud_picture(cloud: ThermalCloud, person: Bool, crop: Crop) -> Image:
-    """A cloud's part in a crop around a person (h, w), coloured by temperature: (212, 212, 3)."""
+    """Return the cloud inside a crop around a person (h, w), coloured by temperature: (212, 212, 3)."""
     side = crop.side
     points, temperature = crop.cut(cloud.points_m, np.nan, side), crop.cut(cloud.temperature_c, np.nan, side)
     shown = crop.cut(person & cloud.valid, False, side)
@@ -139,10 +143,11 @@ def cloud_picture(cloud: ThermalCloud, person: Bool, crop: Crop) -> Image:
 
 @dataclass(frozen=True)
 class Scene:
-    """Points of one frame. points_mm: int16 (n, 3), depth-camera frame less the person's middle.
+    """Points of one frame.
 
-    colors: values (n,) by their meaning ("truth", "predicted": part ids; "error": index into
-    `figures.ERROR_NAMES`; "temperature_c": float, NaN unknown).
+    points_mm: int16 (n, 3), depth-camera frame, relative to the person's middle. colors: values (n,) by name:
+    "truth" and "predicted" are part ids, "error" is an index into `figures.ERROR_NAMES`, "temperature_c" is
+    float, NaN unknown.
     """
 
     title: str
@@ -157,7 +162,7 @@ def make_scene(
     truth: FrameLabels | None = None,
     cloud: ThermalCloud | None = None,
 ) -> Scene | None:
-    """The scene of a frame; None where nobody is seen. camera: undistorted, of the whole image."""
+    """Return the 3D scene of a frame; None without a person. camera: undistorted, of the whole image."""
     frame = predicted if truth is None else truth
     points = points_of(frame, camera)
     person = on_body(predicted.parts) | (on_body(truth.parts) if truth is not None else False)
@@ -176,16 +181,20 @@ def make_scene(
 
 
 def points_of(frame: FrameLabels, camera: Intrinsics) -> Float32:
-    """Points (h, w, 3) in metres, NaN without a reading, of a depth image or of a crop of one.
+    """Return the points (h, w, 3) of a frame in metres, NaN without a reading; the frame is an image or a
+    crop.
 
-    Raises FormatError when the frame's notes are malformed, CalibrationError when they are another image's.
+    Raises FormatError when the frame's notes are malformed, CalibrationError when they belong to another
+    image.
     """
     metres = np.where(frame.depth_mm > 0, frame.depth_mm / 1000, np.nan)
     return unproject(pinhole_of(frame, camera), metres)
 
 
 def _chosen(points: Float32, person: Bool) -> Index:
-    """Pixels to show, evenly thinned: the person, and what lies within `SCENE_AROUND_M` of their box."""
+    """Return the pixels to show, evenly thinned: the person, and points within `SCENE_AROUND_M` of its
+    bounding box.
+    """
     body = np.flatnonzero(person)
     if not body.size:
         return body

@@ -1,4 +1,4 @@
-"""Material of a report, and how it is gathered from files before anything is drawn."""
+"""Data of a report, gathered from files before the page is drawn."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -44,7 +44,7 @@ SCENES = 12
 
 @dataclass(frozen=True)
 class ShownSet:
-    """Labels of frames without a truth: to be shown, not scored. note: a remark on them."""
+    """Labels of frames without a truth, which the report shows but does not score. note: a remark on them."""
 
     title: str
     frames: Sequence[GalleryFrame]
@@ -54,13 +54,13 @@ class ShownSet:
 
 @dataclass(frozen=True)
 class Material:
-    """Results in the order they are shown, the first being what the others are compared with.
+    """Data of a report.
 
-    ceiling: two corrections of the same frames against each other, what no labelling can beat.
-    galleries: frames by the title of the result they belong to. scenes: frames to turn in 3D. trainings:
-    of the networks compared. audits: people's work, by the title of the label set. shown: label sets
-    without truth. facts: what was done with what (command, seed, hashes), shown as given.
-    Raises CloudError without results, or when two have one title.
+    results: in display order; the others are compared with the first. ceiling: two corrections of the same
+    frames compared, the best score that labelling can reach. galleries: frames by the title of their result.
+    scenes: frames to rotate in 3D. trainings: of the networks compared. audits: people's correction work, by
+    the title of the label set. shown: label sets without truth. facts: commands, seeds and hashes, shown
+    unchanged. Raises CloudError without results, or for two equal titles.
     """
 
     results: tuple[Result, ...]
@@ -82,19 +82,21 @@ class Material:
 
     @cached_property
     def differences(self) -> list[Difference]:
-        """Every result but the first, less the first."""
+        """Return the difference of every later result to the first."""
         return [difference(result, self.results[0]) for result in self.results[1:]]
 
 
 class Clouds:
-    """The fused clouds of recorded sessions, by their name and a frame's id."""
+    """Fused clouds of recorded sessions, by session name and frame id."""
 
     def __init__(self, sessions: Sequence[Session]) -> None:
         self._fusers = {session.name: (session, Fuser(session.calibration)) for session in sessions}
         self._drawn: dict[str, Image | None] = {}
 
     def of(self, source: str, frame: FrameLabels) -> ThermalCloud | None:
-        """The cloud of a frame labelled from ``source``; None where no session has this very depth image."""
+        """Return the cloud of a frame labelled from ``source``; None where no session has an equal depth
+        image.
+        """
         if source not in self._fusers or not frame.frame_id.isascii() or not frame.frame_id.isdigit():
             return None
         session, fuser = self._fusers[source]
@@ -104,7 +106,7 @@ class Clouds:
         return cloud if np.array_equal(cloud.depth_mm, frame.depth_mm) else None
 
     def picture(self, source: str, frame: FrameLabels, person: Bool, crop: Crop) -> Image | None:
-        """The cloud of a frame as ``cloud_picture`` draws it, once for all results that show it."""
+        """Return the picture of a frame's cloud by ``cloud_picture``, cached for all results that show it."""
         pixels = hashlib.sha256(np.ascontiguousarray(frame.depth_mm).data)
         pixels.update(np.packbits(person).data)
         key = f"{source}/{frame.frame_id}/{pixels.hexdigest()}"
@@ -124,10 +126,11 @@ def gather(
     facts: Mapping[str, str] | None = None,
     each: int = EACH,
 ) -> Material:
-    """Everything for the report. shown: label sets without truth, each with a note on it.
+    """Return the data of the report.
 
-    A result whose label sets have been moved is shown without pictures. Raises FormatError
-    for a corrupt file, CloudError where labels were changed after they were evaluated.
+    shown: label sets without truth, each with a note. A result whose label sets have been moved is shown
+    without pictures. Raises FormatError for a corrupt file, CloudError where labels were changed after their
+    evaluation.
     """
     clouds = Clouds(sessions)
     galleries: dict[str, list[GalleryFrame]] = {}
@@ -150,7 +153,9 @@ def gather(
 
 
 def pictures_of(result: Result, clouds: Clouds, each: int) -> tuple[list[GalleryFrame], list[Scene]]:
-    """A result's gallery, and the first frame of each of its groups as a scene; none without its sets."""
+    """Return a result's gallery, and the first frame of each group as a scene; empty without its label
+    sets.
+    """
     sets = [Path(result.facts[name]) for name in ("predicted", "truth") if name in result.facts]
     if len(sets) < 2 or not all(holds_frames(path) for path in sets):
         return [], []
@@ -183,7 +188,7 @@ def _changed(result: Result, frame_id: str, sets: Sequence[Path]) -> NoReturn:
 
 
 def shown_set(labels: LabelSet, note: str, clouds: Clouds) -> ShownSet:
-    """Frames of a label set to look at, evenly spread over it, and its first as a scene."""
+    """Return frames of a label set, evenly spread over it, and its first frame as a scene."""
     ids = labels.frame_ids
     chosen = sorted({ids[i] for i in np.linspace(0, len(ids) - 1, min(SHOWN_FRAMES, len(ids))).astype(int)})
     source = str(labels.info.get("source", ""))

@@ -56,7 +56,7 @@ OF_PAPER = (paper.SYNTHETIC, paper.REAL)
 
 
 def _table(data: object, columns: Sequence[str] | None = None) -> pd.DataFrame:
-    """Return a data frame whose texts can be written: half a surrogate pair becomes a question mark."""
+    """Return a data frame whose texts are valid UTF-8; each invalid character becomes a question mark."""
     if isinstance(data, dict):
         data = {_writable(name): values for name, values in data.items()}
     return pd.DataFrame(data, columns=columns, dtype=object).map(_writable)
@@ -115,7 +115,7 @@ def difference_table(found: Sequence[Difference]) -> pd.DataFrame:
 
 
 def gap_table(found: Sequence[Difference]) -> pd.DataFrame:
-    """Return the recall of every part minus the first result's, beside the paper's gap."""
+    """Return each part's recall minus the recall of the first result, beside the paper's difference."""
     columns = {"Part": [part.title for part in BODY_PARTS]}
     for one in found:
         values = (difference_of(one, "recall", part.id) for part in BODY_PARTS)
@@ -150,7 +150,9 @@ def _group_cell(result: Result, frames: object) -> str:
 
 
 def _place(value: str) -> tuple[bool, float]:
-    """Return a sort key: ranges ("under 1 m", "1 to 1.5 m") by their lower end; the rest keeps its order."""
+    """Return a sort key: ranges ("under 1 m", "1 to 1.5 m") sort by their lower end; others keep their
+    order.
+    """
     start = re.match(r"(under )?([0-9.]+) ?(to|m|%)", value)
     return (False, float(start[2]) - bool(start[1]) * 1e-3) if start else (True, 0.0)
 
@@ -250,7 +252,7 @@ def audit_table(material: Material) -> pd.DataFrame:
 
 
 def texts(material: Material) -> dict[str, str]:
-    """Return the files beside the page by suffix."""
+    """Return the contents of the table files beside the page, by suffix."""
     return {".csv": to_csv(material.results), ".json": to_json(material), ".tex": to_latex(material)}
 
 
@@ -281,7 +283,7 @@ def _scores(result: Result) -> Iterator[tuple[str, str, Estimate]]:
 
 
 def _safe(text: str) -> str:
-    """Return text that no spreadsheet takes for a formula."""
+    """Return text that a spreadsheet does not interpret as a formula."""
     return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text
 
 
@@ -327,5 +329,5 @@ _TEX = {
 
 
 def _printable(text: object) -> str:
-    """Return text with LaTeX's own characters escaped and control characters dropped."""
+    """Return text with LaTeX's special characters escaped and control characters dropped."""
     return "".join(_TEX.get(letter, letter) for letter in str(text) if letter.isprintable())

@@ -38,7 +38,7 @@ _PAGES.filters["picture"] = data_uri
 
 @dataclass(frozen=True)
 class Section:
-    """A section of the page. Its blocks are shown in this order; every text in them is escaped."""
+    """Section of the page. Its blocks are shown in this order; all their text is escaped."""
 
     id: str
     title: str
@@ -65,9 +65,9 @@ def write_report(path: Path, material: Material, overwrite: bool = False) -> lis
 
 
 def free_outputs(path: Path, overwrite: bool) -> list[Path]:
-    """Return the files of a page's path, the page last; call it before long work.
+    """Return the output files of a page's path, the page last; call this before long work.
 
-    Raises ExistsError when one is there and ``overwrite`` is not set, CloudError for a table's suffix.
+    Raises ExistsError when one exists and ``overwrite`` is not set, CloudError for a table's suffix.
     """
     if path.suffix in numbers.SUFFIXES:
         raise CloudError(f"{path} has the suffix of a table; give a name that ends in .html")
@@ -103,7 +103,9 @@ def _with_figures(section: Section, figures: Mapping[str, go.Figure]) -> Section
 
 
 def policy(*scripts: str) -> str:
-    """Return the page's content policy: these scripts and no other, its own pictures, no request."""
+    """Return the page's Content-Security-Policy: only these scripts, embedded pictures, no network
+    request.
+    """
     hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
     allowed = " ".join(f"'sha256-{value}'" for value in hashes)
     # Plotly makes a style sheet of its own and draws its pictures from blobs of the page.

@@ -1,4 +1,4 @@
-"""A person's joints, facing and posture as a network sees them, drawn over the depth image."""
+"""Drawing of a person's joints, facing and posture over the depth image."""
 
 import cv2
 import numpy as np
@@ -32,9 +32,11 @@ SCALE = 8
 
 
 def draw_bearing(picture: UInt8, crop: Crop, bearing: BodyState) -> UInt8:
-    """RGB picture (n, n, 3) of a crop with the skeleton in the parts' colours, facing from above, posture.
+    """Return an RGB picture (n, n, 3) of a crop with the skeleton in part colours, the facing and the
+    posture.
 
-    The circle is the person from above, the camera at its bottom; its line goes where they face.
+    The circle shows the person from above, with the camera at its bottom; the line points to where the person
+    faces.
     """
     drawn, side = np.ascontiguousarray(picture), picture.shape[0]
     at = (bearing.joints_px[:, :2] + 0.5 - (crop.left, crop.top)) * side / crop.side - 0.5

@@ -1,4 +1,4 @@
-"""A training as the report shows it: its losses and scores, and how one frame's labelling grew."""
+"""History of a training for the report: losses, scores, and the labels of one frame by epoch."""
 
 import json
 import math
@@ -28,10 +28,11 @@ _EPOCH = re.compile(r"epoch-(\d{1,9})\.parts\.png")
 
 @dataclass(frozen=True)
 class Training:
-    """One training. points: images seen, mean loss. epochs: number, loss, mean recall, mIoU, seconds so far.
+    """History of one training.
 
-    Scores are NaN where nothing was measured. pictures: the fixed frame, RGB (h, w, 3) by title: its depth,
-    its labelling at chosen epochs, its truth. facts: the plan in words, shown as given.
+    points: images seen, mean loss. epochs: number, loss, mean recall, mIoU, seconds so far; scores are NaN
+    where not measured. pictures: RGB (h, w, 3) of one frame by title: depth, labels at some epochs, truth.
+    facts: the plan as text.
     """
 
     title: str
@@ -42,7 +43,7 @@ class Training:
 
 
 def load_training(folder: Path) -> Training:
-    """Read the folder that `train` wrote. Raises FormatError when it is none, or is corrupt."""
+    """Read the folder that `train` wrote. Raises FormatError for any other or a corrupt folder."""
     path = folder / HISTORY
     data = read_bounded(path, MAX_BYTES, "give a folder that 'train' wrote")
     try:
@@ -65,7 +66,9 @@ def _rows(entries: list[dict[str, Any]], names: tuple[str, ...]) -> Float64:
 
 
 def _pictures(folder: Path) -> dict[str, figures.Image]:
-    """Depth, labelling at up to `PICTURES` epochs spread over the training, truth."""
+    """Return pictures of depth, of labels at up to `PICTURES` epochs spread over the training, and of the
+    truth.
+    """
     found = {int(m[1]): p for p in folder.glob("epoch-*.parts.png") if (m := _EPOCH.fullmatch(p.name))}
     if not found:
         return {}
@@ -84,7 +87,7 @@ def _pictures(folder: Path) -> dict[str, figures.Image]:
 
 
 def _facts(value: dict[str, Any]) -> dict[str, str]:
-    """What was trained, on what, flattened to lines."""
+    """Return the network, recipe and data of a training as lines of text."""
     names = ("images", "parameters", "device", "torch")
     facts: dict[str, str] = {name: str(value[name]) for name in names if name in value}
     plan = value.get("plan", {})

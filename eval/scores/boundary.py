@@ -1,8 +1,7 @@
-"""Boundary scores: how well the borders between parts fit, and how errors decrease away from them.
+"""Boundary scores: accuracy of the borders between parts, and error rate by distance from a border.
 
-A border pixel is a person pixel with a 4-neighbour of another label, be it another part or
-background; the picture's edge and undefined pixels make no border. Both borders count
-only where the truth is defined.
+A border pixel is a person pixel with a 4-neighbour of another label, part or background. The image edge and
+undefined pixels make no border. Borders of truth and prediction count only where the truth is defined.
 """
 
 from collections.abc import Sequence
@@ -36,24 +35,25 @@ camera, nearer than any can see. Chosen by eye."""
 
 
 def border_parts(labels: Labels) -> Labels:
-    """Part ids on the border pixels, 0 elsewhere: (h, w) -> (h, w)."""
+    """Return part ids on the border pixels, 0 elsewhere: (h, w) -> (h, w)."""
     return np.asarray(passes.borders(np.ascontiguousarray(labels)))
 
 
 def distance_to(border: Labels, labels: Labels, reach_px: float, around_px: float) -> Float32:
-    """Distance of every pixel (h, w) of label maps to the nearest pixel of their borders, Euclidean, pixels.
+    """Return the Euclidean distance of every pixel (h, w) to the nearest border pixel, in pixels.
 
-    Infinite where it is farther than ``reach_px``, or than ``around_px`` off the body.
+    Infinite where the distance exceeds ``reach_px``, or where the pixel is farther than ``around_px`` from
+    the person.
     """
     reach = min(reach_px, FARTHEST_PX)
     return np.asarray(passes.distances(np.ascontiguousarray(labels), border, reach, around_px))
 
 
 def boundary_counts(of_truth: Labels, of_prediction: Labels, tolerances_px: Sequence[float]) -> Counts:
-    """Matched and all border pixels of the prediction, matched and all of the truth: int64 (T, 4).
+    """Return matched and all border pixels of the prediction, then of the truth: int64 (T, 4).
 
-    A border pixel (of `border_parts`) is matched by one of the same part within the tolerance
-    (Euclidean) in the other map. Counts of frames add up; `boundary_f` turns them into the score.
+    A border pixel (of `border_parts`) is matched by one of the same part within the tolerance (Euclidean) in
+    the other map. Counts of frames add up; `boundary_f` turns them into the score.
     """
     reach = min(max(tolerances_px), FARTHEST_PX)
     drawn = passes.apart(of_prediction, of_truth, reach)
@@ -63,7 +63,7 @@ def boundary_counts(of_truth: Labels, of_prediction: Labels, tolerances_px: Sequ
 
 
 def boundary_f(counts: Counts) -> Scores:
-    """Harmonic mean of border precision and recall: (..., 4) -> (...); NaN without any border.
+    """Return the harmonic mean of border precision and recall: (..., 4) -> (...); NaN without any border.
 
     Source: Csurka et al., What is a good evaluation measure for semantic segmentation?, BMVC 2013.
     """
@@ -76,11 +76,11 @@ def boundary_f(counts: Counts) -> Scores:
 def band_counts(
     truth: Labels, predicted: Labels, away: tuple[Float32, Float32], widths_px: Sequence[float]
 ) -> Counts:
-    """Intersection and union of the bands along each part's outline: int64 (W, 12, 2).
+    """Return intersection and union of the bands along each part's outline: int64 (W, 12, 2).
 
-    A part's band holds its pixels closer than the width to a border of their own map. away: the
-    distances to the borders of truth and prediction, (h, w). Their ratio is the boundary IoU
-    (Cheng et al., Boundary IoU, CVPR 2021), here with Euclidean bands and without the picture's edge.
+    A part's band holds its pixels closer than the width to a border of the same map. away: distances (h, w)
+    to the borders of truth and of prediction. Their ratio is the boundary IoU (Cheng et al., Boundary IoU,
+    CVPR 2021), here with Euclidean bands and without the image edge.
     """
     maps = np.ascontiguousarray(truth), np.ascontiguousarray(predicted)
     hit, true, drawn = np.moveaxis(passes.bands(*maps, *away, np.array(widths_px, np.float32)), -1, 0)
@@ -88,7 +88,7 @@ def band_counts(
 
 
 def errors_by_distance(truth: Labels, predicted: Labels, away: Float32) -> Counts:
-    """Wrong and all person pixels of the truth by part and distance to a border: int64 (12, 7, 2).
+    """Return wrong and all person pixels of the truth, by part and distance to a border: int64 (12, 7, 2).
 
     away: distance to the borders of the truth, 0 on the border itself; bins end at `DISTANCE_EDGES_PX`.
     """
@@ -97,5 +97,5 @@ def errors_by_distance(truth: Labels, predicted: Labels, away: Float32) -> Count
 
 
 def error_rate(counts: Counts) -> Scores:
-    """Share of wrong pixels: wrong and all (..., 2) -> (...), NaN where there are none."""
+    """Return the share of wrong pixels: wrong and all (..., 2) -> (...), NaN without pixels."""
     return ratio(counts[..., 0], counts[..., 1])

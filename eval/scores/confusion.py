@@ -1,13 +1,11 @@
 """Scores of body-part labels, all derived from one confusion matrix per frame.
 
-A matrix is int64 (12, 12): rows are the true part, columns the predicted one, by part id. Every
-score takes (..., 12, 12), so that one frame, the frames of a set, their sum, and the resamples of
-a bootstrap go through the same code.
+A matrix is int64 (12, 12): rows are the true part, columns the predicted one, by part id. Every score takes
+(..., 12, 12), so one code serves a frame, the frames of a set, their sum, and bootstrap resamples.
 
-Three rules hold throughout:
-- A pixel undefined in the truth is ignored; `counted` says how many there are.
-- A pixel undefined in the prediction counts as background: who names no part has missed it.
-- A class without pixels has the score NaN, which means leave it out, so it is never scored 0 or 1.
+Three rules hold throughout. A pixel undefined in the truth is ignored; `counted` returns the number of such
+pixels. A pixel undefined in the prediction counts as background. A class without pixels has the score NaN and
+is left out of means.
 """
 
 import numpy as np
@@ -43,9 +41,10 @@ def confusion_matrix(truth: Labels, predicted: Labels) -> Counts:
 
 
 def counted(truth: Labels, predicted: Labels) -> tuple[Counts, Counts]:
-    """Confusion matrix (12, 12), and pixels undefined in the truth, in the prediction only, and all (3,).
+    """Return the confusion matrix int64 (12, 12), and pixel counts int64 (3,).
 
-    int64. Raises ValueError as ``confusion_matrix``.
+    The counts are: undefined in the truth, undefined in the prediction only, all. Raises ValueError as
+    ``confusion_matrix``.
     """
     if truth.shape != predicted.shape:
         raise ValueError(f"truth is {truth.shape} but the prediction is {predicted.shape}")
@@ -61,64 +60,67 @@ def counted(truth: Labels, predicted: Labels) -> tuple[Counts, Counts]:
 
 
 def named(predicted: Labels) -> Labels:
-    """A prediction with its undefined pixels turned to background, as every score reads it."""
+    """Return a prediction with undefined pixels turned to background."""
     return np.where(predicted == UNDEFINED, np.uint8(BACKGROUND), predicted)
 
 
 def ratio(part: NDArray[np.generic], whole: NDArray[np.generic]) -> Scores:
-    """part / whole, NaN where whole is 0; arrays of one shape."""
+    """Return part / whole, NaN where whole is 0; both arrays have one shape."""
     over, under = np.asarray(part, np.float64), np.asarray(whole, np.float64)
     return np.asarray(np.divide(over, under, out=np.full(over.shape, np.nan), where=under > 0))
 
 
 def recall(matrix: Counts) -> Scores:
-    """Share of each true part's pixels that are predicted as it (..., 12); the paper's diagonal."""
+    """Return the recall (..., 12) of each part; the paper prints it on the diagonal."""
     return ratio(_diagonal(matrix), matrix.sum(-1))
 
 
 def precision(matrix: Counts) -> Scores:
-    """Share of the pixels predicted as a part that are it (..., 12)."""
+    """Return the precision (..., 12) of each part."""
     return ratio(_diagonal(matrix), matrix.sum(-2))
 
 
 def iou(matrix: Counts) -> Scores:
-    """Intersection over union of each part (..., 12); NaN for a part absent from both."""
+    """Return the intersection over union (..., 12) of each part; NaN for a part absent from both."""
     hit = _diagonal(matrix)
     return ratio(hit, matrix.sum(-1) + matrix.sum(-2) - hit)
 
 
 def dice(matrix: Counts) -> Scores:
-    """Dice coefficient (F1 by pixels) of each part (..., 12); NaN for a part absent from both."""
+    """Return the Dice coefficient (F1 by pixels) (..., 12) of each part; NaN for a part absent from both."""
     return ratio(2 * _diagonal(matrix), matrix.sum(-1) + matrix.sum(-2))
 
 
 def over_parts(scores: Scores) -> Scores:
-    """Mean over the body parts present: (..., n) with background first -> (...); NaN if none is."""
+    """Return the mean (...) over the body parts of scores (..., n) with background first.
+
+    Parts with NaN are left out; NaN if all are.
+    """
     return present_mean(scores[..., 1:], axis=-1)
 
 
 def present_mean(scores: Scores, axis: int) -> Scores:
-    """Mean along an axis over what is not NaN, without a warning where nothing is left."""
+    """Return the mean along an axis over all values but NaN; NaN without warning if all are NaN."""
     return ratio(np.nansum(scores, axis=axis), (~np.isnan(scores)).sum(axis))
 
 
 def mean_recall(matrix: Counts) -> Scores:
-    """Mean recall of the eleven body parts (...): the paper's 0.864 synthetic and 0.732 real."""
+    """Return the mean recall (...) of the eleven body parts: the paper's 0.864 synthetic and 0.732 real."""
     return over_parts(recall(matrix))
 
 
 def miou(matrix: Counts) -> Scores:
-    """Mean IoU of the eleven body parts (...)."""
+    """Return the mean IoU (...) of the eleven body parts."""
     return over_parts(iou(matrix))
 
 
 def mean_ious(matrices: Counts) -> dict[str, float]:
-    """Mean IoU of the body parts of a set (F, 12, 12), averaged in the ways that answer different questions.
+    """Return the mean IoU of the body parts of a set (F, 12, 12), averaged in four ways.
 
-    over_set: pixels of all frames in one matrix; large people weigh more. over_images: mean of
-    the frames' own mIoU. over_parts: mean over frames of each part, then over parts; a rare part
-    weighs as much as a common one. worst: mean of the worst 5 % of the frames (at least one).
-    Source: Wang et al., Revisiting Evaluation Metrics for Semantic Segmentation, NeurIPS 2023.
+    over_set: from the summed matrix of all frames; large people weigh more. over_images: mean of the frames'
+    own mIoU. over_parts: mean over frames of each part, then over parts; rare and common parts weigh the
+    same. worst: mean of the worst 5 % of the frames (at least one). Source: Wang et al., Revisiting
+    Evaluation Metrics for Semantic Segmentation, NeurIPS 2023.
     """
     mious = np.sort(miou(matrices))
     mious = mious[~np.isnan(mious)]
@@ -132,7 +134,7 @@ def mean_ious(matrices: Counts) -> dict[str, float]:
 
 
 def person_iou(matrix: Counts) -> Scores:
-    """IoU of person against background, parts forgotten (...)."""
+    """Return the IoU (...) of person against background, all parts merged."""
     missed = matrix[..., 1:, BACKGROUND].sum(-1)
     invented = matrix[..., BACKGROUND, 1:].sum(-1)
     hit = matrix[..., 1:, 1:].sum((-1, -2))
@@ -140,13 +142,16 @@ def person_iou(matrix: Counts) -> Scores:
 
 
 def error_rate_on_person(matrix: Counts) -> Scores:
-    """Share of the true person's pixels that are predicted as anything else (...)."""
+    """Return the share (...) of the true person's pixels with another predicted label."""
     all_pixels = matrix[..., 1:, :].sum((-1, -2))
     return ratio(all_pixels - _diagonal(matrix)[..., 1:].sum(-1), all_pixels)
 
 
 def without_background(matrix: Counts) -> Counts:
-    """Only pixels that truth and prediction both call a person: wrong parts, no missed person."""
+    """Return the matrix without the pixels that truth or prediction calls background.
+
+    Scores of the result count confused parts only, not a missed or invented person.
+    """
     inner = matrix.copy()
     inner[..., BACKGROUND, :] = 0
     inner[..., :, BACKGROUND] = 0
@@ -154,26 +159,26 @@ def without_background(matrix: Counts) -> Counts:
 
 
 def merge_left_right(matrix: Counts) -> Counts:
-    """Confusion of the eight classes left when twins are one: (..., 12, 12) -> (..., 8, 8)."""
+    """Return the confusion of eight classes, left and right merged: (..., 12, 12) -> (..., 8, 8)."""
     group = np.eye(_MERGED_ID.max() + 1, dtype=np.int64)[_MERGED_ID]
     return np.asarray(group.T @ matrix @ group)
 
 
 def left_right_swap_rate(matrix: Counts) -> Scores:
-    """Share of the limb pixels that are predicted as the other side's twin (...)."""
+    """Return the share (...) of limb pixels that are predicted as the same limb of the other side."""
     limbs = np.array(LEFT_RIGHT).ravel()
     return ratio(_swapped(matrix), matrix[..., limbs, :].sum((-1, -2)))
 
 
 def flip_helps(matrix: Counts) -> Bool:
-    """Whether exchanging left and right in the whole prediction would raise mIoU (...)."""
+    """Return whether exchanging left and right in the whole prediction would raise mIoU (...)."""
     return np.asarray(miou(matrix[..., TWIN_PARTS]) > miou(matrix))
 
 
 def error_kinds(matrix: Counts) -> dict[str, Counts]:
-    """Wrong pixels of (..., 12, 12) by kind, each (...): together everything off the diagonal.
+    """Return the wrong pixels of (..., 12, 12) by kind of error, each (...).
 
-    Neighbours are parts joined by anatomy.
+    The kinds together hold all off-diagonal pixels. Neighbours are anatomically adjacent parts.
     """
     kinds = {
         "missed_person": matrix[..., 1:, BACKGROUND].sum(-1),

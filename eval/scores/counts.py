@@ -49,7 +49,7 @@ BLOCK = 512
 
 
 def blocks(rows: int) -> list[slice]:
-    """Slices of at most BLOCK rows, in order."""
+    """Return slices of at most BLOCK rows, in order."""
     return [slice(start, min(start + BLOCK, rows)) for start in range(0, rows, BLOCK)]
 
 
@@ -57,13 +57,13 @@ def blocks(rows: int) -> list[slice]:
 class FrameCounts:
     """Counts with any leading axes: none for a frame or a sum, (F,) for frames, (R,) for resamples.
 
-    flat: int32 of frames, int64 of sums, (..., WIDTH): all counts side by side, what a bootstrap sums. The
-    others are views of it by SHAPES. confusion (..., 12, 12): rows truth. near: the same, of the pixels
-    closer than `NEAR_PX` to a border of the truth. borders_px, borders_mm (..., 4, 4): by tolerance, see
-    `boundary_counts`. bands_px, bands_mm (..., 3, 12, 2): by width and part, see `band_counts`. by_distance
-    (..., 12, 7, 2), see `errors_by_distance`. reliability (..., 2, 15, 3), label_quality (..., 12, 2): see
-    `reliability`; 0 without confidence. undefined (..., 3): see `confusion.counted`. What is counted in
-    millimetres is 0 where the scale is unknown. Raises ValueError for another number of counts.
+    flat: all counts side by side, (..., WIDTH), int32 of frames, int64 of sums; the bootstrap sums it. The
+    other fields are views of ``flat`` by SHAPES. confusion (..., 12, 12): rows truth. near: the same, of
+    pixels closer than `NEAR_PX` to a border of the truth. borders_px, borders_mm (..., 4, 4): by tolerance,
+    see `boundary_counts`. bands_px, bands_mm (..., 3, 12, 2): by width and part, see `band_counts`.
+    by_distance (..., 12, 7, 2), see `errors_by_distance`. reliability (..., 2, 15, 3), label_quality (...,
+    12, 2): see `reliability`; 0 without confidence. undefined (..., 3): see `confusion.counted`. Counts in
+    millimetres are 0 where the scale is unknown. Raises ValueError for another number of counts.
     """
 
     flat: NDArray[Any]
@@ -87,7 +87,7 @@ class FrameCounts:
 
     @classmethod
     def of(cls, **counts: Counts) -> Self:
-        """From the arrays by name. Raises ValueError for arrays that do not fit together."""
+        """Return the counts from arrays by name. Raises ValueError for arrays that do not fit together."""
         leading = counts["undefined"].shape[:-1]
         for name, shape in SHAPES.items():
             if counts[name].shape != (*leading, *shape):
@@ -95,18 +95,19 @@ class FrameCounts:
         return cls(np.concatenate([counts[name].reshape(*leading, -1) for name in SHAPES], axis=-1))
 
     def taken(self, frames: Int64) -> Self:
-        """The counts of some frames (F,), in this order."""
+        """Return the counts of some frames (F,), in this order."""
         return type(self)(self.flat[frames])
 
     def total(self) -> Self:
-        """The sum over the first axis."""
+        """Return the sum over the first axis."""
         return type(self)(self.flat.sum(axis=0, dtype=np.int64))
 
 
 def count(truth: FrameLabels, predicted: FrameLabels, mm_per_px: float) -> FrameCounts:
-    """Count one frame. mm_per_px: what a pixel spans at the person's distance; NaN where unknown.
+    """Count one frame.
 
-    Raises ValueError for label maps of different shapes.
+    mm_per_px: millimetres per pixel at the person's distance; NaN if unknown. Raises ValueError for label
+    maps of different shapes.
     """
     box = _box(truth.parts, predicted.parts)
     target, guess = truth.parts[box], confusion.named(predicted.parts[box])
@@ -148,7 +149,9 @@ def _zeros(name: str) -> Counts:
 
 
 def _box(truth: Labels, predicted: Labels) -> tuple[slice, slice]:
-    """Where anybody sees a person, and a little more: all borders, and whatever is near one, lie in it."""
+    """Return the rectangle around the person in either map, with a margin that contains all pixels near a
+    border.
+    """
     if truth.shape != predicted.shape:
         raise ValueError(f"truth is {truth.shape} but the prediction is {predicted.shape}")
     return window_of(on_body(truth) | on_body(predicted), int(NEAR_PX) + 1)

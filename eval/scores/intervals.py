@@ -1,17 +1,17 @@
 """Confidence intervals by a bootstrap over subjects.
 
-Frames of one person resemble each other, so whole subjects are drawn with replacement, each with all of
-its frames: drawing frames again inside a drawn subject would count their spread twice (Davison & Hinkley,
-Bootstrap Methods and their Application, 1997, section 3.8). With a single subject its frames are drawn,
-and the interval holds for that person only.
+Frames of one person resemble each other, so whole subjects are drawn with replacement, each with all of its
+frames. Drawing frames again inside a drawn subject would count their spread twice (Davison & Hinkley,
+Bootstrap Methods and their Application, 1997, section 3.8). With a single subject its frames are drawn, and
+the interval holds for that person only.
 
-With few subjects a percentile interval is too narrow: it held the true mean in 86 % of the simulated sets
-of 8 subjects. So the resamples give the standard error, times sqrt(n / (n - 1)) for the n subjects it was
-estimated from; Student's t with n - 1 degrees of freedom gives the width (Hesterberg, What Teachers Should
-Know About the Bootstrap, American Statistician 69 (2015)); and the ends are computed on the logit scale,
-as surveys do for shares of clustered data, so that they stay in [0, 1] and lean the right way (Korn &
-Graubard, Survey Methodology 24 (1998); Dean & Pagano, J. Survey Statistics and Methodology 3 (2015)).
-`tools/measure/coverage.py` shows what that covers.
+With few subjects a percentile interval is too narrow: it held the true mean in 86 % of the simulated sets of
+8 subjects. Therefore the interval is computed in three steps (Hesterberg, What Teachers Should Know About the
+Bootstrap, American Statistician 69 (2015)). First, the resamples give the standard error, times sqrt(n / (n -
+1)) for n subjects. Second, Student's t with n - 1 degrees of freedom gives the width. Third, the ends are
+computed on the logit scale, which keeps them in [0, 1]. Sources: Korn & Graubard, Survey Methodology 24
+(1998); Dean & Pagano, J. Survey Statistics and Methodology 3 (2015). `tools/measure/coverage.py` measures the
+coverage.
 """
 
 from collections.abc import Sequence
@@ -49,7 +49,10 @@ def persons_of(subjects: Sequence[str]) -> list[str]:
 
 
 def cluster_sums(counts: Int64, clusters: Int64) -> Int64:
-    """Sums of the frames' counts (F, K) by cluster: (C, K); the counts themselves where each is its own."""
+    """Return the frames' counts (F, K) summed by cluster: (C, K).
+
+    Returns ``counts`` itself where each frame is a cluster.
+    """
     if np.array_equal(clusters, np.arange(len(counts))):
         return counts
     order = np.argsort(clusters, kind="stable")
@@ -58,7 +61,10 @@ def cluster_sums(counts: Int64, clusters: Int64) -> Int64:
 
 
 def resampled_sums(by_cluster: Int64, resamples: int = RESAMPLES, seed: int = SEED) -> Int64:
-    """Sums over each resample of as many clusters as there are: (C, K) -> int64 (resamples, K)."""
+    """Return the summed counts of bootstrap resamples: (C, K) -> int64 (resamples, K).
+
+    Each resample draws C clusters with replacement.
+    """
     n, rng = len(by_cluster), np.random.default_rng(seed)
     sums = np.zeros((resamples, by_cluster.shape[1]), np.int64)
     at_once = max(1, AT_ONCE // n)
@@ -73,9 +79,10 @@ def resampled_sums(by_cluster: Int64, resamples: int = RESAMPLES, seed: int = SE
 
 
 def standard_error(resampled: Scores, n: Int64 | int) -> Scores:
-    """Standard error of a score from its resamples (R, ...), estimated from n clusters (broadcast).
+    """Return the standard error of a score from its resamples (R, ...).
 
-    Resamples without a score are left out. NaN for fewer than two clusters.
+    n: number of clusters behind the score, broadcast. Resamples without a score are left out. NaN for fewer
+    than two clusters.
     """
     known = ~np.isnan(resampled)
     count = known.sum(0)
@@ -88,7 +95,7 @@ def standard_error(resampled: Scores, n: Int64 | int) -> Scores:
 
 
 def quantile(degrees: Float64 | Int64 | int) -> Float64:
-    """Half width of a t interval in standard errors."""
+    """Return the factor from a standard error to the half width of a 95 % t interval."""
     # As scipy.stats.t.ppf, whose import and checks of every call take seconds of a report.
     from scipy.special import stdtrit
 
@@ -96,9 +103,10 @@ def quantile(degrees: Float64 | Int64 | int) -> Float64:
 
 
 def interval(estimate: Scores, resampled: Scores, n: Int64 | int) -> Float64:
-    """Interval of shares: estimate (...), its resamples (R, ...), n clusters behind it -> (2, ...).
+    """Return the 95 % interval (2, ...) of scores in [0, 1].
 
-    NaN where the estimate is NaN or rests on one cluster; the estimate itself where no resample differs.
+    estimate: (...). resampled: (R, ...). n: number of clusters behind the estimate. The interval is NaN where
+    the estimate is NaN or has one cluster. Where all resamples are equal, both ends are the estimate.
     """
     from scipy.special import expit, logit
 
@@ -113,15 +121,19 @@ def interval(estimate: Scores, resampled: Scores, n: Int64 | int) -> Float64:
 
 
 def paired_interval(value: Scores, resampled: Scores, n: Int64 | int) -> Float64:
-    """Interval of a difference on the same frames: (...), its resamples (R, ...), n clusters -> (2, ...)."""
+    """Return the 95 % interval (2, ...) of a difference (...) measured on the same frames.
+
+    resampled: (R, ...). n: number of clusters.
+    """
     half = standard_error(resampled, n) * quantile(np.asarray(n) - 1)
     return np.clip(np.stack([value - half, value + half]), -1.0, 1.0)
 
 
 def unpaired_interval(value: Scores, resampled: Sequence[Scores], n: Sequence[Int64 | int]) -> Float64:
-    """Interval of a difference of two samples, each with its resamples (R, ...) and clusters -> (2, ...).
+    """Return the 95 % interval (2, ...) of a difference of two independent samples.
 
-    The errors add up, with Welch's degrees of freedom (Biometrika 34, 1947).
+    resampled, n: resamples (R, ...) and number of clusters of each sample. The variances add up, with Welch's
+    degrees of freedom (Biometrika 34, 1947).
     """
     a, b = (standard_error(scores, k) ** 2 for scores, k in zip(resampled, n, strict=True))
     spread = a**2 / np.maximum(np.asarray(n[0]) - 1, 1) + b**2 / np.maximum(np.asarray(n[1]) - 1, 1)
@@ -131,7 +143,7 @@ def unpaired_interval(value: Scores, resampled: Sequence[Scores], n: Sequence[In
 
 
 def note_on(subjects: Sequence[str]) -> str:
-    """Why an interval over these frames' subjects is doubtful; "" where it is not."""
+    """Return the reason why an interval over these frames' subjects is doubtful, or ""."""
     people, nameless = set(subjects), sum(name == UNKNOWN for name in subjects)
     if nameless:
         some = "" if nameless == len(subjects) else f" in {nameless} of {len(subjects)} frames"

@@ -1,8 +1,8 @@
 """Errors of a network's joints against true ones: MPJPE and PCK, in millimetres.
 
-Scored are the joints whose true place lies inside the depth image, hidden ones too, in frames whose labels
-come with a network's joints. MPJPE is their mean distance without any alignment; PCK@d the share within d.
-PCK@10 cm is the "mAP@10 cm" of ITOP.
+Joints are scored whose true place lies inside the depth image, occluded ones too, in frames with a network's
+joints. MPJPE is the mean distance without alignment. PCK@d is the share of joints within d; PCK@10 cm equals
+the "mAP@10 cm" of ITOP.
 """
 
 from typing import Any

@@ -1,4 +1,4 @@
-"""Compiled passes over a frame's pixels: each counts in one what NumPy would count in many.
+"""Compiled loops over a frame's pixels; each needs one pass where NumPy needs many.
 
 Images are C-contiguous and of one shape (h, w): label maps uint8, distances float32.
 """
@@ -15,7 +15,9 @@ CODES = 256
 
 @njit(cache=True, nogil=True)
 def pairs(truth: UInt8, predicted: UInt8, code: UInt8) -> Int64:
-    """How often each two codes stand at one pixel: int64 (C, C). code (256,): of each label, below C."""
+    """Return the number of pixels for each pair of codes: int64 (C, C). code: (256,), code of each label,
+    below C.
+    """
     counts = np.zeros((code.max() + 1, code.max() + 1), np.int64)
     # Most pixels repeat the one before: these are counted without touching the table.
     last, drawn, run = np.uint8(BACKGROUND), np.uint8(BACKGROUND), 0
@@ -35,7 +37,7 @@ def _on_body(part: np.uint8) -> bool:
 
 @njit(cache=True, nogil=True)
 def borders(labels: UInt8) -> UInt8:
-    """Part ids on the pixels with a 4-neighbour of another label, neither undefined; 0 elsewhere: (h, w)."""
+    """Return part ids on pixels with a 4-neighbour of another label, both defined; 0 elsewhere: (h, w)."""
     height, width = labels.shape
     found = np.zeros((height, width), np.uint8)
     for v in range(height):
@@ -54,9 +56,10 @@ def borders(labels: UInt8) -> UInt8:
 
 @njit(cache=True, nogil=True)
 def distances(labels: UInt8, border: UInt8, reach: float, around: float) -> Float32:
-    """Distance of every pixel to the nearest border pixel: float32 (h, w), Euclidean, pixels.
+    """Return the distance of every pixel to the nearest border pixel: float32 (h, w), Euclidean, pixels.
 
-    Infinite where it is farther than ``reach``, or than ``around`` off the body. border: of ``borders``.
+    Infinite where the distance exceeds ``reach``, or where the pixel is farther than ``around`` from the
+    person. border: of ``borders``.
     """
     height, width = labels.shape
     # Down and up the columns, then along each row as far as something nearer may lie.
@@ -89,7 +92,8 @@ def distances(labels: UInt8, border: UInt8, reach: float, around: float) -> Floa
 def bands(
     truth: UInt8, predicted: UInt8, of_truth: Float32, of_prediction: Float32, widths: Float32
 ) -> Int64:
-    """Pixels of both, of the truth's and of the prediction's band by width and part: int64 (W, 12, 3).
+    """Return pixels in both bands, in the truth's and in the prediction's, by width and part: int64 (W, 12,
+    3).
 
     of_truth, of_prediction: distances to the borders of either map; widths (W,).
     """
@@ -111,7 +115,7 @@ def bands(
 
 @njit(cache=True, nogil=True)
 def errors(truth: UInt8, predicted: UInt8, away: Float32, edges: Float32) -> Int64:
-    """Wrong and all person pixels of the truth by part and bin of distance: int64 (12, E + 1, 2).
+    """Return wrong and all person pixels of the truth, by part and bin of distance: int64 (12, E + 1, 2).
 
     edges (E,): exclusive upper ends of the bins.
     """
@@ -128,9 +132,9 @@ def errors(truth: UInt8, predicted: UInt8, away: Float32, edges: Float32) -> Int
 
 @njit(cache=True, nogil=True)
 def confidences(truth: UInt8, predicted: UInt8, confidence: Float32, near: UInt8) -> Int64:
-    """Pixels by the truth's part, whether it is predicted and near (0 or 1), and confidence: (12, 2, 2, 256).
+    """Return pixel counts by true part, correctness (0 or 1), near (0 or 1) and confidence: (12, 2, 2, 256).
 
-    Confidence in steps of 1/255, rounded; only where the prediction names a part and the truth is defined.
+    Confidence is rounded to steps of 1/255. Only pixels count with a predicted part and a defined truth.
     """
     counts = np.zeros((N_CLASSES, 2, 2, CODES), np.int64)
     for a, b, sure, close in zip(truth.flat, predicted.flat, confidence.flat, near.flat):  # noqa: B905
@@ -142,9 +146,10 @@ def confidences(truth: UInt8, predicted: UInt8, confidence: Float32, near: UInt8
 
 @njit(cache=True, nogil=True)
 def apart(border: UInt8, other: UInt8, reach: float) -> Float64:
-    """Distance of each border pixel, by rows, to the nearest of its part in the other map: float64 (n,).
+    """Return the distance of each border pixel, by rows, to the nearest of its part in the other map: float64
+    (n,).
 
-    Euclidean, pixels; infinite where it is farther than ``reach``. Both maps as of ``borders``.
+    Euclidean, pixels; infinite where it exceeds ``reach``. Both maps as of ``borders``.
     """
     height, width = border.shape
     found, n = np.full(np.count_nonzero(border), np.inf), 0

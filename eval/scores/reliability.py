@@ -1,7 +1,7 @@
-"""Reliability of a prediction's confidence, by bins; labels that the prediction doubts.
+"""Reliability of a prediction's confidence by bins, and labels to which the prediction gives low probability.
 
-Only pixels count where the prediction names a body part and the truth is defined: where it names none,
-label sets hold no confidence.
+Only pixels count with a predicted body part and a defined truth, because label sets hold confidence only
+there.
 """
 
 from typing import NamedTuple
@@ -27,12 +27,12 @@ _BIN = np.minimum(np.arange(LEVELS + 1) * N_BINS // LEVELS, N_BINS - 1)
 def confidence_counts(
     truth: Labels, predicted: Labels, confidence: Float32, near: Bool
 ) -> tuple[Counts, Counts]:
-    """Reliability (2, 15, 3) and quality of the labels (12, 2), int64.
+    """Return reliability counts (2, 15, 3) and label-quality counts (12, 2), int64.
 
-    Reliability: pixels, right ones, sum of confidence in 1/255, by bin, inside and near borders. Quality: sum
-    of each true label's probability in 1/255, and pixels, by true part. A label that the prediction shares
-    has the confidence as its probability, another one at most the rest. Low means: the label is wrong, or the
-    prediction is, with conviction. near: flags (h, w).
+    near: bool (h, w), pixels near a border. Reliability: pixels, correct pixels and summed confidence in
+    1/255, by bin, inside and near borders. Quality: summed probability of the true label in 1/255, and
+    pixels, by true part. Where both labels agree, that probability is the confidence, else at most the rest.
+    A low quality means a wrong label or a wrong, confident prediction.
     """
     images = truth, predicted, confidence, near
     table = passes.confidences(*map(np.ascontiguousarray, images))  # (part, right, near, step)
@@ -47,7 +47,7 @@ def confidence_counts(
 
 
 class Curve(NamedTuple):
-    """Reliability by bin (..., 15): mean confidence and accuracy (NaN where empty), and pixels."""
+    """Reliability curve by bin (..., 15): mean confidence and accuracy (NaN where empty), and pixels."""
 
     confidence: Scores
     accuracy: Scores
@@ -55,13 +55,14 @@ class Curve(NamedTuple):
 
 
 def reliability_curve(counts: Counts) -> Curve:
-    """The curve of reliability counts (..., 15, 3)."""
+    """Return the curve of reliability counts (..., 15, 3)."""
     pixels = counts[..., 0]
     return Curve(ratio(counts[..., 2], pixels * LEVELS), ratio(counts[..., 1], pixels), pixels)
 
 
 def calibration_error(counts: Counts) -> Scores:
-    """Expected calibration error (..., 15, 3) -> (...): mean gap of accuracy and confidence, by pixels.
+    """Return the expected calibration error (..., 15, 3) -> (...): pixel-weighted mean gap of accuracy and
+    confidence.
 
     NaN without a pixel. Source: Naeini et al., AAAI 2015; Guo et al., ICML 2017.
     """

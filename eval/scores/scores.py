@@ -1,4 +1,4 @@
-"""Every score by name from the counts of a frame, of a set, or of the resamples of a bootstrap; as JSON."""
+"""All scores by name, computed from the counts of a frame, a set, or bootstrap resamples; also as JSON."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -29,12 +29,12 @@ _WIDTH = WIDTHS_PX.index(4.0)
 
 
 def scores_of(counts: FrameCounts) -> dict[str, Scores]:
-    """All scores of counts with leading axes `...`; NaN where there is nothing to score.
+    """Return all scores of counts with leading axes `...`; NaN where nothing can be scored.
 
-    Scalars (...) first, then by class (..., 12), by tolerance or width, and by distance. boundary_f is
-    the one at 2 px, boundary_iou the one at 4 px. inside, near: pixels away from and near the borders
-    of the truth. person: pixels that truth and prediction both call a person. all: background counts
-    as a twelfth class. merged: left and right are one.
+    Scalars (...) first, then by class (..., 12), by tolerance or width, and by distance. boundary_f is at 2
+    px, boundary_iou at 4 px. inside, near: pixels away from and near the borders of the truth. person: pixels
+    that truth and prediction both call a person. all: background counts as a twelfth class. merged: left and
+    right are one class.
     """
     ece = {"ece": counts.reliability.sum(-3), "ece_near": counts.reliability[..., 1, :, :]}
     return {
@@ -117,7 +117,7 @@ _NAMES = {
 
 
 def plain(values: Scores | float) -> JsonScore:
-    """Numbers as JSON has them: NaN, which it lacks, becomes null."""
+    """Return numbers as JSON values; NaN becomes null."""
     array = np.asarray(values, np.float64)
     if array.ndim:
         return [plain(value) for value in array]
@@ -125,7 +125,7 @@ def plain(values: Scores | float) -> JsonScore:
 
 
 def named(name: str, values: Scores) -> JsonScore:
-    """A score, or its interval (2, ...), with names along its last axis; background is left out."""
+    """Return a score, or its interval (2, ...), with names along its last axis; background is left out."""
     if name in PART_SCORES:
         return {part.name: plain(values[..., part.id]) for part in BODY_PARTS}
     if name == "error_by_distance_by_part":

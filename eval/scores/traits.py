@@ -1,4 +1,4 @@
-"""Traits of a frame: the person, the pose, the distance, and what makes it hard."""
+"""Traits of a frame: the person, the pose, the distance, and causes of difficulty."""
 
 import math
 from collections import defaultdict
@@ -28,10 +28,10 @@ NOTHING_HARD = "nothing named"
 class Traits:
     """Traits of one frame; "" and NaN where unknown.
 
-    activity: the pose's family. view: the side that the camera sees. distance_m: median depth of the
-    person. invalid_share: pixels without a reading in the person's box; unknown where the depth image
-    shows the person only. status, predicted_status: of the truth and the prediction. hard: what makes
-    the frame hard, in words. mm_per_px: what a pixel spans at the person's distance.
+    activity: kind of pose. view: side of the person that the camera shows. distance_m: median depth of the
+    person. invalid_share: share of pixels without a reading in the person's box; unknown where the depth
+    image shows the person only. status, predicted_status: of the truth and the prediction. hard: causes of
+    difficulty, in words. mm_per_px: millimetres per pixel at the person's distance.
     """
 
     activity: str = ""
@@ -45,7 +45,7 @@ class Traits:
 
 
 def traits_of(truth: FrameLabels, predicted: FrameLabels, camera: Intrinsics) -> Traits:
-    """Traits of a frame, from the truth's notes and depth. camera: of its depth image."""
+    """Return the traits of a frame from the truth's notes and depth. camera: of its depth image."""
     whole = on_body(truth.parts)
     box = window_of(whole)
     person, depth_mm = whole[box], truth.depth_mm[box]
@@ -65,9 +65,10 @@ def traits_of(truth: FrameLabels, predicted: FrameLabels, camera: Intrinsics) ->
 
 
 def groups(subjects: Sequence[str], traits: Sequence[Traits]) -> dict[str, dict[str, Index]]:
-    """Indices (n,) of frames by trait and value, in the order to show; without what no frame has.
+    """Return indices (n,) of frames by trait and value, in display order; traits that no frame has are left
+    out.
 
-    A frame with several causes of hardness is in several groups.
+    A frame with several causes of difficulty is in several groups.
     """
     hard = _by_value(t.hard for t in traits)
     if hard:
@@ -86,7 +87,7 @@ def groups(subjects: Sequence[str], traits: Sequence[Traits]) -> dict[str, dict[
 
 
 def _by_value(values: Iterable[Sequence[str]]) -> dict[str, Index]:
-    """Indices (n,) of the frames that have each value, by value in order; "" is none."""
+    """Return indices (n,) of the frames with each value, sorted by value; frames with "" are left out."""
     found = defaultdict(list)
     for i, own in enumerate(values):
         for value in own:
@@ -103,7 +104,7 @@ def _binned(values: Sequence[float], edges: tuple[float, ...], scale: float, uni
 
 
 def _invalid_share(depth_mm: UInt16, person: Bool) -> float:
-    """Of the person's box (h, w)."""
+    """Return the share of pixels without a reading in the box of the person (h, w)."""
     if not person.size:
         return math.nan
     around = depth_mm[~person]
@@ -124,8 +125,11 @@ def _hard(notes: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _side(azimuth_deg: object) -> str:
-    """azimuth_deg: where the camera stands, from the sofa's front or the bed's foot, growing to the left of
-    who sits on the sofa."""
+    """Return the name of the person's side that the camera shows.
+
+    azimuth_deg: azimuth of the camera from the sofa's front or the bed's foot, growing to the left of a
+    seated person.
+    """
     angle = _number(azimuth_deg)
     if math.isnan(angle):
         return ""
@@ -133,7 +137,7 @@ def _side(azimuth_deg: object) -> str:
 
 
 def writable(text: str) -> str:
-    """Text that a file can hold: labels may name somebody by half a surrogate pair."""
+    """Return text that can be encoded as UTF-8, because names in labels may not be."""
     return text.encode(errors="replace").decode()
 
 
@@ -143,7 +147,7 @@ def _text(value: object) -> str:
 
 
 def _number(value: object) -> float:
-    """A finite number, or NaN for whatever else a file holds."""
+    """Return a finite number, or NaN for any other value of a file."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return math.nan
     return float(value) if abs(value) < 1e9 else math.nan

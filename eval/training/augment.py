@@ -28,12 +28,13 @@ SMOOTH = 0.2  # share of the images without their sensor's noise, as some driver
 
 @dataclass(frozen=True)
 class Augmentation:
-    """Changes to training images; all by default.
+    """Switches for the changes to training images; all are on by default.
 
-    mirror: left and right exchanged. place: zoom, shift, depth moved and stretched. turn: in the image plane.
-    noise: of the sensor, flying pixels at rims. holes: pixels and patches without depth. occluders: things in
-    front of the person, blankets over the person. cuts: missing parts of an extraction. borders: of the
-    image. extras: furniture that the extraction keeps.
+    mirror: exchange left and right. place: zoom, shift, and move and stretch depth. turn: rotate in the image
+    plane. noise: add sensor noise, and flying pixels at silhouettes. holes: remove depth at pixels and
+    patches. occluders: put objects in front of the person, or a blanket on the person. cuts: remove parts of
+    the person as a failing extraction does. borders: cut the person at an image border. extras: add furniture
+    that the extraction keeps by mistake.
     """
 
     mirror: bool = True
@@ -53,9 +54,10 @@ Example = tuple[Float32, UInt8, Float32]
 
 
 def augment(example: Example, how: Augmentation, rng: np.random.Generator) -> Example:
-    """Return a harder copy of a crop. A removed pixel has depth 0 and is background; an added one has depth.
+    """Return a copy of a crop with random faults.
 
-    After a cut the crop is fitted to the rest of the person, as around a real extraction.
+    A removed pixel has depth 0 and is background; an added pixel has depth and is background. After a cut,
+    the crop is fitted to the rest of the person, as around a real extraction.
     """
     depth, parts, whole = example
     if not (depth > 0).any():
@@ -127,13 +129,19 @@ def _uncut(person: Bool, how: Augmentation, rng: np.random.Generator) -> Bool:
 
 
 def _warm_enough(person: Bool, rng: np.random.Generator) -> Bool:
-    """Return all but the coldest patches, up to 30 % of the person: wet or thick clothes, cold limbs."""
+    """Return the person's pixels (h, w) without the coldest patches, which cover up to 30 % of the person.
+
+    Patches stand for wet or thick clothes and cold limbs.
+    """
     warmth = smooth_noise(person.shape, int(rng.integers(4, 10)), rng)
     return np.asarray(warmth > np.quantile(warmth[person], rng.uniform(0, 0.3)), np.bool_)
 
 
 def _ragged(person: Bool, rng: np.random.Generator) -> Bool:
-    """Return all but bits of the rim, 1 to 5 px wide, because a thermal camera is coarser than depth."""
+    """Return the person's pixels (h, w) without random pieces of the silhouette, 1 to 5 px wide.
+
+    The pieces stand for the coarser pixels of a thermal camera.
+    """
     side = 2 * int(rng.integers(1, 6)) + 1
     inside = cv2.erode(person.astype(np.uint8), np.ones((side, side), np.uint8))
     torn = smooth_noise(person.shape, int(rng.integers(15, 45)), rng) < rng.uniform(-0.7, 0.5)
@@ -145,7 +153,7 @@ def _rim(person: Bool) -> Bool:
 
 
 def _with_extras(depth: Float32, rng: np.random.Generator) -> Float32:
-    """Add flat bits of furniture at the silhouette, at its depth or behind."""
+    """Add flat pieces of furniture beside the silhouette, as near as the person or farther."""
     person = depth > 0
     rim = _rim(person)
     result = depth.copy()
@@ -181,7 +189,7 @@ def _framed(depth: Float32, parts: UInt8, rng: np.random.Generator) -> Image:
 
 
 def _placed(example: Example, how: Augmentation, rng: np.random.Generator) -> Example:
-    """Mirror, turn, widen and fit the square around the person, nearly, by one resampling."""
+    """Mirror, rotate and stretch a crop, and fit its square roughly to the person, in one resampling."""
     depth, parts, whole = example
     size = depth.shape[0]
     mirror = -1.0 if how.mirror and rng.random() < 0.5 else 1.0
@@ -207,7 +215,10 @@ def _placed(example: Example, how: Augmentation, rng: np.random.Generator) -> Ex
 
 
 def _noise(seen: Bool, rng: np.random.Generator) -> Float32:
-    """Return pixel noise, slow waves of up to 6 mm, and flying pixels at the rim, in the crop's units."""
+    """Return depth noise (h, w) to add to a crop, in its units (1 = 2000 mm).
+
+    The noise is the sum of pixel noise, smooth noise of up to 6 mm, and flying pixels at the silhouette.
+    """
     sigma, wave = rng.uniform(0, 0.003, 2)
     noise = rng.standard_normal(seen.shape, np.float32) * np.float32(sigma)
     noise += smooth_noise(seen.shape, int(rng.integers(6, 20)), rng) * np.float32(wave)
@@ -218,7 +229,9 @@ def _noise(seen: Bool, rng: np.random.Generator) -> Float32:
 
 
 def _holes(shape: tuple[int, ...], rng: np.random.Generator) -> Bool:
-    """Return up to 4 % single pixels, and small patches in half of the draws."""
+    """Return a mask (h, w) of lost pixels: up to 4 % single pixels, and small patches in half of the
+    draws.
+    """
     holes = rng.random(shape, np.float32) < rng.uniform(0, 0.04)
     if rng.random() < 0.5:
         holes |= smooth_noise(shape, int(rng.integers(10, 30)), rng) > rng.uniform(1.3, 2.2)

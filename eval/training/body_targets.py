@@ -1,4 +1,4 @@
-"""Facing, posture and joints of the person in a training image, as one row of values; NaN = unknown."""
+"""Training targets for facing, posture and joints of a person, as one row of values; NaN = unknown."""
 
 import numpy as np
 
@@ -40,7 +40,9 @@ def body_targets(frames: LabelledFrames, frame: FrameLabels) -> Float32:
 
 
 def _in_crop(frames: LabelledFrames, frame: FrameLabels, joints_mm: Float64) -> Float64:
-    """Return joints (J, 3), camera frame, as shares of the crop's side and depth in its units."""
+    """Return joints (J, 3), camera frame, as columns and rows in shares of the crop's side, and depth in its
+    units.
+    """
     seen = person_of(frame.parts) & (frame.depth_mm > 0)
     camera, crop = pinhole_of(frame, camera_of(frames, frame)), network_crop(seen)
     x, y, z = joints_mm.T

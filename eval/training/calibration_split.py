@@ -62,6 +62,6 @@ def calibration_split(crops: Crops) -> CalibrationSplit:
 
 
 def _spread(count: int) -> list[int]:
-    """Return the numbers, evenly spread, of the left-out share of ``count`` things."""
+    """Return evenly spread indices of the left-out share of ``count`` items."""
     n = max(1, round(count * SHARE))
     return [int((i + 0.5) * count / n) for i in range(n)]

@@ -1,4 +1,4 @@
-"""Persons' crops for a training, deflated in a nameless file: 14 kB each instead of 135."""
+"""Persons' crops for a training, compressed in a temporary file: 14 kB each instead of 135."""
 
 import zlib
 from array import array
@@ -37,11 +37,11 @@ def to_crop(frame: FrameLabels) -> tuple[Float32, UInt8]:
 
 @dataclass(frozen=True)
 class Crops:
-    """Deflated crops of one shape (h, w).
+    """Compressed crops of one shape (h, w).
 
-    packed: bytes in a nameless file that ends with the process. places: int64 (N, 3), start of a crop's
-    depth, end of it, end of its parts. wholes: float32 (N, ROW), as of ``eval.training.body_targets``. crc32:
-    checksum of these crops. subjects: (N,) str.
+    packed: bytes in an unlinked temporary file, deleted with the process. places: int64 (N, 3), offsets of
+    the start of a crop's depth, its end, and the end of its parts. wholes: float32 (N, ROW), targets of
+    ``eval.training.body_targets``. crc32: checksum of these crops. subjects: (N,) str.
     """
 
     packed: UInt8
@@ -101,17 +101,19 @@ class Crops:
         return self.depth(index).astype(np.float32) / DEPTH_STEPS, self.parts(index)
 
     def batches(self, size: int) -> Iterator[tuple[Float32, UInt8]]:
-        """Yield depth (B, h, w) and parts of ``size`` crops after the other, in order."""
+        """Yield depth (B, h, w) and parts of all crops in order, ``size`` at a time."""
         for start in range(0, len(self), size):
             images = [self.image(i) for i in range(start, min(start + size, len(self)))]
             yield np.stack([depth for depth, _ in images]), np.stack([parts for _, parts in images])
 
     def spread(self, n: int) -> "Crops":
-        """Return ``n`` crops, evenly spread because neighbours show one person, or all of fewer."""
+        """Return ``n`` evenly spread crops, because neighbours show one person; all crops if they are
+        fewer.
+        """
         return self.chosen(np.linspace(0, len(self) - 1, min(n, len(self))).astype(np.int64))
 
     def chosen(self, index: Int64) -> "Crops":
-        """Return the crops of these numbers (m,), in this order; bytes are not copied."""
+        """Return the crops at indices (m,), in this order; bytes are not copied."""
         return replace(
             self,
             places=self.places[index],
@@ -124,9 +126,10 @@ class Crops:
 def load_crops(
     sources: list[Path], without: frozenset[str] = frozenset(), only: frozenset[str] | None = None
 ) -> Crops:
-    """Read label sets and datasets, all subjects but ``without``, or ``only`` some.
+    """Read label sets and datasets.
 
-    Frames without a labelled part are left out. Raises CloudError where all are, or on a full disk.
+    without: subjects to leave out. only: subjects to read; None = all. Frames without a labelled part are
+    left out. Raises CloudError where no frame remains, or on a full disk.
     """
     names, subjects = ", ".join(map(str, sources)), list[str]()
     taught = _labelled([open_frames(path) for path in sources], without, only)

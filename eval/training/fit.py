@@ -1,4 +1,4 @@
-"""One training loop for all networks: resumable from any moment, deterministic given a seed."""
+"""One training loop for all networks: resumable at any step, deterministic given a seed."""
 
 import json
 import math
@@ -22,7 +22,7 @@ B = TypeVar("B")
 
 @dataclass(frozen=True)
 class Point:
-    """Mean training loss per pixel since the point before, and the images seen by then."""
+    """Mean training loss per pixel since the previous point, and the number of images seen so far."""
 
     images: int
     loss: float
@@ -58,9 +58,9 @@ class Progress:
 class Schedule:
     """Length of a training and the settings of its optimizer; defaults are untuned.
 
-    epochs: of ``epoch_steps`` steps. minutes: length instead of the epochs. momentum: SGD at a constant rate
-    (None: AdamW, one cycle). averaged: decay of the moving average of the weights, 0: none. statistics:
-    whether normalisation learns from the batches.
+    epochs: number of epochs of ``epoch_steps`` steps each. minutes: length by the clock, instead of epochs.
+    momentum: use SGD at a constant rate; None = AdamW with one cycle of the learning rate. averaged: decay of
+    the moving average of the weights, 0 = none. statistics: True to update batch-normalisation statistics.
     """
 
     peak_rate: float
@@ -116,7 +116,7 @@ class State:
 
     @property
     def average(self) -> nn.Module:
-        """The network to measure and ship: the moving average, or the model without one."""
+        """Return the network to measure and ship: the moving average, or the model without one."""
         return self._average.module if self._average else self.model
 
     def _follow(self, average: Tensor, new: Tensor, step: Tensor | int) -> Tensor:
@@ -192,7 +192,7 @@ class Training(Protocol[B]):
 
     @property
     def schedule(self) -> Schedule:
-        """Length and optimizer."""
+        """Return the length of the training and the settings of its optimizer."""
         ...
 
     def batches(self, step: int) -> Iterator[B]:
@@ -204,7 +204,7 @@ class Training(Protocol[B]):
         ...
 
     def record(self, state: State, loss: float) -> bool:
-        """Take note of a step that was taken; return whether the state is to be saved now."""
+        """Process the loss of a finished step; return whether to save the state now."""
         ...
 
 
@@ -217,7 +217,7 @@ def fit(
 ) -> nn.Module:
     """Train a state to its end and return the moving average.
 
-    checkpoint: file of the state, written now and then and at the end; load it first to resume. watch: called
+    checkpoint: file of the state, written regularly and at the end; load it first to resume. watch: called
     after each step with its number and its loss. Raises CloudError where the loss is not finite.
     """
     schedule, progress = training.schedule, state.progress
@@ -253,7 +253,7 @@ def fit(
 
 
 def resumed(model: nn.Module, schedule: Schedule, checkpoint: Path) -> State:
-    """Return the state of a training, from its checkpoint if there is one. Raises FormatError."""
+    """Return the state of a training, from its checkpoint if the file exists. Raises FormatError."""
     state = State(model.to(memory_format=torch.channels_last), schedule)  # type: ignore[call-overload]
     if checkpoint.exists():
         state.load(checkpoint)

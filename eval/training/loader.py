@@ -1,4 +1,6 @@
-"""Batches of augmented crops: an image is a function of (seed, epoch, index), so any step can come first."""
+"""Batches of augmented crops; an image depends on (seed, epoch, index) only, so training can resume at any
+step.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -38,9 +40,10 @@ class Images(Dataset[Batch]):
 
 @dataclass(frozen=True)
 class BatchOrder:
-    """Order of crops by steps. The rest of an epoch is dropped; fewer crops than a batch are one batch.
+    """Order of crops by steps.
 
-    rank, world: number of this process, and of all that share each batch.
+    An incomplete last batch of an epoch is dropped; fewer crops than a batch are one batch. rank, world:
+    index of this process, and number of processes that share each batch.
     """
 
     images: int
@@ -59,12 +62,12 @@ class BatchOrder:
 
     @property
     def step_images(self) -> int:
-        """Images of one step, all processes together."""
+        """Return the number of images of one step over all processes."""
         return min(self.batch, self.images)
 
     @property
     def epoch_steps(self) -> int:
-        """Steps of one epoch."""
+        """Return the number of steps of one epoch."""
         return self.images // self.step_images
 
     def after(self, step: int) -> Iterator[list[Turn]]:
@@ -89,8 +92,8 @@ def batches(images: Images, order: BatchOrder, step: int, workers: int = 0) -> I
 def workers_watched() -> Iterator[None]:
     """Raise CloudError where a worker process is killed, instead of torch's errors.
 
-    torch raises its error from a signal's handler, at any moment of the training. A batch that is just
-    being read ends in an error of the pipe.
+    torch raises its error in a signal handler, at any point of the training. Reading a batch at that time
+    ends in a pipe error.
     """
     try:
         yield

@@ -1,6 +1,6 @@
-"""Blankets and boards that lie on a person and that the extraction keeps.
+"""Blankets and boards on a person that the extraction keeps by mistake.
 
-An occluder has depth, in front of the pixels that it hides, and is background. Crops are as in
+An occluder has depth in front of the hidden pixels and the label background. Crops are as in
 `eval.training.augment`. Constants are untuned.
 """
 
@@ -19,13 +19,16 @@ THICK = (0.005, 0.03)  # of 2000 mm: distance of a blanket in front of the neare
 
 
 def smooth_noise(shape: tuple[int, ...], cells: int, rng: np.random.Generator) -> Float32:
-    """Return smooth noise (h, w) of about unit deviation, ``cells`` bumps across."""
+    """Return smooth noise (h, w) of about unit standard deviation, with ``cells`` bumps across."""
     coarse = rng.standard_normal((cells, cells), np.float32)
     return np.asarray(cv2.resize(coarse, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC), np.float32)
 
 
 def random_shapes(person: Bool, count: int, half_px: tuple[float, float], rng: np.random.Generator) -> Bool:
-    """Return boxes and ellipses centred on random pixels of the person (h, w), half sizes in pixels."""
+    """Return a mask (h, w) of ``count`` boxes and ellipses centred on random pixels of the person.
+
+    half_px: least and greatest half side in pixels.
+    """
     canvas = np.zeros(person.shape, np.uint8)
     v, u = np.nonzero(person)
     for _ in range(count):
@@ -54,9 +57,10 @@ def blanket_band(parts: UInt8, rng: np.random.Generator) -> Bool:
 
 
 def add_blanket(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple[Float32, UInt8]:
-    """Lay a blanket from the trunk down: it spans between the legs, hangs beyond and has folds.
+    """Lay a blanket over the person from the trunk down, with folds; it spans between the legs and hangs
+    beyond.
 
-    It has no depth in patches, or in whole blankets, as where an extraction leaves it out.
+    Patches of a blanket, or a whole blanket, have no depth, as where an extraction removes it.
     """
     under = (depth > 0) & np.isin(parts, UNDER)
     band = blanket_band(parts, rng)
@@ -100,7 +104,10 @@ def add_board(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple[F
 def _in_front(
     crop: tuple[Float32, UInt8], surface: Float32, kept: Bool, rng: np.random.Generator
 ) -> tuple[Float32, UInt8]:
-    """Put a surface (h, w), infinite outside, in front of a crop; it has depth only where ``kept``."""
+    """Put a surface (h, w), infinite outside its outline, in front of a crop.
+
+    kept: bool (h, w); other pixels of the surface have no depth.
+    """
     depth, parts = crop
     seen = np.isfinite(surface) & ((depth == 0) | (surface < depth))
     noise, lost = sensor_noise(depth, rng)
@@ -109,7 +116,9 @@ def _in_front(
 
 
 def sensor_noise(depth: Float32, rng: np.random.Generator) -> tuple[Float32, Bool]:
-    """Return noise (h, w) and lost pixels as on the person, because smoothness would mark an occluder."""
+    """Return noise (h, w) and lost pixels like the person's, because a network could detect a smooth
+    occluder.
+    """
     person = (depth > 0).astype(np.uint8)
     inner = cv2.erode(person, np.ones((3, 3), np.uint8)) > 0
     closed = cv2.erode(cv2.morphologyEx(person, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)), np.ones((5, 5)))

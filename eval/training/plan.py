@@ -26,12 +26,13 @@ Precision = Literal["float32", "bfloat16"]
 
 @dataclass(frozen=True)
 class ModernRecipe:
-    """AdamW, one cycle of the learning rate, mean cross entropy over the pixels with depth; untuned.
+    """Recipe with AdamW, one cycle of the learning rate, and mean cross entropy over pixels with depth;
+    untuned.
 
-    balance: a class weighs its share of the pixels to the power of minus this. facing, posture, joints:
-    weights in the loss, beside 1 of the parts. clip: largest norm of a gradient. averaged: decay of the
-    weights' moving average. coarse: share of the training on images of ``COARSE`` times the side, twice as
-    fast. statistics: whether normalisation learns from the batches.
+    balance: exponent; a class weighs (its share of the pixels) ** -balance. facing, posture, joints: weights
+    in the loss, beside 1 for the parts. clip: largest norm of a gradient. averaged: decay of the weights'
+    moving average. coarse: first share of the training, on images with ``COARSE`` times the side, twice as
+    fast. statistics: True to update batch-normalisation statistics.
     """
 
     batch: int = 32
@@ -49,7 +50,7 @@ class ModernRecipe:
 
 @dataclass(frozen=True)
 class PaperRecipe:
-    """SGD with momentum at a constant rate; cross entropy summed over all pixels, background too.
+    """Recipe of the paper: SGD with momentum at a constant rate; cross entropy summed over all pixels.
 
     Source: Nishi & Miura 2017, section 3.2, after Oliveira et al. 2016: rate 1e-10, momentum 0.99, batches of
     twelve. For the mean loss of 12 x 212 x 212 pixels the rate is 5.4e-5.
@@ -69,9 +70,10 @@ Recipe = ModernRecipe | PaperRecipe
 
 @dataclass(frozen=True)
 class Plan:
-    """All of a training but its data. precision: of the forward pass.
+    """Settings of a training without its data.
 
-    epochs: passes over all images. minutes: length instead; the result then depends on the clock.
+    precision: number format of the forward pass. epochs: passes over all images. minutes: length by the clock
+    instead; the result then depends on the machine's speed.
     """
 
     network: NetworkConfig = field(default_factory=CompactConfig)
@@ -84,7 +86,7 @@ class Plan:
 
     @property
     def rounds(self) -> int:
-        """Passes over all images at most."""
+        """Return the largest number of passes over all images."""
         return self.epochs if self.minutes is None else ENDLESS
 
     def schedule(self, epoch_steps: int, checkpoint_s: float) -> Schedule:
@@ -133,7 +135,7 @@ def at_resolution(recipe: Recipe, depth: Tensor, parts: Tensor, share: float) ->
 def class_weights(recipe: Recipe, parts: UInt8) -> Tensor:
     """Return the weight of each class (12,) in the loss, of mean 1 over the pixels of labels (N, h, w).
 
-    Background inside a person's outline is an error of the extraction: it weighs as the rarest part.
+    Background inside a person's outline is an error of the extraction and weighs as the rarest part.
     """
     if isinstance(recipe, PaperRecipe):
         return torch.ones(N_CLASSES)
@@ -147,9 +149,10 @@ def class_weights(recipe: Recipe, parts: UInt8) -> Tensor:
 
 @dataclass(frozen=True)
 class Loss:
-    """Loss of a recipe. weight: (12,), of the classes.
+    """Loss of a recipe.
 
-    group: the processes that share each batch; the mean of their losses is the loss of the batch.
+    weight: (12,), of the classes. group: the processes that share each batch; the mean of their losses is the
+    loss of the batch.
     """
 
     recipe: Recipe
@@ -157,7 +160,7 @@ class Loss:
     group: ProcessGroup = ALONE
 
     def of(self, output: NetworkOutput, batch: Batch) -> tuple[Tensor, float]:
-        """Return the loss to minimise, and the parts' mean loss of a pixel."""
+        """Return the loss to minimise, and the mean part loss per pixel to report."""
         depth, parts, whole = batch
         scores, target, weight, group = output.scores.float(), parts.long(), self.weight, self.group
         if isinstance(self.recipe, ModernRecipe):
@@ -172,7 +175,7 @@ class Loss:
         return group.world * summed, mean
 
     def _of_body(self, recipe: ModernRecipe, output: NetworkOutput, whole: Tensor) -> Tensor:
-        """Return the weighted loss of facing, posture and joints, each over the known ones."""
+        """Return the weighted loss of facing, posture and joints; unknown targets are left out."""
         if output.facing is None or output.posture is None or output.joints is None:
             return torch.zeros(())
         known, whole = torch.isfinite(whole), whole.nan_to_num(0)

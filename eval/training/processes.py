@@ -39,7 +39,7 @@ class ProcessGroup:
 
     @property
     def first(self) -> bool:
-        """True for the process that writes and reports."""
+        """Return True for the process that writes files and reports."""
         return self.rank == 0
 
     def wait(self) -> None:
@@ -52,7 +52,7 @@ class ProcessGroup:
         return _all_sum(value.detach()) if self.world > 1 else value.detach()
 
     def by_the_first(self, seconds: float) -> float:
-        """Return the first process's seconds, because all processes end together."""
+        """Return the seconds of the first process, because all processes must end at the same step."""
         return float(self.total(torch.tensor(seconds if self.first else 0.0, dtype=torch.float64)))
 
     def together(self, model: nn.Module) -> nn.Module:
@@ -95,7 +95,7 @@ def _sum(value: Tensor) -> Tensor:
 class _NormOverAll(nn.BatchNorm2d):
     """Batch normalisation over all processes; torch's SyncBatchNorm needs a GPU.
 
-    Every process has as many images as the others or one fewer, of one size.
+    The processes have images of one size; their numbers of images differ by one at most.
     """
 
     def forward(self, x: Tensor) -> Tensor:

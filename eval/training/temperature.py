@@ -1,4 +1,4 @@
-"""Temperature that makes a network's confidences probabilities, fitted after the training."""
+"""Temperature scaling that calibrates a network's confidences after the training."""
 
 import math
 
@@ -19,10 +19,11 @@ def fitted_temperature(model: nn.Module, crops: Crops, batch: int = 32) -> float
 
 
 def temperature_of(scores: Tensor, target: Tensor) -> float:
-    """Return the temperature at which scores (V, N, K) explain classes (N,) best; 1 without any.
+    """Return the softmax temperature with the least cross entropy of scores (V, N, K) and classes (N,); 1
+    without any.
 
-    The probabilities of V views are averaged. Least mean cross entropy, by bisection of its slope. Source:
-    Guo et al. 2017, On Calibration of Modern Neural Networks.
+    The probabilities of V views are averaged. Found by bisection of the slope. Source: Guo et al. 2017, On
+    Calibration of Modern Neural Networks.
     """
     if not len(target):
         return 1.0

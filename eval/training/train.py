@@ -1,4 +1,4 @@
-"""Train a network on labelled crops: resumable from any moment, deterministic given a seed."""
+"""Train a network on labelled crops: resumable at any step, deterministic given a seed."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -32,7 +32,7 @@ WEIGHING_IMAGES = 512  # images that the classes' weights are counted on; untune
 
 
 def predicted(model: nn.Module, crops: Crops, batch: int = 32) -> Iterator[UInt8]:
-    """Yield part ids (B, h, w) of a network on crops: a part wherever there is depth."""
+    """Yield part ids (B, h, w) of a network on crops; each pixel with depth gets a body part."""
     model.eval()
     device = next(model.parameters()).device
     for depth, _ in crops.batches(batch):
@@ -52,7 +52,9 @@ def evaluate(model: nn.Module, crops: Crops, batch: int = 32) -> Int64:
 
 @dataclass(frozen=True)
 class Data:
-    """Crops to train on and to measure on, the network to start from (None: random weights), and workers."""
+    """Crops to train on and to measure on, the network to start from (None: random weights), and number of
+    workers.
+    """
 
     crops: Crops
     measured: Crops | None = None
@@ -62,7 +64,7 @@ class Data:
 
 @dataclass(frozen=True)
 class Watch:
-    """Calls after each step and each epoch, and seconds between two checkpoints.
+    """Callbacks after each step and each epoch, and the seconds between two checkpoints.
 
     advance: called with the images of a step, or with the seconds since the last call where the clock ends
     the training (``work_left``).
@@ -185,7 +187,11 @@ class _NetworkTraining:
         self._label_frame(model, 0)
 
     def _label_frame(self, model: nn.Module, epoch: int) -> None:
-        """Write the frame's labels after an epoch: each to 10, each tenth to 100 and so on, and the last."""
+        """Write the frame's labels after an epoch.
+
+        Labels are kept of epochs 1 to 10, then every tenth to 100, every hundredth to 1000 and so on, and of
+        the last.
+        """
         if epoch > 10 and epoch < self.plan.rounds and epoch % 10 ** (len(str(epoch)) - 1):
             return
         labels = next(predicted(model, self._frame))
@@ -207,7 +213,9 @@ class _NetworkTraining:
 
 
 def work_left(out: Path, plan: Plan, crops: Crops) -> tuple[int, str]:
-    """Return the rest of a training in ``out`` and its unit: images, or seconds where the clock ends it."""
+    """Return the rest of a training in ``out`` and its unit: images, or seconds where the clock ends the
+    training.
+    """
     path = out / CHECKPOINT
     progress = load_progress(path) if path.is_file() else Progress()
     if plan.minutes is not None:
@@ -217,7 +225,10 @@ def work_left(out: Path, plan: Plan, crops: Crops) -> tuple[int, str]:
 
 
 def _begin(out: Path, plan: Plan, data: Data) -> None:
-    """Write or compare the plan: settings, data and initial weights identify a training."""
+    """Write the plan of a new training, or check it against an earlier run in ``out``.
+
+    Settings, data and initial weights identify a training.
+    """
     images = {"images": len(data.crops), "crc32": data.crops.crc32}
     start = None if data.start is None else _crc32(data.start)
     text = json.dumps({**plan.described(), "data": images, "init": start}, sort_keys=True, indent=1)

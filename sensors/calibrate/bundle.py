@@ -38,7 +38,7 @@ READINGS = "readings"  # depth readings among the observations, beside the camer
 
 
 class Deviations(NamedTuple):
-    """Standard deviations of one pose: rotation_deg (3,) about, translation_mm (3,) along x, y, z."""
+    """Standard deviations of a pose: rotation_deg (3,) about x, y, z; translation_mm (3,) along x, y, z."""
 
     rotation_deg: Array
     translation_mm: Array
@@ -58,10 +58,10 @@ class Residuals(NamedTuple):
 
 
 class Adjusted(NamedTuple):
-    """A solved rig. deviations: by camera other than depth; residuals: by camera.
+    """Result of the bundle adjustment.
 
-    depth_shift_sd_mm: deviation of the calibration's depth shift. left_out: frame indices of bad views.
-    views: number of views with the plate.
+    deviations: by camera other than depth; residuals: by camera. depth_shift_sd_mm: standard deviation of the
+    calibration's depth shift. left_out: frame indices of bad views. views: number of views with the plate.
     """
 
     calibration: RigCalibration
@@ -104,7 +104,7 @@ def _check_enough(views: list[PlateView], name: str) -> None:
 
 
 def _lens(name: str, guess: Intrinsics, views: list[PlateView], plate: HolePlate) -> Intrinsics:
-    """Return one camera on its own (Zhang 2000, in OpenCV): the start."""
+    """Return the initial intrinsics of one camera, calibrated alone (Zhang 2000, in OpenCV)."""
     views = [view for view in views if name in view.centers_px]
     _check_enough(views, name)
     seen = [view.centers_px[name].astype(np.float32) for view in views]
@@ -117,7 +117,9 @@ def _lens(name: str, guess: Intrinsics, views: list[PlateView], plate: HolePlate
 
 
 def _relative(name: str, lenses: dict[str, Intrinsics], views: list[PlateView], plate: HolePlate) -> Pose:
-    """Return name_from_depth: of the poses of single views, the nearest to all others."""
+    """Return the initial pose name_from_depth: of the poses from single views, the one nearest to all
+    others.
+    """
     poses = [
         plate_pose(view.centers_px[name], plate, lenses[name])
         @ plate_pose(view.centers_px["depth"], plate, lenses["depth"]).inverse()
@@ -131,7 +133,7 @@ def _relative(name: str, lenses: dict[str, Intrinsics], views: list[PlateView], 
 
 
 def _packed(lenses: dict[str, Intrinsics], poses: dict[str, Pose], plates: list[Pose]) -> Array:
-    """Return the start as one vector, in the order of ``_Problem``."""
+    """Return the initial parameters as one vector, in the order of ``_Problem``."""
     numbers = [[getattr(lens, field) for field in LENS] for lens in lenses.values()]
     moves, views = (
         [np.r_[Rotation.from_matrix(p.rotation).as_rotvec(), p.translation_m] for p in group]
@@ -143,7 +145,7 @@ def _packed(lenses: dict[str, Intrinsics], poses: dict[str, Pose], plates: list[
 class _Seen(NamedTuple):
     """Observations of one kind, one row each: view number, pixels, known values, noise.
 
-    known: (n, 2) plate coordinates in metres of holes, or (n,) readings in millimetres.
+    known: (n, 2) plate coordinates of holes in metres, or (n,) readings in millimetres.
     """
 
     view: NDArray[np.int64]
@@ -154,7 +156,9 @@ class _Seen(NamedTuple):
 
 @dataclass(frozen=True)
 class _Problem:
-    """Unknowns [lenses (9 each), poses (6 each), depth shift, views (6 each)] in this order."""
+    """Least-squares problem with unknowns [lenses (9 each), poses (6 each), depth shift, views (6 each)] in
+    this order.
+    """
 
     cameras: tuple[str, ...]
     indices: tuple[int, ...]
@@ -164,7 +168,7 @@ class _Problem:
 
     @staticmethod
     def of(views: list[PlateView], plate: HolePlate, cameras: tuple[str, ...]) -> "_Problem":
-        """Return all observations of the views, with first guesses of their noise."""
+        """Return the problem with all observations of the views, and initial guesses of their noise."""
         seen = {}
         for name in cameras:
             rows = [(i, view.centers_px[name]) for i, view in enumerate(views) if name in view.centers_px]
@@ -177,14 +181,14 @@ class _Problem:
         return _Problem(cameras, tuple(view.index for view in views), plate.hole_m / 2, seen)
 
     def solve(self, x: Array, loss: str) -> Array:
-        """Return the least-squares solution from ``x`` on."""
+        """Return the least-squares solution that starts at ``x``."""
         found = least_squares(
             self.residuals, x, self.jacobian, method="trf", loss=loss, f_scale=2.0, x_scale="jac", max_nfev=40
         )
         return np.asarray(found.x, np.float64)
 
     def residuals(self, x: Array) -> Array:
-        """Return all residuals in units of their deviation: centres, depths, then priors."""
+        """Return all residuals divided by their standard deviation: centres, depths, then priors."""
         return np.concatenate([*(self._weighed(x, name) for name in self.seen), self._priors(x)])
 
     def _priors(self, x: Array) -> Array:
@@ -196,7 +200,7 @@ class _Problem:
         return np.asarray(self.errors(x, name) / self.seen[name].sigma).ravel()
 
     def errors(self, x: Array, name: str) -> Array:
-        """Return seen minus predicted: centres (n, 2) of one camera in pixels, or readings (n,) in mm."""
+        """Return observed minus predicted: centres (n, 2) of one camera in pixels, or readings (n,) in mm."""
         return self._errors_mm(x) if name == READINGS else self._errors_px(x, name)
 
     def _errors_px(self, x: Array, name: str) -> Array:
@@ -214,7 +218,7 @@ class _Problem:
         return np.asarray(seen.px - distort(_brown(lenses[name]), ideal) * (fx, fy) - (cx, cy), np.float64)
 
     def _errors_mm(self, x: Array) -> Array:
-        """Return readings minus the plate's depth along their pixels' rays."""
+        """Return depth readings minus the plate's depth along the rays of their pixels, in millimetres."""
         seen, (lenses, _, shift_mm, views) = self.seen[READINGS], self._unpacked(x)
         lens = lenses["depth"]
         ray = undistort(_brown(lens), (seen.px - lens[2:4]) / lens[:2], iterations=15)
@@ -225,7 +229,10 @@ class _Problem:
         return np.asarray(seen.known - 1000 * z - shift_mm, np.float64)
 
     def jacobian(self, x: Array) -> Array:
-        """Return forward differences; one step moves a number of every pose, because views are apart."""
+        """Return the Jacobian by forward differences.
+
+        One step changes the same number of every view's pose, because views do not depend on each other.
+        """
         base, shared, step = self.residuals(x), 15 * len(self.cameras) - 5, 1e-7
         views = [np.repeat(s.view, s.known.ndim) for s in self.seen.values()]  # a hole has two residuals
         rows, ends = np.concatenate(views), np.cumsum([len(view) for view in views])
@@ -255,14 +262,14 @@ class _Problem:
         return (self.cameras[column // 9 if column < poses else 1 + (column - poses) // 6],)
 
     def weighted(self, x: Array) -> "_Problem":
-        """Return the same problem with the noise of the residuals."""
+        """Return the same problem with noise estimated from the residuals."""
         sigmas = {name: float(ROBUST * np.median(np.abs(self.errors(x, name)))) for name in self.seen}
         return replace(self, seen={name: s._replace(sigma=sigmas[name]) for name, s in self.seen.items()})
 
     def without_bad(self, x: Array) -> "_Problem":
-        """Return the same problem without views in which any camera's errors stand out.
+        """Return the same problem without views whose errors in any camera are outliers.
 
-        There the plate slipped between the exposures, or other things were found as holes.
+        In such views the plate moved between the exposures, or other objects were detected as holes.
         """
         bad = np.zeros(len(self.indices), bool)
         for name in self.cameras:
@@ -278,7 +285,7 @@ class _Problem:
         return replace(self, seen=seen, left_out=tuple(np.array(self.indices)[bad].tolist()))
 
     def result(self, x: Array, guess: dict[str, Intrinsics], views: int) -> Adjusted:
-        """Return the rig of a solution, with its deviations."""
+        """Return the rig of a solution, with its standard deviations."""
         lenses, poses, shift_mm, _ = self._unpacked(x)
         _, pose_sd, shift_sd_mm, _ = self._unpacked(self._deviations(x))
         cameras: dict[str, Any] = {
@@ -310,10 +317,12 @@ class _Problem:
 
 
 def _moved(numbers: Array) -> tuple[Array, Array]:
-    """Return rotations (..., 3, 3) and translations of rotation vectors and translations (..., 6)."""
+    """Return rotations (..., 3, 3) and translations (..., 3) of pose vectors (..., 6), rotation vector
+    first.
+    """
     return Rotation.from_rotvec(numbers[..., :3]).as_matrix(), numbers[..., 3:]
 
 
 def _brown(lens: Array) -> Intrinsics:
-    """Return a camera with this distortion; size and focal length are unused."""
+    """Return a camera with this distortion, to apply it to rays; size and focal length are unused."""
     return Intrinsics(1, 1, 1.0, 1.0, 0.0, 0.0, *map(float, lens[4:]))

@@ -32,7 +32,7 @@ SAME_DEG, SAME_M = 4.0, 0.03  # a view that differs by less from an earlier one 
 
 
 class Placement(NamedTuple):
-    """Placement of the plate: place in the depth image (-1, 0, 1 to the right and down), tilt, distance."""
+    """Placement of the plate: cell of the depth image (-1, 0, 1 to the right and down), tilt, distance."""
 
     right: int
     down: int
@@ -41,7 +41,7 @@ class Placement(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Text for the person who holds the plate; right and left in the image."""
+        """Return an instruction for the person who holds the plate; right and left are in the image."""
         rows, columns = ("top", "middle", "bottom"), ("left", "centre", "right")
         place = f"{rows[self.down + 1]} {columns[self.right + 1]}".replace("middle centre", "centre")
         tilt = "facing the cameras" if self.tilt == "flat" else f"its {self.tilt} edge turned away"
@@ -50,7 +50,7 @@ class Placement(NamedTuple):
 
 @dataclass(frozen=True)
 class PlateSetup:
-    """Plate, rough calibration, and the plate's range: distances in metres, and x / z and y / z."""
+    """Plate, rough calibration, and the plate's range: distances in metres, and limits of x / z and y / z."""
 
     plate: HolePlate
     guess: RigCalibration
@@ -61,7 +61,7 @@ class PlateSetup:
 
     @staticmethod
     def of(guess: RigCalibration, plate: HolePlate) -> "PlateSetup":
-        """Return the range with the plate in every image and holes of HOLE_PX or more."""
+        """Return the setup whose range keeps the plate in every image and holes of HOLE_PX or more."""
         cameras = [camera for name in CAMERAS if (camera := getattr(guess, name)) is not None]
         views = np.min([(c.width / 2 / c.fx, c.height / 2 / c.fy) for c in cameras], axis=0)
         half_m = np.diff(plate.size_m, axis=0)[0] / 2
@@ -80,7 +80,7 @@ class PlateSetup:
         return Pose(rotation, center - rotation @ self.middle)
 
     def pose_of(self, view: PlateView) -> Pose:
-        """Return depth_from_plate of a view, which the depth camera must have."""
+        """Return depth_from_plate of a view; the depth camera must have found the plate."""
         return plate_pose(view.centers_px["depth"], self.plate, self.guess.depth)
 
     def placement_of(self, view: PlateView) -> Placement:
@@ -94,15 +94,16 @@ class PlateSetup:
 
     @property
     def middle(self) -> NDArray[np.float64]:
-        """Middle (3,) of the plate in its own frame."""
+        """Return the middle (3,) of the plate in its own frame, in metres."""
         return np.array([*self.plate.size_m.mean(axis=0), 0.0])
 
 
 @dataclass(frozen=True)
 class Guidance:
-    """State of the views so far. seen: their placements; wanted: the next one, None when done.
+    """State of the views so far.
 
-    found: the current calibration, None with too few views; good: whether it is reliable.
+    seen: placements of the views; wanted: next placement, None when done. found: current calibration, None
+    with too few views; good: True if the calibration is reliable.
     """
 
     seen: tuple[Placement, ...]
@@ -112,7 +113,9 @@ class Guidance:
 
 
 def guide(views: Sequence[PlateView], setup: PlateSetup) -> Guidance:
-    """Return the next wanted placement and the calibration of these views; pure."""
+    """Return the next wanted placement and the calibration of these views. The result depends on the
+    arguments only.
+    """
     seen = tuple(setup.placement_of(view) for view in views if "depth" in view.centers_px)
     found = _adjusted(views, setup)
     good = found is not None and len(seen) >= ENOUGH_VIEWS and judge(found)[0]
@@ -136,7 +139,7 @@ def next_placement(seen: Sequence[Placement]) -> Placement:
 
 
 def is_new(view: PlateView, before: Sequence[PlateView], setup: PlateSetup) -> bool:
-    """Return whether all cameras have the plate, held otherwise than in every view before."""
+    """Return whether all cameras found the plate, and its placement differs from every earlier view."""
     wanted = {name for name in CAMERAS if getattr(setup.guess, name) is not None}
     if not wanted <= view.centers_px.keys():
         return False

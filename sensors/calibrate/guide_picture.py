@@ -1,4 +1,6 @@
-"""Picture for the person who holds the hole plate: views so far, its current and its wanted place."""
+"""Picture for the person who holds the hole plate: earlier views, and the plate's current and wanted
+place.
+"""
 
 import cv2
 import numpy as np
@@ -22,7 +24,9 @@ def guide_picture(
     infrared: NDArray[np.uint16] | None,
     setup: PlateSetup,
 ) -> Image:
-    """Return the depth camera's infrared image, enlarged, with holes and plates: (h, w, 3) BGR."""
+    """Return the depth camera's infrared image, enlarged, with holes and plate outlines drawn: (h, w,
+    3) BGR.
+    """
     camera = setup.guess.depth
     scale = WIDTH_PX / camera.width
     picture = _grey(infrared, camera, scale)

@@ -24,10 +24,11 @@ MARGIN_MM = 12.0  # about the drawn plate, for the text and the line to measure
 
 @dataclass(frozen=True)
 class HolePlate:
-    """An asymmetric grid of holes. ``rows`` rows of ``columns``; every second row is shifted by a pitch.
+    """Plate with an asymmetric grid of holes: ``rows`` rows of ``columns``; every second row is shifted by a
+    pitch.
 
     pitch_m: distance of neighbouring rows, and half the distance of two holes of one row. hole_m: diameter.
-    Raises CalibrationError for a plate that cannot be drilled.
+    Raises CalibrationError for impossible dimensions.
     """
 
     columns: int = 4
@@ -48,13 +49,17 @@ class HolePlate:
 
     @property
     def centers_m(self) -> Array:
-        """Hole centres (rows * columns, 2) in the plate's plane, in the order of ``find_holes``."""
+        """Return the hole centres (rows * columns, 2) in the plate's plane, in the order of
+        ``find_holes``.
+        """
         row, column = np.divmod(np.arange(self.rows * self.columns), self.columns)
         return np.stack([2 * column + row % 2, row], axis=1) * self.pitch_m
 
     @property
     def size_m(self) -> Array:
-        """Lower and upper corner (2, 2) of the plate: a pitch and a half beyond the outermost centres."""
+        """Return the lower and upper corner (2, 2) of the plate, a pitch and a half beyond the outermost
+        centres.
+        """
         reach = self.centers_m.max(axis=0)
         return np.stack([np.full(2, -1.5 * self.pitch_m), reach + 1.5 * self.pitch_m])
 

@@ -23,9 +23,10 @@ CAMERAS = ("depth", "color", "thermal")
 
 @dataclass(frozen=True)
 class PlateView:
-    """One frame of the plate. centers_px: by camera, (n, 2) hole centres, only where all were found.
+    """Hole plate in one frame.
 
-    depth_px: (k, 2) pixels (u, v) of readings on the plate; depth_mm: (k,) those readings.
+    centers_px: by camera, (n, 2) hole centres, only where all were found. depth_px: (k, 2) pixels (u, v) of
+    readings on the plate; depth_mm: (k,) these readings.
     """
 
     index: int
@@ -35,9 +36,9 @@ class PlateView:
 
 
 def view_plate(frame: RigFrame, plate: HolePlate, depth_camera: Intrinsics) -> PlateView:
-    """Find the plate in all of a frame's images; the depth camera's is its infrared image.
+    """Find the plate in all images of a frame; for the depth camera, in its infrared image.
 
-    depth_camera: a rough guess, which only selects the readings on the plate.
+    depth_camera: rough intrinsics, which only select the readings on the plate.
     """
     color = frame.decode_color()
     images = {
@@ -54,7 +55,7 @@ def view_plate(frame: RigFrame, plate: HolePlate, depth_camera: Intrinsics) -> P
 
 
 def with_all_cameras(guess: RigCalibration, frame: RigFrame) -> RigCalibration:
-    """Return a guess completed by usual lenses for the cameras that only the frame has images of.
+    """Return a calibration completed with typical lenses for cameras that only the frame has images of.
 
     Raises FormatError.
     """

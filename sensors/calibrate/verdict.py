@@ -1,4 +1,4 @@
-"""Verdict on a calibration: whether it is reliable, and what to record if not."""
+"""Verdict on a calibration: whether it is reliable, and which views to record otherwise."""
 
 from typing import NamedTuple
 
@@ -16,14 +16,14 @@ CELLS = 8  # of an image's side; untuned
 
 
 class Finding(NamedTuple):
-    """One finding. text: in words, with the number; remedy: "" where it is good."""
+    """Result of one check. text: sentence with the number; remedy: "" if the check passed."""
 
     text: str
     remedy: str = ""
 
 
 def judge(found: Adjusted) -> tuple[bool, list[Finding]]:
-    """Return whether all findings are good, and the findings."""
+    """Return whether all checks passed, and their findings."""
     findings = [_residual(name, seen.rms_px) for name, seen in found.residuals.items()]
     sizes = vars(found.calibration)
     findings += [_coverage(name, seen.px, sizes[name]) for name, seen in found.residuals.items()]

@@ -1,1 +1,1 @@
-"""Cameras and rigs as other programs write them: YAML, JSON, text, messages."""
+"""Calibration files of other programs: YAML, JSON, text, messages."""

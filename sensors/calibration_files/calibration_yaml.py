@@ -76,7 +76,9 @@ def _write(path: Path, fields: dict[str, Any]) -> None:
 
 
 def _read(folder: Path, file: str, parse: Callable[[str], T]) -> T | None:
-    """Return the parsed text of a file with this name, or with a device's name before it; None without it."""
+    """Return the parsed text of ``file``, possibly prefixed with a device's name; None without such a
+    file.
+    """
     found = sorted(path for path in folder.glob(f"*{file}") if path.is_file())
     if len(found) > 1:
         raise CalibrationError(f"{folder} has {len(found)} files for {file}; keep one device's there")

@@ -21,7 +21,8 @@ _PLAIN, _RATIONAL, _MOST = 5, 8, 14  # numbers of the polynomial, rational and t
 
 
 class Window(NamedTuple):
-    """Pixels of the calibrated sensor that an image has: one of each block, from left, top on.
+    """Region of the calibrated sensor that an image shows, with binning: one pixel per block, from (left,
+    top) on.
 
     size: (width, height) of the image in its own pixels.
     """
@@ -49,7 +50,7 @@ def window_of(message: Decoded) -> Window:
 
 
 def describes(message: Decoded, size: tuple[int, int]) -> bool:
-    """Return whether a camera message is of images of this size (width, height)."""
+    """Return whether a camera message describes images of this size (width, height)."""
     return size in (window_of(message).size, (int(message.width), int(message.height)))
 
 
@@ -84,7 +85,9 @@ def intrinsics_from(
 def _with_lens(
     matrix: NDArray[np.float64], size: tuple[int, int], d: NDArray[np.float64], model: str, name: str
 ) -> Intrinsics:
-    """Return a pinhole with OpenCV's coefficients k1 k2 p1 p2 k3 k4 k5 k6 and more; last zeros are none."""
+    """Return a pinhole with OpenCV's coefficients k1 k2 p1 p2 k3 k4 k5 k6 and more; missing last ones
+    are 0.
+    """
     fx, fy, cx, cy = (float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
     if not np.isfinite(d).all():
         raise CalibrationError(

@@ -112,7 +112,7 @@ def _first(fields: Fields, keys: tuple[str, ...], *counts: int) -> list[float] |
 
 
 def _pinhole(fields: Fields) -> tuple[float, ...]:
-    """Return fx, fy, cx, cy of the fields. Raises ValueError where they hold no camera."""
+    """Return fx, fy, cx, cy of the fields. Raises ValueError where they are missing."""
     singles = [_first(fields, keys, 1) for keys in _FOCAL]
     if all(singles):
         return tuple(single[0] for single in singles if single)
@@ -123,7 +123,7 @@ def _pinhole(fields: Fields) -> tuple[float, ...]:
 
 
 def pinhole_of(numbers: list[float]) -> tuple[float, ...]:
-    """Return fx, fy, cx, cy of these four, or of a 3x3, 3x4 or 4x4 matrix by rows.
+    """Return fx, fy, cx, cy from these four numbers, or from a 3x3, 3x4 or 4x4 matrix by rows.
 
     Matrices by columns, as MATLAB and Open3D write them, are recognised. Raises ValueError for other numbers.
     """
@@ -142,7 +142,7 @@ def pinhole_of(numbers: list[float]) -> tuple[float, ...]:
 
 
 def _size(fields: Fields, shape: tuple[int, int]) -> tuple[int, int]:
-    """Return the stated (h, w), or the images'."""
+    """Return the stated (h, w), or else ``shape`` of the images."""
     if (pair := _first(fields, _PAIR, 2)) is not None:
         return int(pair[1]), int(pair[0])
     width, height = (_first(fields, keys, 1) for keys in _SIZE)
@@ -176,7 +176,10 @@ def _with_lens(pinhole: Intrinsics, fields: Fields) -> Intrinsics:
 
 
 def _unit_mm(fields: Fields) -> float | None:
-    """Return millimetres of a depth step: ORB-SLAM states steps of a metre, BOP mm, librealsense metres."""
+    """Return the millimetres of a depth step.
+
+    ORB-SLAM states steps per metre, BOP millimetres, librealsense metres.
+    """
     if (steps := _first(fields, _STEPS, 1)) is not None:
         return 1000 / steps[0] if steps[0] > 1 else None
     if (stated := fields.get("depth_unit_mm")) is not None:

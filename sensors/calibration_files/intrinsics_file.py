@@ -26,8 +26,11 @@ _OPTIONAL = frozenset({"k1", "k2", "p1", "p2", "k3", "depth_unit_mm"})
 
 
 class FoundIntrinsics(NamedTuple):
-    """Intrinsics of a file. unit_mm: millimetres of a depth step, None = not stated; aligned: colour has the
-    depth's pixels."""
+    """Intrinsics of a file.
+
+    unit_mm: millimetres of a depth step, None = not stated. aligned: True if colour and depth share their
+    pixels.
+    """
 
     depth: Intrinsics
     unit_mm: float | None = None
@@ -50,7 +53,9 @@ def first_intrinsics(files: list[Path], shape: tuple[int, int]) -> tuple[FoundIn
 
 
 def read_intrinsics(file: Path, shape: tuple[int, int] = (0, 0)) -> FoundIntrinsics:
-    """Read a file; ``shape`` (h, w) serves where the file states no size. Raises CalibrationError."""
+    """Read a file of intrinsics. shape: (h, w), used where the file states no size. Raises
+    CalibrationError.
+    """
     data = read_bounded(file, MAX_CALIBRATION_BYTES, "give intrinsics", CalibrationError)
     try:
         found = _found(data.decode(json.detect_encoding(data), errors="replace"), shape)

@@ -1,4 +1,4 @@
-"""Lens models of OpenCV and RealSense's SDK as Brown's, fitted by least squares over the image."""
+"""Conversion of lens models of OpenCV and RealSense's SDK to Brown's, by least squares over the image."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -80,13 +80,13 @@ def realsense_intrinsics(pinhole: Intrinsics, model: str, coefficients: Sequence
 
 
 def _grid(pinhole: Intrinsics) -> tuple[Floats, Floats]:
-    """Return normalised coordinates (n,) over the image."""
+    """Return normalised coordinates x (n,), y (n,) of a grid over the image."""
     u, v = np.meshgrid(np.linspace(0, pinhole.width - 1, GRID), np.linspace(0, pinhole.height - 1, GRID))
     return ((u - pinhole.cx) / pinhole.fx).ravel(), ((v - pinhole.cy) / pinhole.fy).ravel()
 
 
 def _fitted(pinhole: Intrinsics, x: Floats, y: Floats, moved: Floats) -> Intrinsics:
-    """Return the camera whose lens moves points (n,) by ``moved`` (2n,); Brown's model is linear."""
+    """Return the camera whose Brown lens moves points (n,) to ``moved`` (2n,), by linear least squares."""
     r2 = x * x + y * y
     powers = [np.concatenate([x * r2**n, y * r2**n]) for n in (1, 2, 3)]
     tangential = [np.concatenate([2 * x * y, r2 + 2 * y * y]), np.concatenate([r2 + 2 * x * x, 2 * x * y])]

@@ -1,6 +1,6 @@
-"""Judge of cameras: impossible focal lengths, centres and lenses are refused.
+"""Check of cameras: impossible focal lengths, centres and lenses are refused.
 
-Every importer's cameras pass here. The bounds are wide: they stop numbers of another unit (millimetres,
+Every importer checks its cameras here. The bounds are wide: they stop numbers of another unit (millimetres,
 shares of the image, thousandths), not unusual cameras. Constants are untuned unless a source is given.
 """
 

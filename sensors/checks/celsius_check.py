@@ -1,7 +1,7 @@
-"""Judge of temperatures: it finds the scale of a thermal image's words.
+"""Check of temperatures, which finds the scale of a thermal image's 16-bit words.
 
-The median of a scene of people lies between a winter's day and a hot room. The scales' words for such
-temperatures do not overlap. Constants are untuned unless a source is given.
+The median of a scene of people lies between a winter's day and a hot room. For such temperatures the words of
+different scales do not overlap. Constants are untuned unless a source is given.
 """
 
 from collections.abc import Sequence
@@ -59,8 +59,8 @@ FLOATS = (Scale("degrees Celsius", 1.0, 0.0), Scale("kelvin", 1.0, -273.15))
 def judge_celsius(samples: Sequence[NDArray[Any]], where: str) -> tuple[Scale, tuple[str, ...]]:
     """Return the scale of thermal images (h, w), integers or floats, and notes on assumptions.
 
-    The usual scale is a session's for integers, and degrees Celsius for floats. Raises FormatError where the
-    median of the samples is impossible in every scale.
+    The default scale is a session's for integers, and degrees Celsius for floats. Raises FormatError where
+    the median of the samples is impossible in every scale.
     """
     whole = not samples or samples[0].dtype.kind in "iu"
     scales, usual = (INTEGERS, (SESSION, *KELVINS)) if whole else (FLOATS, FLOATS)
@@ -91,7 +91,9 @@ def scales_of_cameras(words: NDArray[np.uint16]) -> list[Scale]:
 
 
 def _is_room(samples: Sequence[NDArray[Any]], scale: Scale) -> bool:
-    """Return whether the samples are a room in a scale: by their median, and by nine tenths of them."""
+    """Return whether the samples are possible room temperatures in a scale: their median, and nine tenths of
+    them.
+    """
     if not INDOORS_C[0] <= _median(samples, scale) <= INDOORS_C[1]:
         return False
     low, high = np.percentile(_values(samples, scale), (5, 95)).tolist()

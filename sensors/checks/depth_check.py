@@ -1,10 +1,10 @@
-"""Judge of depth images: it accepts or refuses their numbers, and finds their unit and invalid codes.
+"""Check of depth images: it accepts or refuses their numbers, and finds their unit and invalid codes.
 
-The judge uses physics, not names: the range of the scene, the agreement of neighbouring pixels, codes that
-stand apart. A declared unit is obeyed, and doubts about it are notes. An assumed unit that gives an
-impossible scene is refused, with the units that give a possible one. In a room the floor in front is nearer
-than the wall behind it: images turned upside down, and disparity, have the lower part farther. Constants are
-untuned unless a source is given.
+The check uses physics, not names: the range of the scene, the agreement of neighbouring pixels, isolated
+codes. A declared unit is always used, and doubts about it become notes. An assumed unit with an impossible
+scene is refused, and the error lists possible units. In a room the floor in front is nearer than the wall
+behind it. Therefore images whose lower part is farther are reported as turned upside down, or as disparity.
+Constants are untuned unless a source is given.
 """
 
 from collections.abc import Sequence
@@ -54,11 +54,11 @@ UPSIDE_DOWN = "doubtful depth: the lower quarter"  # first words of the note
 
 @dataclass(frozen=True)
 class DepthReading:
-    """Rule by which the numbers of a source's depth images are read.
+    """Rule for reading a source's depth images.
 
     unit_mm: millimetres of a step. invalid: codes for no reading besides 0, negative and non-finite ones.
-    swapped: the two bytes of a word are exchanged. range_m: of the samples, None where they hold too little.
-    notes: assumptions and doubts, one sentence each.
+    swapped: True if the two bytes of a word are exchanged. range_m: range of the samples, None with too few
+    readings. notes: assumptions and doubts, one sentence each.
     """
 
     unit_mm: float
@@ -122,7 +122,7 @@ def judge_depth(
 
 
 def _thinned(image: Image) -> Image:
-    """Return every n-th row of an image, because neighbours along rows stay neighbours."""
+    """Return every n-th row of an image; neighbours along a row stay neighbours."""
     return image[:: max(1, image.size // MOST_PIXELS)] if image.ndim == 2 else image
 
 
@@ -133,7 +133,7 @@ def _valid(image: Image, invalid: tuple[float, ...]) -> NDArray[np.float64]:
 
 
 def _swapped(images: Sequence[Image]) -> bool:
-    """Return whether neighbours agree far better once the bytes of every word are exchanged."""
+    """Return whether neighbours differ far less after the bytes of every word are exchanged."""
     steps, other = (_steps(each) for each in (images, [image.byteswap() for image in images]))
     return len(steps) >= LEAST_PIXELS and float(other.mean()) * SMOOTHER < float(steps.mean())
 
@@ -182,7 +182,7 @@ def _seen_codes(images: Sequence[Image], invalid: tuple[float, ...]) -> list[str
 
 
 def _doubts(found: Range, images: Sequence[Image], unit_mm: float, *, assumed: bool) -> list[str]:
-    """Return the doubts about a scene that is read nevertheless."""
+    """Return doubts about a scene that is accepted nevertheless, one sentence each."""
     why = impossible(found)
     if not why and found.median > MEDIAN_M:
         why = f"half of the scene is farther than {metres(found.median)}"
@@ -206,7 +206,7 @@ def _doubts(found: Range, images: Sequence[Image], unit_mm: float, *, assumed: b
 
 
 def upside_down(images: Sequence[Image], invalid: tuple[float, ...], unit_mm: float) -> list[str]:
-    """Return a note where all of the comparable images (h, w) look upside down, else nothing."""
+    """Return a note if all comparable images (h, w) look upside down, else an empty list."""
     pairs = [pair for image in images if (pair := _quarters(image, invalid)) is not None]
     if not pairs or min(lower / upper for upper, lower in pairs) < FARTHER:
         return []

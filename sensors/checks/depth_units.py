@@ -1,9 +1,9 @@
-"""Units of depth, and those that make a possible scene with people.
+"""Units of depth, and selection of the units that make a possible scene with people.
 
 Sources of the units: 1 mm is common; TUM RGB-D "File Formats" (1/5000 m); librealsense (D405: 0.1 mm, L515:
-0.25 mm); libfreenect and NYU's raw Kinect v1 words (13 bits of millimetres above 3 bits of player index);
-SUN RGB-D (words rotated by the same 3 bits); libfreenect2 (floats in millimetres). Constants are
-untuned unless a source is given.
+0.25 mm); libfreenect and NYU's raw Kinect v1 words (13 bits of millimetres above 3 bits of player index); SUN
+RGB-D (words rotated by the same 3 bits); libfreenect2 (floats in millimetres). Constants are untuned unless a
+source is given.
 """
 
 from typing import NamedTuple
@@ -31,7 +31,7 @@ UNITS_MM = {
 
 
 def metres(length_m: float) -> str:
-    """Return a length to three digits."""
+    """Return a length as text with three digits."""
     return f"{length_m:.0f} m" if length_m >= 100 else f"{length_m:.3g} m"
 
 
@@ -51,7 +51,9 @@ def range_of(values: NDArray[np.float64], unit_mm: float) -> Range:
 
 
 def impossible(found: Range, times: float = 1.0) -> str:
-    """Return why a range is impossible for a scene with people, or "". times: factor of the bounds."""
+    """Return the reason why a range is impossible for a scene with people, or "". times: factor on the
+    bounds.
+    """
     if found.near > NEAREST_M * times:
         return f"nothing is nearer than {metres(found.near)}"
     if found.near > NEAR_M * times and found.median > MEDIAN_M * times:
@@ -67,7 +69,7 @@ def _is_usual(found: Range) -> bool:
 def unit_of(
     values: NDArray[np.float64], floats: bool, declared: float | None, where: str, likely: float | None
 ) -> tuple[float, list[str]]:
-    """Return the millimetres of a step, and notes. Raises FormatError where an assumed one is impossible."""
+    """Return the millimetres of a step, and notes. Raises FormatError where an assumed unit is impossible."""
     usual = 1000.0 if floats else 1.0
     if declared is not None or len(values) < LEAST_PIXELS:
         return declared or usual, []
@@ -85,7 +87,7 @@ def unit_of(
 
 
 def remedy(values: NDArray[np.float64], usual: float) -> str:
-    """Return the units that give a possible scene, in words; one that divides all values is the first."""
+    """Return the units that give a possible scene, as text; a unit that divides all values comes first."""
     whole = values[values == np.rint(values)].astype(np.int64)
     common = int(np.gcd.reduce(whole[:: max(1, len(whole) // 1000)])) if len(whole) == len(values) else 1
     fits = [

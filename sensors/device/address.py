@@ -10,9 +10,9 @@ T = TypeVar("T")
 
 
 class Address:
-    """A parsed address with its options; ``finish`` refuses options that were not read.
+    """Parsed address with its options.
 
-    Raises DeviceError.
+    ``finish`` refuses options that the driver did not query. Raises DeviceError.
     """
 
     def __init__(self, text: str) -> None:
@@ -29,7 +29,7 @@ class Address:
             raise DeviceError(f"device {text!r} gives an option twice; give each once")
 
     def choice(self, key: str, table: Mapping[str, T], default: str) -> T:
-        """Return the entry of ``table`` that option ``key`` names. Raises DeviceError."""
+        """Return the entry of ``table`` under the value of option ``key``. Raises DeviceError."""
         name = self._take(key, default)
         if name not in table:
             raise DeviceError(f"{key} {name!r} of device {self.text!r} is unknown; use {', '.join(table)}")
@@ -41,7 +41,7 @@ class Address:
         return default if value is None else value
 
     def given_number(self, key: str, low: float, high: float) -> float | None:
-        """Return the same as ``number``, or None if the option is not given."""
+        """Return option ``key`` as ``number`` does, or None if it is absent."""
         text = self._take(key, "")
         if not text:
             return None
@@ -54,14 +54,16 @@ class Address:
         return value
 
     def given_integer(self, key: str, low: int, high: int) -> int | None:
-        """Return the same as ``given_number`` for integers."""
+        """Return option ``key`` as an integer from ``low`` to ``high``, or None if it is absent. Raises
+        DeviceError.
+        """
         value = self.given_number(key, low, high)
         if value is not None and value != int(value):
             raise DeviceError(f"{key} {value:g} of {self.text!r} is not an integer; give {low} to {high}")
         return None if value is None else int(value)
 
     def finish(self) -> None:
-        """Raise DeviceError for an option that was not read."""
+        """Raise DeviceError for an option that was not queried."""
         if unknown := sorted(set(self._options) - self._known):
             known = ", ".join(sorted(self._known)) or "none"
             raise DeviceError(f"device {self.text!r} has unknown option {unknown[0]!r}; its options: {known}")
@@ -72,7 +74,9 @@ class Address:
 
 
 class Kind(NamedTuple):
-    """needs: an extra, a library, or nothing. tested: what replaced the hardware in the tests."""
+    """Kind of device. needs: required extra or library, or "". tested: substitute for the hardware in the
+    tests.
+    """
 
     needs: str
     tested: str

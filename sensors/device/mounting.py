@@ -27,10 +27,10 @@ NO_YES = {"no": False, "yes": True}
 
 @dataclass(frozen=True)
 class Mounting(Turn):
-    """Turn of a device's images."""
+    """Rotation and mirroring that make a device's images upright."""
 
     def value(self, value: Value) -> Value:
-        """Return a reading turned upright."""
+        """Return a reading with upright images."""
         match value:
             case DepthImage(depth_mm, infrared):
                 return DepthImage(self.image(depth_mm), None if infrared is None else self.image(infrared))
@@ -44,7 +44,9 @@ class Mounting(Turn):
 
 
 class Mounted:
-    """Device whose readings and calibration are turned upright. address: includes the mounting's options."""
+    """Device whose readings and calibration are turned upright. address: address with the mounting's
+    options.
+    """
 
     def __init__(self, address: str, device: Device, mounting: Mounting) -> None:
         self.address, self.device, self.mounting = address, device, mounting
@@ -52,12 +54,12 @@ class Mounted:
 
     @property
     def rates_hz(self) -> Mapping[str, float]:
-        """Rates of the device."""
+        """Return the nominal rates of the device by stream."""
         return self.device.rates_hz
 
     @property
     def calibration(self) -> RigCalibration | None:
-        """Factory calibration for upright images."""
+        """Return the factory calibration for upright images."""
         factory = self.device.calibration
         return None if factory is None else self.mounting.calibration(factory)
 
@@ -68,5 +70,5 @@ class Mounted:
 
 
 def mounting_of(address: Address) -> Mounting:
-    """Return the mounting by the options ``turn`` and ``mirror``. Raises DeviceError."""
+    """Return the mounting from the options ``turn`` and ``mirror``. Raises DeviceError."""
     return Mounting(address.choice("turn", TURNS, "0"), address.choice("mirror", NO_YES, "no"))

@@ -16,7 +16,9 @@ from sensors.rig.rig_calibration import RigCalibration
 
 
 class Flag(Enum):
-    """State of a thermal camera's shutter, by which it calibrates itself (libirimager's EvoIRFlagState)."""
+    """State of a thermal camera's shutter (flag), which it closes to calibrate itself (libirimager's
+    EvoIRFlagState).
+    """
 
     OPEN = 0
     CLOSED = 1
@@ -97,16 +99,16 @@ class DeviceReading:
 
     @property
     def stream(self) -> str:
-        """Name of the stream: depth, color, thermal or pyrometer."""
+        """Return the name of the stream: depth, color, thermal or pyrometer."""
         return self.value.stream
 
 
 class Device(Protocol):
-    """An open device. Every method may raise DeviceError.
+    """Open device. Every method may raise DeviceError.
 
     address: opens this device again. serial: "" if unknown. rates_hz: nominal rate of each stream, final
-    after ``start``. calibration: the factory's, of a started depth camera. One thread reads; any may close,
-    which ends a ``read`` under way with DeviceLostError.
+    after ``start``. calibration: factory calibration of a started depth camera. One thread reads; any thread
+    may close, which ends a ``read`` under way with DeviceLostError.
     """
 
     @property
@@ -119,7 +121,7 @@ class Device(Protocol):
     def calibration(self) -> RigCalibration | None: ...
 
     def start(self) -> None:
-        """Begin to stream; called once."""
+        """Begin to stream; call once."""
         ...
 
     def read(self, timeout_s: float) -> DeviceReading | None:

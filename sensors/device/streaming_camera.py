@@ -17,7 +17,7 @@ DEPTH_CAMERA_RATES_HZ = {DepthImage.stream: DEPTH_RATE_HZ, ColorImage.stream: DE
 
 
 class StreamingCamera(ABC):
-    """A ``Device``; each driver makes the calls of one library.
+    """Base class of a ``Device`` for one library of a maker.
 
     silence_s: seconds without any image after which the device counts as lost.
     """
@@ -80,10 +80,10 @@ class StreamingCamera(ABC):
         lost: int | None = None,
         arrival_ns: int | None = None,
     ) -> None:
-        """Make an image ready, unless it is late. Raises DeviceLostError if the clock was reset.
+        """Queue an image for ``read``; drop an image that is older than the last one.
 
         lost: images of the stream lost before this one; None counts gaps between stamps. arrival_ns: None =
-        now.
+        now. Raises DeviceLostError if the clock was reset.
         """
         self._last_image_s = time.monotonic()
         before_ns = self._before_ns.get(value.stream)

@@ -1,4 +1,4 @@
-"""Base class of cameras of 16-bit words through OpenCV's V4L2 backend, with its conversions off."""
+"""Base class of cameras with 16-bit pixels (words), through OpenCV's V4L2 backend without conversion."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -22,7 +22,9 @@ CaptureKind = Any  # the class ``cv2.VideoCapture``, or a fake kernel
 
 @dataclass(frozen=True)
 class V4l2Node:
-    """A device node. serial: of its camera, "" if unknown. kind: class that captures."""
+    """Device node. serial: of its camera, "" if unknown. kind: class that captures, ``cv2.VideoCapture`` or a
+    twin.
+    """
 
     path: Path
     serial: str = ""
@@ -47,12 +49,12 @@ class V4l2Camera(StreamingCamera):
 
     @abstractmethod
     def _take_frame(self) -> None:
-        """Take the images of the grabbed frame. Raises DeviceError."""
+        """Queue the images of the grabbed frame. Raises DeviceError."""
 
     def _configure(self, fourcc: str, sizes: Sequence[tuple[int, int]], fps: float, remedy: str) -> None:
-        """Set the format and the first size (width, height), in words, that the camera has.
+        """Set the pixel format and the first size (width, height), in words, that the camera supports.
 
-        Raises DeviceError with the remedy for a camera that has none of the sizes.
+        Raises DeviceError with the remedy for a camera without any of the sizes.
         """
         self._capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*fourcc))
         self._capture.set(cv2.CAP_PROP_CONVERT_RGB, 0)

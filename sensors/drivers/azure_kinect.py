@@ -26,9 +26,9 @@ class Streaming(Protocol):
 
 
 class AzureKinect(StreamingCamera):
-    """The Azure Kinect with this serial number, or the only one. Raises DeviceError.
+    """Azure Kinect with this serial number, or the only one. Raises DeviceError.
 
-    camera: source in its place; color_size: of its colour images.
+    camera: replacement source of captures; color_size: of its colour images.
     """
 
     def __init__(

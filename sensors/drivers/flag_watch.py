@@ -11,9 +11,10 @@ LONGEST_S = 1.5  # s; a flag cycle takes 0.5 s, so a longer flat image is the sc
 
 
 class FlagWatch:
-    """Detects a closed flag: an image that repeats the one before bit for bit, or is far flatter than usual.
+    """Detector of a closed flag (shutter) from images alone.
 
-    A closed flag freezes the output. The noise of a live detector changes every image.
+    The flag is closed in an image that repeats the previous one bit for bit, or is far flatter than usual. A
+    closed flag freezes the output, while the noise of a live detector changes every image.
     """
 
     def __init__(self, rate_hz: float) -> None:

@@ -171,7 +171,10 @@ def _grey(image: tuple[bytes, int, int, int]) -> NDArray[np.uint16]:
 
 
 def read_text(call: Callable[..., int]) -> bytes:
-    """Return the text of a function that reports the size first. Raises DeviceError."""
+    """Return the text that a k4a function writes into a buffer.
+
+    The function is called twice: without a buffer for the size, then with one. Raises DeviceError.
+    """
     size = c_size_t(0)
     if call(None, byref(size)) == FAILED:
         raise DeviceError("the Azure Kinect does not answer; plug it in again")

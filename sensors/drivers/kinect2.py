@@ -53,7 +53,7 @@ PROTOTYPES: dict[str, Any] = {
 
 
 class Shim(SimpleNamespace):
-    """C function pointers of ``PROTOTYPES`` by name, of the compiled library or of a twin."""
+    """C function pointers of ``PROTOTYPES`` by name, of the compiled library or of a software twin."""
 
 
 class Kinect2(StreamingCamera):
@@ -102,7 +102,7 @@ class Kinect2(StreamingCamera):
         self._shim.k2_close(self._handle)
 
     def _take_frame(self, frame: Frame) -> None:
-        """Take the frame in the buffer; a late or broken frame counts as lost."""
+        """Queue the frame in the buffer; a late or broken frame counts as lost."""
         number = self._numbers[frame.type].unwrap(frame.sequence)
         before = self._before.setdefault(frame.type, number - 1)
         stamp_ns = self._clock.unwrap(frame.timestamp) * TICK_NS

@@ -40,9 +40,10 @@ GAINS = ("high", "low", "auto")
 
 @dataclass(frozen=True)
 class Telemetry:
-    """Telemetry of an image. kelvin: of one step of a word, None if words are not temperatures.
+    """Telemetry of an image.
 
-    gain: "high" (to 140 C) or "low" (to 400 C). agc: words are stretched to 8 bits for display.
+    kelvin: kelvins per step of a pixel word, None if words are not temperatures. gain: "high" (to 140 C) or
+    "low" (to 400 C). agc: True if words are stretched to 8 bits for display.
     """
 
     uptime_ms: int

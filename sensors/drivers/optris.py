@@ -21,10 +21,11 @@ Subframe = tuple[NDArray[np.uint16], NDArray[np.uint16]]  # counts (120, 160), m
 
 @dataclass(frozen=True)
 class Layout:
-    """One mode of the camera. width, height: of the UVC frame in words; uvc_hz: its rate.
+    """Frame layout of one mode of the camera.
 
-    A UVC frame has ``subframes`` blocks of rows. Each row has ``visible`` words of the daylight image,
-    ``data`` thermal words, and four more; the last of them is metadata in some rows.
+    width, height: of the UVC frame in words; uvc_hz: its rate. A UVC frame has ``subframes`` blocks of rows.
+    Each row has ``visible`` words of the daylight image, ``data`` thermal words, and four more; the last of
+    them is metadata in some rows.
     """
 
     name: str
@@ -37,7 +38,7 @@ class Layout:
 
     @property
     def thermal_hz(self) -> float:
-        """Thermal images a second."""
+        """Return the number of thermal images a second."""
         return self.uvc_hz * self.subframes
 
 
@@ -65,7 +66,7 @@ class Optris(V4l2Camera):
         self._configure("YUYV", [(layout.width, layout.height)], layout.uvc_hz, "choose its mode")
 
     def _take_frame(self) -> None:
-        """Take the thermal images of the grabbed frame, unless it is late."""
+        """Queue the thermal images of the grabbed frame, unless it is late."""
         words, layout, last_ns = self._words(), self._layout, self._last_ns
         frame_ns = self._stamp_ns()
         if last_ns is not None and frame_ns <= last_ns:
@@ -87,7 +88,9 @@ def unpack(layout: Layout, words: NDArray[np.uint16]) -> list[Subframe]:
 
 
 def pack(layout: Layout, subframes: list[Subframe]) -> NDArray[np.uint16]:
-    """Inverse of ``unpack``; the daylight image and the unused words are 0."""
+    """Return the words of a UVC frame, inverse of ``unpack``; the daylight image and the unused words
+    are 0.
+    """
     words = np.zeros((layout.height, layout.width), np.uint16)
     for block, (counts, metadata) in zip(np.split(words, layout.subframes), subframes, strict=True):
         block[:, layout.visible : layout.visible + layout.data] = counts.reshape(-1, layout.data)

@@ -69,7 +69,7 @@ class DirectLibrary(SimpleNamespace):
 
 
 class _Received(NamedTuple):
-    """An image of the library. values: uint16 (h, w), not yet Celsius."""
+    """Image of the library. values: uint16 (h, w), raw output, not yet Celsius."""
 
     stamp_ns: int
     values: NDArray[np.uint16]

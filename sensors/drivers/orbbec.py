@@ -56,9 +56,9 @@ def load_sdk() -> SdkObject:
 
 
 class Orbbec(StreamingCamera):
-    """The Orbbec camera with this serial number, or the only one. Raises DeviceError.
+    """Orbbec camera with this serial number, or the only one. Raises DeviceError.
 
-    pipeline: of the SDK over a recording, in place of the camera's.
+    pipeline: the SDK's pipeline over a recording, in place of the camera's.
     """
 
     def __init__(self, serial: str = "", pipeline: SdkObject | None = None) -> None:

@@ -84,7 +84,7 @@ class Pyrometer:
             raise
 
     def start(self) -> None:
-        """Begin to read; set up and switch on a burst."""
+        """Begin to read; in burst mode (unrequested readings), set up and switch on the burst."""
         if self._burst:
             self._line.send(BURST_ITEMS)
             self._line.send(bytes([BURST_SWITCH, 1]))
@@ -110,7 +110,7 @@ class Pyrometer:
         return DeviceReading(arrival_ns, arrival_ns, spot, dropped)
 
     def emissivity(self) -> float:
-        """Return the device's emissivity, 0.1 to 1.1; not during a burst."""
+        """Return the device's emissivity, 0.1 to 1.1. Do not call while the device sends a burst."""
         return int.from_bytes(self._line.request(bytes([self._family.emissivity]), 2)) / 1000
 
     def set_emissivity(self, emissivity: float) -> None:

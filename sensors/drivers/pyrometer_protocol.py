@@ -33,7 +33,7 @@ class Scale:
         return celsius
 
     def encode(self, celsius: float) -> bytes:
-        """Inverse of ``decode``, rounded."""
+        """Return the two bytes of a temperature, rounded; inverse of ``decode``."""
         return round(celsius * self.steps_per_c + self.offset).to_bytes(2)
 
 
@@ -45,7 +45,7 @@ HUNDREDTHS = Scale(10000, 100)  # high-resolution models (CSmicro hs, CT ... hs)
 class PyrometerFamily:
     """Command codes of a family, None = no such command.
 
-    current_target: before averaging and hold functions.
+    current_target: temperature before averaging and hold functions.
     """
 
     name: str
@@ -83,11 +83,12 @@ def checksum(command: bytes) -> int:
 
 
 class BurstParser:
-    """Finds the frames ``AA AA`` + two bytes a value in a stream that may start, or be damaged, anywhere.
+    """Parser of burst frames, ``AA AA`` + two bytes per value, in a stream that may start or be damaged
+    anywhere.
 
-    A low byte may be AA too, so the first of three AA is data. Out of step, a frame counts only under
-    conditions: the next frame follows directly, every value is possible, and a later AA pair does not fit as
-    well. skipped: bytes in no frame.
+    A low byte may be AA too, so the first of three AA is data. While out of step, the parser accepts a frame
+    under three conditions: the next frame follows directly, every value is possible, and no later AA pair
+    fits. skipped: number of bytes in no frame.
     """
 
     def __init__(self, values: int, scale: Scale = TENTHS) -> None:

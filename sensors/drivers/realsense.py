@@ -138,7 +138,9 @@ class RealSense(StreamingCamera):
                 sensor.close()
 
     def _take_stereo(self, kind: str, number: int, stamp_ns: int, pixels: NDArray[Any]) -> None:
-        """Keep one half of a stereo exposure; take the depth image when the other half is there or late."""
+        """Keep depth or infrared of an exposure; queue the depth image when the other one is there or
+        late.
+        """
         waiting = self._stereo.get("depth")
         if waiting is not None and waiting[0] != number:
             self._take_depth()

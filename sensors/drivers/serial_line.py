@@ -22,17 +22,16 @@ GONE = (
 
 
 class SilenceError(DeviceFaultError):
-    """The reply has no bytes."""
+    """Error of a missing reply."""
 
 
 class ChatterError(DeviceFaultError):
-    """The device sends without a request."""
+    """Error of a device that sends without a request."""
 
 
 class SerialLine:
-    """Line without framing. Any thread may ``close`` it.
-
-    rs485: bus address, 1 to 32, sent before each command.
+    """Serial line without framing; any thread may ``close`` it. rs485: bus address, 1 to 32, sent before each
+    command.
     """
 
     def __init__(self, port: Path, baud: int, rs485: int | None) -> None:
@@ -48,7 +47,9 @@ class SerialLine:
         self._disturbed = True
 
     def request(self, command: bytes, length: int) -> bytes:
-        """Return the reply of ``length`` bytes. Raises DeviceFaultError for fewer, DeviceLostError."""
+        """Send a command and return the reply of ``length`` bytes. Raises DeviceFaultError for fewer,
+        DeviceLostError.
+        """
         self.send(command)
         reply = self.receive(length, REPLY_S)
         if len(reply) < length:

@@ -62,9 +62,10 @@ def check_temperatures(celsius: NDArray[np.float32], words: NDArray[np.uint16], 
 
 @dataclass(frozen=True)
 class WordMode:
-    """Mode of a camera. kind, options: of its address. sizes: possible (width, height).
+    """Mode of a camera.
 
-    radiometry: None for raw counts. remedy: for another size.
+    kind, options: of its address. sizes: possible (width, height). radiometry: None for raw counts. remedy:
+    text of the error for another size.
     """
 
     kind: str
@@ -101,7 +102,9 @@ def y16_mode(size: tuple[int, int], rate_hz: float, radiometry: Radiometry | Non
 
 
 def boson_mode(celsius: bool = False, rate_hz: float = BOSON_HZ) -> WordMode:
-    """Return the mode of a Boson 640 or 320. celsius: a radiometric one, whose words are temperatures."""
+    """Return the mode of a Boson 640 or 320. celsius: True for a radiometric camera, whose words are
+    temperatures.
+    """
     options = f"rate={rate_hz:g}" + "&celsius=yes" * celsius
     radiometry = Radiometry(BOSON_KELVIN) if celsius else None
     return WordMode(
@@ -110,7 +113,7 @@ def boson_mode(celsius: bool = False, rate_hz: float = BOSON_HZ) -> WordMode:
 
 
 def radiometry_of(address: Address) -> Radiometry | None:
-    """Return the address' scale and offset, or None. Raises DeviceError for one without the other."""
+    """Return the scale and offset of an address, or None. Raises DeviceError if one of the two is missing."""
     scale, offset_c = address.given_number("scale", 1e-6, 10.0), address.given_number("offset", -1e4, 1e4)
     if (scale is None) != (offset_c is None):
         raise DeviceError(

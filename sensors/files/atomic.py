@@ -1,4 +1,4 @@
-"""Files that are there in full or not at all."""
+"""Atomic files: a file exists in full or not at all."""
 
 import os
 import shutil
@@ -12,7 +12,9 @@ _TOKEN = os.urandom(4).hex()  # unpredictable, so that no link can wait at a tem
 
 
 def check_free(path: Path, overwrite: bool, *, folder: bool = False) -> None:
-    """Raise ExistsError where a result exists, or is a folder and ``folder`` is False."""
+    """Raise ExistsError where a result exists and ``overwrite`` is False, or where it is a folder and
+    ``folder`` is False.
+    """
     if path.exists() and not overwrite:
         raise ExistsError(f"{path} already exists; choose another name or pass --overwrite")
     if path.is_dir() and not folder:
@@ -20,7 +22,7 @@ def check_free(path: Path, overwrite: bool, *, folder: bool = False) -> None:
 
 
 def is_taken(folder: Path) -> bool:
-    """Return whether the name of a new folder is a file or a folder with content."""
+    """Return whether the path of a new folder is a file or a folder with content."""
     return folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
 
 

@@ -1,4 +1,4 @@
-"""Files from outside, read whole only up to a size bound."""
+"""Files from outside, read up to a size limit."""
 
 import os
 import stat

@@ -43,7 +43,7 @@ class FlirImage(NamedTuple):
 
 
 class _Record(NamedTuple):
-    """One record. order: ``<`` or ``>``, of its numbers."""
+    """Record of an FFF file. order: byte order of its numbers, ``<`` or ``>``."""
 
     data: bytes
     order: str
@@ -221,9 +221,10 @@ def _photo(record: _Record, name: str) -> bytes | None:
 
 
 def _rgb(channels: NDArray[np.float32]) -> NDArray[np.uint8] | None:
-    """Return RGB of a PNG in Y, Cb, Cr (ExifTool, FLIR EmbeddedImage; JFIF's BT.601); None for RGB.
+    """Return RGB of a PNG in Y, Cb, Cr (ExifTool, FLIR EmbeddedImage; JFIF's BT.601); None if it is RGB
+    already.
 
-    Photographs in RGB, converted as Y Cb Cr, leave the range of colours.
+    RGB data is recognised because its conversion leaves the range of colours.
     """
     y, cb, cr = channels[..., 0], channels[..., 1] - 128, channels[..., 2] - 128
     rgb = np.stack([y + 1.402 * cr, y - 0.344136 * cb - 0.714136 * cr, y + 1.772 * cb], axis=-1)

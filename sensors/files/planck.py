@@ -1,4 +1,5 @@
-"""Temperatures of a FLIR camera's words: Planck's law with five constants (ExifTool's FLIR tables).
+"""Temperatures from the raw words of a FLIR camera: Planck's law with five constants (ExifTool's FLIR
+tables).
 
 Formulas: Minkina and Dudzik, "Infrared Thermography" (2009), and Thermimage (gtatters, ``raw2temp``).
 """
@@ -55,7 +56,7 @@ class Radiometry(NamedTuple):
         return float(self.r1 / (self.r2 * (np.exp(self.b / kelvin) - self.f)) - self.o)
 
     def _transmission(self) -> float:
-        """Return the transmission of half of the air."""
+        """Return the transmission of half of the air path, as the formula applies it twice."""
         air_c = (self.air_k if self.air_k > 0 else ROOM_K) - ZERO_C_K
         exponent = 1.5587 + air_c * (0.06939 + air_c * (-0.00027816 + air_c * 0.00000068455))
         water = self.humidity * np.exp(exponent)
@@ -68,5 +69,5 @@ class Radiometry(NamedTuple):
 
 
 def _share(number: float) -> float:
-    """Return a share in (0, 1]; 1, which is neutral, for other numbers."""
+    """Return a number in (0, 1] unchanged; 1, which is neutral, for other numbers."""
     return number if 0 < number <= 1 else 1.0

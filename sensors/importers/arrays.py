@@ -71,7 +71,7 @@ class DepthArrays(FrameSource):
 
 
 def _load(path: Path) -> tuple[Arrays, list[str]]:
-    """Read the arrays by name, or the only array, and list the names of all; a .npy stays on disk."""
+    """Read the arrays by name, or the only array, and list the names of all; a .npy is memory-mapped."""
     remedy = "save depth as a .npy file, or split it"
     try:
         with path.open("rb") as file:
@@ -109,7 +109,9 @@ class _Camera(NamedTuple):
 
 
 def _camera(path: Path, arrays: Arrays, depth: NDArray[Any], declared: Path | None) -> _Camera:
-    """Return the camera. Raises CalibrationError without one, FormatError for images that are too large."""
+    """Return the camera with its depth. Raises CalibrationError without camera, FormatError for images that
+    are too large.
+    """
     numbers = None if declared else _numbers(path, arrays)
     if numbers is None:
         files = [declared] if declared else [path.with_suffix(".json"), path.with_name("intrinsics.json")]

@@ -47,7 +47,7 @@ def calibration_from_factory(
 
 
 def _color_lens(entry: dict[str, Any], size: tuple[int, int]) -> Intrinsics:
-    """Return the lens of colour, as wide as the sensor's image; 16:9 is the middle of the 4:3 image."""
+    """Return the colour lens with the sensor's image width; a 16:9 image is the middle of the 4:3 image."""
     width, height = size
     full = round(width * 3 / 4)
     if not 0 < height <= full:
@@ -60,7 +60,7 @@ def _color_lens(entry: dict[str, Any], size: tuple[int, int]) -> Intrinsics:
 def _lens(
     entry: dict[str, Any], calibrated: tuple[int, int], crop: tuple[int, int], size: tuple[int, int]
 ) -> Intrinsics:
-    """Turn unit-square intrinsics with corners at 0 into pixels with centres at whole numbers, cropped."""
+    """Convert intrinsics of a unit square to pixels of a cropped image, pixel centres at whole numbers."""
     lens = entry["Intrinsics"]
     if lens["ModelType"] != "CALIBRATION_LensDistortionModelBrownConrady":
         raise CalibrationError(f"lens model {str(lens['ModelType'])[:60]!r} is unknown; use Brown-Conrady")

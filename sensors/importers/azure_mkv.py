@@ -33,10 +33,10 @@ WANTED = {DEPTH: b"b16g", COLOR: b"MJPG", INFRARED: b"b16g"}  # tracks, and the 
 
 
 class Track(NamedTuple):
-    """A video track. fourcc: the pixel format of its BITMAPINFOHEADER.
+    """Video track.
 
-    images: times, ns on the recording's clock, and places in the order of time, without the image that the
-    file's end cuts off.
+    fourcc: pixel format of its BITMAPINFOHEADER. images: times, ns on the recording's clock, and file
+    positions, in the order of time, without an image that the file's end cuts off.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Track(NamedTuple):
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
-        """Times (n,) of the images."""
+        """Return the times (n,) of the images."""
         return np.array([stamp_ns for stamp_ns, _ in self.images], np.int64)
 
 

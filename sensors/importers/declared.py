@@ -1,4 +1,4 @@
-"""A source of frames with its user's declarations: upright images, unit, camera, times, subject."""
+"""Frames of a source with its user's declarations: upright images, unit, camera, times, subject."""
 
 from dataclasses import replace
 
@@ -15,10 +15,10 @@ from sensors.rig.turn import Turn
 
 
 class Declared(FrameSource):
-    """Frames of another source as its user declares them. Raises CalibrationError and FormatError.
+    """Frames of another source with the declarations of its user. Raises CalibrationError and FormatError.
 
-    own: whether the source obeys the unit and the intrinsics of ``options`` itself. Otherwise its depth has
-    steps of one millimetre.
+    own: True if the source itself applies unit and intrinsics of ``options``. Otherwise its depth has steps
+    of one millimetre.
     """
 
     def __init__(self, source: FrameSource, options: ImportOptions, *, own: bool) -> None:
@@ -47,7 +47,7 @@ class Declared(FrameSource):
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of the source's file."""
+        """Return the SHA-256 of the source's file."""
         return self._source.sha256
 
     def _frame(self, index: int) -> RigFrame:
@@ -66,10 +66,10 @@ class Declared(FrameSource):
 
 
 def turned_color(encoded: bytes | None, turn: Turn) -> bytes | None:
-    """Return a turned colour image in its own format; bytes of no image stay as they are.
+    """Return a turned colour image in its own format; bytes of no image are returned unchanged.
 
-    A PNG loses nothing, nor does a JPEG that is only mirrored; another JPEG is encoded again. An EXIF
-    orientation is not obeyed: sensors' pixels count.
+    PNGs, and JPEGs that are only mirrored, are turned without loss; another JPEG is encoded again. An EXIF
+    orientation is ignored, because calibrations are for the sensor's pixels.
     """
     if encoded is None or turn == Turn():
         return encoded

@@ -13,9 +13,9 @@ MAX_ELEMENT_BYTES = 1 << 26  # room for a 4096x3072 image of 16 bits; untuned
 
 
 class Element(NamedTuple):
-    """An element: its id (marker bits included) and the place of its payload.
+    """Element: its id (marker bits included), and position and length of its payload.
 
-    cut: whether its parent ends earlier, as at the end of a file that was cut off.
+    cut: True if its parent ends earlier, as at the end of a truncated file.
     """
 
     id: int
@@ -25,14 +25,14 @@ class Element(NamedTuple):
 
     @property
     def end(self) -> int:
-        """Offset of the byte after it."""
+        """Return the offset of the byte after the element."""
         return self.start + self.size
 
 
 class EbmlFile:
-    """A file open for reading as EBML. Raises FormatError for elements that are too large.
+    """File open for reading as EBML. Raises FormatError for elements that are too large.
 
-    cut: whether any element that was met ends later than its parent, or has no whole head.
+    cut: True after an element that ends later than its parent, or has a truncated head.
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -86,6 +86,6 @@ class EbmlFile:
 
 
 def _length(head: bytes, longest: int) -> int:
-    """Return the length of the variable-size integer that begins here; 0 for none."""
+    """Return the length in bytes of the variable-size integer that begins here; 0 for an invalid one."""
     length = 9 - head[0].bit_length() if head else 0
     return length if 0 < length <= min(longest, len(head)) else 0

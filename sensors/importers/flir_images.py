@@ -63,7 +63,7 @@ class FlirImages(FrameSource):
 
 
 def is_flir_alone(path: Path) -> bool:
-    """Return whether a JPEG, or any of a folder that has no depth images, holds FLIR's data."""
+    """Return whether a path is a JPEG with FLIR's data, or a folder with such JPEGs and no depth images."""
     if not path.is_dir():
         return has_flir(path)
     if (path / "depth").exists() or any(path.glob("*.png")):
@@ -80,7 +80,7 @@ def _facts(image: FlirImage) -> tuple[tuple[int, ...], float, int, bool]:
 
 
 def _field(fields_deg: tuple[float, ...]) -> tuple[float, str]:
-    """Return the horizontal field of view in degrees, and a note on its source."""
+    """Return the horizontal field of view in degrees, and a note on its origin."""
     stated = [field for field in fields_deg if field]
     if not stated:
         return ASSUMED_WIDE_DEG, f"a lens {ASSUMED_WIDE_DEG:g} degrees wide is assumed"
@@ -90,7 +90,9 @@ def _field(fields_deg: tuple[float, ...]) -> tuple[float, str]:
 
 
 def _times_ns(taken_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:
-    """Return the images' stamps if they all grow with the names, else one a second; and a note."""
+    """Return the images' stamps if they increase in the order of names, else one image a second; and a
+    note.
+    """
     if taken_ns.min() > 0 and (np.diff(taken_ns) > 0).all():
         return taken_ns, "times from the camera's clock"
     note = "no growing time stamps: one image a second is assumed"

@@ -125,7 +125,7 @@ class ImageFolder(FrameSource):
 
 
 class _Timed(NamedTuple):
-    """Images in the order of their times int64 (n,) in ns, and a note on the times."""
+    """Images sorted by time, their times int64 (n,) in ns, and a note on the times."""
 
     depth: Files
     color: Files
@@ -146,7 +146,7 @@ def _by_name(images: FolderImages, options: ImportOptions) -> _Timed:
 
 
 def _by_list(path: Path, images: FolderImages, listed: Listed, options: ImportOptions) -> _Timed:
-    """Order a folder's images by its lists, without images that the lists leave out. Raises FormatError."""
+    """Order a folder's images by its lists; images that the lists omit are left out. Raises FormatError."""
     names = {file.stem: name for name, file in images.depth.items()}
     there = {file.name: file for file in images.color.values()}
     depth, color, stamps = {}, {}, []
@@ -170,7 +170,7 @@ def _by_list(path: Path, images: FolderImages, listed: Listed, options: ImportOp
 
 
 def _readable(files: list[Path]) -> list[NDArray[Any]]:
-    """Read a few images of the files, spread over them. Raises FormatError only where none can be read."""
+    """Read a few images, evenly spread over the files. Raises FormatError where none can be read."""
     images, error = [], None
     for at in spread(len(files)):
         try:
@@ -221,7 +221,9 @@ def _cameras(path: Path, first: Path, color: Files, thermal: Files, declared: Pa
 
 
 def _aligned(name: str, images: Files, found: FoundIntrinsics) -> tuple[list[str], bool]:
-    """Return a note on the size of images, and whether they have the size of depth and so are aligned."""
+    """Return a note on the images' size, and True if they have the size of depth and so are aligned
+    with it.
+    """
     if name == "colour" and found.aligned:
         return [f"{name} assumed to be aligned with depth, as Open3D's recorder saves it"], True
     shape = _shape_of(list(images.values()))
@@ -236,7 +238,9 @@ def _aligned(name: str, images: Files, found: FoundIntrinsics) -> tuple[list[str
 
 
 def _shape_of(files: list[Path]) -> tuple[int, int] | None:
-    """Return (h, w) of the first of a few readable images; None where a frame's own error names the cause."""
+    """Return (h, w) of the first readable image of a few; None without one, so that reading a frame reports
+    the cause.
+    """
     for at in spread(len(files)):
         try:
             data, name = read_bounded(files[at]), str(files[at])

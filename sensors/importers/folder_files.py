@@ -87,7 +87,7 @@ def files_of(folder: Path, suffixes: tuple[str, ...] = PICTURES) -> list[Path]:
 
 
 def matching(files: Files, depth: Files) -> Files:
-    """Return the images that are named like a depth image. Raises FormatError where none of them is."""
+    """Return the images that share their name with a depth image. Raises FormatError without any."""
     found = {name: file for name, file in files.items() if name in depth}
     if files and not found:
         other, first = next(iter(files.values())), next(iter(depth))
@@ -99,14 +99,16 @@ def matching(files: Files, depth: Files) -> Files:
 
 
 def stamps_of(names: Iterable[str]) -> dict[str, int]:
-    """Return the times of names, in nanoseconds; nothing where one name has none, or two have one time."""
+    """Return the times stated in names, in nanoseconds; empty where a name has no time, or two have the
+    same.
+    """
     found = {name: _stamp_ns(name) for name in names}
     stamps = {name: stamp for name, stamp in found.items() if stamp is not None}
     return stamps if len(set(stamps.values())) == len(found) else {}
 
 
 def unread_colors(path: Path) -> tuple[str, ...]:
-    """Return a note on colour images none of which is read, because of their kind."""
+    """Return a note on colour images in unsupported formats, if no colour image is read."""
     folder = _subfolder(path, STREAMS["color"]) or _subfolder(path, IMAGE)
     if folder is not None:
         if files_of(folder) or not (held := _kinds(folder)):
@@ -129,7 +131,7 @@ def _stamp_ns(name: str) -> int | None:
 
 
 def _stream_of(name: str) -> str:
-    """Return depth, color or thermal by the first such word of a name; "" without one."""
+    """Return depth, color or thermal by the first of these words in a name; "" without one."""
     found = _STREAM.search(name)
     word = (found[1] or found[2]).lower() if found else ""
     return "color" if word in STREAMS["color"] else word
@@ -152,7 +154,7 @@ def _stream_folder(path: Path, stream: str) -> Path | None:
 
 
 def _color(path: Path, flat: list[Path], depth: Files) -> Files:
-    """Return colour images: of their folder, by their names, or the JPEGs named like the depth images."""
+    """Return colour images: of their folder, by their names, or JPEGs that share the depth images' names."""
     if found := _other(path, "color", flat):
         return found
     folder = _subfolder(path, IMAGE)
@@ -161,19 +163,19 @@ def _color(path: Path, flat: list[Path], depth: Files) -> Files:
 
 
 def _other(path: Path, stream: str, flat: list[Path]) -> Files:
-    """Return the colour or thermal images of their folder, else the images that are named so."""
+    """Return the colour or thermal images of their folder, else the images with the stream in their names."""
     own = _stream_folder(path, stream)
     return _named(files_of(own, PICTURES if stream == "color" else (*PICTURES, *SUFFIXES)) if own else flat)
 
 
 def _subfolder(path: Path, names: tuple[str, ...]) -> Path | None:
-    """Return the folder in ``path`` that has the first possible of the names, in any letter case."""
+    """Return the subfolder with the first of ``names`` that exists, in any letter case."""
     there = {entry.name.lower(): entry for entry in paths_in_order(path.iterdir()) if entry.is_dir()}
     return next((there[name] for name in names if name in there), None)
 
 
 def _named(files: list[Path]) -> Files:
-    """Return the files by name without the stream's; by their whole names where two would have one name."""
+    """Return the files by name without the stream's word; by their whole names where two would be equal."""
     keyed = {_key(file.stem): file for file in files}
     return keyed if len(keyed) == len({file.stem for file in files}) else {file.stem: file for file in files}
 

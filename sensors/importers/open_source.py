@@ -1,4 +1,6 @@
-"""Recorded frames of any kind, recognised by their content; only the importer of that kind is loaded."""
+"""Opening of recorded frames of any kind; the kind is recognised by content, and only its importer is
+loaded.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -68,8 +70,8 @@ _FOREIGN_SUFFIXES = {
 class Opener(NamedTuple):
     """Function that opens a source.
 
-    own: whether the source obeys unit and intrinsics itself. topics: whether the source has topics.
-    whole: whether its cameras are taken as they are, because the session was made here.
+    own: True if the source itself applies the declared unit and intrinsics. topics: True if the source has
+    topics. whole: True if its cameras need no check, because this program recorded the session.
     """
 
     read: "Callable[[], FrameSource]"
@@ -99,12 +101,13 @@ def open_source(path: Path, options: ImportOptions = AS_STATED) -> "FrameSource"
 
 
 def doubts_of(source: "FrameSource") -> tuple[str, ...]:
-    """Return the judges' doubts about depth and cameras of a source that was not judged at its opening."""
+    """Return doubts about depth and cameras of a source that was opened without checks."""
     return tuple(note for note in judged_notes(source) if note not in source.notes and not _is_range(note))
 
 
 def judged_notes(source: "FrameSource") -> tuple[str, ...]:
-    """Return the notes of a source and of the judges of depth and cameras, even if it was opened unjudged.
+    """Return the notes of a source and of the checks of depth and cameras, even if it was opened without
+    checks.
 
     Samples that cannot be read are named. Raises FormatError where the images are not depth.
     """
@@ -134,7 +137,7 @@ def _is_range(note: str) -> bool:
 
 
 def opener_at(path: Path, options: ImportOptions = AS_STATED) -> Opener:
-    """Return the opener of the ``FrameSource`` at ``path``, recognised before it is read.
+    """Return the opener of the ``FrameSource`` at ``path``, without reading the source.
 
     Files are recognised by their first bytes, clouds by their name. Raises FormatError for anything else.
     """

@@ -40,7 +40,7 @@ class ImportOptions:
 
     @property
     def period_ns(self) -> int:
-        """Nanoseconds from frame to frame of a source without time stamps."""
+        """Return the nanoseconds from frame to frame of a source without time stamps."""
         # Imported here: help imports no arrays.
         from sensors.rig.frame import FRAME_PERIOD_NS
 
@@ -48,7 +48,7 @@ class ImportOptions:
 
     @property
     def rate(self) -> str:
-        """Rate of a source without time stamps, in words."""
+        """Return the rate of a source without time stamps, as text."""
         rate_hz, origin = (self.rate_hz, "as declared") if self.rate_hz else (30, "assumed")
         return f"{rate_hz:g} frames a second {origin}"
 

@@ -27,9 +27,10 @@ Image = tuple[int, str]
 
 
 class Listed(NamedTuple):
-    """Contents of a folder's lists. file: a list's name; depth: by time, with the colour image's name or "".
+    """Contents of a folder's lists.
 
-    counted: whether the list has the images' numbers instead of times.
+    file: name of a list; depth: images by time, each with the name of its colour image or "". counted: True
+    if the list has image numbers instead of times.
     """
 
     file: str
@@ -73,7 +74,7 @@ def read_associations(file: Path) -> list[tuple[Image, Image]]:
 
 
 def _counted(stamps_ns: list[int]) -> bool:
-    """Return whether "seconds" are the images' numbers: small whole ones, most of them in steps of one."""
+    """Return whether the "seconds" are image numbers: small whole numbers, mostly in steps of one."""
     seconds = sorted({stamp / 1e9 for stamp in stamps_ns})
     if not all(second.is_integer() and second < LAST_NUMBER for second in seconds):
         return False
@@ -95,9 +96,9 @@ def _lines(file: Path, words: int) -> list[list[str]]:
 
 
 def _image(words: list[str], file: Path) -> Image:
-    """Return the time, seconds with any number of digits, without a float's rounding; and the name.
+    """Return the time, exact for any number of digits, and the file name of an image.
 
-    The name is without folders: images are looked for in the folder's own subfolders alone.
+    The name has no folders, because images are searched in the folder's own subfolders.
     """
     # 64 bits hold nine billion seconds of nanoseconds.
     match = re.fullmatch(r"([0-8]?\d{1,9})(?:\.(\d*))?", words[0], re.ASCII)

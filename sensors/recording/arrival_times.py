@@ -1,4 +1,4 @@
-"""Readings as they arrive: stamps on one time scale, and the events between them. Constants are untuned.
+"""Readings in the order of arrival: stamps on one time scale, and events between them. Constants are untuned.
 
 Every reading keeps its device's stamp, shifted so that the first stamp is its arrival on the host. After a
 loss, or when its clock was set, a device begins an *epoch* with a new shift. An event marks the start of the
@@ -18,10 +18,11 @@ FORGET = 1e-3  # rise of the least delay per time, five times the skew of a bad 
 
 @dataclass(frozen=True)
 class Arrived:
-    """A reading. stamp_ns, arrival_ns: since 1970, on the device's and the host's clock.
+    """Reading with its times.
 
-    lost: readings of its stream lost before it; overrun: of these, lost in a full queue. usable: False while
-    the flag is closed. restarted: first reading of an epoch.
+    stamp_ns, arrival_ns: since 1970, on the device's and the host's clock. lost: readings of its stream lost
+    before it; overrun: of these, lost in a full queue. usable: False while the flag (shutter) is closed.
+    restarted: True for the first reading of an epoch.
     """
 
     address: str
@@ -44,7 +45,7 @@ class Event:
 
 
 class _Epoch:
-    """One epoch of a device's clock. zero_ns: shift of its stamps."""
+    """Epoch of a device's clock. zero_ns: shift of its stamps."""
 
     def __init__(self, zero_ns: int) -> None:
         self.zero_ns = zero_ns
@@ -69,7 +70,7 @@ class _Epoch:
 
 
 class Arrivals:
-    """Stamps of readings, and events between readings. For one thread.
+    """Conversion of readings' stamps to one time scale, with events between readings. For one thread.
 
     unix_from_monotonic_ns: difference of the two clocks. away: addresses of lost devices.
     """
@@ -101,7 +102,9 @@ class Arrivals:
         return [*(Event(stamp_ns, text, arrival_ns) for text in texts), arrived]
 
     def _begun(self, address: str, reading: DeviceReading, arrival_ns: int) -> str:
-        """Return the text, with a place for the address, of the event that begins an epoch; "" within one."""
+        """Return the text of the event that begins an epoch, with a placeholder for the address; "" within an
+        epoch.
+        """
         epoch, text = self._epochs.get(address), ""
         if address in self.away:
             self.away.discard(address)

@@ -23,8 +23,8 @@ REOPEN_S = 1.0  # s between two attempts to reopen a lost device
 class Intake:
     """Readings of started devices; a context manager that reads, and closes the devices at the end.
 
-    reopen: opens and starts a lost device. faults: latest protocol violation by address. Raises DeviceError
-    if two devices have one stream, or depth is missing.
+    reopen: function that opens and starts a lost device. faults: latest protocol violation by address. Raises
+    DeviceError if two devices have one stream, or depth is missing.
     """
 
     def __init__(self, devices: Sequence[Device], reopen: Callable[[str], Device]) -> None:
@@ -63,11 +63,11 @@ class Intake:
 
     @property
     def away(self) -> frozenset[str]:
-        """Addresses of lost devices."""
+        """Return the addresses of lost devices."""
         return frozenset(self._arrivals.away)
 
     def now_ns(self) -> int:
-        """Return the host's time since 1970, without changes of that clock since the start."""
+        """Return the host's time since 1970; changes of that clock since the start have no effect."""
         return time.monotonic_ns() + self._unix_from_monotonic
 
     def wait(self, timeout_s: float) -> None:
@@ -103,7 +103,7 @@ class Intake:
         return happened
 
     def _read(self, address: str) -> None:
-        """Read one device in its thread."""
+        """Read one device until the end; runs in the device's thread."""
         while not self._stop.is_set():
             try:
                 item: DeviceReading | Exception | None = self._devices[address].read(READ_S)
@@ -130,7 +130,7 @@ class Intake:
         self._woken.set()
 
     def _opened_again(self, address: str) -> bool:
-        """Reopen a lost device as soon as it is back; return False if the intake ends before."""
+        """Reopen a lost device as soon as it is connected again; return False if the intake ends before."""
         # A maker's library may raise anything for a camera that is gone.
         with suppress(Exception):
             self._devices[address].close()

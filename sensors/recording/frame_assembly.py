@@ -31,7 +31,7 @@ class SyncedFrame:
 
 
 class FrameAssembly:
-    """Pairs readings as ``sensors.rig.pairing`` does, with the readings that have come so far.
+    """Pairing of readings to frames as in ``sensors.rig.pairing``, for readings that arrive live.
 
     rates_hz: nominal rates of the streams.
     """
@@ -63,7 +63,7 @@ class FrameAssembly:
                 self._spot = (host_ns, target_c)
 
     def latest(self, now_ns: int) -> SyncedFrame | None:
-        """Return the latest frame that is complete or has waited long enough; skip the frames before.
+        """Return the latest frame that is complete or has waited long enough; earlier frames are skipped.
 
         now_ns: on the clock of the arrivals.
         """

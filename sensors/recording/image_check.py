@@ -1,4 +1,4 @@
-"""Check of single images: a corrupt one is left out, a camera in a wrong mode ends the rig."""
+"""Check of single images: corrupt ones are left out, a camera in a wrong mode ends the recording."""
 
 from collections import Counter
 

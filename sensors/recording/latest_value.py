@@ -49,5 +49,5 @@ class LatestValue(Generic[T]):
 
     @property
     def ended(self) -> bool:
-        """True if no more values come."""
+        """Return True if no more values come."""
         return self._ended

@@ -1,4 +1,6 @@
-"""Running rig: its latest synchronised frame, and every reading on disk while it records."""
+"""Running rig: it returns its latest synchronised frame, and writes every reading to disk while it
+records.
+"""
 
 import gc
 import threading
@@ -30,9 +32,10 @@ _freezing = set["LiveRig"]()  # running rigs: see ``LiveRig.start``
 class LiveRig:
     """Started devices, read by one thread from ``start`` to ``close``.
 
-    Only that thread writes, because signals do not interrupt it. reopen: opens and starts a lost device.
-    frames: latest frame, which ends with the rig. events: the last events with running numbers. error: reason
-    of the rig's end. Raises DeviceError if two devices have one stream, or depth is missing.
+    Only that thread writes, because signals do not interrupt it. reopen: function that opens and starts a
+    lost device. frames: queue of the latest frame, which ends with the rig. events: the last events with
+    running numbers. error: reason of the rig's end. Raises DeviceError if two devices have one stream, or
+    depth is missing.
     """
 
     def __init__(
@@ -61,9 +64,9 @@ class LiveRig:
         self._thread = threading.Thread(target=self._run, name="rig", daemon=True)
 
     def start(self) -> None:
-        """Begin to read, with the garbage collector kept from all objects that exist already.
+        """Begin to read; existing objects are excluded from garbage collection.
 
-        A full collection stops every thread for 60 to 120 ms, and a thermal camera keeps 125 ms of images.
+        A full collection stops every thread for 60 to 120 ms, and a thermal camera buffers 125 ms of images.
         """
         self._started_s, self._serving = time.monotonic(), True
         _freezing.add(self)
@@ -103,7 +106,7 @@ class LiveRig:
             gc.freeze()
 
     def end_recording(self) -> Path | None:
-        """End the recording, if there is one, and return its whole session.
+        """End the recording, if there is one, and return the path of its session.
 
         Raises OSError, and ExistsError if another program made a file of its name meanwhile.
         """
@@ -115,7 +118,7 @@ class LiveRig:
 
     @property
     def last_take(self) -> Take | None:
-        """Current recording, or the last one."""
+        """Return the current recording, or else the last one."""
         return self._recorder.last
 
     def _end_recording(self) -> Path | None:
@@ -205,7 +208,7 @@ class LiveRig:
             self._actions.popleft()()
 
     def _take_in(self) -> None:
-        """Check, count, pair and write all readings that have come."""
+        """Check, count, pair and write all readings that have arrived."""
         for item in self._intake.drain():
             self._keep(item)
 

@@ -153,7 +153,7 @@ OPENERS: Mapping[str, Callable[[Address], Device]] = {
 
 
 def _node(address: Address) -> V4l2Node:
-    """Return the node of a thermal camera whose other options were read."""
+    """Return the node of a thermal camera; call after all other options were queried."""
     address.finish()
     path, usb_id = _target(address, "/dev/video0"), VIDEO_IDS.get(address.kind)
     return V4l2Node(path, dict(video_nodes(usb_id)).get(path, "") if usb_id else "")
@@ -179,12 +179,15 @@ def _serial_ports() -> list[Found]:
 
 
 def _numbered(kind: str, serials: list[str], closed: str = "") -> list[Found]:
-    """Return devices by serial number, with a note on equal numbers. closed: note without a number."""
+    """Return devices by serial number; devices with equal numbers get a note.
+
+    closed: note for a device without a serial number.
+    """
     twice = "another one has the same serial number; unplug one of them"
     notes = [closed if not serial else twice if serials.count(serial) > 1 else "" for serial in serials]
     return [Found(f"{kind}:{one}", kind, one, note=note) for one, note in zip(serials, notes, strict=True)]
 
 
 def _access(node: Path | str) -> str:
-    """Return the reason why this user may not open the node, "" if there is none; do not open it."""
+    """Return the reason why this user may not open the node, or "". The node is not opened."""
     return "" if os.access(node, os.R_OK | os.W_OK) else str(node_error(Path(node), errno.EACCES))

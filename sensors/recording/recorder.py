@@ -74,9 +74,10 @@ def write_item(writer: SessionWriter, item: Arrived | Event, infrared: bool = Fa
 
 @dataclass
 class Take:
-    """A recording. infrared: keep amplitude images. started_s, ended_s: ``time.monotonic``, inf = not yet.
+    """State of one recording.
 
-    events: number of each text. frames: number of depth images.
+    infrared: keep amplitude images. started_s, ended_s: ``time.monotonic``, inf = not yet. events: number of
+    each text. frames: number of depth images.
     """
 
     writer: SessionWriter
@@ -88,12 +89,12 @@ class Take:
 
     @property
     def path(self) -> Path:
-        """Path of the recorded readings now."""
+        """Return the current path of the recorded readings."""
         return self.writer.partial if self.writer.partial.exists() else self.writer.path
 
     @property
     def seconds(self) -> float:
-        """Duration so far."""
+        """Return the duration so far."""
         return min(time.monotonic(), self.ended_s) - self.started_s
 
 
@@ -191,7 +192,7 @@ class Recorder:
 
 
 def _cut_off(take: Take, error: OSError) -> str:
-    """Return the message for a recording that ended with an error of the disk."""
+    """Return the message for a recording that a disk error ended."""
     if isinstance(error, FileNotFoundError):
         return _gone(take)
     why = error.strerror or error

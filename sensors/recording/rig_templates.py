@@ -1,6 +1,6 @@
 """Common rigs by name (``sensors/data/rig_templates.toml``): cameras by data sheet, poses and hole plate.
 
-The calibrations are starting points; calibrate with the hole plate before labelling.
+The calibrations are initial guesses; calibrate with the hole plate before labelling.
 """
 
 import tomllib
@@ -26,7 +26,7 @@ KINECT_COLOR_FROM_DEPTH = Pose(*(np.array(part) for part in TABLE["kinect_color_
 
 @dataclass(frozen=True)
 class RigTemplate:
-    """A common rig; the TOML table defines the fields. devices: addresses, depth camera first."""
+    """Common rig; the TOML table documents the fields. devices: addresses, depth camera first."""
 
     name: str
     title: str

@@ -19,11 +19,12 @@ RECENT_NS = 5_000_000_000  # ns over which drops and bytes are counted; untuned
 
 @dataclass(frozen=True)
 class StreamHealth:
-    """One stream. recent, lost, overrun: images received, lost, and lost in a full queue in the last 5 s.
+    """State of one stream.
 
-    rate_hz: over these. silent_s: since the last image; running_s: since the device was opened. away: the
+    recent, lost, overrun: images received, lost, and lost in a full queue in the last 5 s. rate_hz: over the
+    same 5 s. silent_s: since the last image; running_s: since the device was opened. away: True while the
     device is lost. count, dropped, left_out: usable, lost and corrupt images since the start. usable: False
-    while the flag is closed.
+    while the flag (shutter) is closed.
     """
 
     nominal_hz: float
@@ -42,7 +43,7 @@ class StreamHealth:
 
     @property
     def shows(self) -> str:
-        """The last value as text."""
+        """Return the last value as text."""
         if not self.usable:
             return "flag closed"
         return "" if self.value is None else in_words(self.value)
@@ -69,12 +70,14 @@ class Health:
 
     @property
     def dropped(self) -> int:
-        """Images of all streams lost since the start."""
+        """Return the number of lost images of all streams since the start."""
         return sum(stream.dropped for stream in self.streams.values())
 
 
 class _Came(NamedTuple):
-    """A reading that came. lost: before it; overrun: of these, in a full queue."""
+    """Arrival of one reading. lost: number of readings lost before it; overrun: of these, lost in a full
+    queue.
+    """
 
     at_ns: int
     lost: int
@@ -94,7 +97,7 @@ class _Stream:
         self.usable = True
 
     def add(self, item: Arrived, left_out: bool) -> None:
-        """Count a reading."""
+        """Count a reading. left_out: True for a corrupt image, which is counted apart."""
         self.dropped += item.lost
         self.left_out += left_out
         if left_out:
@@ -135,7 +138,7 @@ class _Stream:
 
 
 class Watch:
-    """Counts of started devices' readings by their arrival. latency_ns: by address, if known."""
+    """Counters of started devices' readings by arrival time. latency_ns: by address, if known."""
 
     def __init__(self, devices: Sequence[Device], latency_ns: Mapping[str, int]) -> None:
         self._latency_ns = latency_ns

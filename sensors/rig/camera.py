@@ -60,17 +60,17 @@ class Intrinsics:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(height, width)."""
+        """Return (height, width)."""
         return self.height, self.width
 
     @property
     def distortion(self) -> Distortion:
-        """(k1, k2, p1, p2, k3)."""
+        """Return (k1, k2, p1, p2, k3)."""
         return self.k1, self.k2, self.p1, self.p2, self.k3
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """Camera matrix (3, 3)."""
+        """Return the camera matrix (3, 3)."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
 
     def check_size(self, name: str, shape: tuple[int, ...]) -> None:
@@ -115,7 +115,7 @@ def brown(x: Number, y: Number, lens: Distortion) -> tuple[Number, Number]:
 def undistort(camera: Intrinsics, xy: FloatArray, iterations: int = 40) -> NDArray[np.float64]:
     """Invert ``distort`` by fixed-point iteration; (..., 2) -> (..., 2) normalised coordinates.
 
-    Meaningless, perhaps not finite, in corners where a lens model has no inverse.
+    The result is wrong, perhaps not finite, in image corners where the lens model has no inverse.
     """
     goal = np.asarray(xy, np.float64)
     ideal = goal.copy()

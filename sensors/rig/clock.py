@@ -23,7 +23,7 @@ AGREE_NS, EXPOSURE_NS = 5_000_000, 20_000_000  # delays that agree; stamps that 
 
 @dataclass(frozen=True)
 class Clock:
-    """host_ns = stamp_ns + offset_ns + skew * (stamp_ns - origin_ns)."""
+    """Linear clock model: host_ns = stamp_ns + offset_ns + skew * (stamp_ns - origin_ns)."""
 
     offset_ns: int
     skew: float
@@ -48,10 +48,11 @@ def fit_clock(stamps_ns: NDArray[np.int64], arrivals_ns: NDArray[np.int64]) -> C
 
 @dataclass(frozen=True)
 class EpochClock:
-    """Clock of one device in all its epochs. begins_ns: (k,) stamps at which epochs 1 .. k begin.
+    """Clock of one device in all its epochs.
 
-    clocks: of the epochs that have readings, by number. unsure: epochs whose readings are too few to agree on
-    the offset; the first one after a device was opened is often late.
+    begins_ns: (k,) stamps at which epochs 1 .. k begin. clocks: of the epochs that have readings, by number.
+    unsure: epochs with too few readings for a reliable offset; the first reading after a device was opened is
+    often late.
     """
 
     begins_ns: NDArray[np.int64]
@@ -66,7 +67,7 @@ class EpochClock:
         return host
 
     def sure(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (n,) of sorted device stamps whose time on the host's clock is sure."""
+        """Return flags (n,) of sorted device stamps whose time on the host's clock is reliable."""
         flags = np.ones(len(stamps_ns), np.bool_)
         for number, span in _spans(stamps_ns, self.begins_ns):
             flags[span] = number not in self.unsure
@@ -78,8 +79,8 @@ def fit_epochs(
 ) -> EpochClock:
     """Fit each epoch of a clock to the host's arrivals, both (n,), n >= 1.
 
-    A fit that is later than the first reading of the next epoch is moved back, because readings keep their
-    order.
+    A fit that ends later than the first reading of the next epoch is shifted to earlier times, because
+    readings keep their order.
     """
     order = np.argsort(stamps_ns, kind="stable")
     stamps_ns, arrivals_ns = stamps_ns[order], arrivals_ns[order]
@@ -114,9 +115,9 @@ def begins_of(name: str, events: Iterable[tuple[int, str]]) -> NDArray[np.int64]
 
 
 def _envelope(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
-    """Return slope and intercept of the line under all points (n,) with the least mean distance to them.
+    """Return slope and intercept of the line below all points (n,) with the least mean distance to them.
 
-    The line is the side of their convex hull below the mean x.
+    The line is the edge of their lower convex hull at the mean x.
     """
     order = np.lexsort((y, x))
     corner = _lower_hull(x[order].tolist(), y[order].tolist())

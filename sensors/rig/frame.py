@@ -1,4 +1,4 @@
-"""Frames of the rig, each one synchronised moment of all its cameras, and the base of all their sources."""
+"""Frame of the rig: synchronised images of all its cameras; and the base class of all sources of frames."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -49,7 +49,9 @@ class RigFrame:
         return {"depth": self.depth_mm, "thermal": self.thermal_c, "infrared": self.infrared}
 
     def sized_as(self, calibration: RigCalibration) -> Self:
-        """Return this frame. Raises CalibrationError where an image differs from its camera's size."""
+        """Return this frame unchanged. Raises CalibrationError where an image differs from its camera's
+        size.
+        """
         for name, image in self._images().items():
             camera = calibration.thermal if name == "thermal" else calibration.depth
             if image is not None and camera is not None:
@@ -121,7 +123,7 @@ class FrameSource(ABC):
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of the recording's file, in hexadecimal; "" where the source is not one file."""
+        """Return the SHA-256 of the recording's file, in hexadecimal; "" where the source is not one file."""
         return ""
 
     def __len__(self) -> int:
@@ -141,7 +143,7 @@ class FrameSource(ABC):
 
     @abstractmethod
     def _frame(self, index: int) -> RigFrame:
-        """Read a frame that exists."""
+        """Read frame ``index``, which exists."""
 
 
 def regular_times_ns(count: int, period_ns: int = FRAME_PERIOD_NS) -> NDArray[np.int64]:

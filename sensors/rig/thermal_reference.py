@@ -1,8 +1,8 @@
-"""The pyrometer as the thermal camera's reference: where it points, and the camera's offset.
+"""Pyrometer as the thermal camera's reference: its spot in the image, and the camera's temperature offset.
 
-A bolometer camera drifts by kelvins while it warms up (Optris PI: accuracy of 2 K), all pixels
-alike; a pyrometer holds to tenths. At its spot the reading minus the image changes slowly, as
-drift does. Constants are untuned unless a source is given.
+A bolometer camera drifts by kelvins while it warms up (Optris PI: accuracy of 2 K), all pixels alike; a
+pyrometer is stable to tenths. At the right spot, reading minus image changes as slowly as drift does.
+Constants are untuned unless a source is given.
 """
 
 from collections import deque
@@ -28,9 +28,9 @@ Floats = NDArray[np.float64]
 
 
 class ThermalReference:
-    """Readings of a pyrometer beside the thermal images of the same moments.
+    """Readings of a pyrometer with simultaneous thermal images.
 
-    focal_px: the thermal camera's focal length. Times only rise, on any one clock.
+    focal_px: the thermal camera's focal length. Times must increase, on any one clock.
     """
 
     def __init__(self, focal_px: float) -> None:
@@ -42,7 +42,7 @@ class ThermalReference:
         self._places = np.empty((0, 2), np.int64)
 
     def add(self, time_s: float, reading_c: float, thermal_c: Celsius) -> None:
-        """Add a reading and the image (h, w) of its moment, degrees Celsius; NaN readings are ignored."""
+        """Add a reading and the simultaneous image (h, w), degrees Celsius; NaN readings are ignored."""
         if not np.isfinite(reading_c):
             return
         if not len(self._places):
@@ -58,10 +58,10 @@ class ThermalReference:
         self._uneven_k.append(np.sqrt(np.maximum(square - mean**2, 0)))
 
     def _over_disc(self, off_k: Celsius) -> tuple[Celsius, Celsius]:
-        """Return the means (places,) of an image (h, w) and of its square over each disc's known pixels.
+        """Return the means (places,) of an image (h, w) and of its square over the known pixels of each disc.
 
-        NaN where too little of a disc is known. Unknown pixels are filtered as 0, because OpenCV's
-        Fourier transform (from 11 x 11 pixels on) spreads a NaN over much of the image.
+        NaN where too little of a disc is known. Unknown pixels are filtered as 0, because OpenCV's Fourier
+        transform (from 11 x 11 pixels on) spreads a NaN over much of the image.
         """
         import cv2
 
@@ -82,9 +82,9 @@ class ThermalReference:
         return np.asarray(inside / inside.sum(), np.float32)
 
     def spot(self) -> int | None:
-        """Return the place of the pyrometer's spot, for ``offsets_k`` and ``pixel``.
+        """Return the candidate place of the pyrometer's spot, for ``offsets_k`` and ``pixel``.
 
-        None where too little moved, or equally likely places give different corrections.
+        None where too little moved, or where equally likely places give different corrections.
         """
         if len(self._times_s) < LEAST_READINGS:
             return None
@@ -105,10 +105,10 @@ class ThermalReference:
         return column, row
 
     def offsets_k(self, spot: int, times_s: Floats) -> Floats:
-        """Return the kelvin (n,) to add to the thermal images of times (n,).
+        """Return the kelvins (n,) to add to the thermal images at times (n,).
 
-        By a line through the readings within SMOOTH_S, weighted by evenness of the spot; without any by the
-        nearest reading.
+        A line is fitted to the readings within SMOOTH_S, weighted by how even the spot is. Without such
+        readings the nearest one is used.
         """
         start_s = self._times_s[0]
         known_s, asked_s = np.array(self._times_s) - start_s, times_s - start_s

@@ -1,4 +1,6 @@
-"""Turn of a camera's images: mirrored, then turned clockwise, with its intrinsics and the poses of a rig."""
+"""Turn of a camera's images (mirroring, then clockwise rotation), applied to its intrinsics and a rig's
+poses.
+"""
 
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -36,7 +38,7 @@ class Turn:
         return camera
 
     def calibration(self, factory: RigCalibration) -> RigCalibration:
-        """Return the calibration of a depth camera, with or without colour, that is mounted so."""
+        """Return the calibration of a depth camera in this mounting, with or without colour."""
         depth = self.camera(factory.depth)
         if factory.color is None or factory.color_from_depth is None:
             return replace(factory, depth=depth)
@@ -47,7 +49,7 @@ class Turn:
         return replace(factory, depth=depth, color=color, color_from_depth=pose @ back)
 
     def whole(self, rig: RigCalibration) -> RigCalibration:
-        """Return the calibration of a rig all of whose images are turned."""
+        """Return the calibration of a rig whose images are all turned."""
         axes = np.linalg.matrix_power(_QUARTER, self.quarters) @ (_MIRROR if self.mirror else np.eye(3))
         turned: dict[str, Intrinsics | Pose] = {}
         for name, value in vars(rig).items():

@@ -2,7 +2,7 @@
 
 
 class WrappingCounter:
-    """Counter that goes on where one of 32 bits starts again at 0.
+    """Counter that continues where a 32-bit counter wraps to 0.
 
     Neighbouring values may lie up to half the range apart, in either direction.
     """
@@ -11,7 +11,7 @@ class WrappingCounter:
         self._last: int | None = None
 
     def unwrap(self, value: int) -> int:
-        """Return the value of an endless counter; the first is returned as it is."""
+        """Return the unwrapped value; the first value is returned unchanged."""
         if self._last is None:
             self._last = value
         self._last += (value - self._last + 2**31) % 2**32 - 2**31

@@ -1,1 +1,1 @@
-"""Recordings of frames in one MCAP file: written, indexed, read."""
+"""Sessions (recordings of frames in one MCAP file): writing, indexing, reading."""

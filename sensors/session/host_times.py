@@ -1,4 +1,4 @@
-"""Times of a session's messages on the host's clock, and the images that belong together by them."""
+"""Times of a session's messages on the host's clock, and pairing of images by these times."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ from sensors.session.index import Places
 
 @dataclass(frozen=True)
 class HostTimes:
-    """Times int64 (n,) of the messages of every topic, nanoseconds on one clock for all. sure: flags (n,).
+    """Times int64 (n,) of the messages of every topic, nanoseconds on one common clock.
 
-    A time is unsure where its device was open for a few images only, which leave the offset unknown. clocks:
-    names of the topics' clocks, "" where none is stated.
+    sure: flags (n,). A time is unsure where its device was open for a few images only, which leave the offset
+    unknown. clocks: names of the topics' clocks, "" where none is stated.
     """
 
     ns: dict[str, NDArray[np.int64]]

@@ -45,9 +45,10 @@ Places = NDArray[np.void]
 
 @dataclass(frozen=True)
 class Contents:
-    """All of a session except its images.
+    """Data of a session without its images.
 
-    places: by image topic, possibly empty. truncated: the file was cut off, which is not an error.
+    places: positions of the images by topic, possibly empty. truncated: True if the file was cut off, which
+    is not an error.
     """
 
     places: dict[str, Places]
@@ -115,7 +116,7 @@ def scan(file: BinaryIO) -> Contents:
 
 
 class _Scan:
-    """Contents of a file's records, one after another. expected, count: messages stated and found."""
+    """Collector of a file's records, one after another. expected, count: messages stated and found."""
 
     def __init__(self, name: str) -> None:
         self._name, self.count = name, 0
@@ -128,7 +129,7 @@ class _Scan:
         self._topics: dict[int, str] = {}
 
     def add(self, offset: int, slot: int, data: bytes, span: Span) -> None:
-        """Add the record of ``data`` at a span, number ``slot`` of the chunk at ``offset``."""
+        """Add the record of ``data`` at a span; slot: its number in the chunk at ``offset``."""
         if span.opcode == Opcode.MESSAGE:
             self._add_message(offset, slot, data, span)
         elif span.opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.METADATA):

@@ -73,7 +73,7 @@ class IndexedWriter:
         self._added()
 
     def flush(self) -> None:
-        """End the chunk and hand it to the system."""
+        """End the chunk and write it to the system's file cache."""
         self._writer.flush()
         self._follow()
 
@@ -90,7 +90,7 @@ class IndexedWriter:
         self._follow()
 
     def _follow(self) -> None:
-        """Note a chunk that ``mcap`` has written."""
+        """Record the position of a chunk that ``mcap`` has written."""
         if (end := self._file.tell()) != self._begin:
             self._index.ends.append((self._begin, end))
             self._begin, self._slot = end, 0

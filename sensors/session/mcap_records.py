@@ -38,7 +38,7 @@ _WANTED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.M
 
 
 class Span(NamedTuple):
-    """A record among others. start, end: of its content, behind opcode and length."""
+    """Position of a record in its file or chunk. start, end: of its content, behind opcode and length."""
 
     opcode: int
     start: int
@@ -138,7 +138,7 @@ class MessageReader:
 
 
 def spans(data: bytes) -> Iterator[Span]:
-    """Yield the records that follow each other in ``data``. Raises ValueError where it ends within one."""
+    """Yield the consecutive records in ``data``. Raises ValueError where it ends within one."""
     at = number = 0
     while at < len(data):
         opcode, length = HEAD.unpack_from(data, at)

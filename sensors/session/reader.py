@@ -102,7 +102,7 @@ class Session(FrameSource):
 
     @cached_property
     def reference_c(self) -> NDArray[np.float64]:
-        """float64 (n,) Celsius: the pyrometer's target at the time of every frame, NaN = not measured.
+        """Return float64 (n,) Celsius: the pyrometer's target at the time of every frame, NaN = not measured.
 
         Interpolated between its two nearest readings within ``SPOT_WINDOW_NS``.
         """
@@ -112,7 +112,7 @@ class Session(FrameSource):
 
     @cached_property
     def offsets_k(self) -> NDArray[np.float64] | None:
-        """float64 (n,) kelvin added to every frame's temperatures: the pyrometer's corrections.
+        """Return float64 (n,) kelvins that the pyrometer's correction adds to each frame's temperatures.
 
         None without a pyrometer, or where its spot in the image is unknown.
         """
@@ -143,12 +143,12 @@ class Session(FrameSource):
 
     @property
     def streams(self) -> dict[str, StreamRate]:
-        """Count and rate of every image topic that has messages."""
+        """Return count and rate of every image topic that has messages."""
         return {topic: _rate(found["stamp_ns"]) for topic, found in self._places.items() if len(found)}
 
     @cached_property
     def notes(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Missing parts of the session, and corrections of its images, one sentence each."""
+        """Return missing parts of the session, and corrections of its images, one sentence each."""
         has = {topic: bool(len(found)) for topic, found in self._places.items()}
         notes = ["no colour images"] * (not has[COLOR]) + ["no thermal images"] * (not has[THERMAL])
         if shift_mm := round(self.calibration.depth_shift_mm):
@@ -185,7 +185,7 @@ class Session(FrameSource):
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of the file, in hexadecimal."""
+        """Return the SHA-256 of the file, in hexadecimal."""
         with self.path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -198,7 +198,9 @@ class Session(FrameSource):
 
 
 def _is_delayed(places: Places) -> bool:
-    """Return whether a device's stamps differ from the host's times, which simulations and imports share."""
+    """Return whether a device's stamps differ from the host's times; simulated and imported sessions have
+    equal times.
+    """
     return bool(len(places)) and bool(np.abs(places["arrival_ns"] - places["stamp_ns"]).max() > DELAY_NS)
 
 

@@ -1,6 +1,6 @@
-"""Names of a recording's file, and its lock while it is written: the kernel's (flock).
+"""File names of a recording, and a kernel lock (flock) on the file while it is written.
 
-A dead process holds no lock.
+The kernel releases the lock of a dead process.
 """
 
 import fcntl
@@ -72,7 +72,9 @@ def is_being_recorded(path: Path) -> bool:
 
 
 def check_ended(file: BinaryIO) -> None:
-    """Keep writers off an open file until it is closed. Raises RecordingError while it is being recorded."""
+    """Lock an open file against writers until it is closed. Raises RecordingError while it is being
+    recorded.
+    """
     if not _locked(file, fcntl.LOCK_SH):
         raise RecordingError(f"{file.name} is being recorded; the recording still runs: end it first")
 

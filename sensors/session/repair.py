@@ -1,4 +1,4 @@
-"""Strict check of a session's file, and repair of one that was cut off or is damaged."""
+"""Strict check of a session's file, and repair of a truncated or damaged one."""
 
 import os
 import zlib
@@ -85,10 +85,11 @@ def _checksum_fits(file: BinaryIO, summary: Summary) -> bool:
 
 @dataclass(frozen=True)
 class Repaired:
-    """Result of ``repair``. frames: of the whole session. changed: False where the session was whole.
+    """Result of ``repair``.
 
-    damaged, lost_bytes: number and length of unreadable places. lost_s: their duration, as far as known.
-    lost_frames: number of missing frames, None = unknown.
+    frames: of the repaired session. changed: False where the session was intact. damaged, lost_bytes: number
+    and length of unreadable places. lost_s: their duration, as far as known. lost_frames: number of missing
+    frames, None = unknown.
     """
 
     path: Path
@@ -101,10 +102,10 @@ class Repaired:
 
 
 def repair(path: Path, out: Path | None = None, *, overwrite: bool = False) -> Repaired:
-    """Write a whole session with all readable records of a damaged one, which stays as it is.
+    """Write an intact session with all readable records of a damaged one, which stays unchanged.
 
-    The result is ``NAME.repaired.mcap``, for ``NAME.mcap.partial`` ``NAME.mcap``; a whole session has none.
-    Raises FormatError when nothing can be saved, ExistsError when the result's name is taken and
+    The result is ``NAME.repaired.mcap``, for ``NAME.mcap.partial`` ``NAME.mcap``; an intact session gets
+    none. Raises FormatError when nothing can be saved, ExistsError when the result's name is taken and
     ``overwrite`` is False, RecordingError while the recording runs.
     """
     source = recording_at(path)
@@ -126,7 +127,7 @@ def repair(path: Path, out: Path | None = None, *, overwrite: bool = False) -> R
 
 
 def _opened(source: Path) -> BinaryIO:
-    """Open a session and keep writers off until it is closed. Raises RecordingError while they run."""
+    """Open a session and lock it against writers until it is closed. Raises RecordingError while they run."""
     try:
         file = source.open("rb")
     except OSError as error:
@@ -200,7 +201,9 @@ class Losses:
 
     @property
     def ns(self) -> int:
-        """Duration of the lost parts: a gap of unknown length less the usual step between chunks."""
+        """Return the duration of the lost parts: each gap of unknown length minus the usual step between
+        chunks.
+        """
         step_ns = round(median(self._steps_ns)) if self._steps_ns else 0
         return self._known_ns + sum(max(0, gap_ns - step_ns) for gap_ns in self._gaps_ns)
 
@@ -230,7 +233,7 @@ class Copier:
         self.frames = self.nameless = self.messages = 0
 
     def add(self, record: McapRecord) -> None:
-        """Copy one record; of a schema or channel the first with its number."""
+        """Copy one record; schemas and channels are copied once by number."""
         match record:
             case Schema() if record.id not in self._schemas:
                 new = self._writer.register_schema(record.name, record.encoding, record.data)

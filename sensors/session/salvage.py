@@ -1,7 +1,8 @@
-"""Sound records of a damaged MCAP file, and the gaps between them. Layout: MCAP specification.
+"""Search for intact records of a damaged MCAP file, and for the gaps between them.
 
-Records follow each other by their lengths. Behind a corrupt record the next one is found by a whole summary's
-index, else as the next chunk whose header and CRC are right.
+Layout: MCAP specification. Records follow each other by their lengths. After a corrupt record, the next one
+is located by the index of an intact summary. Without a summary it is the next chunk whose header and CRC are
+right.
 """
 
 import os
@@ -64,7 +65,7 @@ def pieces(file: BinaryIO, summary: Summary | None) -> Iterator[Piece]:
 
 
 class _Walk:
-    """One walk through a file's bytes up to ``end``."""
+    """Walk through a file's bytes up to ``end``."""
 
     def __init__(self, memory: mmap, end: int, summary: Summary | None) -> None:
         self._memory, self._end = memory, end
@@ -91,7 +92,7 @@ class _Walk:
             at = piece.end
 
     def _sound(self, at: int) -> Piece | None:
-        """Return the record at a byte; None for a corrupt one or other bytes."""
+        """Return the intact record at an offset; None for a corrupt record or other bytes."""
         end = self._stated_end(at)
         if end is None or self._next_known(at) < end:
             return None
@@ -144,7 +145,7 @@ class _Walk:
         return Piece(at, end, data, end_ns=_TIMES.unpack_from(record, HEAD.size)[1])
 
     def _is_end(self, at: int) -> bool:
-        """Return whether nothing, or the magic alone, follows from a byte on."""
+        """Return whether the data ends at an offset, or only the magic follows."""
         return self._end - at in (0, len(MAGIC)) and self._memory[at : self._end] in (b"", MAGIC)
 
     def _stated_end(self, at: int) -> int | None:

@@ -1,9 +1,9 @@
-"""Index in a session: all of the session except its images, so that opening reads no chunk.
+"""Index stored in a session: all data except the images, so that opening a session reads no chunk.
 
-Images are paired by the devices' stamps, and MCAP's own index has the log times alone. So the writer adds an
-attachment: a JSON header (its length, 4 bytes, in front), then the messages in the file's order as columns
-packed by zstd. Its CRC is the attachment's. Where a program that rewrites the file copies the attachment, it
-contradicts the summary, and is not used.
+Images are paired by device stamps, but MCAP's own index has only log times. Therefore the writer adds an
+attachment with the attachment's CRC. It holds a JSON header (4 bytes of length in front), then the messages
+in the file's order as columns packed by zstd. If another program rewrites the file and copies the attachment,
+the attachment contradicts the summary and is ignored.
 """
 
 import base64
@@ -34,17 +34,17 @@ _BROKEN = (ValueError, KeyError, TypeError, AttributeError, RecursionError, stru
 
 
 class ContradictionError(ValueError):
-    """The index is damaged, or of another file."""
+    """Error of an index that is damaged, or belongs to another file."""
 
 
 @dataclass
 class StoredIndex:
-    """All of a session except its images.
+    """Data of a session except its images.
 
-    columns: int64 (5, n), a message each, in the file's order: number of its topic, device stamp, log time,
-    number of its chunk, number among the records of the chunk. ends: first byte of every chunk, and the
-    byte behind it and its message indexes. calibrations: the first message of each topic. events: (stamp,
-    text).
+    columns: int64 (5, n), one column per message in the file's order. Rows: number of its topic, device
+    stamp, log time, number of its chunk, number among the records of the chunk. ends: first byte of every
+    chunk, and the byte after it and its message indexes. calibrations: the first message of each topic.
+    events: (stamp, text).
     """
 
     topics: list[str] = field(default_factory=list)

@@ -27,7 +27,7 @@ FOOTER_BYTES = HEAD.size + _FOOTER.size + len(MAGIC)
 
 @dataclass(frozen=True)
 class Summary:
-    """Contents of a summary. chunks: CHUNK (n,), by offset. start: first byte of the summary."""
+    """Contents of a summary. chunks: CHUNK (n,), by offset. start: offset of the summary's first byte."""
 
     start: int
     chunks: NDArray[np.void]
@@ -39,7 +39,7 @@ class Summary:
 
     @property
     def counts(self) -> Counter[str]:
-        """Number of messages by topic, as the statistics state it."""
+        """Return the number of messages by topic, as the statistics state it."""
         names = {channel.id: channel.topic for channel in self.channels}
         counts: Counter[str] = Counter()
         for number, messages in (self.statistics.channel_message_counts if self.statistics else {}).items():

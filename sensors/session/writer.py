@@ -104,7 +104,7 @@ class SessionWriter:
                 self.partial.unlink(missing_ok=True)
 
     def is_in_place(self) -> bool:
-        """Return whether the partial is still under its name; True where that is unknown."""
+        """Return whether the partial file still exists under its name; True where that is unknown."""
         try:
             return os.path.samestat(self.partial.stat(), os.fstat(self._file.fileno()))
         except FileNotFoundError:
@@ -113,7 +113,7 @@ class SessionWriter:
             return True
 
     def _check_names(self) -> None:
-        """Check, hours later, that the partial is still this file, and its final name free."""
+        """Check that the partial file was not replaced, and that its final name is free."""
         if not self.is_in_place():
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(self.partial))
         if self.path.exists() and not self._overwrite:
@@ -144,7 +144,7 @@ class SessionWriter:
         self.add(EVENTS, event_message(stamp_ns, text), stamp_ns, arrival_ns)
 
     def flush(self) -> None:
-        """End the chunk and hand it to the system: then it survives the death of the process."""
+        """End the chunk and write it to the system's file cache, which survives the death of the process."""
         self._writer.flush()
 
     def add(self, topic: str, message: ProtoMessage, stamp_ns: int, arrival_ns: int | None = None) -> None:
@@ -162,6 +162,6 @@ class SessionWriter:
 
 
 class RepeatableWriter(SessionWriter):
-    """Writer of a session that can be made again: on an exception nothing stays."""
+    """Writer of a session that can be generated again; after an exception no file is kept."""
 
     keeps_partial = False

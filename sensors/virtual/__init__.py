@@ -1,1 +1,1 @@
-"""Virtual twins: software devices behind the same interfaces as the real ones, for trying things out."""
+"""Virtual twins: software devices with the interfaces of the real ones, for trials without hardware."""

@@ -1,4 +1,4 @@
-"""Loop of recorded or rendered frames in front of a virtual camera."""
+"""Loop of recorded or rendered frames, the scene of a virtual camera."""
 
 from collections.abc import Iterable
 from itertools import islice
@@ -41,15 +41,19 @@ class FrameLoop:
         return self._at(self._depth, seconds, "depth")
 
     def infrared(self, seconds: float) -> NDArray[np.uint16] | None:
-        """Return the amplitude (h, w) of the depth image, or None."""
+        """Return the amplitude (h, w) of the depth image, ``seconds`` after the start, or None."""
         return self._at(self._infrared, seconds, "infrared") if self._infrared else None
 
     def color(self, seconds: float) -> bytes:
-        """Return the encoded image. Raises DeviceError if the source has none."""
+        """Return the encoded image, ``seconds`` after the start. Raises DeviceError if the source has
+        none.
+        """
         return self._at(self._color, seconds, "colour")
 
     def thermal(self, seconds: float) -> NDArray[np.float32]:
-        """Return Celsius (120, 160) without gaps. Raises DeviceError if the source has none."""
+        """Return Celsius (120, 160) without gaps, ``seconds`` after the start. Raises DeviceError if the
+        source has none.
+        """
         return self._at(self._thermal, seconds, "thermal")
 
     def _at(self, images: list[T], seconds: float, name: str) -> T:
@@ -69,7 +73,7 @@ def _times_s(stamps_ns: list[int]) -> tuple[NDArray[np.float64], float]:
 
 
 def _filled(images: list[T | None]) -> list[T]:
-    """Return each image, or the one before a missing image; the first image fills the start."""
+    """Return the images with each missing image replaced by the previous one, at the start by the first."""
     there = [image for image in images if image is not None]
     filled = there[:1]
     for image in images if there else []:
@@ -84,7 +88,7 @@ def _thermal(celsius: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 class Noise:
-    """Gaussian noise of an image of this shape, shifted by some rows from image to image."""
+    """Gaussian noise (h, w), shifted by some rows from image to image. shape: of the image."""
 
     def __init__(self, sd: float, shape: tuple[int, int]) -> None:
         self._height = shape[0]

@@ -24,9 +24,10 @@ AMBIENT_C, HEAD_C, BOX_C, PROCESSOR_C = 22.0, 27.4, 31.2, 33.5
 
 @dataclass(frozen=True)
 class LineFaults:
-    """Faults of the serial line. delay_s: before every reply. noise, loss: share of reply bytes.
+    """Faults of the serial line.
 
-    refuse: share of SET commands that arrive with a wrong checksum.
+    delay_s: before every reply. noise, loss: shares of reply bytes that are changed or lost. refuse: share of
+    SET commands with a corrupted checksum.
     """
 
     delay_s: float = 0.0
@@ -41,10 +42,10 @@ def skin_temperature_c(seconds: float) -> float:
 
 
 class VirtualPyrometer:
-    """Answers on the pseudo-terminal ``port`` until ``unplug``. seed: of the faults, which may be replaced.
+    """Pyrometer that answers on the pseudo-terminal ``port`` until ``unplug``.
 
-    options: of the device itself. target_c: true temperature over the seconds since the start. The
-    emissivity scales the difference to the ambient temperature.
+    seed: of the random faults. options: of the device itself. target_c: true temperature as a function of the
+    seconds since the start. The emissivity scales the difference to the ambient temperature.
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class VirtualPyrometer:
         self._thread.start()
 
     def unplug(self) -> None:
-        """Vanish; idempotent."""
+        """Close the pseudo-terminal, as if the device was unplugged; idempotent."""
         if self._thread.is_alive():
             with suppress(OSError):
                 os.write(self._wake_write, b"x")

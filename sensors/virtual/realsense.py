@@ -23,10 +23,10 @@ OPTIONS = {"visual_preset": (0, 6, 1, 0), "exposure": (1, 200_000, 1, 8500), "la
 
 
 class VirtualRealSense:
-    """A RealSense in place of ``pyrealsense2.context()``. The scene's frames must have colour.
+    """RealSense in place of ``pyrealsense2.context()``.
 
-    size, color_size: (width, height) of the scene's images. unit_mm: one unit of depth. Raises
-    DeviceNotFoundError without pyrealsense2.
+    The scene's frames must have colour. size, color_size: (width, height) of the scene's images. unit_mm:
+    millimetres of one unit of depth. Raises DeviceNotFoundError without pyrealsense2.
     """
 
     def __init__(self, scene: FrameLoop, faults: Faults | None = None, unit_mm: float = 1.0) -> None:
@@ -65,7 +65,7 @@ class VirtualRealSense:
         return [self.device] if self._plugged else []
 
     def unplug(self) -> None:
-        """Vanish; idempotent."""
+        """Remove the device, as if it was unplugged; idempotent."""
         self._plugged = False
         self.schedule.stop()
         if self._thread is not None:

@@ -12,15 +12,16 @@ QUEUE = 4  # frames kept for a slow reader by default, as V4L2 drivers do
 
 
 class UnpluggedError(Exception):
-    """The twin has vanished; each twin converts this into the error of its own system."""
+    """Error of a twin that was unplugged; each twin converts it into the error of its own system."""
 
 
 @dataclass(frozen=True)
 class Faults:
-    """Faults of a twin. drop, short: shares of frames lost or cut off. unplug_after: seconds.
+    """Faults of a twin.
 
-    skew_ppm: of the device's clock against the host's. jitter_s: mean of the random delay of arrivals. hurry:
-    frames a second on the host's clock, as a multiple of the real rate.
+    drop, short: shares of frames lost or truncated. unplug_after: seconds. skew_ppm: of the device's clock
+    against the host's. jitter_s: mean of the random delay of arrivals. hurry: speed-up; factor on the frame
+    rate on the host's clock.
     """
 
     drop: float = 0.0

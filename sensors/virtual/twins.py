@@ -28,7 +28,7 @@ Twin = VirtualKinect2 | VirtualRealSense | FakeCamera | VirtualDirect | VirtualP
 
 
 class VirtualDevice:
-    """A real driver and its twin as one ``Device``."""
+    """Device made of a real driver and its twin."""
 
     def __init__(self, address: str, device: Device, twin: Twin) -> None:
         self.address, self.device, self.twin = address, device, twin
@@ -37,7 +37,7 @@ class VirtualDevice:
 
     @property
     def calibration(self) -> RigCalibration | None:
-        """Calibration of the driver."""
+        """Return the calibration of the driver."""
         return self.device.calibration
 
     def close(self) -> None:

@@ -1,6 +1,7 @@
-"""Twins of thermal cameras at a node, with the interface of OpenCV's V4L2 backend. Constants are untuned.
+"""Twins of thermal cameras at a device node, with the interface of OpenCV's V4L2 backend.
 
-An Optris PI200, a camera of 16-bit words, and a FLIR Lepton with its telemetry.
+The cameras are an Optris PI200, a generic camera of 16-bit words, and a FLIR Lepton with its telemetry.
+Constants are untuned.
 """
 
 import os
@@ -32,7 +33,8 @@ FIRST_MS = 2**32 - 2000  # a Lepton's clock wraps two seconds after the start, i
 
 
 class FakeCamera(ABC):
-    """A camera, its node (an empty file that vanishes with it), and the class ``cv2.VideoCapture`` for it.
+    """Camera, its node (an empty file that is deleted with it), and a replacement of ``cv2.VideoCapture`` for
+    it.
 
     size: (width, height) of a frame in words. The kernel's clock counts seconds since the start here. One
     reader at a time.
@@ -50,7 +52,7 @@ class FakeCamera(ABC):
         """Return frame ``number`` as words (height, width)."""
 
     def unplug(self) -> None:
-        """Vanish; idempotent."""
+        """Delete the node and end the stream, as if the device was unplugged; idempotent."""
         self.schedule.stop()
         self.node.path.unlink(missing_ok=True)
 
@@ -75,7 +77,7 @@ class FakeCapture:
             camera.schedule.start()
 
     def isOpened(self) -> bool:  # noqa: N802
-        """Return whether the camera was free."""
+        """Return True unless the camera already had a reader."""
         return self._opened
 
     def set(self, propId: int, value: float) -> bool:  # noqa: N803
@@ -107,7 +109,9 @@ class FakeCapture:
         return number is not None
 
     def retrieve(self) -> tuple[bool, NDArray[Any]]:
-        """Return the frame as uint8 (height, width, 2) or uint16 (height, width); a short one in one row."""
+        """Return the frame as uint8 (height, width, 2) or uint16 (height, width); a truncated frame has one
+        row.
+        """
         words = self._camera.uvc_frame(self._number)
         data = words.view(np.uint8).reshape(*words.shape, 2) if self._has_bytes else words
         if self._camera.schedule.is_short():
@@ -148,7 +152,7 @@ class VirtualOptris(FakeCamera):
 
 @dataclass(frozen=True)
 class VirtualWords:
-    """Words of a camera. shape: of the image (h, w)."""
+    """Properties of a camera of 16-bit words. shape: of the image (h, w)."""
 
     radiometry: Radiometry = COUNTS
     rate_hz: float = lepton.RATE_HZ
@@ -171,7 +175,7 @@ class VirtualY16(FakeCamera):
         self._noise = Noise(NOISE_K, words.shape)
 
     def celsius(self, number: int) -> NDArray[np.float32]:
-        """Return the true image ``number``, float32 (h, w)."""
+        """Return image ``number`` in Celsius, float32 (h, w), with noise."""
         (height, width), scene = self.words.shape, self.scene.thermal(number / self.words.rate_hz)
         if height > scene.shape[0]:
             finer = -(-height // scene.shape[0])
@@ -188,9 +192,10 @@ class VirtualY16(FakeCamera):
 
 @dataclass(frozen=True)
 class LeptonState:
-    """State of a Lepton. kelvin: of one step, None = raw counts. shape: of a 3.5, or of a 2.5.
+    """State of a Lepton.
 
-    ffc_every_s: seconds from one flat-field correction to the next; the first correction is done already.
+    kelvin: kelvins per step, None = raw counts. shape: image size of a Lepton 3.5 or 2.5. ffc_every_s:
+    seconds from one flat-field correction to the next; the first correction is done already.
     """
 
     kelvin: float | None = 0.01
@@ -218,7 +223,9 @@ class VirtualLepton(VirtualY16):
         return 2 if ahead_s <= RUNNING_S else 1 if ahead_s <= RUNNING_S + IMMINENT_S else 3
 
     def celsius(self, number: int) -> NDArray[np.float32]:
-        """Return the true image ``number``, or the shutter."""
+        """Return image ``number`` in Celsius; during a flat-field correction, the temperature of the
+        shutter.
+        """
         if self.ffc_state(number) == 2:
             return np.full(self.state.shape, SHUTTER_C, np.float32)
         return super().celsius(number)

@@ -94,7 +94,10 @@ class Setting:
 
 
 def set_up(color: ColorDifficulty, suit: Suit, rng: np.random.Generator) -> Setting:
-    """Draw the setting, with the same random numbers at every difficulty."""
+    """Draw the colours of the room, its lights and the colour camera's time offset.
+
+    Uses the same random numbers at every difficulty.
+    """
     room = paint_room(suit.colors_rgb, color.equal, rng)
     offset_s = color.camera.offset_s * rng.uniform(-1, 1)
     if color.light is None:

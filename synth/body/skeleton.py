@@ -108,7 +108,10 @@ class Posture:
 
 
 def rotations(angles_rad: Float64) -> Float64:
-    """Return joint rotations (J, 3, 3) of angle triples (J, 3)."""
+    """Return joint rotation matrices (J, 3, 3) of intrinsic x-y-z Euler angles (J, 3), in radians.
+
+    ``SIGNS`` gives each angle its direction, so that left and right joints take equal angles.
+    """
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_euler("XYZ", angles_rad * SIGNS).as_matrix())

@@ -47,7 +47,9 @@ class Lens:
         self.maps = ((x + left).astype(np.float32), (y + top).astype(np.float32))
 
     def render_pinhole(self, points: Float64, faces: Int32) -> ZBuffer:
-        """Render the wide pinhole image of points (V, 3), camera frame, metres."""
+        """Render a mesh with the pinhole camera whose view covers the distorted image. points: (V, 3), camera
+        frame, metres.
+        """
         return rasterize(self.pinhole, points.astype(np.float32), faces)
 
     def render(self, points: Float64, faces: Int32) -> ZBuffer:

@@ -48,7 +48,7 @@ class StructuredLight:
 
     @staticmethod
     def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "StructuredLight":
-        """Draw a unit of a model of ``sensors.toml``."""
+        """Draw the parameters of one camera of a model in ``sensors.toml``."""
         camera = drawn_camera(entry, rng)
         fine = camera.width // 320
         mirror = -1 if rng.random() < 0.5 else 1

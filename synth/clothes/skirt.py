@@ -97,7 +97,10 @@ def _heights(body: Body, skirt: Skirt) -> tuple[float, float]:
 
 
 def _ease(rings: int, skirt: Skirt, rng: np.random.Generator) -> Float32:
-    """Return the distance (R, NODES) from the flesh; folds grow downwards."""
+    """Return the distance (R, NODES) of the skirt's rings from the body surface, in metres.
+
+    The folds are deeper at the lower rings.
+    """
     down = np.arange(rings, dtype=np.float32)[:, None] * np.float32(RING_M)
     angle = np.linspace(0, 2 * np.pi, NODES, endpoint=False)
     around = np.stack([np.cos(angle), np.sin(angle)], axis=1) * 0.15
@@ -133,7 +136,10 @@ def _faces(rings: int) -> Int32:
 
 
 def _parts_beneath(body: Body, at_rest: Float32, faces: Int32) -> UInt8:
-    """Return the parts (F,) of the body inside each face at rest; both faces of a quad have one part."""
+    """Return the body part (F,) that each face of the skirt covers at rest.
+
+    The two triangles of a quad get the same part.
+    """
     middles = at_rest[faces].mean(axis=1, dtype=np.float64)
     quads = middles[: len(faces) - LIDS].reshape(-1, 2, 3)
     quads[:] = quads.mean(axis=1, keepdims=True)

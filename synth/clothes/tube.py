@@ -45,7 +45,10 @@ def slack_m(places: Places, source: Bool, give: float, spans: int = 0) -> Float3
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _widest(places: Places, source: Bool, start: float, rings: int) -> Float32:
-    """Return the greatest distances (rings, SECTORS) of vertices near each node; gaps take neighbours'."""
+    """Return the greatest distance (rings, SECTORS) from the axis of the body vertices near each grid node.
+
+    A sector without vertices gets the greater distance of its two neighbours.
+    """
     down, around, away = places
     radii = np.zeros((rings, SECTORS), np.float32)
     for i in range(len(down)):

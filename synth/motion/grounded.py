@@ -84,7 +84,10 @@ class Grounded:
 
 
 def ground(motion: Motion) -> Grounded:
-    """Find the floor under a motion and its seated frames; bridge impossible frames."""
+    """Find the floor under a motion and the frames in which the person sits.
+
+    Frames with physically impossible poses are replaced by interpolation.
+    """
     flesh, rate = flesh_of(person_body(motion.bones_m)), motion.frames_per_second
     sound = np.ones(len(motion), np.bool_)
     for again in (True, True, False):

@@ -26,7 +26,10 @@ SITTING = pose_families("sitting")["sitting"]
 
 
 def on_seat(seat: Seat, *activities: str) -> Behaviour:
-    """Return the behaviour of these activities, by default of all, on a seat."""
+    """Return the behaviour of a person who sits on a seat.
+
+    activities: names of sitting activities to choose from; none = all.
+    """
     chosen = activities or tuple(SITTING.activities)
     return Behaviour(SITTING, chosen, lambda body, moment: sit(body, seat, moment))
 

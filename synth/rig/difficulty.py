@@ -27,12 +27,13 @@ class Clutter:
 
 @dataclass(frozen=True)
 class Difficulty:
-    """Strengths of the rig's faults.
+    """Strengths of the simulated faults of a rig.
 
-    color: clothes, illuminants and colour camera. depth, stereo: faults by kind of depth camera. reflectance:
-    of the room in the infrared, for multipath. unit_mm, unit_scale: standard deviations of the unit's offset
-    and scale. warmth: unevenness of temperatures, 1 in a good room. room_c: least and greatest. stray:
-    error of the robot's aim, 1 at best. loose: share of people with loose clothes, also of the suit.
+    color: clothes, illuminants and colour camera. depth, stereo: faults of time-of-flight and stereo cameras.
+    reflectance: infrared reflectance of the room, for multipath. unit_mm, unit_scale: standard deviations of
+    a camera unit's depth offset and scale. warmth: factor on the unevenness of temperatures, 1 = good room.
+    room_c: lowest and highest room temperature. stray: factor on the aiming error of the robot, 1 = best.
+    loose: share of people with loose clothes, in a suit too.
     """
 
     name: str

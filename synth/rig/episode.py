@@ -68,7 +68,10 @@ class Scene:
 
 
 class EpisodeSetup(NamedTuple):
-    """Common settings of the episodes of a rig. body: of the subject; None draws a build."""
+    """Settings that all episodes of a rig have in common.
+
+    location: draws the place of an episode. body: body of the subject; None = draw one at random.
+    """
 
     location: Callable[[np.random.Generator], Location]
     difficulty: Difficulty

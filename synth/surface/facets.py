@@ -89,7 +89,7 @@ def noise_tile() -> Float32:
 
 
 def wavelength_cells(wavelength_m: float) -> float:
-    """Return the tile's cells per metre for bumps ``wavelength_m`` apart."""
+    """Return the resolution, in texture cells per metre, for bumps with a spacing of ``wavelength_m``."""
     return 5 * CORRELATION_CELLS / wavelength_m
 
 

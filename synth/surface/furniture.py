@@ -115,7 +115,7 @@ class Furniture(ABC):
 
 @dataclass(frozen=True)
 class Seat(Furniture):
-    """Seat; its front edge is at y = 0, the back rest starts at y = depth."""
+    """Seat to sit on; its front edge is at y = 0, the back rest starts at y = depth."""
 
     depth: float
     width: float
@@ -224,7 +224,7 @@ class Bed(Furniture):
 
 @dataclass(frozen=True)
 class Ground(Furniture):
-    """Bare floor as a place; ``mesh`` is its visible part."""
+    """Bare floor that serves as furniture; ``mesh`` is its visible part."""
 
     height: float = 0.0
     give_m: float = 0.0

@@ -20,7 +20,7 @@ TITLES = ("Depth", "Colour", "Heat", "Parts")
 
 
 def pictures(frame: LiveFrame) -> dict[str, UInt8]:
-    """Return uint8 (h / 2, w / 2, 3) by title; the temperatures have the person's outline."""
+    """Return pictures uint8 (h / 2, w / 2, 3) by title; the person's outline is drawn on the temperatures."""
     cloud, parts, persons = frame.cloud, frame.labels.parts[::STEP, ::STEP], frame.labels.persons
     color = np.ascontiguousarray(cloud.color_rgb[::STEP, ::STEP])
     share = (FAR_M - cloud.points_m[::STEP, ::STEP, 2].ravel()) / (FAR_M - NEAR_M)
@@ -42,7 +42,7 @@ def joints_px(frame: LiveFrame) -> Float64 | None:
 
 
 def live_scene(frame: LiveFrame) -> FrameScene:
-    """Return the scene of the cloud view: the whole person, a thinned room, no selectable pieces."""
+    """Return the scene of the cloud view: the whole person, a thinned room, no selectable supervoxels."""
     near, room, step = levels(frame.labels, None, ROOM_POINTS)
     pieces = np.full(frame.labels.parts.shape, -1, np.int32)
     return FrameScene(frame.labels, frame.cloud, None, near, room, step, shade_of(frame.cloud), pieces)

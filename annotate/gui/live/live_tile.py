@@ -18,7 +18,7 @@ JOINT_PX, BONE_PX = 3.0, 2.0  # logical px; radius of a joint, width of a bone; 
 
 
 class Tile(QWidget):
-    """A picture scaled to the widget, with its title."""
+    """Widget that shows a scaled picture with its title."""
 
     def __init__(self, title: str, theme: Theme) -> None:
         super().__init__()

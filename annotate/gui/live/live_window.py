@@ -81,10 +81,10 @@ def takes(first: Path | None, now: Callable[[], datetime] = datetime.now) -> Ite
 
 
 class LiveWindow(QMainWindow):
-    """Window of a running pipeline's latest frame. takes: sessions to record to. shown: number of frames.
+    """Window of a running pipeline's latest frame.
 
-    subject: name of the person, "" if unknown. Closing the window ends a recording; the caller closes
-    pipeline and rig.
+    takes: sessions to record to. shown: number of displayed frames. subject: name of the person, "" if
+    unknown. Closing the window ends a recording; the caller closes pipeline and rig.
     """
 
     def __init__(
@@ -138,7 +138,7 @@ class LiveWindow(QMainWindow):
         self._show_banner(())
 
     def _bound(self) -> dict[str, QAction]:
-        """Add the commands as actions with keys and as buttons at the foot."""
+        """Add the commands as actions with keys, and as buttons at the bottom; return the actions by name."""
         KeyRepeatFilter(self)
         actions = {}
         for command in COMMANDS:
@@ -190,7 +190,7 @@ class LiveWindow(QMainWindow):
         self.cloud_view.load(scene, painting, everything, keep=opened)
 
     def _open_cloud(self, scene: FrameScene) -> None:
-        """Open the cloud view, which needs the first frame's cloud."""
+        """Create the cloud view, which needs the first frame's cloud."""
         self.cloud_view = CloudView(scene, StrokeOptions())
         self.cloud_view.layer.hide()
         self.cloud_view.set_ground(self.theme.ground_rgb)
@@ -237,12 +237,12 @@ class LiveWindow(QMainWindow):
 
     @property
     def rate_hz(self) -> float:
-        """Frames shown a second, recently."""
+        """Return the recent display rate, in frames a second."""
         span_s = (self._recent_ns[-1] - self._recent_ns[0]) * 1e-9 if len(self._recent_ns) > 1 else 0.0
         return (len(self._recent_ns) - 1) / span_s if span_s > 0 else 0.0
 
     def record(self) -> None:
-        """Begin or end a recording."""
+        """Start or end a recording."""
         rig = self.pipeline.rig
         self._act(self._end if rig.health().recording else self._begin)
 
@@ -256,11 +256,11 @@ class LiveWindow(QMainWindow):
         show_keys(self, [(command.key, command.hint or command.title) for command in COMMANDS])
 
     def name(self) -> None:
-        """Set the name of the next recording's person."""
+        """Ask for the name of the next recording's person."""
         self.subject = self._entered("Name of the person", "Who is in view?", self.subject) or self.subject
 
     def ahead(self) -> None:
-        """Turn the cloud to the depth camera's view."""
+        """Turn the cloud view to the depth camera's viewpoint."""
         if self.cloud_view is not None:
             self.cloud_view.look_ahead()
 
@@ -316,7 +316,7 @@ def _button_text(title: str, action: QAction) -> str:
 
 
 class _Bones:
-    """VTK actor of bones, drawn in front of the body."""
+    """VTK actor of the skeleton, drawn over the body."""
 
     def __init__(self, plotter: QtInteractor) -> None:
         lines = pv.PolyData(np.zeros((2, 3)), lines=[2, 0, 1])

@@ -1,4 +1,4 @@
-"""Bars of buttons: menus and the frame's state above, a bar over each view, at the left the tools."""
+"""Bars of buttons: menus and the frame's state at the top, a bar over each view, tools at the left."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -54,7 +54,7 @@ COLUMN_PX = 242  # width of the tool column: the longest title and its key
 
 
 class Header(QWidget):
-    """Menus, the frame, its state, and the reason for a look."""
+    """Header of the window: menus, the frame, its state, and the reason for its place in the order."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -71,7 +71,7 @@ class Header(QWidget):
         row.setStretchFactor(self.facts, 1)
 
     def show_edits(self, edits: EditController, frames: FrameOrder, theme: Theme, doubt: str) -> None:
-        """Update the frame's name, state and place. doubt: the worst place in words."""
+        """Update the frame's name, state and place. doubt: description of its most doubtful place."""
         frame_id = edits.frame.frame_id
         state = edits.correction.state(frame_id)
         self.frame.setText(f"Frame {frame_id.lstrip('0') or '0'}")
@@ -85,7 +85,7 @@ class Header(QWidget):
 
 
 def _place(frames: FrameOrder, frame_id: str) -> str:
-    """Return a frame's place among the shown ones, in words."""
+    """Return a frame's position among the shown frames, as text."""
     shown = len(frames.frame_ids)
     if not frames.passes(frame_id):
         return f"not among the {shown - 1} shown"
@@ -93,7 +93,7 @@ def _place(frames: FrameOrder, frame_id: str) -> str:
 
 
 def _rejection(edits: EditController) -> str:
-    """Return the rejection that stands in words, with person, reason and agreement; "" for none."""
+    """Return the rejection in effect as text, with person, reason and agreement; "" for none."""
     strokes = edits.correction.journal.strokes(edits.frame.frame_id)
     if (rejected := rejected_by(strokes)) is None:
         return ""
@@ -103,7 +103,9 @@ def _rejection(edits: EditController) -> str:
 
 
 class PaneBar(QWidget):
-    """The bar over a view. coloured: a colouring was chosen; requested: a command, for this view."""
+    """Bar over a view. coloured: signal that a colouring was chosen. requested: signal with a command for
+    this view.
+    """
 
     coloured = Signal(str)
     requested = Signal(str)
@@ -139,7 +141,7 @@ class PaneBar(QWidget):
         row.addWidget(swap)
 
     def show_look(self, look: Look, edits: EditController) -> None:
-        """Update the buttons."""
+        """Update the buttons to a look."""
         there = colourings(edits.frame.scene)
         shown = look.colouring if look.colouring in there else "part"
         self.colouring.setText(f"{COLOURINGS[shown]} ▾")
@@ -154,7 +156,7 @@ class PaneBar(QWidget):
 
 
 class ToolButton(QToolButton):
-    """Row: picture, title, and the key at the right end."""
+    """Button in a row: icon, title, and the key at the right end."""
 
     def __init__(self, title: str, key: str) -> None:
         super().__init__()
@@ -172,7 +174,7 @@ class ToolButton(QToolButton):
 
 
 class ToolColumn(QScrollArea):
-    """Column of tools. requested: the button of a command was clicked."""
+    """Column of tools. requested: signal that the button of a command was clicked."""
 
     requested = Signal(str)
 
@@ -202,7 +204,7 @@ class ToolColumn(QScrollArea):
         self.setWidget(inner)
 
     def show_state(self, options: StrokeOptions, enabled: Mapping[str, bool], theme: Theme) -> None:
-        """Show which buttons are on, and which commands are enabled."""
+        """Update which buttons are on, and which commands are enabled."""
         on = {options.once or options.tool, *(name for name in SWITCHES if getattr(options, name))}
         ratio = self.devicePixelRatioF()
         for name, item in self.buttons.items():

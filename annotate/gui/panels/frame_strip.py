@@ -1,4 +1,4 @@
-"""Frames of the set in a row, with pictures and states."""
+"""Strip of the set's frames, with pictures and states."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -31,7 +31,7 @@ def state_color(state: State, theme: Theme) -> QColor:
 
 
 def thumbnail(labels: FrameLabels) -> QImage:
-    """Draw a frame's parts over its depth, cut to the person."""
+    """Return a picture of a frame's parts over its depth, cropped to the person."""
     window = _window(labels.parts)
     parts, depth = labels.parts[window], labels.depth_mm[window].astype(np.float32)
     grey = np.where(depth > 0, 90 - np.clip(depth / 5000, 0, 1) * 70, 12)
@@ -44,7 +44,9 @@ def thumbnail(labels: FrameLabels) -> QImage:
 
 
 def _window(parts: UInt8) -> tuple[slice, slice]:
-    """Return the slices of the person with a margin, at the picture's proportions within the image."""
+    """Return row and column slices around the person with a margin, in the picture's aspect ratio, inside the
+    image.
+    """
     there = parts > 0
     rows, columns = window_of(there if there.any() else np.ones_like(there))
     slope = THUMBNAIL.height() / THUMBNAIL.width()
@@ -55,7 +57,7 @@ def _window(parts: UInt8) -> tuple[slice, slice]:
 
 
 class Frames(QAbstractListModel):
-    """Frames in the order shown. A thread draws pictures as frames come into view."""
+    """Qt model of the frames in the order shown. A thread draws the pictures of visible frames."""
 
     _drawn = Signal(str, QImage)
 
@@ -70,17 +72,17 @@ class Frames(QAbstractListModel):
         self._pool = ThreadPoolExecutor(1, "thumbnails")
 
     def order(self, frame_ids: list[str]) -> None:
-        """Show these frames, in this order."""
+        """Set the shown frames and their order."""
         self.beginResetModel()
         self.frame_ids = frame_ids
         self.endResetModel()
 
     def rowCount(self, parent: ModelIndex | None = None) -> int:  # noqa: N802
-        """Qt's hook."""
+        """Return the number of frames (Qt's hook)."""
         return len(self.frame_ids)
 
     def data(self, index: ModelIndex, role: int = Qt.ItemDataRole.DisplayRole) -> object:
-        """Qt's hook."""
+        """Return the frame's data for a role (Qt's hook)."""
         frame_id = self.frame_ids[index.row()]
         if role == Qt.ItemDataRole.DisplayRole:
             return frame_id
@@ -98,12 +100,12 @@ class Frames(QAbstractListModel):
         return None
 
     def refresh(self, labels: FrameLabels) -> None:
-        """Draw a frame's picture and state again, from labels as they stand."""
+        """Draw a frame's picture and state again, from its current labels."""
         self._images[labels.frame_id] = thumbnail(labels)
         self.changed(labels.frame_id)
 
     def forget(self) -> None:
-        """Draw all pictures anew, because labels changed beside the window."""
+        """Draw all pictures again, because labels changed in the background."""
         self._images.clear()
         self.order(self.frame_ids)
 
@@ -174,7 +176,7 @@ class _Cell(QStyledItemDelegate):
 
 
 class FrameStrip(QListView):
-    """Frames in a row. opened: a frame was clicked."""
+    """List view of frames in a row. opened: signal that a frame was clicked."""
 
     opened = Signal(str)
 
@@ -202,7 +204,7 @@ class FrameStrip(QListView):
         self.viewport().update()
 
     def choose(self, frame_id: str) -> None:
-        """Mark a frame as the open one, and bring it into view."""
+        """Mark a frame as the open one, and scroll to it."""
         if frame_id in self.model_.frame_ids:
             index = self.model_.index(self.model_.frame_ids.index(frame_id))
             self.setCurrentIndex(index)

@@ -1,4 +1,4 @@
-"""Status line, which describes the next click, and the page of all keys."""
+"""Status line, which describes the effect of the next click, and the page of all keys."""
 
 from collections.abc import Sequence
 from html import escape
@@ -49,9 +49,9 @@ ONCE = {
 
 
 def next_click(options: StrokeOptions, edits: EditController, in_image: bool) -> str:
-    """Describe the effect of the left button now, with the held keys.
+    """Return a description of a left click's effect with the held keys.
 
-    in_image: the pointer is in the depth image, in which nothing lies behind a pixel.
+    in_image: True if the pointer is in the depth image, where no pixel hides another.
     """
     if options.once:
         whole = f"{ONCE[options.once]} {title(edits.part)}" if options.once == "merge" else ONCE[options.once]
@@ -77,7 +77,9 @@ def next_click(options: StrokeOptions, edits: EditController, in_image: bool) ->
 
 
 class StatusLine(QWidget):
-    """Effect of the next click at the left; the last outcome and the saved state at the right."""
+    """Status line: effect of the next click at the left; the last outcome and the saved state at the
+    right.
+    """
 
     def __init__(self, settings: Settings) -> None:
         super().__init__()
@@ -97,12 +99,12 @@ class StatusLine(QWidget):
         row.setStretchFactor(self.last, 1)
 
     def show_next(self, edits: EditController, options: StrokeOptions, in_image: bool) -> None:
-        """Update the effect of the next click. in_image: the pointer is in the depth image."""
+        """Update the effect of the next click. in_image: True if the pointer is in the depth image."""
         read_only = "Read-only: nothing can be changed"
         self.next.setText(read_only if edits.correction.read_only else next_click(options, edits, in_image))
 
     def show_edits(self, edits: EditController, theme: Theme) -> None:
-        """Update the part's colour, the key for accepting, and the unsaved strokes."""
+        """Update the chosen part's colour, the key for accepting, and the number of unsaved strokes."""
         correction, color = edits.correction, part_color(edits.part, theme).name()
         self.chip.setStyleSheet(f"background: {color}; border: 1px solid {theme.quiet}; border-radius: 7px")
         frame_id = edits.frame.frame_id
@@ -122,7 +124,7 @@ class StatusLine(QWidget):
 
 
 class KeyPage(QWidget):
-    """Page of all keys over the window. closed: a click beside the scroll bar."""
+    """Page of all keys over the window. closed: signal of a click outside the scroll bar."""
 
     closed = Signal()
 
@@ -193,7 +195,7 @@ def _caption(text: str) -> QLabel:
 
 
 def _list(name: str, rows: Sequence[tuple[str, str]]) -> QVBoxLayout:
-    """Lay out a heading, and the effect of each key."""
+    """Return a layout with a heading, and rows of keys with their effects."""
     grid = QGridLayout()
     grid.setHorizontalSpacing(10)
     grid.setVerticalSpacing(3)
@@ -205,7 +207,7 @@ def _list(name: str, rows: Sequence[tuple[str, str]]) -> QVBoxLayout:
 
 
 def _body(settings: Settings) -> QGridLayout:
-    """Lay out the parts' keys in their places."""
+    """Return a layout of the parts' keys, placed like the body's parts."""
     grid = QGridLayout()
     grid.setHorizontalSpacing(6)
     grid.setVerticalSpacing(4)

@@ -1,4 +1,4 @@
-"""All panels of the window in their places."""
+"""Layout of all panels of the window."""
 
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
@@ -18,7 +18,9 @@ from annotate.gui.widgets.theme import Theme
 
 
 class Panels(QWidget):
-    """Header, tools, views, palette, status line, frames and progress; the page of keys over them."""
+    """Panels of the window: header, tools, views, palette, status line, frames, progress, and the page of
+    keys over them.
+    """
 
     def __init__(self, views: ViewPair, frames: FrameOrder, settings: Settings) -> None:
         super().__init__()
@@ -43,12 +45,12 @@ class Panels(QWidget):
         self.key_page.resize(self.size())
 
     def set_theme(self, theme: Theme) -> None:
-        """Draw the panels that draw themselves in other colours."""
+        """Redraw the panels in the colours of a theme."""
         self.key_page.theme = theme
         self.strip.set_theme(theme)
 
     def show_edits(self, edits: EditController, theme: Theme, doubt: str, enabled: dict[str, bool]) -> None:
-        """Update all panels. doubt: the frame's worst place. enabled: by command."""
+        """Update all panels. doubt: description of the frame's most doubtful place. enabled: by command."""
         self.palette_.show_edits(edits, theme)
         if enabled:
             self.tools.show_state(self._views.options, enabled, theme)
@@ -61,5 +63,5 @@ class Panels(QWidget):
             self.panes.bars[view].show_look(view.look, edits)
 
     def show_next(self, edits: EditController) -> None:
-        """Show the effect of the next click, with the held keys and in the view under the pointer."""
+        """Update the effect of the next click, for the held keys and the view under the pointer."""
         self.status.show_next(edits, self._views.options, self._views.last is self._views.depth)

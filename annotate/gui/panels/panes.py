@@ -1,4 +1,6 @@
-"""The two views with their bars and the parts, divided by splitters; the views can swap places."""
+"""Cloud and depth view with their bars, and the part palette, divided by splitters; the views can swap
+places.
+"""
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
@@ -17,7 +19,9 @@ PALETTE_PX, PALETTE_SHARE = 390, 0.52  # height of the parts if there is room, a
 
 
 class Panes(QSplitter):
-    """Splitters of views and palette. bars: over each view. swapped: the depth image has the large place."""
+    """Splitters of views and palette. bars: over each view. swapped: True if the depth image has the large
+    place.
+    """
 
     def __init__(self, views: ViewPair, palette: Palette, settings: Settings) -> None:
         super().__init__(Qt.Orientation.Horizontal)
@@ -41,7 +45,7 @@ class Panes(QSplitter):
         self._side.splitterMoved.connect(self._keep)
 
     def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
-        """Qt's hook: give the parts their height, or about half of a low window."""
+        """Set the palette to its natural height, or to about half of a low window (Qt's hook)."""
         super().resizeEvent(event)
         if not self._moved:
             parts = min(scaled(PALETTE_PX), round(PALETTE_SHARE * self.height()))
@@ -65,13 +69,13 @@ class Panes(QSplitter):
             view.fit()
 
     def remember(self, memory: Memory) -> None:
-        """Store the places and sizes; the sizes of the side only after they were moved."""
+        """Store the arrangement; sizes of the side column only after the user changed them."""
         memory.put("swapped", self.swapped)
         memory.put("panes", self.saveState())
         memory.put("side", self._side.saveState() if self._moved else "")
 
     def restore(self, memory: Memory) -> None:
-        """Restore the places and sizes of an earlier window."""
+        """Restore the stored arrangement."""
         if memory.choice("swapped", (False, True), False):
             self.swap()
         self.restoreState(memory.state("panes"))

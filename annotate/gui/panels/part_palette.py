@@ -1,4 +1,6 @@
-"""Part palette: twelve tiles laid out like a body that faces the user, as the keys are."""
+"""Part palette: twelve tiles arranged like a body that faces the user; their keys are arranged in the same
+way.
+"""
 
 from PySide6.QtCore import QRect, QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QFont, QMouseEvent, QPainter, QPaintEvent
@@ -15,7 +17,7 @@ ICON_PX, HEIGHTS_PX = 16, (42, 62)  # size of lock and eye, least and greatest h
 
 
 class PartTile(QWidget):
-    """One part: its key, colour, name and number of pixels, with a lock and an eye to click."""
+    """Tile of one part: its key, colour, name and number of pixels, with a lock and an eye to click."""
 
     def __init__(self, part: int, key: str, palette: "Palette") -> None:
         super().__init__()
@@ -32,17 +34,17 @@ class PartTile(QWidget):
 
     @property
     def lock_rect(self) -> QRect:
-        """Place of the lock."""
+        """Return the rectangle of the lock icon."""
         return QRect(self.width() - 2 * ICON_PX - 10, self._icon_top, ICON_PX + 2, ICON_PX + 4)
 
     @property
     def eye_rect(self) -> QRect:
-        """Place of the eye."""
+        """Return the rectangle of the eye icon."""
         return QRect(self.width() - ICON_PX - 6, self._icon_top, ICON_PX + 2, ICON_PX + 4)
 
     @property
     def _is_low(self) -> bool:
-        """True where the three lines need smaller letters."""
+        """Return True if the tile is too low for three lines of normal text."""
         return self.height() < scaled(HEIGHTS_PX[1] - 8)
 
     @property
@@ -75,7 +77,7 @@ class PartTile(QWidget):
         draw_icon(painter, QRectF(self.eye_rect), self.visibility, theme.quiet, 1.5)
 
     def _write(self, painter: QPainter) -> None:
-        """Write the key above, the name in the middle, and the count beneath."""
+        """Draw the key at the top, the name in the middle, and the count at the bottom."""
         number = f"{self.count:,}" if self.count and self.part != BACKGROUND else ""
         name = {BACKGROUND: "Erase", UNDEFINED: "Undefined"}.get(self.part, "")
         name = name or PARTS[self.part].title.replace("Left ", "").replace("Right ", "").capitalize()
@@ -104,7 +106,9 @@ class PartTile(QWidget):
 
 
 class Palette(QScrollArea):
-    """Tiles, scrolled without enough room. chosen, locked, faded: a part's tile, lock or eye was clicked."""
+    """Scrollable palette of tiles. chosen, locked, faded: signals that a tile, its lock or its eye was
+    clicked.
+    """
 
     chosen = Signal(int)
     locked = Signal(int)

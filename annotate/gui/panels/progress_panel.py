@@ -1,4 +1,6 @@
-"""Panel of the frames: order, filter, a field to go to one, progress of the work and of learning."""
+"""Panel for the order of frames: order, filter, field to jump to a frame, progress of work and of
+fine-tuning.
+"""
 
 from collections.abc import Iterable
 from functools import partial
@@ -14,7 +16,11 @@ from annotate.gui.widgets.theme import scaled
 
 
 class ProgressPanel(QWidget):
-    """Panel. ordered, filtered: an order or filter was chosen by name. went: a frame's number was given."""
+    """Panel for the order of frames.
+
+    ordered, filtered: signals that an order or filter was chosen by name. went: signal that a frame number
+    was entered.
+    """
 
     ordered = Signal(str)
     filtered = Signal(str)
@@ -61,7 +67,7 @@ class ProgressPanel(QWidget):
         self._show_text()
 
     def show_learning(self, text: str) -> None:
-        """Show the progress of learning in place of the work's; "" ends that."""
+        """Show the progress of fine-tuning instead of the work's; "" ends that."""
         self._learning = text
         self._show_text()
 
@@ -69,7 +75,7 @@ class ProgressPanel(QWidget):
         self.text.setText(self._learning or self._progress)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802
-        """Qt's hook: leave the field on Escape; its other keys are not commands."""
+        """Leave the field on Escape, and keep its other keys from the commands (Qt's hook)."""
         if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
             event.accept()
         elif isinstance(event, QKeyEvent) and event.key() == Qt.Key.Key_Escape:

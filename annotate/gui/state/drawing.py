@@ -1,4 +1,4 @@
-"""Shape being drawn on a view, from the first press to the last release. No window here."""
+"""Shape being drawn on a view, from the first press to the last release. No GUI here."""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -20,9 +20,9 @@ LEAST_PX = 4.0  # least extent of a lasso or rectangle in logical pixels: smalle
 class Drawing:
     """Shape as drawn so far, in logical pixels.
 
-    start_px: first point. radius_px: of the brush. through: not only the front. only: replace only the part
-    under the start. room: include the background. points_px: line, corners or path. clicks: number of corners
-    of a polygon, 1 for a piece or a rectangle. held_keys: their number.
+    start_px: first point. radius_px: of the brush. through: also select hidden points. only: replace only the
+    part under the start. room: include the background. points_px: line, corners or path. clicks: number of
+    corners of a polygon, 1 for a piece or a rectangle. held_keys: number of held keys.
     """
 
     tool: Tool
@@ -50,7 +50,7 @@ class Drawing:
                 self.points_px.append((x, y))
 
     def corner(self, x: float, y: float) -> None:
-        """Add a corner of a polygon."""
+        """Add a corner to a polygon."""
         self.points_px.append((x, y))
         self.clicks += 1
 
@@ -62,7 +62,7 @@ class Drawing:
 
     @property
     def is_slip(self) -> bool:
-        """True where the shape is too small to be meant."""
+        """Return True if the shape is so small that it was drawn by accident."""
         if self.tool in ("piece", "brush"):
             return False
         extent = np.ptp(np.array(self.points_px), axis=0)
@@ -83,7 +83,9 @@ class Drawing:
         return select.polygon(view, self.outline_px(), self.through)
 
     def scaled(self, left_px: float, top_px: float, scale: float) -> "Drawing":
-        """Return the shape in a zoomed image, with (left, top) as origin and ``scale`` pixels as one."""
+        """Return the shape in the coordinates of a zoomed image: origin at (left, top), ``scale`` pixels as
+        one.
+        """
         points = [((x - left_px) / scale, (y - top_px) / scale) for x, y in self.points_px]
         return replace(self, start_px=points[0], radius_px=self.radius_px / scale, points_px=points)
 

@@ -1,4 +1,4 @@
-"""Edits of the open frame: the effect of every key and stroke that changes labels. No window here."""
+"""Edits of the open frame: the effect of every key and stroke that changes labels. No GUI here."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -29,7 +29,7 @@ VERDICT_TITLES = {"accept": "Accepted", "agree": "Agreed", "reject": "Rejected"}
 
 @dataclass(frozen=True)
 class _Preview:
-    """Clean-up that was computed and not yet applied. parts: uint8 (h, w), the labels after it."""
+    """Clean-up that was computed but not applied yet. parts: uint8 (h, w), the labels after it."""
 
     operation: Operation
     part: int | None
@@ -39,7 +39,7 @@ class _Preview:
 
 @dataclass(frozen=True)
 class _Grown:
-    """Piece painted last, which a click grows. part: its new part. parts: labels (h, w) before."""
+    """Piece painted last, which the next click grows. part: its new part. parts: labels (h, w) before."""
 
     part: int
     pixels: Int64
@@ -50,8 +50,8 @@ class _Grown:
 class EditController:
     """Edits of one frame, and the tools for them, which stay from frame to frame.
 
-    part: the chosen one. giver: source of the parts that strokes give. locks: parts that stay as they are.
-    keys: number of keys pressed since the last stroke. preview: clean-up to be applied.
+    part: the chosen part. giver: source of the parts that strokes assign. locks: parts that must not change.
+    keys: number of keys pressed since the last stroke. preview: clean-up that waits for confirmation.
     """
 
     correction: Correction
@@ -69,7 +69,7 @@ class EditController:
         self.open(self.frame)
 
     def open(self, frame: OpenFrame) -> None:
-        """Edit another frame; the tools stay as they are."""
+        """Switch to another frame; the tools keep their settings."""
         self.frame, self.preview, self._grown, self.keys, self._doubt = frame, None, None, 0, -1
         if frame.editor:
             frame.editor.locks = self.locks
@@ -78,29 +78,31 @@ class EditController:
 
     @property
     def parts(self) -> UInt8:
-        """Part ids (h, w) of the open frame as they stand."""
+        """Return the current part ids (h, w) of the open frame."""
         return self.frame.parts
 
     # Display
 
     def shown(self) -> Bool:
-        """Return the pixels (h * w,) that are drawn and can be chosen."""
+        """Return flags (h * w,) of pixels that are drawn and can be chosen."""
         return self.display.shown(self.frame, self.part)
 
     def colors(self, look: Look, ground: tuple[int, int, int]) -> Colors:
-        """Return the colours of flat pixels now, on a ground; a preview is marked."""
+        """Return a function from flat pixels to their current colours; a preview is marked. ground:
+        background colour.
+        """
         before = self.frame.before if self.display.onion else None
         painting = Painting(self.frame.scene, self.parts, look, self.display.visibility, ground, before)
         return marked(painting, self.preview.pixels, PREVIEW_RGB) if self.preview else painting
 
     def fade(self, part: int) -> Outcome:
-        """Switch a part from shown to faded, to hidden, and to shown again."""
+        """Switch the visibility of a part: shown, faded, hidden, and shown again."""
         how = self.display.fade(part)
         changed = np.flatnonzero((self.parts == part) & (self.frame.scene.labels.depth_mm > 0))
         return Outcome(f"{title(part).capitalize()} {how}", pixels=changed)
 
     def next_doubt(self) -> tuple[Outcome, Doubt | None]:
-        """Return the next doubtful place, in words and itself; None where there is none."""
+        """Return the next doubtful place and an outcome that describes it; None without one."""
         if not (found := self.frame.doubts()):
             return Outcome("No doubtful place is left in this frame", "good"), None
         self._doubt = (self._doubt + 1) % len(found)
@@ -116,7 +118,9 @@ class EditController:
         return Outcome(f"{title(part).capitalize()} {state}")
 
     def give_from(self, giver: Giver) -> Outcome:
-        """Let strokes take over parts of the other set or the frame before; again: the chosen part."""
+        """Set the source of strokes' parts: the other set or the previous frame. The same source again resets
+        it to the chosen part.
+        """
         old, self.giver = self.giver, "part" if self.giver == giver else giver
         if self._given() is None:
             self.giver = old
@@ -125,7 +129,7 @@ class EditController:
         return Outcome("")
 
     def _given(self) -> UInt8 | None:
-        """Return the parts (h, w) that strokes give; None where they are missing."""
+        """Return the parts (h, w) that strokes assign; None where they are missing."""
         if self.giver == "other":
             return self.frame.scene.other
         return self.frame.before if self.giver == "before" else np.full(self.parts.shape, self.part, np.uint8)
@@ -133,11 +137,11 @@ class EditController:
     # Strokes with the mouse
 
     def stroke(self, drawing: Drawing, start: int | None, pixels: Int64) -> Outcome:
-        """Give the pixels of a drawn shape the chosen part.
+        """Assign the chosen part to the pixels of a drawn shape.
 
         start: the pixel under the first point, or None. Only pixels of the body change, because a lasso also
-        includes the room behind. With ``drawing.room`` all change, with ``drawing.only`` the part at the
-        start, even of the room.
+        includes the room behind. With ``drawing.room`` all pixels change. With ``drawing.only`` only the part
+        at the start changes, even background.
         """
         self.editor()
         old = self.parts.ravel()[pixels]
@@ -148,7 +152,7 @@ class EditController:
         return self._outcome(stroke, self._why_nothing(pixels, taken, drawing))
 
     def piece(self, pixel: int | None, drawing: Drawing) -> Outcome:
-        """Give the piece under a click the chosen part; grow the piece that was just painted."""
+        """Assign the chosen part to the supervoxel under a click; a second click there grows it."""
         self.editor()
         if pixel is None:
             return Outcome("No point lies here: click on the body", "warn")
@@ -184,7 +188,7 @@ class EditController:
         return self.editor().replace("paint", parts, None, how)
 
     def _grows(self, pixel: int) -> _Grown | None:
-        """Return the piece that a click on this pixel grows."""
+        """Return the last painted piece if a click on this pixel grows it."""
         grown = self._grown
         return grown if grown and grown.part == self.part and pixel in grown.pixels else None
 
@@ -212,7 +216,7 @@ class EditController:
         return self._outcome(stroke, f"This frame has no {limb} to swap", limb)
 
     def to_neighbour(self, pixel: int | None) -> Outcome:
-        """Give the connected patch under the pointer to the part it touches most."""
+        """Assign the connected patch under the pointer to the part with the longest contact."""
         if pixel is None or self.parts.flat[pixel] == BACKGROUND:
             return Outcome("Point at a patch of the body to give it to its neighbour", "warn")
         patch = select.patch(self.parts, self.frame.scene.labels.depth_mm, pixel)
@@ -227,7 +231,7 @@ class EditController:
         return self._outcome(self.editor().merge(source, self.part, how=self._key(pixel)), self._locked())
 
     def pick(self, pixel: int | None) -> Outcome:
-        """Choose the part under the pointer."""
+        """Choose the part of the pixel under the pointer."""
         if pixel is None:
             return Outcome("Point at a part to choose it", "warn")
         self.part, self.giver = int(self.parts.flat[pixel]), "part"
@@ -241,11 +245,13 @@ class EditController:
         return self._previewed("fill_holes", self.part, parts)
 
     def remove_islands(self) -> Outcome:
-        """Mark the islands of all parts at the first call, give them to their surroundings at the second."""
+        """Mark the islands of all parts at the first call, assign them to their surroundings at the
+        second.
+        """
         return self._previewed("remove_islands", None, without_islands(self.parts, self.editor().depth_mm))
 
     def copy_previous(self) -> Outcome:
-        """Copy the parts of the frame before where both frames show the body."""
+        """Copy the parts of the previous frame to pixels that show the body in both frames."""
         if self.frame.before is None:
             return Outcome("No frame lies before this one", "warn")
         stroke = self.editor().copy_previous(self.frame.before, self._key(keys=2))
@@ -258,7 +264,7 @@ class EditController:
         return Outcome("Preview cancelled" if len(pixels) else "", pixels=pixels)
 
     def undo(self) -> Outcome:
-        """Take back the last stroke or verdict."""
+        """Undo the last stroke or verdict."""
         if (cancelled := self.cancel()).text:
             return cancelled
         stroke = self.editor().undo(self._key(keys=2))
@@ -268,7 +274,7 @@ class EditController:
         return self._outcome(stroke, "Nothing to undo in this frame")
 
     def redo(self) -> Outcome:
-        """Do again what was undone last."""
+        """Redo the last undone stroke or verdict."""
         editor = self.editor()
         stroke = editor.redo(self._key(keys=3))
         if stroke and not stroke.changes:
@@ -301,7 +307,9 @@ class EditController:
         return Outcome(text, "warn", np.union1d(dropped, pixels))
 
     def _outcome(self, stroke: Stroke | None, nothing: str, limb: str = "") -> Outcome:
-        """Return the outcome of an operation, and drop a preview of the labels before it."""
+        """Return the outcome of an operation, and drop an outdated preview. nothing: text for no change.
+        limb: of a swap.
+        """
         if stroke is None:
             return Outcome(nothing, "warn")
         return Outcome(described(stroke, limb), pixels=np.union1d(stroke.pixels, self._drop_preview()))

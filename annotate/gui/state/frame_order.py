@@ -1,4 +1,4 @@
-"""Order of a set's frames: the next frame to do, orders and filters, and reading ahead. No window here."""
+"""Order of a set's frames: orders, filters, the next frame to do, and reading in advance. No GUI here."""
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -40,7 +40,7 @@ FrameRead = tuple[FrameScene, UInt8 | None]
 
 
 class FrameOrder:
-    """Frames of one set. frame_ids: those shown, in order. reasons: by frame, for reviewers."""
+    """Frames of one set in the order of work. frame_ids: shown frames. reasons: by frame, for reviewers."""
 
     def __init__(self, correction: Correction, reader: SceneReader) -> None:
         self.correction = correction
@@ -73,9 +73,10 @@ class FrameOrder:
         return self.filter in ("all", state) or (self.filter == "unfinished" and state in UNFINISHED)
 
     def begin_first(self, restored: Callable[[str, CloudError], bool]) -> OpenFrame:
-        """Begin to edit the first frame that can be read, first the frames that wait.
+        """Open the first readable frame; frames that wait for work come first.
 
-        restored: whether a broken frame was rebuilt. Raises the first error, and CloudError for an empty set.
+        restored: function that asks and returns whether a broken frame was rebuilt. Raises the first error,
+        and CloudError for an empty set.
         """
         error = CloudError(f"{self.correction.labels.path} holds no frames; label a recording first")
         for n, frame_id in enumerate(sorted(self.frame_ids, key=lambda i: not self.waits(i))):
@@ -89,9 +90,9 @@ class FrameOrder:
         raise error
 
     def read(self, frame_id: str) -> FrameRead:
-        """Read a frame with its labels as they stand, and the parts of the frame before.
+        """Read a frame with its current labels, and the parts of the previous frame.
 
-        Any thread may call this. A frame that failed is read anew next time. Raises CloudError.
+        Any thread may call this. A frame that failed is read again next time. Raises CloudError.
         """
         scene, before = self._scene(frame_id), self.before(frame_id)
         try:
@@ -114,16 +115,16 @@ class FrameOrder:
             raise
 
     def _entries(self, frame_id: str) -> int:
-        """Return the number of a frame's journal entries; labels are the same while it is the same."""
+        """Return the number of a frame's journal entries, which changes with the labels."""
         return len(self.correction.journal.strokes(frame_id))
 
     def before(self, frame_id: str) -> str | None:
-        """Return the frame before in time."""
+        """Return the id of the previous frame in time."""
         at = self.all_ids.index(frame_id)
         return self.all_ids[at - 1] if at else None
 
     def begin(self, read: FrameRead) -> OpenFrame:
-        """Begin to edit a frame that was just read, and to read the frames that follow.
+        """Open a frame that was just read, and start to read the frames that follow.
 
         Frames edited before stay open: ``Correction.leave_others``. Raises CloudError.
         """
@@ -138,17 +139,17 @@ class FrameOrder:
         return OpenFrame(scene, editor, before)
 
     def beside(self, frame_id: str, by: int) -> str | None:
-        """Return the frame ``by`` places on in the order, or None."""
+        """Return the id of the frame ``by`` places further in the order, or None."""
         at = self.frame_ids.index(frame_id) + by
         return self.frame_ids[at] if 0 <= at < len(self.frame_ids) else None
 
     def next_unfinished(self, frame_id: str) -> str | None:
-        """Return the next frame that waits, after the last one the first; or None."""
+        """Return the id of the next frame that waits for work, cyclically; or None."""
         at = self.frame_ids.index(frame_id) + 1
         return next((i for i in (*self.frame_ids[at:], *self.frame_ids[:at]) if self.waits(i)), None)
 
     def waits(self, frame_id: str) -> bool:
-        """Return whether a frame waits for this person: unfinished; in the order for review, unreviewed."""
+        """Return whether a frame waits for this person: unfinished, or unreviewed in the review order."""
         if self.order == "review":
             return is_queued(self.correction, frame_id)
         return self.correction.state(frame_id) in UNFINISHED
@@ -161,7 +162,7 @@ class FrameOrder:
         return "No unfinished frame among those shown" if left else "No unfinished frames left"
 
     def forget(self) -> None:
-        """Read every frame anew, because labels changed beside the window."""
+        """Read every frame again, because labels changed in the background."""
         self._scenes.clear()
         self._confidence.clear()
 
@@ -176,11 +177,11 @@ class FrameOrder:
         return self._confidence[frame_id]
 
     def close(self) -> None:
-        """Stop reading ahead."""
+        """Stop reading in advance."""
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def _want(self, frame_ids: Iterable[str]) -> None:
-        """Begin to read frames, and forget the frames that were needed longest ago."""
+        """Start to read frames, and drop the least recently used ones from memory."""
         for frame_id in frame_ids:
             known = self._scenes.pop(frame_id, None)
             entries = self._entries(frame_id)

@@ -36,8 +36,11 @@ printed (Ctrl+Z undoes everywhere)."""
 
 @dataclass(frozen=True)
 class Command:
-    """Command. name: as in window.toml. key, also: in Qt's notation, or "". title: in menus and on buttons.
-    hint: on the page of keys. repeats: while the key is held."""
+    """Command of the window.
+
+    name: as in window.toml. key, also: main and second key in Qt's notation, or "". title: in menus and on
+    buttons. hint: on the page of keys. repeats: True if a held key repeats it.
+    """
 
     name: str
     key: str
@@ -49,7 +52,7 @@ class Command:
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Keys of the command, the main one first."""
+        """Return the keys of the command, the main one first."""
         return tuple(filter(None, (self.key, self.also)))
 
 
@@ -121,7 +124,10 @@ COMMANDS: tuple[Command, ...] = (
 
 
 def derived(commands: tuple[Command, ...]) -> tuple[Command, ...]:
-    """Return the commands that lock and fade parts: Shift and Alt with the part's key, if that is one key."""
+    """Return the commands that lock or fade a part, for each part with a single key.
+
+    Their keys are Shift and Alt with the part's key.
+    """
     keys = {command.name: command.key for command in commands}
     made = []
     for part in PARTS:
@@ -174,7 +180,7 @@ def load_settings(path: Path) -> Settings:
 
 
 def laid_out(layout: str) -> tuple[Command, ...]:
-    """Return all but the derived commands with the keys of a keyboard's layout."""
+    """Return all but the derived commands, with their keys on a keyboard layout."""
     places = LAYOUTS[layout]
 
     def moved(key: str) -> str:

@@ -1,4 +1,4 @@
-"""The open frame and its display: labels as they stand, read-outs, doubtful places, hidden parts."""
+"""Open frame and its display: current labels, text on pixels, doubtful places, hidden parts."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,9 +18,8 @@ NEXT_VISIBILITY: dict[Visibility, Visibility] = {"shown": "faded", "faded": "hid
 
 @dataclass(frozen=True)
 class OpenFrame:
-    """Frame under correction.
-
-    editor: None where the set is read-only. before: parts (h, w) of the frame before in time, or None.
+    """Frame under correction. editor: None where the set is read-only. before: parts (h, w) of the previous
+    frame in time, or None.
     """
 
     scene: FrameScene
@@ -29,21 +28,21 @@ class OpenFrame:
 
     @property
     def frame_id(self) -> str:
-        """Id of the frame in the label set."""
+        """Return the id of the frame in the label set."""
         return self.scene.labels.frame_id
 
     @property
     def parts(self) -> UInt8:
-        """Part ids (h, w) as they stand."""
+        """Return the current part ids (h, w)."""
         return self.editor.parts if self.editor else self.scene.labels.parts
 
     def counts(self) -> dict[int, int]:
-        """Count the pixels with depth by part id."""
+        """Return the number of pixels with depth by part id."""
         numbers = np.bincount(self.parts[self.scene.labels.depth_mm > 0], minlength=256)
         return {part: int(numbers[part]) for part in (*range(len(PARTS)), UNDEFINED)}
 
     def read_out(self, pixel: int) -> str:
-        """Describe a pixel: part, depth, temperature, confidence, and the other set's part."""
+        """Return a text on a pixel: part, depth, temperature, confidence, and the other set's part."""
         scene, part = self.scene, int(self.parts.flat[pixel])
         facts = [title(part), f"{scene.labels.depth_mm.flat[pixel] / 1000:.2f} m"]
         if np.isfinite(celsius := float(scene.cloud.temperature_c.flat[pixel])):
@@ -55,7 +54,7 @@ class OpenFrame:
         return "  ·  ".join(facts)
 
     def doubts(self) -> list[Doubt]:
-        """Return the doubtful places as the frame stands, the heaviest first."""
+        """Return the doubtful places of the current labels, most expected wrong pixels first."""
         strokes = self.editor.history.done if self.editor else ()
         return doubts(self.scene.labels, self.parts, self.scene.other, strokes)
 
@@ -64,8 +63,8 @@ class OpenFrame:
 class Display:
     """Display of the parts of every frame.
 
-    visibility: of faded and hidden parts. alone: only the chosen part is drawn. onion: the outlines of the
-    frame before are drawn.
+    visibility: of faded and hidden parts. alone: True to draw only the chosen part. onion: True to draw the
+    outlines of the previous frame.
     """
 
     visibility: dict[int, Visibility] = field(default_factory=dict)
@@ -73,12 +72,12 @@ class Display:
     onion: bool = False
 
     def fade(self, part: int) -> Visibility:
-        """Switch a part from shown to faded, to hidden, and to shown again."""
+        """Switch the visibility of a part: shown, faded, hidden, and shown again."""
         self.visibility[part] = NEXT_VISIBILITY[self.visibility.get(part, "shown")]
         return self.visibility[part]
 
     def shown(self, frame: OpenFrame, chosen: int) -> Bool:
-        """Return the pixels (h * w,) that are drawn and can be chosen. chosen: the chosen part."""
+        """Return flags (h * w,) of pixels that are drawn and can be chosen. chosen: the chosen part."""
         hidden = np.full(256, self.alone, np.bool_)
         hidden[chosen] = False
         hidden[[part for part, how in self.visibility.items() if how == "hidden"]] = True
@@ -88,7 +87,7 @@ class Display:
 def marked(
     colors: Callable[[Int64], UInt8], pixels: Int64, rgb: tuple[int, int, int]
 ) -> Callable[[Int64], UInt8]:
-    """Return colours in which some pixels have one colour."""
+    """Return a colour function like ``colors`` that gives ``pixels`` the colour ``rgb``."""
 
     def with_mark(at: Int64) -> UInt8:
         drawn = colors(at)

@@ -1,7 +1,7 @@
-"""Camera that turns around the person, shifts and zooms, and the projection of a cloud onto its screen.
+"""Camera that orbits the person, pans and zooms, and the projection of a cloud onto its screen.
 
 Screen coordinates are Qt's logical pixels, x right and y down from the view's upper left corner, at every
-pixel ratio of the screen. Constants are untuned. No window here.
+pixel ratio of the screen. Constants are untuned. No GUI here.
 """
 
 from dataclasses import dataclass, replace
@@ -21,8 +21,8 @@ CELL_SPACINGS = 2.2  # side of a view's cells in distances of neighbouring point
 class Orbit:
     """Camera that looks at ``target_m`` from a distance, in the depth camera's frame (y down, z forward).
 
-    azimuth_deg: 0 looks along z, positive from the right. elevation_deg: positive from above. angle_deg: the
-    vertical field of view.
+    azimuth_deg: 0 looks along z, positive looks from the right. elevation_deg: positive looks from above.
+    angle_deg: the vertical field of view.
     """
 
     target_m: tuple[float, float, float]
@@ -33,7 +33,7 @@ class Orbit:
 
     @property
     def axes(self) -> tuple[Float64, Float64, Float64]:
-        """Unit vectors right, down and forward of the view."""
+        """Return the unit vectors right, down and forward of the view."""
         a, e = np.radians([self.azimuth_deg, self.elevation_deg])
         forward = np.array([-np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
         right = np.array([np.cos(a), 0.0, np.sin(a)])
@@ -41,27 +41,27 @@ class Orbit:
 
     @property
     def position_m(self) -> Float64:
-        """Position (3,) of the eye."""
+        """Return the position (3,) of the eye in the depth camera's frame."""
         return np.asarray(np.array(self.target_m) - self.distance_m * self.axes[2])
 
     def focal_px(self, height_px: int) -> float:
-        """Focal length in pixels of a view of this height."""
+        """Return the focal length in pixels of a view of this height."""
         return float(height_px / 2 / np.tan(np.radians(self.angle_deg / 2)))
 
     def turned(self, right_px: float, down_px: float) -> "Orbit":
-        """Return the orbit after dragging the scene."""
+        """Return the orbit rotated by a drag of the mouse."""
         elevation = np.clip(self.elevation_deg + DEGREES_PER_PX * down_px, -STEEPEST_DEG, STEEPEST_DEG)
         azimuth = (self.azimuth_deg - DEGREES_PER_PX * right_px + 180) % 360 - 180
         return replace(self, azimuth_deg=azimuth, elevation_deg=float(elevation))
 
     def shifted(self, right_px: float, down_px: float, height_px: int) -> "Orbit":
-        """Return the orbit after shifting the scene: the target stays under the pointer."""
+        """Return the orbit panned by a drag of the mouse; the target follows the pointer."""
         return replace(self, target_m=tuple(self.ray(-right_px, -down_px, height_px).tolist()))
 
     def neared(self, steps: float, towards_m: Float64 | None = None) -> "Orbit":
-        """Return the orbit after steps of the wheel towards a point (3,), which stays in place on the screen.
+        """Return the orbit zoomed by steps of the wheel.
 
-        Without a point: towards the target.
+        towards_m: (3,), point that stays in place on the screen; None = the target.
         """
         distance_m = float(np.clip(self.distance_m * ZOOM_PER_STEP**-steps, 0.15, 20.0))
         if towards_m is None:
@@ -72,7 +72,9 @@ class Orbit:
         )
 
     def ray(self, right_px: float, down_px: float, height_px: int) -> Float64:
-        """Return the point (3,) at the target's distance for an offset from the middle of a view."""
+        """Return the point (3,) under an offset from the middle of a view, as far from the eye as the target
+        is.
+        """
         right, down, _ = self.axes
         metre_per_px = self.distance_m / self.focal_px(height_px)
         return np.asarray(np.array(self.target_m) + metre_per_px * (right_px * right + down_px * down))
@@ -95,8 +97,9 @@ def project(
 ) -> ScreenPoints:
     """Project points (n, 3), depth-camera frame, with a VTK composite matrix (4, 4) onto a view.
 
-    shown: bool (n,); other points neither hide nor can be chosen. size_px: (width, height). spacing_px:
-    distance of neighbouring points on the screen. Points at or behind the eye are not on the screen.
+    shown: bool (n,); other points neither hide points nor can be chosen. size_px: (width, height).
+    spacing_px: distance of neighbouring points on the screen. Points at or behind the eye are not on the
+    screen.
     """
     matrix = screen_from_world.astype(np.float32)
     at = np.flatnonzero(shown)

@@ -1,4 +1,4 @@
-"""The outcome of a key or a stroke, and parts and strokes in words."""
+"""Outcome of a key or a stroke, and texts for parts and strokes."""
 
 from typing import Literal, NamedTuple
 
@@ -14,7 +14,7 @@ NAMED = 3  # parts that a sentence names
 
 
 class Outcome(NamedTuple):
-    """Outcome of a command. text: for the status line. pixels: flat indices (n,) that changed their look."""
+    """Outcome of a command. text: for the status line. pixels: flat indices (n,) whose display changes."""
 
     text: str
     tone: Literal["plain", "good", "warn", "bad"] = "plain"
@@ -22,12 +22,12 @@ class Outcome(NamedTuple):
 
 
 def strokes_text(count: int) -> str:
-    """Return a number of strokes in words."""
+    """Return a number of strokes as text."""
     return "1 stroke" if count == 1 else f"{count:,} strokes"
 
 
 def described(stroke: Stroke, limb: str = "") -> str:
-    """Describe a stroke: how many pixels went from which parts to which. limb: of a swap."""
+    """Return a text on a stroke: number of pixels, old and new parts. limb: name of the limb, for a swap."""
     count = pixels_text(len(stroke.pixels))
     if stroke.operation in ("undo", "redo"):
         return f"{'Undone' if stroke.operation == 'undo' else 'Redone'}: {count}"

@@ -31,7 +31,9 @@ MAPS = {"temperature": HEAT, "depth": cv2.COLORMAP_CIVIDIS}
 
 @dataclass(frozen=True)
 class Look:
-    """Look of a pane. outlines, tint: of the parts over the other colourings; tint: of TINTS."""
+    """Colouring of a view. outlines: draw the parts' outlines. tint: opacity of the parts' colours over other
+    colourings, one of TINTS.
+    """
 
     colouring: Colouring = "part"
     outlines: bool = True
@@ -52,7 +54,7 @@ def colourings(scene: FrameScene) -> tuple[Colouring, ...]:
 
 
 def edges(parts: UInt8, valid: Bool) -> Bool:
-    """Return the pixels (h, w) of the body beside another label. valid: bool (h, w), pixels with depth."""
+    """Return flags (h, w) of body pixels beside another label. valid: bool (h, w), pixels with depth."""
     differs = np.zeros(parts.shape, np.bool_)
     down = (parts[1:] != parts[:-1]) & valid[1:] & valid[:-1]
     across = (parts[:, 1:] != parts[:, :-1]) & valid[:, 1:] & valid[:, :-1]
@@ -65,10 +67,10 @@ def edges(parts: UInt8, valid: Bool) -> Bool:
 
 @dataclass
 class Painting:
-    """Colours of a frame at one moment.
+    """Function from pixels to colours, for the current state of a frame.
 
-    parts: uint8 (h, w). before: uint8 (h, w), labels of which outlines are drawn too, or None. visibility: of
-    parts that are not fully shown. ground: the colour behind, into which faded parts blend.
+    parts: uint8 (h, w). before: uint8 (h, w), labels whose outlines are drawn too, or None. visibility: of
+    parts that are not fully shown. ground: background colour, with which faded parts are blended.
     """
 
     scene: FrameScene
@@ -145,7 +147,8 @@ class Painting:
 
 
 def legend(scene: FrameScene, colouring: Colouring) -> tuple[str, str, UInt8] | None:
-    """Return the ends of a colouring's scale in words, and its colours (n, 3) from one to the other.
+    """Return the texts at both ends of a colouring's scale, and its colours (n, 3) from the first to the
+    second.
 
     None for a colouring without a scale, or without data in the frame: the view shows parts instead.
     """

@@ -1,4 +1,4 @@
-"""Scene of one frame: its points and the data for all colourings. No window here."""
+"""Scene of one frame: its points and the data for all colourings. No GUI here."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -26,11 +26,10 @@ class FrameScene:
     """One frame, read and fused; arrays are (h, w, ...) or flat over its pixels.
 
     labels: as stored at the time of reading. cloud: points, with colours and temperatures of a session.
-    other: part ids (h, w) of the compared set, or from before the last learning, or None.
-    near: bool (h * w,), points shown in full. room: int64 (k,), pixels of the thinned rest, every
-    ``room_step``th along each side. shade: float32 (h * w,), 0 edge-on to 1 head-on. pieces: int32 (h, w),
-    supervoxels for clicks, -1 = none. remark: missing data and the reason, or "". no_other: the reason why
-    nothing is compared.
+    other: part ids (h, w) of the compared set, or from before the last fine-tuning, or None. near: bool (h *
+    w,), points that are all drawn. room: int64 (k,), other pixels that are drawn, every ``room_step``th along
+    each side. shade: float32 (h * w,), 0 edge-on to 1 head-on. pieces: int32 (h, w), supervoxels for clicks,
+    -1 = none. remark: missing data and the reason, or "". no_other: the reason why no set is compared.
     """
 
     labels: FrameLabels
@@ -46,12 +45,14 @@ class FrameScene:
 
     @property
     def points_m(self) -> Float32:
-        """Points (h * w, 3) in metres, depth-camera frame, NaN without a reading."""
+        """Return points (h * w, 3) in metres, depth-camera frame, NaN without a reading."""
         return self.cloud.points_m.reshape(-1, 3)
 
     @cached_property
     def depth_range_m(self) -> tuple[float, float]:
-        """Least and greatest depth of the depth colours: the person's with a margin, else the room's."""
+        """Return the least and greatest depth of the colour scale: of the person with a margin, else of the
+        room.
+        """
         depth_mm = self.labels.depth_mm
         person = depth_mm[(self.labels.parts > 0) & (depth_mm > 0)]
         known = person if len(person) else depth_mm[depth_mm > 0]
@@ -60,7 +61,9 @@ class FrameScene:
 
 
 class SceneReader:
-    """Reader of scenes of a set under correction, for any thread. has_recording: scenes have colours."""
+    """Reader of scenes of a set under correction, for any thread. has_recording: True if scenes have
+    colours.
+    """
 
     def __init__(
         self, correction: Correction, session: Path | None = None, other: LabelSet | None = None
@@ -106,9 +109,9 @@ class SceneReader:
 def levels(
     labels: FrameLabels, other: UInt8 | None, room_points: int = ROOM_POINTS
 ) -> tuple[Bool, Int64, int]:
-    """Return the pixels (h * w,) shown in full, pixels (k,) of the thinned rest, and their step.
+    """Return flags (h * w,) of pixels that are all drawn, thinned other pixels (k,), and their step.
 
-    room_points: number of the rest, about.
+    room_points: approximate number of the thinned pixels.
     """
     valid = labels.depth_mm > 0
     person = labels.parts > 0

@@ -1,4 +1,6 @@
-"""The cloud in 3D: the person in full, the room thinned, both thinned further while the view moves."""
+"""View of the cloud in 3D: all points of the person, a thinned room, both thinned further while the view
+moves.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -28,7 +30,7 @@ POINT_PX = (2.0, 14.0)  # least and greatest size of a point in logical pixels; 
 
 
 class Points:
-    """VTK actor of coloured points, each a pixel of the depth image."""
+    """VTK actor of coloured points; each is a pixel of the depth image."""
 
     def __init__(self, plotter: QtInteractor) -> None:
         self._mesh = pv.PolyData(np.zeros((1, 3), np.float32))
@@ -52,7 +54,7 @@ class Points:
         self.actor.mapper.dataset = self._mesh
 
     def recolor(self, pixels: Int64, rgb: UInt8) -> None:
-        """Give pixels (n,) new colours (n, 3); pixels that are not drawn here are left out."""
+        """Set the colours (n, 3) of pixels (n,); pixels that are not drawn here are left out."""
         rows = np.full(len(pixels), -1, np.int64)
         known = pixels < len(self._row)
         rows[known] = self._row[pixels[known]]
@@ -66,7 +68,9 @@ class Points:
 
 
 class CloudView(QWidget):
-    """A frame's cloud. look: its colours. layer: shapes drawn on it. moved: it was turned or zoomed."""
+    """View of a frame's cloud. look: its colouring. layer: layer for drawn shapes. moved: signal that the
+    view was turned or zoomed.
+    """
 
     name = "Cloud"
 
@@ -105,9 +109,10 @@ class CloudView(QWidget):
     # Showing
 
     def load(self, scene: FrameScene, colors: Colors, shown: Bool, *, keep: bool = False) -> None:
-        """Show another frame, from the same side if the person is in view. shown: bool (h * w,).
+        """Show another frame, from the same viewpoint if the person is in view.
 
-        keep: for a rig that runs: keep the camera wherever the person is, and draw all points while it moves.
+        shown: bool (h * w,). keep: for a running rig: never move the camera, and draw all points while it
+        moves.
         """
         self.scene, self._running = scene, keep
         near = np.flatnonzero(scene.near)
@@ -123,14 +128,14 @@ class CloudView(QWidget):
             self.fit()
 
     def recolor(self, pixels: Int64 | None, colors: Colors) -> None:
-        """Give some pixels, or all, new colours."""
+        """Set the colours of some pixels, or of all."""
         for points in (self._person, self._room, self._moving):
             changed = points.pixels if pixels is None else pixels
             points.recolor(changed, colors(changed))
         self.plotter.update()
 
     def set_shown(self, shown: Bool) -> None:
-        """Draw, and allow to choose, only some pixels, bool (h * w,)."""
+        """Set the pixels that are drawn and can be chosen, bool (h * w,)."""
         self._shown, self._seen = shown, None
         for points in (self._person, self._room, self._moving):
             points.show_only(shown[points.pixels])
@@ -142,12 +147,12 @@ class CloudView(QWidget):
         self.plotter.update()
 
     def look_ahead(self) -> None:
-        """Show the person as the depth camera sees them."""
+        """Show the person from the depth camera's viewpoint."""
         self.orbit = replace(self.orbit, azimuth_deg=0.0, elevation_deg=0.0)
         self.fit()
 
     def fit(self) -> None:
-        """Fit the whole person into the view, from the same side."""
+        """Fit the whole person into the view, from the same direction."""
         front = front_view(self.scene.points_m[_person(self.scene)], self._aspect)
         turned = self.orbit.azimuth_deg, self.orbit.elevation_deg
         self.orbit = replace(front, azimuth_deg=turned[0], elevation_deg=turned[1])
@@ -178,25 +183,27 @@ class CloudView(QWidget):
         return drawing.pixels(self.view())
 
     def places(self, pixels: Int64) -> tuple[Float32, float]:
-        """Return positions (n, 2) of pixels on the view, NaN off it, and the distance of neighbours."""
+        """Return the positions (n, 2) of pixels on the view, NaN outside it, and the spacing of neighbouring
+        points.
+        """
         return self.view().xy_px[pixels], self._spacing_px
 
     def bring(self, pixel: int) -> None:
-        """Bring a pixel's point into the middle of the view, from the same distance."""
+        """Move the camera so that a pixel's point is in the middle of the view, at the same distance."""
         point_m = self.scene.points_m[pixel]
         if np.isfinite(point_m).all():
             self._move(replace(self.orbit, target_m=tuple(point_m.tolist())))
             self._still.start()
 
     def mark(self, pixel: int | None) -> None:
-        """Ring the point of a pixel, or none."""
+        """Draw a ring around the point of a pixel; None removes it."""
         x, y = self.view().xy_px[pixel].tolist() if pixel is not None else (np.nan, np.nan)
         self.layer.ring(QPointF(x, y) if np.isfinite(x) else None)
 
     # Moving the view
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802
-        """Qt's hook: keep all events from VTK's own interaction and keys."""
+        """Handle the mouse, and keep all events from VTK's own interaction and keys (Qt's hook)."""
         kind = event.type()
         if isinstance(event, QWheelEvent):
             if event.modifiers() & Qt.KeyboardModifier.ShiftModifier:
@@ -213,7 +220,7 @@ class CloudView(QWidget):
         return isinstance(event, QMouseEvent) and self._gripped(kind, event)
 
     def _gripped(self, kind: QEvent.Type, event: QMouseEvent) -> bool:
-        """Turn with the right button, shift with the middle one; return whether the event was for that."""
+        """Rotate with the right button, pan with the middle one; return whether the event was handled."""
         grips = (Qt.MouseButton.RightButton, Qt.MouseButton.MiddleButton)
         pressed = QEvent.Type.MouseButtonPress, QEvent.Type.MouseButtonDblClick
         if kind == QEvent.Type.MouseButtonDblClick and event.button() == Qt.MouseButton.RightButton:
@@ -239,7 +246,7 @@ class CloudView(QWidget):
         return False
 
     def _under(self, place: QPointF) -> Float64:
-        """Return the point (3,) under a position, or one at the target's distance."""
+        """Return the point (3,) under a position; without one, the point at the target's distance."""
         pixel = self.pixel_at(place)
         if pixel is not None:
             return np.asarray(self.scene.points_m[pixel], np.float64)
@@ -258,7 +265,7 @@ class CloudView(QWidget):
         self._apply()
 
     def _apply(self) -> None:
-        """Place the camera on its orbit, and size the points so that the surface closes."""
+        """Place the camera on its orbit, and set the point size so that the surface has no gaps."""
         camera, orbit = self.plotter.camera, self.orbit
         camera.position, camera.focal_point = orbit.position_m.tolist(), orbit.target_m
         camera.up, camera.view_angle = (0.0, -1.0, 0.0), orbit.angle_deg
@@ -275,11 +282,11 @@ class CloudView(QWidget):
 
     @property
     def _spacing_px(self) -> float:
-        """Distance of neighbouring points of the person on the screen."""
+        """Return the distance of neighbouring points of the person on the screen."""
         spacing_m = self.orbit.target_m[2] / self.scene.cloud.camera.fx
         return abs(spacing_m) * self.orbit.focal_px(self.plotter.height()) / self.orbit.distance_m
 
 
 def _person(scene: FrameScene) -> Bool:
-    """Return the pixels (h * w,) of the person as the frame was read."""
+    """Return flags (h * w,) of the person's pixels in the labels as read."""
     return np.asarray((scene.labels.parts.ravel() > 0) & (scene.labels.depth_mm.ravel() > 0))

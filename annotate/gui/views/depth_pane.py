@@ -1,4 +1,4 @@
-"""The depth image in 2D with the parts over it: painting as in 3D, its own zoom and shift."""
+"""View of the depth image in 2D with the parts over it: painting as in 3D, its own zoom and pan."""
 
 import numpy as np
 from PySide6.QtCore import QPointF, QRectF, Qt, Signal
@@ -20,7 +20,9 @@ REACH_PX = 6.0  # from the pointer to a pixel with depth that a click finds, in 
 
 
 class DepthPane(QWidget):
-    """A frame's depth image. look: its colours. layer: shapes drawn on it. moved: shifted or zoomed."""
+    """View of a frame's depth image. look: its colouring. layer: layer for drawn shapes. moved: signal that
+    the view was panned or zoomed.
+    """
 
     name = "Depth image"
 
@@ -53,7 +55,7 @@ class DepthPane(QWidget):
             self.fit()
 
     def recolor(self, pixels: Int64 | None, colors: Colors) -> None:
-        """Colour some pixels, or all with depth; hidden pixels get the ground's colour."""
+        """Set the colours of some pixels, or of all with depth; hidden pixels get the background colour."""
         ground = (self.ground.red(), self.ground.green(), self.ground.blue())
         changed = pixels
         if changed is None:
@@ -65,7 +67,7 @@ class DepthPane(QWidget):
         self.update()
 
     def set_shown(self, shown: Bool) -> None:
-        """Allow to choose only some pixels, bool (h * w,)."""
+        """Set the pixels that can be chosen, bool (h * w,)."""
         view = ScreenPoints.of_image(self.scene.labels.depth_mm)
         self._view = ScreenPoints(np.where(shown[:, None], view.xy_px, np.nan), view.distance_m, view.size_px)
 
@@ -99,7 +101,10 @@ class DepthPane(QWidget):
     # Choosing pixels
 
     def pixel_at(self, place: QPointF) -> int | None:
-        """Return the pixel at a position of the pane, else the nearest one shown, or None."""
+        """Return the flat index of the pixel under a position of the pane.
+
+        Without a shown pixel there, returns the nearest shown pixel within ``REACH_PX``, or None.
+        """
         at = (place - self._corner) / self._scale
         (height, width), (u, v) = self._rgb.shape[:2], (int(at.x() // 1), int(at.y() // 1))
         under = v * width + u
@@ -108,7 +113,7 @@ class DepthPane(QWidget):
         return select.nearest(self._view, (at.x(), at.y()), max(1.0, REACH_PX / self._scale))
 
     def pixels_in(self, drawing: Drawing) -> Int64:
-        """Return the pixels that a shape drawn on the pane selects; an image hides no pixel."""
+        """Return the pixels that a shape drawn on the pane selects; in an image no pixel hides another."""
         drawing = drawing.scaled(self._corner.x(), self._corner.y(), self._scale)
         drawing.through = True
         return drawing.pixels(self._view)
@@ -119,20 +124,20 @@ class DepthPane(QWidget):
         return self._corner + QPointF(u + 0.5, v + 0.5) * self._scale
 
     def places(self, pixels: Int64) -> tuple[Float32, float]:
-        """Return positions (n, 2) of pixels on the pane, and the distance of neighbours."""
+        """Return the positions (n, 2) of pixels on the pane, and the spacing of neighbouring pixels."""
         v, u = np.divmod(pixels, self._rgb.shape[1])
         corner = np.array([self._corner.x(), self._corner.y()])
         xy_px = corner + (np.stack([u, v], axis=1) + 0.5) * self._scale
         return xy_px.astype(np.float32), self._scale
 
     def bring(self, pixel: int) -> None:
-        """Bring a pixel into the middle of the pane."""
+        """Pan so that a pixel is in the middle of the pane."""
         self._corner += QPointF(self.width() / 2, self.height() / 2) - self.place_of(pixel)
         self._fitted = False
         self._moved()
 
     def mark(self, pixel: int | None) -> None:
-        """Ring a pixel, or none."""
+        """Draw a ring around a pixel; None removes it."""
         self._marked = pixel
         self.layer.ring(self.place_of(pixel) if pixel is not None else None)
 
@@ -147,11 +152,11 @@ class DepthPane(QWidget):
         self._moved()
 
     def mousePressEvent(self, event: QMouseEvent) -> None:  # noqa: N802
-        """Qt's hook: shift the image with any button that does not draw."""
+        """Start to pan the image with any button that does not draw (Qt's hook)."""
         self._grip = event.position()
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:  # noqa: N802
-        """Qt's hook: bring the place under the right button into the middle."""
+        """Pan the place under the right button to the middle (Qt's hook)."""
         if event.button() == Qt.MouseButton.RightButton:
             if (pixel := self.pixel_at(event.position())) is not None:
                 self.bring(pixel)

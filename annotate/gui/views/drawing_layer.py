@@ -1,4 +1,4 @@
-"""Layer over a view that draws shapes with the left button; the view itself handles its moves."""
+"""Layer over a view for drawing shapes with the left button; the view itself handles its own movement."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -21,8 +21,8 @@ _MODIFIER = Qt.KeyboardModifier
 class StrokeOptions:
     """Tool and switches of the next stroke, shared by all views; see ``Drawing``.
 
-    once: command that the next click carries out instead, "" for none. ctrl, shift: held keys, which turn a
-    switch round for the next stroke.
+    once: command that the next click carries out instead, "" for none. ctrl, shift: True while the key is
+    held, which inverts a switch for the next stroke.
     """
 
     tool: Tool = "piece"
@@ -37,12 +37,12 @@ class StrokeOptions:
 
     @property
     def goes_through(self) -> bool:
-        """True where the next stroke goes through the body."""
+        """Return True if the next stroke also selects hidden points."""
         return self.through ^ self.ctrl
 
     @property
     def takes_only(self) -> bool:
-        """True where the next stroke replaces only the part under its start."""
+        """Return True if the next stroke replaces only the part under its start."""
         return self.only ^ self.shift
 
     def hold(self, modifiers: Qt.KeyboardModifier) -> bool:
@@ -59,12 +59,13 @@ class StrokeOptions:
 
 
 class DrawingLayer(QWidget):
-    """Layer over a view that repaints without rendering the view again.
+    """Transparent layer over a view; it repaints without rendering the view again.
 
     The layer shows the shape being drawn, the brush, a ring at the position in the other view, and the
-    outline of a click. The corners show words on the pixel and the scale of colours. drawn: finished Drawing.
-    hovered: position of the pointer, or None when it left. held: other modifier keys are held. sampled: click
-    with Alt, or with Ctrl and the right button, because window managers take Alt.
+    outline of a click. The corners show text on the pixel and the scale of colours. Signals: drawn, with a
+    finished Drawing; hovered, with the position of the pointer, or None when it left; held, when other
+    modifier keys are held; sampled, on a click with Alt, or with Ctrl and the right button, because window
+    managers take Alt.
     """
 
     drawn = Signal(object)
@@ -87,13 +88,13 @@ class DrawingLayer(QWidget):
         view.installEventFilter(self)
 
     def ring(self, place: QPointF | None) -> None:
-        """Ring a position of the view, or none."""
+        """Draw a ring at a position of the view; None removes it."""
         if place != self._marker:
             self._marker = place
             self.update()
 
     def show_under_pointer(self, outline: Outline | None, words: str) -> None:
-        """Show the outline of a click, and words on the pixel under the pointer."""
+        """Show the outline of a click's effect, and text on the pixel under the pointer."""
         if outline is not None or self._outline is not None or words != self._words:
             self._outline, self._words = outline, words
             self.update()
@@ -154,7 +155,7 @@ class DrawingLayer(QWidget):
         return True
 
     def eventFilter(self, view: QObject, event: QEvent) -> bool:  # noqa: N802
-        """Qt's hook: whether the event goes no further."""
+        """Return whether the event is filtered out (Qt's hook)."""
         kind = event.type()
         if kind == QEvent.Type.Resize:
             self.resize(self._view.size())
@@ -232,7 +233,7 @@ def samples(event: QMouseEvent) -> bool:
 
 
 def _stroke(painter: QPainter, draw: Callable[[], None]) -> None:
-    """Draw a white line on a black one, visible on any ground, filled with the painter's brush."""
+    """Draw a white line on a black one, visible on any background, filled with the painter's brush."""
     brush = painter.brush()
     painter.setPen(QPen(QColor(0, 0, 0, 200), 4))
     draw()

@@ -1,4 +1,4 @@
-"""The cloud and the depth image of the open frame: their looks, their colours, and marks in both."""
+"""Cloud view and depth view of the open frame: their colourings, and marks in both."""
 
 from collections.abc import Iterator
 
@@ -22,8 +22,8 @@ EDGE = 0.1  # share of a view at each edge from which a shown place is moved; un
 class ViewPair(QObject):
     """Two views of the open frame.
 
-    last: the view that the pointer was in last. peeking: whether the views are drawn without parts.
-    changed: the look of a view or its last one is another.
+    last: the view that the pointer was in last. peeking: True while the views are drawn without parts.
+    changed: signal that the colouring of a view, or ``last``, changed.
     """
 
     changed = Signal()
@@ -50,7 +50,7 @@ class ViewPair(QObject):
             view.load(self._edits.frame.scene, self.colors(view), self._shown)
 
     def look(self, view: View) -> Look:
-        """Return the look of a view now: without parts while peeking."""
+        """Return the colouring of a view; while the user peeks, without the parts' colours."""
         if not self.peeking:
             return view.look
         there = colourings(self._edits.frame.scene)
@@ -58,16 +58,18 @@ class ViewPair(QObject):
         return Look(wanted if wanted in there else "depth", outlines=False)
 
     def ground(self, view: View) -> Rgb:
-        """Return the colour behind a view: dark for a camera's picture, in which gaps would be specks."""
+        """Return the background colour of a view: dark for camera colours, in which light gaps would look
+        like noise.
+        """
         is_picture = self.look(view).colouring == "colour" and "colour" in colourings(self._edits.frame.scene)
         return (DARK if is_picture else self._theme).ground_rgb
 
     def colors(self, view: View) -> Colors:
-        """Return the colours of a view now."""
+        """Return a function from flat pixels to their current colours in a view."""
         return self._edits.colors(self.look(view), self.ground(view))
 
     def recolor(self, pixels: Int64 | None = None) -> None:
-        """Draw some pixels and their neighbours anew, or all, and the parts that were hidden or shown."""
+        """Redraw some pixels and their neighbours, or all, and parts whose visibility changed."""
         before, self._shown = self._shown, self._edits.shown()
         if pixels is not None:
             height, width = self._edits.parts.shape
@@ -80,14 +82,14 @@ class ViewPair(QObject):
             view.recolor(pixels, self.colors(view))
 
     def set_look(self, view: View, look: Look) -> None:
-        """Change the look of a view."""
+        """Set the colouring of a view."""
         view.look = look
         view.set_ground(self.ground(view))
         view.recolor(None, self.colors(view))
         self.changed.emit()
 
     def set_theme(self, theme: Theme) -> None:
-        """Change the colours behind the views."""
+        """Set the background colours of the views."""
         self._theme = theme
         for view in self:
             view.set_ground(self.ground(view))
@@ -109,7 +111,7 @@ class ViewPair(QObject):
     # Places
 
     def pointed(self) -> View | None:
-        """Return the view that the pointer is in."""
+        """Return the view under the pointer."""
         return next((view for view in self if view.layer.place is not None), None)
 
     def under_pointer(self) -> int | None:
@@ -123,13 +125,13 @@ class ViewPair(QObject):
         return sum(view.layer.cancel() for view in self) > 0 or bool(once)
 
     def hover_again(self) -> None:
-        """Show the marks under the pointer anew, after labels or the tool changed."""
+        """Update the marks under the pointer, after labels or the tool changed."""
         for view in self:
             if view.layer.place is not None and not view.layer.drawing:
                 self.show_hovered(view, view.layer.place)
 
     def show_hovered(self, view: View, place: QPointF | None) -> None:
-        """Show the read-out of a place, the outline of a click there, and the place in the other view."""
+        """Show the text on a place, the outline of a click there, and the same place in the other view."""
         other = self.depth if view is self.cloud else self.cloud
         pixel = view.pixel_at(place) if place is not None else None
         if place is not None and view is not self.last:
@@ -148,7 +150,7 @@ class ViewPair(QObject):
             each.layer.show_under_pointer(mark, words)
 
     def show_place(self, pixels: Int64, middle: int) -> None:
-        """Outline pixels in both views, moved only where their middle is near an edge."""
+        """Outline pixels in both views; a view moves only where their middle is near its edge."""
         for view in self:
             size = np.array([view.layer.width(), view.layer.height()])
             place = view.places(np.array([middle]))[0][0] / size

@@ -47,7 +47,7 @@ _SHAPES = {
 
 
 def named(widget: W, name: str) -> W:
-    """Return a widget with a name for the style sheet."""
+    """Set a widget's name, which the style sheet refers to, and return the widget."""
     widget.setObjectName(name)
     return widget
 
@@ -58,7 +58,7 @@ def laid(
     gap: int = 0,
     margins: tuple[int, int, int, int] = (0, 0, 0, 0),
 ) -> B:
-    """Fill a layout with widgets, layouts, spaces in logical pixels, and None for the rest of the space.
+    """Fill a layout with widgets, layouts, spaces in logical pixels, and None for a stretch; return it.
 
     margins: left, top, right, bottom.
     """
@@ -77,7 +77,7 @@ def laid(
 
 
 class Elided(QLabel):
-    """Line of plain text with an ellipsis if it is too long; its tool tip holds the whole."""
+    """Label of one line that shortens its text with an ellipsis; its tool tip holds the whole text."""
 
     def __init__(self) -> None:
         super().__init__(textFormat=Qt.TextFormat.PlainText)
@@ -85,7 +85,7 @@ class Elided(QLabel):
 
     @property
     def shown(self) -> str:
-        """Visible part of the text, with the ellipsis."""
+        """Return the visible part of the text, with the ellipsis."""
         room = self.contentsRect().width()
         return self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, room)
 
@@ -111,7 +111,7 @@ def line(vertical: bool = False) -> QFrame:
 
 
 def button(text: str) -> QToolButton:
-    """Return a button with words, which leaves the keys to the window."""
+    """Return a text button that never takes the keyboard focus."""
     made = QToolButton()
     made.setText(text)
     made.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -121,7 +121,9 @@ def button(text: str) -> QToolButton:
 def draw_card(
     painter: QPainter, place: QRectF, theme: Theme, chosen: bool, stripe: QColor | None = None
 ) -> None:
-    """Draw a raised area with round corners, with an accent if it is chosen. stripe: at its left."""
+    """Draw a raised area with round corners, with an accent if it is chosen. stripe: colour of a stripe at
+    its left.
+    """
     painter.setRenderHints(QPainter.RenderHint.Antialiasing | QPainter.RenderHint.SmoothPixmapTransform)
     path = QPainterPath()
     path.addRoundedRect(place, 8, 8)
@@ -135,7 +137,7 @@ def draw_card(
 
 
 def icon(name: str, color: str, ratio: float) -> QIcon:
-    """Return the icon of a tool in a colour, sharp at a screen's pixel ratio."""
+    """Return the icon of a tool in a colour. ratio: the screen's pixel ratio."""
     pixmap = QPixmap(ICON * ratio)
     pixmap.setDevicePixelRatio(ratio)
     pixmap.fill(Qt.GlobalColor.transparent)
@@ -146,7 +148,7 @@ def icon(name: str, color: str, ratio: float) -> QIcon:
 
 
 def draw_icon(painter: QPainter, place: QRectF, name: str, color: str, line_px: float) -> None:
-    """Draw the icon of a tool, or of a lock or an eye, which are 18 x 20 logical pixels."""
+    """Draw the icon of a tool, a lock or an eye, each 18 x 20 logical pixels."""
     shapes = _SHAPES.get(name, "").replace("COLOR", color)
     box = f'viewBox="0 0 {place.width():g} {place.height():g}"'
     style = f'fill="none" stroke="{color}" stroke-width="{line_px}"'

@@ -43,7 +43,7 @@ FORMAT_TITLES = {
 
 
 def ask_reason(parent: QWidget) -> str | None:
-    """Return the reason of a rejection: one of REASONS, or own words; None keeps the frame."""
+    """Return the reason of a rejection: one of REASONS, or the user's own text; None cancels."""
     dialog = QInputDialog(parent)
     dialog.setWindowTitle("Reject the frame")
     dialog.setLabelText("Reason for the rejection: choose one, or type own words")
@@ -97,7 +97,7 @@ def ask_export(parent: QWidget, formats: Sequence[str]) -> tuple[str, Path] | No
 
 
 def restored(correction: Correction, frame_id: str, error: CloudError, parent: QWidget | None) -> bool:
-    """Rebuild a broken frame if that is possible and the user agrees; return whether it was rebuilt."""
+    """Rebuild a broken frame if that is possible and the user agrees; return True if it was rebuilt."""
     if not isinstance(error, RestorableError) or correction.read_only:
         return False
     text = (
@@ -111,7 +111,9 @@ def restored(correction: Correction, frame_id: str, error: CloudError, parent: Q
 
 
 def ask_retry(parent: QWidget | None, error: str, strokes: int) -> bool:
-    """Ask whether to write refused strokes again now, or to go on until the next stroke."""
+    """Ask whether to write strokes again now that the disk refused; return False to wait for the next
+    stroke.
+    """
     text = (
         f"{error}\n\n{strokes_text(strokes)} kept in this window; nothing is lost while it is open. "
         "Free some space, then try again; or go on: every stroke tries again."
@@ -120,7 +122,7 @@ def ask_retry(parent: QWidget | None, error: str, strokes: int) -> bool:
 
 
 def ask_close(parent: QWidget | None, strokes: int) -> bool:
-    """Ask whether to close although strokes would be lost."""
+    """Ask whether to close although strokes would be lost; return the answer."""
     text = (
         f"{strokes_text(strokes)} could not be written and would be lost. Free some space first, if you can."
     )

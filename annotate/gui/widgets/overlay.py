@@ -15,7 +15,7 @@ SCALE_PX = (110.0, 8.0)  # size of the scale in logical pixels; untuned
 
 
 class Outline(NamedTuple):
-    """Outline to draw. image: with transparency. corner: its place on the view."""
+    """Outline to draw. image: with transparency. corner: its position on the view."""
 
     image: QImage
     corner: QPointF
@@ -26,7 +26,7 @@ def outline(
 ) -> Outline | None:
     """Return the outline of points (n, 2) on a view, filled with a tint; None where no point is on the view.
 
-    point_px: distance of neighbouring points, over which they close to a surface. size_px: of the view.
+    point_px: distance of neighbouring points, within which they join to a surface. size_px: of the view.
     """
     on = (xy_px >= 0).all(axis=1) & (xy_px < np.array(size_px, np.float32)).all(axis=1)
     if not on.any():
@@ -48,7 +48,7 @@ def outline(
 
 
 def draw_words(painter: QPainter, size: QRectF, text: str) -> None:
-    """Draw words, wrapped, at the lower left corner, on a dark ground."""
+    """Draw wrapped text at the lower left corner, on a dark background."""
     if not text:
         return
     left = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter | Qt.TextFlag.TextWordWrap
@@ -60,7 +60,7 @@ def draw_words(painter: QPainter, size: QRectF, text: str) -> None:
 
 
 def draw_title(painter: QPainter, text: str) -> None:
-    """Draw a title at the upper left corner, on a dark ground."""
+    """Draw a title at the upper left corner, on a dark background."""
     size = painter.fontMetrics().size(0, text)
     box = QRectF(0, 0, size.width() + 2 * MARGIN_PX, size.height() + MARGIN_PX)
     painter.fillRect(box, QColor(0, 0, 0, 170))
@@ -69,7 +69,7 @@ def draw_title(painter: QPainter, text: str) -> None:
 
 
 def draw_scale(painter: QPainter, size: QRectF, scale: tuple[str, str, UInt8] | None) -> None:
-    """Draw a scale at the upper right corner, its ends named beneath (``point_colors.legend``)."""
+    """Draw a colour scale at the upper right corner, its ends labelled (``point_colors.legend``)."""
     if scale is None:
         return
     low, high, rgb = scale

@@ -1,4 +1,4 @@
-"""Light and dark theme: named colours, and Qt's style from them."""
+"""Light and dark theme: named colours, and Qt's style made of them."""
 
 from dataclasses import dataclass
 
@@ -14,15 +14,18 @@ FONT_PX = (10, 26)  # least and greatest size of the desktop's font that is foll
 
 
 def scaled(px: float) -> int:
-    """Return a size in logical pixels at the desktop's size of font."""
+    """Return a size in logical pixels, scaled by the desktop's font size."""
     font_px = QFontInfo(QGuiApplication.font()).pixelSize()
     return round(px * min(max(font_px, FONT_PX[0]), FONT_PX[1]) / USUAL_PX)
 
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours as "#rrggbb". ground: behind the cloud. surface: panels. raised: buttons. line: borders. text,
-    quiet: words. accent: chosen things. good, warn, bad: states."""
+    """Colours as "#rrggbb".
+
+    ground: behind the cloud. surface: panels. raised: buttons. line: borders. text, quiet: text and secondary
+    text. accent: chosen items. good, warn, bad: states.
+    """
 
     ground: str
     surface: str
@@ -38,7 +41,7 @@ class Theme:
 
     @property
     def ground_rgb(self) -> Rgb:
-        """Colour behind the cloud as numbers."""
+        """Return the colour behind the cloud as numbers."""
         color = QColor(self.ground)
         return color.red(), color.green(), color.blue()
 
@@ -62,14 +65,14 @@ def theme_of(name: str) -> Theme:
 
 
 def part_color(part: int, theme: Theme) -> QColor:
-    """Return the colour of a part in lists; the background has the room's grey."""
+    """Return the colour of a part in lists; the background has the grey of the room."""
     if part == UNDEFINED:
         return QColor(128, 128, 128)
     return QColor(*PARTS[part].rgb) if part else QColor(theme.line)
 
 
 def style_app(theme: Theme) -> None:
-    """Give all widgets the theme's colours."""
+    """Apply the theme's colours to all widgets."""
     app = QApplication.instance()
     assert isinstance(app, QApplication)
     app.setPalette(qt_palette(theme))

@@ -1,6 +1,6 @@
-"""Training images of the person finder: scenes at its focal length, augmented, with true votes.
+"""Training images of the person finder: scenes at its input's focal length, augmented, with true votes.
 
-Constants are untuned.
+A vote is the vector from a person's pixel to the middle of that person. Constants are untuned.
 """
 
 from pathlib import Path
@@ -26,7 +26,7 @@ Image: TypeAlias = tuple[UInt16, NDArray[np.float16], UInt8]
 
 
 class SceneImages(NamedTuple):
-    """Stored images: of the virtual rig, and of random rooms."""
+    """Stored training images of the virtual rig and of random rooms."""
 
     rig: list[Image]
     rooms: list[Image]
@@ -46,7 +46,9 @@ class Batch(NamedTuple):
 
 
 def store_scenes(folder: Path, seed: int) -> None:
-    """Write a recording of the rig, ``rig_SEED.npz``, and one row of rooms, ``room_SEED.npz``, once."""
+    """Write training images once: a recording of the rig, ``rig_SEED.npz``, and random rooms,
+    ``room_SEED.npz``.
+    """
     for kind, scenes in (("rig", rig_scenes), ("room", room_scenes)):
         path = folder / f"{kind}_{seed:06d}.npz"
         if not path.exists():
@@ -72,7 +74,7 @@ def _loaded(paths: list[Path]) -> list[Image]:
 
 
 def _image_of(scene: Scene) -> Image:
-    """Return a scene at the finder's focal length."""
+    """Return a scene resampled to the focal length ``FOCAL_PX`` of the finder's input."""
     scale = FOCAL_PX / scene.camera.fx
     v, u = (
         np.minimum(((np.arange(round(side * scale)) + 0.5) / scale).astype(int), side - 1)
@@ -125,7 +127,7 @@ def _moved(
 
 
 def _cut(depth: Float32, persons: UInt8, rng: np.random.Generator) -> Float32:
-    """Return depth without the background, without far or without near pixels; mostly unchanged."""
+    """Return depth, in some images without the background, the far pixels or the near pixels."""
     kind, person = rng.random(), persons > 0
     if kind < CUT_OUT:
         rim = int(rng.integers(-2, 4))
@@ -142,7 +144,10 @@ def _cut(depth: Float32, persons: UInt8, rng: np.random.Generator) -> Float32:
 
 
 def _worn(depth: Float32, rng: np.random.Generator) -> Float32:
-    """Return depth with a missing rectangle, missing borders, holes and noise, each in some images."""
+    """Return depth with sensor faults: a missing rectangle, missing borders, holes and noise.
+
+    Each fault occurs in some images only.
+    """
     depth = depth.copy()
     if rng.random() < 0.15:
         top, left = rng.integers((HEIGHT, WIDTH))
@@ -161,9 +166,9 @@ def _worn(depth: Float32, rng: np.random.Generator) -> Float32:
 
 
 def _votes(depth: Float32, persons: UInt8) -> Float32:
-    """Return the way (3, h, w) from a person's pixels to their middle: right, down, away.
+    """Return the vector (3, h, w) from each pixel of a person to the middle of the person, in metres.
 
-    depth, persons: (h, w), every second pixel of an image.
+    The axes are right, down, away. depth, persons: (h, w), every second pixel of an image.
     """
     votes = np.zeros((3, *depth.shape), np.float32)
     for number in range(1, int(persons.max(initial=0)) + 1):

@@ -26,9 +26,9 @@ OVERLAP_WEIGHT, VOTE_WEIGHT = 0.5, 0.4  # of the losses by overlap and by votes
 class FinderNet(nn.Module):
     """Network for inputs (B, 24, h, w), sides multiples of 32 -> (B, 7, h, w).
 
-    Four log odds, of the pixels of the image at twice the sides as `network_input` lays them out, and the
-    votes of `Batch`. Layers at a quarter of the image's sides and below find persons; those at a half draw
-    the rim.
+    The output has four log odds, for the 2 x 2 image pixels of each input cell (see `network_input`), and the
+    votes of `Batch`. Layers at a quarter of the image's sides and below find persons; layers at half
+    resolution refine the silhouette.
     """
 
     def __init__(self) -> None:
@@ -84,7 +84,7 @@ def _twice(x: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class FinderTraining:
-    """Training of the finder for so many minutes, as of ``eval.training.fit.Training``."""
+    """Training of the finder for a number of minutes, as ``eval.training.fit.Training``."""
 
     images: SceneImages
     minutes: float
@@ -99,7 +99,7 @@ class FinderTraining:
             yield draw_batch(self.images, BATCH, stream(0, "finder", number))
 
     def loss(self, network: nn.Module, batch: Batch, share: float) -> tuple[Tensor, float]:
-        """Return the loss of the odds by pixels and by overlap, and of the votes."""
+        """Return the loss of the log odds, by pixels and by overlap, plus the loss of the votes."""
         inputs, person, votes, known = (torch.from_numpy(array) for array in batch)
         with torch.autocast("cpu", torch.bfloat16):
             found = network(inputs.contiguous(memory_format=torch.channels_last)).float()
@@ -116,7 +116,7 @@ class FinderTraining:
         return loss, loss.item()
 
     def record(self, state: State, loss: float) -> bool:
-        """Return False: the state is saved by the clock."""
+        """Return False, because the state is saved at time intervals."""
         return False
 
 

@@ -1,6 +1,5 @@
-"""Random rooms to train the person finder: floor, walls, furniture, things of any shape.
-
-Constants are untuned.
+"""Random rooms to train the person finder: floor, walls, furniture, objects of any shape. Constants are
+untuned.
 """
 
 import numpy as np
@@ -19,7 +18,11 @@ CLEAR_M, IN_THE_WAY = 0.45, 0.12  # distance from people and the way to them; sh
 def surroundings(
     rng: np.random.Generator, eye_m: Float64, middle_m: Float64, *, may_be_none: bool
 ) -> list[Mesh]:
-    """Return meshes of a room around a camera's eye (3,) and a person's middle (3,), world, or none."""
+    """Return meshes of a random room around a camera's eye (3,) and a person's middle (3,), world frame,
+    metres.
+
+    may_be_none: allow an empty room without any mesh.
+    """
     if rng.random() < EMPTY and may_be_none:
         return []
     beyond = np.exp(rng.uniform(np.log(BEYOND_M[0]), np.log(BEYOND_M[1]), (2, 2)))
@@ -43,14 +46,14 @@ def surroundings(
 
 
 def _off_way(point: Float64, one: Float64, other: Float64) -> float:
-    """Return the distance of a point (2,) from the way between two others, metres."""
+    """Return the distance of a point (2,) from the line segment between two others, metres."""
     way = other - one
     share = np.clip(np.dot(point - one, way) / max(np.dot(way, way), 1e-6), 0, 1)
     return float(np.linalg.norm(point - one - share * way))
 
 
 def _thing(rng: np.random.Generator) -> Mesh:
-    """Return a piece of furniture, or something of any shape, about the origin."""
+    """Return a piece of furniture, or an object of random shape, at the origin."""
     shapes = (_table, _cupboard, _any_box, _heap, _lamp, _curtain)
     kind = int(rng.integers(3 + len(shapes)))
     return (Sofa, Chair, Bed)[kind].sample(rng).mesh() if kind < 3 else shapes[kind - 3](rng)
@@ -74,14 +77,14 @@ def _cupboard(rng: np.random.Generator) -> Mesh:
 
 
 def _any_box(rng: np.random.Generator) -> Mesh:
-    """Return a box at any height and angle."""
+    """Return a box at a random height and angle."""
     x, y, z = np.exp(rng.uniform(np.log(0.04), np.log(0.6), 3))
     turn = Rotation.random(rng=rng).as_matrix()
     return box((-x, -y, -z), (x, y, z), Surface.TABLE).placed(turn, np.array([0, 0, rng.uniform(0, 2)]))
 
 
 def _heap(rng: np.random.Generator) -> Mesh:
-    """Return blobs about each other: a plant, a heap of clothes."""
+    """Return a cluster of blobs: a plant, a heap of clothes."""
     places = [np.array([*rng.normal(0, 0.2, 2), rng.uniform(0, 1.6)]) for _ in range(rng.integers(2, 12))]
     return merge([_blob(rng, 0.05, 0.3, at) for at in places])
 
@@ -103,7 +106,7 @@ def _curtain(rng: np.random.Generator) -> Mesh:
 
 
 def _blob(rng: np.random.Generator, least_m: float, most_m: float, at_m: Float64) -> Mesh:
-    """Return an ellipsoid at any angle about a place (3,)."""
+    """Return an ellipsoid at a random angle about a place (3,). least_m, most_m: range of its radii."""
     polar, turn = np.meshgrid(np.linspace(0, np.pi, 10), np.linspace(0, 2 * np.pi, 16), indexing="ij")
     ball = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], -1)
     axes = np.exp(rng.uniform(np.log(least_m), np.log(most_m), 3))

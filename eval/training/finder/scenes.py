@@ -1,7 +1,7 @@
-"""Scenes for training the person finder: depth images with no to several people, and each pixel's person.
+"""Scenes for training the person finder: depth images with zero to several people, and each pixel's person.
 
 Some are recordings of the virtual rig with temperatures. The others are random rooms, some empty, with
-dressed people who stand, sit and lie, in front of any depth sensor. Constants are untuned.
+dressed people who stand, sit and lie, as seen by any depth sensor. Constants are untuned.
 """
 
 from collections.abc import Iterator
@@ -102,13 +102,13 @@ def _room(rng: np.random.Generator, people: list[Dressed]) -> Scene:
 
 
 def _place(rng: np.random.Generator) -> Float64:
-    """Return the place of another person; the first is at the origin."""
+    """Return a random place for a further person; the first person is at the origin."""
     span = BESIDE_M if rng.random() < BESIDE else APART_M
     return beside(np.zeros(3), rng.uniform(-np.pi, np.pi), rng.uniform(*span), 0.0)
 
 
 def _posed(rng: np.random.Generator, person: Dressed) -> tuple[Float32, list[Mesh]]:
-    """Return vertices (V, 3) of a person in some posture about the origin, and furniture and bags."""
+    """Return vertices (V, 3) of a person in a random posture at the origin, and furniture and bags."""
     body, kind = person.body, rng.random()
     things: list[Mesh] = []
     if kind < STANDING:

@@ -1,4 +1,4 @@
-"""Warmth of training images: random for rooms without any, and degraded as by cameras.
+"""Warmth of training images: random for rooms without measured warmth, and degraded as by cameras.
 
 Warmth is 0 at the room's temperature, 1 at a person's, NaN = unmeasured. Constants are untuned.
 """
@@ -13,7 +13,7 @@ UNFELT = 0.22  # share of images without temperatures: a closed flag, or no ther
 
 
 def random_warmth(depth_mm: UInt16, persons: UInt8, rng: np.random.Generator) -> Float32:
-    """Return warmth (h, w): unevenly warm people, warm places, blurred, missing at silhouettes."""
+    """Return random warmth (h, w): unevenly warm people and warm places, blurred, NaN beside silhouettes."""
     shape = depth_mm.shape
     room = 0.12 * _uneven(shape, 24, rng) + np.float32(rng.normal(0, 0.05))
     for _ in range(rng.integers(0, 4)):
@@ -60,7 +60,7 @@ def degraded_warmth(warmth: Float32, rng: np.random.Generator) -> Float32:
 
 
 def _uneven(shape: tuple[int, ...], size_px: int, rng: np.random.Generator) -> Float32:
-    """Return smooth noise (h, w) of deviation 1 that changes over so many pixels."""
+    """Return smooth noise (h, w) of standard deviation 1 with bumps of about ``size_px`` pixels."""
     height, width = shape
     coarse = rng.normal(0, 1, (max(2, height // size_px), max(2, width // size_px))).astype(np.float32)
     return np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC), np.float32)

@@ -1,4 +1,4 @@
-"""Samples for training: an example turned and scaled, and degraded as labelling may meet it.
+"""Samples for training: an example rotated, scaled and degraded by faults that labelling may meet.
 
 One generator draws all: the same seed gives the same sample. About 5 ms a sample. Constants are untuned.
 """
@@ -36,10 +36,11 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True)
 class Sampling:
-    """Squares of ``side`` samples (a multiple of 16), about ``sample_m`` apart.
+    """Size and kind of training samples: squares of ``side`` samples (a multiple of 16), about ``sample_m``
+    apart.
 
-    by_part: centre squares on each part as often; else on the subject. degrade: change more than depth and
-    place.
+    by_part: centre squares equally often on each part; False = on the subject. degrade: apply faults to
+    channels other than depth and place.
     """
 
     sample_m: float
@@ -59,7 +60,7 @@ def draw_sample(example: Example, how: Sampling, rng: np.random.Generator) -> Sa
 
 
 def sample_as_labelled(example: Example, sample_m: float) -> Sample:
-    """Return the samples that labelling takes of a frame, the sides padded to multiples of 16."""
+    """Return the samples of a frame as labelling takes them, the sides padded to multiples of 16."""
     step = max(1, round(sample_m / example.pixel_m))
     planes, target = example.planes[:, ::step, ::step], example.target[::step, ::step]
     more = [(0, -side % MULTIPLE) for side in target.shape]
@@ -67,7 +68,7 @@ def sample_as_labelled(example: Example, sample_m: float) -> Sample:
 
 
 def without_unknown(sample: Sample) -> Sample:
-    """Return the sample with an undefined target wherever depth is missing."""
+    """Return the sample with an undefined target at each pixel without depth."""
     there = (sample.planes[FLAGS] & VALID) > 0
     return Sample(sample.planes, np.where(there, sample.target, np.uint8(UNDEFINED)))
 
@@ -87,9 +88,9 @@ def take(example: Example, rows: Index, columns: Index) -> Sample:
 
 
 def _places(example: Example, how: Sampling, rng: np.random.Generator) -> tuple[Index, Index]:
-    """Return rows and columns (side, side) of the pixels to take.
+    """Return rows and columns (side, side) of the pixels to take, around the middle of the example.
 
-    They are about the middle of the example. A square smaller than the example is near the subject or a part.
+    A square smaller than the example is placed near the subject or a part.
     """
     height, width = example.target.shape
     step = max(how.sample_m / example.pixel_m * np.exp(rng.uniform(-ZOOM, ZOOM)), 0.9)
@@ -113,7 +114,9 @@ def _places(example: Example, how: Sampling, rng: np.random.Generator) -> tuple[
 
 
 def degrade(planes: UInt8, rng: np.random.Generator) -> None:
-    """Change channels (24, s, s) in place as cameras, suits and earlier frames may; depth and place stay."""
+    """Change channels (24, s, s) in place like faults of cameras, suits and earlier frames; depth and place
+    stay.
+    """
     _degrade_before(planes[BEFORE], rng)
     if rng.random() < 0.06:  # an illuminant that cannot be fitted
         planes[LIKE] = 0
@@ -155,7 +158,9 @@ def _mislabel(before: UInt8, rng: np.random.Generator) -> None:
 
 
 def _degrade_likeness(like: UInt8, rng: np.random.Generator) -> None:
-    """Change log likelihoods (13, s, s) as faded, similar or hidden cloths do; 0 (unmeasured) stays."""
+    """Change log likelihoods (13, s, s) in place as for faded, similar or hidden cloths; 0 (unmeasured)
+    stays.
+    """
     if rng.random() < 0.5:  # each cloth and all of them fit better or worse than measured
         off = rng.normal(0, 10, (len(like), 1, 1)) + rng.normal(0, 6)
         like[:] = np.where(like > 0, np.clip(like + off, 1, 255), 0).astype(np.uint8)

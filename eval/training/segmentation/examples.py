@@ -34,7 +34,7 @@ OPEN_FILES = 256  # held open at once; a process may have about a thousand
 
 
 class Example(NamedTuple):
-    """A frame to learn from, around its subject.
+    """Frame to train on, cropped around its subject.
 
     planes: uint8 (24, h, w), channels of every pixel (`annotate.segmentation.input_channels`). target: uint8
     (h, w), the true part, 12 for another person, 255 for unknown. meta: float64, focal length in pixels and
@@ -47,16 +47,16 @@ class Example(NamedTuple):
 
     @property
     def pixel_m(self) -> float:
-        """Metres between two pixels on the subject."""
+        """Return the distance of two neighbouring pixels at the subject, in metres."""
         return float(self.meta[1] / self.meta[0])
 
 
 def example_of(
     cloud: ThermalCloud, truth: FrameLabels, before: FrameLabels | None, suit: Suit, *, rough: bool
 ) -> Example | None:
-    """Return the example of a frame as labelling processes it; None where labelling skips the suit.
+    """Return the training example of a frame as labelling processes it; None where labelling skips the suit.
 
-    rough: use the illuminant of all colours, as labelling does first, not the one of the parts.
+    rough: fit the illuminant to all colours, as labelling does first, not to the parts.
     """
     network = None if rough else shipped_suit_network()
     return detected_example(SuitLabeller(suit).detect(cloud), truth, before, suit, network)
@@ -69,9 +69,9 @@ def detected_example(
     suit: Suit,
     network: SuitNetwork | None,
 ) -> Example | None:
-    """Return the example of a frame after person detection, as ``example_of``.
+    """Return the training example of a frame after person detection; None where labelling skips the frame.
 
-    network: finds the parts' illuminant, None = use all colours.
+    network: network whose parts give the illuminant; None = use all colours.
     """
     cloud, person = detection.cloud, detection.persons.person(before)
     view = detection.view(person) if person.trusted else None
@@ -89,7 +89,10 @@ def detected_example(
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A recording of people in a suit, its labels and palette. frame_ids: of all but the automatic labels."""
+    """Recording of people in a suit, with its labels and palette.
+
+    frame_ids: frames whose labels are not automatic.
+    """
 
     source: Source
     labels: LabelSet
@@ -177,5 +180,5 @@ class ExampleFiles:
         return Example(planes, target, meta)
 
     def spread(self, most: int) -> list[int]:
-        """Return indices of at most so many examples, evenly over all."""
+        """Return indices of at most ``most`` examples, evenly spread over all."""
         return [int(i) for i in np.linspace(0, len(self) - 1, min(len(self), most))]

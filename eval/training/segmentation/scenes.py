@@ -1,4 +1,4 @@
-"""Frames of the virtual rig to train the shipped suit network on: any suit, seat, difficulty and cameras.
+"""Frames of the virtual rig for training the shipped suit network, of any suit, seat, difficulty and cameras.
 
 Constants are untuned.
 """
@@ -28,14 +28,18 @@ CLOSED = 0.08  # share of frames behind a closed thermal flag
 def draw_scene(
     rng: np.random.Generator, hard: float, places: Mapping[str, float], other_rig: float
 ) -> tuple[str, str, str]:
-    """Draw difficulty, scene and rig; hard, other_rig: shares of ``hard`` recordings and of other rigs."""
+    """Draw the names of a difficulty, a scene and a rig.
+
+    hard: share of recordings with difficulty ``hard``. places: scenes with their shares. other_rig: share of
+    recordings with another rig.
+    """
     difficulty = "hard" if rng.random() < hard else "normal"
     scene = str(rng.choice(list(places), p=list(places.values())))
     return difficulty, scene, str(rng.choice(OTHER_RIGS)) if rng.random() < other_rig else REFERENCE
 
 
 def training_rig(number: int) -> VirtualRig:
-    """Return the rig of a recording, the same for the same number from 0."""
+    """Return the rig of training recording ``number`` (from 0), always the same for one number."""
     rng = np.random.default_rng((88001, number))
     difficulty, scene, rig = draw_scene(rng, 0.6, PLACES, 0.18)
     suit = random_suit(FIRST_SUIT + number) if rng.random() < OTHER_SUIT else DEFAULT_SUIT
@@ -46,8 +50,8 @@ def training_rig(number: int) -> VirtualRig:
 def rig_examples(rig: VirtualRig) -> Iterator[Example]:
     """Yield examples of a rig's frames, in memory: images are not encoded.
 
-    The labels before are the true ones of the frame before. In half of the changes of person they are left
-    out, as in recordings that name the person.
+    The input labels of the previous frame are the true ones. In half of the changes of person they are left
+    out, as in recordings whose metadata name the person.
     """
     fuser, rng = Fuser(rig.calibration), np.random.default_rng((88002, rig.seed))
     before: FrameLabels | None = None

@@ -57,9 +57,9 @@ Progress = Callable[[str, int], AbstractContextManager[Advance]]
 
 @dataclass(frozen=True)
 class Stage:
-    """A stretch of a training with one cycle of the learning rate; its moving average starts the next.
+    """Part of a training with one cycle of the learning rate; the next stage starts from its moving average.
 
-    averaged, statistics: as of ``Schedule``. precision: of the forward pass.
+    averaged, statistics: as in ``Schedule``. precision: number format of the forward pass.
     """
 
     sampling: Sampling
@@ -103,7 +103,11 @@ class SuitTraining:
             yield inputs.contiguous(memory_format=torch.channels_last), targets
 
     def loss(self, network: nn.Module, batch: tuple[Tensor, Tensor], share: float) -> tuple[Tensor, float]:
-        """Return the weighted mean cross entropy of the known samples."""
+        """Return the loss to minimise and its value: cross entropy of known samples, weighted by
+        `sample_weights`.
+
+        share: finished share of the training, unused here.
+        """
         inputs, targets = batch
         with torch.autocast("cpu", torch.bfloat16, enabled=self.stage.precision == "bfloat16"):
             scores = network(inputs)
@@ -129,9 +133,10 @@ def train_stage(network: SuitNet, training: SuitTraining, checkpoint: Path, watc
 
 
 def sample_weights(targets: Tensor) -> Tensor:
-    """Return weights (B, h, w) of samples in the loss by targets (B, h, w), of mean 1 over an image's parts.
+    """Return the loss weights (B, h, w) of samples by their targets (B, h, w).
 
-    ``ROOM_WEIGHT`` in the room, 1 on another person, 0 for unknown targets.
+    The mean weight over the parts of an image is 1. The room weighs ``ROOM_WEIGHT``, another person 1, an
+    unknown target 0.
     """
     known = nn.functional.one_hot(targets.clamp(max=CLASSES), CLASSES + 1)
     count = known.sum(dim=(1, 2))[:, 1:N_CLASSES].float()
@@ -144,7 +149,7 @@ def sample_weights(targets: Tensor) -> Tensor:
 
 
 class Fitted(NamedTuple):
-    """Weights in ``path``; validation on held-out frames before and after the training."""
+    """Trained weights at ``path``, with validation on held-out frames before and after the training."""
 
     path: Path
     frames: int
@@ -185,7 +190,7 @@ def train_labels(
 
 
 def claim(out: Path, plan: dict[str, Any]) -> None:
-    """Take a folder for a training. Raises ExistsError where it holds another, or a finished one."""
+    """Reserve a folder for a training. Raises ExistsError where it holds another or a finished training."""
     text = json.dumps(plan, indent=1).encode()
     if (out / WEIGHTS).exists() or ((out / PLAN).exists() and (out / PLAN).read_bytes() != text):
         raise ExistsError(f"{out} holds another training; choose another folder or pass --overwrite")
@@ -194,7 +199,7 @@ def claim(out: Path, plan: dict[str, Any]) -> None:
 
 
 def by_steps(advance: Advance) -> Watch:
-    """Return a watch that advances by the steps since its last call."""
+    """Return a callback for a training that advances a progress bar by the steps since the last call."""
     last = 0
 
     def watch(step: int, loss: float) -> None:
@@ -206,7 +211,7 @@ def by_steps(advance: Advance) -> Watch:
 
 
 def _stored(recording: Recording, path: Path, progress: Progress) -> Path:
-    """Return the file of a recording's examples; make it unless an earlier run has."""
+    """Return the file of a recording's examples; write the file unless an earlier run has."""
     if not path.exists():
         with progress(f"{recording.source.name}, frames", len(recording.source)) as advance:
 

@@ -1,4 +1,4 @@
-"""Validation of the suit network on held-out frames, before borders are drawn."""
+"""Validation of the suit network on held-out frames, before border refinement."""
 
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ MEASURED, SCATTERED = 200, 500  # frames at most, and samples of each for the te
 
 
 class Validation(NamedTuple):
-    """Mean recall over parts, the person's IoU, and the temperature that fits the probabilities best."""
+    """Mean recall over parts, the person's IoU, and the best temperature for calibrating probabilities."""
 
     recall: float
     person_iou: float
@@ -27,7 +27,7 @@ class Validation(NamedTuple):
 
 
 def validate(network: SuitNet, examples: ExampleFiles, sample_m: float) -> Validation:
-    """Validate a network on examples, segmented as in labelling, without borders."""
+    """Validate a network on examples, segmented as in labelling but without border refinement."""
     network.eval()
     table, scores, targets = np.zeros((CLASSES, CLASSES), np.int64), [], []
     for index in examples.spread(MEASURED):

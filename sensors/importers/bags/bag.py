@@ -34,7 +34,7 @@ STEADY = 1000  # messages in which a computer's clock is set back at most once m
 
 
 class Message(NamedTuple):
-    """Place of a message, its sender's time and the recorder's, in nanoseconds."""
+    """Position of a message in the file, with its sender's time and the recorder's, in nanoseconds."""
 
     stamp_ns: int
     received_ns: int
@@ -66,14 +66,16 @@ class Topic:
 
     @cached_property
     def timeline(self) -> Timeline:
-        """Order and times. Raises FormatError where messages with equal stamps cannot be compared."""
+        """Return the order and times of the messages. Raises FormatError where messages with equal stamps
+        cannot be read.
+        """
         stamps_ns = np.array([message.stamp_ns for message in self.messages], np.int64)
         received_ns = np.array([message.received_ns for message in self.messages], np.int64)
         return timeline_of(Stamps(self.name, stamps_ns, received_ns, self._same))
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on order, times and empty images."""
+        """Return notes on order, times and empty images."""
         empty = f"{self.name}: {self.empty} empty images are left out"
         return (*self.timeline.notes, *([empty] if self.empty else []))
 
@@ -122,9 +124,9 @@ def index_topics(files: list[BagFile]) -> dict[str, Topic]:
 
 
 def _clock_was_set_back(messages: list[Message]) -> bool:
-    """Return whether the recorder's clock stepped back, so that the file's order is the recording's.
+    """Return whether the recorder's clock stepped back; then the file's order is the order of recording.
 
-    Otherwise a file whose messages are not in the order of receive times was written so.
+    A file without such a step was written in another order than it was received.
     """
     steps_ns = np.diff(np.array([message.received_ns for message in messages], np.int64))
     falls_ns = -steps_ns[steps_ns < 0]
@@ -191,7 +193,7 @@ class Bag(FrameSource):
 
 
 def _listed(pictures: dict[str, Picture], names: list[str]) -> str:
-    """Return the first topics with their encodings, in words; marked where the name alone excludes depth."""
+    """Return the first topics with their encodings, as text; names that exclude depth are marked."""
 
     def shown(name: str) -> str:
         image = pictures[name]

@@ -25,14 +25,16 @@ from sensors.rig.rig_calibration import Pose, RigCalibration
 
 
 class Stream(NamedTuple):
-    """An image topic and its first picture."""
+    """Image topic with its first image."""
 
     name: str
     first: Picture
 
     @property
     def frame(self) -> str:
-        """The camera's frame in the tree of transforms; ROS writes some names with a slash in front."""
+        """Return the camera's frame in the tree of transforms, without the leading slash of some ROS
+        names.
+        """
         return self.first.frame_id.lstrip("/")
 
 
@@ -73,9 +75,9 @@ class BagCameras:
         return Found(RigCalibration(lens), tuple(notes), unit_mm)
 
     def _lens(self, stream: Stream, otherwise: str = "") -> tuple[Intrinsics, str]:
-        """Return the lens of an image topic and the topic that describes it.
+        """Return the lens of an image topic, and the topic that describes it.
 
-        otherwise: another remedy for a missing one. Raises CalibrationError.
+        otherwise: alternative remedy in the error. Raises CalibrationError.
         """
         size, near = picture_size(stream.first), described_by(stream.name, set(self._infos))
         candidates = [*near, *self._of_frame(stream)]
@@ -97,7 +99,9 @@ class BagCameras:
     def _color_lens(
         self, depth: Stream, color: Stream, lens: Intrinsics, origin: str
     ) -> tuple[Intrinsics, str]:
-        """Return the lens of colour; for one camera whose colour no message describes, the lens of depth."""
+        """Return the lens of colour, or the lens of depth if both are one camera and no message describes
+        colour.
+        """
         one = bool(depth.frame) and depth.frame == color.frame
         try:
             return self._lens(color)
@@ -107,9 +111,9 @@ class BagCameras:
             raise
 
     def _of_frame(self, stream: Stream) -> list[str]:
-        """Return the descriptions elsewhere of a camera with the same frame.
+        """Return the topics of other camera descriptions with the same camera frame.
 
-        The only description of a bag counts where the frames are not named, or depth is aligned by its name.
+        The only description of a bag is returned if frames have no names, or if depth is named as aligned.
         """
         frames = {name: stamp_and_frame(info)[1].lstrip("/") for name, info in self._infos.items()}
         same = [name for name in sorted(frames) if stream.frame and frames[name] == stream.frame]

@@ -42,7 +42,7 @@ class McapFile:
 
     @property
     def lost(self) -> str:
-        """Note on a cut end, one sentence; "" for none."""
+        """Return a note on a truncated end, one sentence, or ""."""
         with self.path.open("rb") as file:
             return "" if is_complete(file) else f"{self.path.name} is truncated: its end is lost"
 
@@ -89,7 +89,7 @@ class RosbagFile:
 
     @property
     def topics(self) -> set[str]:
-        """Topics of all types."""
+        """Return the topics of all types."""
         return {str(connection.topic) for connection in self._reader.connections}
 
     def entries(self, kinds: frozenset[str] = READ) -> Iterator[Entry]:

@@ -145,9 +145,9 @@ class CameraRecording(FrameSource):
         return RigCalibration(lens), notes
 
     def _lost_notes(self) -> list[str]:
-        """Return notes on images that are missing by their numbers, and on pauses.
+        """Return notes on missing image numbers and on pauses.
 
-        Losses at the moment at which the counter starts again are unknown.
+        Losses at a restart of the counter are unknown.
         """
         timeline, images = self._timelines[DEPTH], self._streams[DEPTH].images
         numbers = np.array([images[at].number for at in timeline.recorded], np.int64)

@@ -13,7 +13,7 @@ from sensors.importers.bags.ros_messages import Picture
 
 
 class Meaning(Enum):
-    """Content of an image, by its topic's name."""
+    """Content of an image by its topic's name, such as depth or colour."""
 
     DEPTH = "depth"
     COLOR = "colour"
@@ -45,7 +45,7 @@ Pictures = dict[str, Picture]
 
 
 class Choice(NamedTuple):
-    """Topics to read; notes: on assumptions."""
+    """Topics to read. notes: assumptions of the choice."""
 
     depth: str
     color: str | None
@@ -53,7 +53,7 @@ class Choice(NamedTuple):
 
 
 def meaning_of(name: str) -> Meaning:
-    """Return the meaning of the last part of a topic's name that has one."""
+    """Return the meaning of a topic's name, by the last part that has one."""
     for part in reversed(_parts(name)):
         for word, meaning in _MEANINGS:
             if word.search(part):
@@ -89,7 +89,10 @@ def choose(first: Pictures, wanted: Sequence[str] = ()) -> Choice | None:
 
 
 def choose_depth(first: Pictures, wanted: Sequence[str] = ()) -> str | None:
-    """Return the depth topic: named so, of a camera with colour, in the sensor's pixels, raw, rectified."""
+    """Return the depth topic.
+
+    Preferred, in this order: a name of depth, a camera with colour, unaligned, raw, rectified.
+    """
     named = [n for n in first if n in wanted and holds_depth(first[n]) and not _shows_color(n, first[n])]
     below = [n for n in wanted if n not in first]
     found = named or [n for n, image in first.items() if _is_depth(n, image) and _allowed(n, below)]
@@ -107,7 +110,10 @@ def choose_depth(first: Pictures, wanted: Sequence[str] = ()) -> str | None:
 
 
 def _choose_color(first: Pictures, depth: str, wanted: Sequence[str]) -> str | None:
-    """Return the colour topic: of depth's camera, named so, the camera's own JPEG rather than raw pixels."""
+    """Return the colour topic.
+
+    Preferred, in this order: depth's camera, a name of colour, JPEG rather than raw pixels.
+    """
     camera = camera_of(depth)
     named = [n for n in first if n in wanted and n != depth and _shows_color(n, first[n])]
     below = [n for n in wanted if n not in first]
@@ -125,7 +131,7 @@ def _choose_color(first: Pictures, depth: str, wanted: Sequence[str]) -> str | N
 
 
 def camera_of(name: str) -> tuple[str, ...]:
-    """Return the parts of a topic's name in front of the one with a meaning."""
+    """Return the parts of a topic's name before the part with a meaning, which name the camera."""
     parts = _parts(name)
     meant = [at for at, part in enumerate(parts) if meaning_of(part) is not Meaning.UNKNOWN]
     return tuple(parts[: meant[-1]] if meant else parts[:-1])
@@ -143,7 +149,7 @@ def _shared(a: tuple[str, ...], b: tuple[str, ...]) -> int:
 
 
 def _best(names: Sequence[str], *tests: Callable[[str], bool]) -> str | None:
-    """Return the topic that passes the earliest tests, then the shortest, then the first by name."""
+    """Return the topic that passes the earliest tests; among equals the shortest, then the first by name."""
     return min(names, key=lambda n: (*(not test(n) for test in tests), len(n), natsort_key(n)), default=None)
 
 

@@ -1,7 +1,7 @@
 """A recording of Orbbec's SDK 2 (.bag, a ROS 1 bag) as a source of frames; the SDK need not be installed.
 
-Its images are ROS's with more behind the pixels than their definition states. Topics and contents:
-OrbbecSDK_v2, src/media/ros (MIT).
+Its image messages are ROS's, with additional fields after the pixels. Topics and contents: OrbbecSDK_v2,
+src/media/ros (MIT).
 """
 
 import re
@@ -85,10 +85,10 @@ def is_orbbec(file: RosbagFile | Ros1File) -> bool:
 
 
 def _image(data: bytes) -> tuple[int, Picture, float, int]:
-    """Return time (ns), picture, unit (mm) and number of an image message.
+    """Return time (ns), image, unit (mm) and number of an image message.
 
-    The last two are 0 and -1 where the SDK's version puts other things there. Raises struct.error and
-    UnicodeDecodeError for a message that is cut.
+    Unit and number are 0 and -1 for SDK versions with another layout. Raises struct.error and
+    UnicodeDecodeError for a truncated message.
     """
     _, seconds, nanoseconds = _HEADER.unpack_from(data)
     frame, at = _sized(data, _HEADER.size)
@@ -112,7 +112,7 @@ def _image(data: bytes) -> tuple[int, Picture, float, int]:
 
 
 def _profile(data: bytes) -> tuple[float, ...]:
-    """Return the numbers of ``_STREAM``; none of a message that holds something else."""
+    """Return the numbers of ``_STREAM``; empty for a message with another layout."""
     with suppress(struct.error):
         _, at = _sized(data, _HEADER.size)
         numbers = _STREAM.unpack_from(data, at)
@@ -122,7 +122,7 @@ def _profile(data: bytes) -> tuple[float, ...]:
 
 
 def _sized(data: bytes, at: int) -> tuple[bytes, int]:
-    """Return bytes behind their number, and their end. Raises struct.error where they are cut."""
+    """Return the bytes after a length field, and their end. Raises struct.error where they are truncated."""
     (length,) = _LENGTH.unpack_from(data, at)
     end = at + _LENGTH.size + length
     if end > len(data):

@@ -121,7 +121,7 @@ class RealSenseRecording(CameraRecording):
         return color[1] @ depth[1].inverse()
 
     def _pose(self, name: str) -> tuple[str, Pose] | None:
-        """Return another stream's number, and the pose of this stream's camera from there; None without."""
+        """Return the number of another stream, and this camera's pose relative to it; None without a pose."""
         for what, entry in self._about[name].items():
             # Where the SDK knows no pose it writes zeros.
             with suppress(CalibrationError, ValueError):
@@ -131,10 +131,11 @@ class RealSenseRecording(CameraRecording):
 
 
 def unwrapped(stamps_ns: NDArray[np.int64], first_ns: int) -> NDArray[np.int64]:
-    """Return times (n,) of one stream that go on where the camera's clock starts again after 71.6 minutes.
+    """Return times (n,) of one stream that stay monotonic when the camera's 32-bit clock wraps after 71.6
+    minutes.
 
-    first_ns: of depth, because the first image of another stream may lie on the other side of the clock's
-    begin. A clock of the host (the SDK's usual domain) is far beyond the 32 bits and is not unwrapped.
+    first_ns: first depth time, because another stream may start on the other side of the wrap. A clock of the
+    host (the SDK's usual domain) is far beyond the 32 bits and is not unwrapped.
     """
     if not len(stamps_ns) or max(stamps_ns.max(), first_ns) >= WRAPS_NS:
         return stamps_ns
@@ -149,7 +150,7 @@ def is_realsense(file: RosbagFile | Ros1File) -> bool:
 
 
 def _recorded(entry: Entry) -> Recorded:
-    """Return an image of a .bag, whose own stamp is the camera's time."""
+    """Return the image message of a .bag entry; its own stamp is the camera's time."""
     number, seconds, nanoseconds = _HEAD.unpack_from(entry.data)
     # The SDK goes through seconds in floating point.
     stamp_ns = 1000 * (1_000_000 * seconds + round(nanoseconds / 1000))
@@ -157,13 +158,13 @@ def _recorded(entry: Entry) -> Recorded:
 
 
 def _fields(entry: Entry) -> dict[str, str]:
-    """Return a text ``key=value;key=value`` of a .db3."""
+    """Return the fields of a text ``key=value;key=value`` in a .db3."""
     text = str(decode("String", "cdr", entry.data).data)
     return dict(part.split("=", 1) for part in text.split(";") if "=" in part)
 
 
 def _pose(entry: Entry) -> Pose:
-    """Return the pose of this stream's camera from the reference's."""
+    """Return the pose of this stream's camera relative to the reference camera."""
     if entry.kind == "String":
         numbers = {key: np.array(text.split(","), np.float64) for key, text in _fields(entry).items()}
         # Column by column, as in rs2_extrinsics.

@@ -33,7 +33,7 @@ Topics = dict[int, tuple[str, str]]
 
 
 class _Record(NamedTuple):
-    """A record: its fields by name, where its data begin and their length."""
+    """Record: fields by name, offset and length of its data."""
 
     fields: dict[bytes, bytes]
     start: int
@@ -48,7 +48,7 @@ class _Record(NamedTuple):
         return self.number(b"conn")
 
     def number(self, name: bytes) -> int:
-        """Return a field of four bytes, -1 for none."""
+        """Return a four-byte field, -1 if it is absent."""
         number = self.fields.get(name, b"")
         return int.from_bytes(number, "little") if len(number) == _LENGTH else -1
 
@@ -70,9 +70,9 @@ class _Record(NamedTuple):
 
 
 class Ros1File:
-    """A ROS 1 bag's messages. Raises FormatError.
+    """Messages of a ROS 1 bag. Raises FormatError.
 
-    lost: note on the cut or damaged part, one sentence, "" for none; complete when ``entries`` has ended.
+    lost: note on the truncated or damaged part, one sentence, or ""; final once ``entries`` has ended.
     """
 
     encoding = "ros1"

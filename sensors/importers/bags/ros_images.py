@@ -1,4 +1,4 @@
-"""Pictures of ROS and Foxglove messages as depth and as encoded colour.
+"""Conversion of image messages of ROS and Foxglove to depth arrays and encoded colour.
 
 Encodings: sensor_msgs/image_encodings.hpp; compressed depth: compressed_depth_image_transport (ROS); Bayer
 patterns: cv_bridge, src/cv_bridge.cpp.
@@ -55,9 +55,9 @@ def depth_from(picture: Picture) -> Depth:
 
 
 def is_grey_png(picture: Picture) -> bool:
-    """Return whether a compressed picture is a PNG of one channel with 16 bits, which loses nothing.
+    """Return whether a compressed picture is a 16-bit one-channel PNG, which is lossless.
 
-    image_transport's plain ``compressed`` transport and Foxglove's CompressedImage carry depth so.
+    image_transport's plain ``compressed`` transport and Foxglove's CompressedImage carry depth in this way.
     """
     # IHDR: bit depth, colour type (PNG specification, 11.2.2).
     return picture.compressed and picture.data.startswith(PNG_MAGIC) and picture.data[24:26] == b"\x10\0"

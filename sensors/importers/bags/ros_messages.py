@@ -45,7 +45,7 @@ _FOXGLOVE = {
 
 
 class Entry(NamedTuple):
-    """One message. kind: its type without package or folder; encoding: ros1, cdr or protobuf."""
+    """Message in a file. kind: its type without package or folder; encoding: ros1, cdr or protobuf."""
 
     topic: str
     kind: str
@@ -56,10 +56,11 @@ class Entry(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """An image message. data: pixels in rows of ``step`` bytes, or a file's bytes where it is compressed.
+    """Image message.
 
-    encoding: ROS's name of the pixels, e.g. 16UC1, or the format that the sender gives a compressed image.
-    frame_id: its camera's frame in the tree of transforms.
+    data: pixels in rows of ``step`` bytes, or a file's bytes where it is compressed. encoding: ROS's name of
+    the pixels, e.g. 16UC1, or the format that the sender gives a compressed image. frame_id: its camera's
+    frame in the tree of transforms.
     """
 
     frame_id: str

@@ -23,10 +23,11 @@ _S = 1e9
 
 @dataclass(frozen=True)
 class Timeline:
-    """The messages of one topic in the order in which they are read, each array (n,).
+    """Messages of one topic in reading order, each array (n,).
 
-    recorded: their places in the order of receive times. times_ns: never decreasing. stamps_ns, received_ns:
-    as recorded. epochs: number of earlier backward steps of the clock. notes: assumptions.
+    recorded: indices of the messages in the order of receive times. times_ns: final times, never decreasing.
+    stamps_ns, received_ns: as recorded. epochs: number of earlier backward steps of the clock. notes:
+    assumptions.
     """
 
     recorded: Times
@@ -40,7 +41,9 @@ class Timeline:
 
 @dataclass(frozen=True)
 class Stamps:
-    """A topic's messages in the order of receive times. same: whether two messages hold the same bytes."""
+    """Times of a topic's messages in the order of receive times. same: function that returns whether two
+    messages hold the same bytes.
+    """
 
     name: str
     stamps_ns: Times
@@ -49,10 +52,10 @@ class Stamps:
 
 
 def timeline_of(given: Stamps) -> Timeline:
-    """Order a topic's messages and find their times. A message that is there twice is read once.
+    """Order a topic's messages and compute their times.
 
-    Only a message that was received a few places late is moved. Where a clock stepped back, the recorded
-    order stays and time goes on by the receive times.
+    A repeated message is read once. A message that was received at most a few positions late is moved. After
+    a backward step of the clock the recorded order stays, and times continue by the receive times.
     """
     stamps_ns, received_ns, name = given.stamps_ns, given.received_ns, given.name
     order, notes = np.arange(len(stamps_ns)), list[str]()
@@ -79,7 +82,8 @@ def timeline_of(given: Stamps) -> Timeline:
 def paired(depth: Timeline, color: Timeline) -> tuple[Times, tuple[str, ...]]:
     """Return for each depth image the index of its colour image, or -1, and notes.
 
-    Stamps decide. Receive times do where stamps pair less than half of the images, and they pair more.
+    Images are paired by stamps. Receive times are used where stamps pair less than half of the images and
+    receive times pair more.
     """
     slower = min(len(depth.times_ns), len(color.times_ns))
     pairs, notes = paired_by_stamps(depth, color, COLOR_WINDOW_NS), list[str]()
@@ -128,9 +132,10 @@ def _paired_by_received(depth: Timeline, color: Timeline) -> Times:
 
 
 def _steps_back(stamps_ns: Times, received_ns: Times) -> bool:
-    """Return whether the clock stepped back, rather than that transport delayed single messages.
+    """Return whether the clock stepped back; otherwise transport delayed single messages.
 
-    After a step all messages are received later by their stamps than before it, after a delay they are not.
+    After a step all later messages have a larger delay (receive time minus stamp), after a delayed message
+    they have not.
     """
     late_ns = int((np.maximum.accumulate(stamps_ns) - stamps_ns).max())
     if late_ns > LATE_NS:
@@ -144,7 +149,7 @@ def _steps_back(stamps_ns: Times, received_ns: Times) -> bool:
 
 
 def _received(given: Stamps, order: Times, notes: list[str]) -> Timeline:
-    """Return a topic without usable stamps: by receive times, else at a regular rate."""
+    """Return the timeline of a topic without usable stamps: by receive times, else at a regular rate."""
     times_ns = given.received_ns[order]
     note = f"{given.name} has no usable time stamps: receive times are taken"
     if len(times_ns) > 1 and np.ptp(times_ns) == 0:
@@ -167,7 +172,7 @@ def _once(given: Stamps, order: Times, times_ns: Times) -> tuple[Times, list[str
 
 
 def _bridged(name: str, stamps_ns: Times, received_ns: Times) -> tuple[Times, Times, tuple[str, ...]]:
-    """Return times that go on where the clock steps back, each message's number of steps, and a note."""
+    """Return continuous times across backward steps, the number of steps before each message, and a note."""
     steps = np.diff(stamps_ns)
     back = steps < 0
     if not back.any():

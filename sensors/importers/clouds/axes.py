@@ -1,7 +1,8 @@
-"""Axes of a cloud, found in its points, because cloud files state neither axes nor camera.
+"""Detection of a cloud's axes from its points, because cloud files state neither axes nor camera.
 
-Points of one depth image lie in the cone of a camera at the origin: one axis alone has all of them in front.
-The floor or a person's height turns other clouds upright. Constants are untuned unless a source is given.
+Points of one depth image lie in the viewing cone of a camera at the origin. Only one axis has all of them in
+front. Other clouds are turned upright by the floor or by a person's height. Constants are untuned unless a
+source is given.
 """
 
 from typing import NamedTuple
@@ -40,8 +41,11 @@ SAMPLE = 6000  # points on which decisions rest
 
 
 class Cone(NamedTuple):
-    """A view from the origin. name: of the axes. distance: median along the axis, in the file's unit.
-    spread: mean tangent off the axis."""
+    """Viewing cone from the origin.
+
+    name: of the axes. distance: median along the axis, in the file's unit. spread: mean tangent of the angle
+    off the axis.
+    """
 
     name: str
     distance: float
@@ -62,9 +66,9 @@ def subsample(points: Float64, most: int = SAMPLE) -> Float64:
 def narrowest_cone(
     points: Float64, names: tuple[str, ...] = ("camera", "y-up", "ros", "z-up"), anywhere: bool = False
 ) -> Cone | None:
-    """Return the narrowest cone of a camera at the origin that holds all points (n, 3); None without one.
+    """Return the narrowest cone of a camera at the origin with all points (n, 3); None without one.
 
-    anywhere: whether the origin may lie on the floor, where no camera stands.
+    anywhere: True to allow an origin on the floor, where no camera stands.
     """
     size = float(np.linalg.norm(np.ptp(np.percentile(points, (2, 98), axis=0), axis=0)))
     cones = []
@@ -83,15 +87,15 @@ def narrowest_cone(
 
 
 def on_pixels(points: Float64) -> bool:
-    """Return whether camera-frame points (n, 3) lie on the pixels of a camera at the origin."""
+    """Return whether camera-frame points (n, 3) lie on pixel rays of a camera at the origin."""
     x, y, z = points[points[:, 2] > 0].T
     return find_line(x / z) is not None and find_line(y / z) is not None
 
 
 def _is_on_floor(turned: Float64, name: str) -> bool:
-    """Return whether the origin lies as low as the lowest points, as ROS' base_link does and no camera.
+    """Return whether the origin is as low as the lowest points, as ROS' base_link is and a camera is not.
 
-    Points on the pixels of a camera at the origin are an exception, and so are a camera's own axes.
+    Returns False for points on pixel rays of a camera at the origin, and for a camera's own axes.
     """
     if name == "camera" or np.percentile(turned[:, 1], 99.5) >= FLOOR_LEVEL * np.percentile(turned[:, 2], 10):
         return False
@@ -99,10 +103,10 @@ def _is_on_floor(turned: Float64, name: str) -> bool:
 
 
 def is_credible(points_m: Float64, cone: Cone) -> bool:
-    """Return whether a camera at the origin took the points (n, 3) that ``cone`` holds.
+    """Return whether a camera at the origin can have recorded the points (n, 3) in ``cone``.
 
-    A cone of WIDE and more holds any body above or beside the origin, as a scan centred on its own floor is.
-    The points in such a cone must lie on a camera's pixels or show the floor or the ceiling of a room.
+    A cone of at least WIDE contains any body above or beside the origin, for example a scan centred on its
+    own floor. The points in such a cone must lie on pixel rays, or show the floor or the ceiling of a room.
     """
     turned = points_m @ camera_from(cone.name).T
     ahead = turned[turned[:, 2] > 0]
@@ -112,9 +116,10 @@ def is_credible(points_m: Float64, cone: Cone) -> bool:
 
 
 def upright_axes(points_m: Float64, name: str) -> tuple[str, bool]:
-    """Return the axes ``name``, or "kinect" in place of "camera" where y points up; and their certainty.
+    """Return the axes with y down, and True if they are certain.
 
-    The floor or a person's head shows where y points; against a camera's axes a head alone is not sure.
+    Returns "kinect" in place of "camera" where y points up. The floor or a person's head shows the direction
+    of y; a head alone that contradicts a camera's axes is not certain.
     """
     if name != "camera":
         return name, True
@@ -132,7 +137,8 @@ def upright_axes(points_m: Float64, name: str) -> tuple[str, bool]:
 def world_axes(points_m: Float64, mapped: bool) -> str | None:
     """Return the axes of a cloud whose origin is not its camera; None = unknown.
 
-    z is up in formats of maps (``mapped``); else the floor, a person's height, or the origin's cone decides.
+    mapped: True for file formats of maps, whose z is up. Otherwise the floor, a person's height, or the
+    origin's cone decides.
     """
     if mapped:
         return "z-up"
@@ -181,7 +187,7 @@ def floor_share(points_m: Float64, up: Float64) -> float:
 
 
 def _has_head(points_m: Float64) -> bool:
-    """Return whether a head on shoulders is at the end of the points (n, 3) where y is least."""
+    """Return whether the points (n, 3) with the least y have the shape of a head on shoulders."""
     down = points_m[:, 1] - np.percentile(points_m[:, 1], 0.5)
     head, shoulders = (points_m[(down >= top) & (down < end)] for top, end in (HEAD_M, SHOULDERS_M))
     if min(len(head), len(shoulders)) < 10:

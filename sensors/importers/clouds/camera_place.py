@@ -1,4 +1,4 @@
-"""Place and unit of a cloud's camera and its view of the points, found in them or declared.
+"""Position and unit of a cloud's camera and its view of the points, found in the points or declared.
 
 Constants are untuned unless a source is given.
 """
@@ -51,10 +51,12 @@ STEPS_MM = {"millimetres": 1.0, "centimetres": 10.0, "inches": 25.4}  # units be
 
 @dataclass(frozen=True)
 class CloudView:
-    """View of a cloud. points_m: camera frame (n, 3), in the file's order, NaN = none.
-    shown: index (h, w) of each pixel's point, -1 = none. how: notes on findings and assumptions.
-    organised: whether point n is pixel n. spacing_m: of the points' surface, 0 = a pixel each.
-    scale: metres of the file's unit."""
+    """View of a cloud from its camera.
+
+    points_m: camera frame (n, 3), in the file's order, NaN = none. shown: index (h, w) of each pixel's point,
+    -1 = none. how: notes on findings and assumptions. organised: True if point n is pixel n. spacing_m:
+    distance of neighbouring points on a surface, 0 = one point per pixel. scale: metres of the file's unit.
+    """
 
     camera: Intrinsics
     points_m: Float64
@@ -101,7 +103,7 @@ def _organised(path: Path, cloud: CloudRecords, points: Float64, options: Import
 
 
 def _grid(path: Path, points: Float64, viewpoint: Pose | None, mirror: bool) -> GridCamera:
-    """Return the camera of the grid. mirror: whether the grid may mirror its coordinates."""
+    """Return the camera of an organised cloud. mirror: True to accept a grid that mirrors its coordinates."""
     if mirror:
         with suppress(FormatError):
             found = grid_camera(path, points[:, ::-1], viewpoint)
@@ -158,7 +160,7 @@ def _unit_mm(path: Path, distance: float, along: Float64) -> float:
 
 
 class _Sensor(NamedTuple):
-    """Possible sensor of a cloud. pose: ``sensor_from_cloud``; where: its place, in words."""
+    """Possible sensor of a cloud. pose: ``sensor_from_cloud``; where: description of its position."""
 
     pose: Pose
     where: str
@@ -220,7 +222,7 @@ def _in_place(path: Path, points: Float64, found: _Sensor, axes: str, options: I
 
 
 def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions) -> CloudView:
-    """Return the view of a Kinect v2 in front of a cloud that no camera at its origin took."""
+    """Return the view of a Kinect v2 placed in front of a cloud that has no camera at its origin."""
     size = float(np.linalg.norm(np.ptp(np.percentile(subsample(finite), (2, 98), axis=0), axis=0)))
     scale, unit = _scale(path, size, np.zeros(0), options)
     middle = np.rint(np.median(finite, axis=0)) if np.abs(finite).max() * scale > FARAWAY_M else np.zeros(3)
@@ -246,7 +248,7 @@ def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions)
 
 
 def _outliers(points_m: Float64) -> NDArray[np.bool_]:
-    """Return flags of the points (n, 3) far outside, which would move the camera far back."""
+    """Return flags of points (n, 3) far outside the rest, which would move the camera far back."""
     low, high = np.percentile(points_m[np.isfinite(points_m[:, 0])], (0.1, 99.9), axis=0)
     room = APART * float((high - low).max())
     with np.errstate(invalid="ignore"):

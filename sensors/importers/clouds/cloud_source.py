@@ -1,7 +1,8 @@
 """A point cloud file (PCD, PLY, LAS, LAZ) as a source of one depth image with the cloud's colours.
 
-An organised cloud already is a depth image: its camera is fitted to its grid. Any other cloud that lies in a
-camera's frame stays there, seen by a camera at its origin. The rest is moved into a camera's view.
+An organised cloud is already a depth image: its camera is fitted to its grid. Any other cloud in a camera's
+frame stays there and is projected to a camera at its origin. A cloud in another frame is moved into a
+camera's view.
 """
 
 import hashlib
@@ -70,7 +71,7 @@ class CloudFile(FrameSource):
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of the file, in hexadecimal."""
+        """Return the SHA-256 of the file, in hexadecimal."""
         with self.path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -92,7 +93,9 @@ class CloudFile(FrameSource):
 
     @cached_property
     def pixels(self) -> NDArray[np.intp]:
-        """Flat index (n,) of the pixel that shows each point of ``cloud``; -1 without such a pixel."""
+        """Return the flat index (n,) of the pixel that shows each point of ``cloud``; -1 without such a
+        pixel.
+        """
         depth_m, view = np.where(self._depth_mm > 0, self._depth_mm / 1000, np.nan), self._view
         if view.organised:
             return np.where(np.isfinite(depth_m.ravel()), np.arange(depth_m.size), -1)
@@ -101,7 +104,9 @@ class CloudFile(FrameSource):
 
 
 def _finite_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Make points (n, 3) NaN that are at the origin, not finite, or STRAY from the middle of the cloud."""
+    """Return points (n, 3) with NaN for points at the origin, not finite, or STRAY from the middle of the
+    cloud.
+    """
     with np.errstate(invalid="ignore", over="ignore"):
         points[~np.isfinite(points).all(axis=1) | ~points.any(axis=1)] = np.nan
         there = np.isfinite(points[:, 0])

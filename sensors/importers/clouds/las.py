@@ -45,11 +45,11 @@ def read_las(path: Path) -> CloudRecords:
 
 
 def _check_counts(path: Path) -> None:
-    """Raise ValueError for counts that the file has no room for.
+    """Raise ValueError for counts that exceed the size of the file.
 
-    With wrong counts of records laspy does not end; with wrong counts of chunks its LAZ decoder ends the
-    process for want of memory. Layout: ASPRS LAS 1.4 R15, "Public header block"; LASzip's chunk table. The
-    table's offset stands in front of the points, or at the file's end where it is -1 there.
+    With wrong counts of records laspy does not end. With wrong counts of chunks its LAZ decoder runs out of
+    memory and ends the process. Layout: ASPRS LAS 1.4 R15, "Public header block"; LASzip's chunk table. The
+    table's offset is in front of the points, or at the file's end where it is -1 there.
     """
     size = path.stat().st_size
     with path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""The camera of an organised cloud, which already is a depth image: fitted to the pixels of its points."""
+"""Camera of an organised cloud (a cloud that is a depth image), fitted to the pixels of its points."""
 
 from typing import NamedTuple
 
@@ -18,8 +18,11 @@ FLAT = 1e-6  # least ratio of the second smallest singular value to the largest:
 
 
 class GridCamera(NamedTuple):
-    """Camera of an organised cloud. camera_from_cloud: its translation in the cloud's unit. residual_px: RMS.
-    how: its place, in words."""
+    """Camera of an organised cloud.
+
+    camera_from_cloud: its translation is in the cloud's unit. residual_px: RMS. how: description of the
+    camera's position.
+    """
 
     intrinsics: Intrinsics
     camera_from_cloud: Pose

@@ -60,7 +60,7 @@ def read_pcd(path: Path) -> CloudRecords:
 
 
 def _counts(header: dict[str, list[str]]) -> tuple[int, int, int]:
-    """Return width, height, points; each may be left out where the others determine it."""
+    """Return width, height and number of points; the header may omit one that follows from the others."""
     width, height, points = (
         int(header[name][0]) if name in header else 0 for name in ("WIDTH", "HEIGHT", "POINTS")
     )
@@ -77,7 +77,7 @@ def _counts(header: dict[str, list[str]]) -> tuple[int, int, int]:
 
 
 def _fields(header: dict[str, list[str]]) -> list[_Field]:
-    """Return the fields in the file's order; of two with one name the second gets its number as suffix."""
+    """Return the fields in the file's order; a repeated name gets the field's number as suffix."""
     names = header["FIELDS"]
     sizes, types, counts = (header.get(key, [value] * len(names)) for key, value in _DEFAULTS.items())
     fields: list[_Field] = []
@@ -122,7 +122,7 @@ def _records(file: BinaryIO, header: dict[str, list[str]], points: int, there: i
 
 
 def _filled(fields: list[_Field], columns: Iterable[NDArray[Any]], points: int) -> NDArray[Any]:
-    """Return records of the fields' columns, padding left out."""
+    """Return records with the columns of the fields, without padding."""
     records = np.zeros(points, _dtype([field for field in fields if field.kept]))
     with np.errstate(invalid="ignore", over="ignore"):
         for field, column in zip(fields, columns, strict=True):
@@ -132,7 +132,9 @@ def _filled(fields: list[_Field], columns: Iterable[NDArray[Any]], points: int) 
 
 
 def _compressed(file: BinaryIO, fields: list[_Field], points: int, there: int) -> NDArray[Any]:
-    """Read field after field: PCL leaves padding out when it compresses, others do not."""
+    """Read compressed columns one field after the other; padding may be absent, as PCL writes it, or
+    present.
+    """
     packed, size = np.frombuffer(file.read(8), "<u4").tolist()
     if packed > there - 8:
         raise ValueError(f"it is cut off: {there - 8} of {packed} compressed bytes are there")

@@ -1,4 +1,4 @@
-"""Pixel grid of the camera that took an unorganised cloud, found in the directions of its points.
+"""Detection of the pixel grid of the camera that recorded an unorganised cloud, from the points' directions.
 
 Points of a depth image lie on rays through pixel centres: u = f x/z + c is a whole number for all of them.
 The focal length is the smallest f at which these phases agree (a periodogram of x/z). Fused, thinned out or
@@ -20,7 +20,10 @@ RESIDUAL_PX = 0.15  # largest RMS from pixel centres: chance gives 0.29
 
 
 class Line(NamedTuple):
-    """Grid of pixels: pixel = focal_px * direction + centre_px + a whole number; 0 <= centre_px < 1."""
+    """Pixel grid along one image axis: f * direction + c is a whole number, 0 <= c < 1.
+
+    f is ``focal_px``, c is ``centre_px``.
+    """
 
     focal_px: float
     centre_px: float
@@ -50,7 +53,7 @@ def find_line(directions: NDArray[np.float64]) -> Line | None:
 
 
 def _refined(directions: NDArray[np.float64], focal: float) -> Line | None:
-    """Fit whole pixels over directions by least squares, from the middle outwards."""
+    """Return the grid fitted by least squares of whole pixels over directions, from the middle outwards."""
     middle = float(np.median(directions))
     away = directions - middle
     reach = np.abs(away).max()

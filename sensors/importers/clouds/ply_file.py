@@ -30,7 +30,9 @@ MAX_LIST = 1 << 20  # values of one list; untuned
 
 
 class _Property(NamedTuple):
-    """A property. kind: type of its values; counted: type of a list's length, "" for a single value."""
+    """Property of an element. kind: type of its values; counted: type of a list's length, "" for a single
+    value.
+    """
 
     name: str
     kind: str
@@ -38,7 +40,7 @@ class _Property(NamedTuple):
 
 
 class _Element(NamedTuple):
-    """One kind of rows: vertices, faces."""
+    """Element of the file, such as vertices or faces, with its properties."""
 
     name: str
     rows: int
@@ -134,7 +136,7 @@ def _text_row(words: list[bytes], vertex: _Element) -> list[float]:
 
 
 def _rows(data: NDArray[np.uint8], at: int, element: _Element, order: str) -> tuple[NDArray[Any], int]:
-    """Return the single values of an element whose rows begin at ``at``, and the place of their end.
+    """Return the single values of an element whose rows begin at ``at``, and the offset of their end.
 
     Rows are read in blocks of equal layout: nearly always all lists have one length (triangles).
     """

@@ -1,4 +1,4 @@
-"""Depth images of unorganised clouds: their camera, and the point that each pixel shows.
+"""Depth images of unorganised clouds: a camera, and the point that each pixel shows.
 
 Constants are untuned unless a source is given.
 """
@@ -33,8 +33,9 @@ _STEPS = sorted(product((-1, 0, 1), repeat=2), key=lambda step: abs(step[0]) + a
 def find_camera(points_m: Float64) -> tuple[Intrinsics, float]:
     """Return a camera at the origin for camera-frame points (n, 3), and the points' spacing in metres.
 
-    Points on the pixels of a camera have that camera, with spacing 0. Other points have a Kinect v2, or a
-    camera of its focal length with a wider field. Points that no depth image holds are left out.
+    For points on pixel rays, it is the recording camera, and the spacing is 0. For other points it is a
+    Kinect v2, or a camera of its focal length with a wider field. Points that no depth image can show are
+    left out.
     """
     with np.errstate(invalid="ignore"):
         z = points_m[:, 2]
@@ -58,7 +59,9 @@ def find_camera(points_m: Float64) -> tuple[Intrinsics, float]:
 
 
 def _holding(across: Line, down: Line, x: Float64, y: Float64) -> Intrinsics:
-    """Return intrinsics on these grids, of an image around the optical axis that holds all directions."""
+    """Return intrinsics with these pixel grids and an image, around the optical axis, that contains all
+    directions.
+    """
     sizes, centres = [], []
     for line, directions, least in zip((across, down), (x, y), LEAST_FIELD, strict=True):
         reach = line.focal_px * max(np.abs(directions).max(), least / 2)
@@ -69,7 +72,7 @@ def _holding(across: Line, down: Line, x: Float64, y: Float64) -> Intrinsics:
 
 
 def _filled(camera: Intrinsics, x: Float64, y: Float64) -> float:
-    """Return the share of the pixels right of and below pixels with points that have points themselves."""
+    """Return the share of filled neighbours, to the right and below, of pixels with points."""
     seen = np.zeros(camera.shape, bool)
     u, v = np.rint(camera.fx * x + camera.cx).astype(int), np.rint(camera.fy * y + camera.cy).astype(int)
     inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
@@ -109,7 +112,7 @@ def project_cloud(points_m: Float64, camera: Intrinsics, spacing: float) -> NDAr
 
 
 def _closed(shown: NDArray[np.intp], depth: Float64) -> NDArray[np.intp]:
-    """Return ``shown`` where pixels that look through a surface show a neighbour's point.
+    """Return ``shown`` with a neighbour's point at pixels that look through gaps of a nearer surface.
 
     depth: (h, w) in metres.
     """
@@ -166,7 +169,7 @@ def pixels_of(points_m: Float64, camera: Intrinsics, depth_m: Float64) -> NDArra
 
 
 def fill_from_nearest(points_m: Float64, pixels: NDArray[np.intp], within_m: float) -> NDArray[np.intp]:
-    """Return ``pixels`` (n,) where hidden points (-1) have the pixel of the nearest visible point.
+    """Return ``pixels`` (n,) with hidden points (-1) assigned to the pixel of the nearest visible point.
 
     within_m: largest distance of that point; surfaces at a glancing angle lose points between pixels.
     """
@@ -182,9 +185,11 @@ def fill_from_nearest(points_m: Float64, pixels: NDArray[np.intp], within_m: flo
 
 
 def spacing_m(points_m: Float64) -> float:
-    """Return the distance of neighbouring points of a surface: to the fourth nearest, 95th percentile.
+    """Return the distance of neighbouring points of a surface: 95th percentile of the distance to the fourth
+    neighbour.
 
-    A lattice's points have four at its step; points strewn at random leave gaps that the nearest one hides.
+    The fourth is used because it also bridges the gaps between randomly scattered points; in a lattice it
+    equals the step.
     """
     points = _distinct(points_m)
     if len(points) < 6:
@@ -195,7 +200,9 @@ def spacing_m(points_m: Float64) -> float:
 
 
 def _distinct(points_m: Float64) -> Float64:
-    """Return the points without repetitions in float32, which would make the search in float32 slow."""
+    """Return the points without repetitions (compared in float32), which would make the neighbour search
+    slow.
+    """
     rows = points_m.astype(np.float32)
     order = np.lexsort(rows.T)
     first = np.ones(len(rows), bool)

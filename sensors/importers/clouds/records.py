@@ -50,7 +50,7 @@ class CloudRecords:
             return np.stack([self.records[axis].astype(np.float64) for axis in "xyz"], axis=-1)
 
     def step(self) -> float:
-        """Return the largest step between coordinates, in the file's unit; 0 for whole numbers."""
+        """Return the finest resolution of the coordinates, in the file's unit; 0 for whole numbers."""
         step = 0.0
         for axis in "xyz":
             values = self.records[axis]
@@ -61,11 +61,11 @@ class CloudRecords:
         return step
 
     def colors(self) -> NDArray[np.uint8] | None:
-        """Return RGB (n, 3), or None where no field holds colours, or all of them are black.
+        """Return RGB uint8 (n, 3); None without colour fields, or where all colours are black.
 
-        PCL packs blue, green, red, alpha into the four bytes of ``rgb`` or ``rgba``, float or whole number
-        (PCL, ``PointXYZRGB``). Channels of floats are 0 to 1. Channels of 16 bits are 8 bits where no value
-        is larger (the LAS format's own advice is 16).
+        PCL packs blue, green, red, alpha into the four bytes of ``rgb`` or ``rgba``, float or integer (PCL,
+        ``PointXYZRGB``). Float channels are 0 to 1. 16-bit channels hold 8-bit values where none is above
+        255, although the LAS format advises the full 16 bits.
         """
         names = {name.lower(): name for name in reversed(self.records.dtype.names or ())}
         packed = next((name for name in ("rgb", "rgba") if name in names), None)
