@@ -1,4 +1,4 @@
-"""Data files of the package (``synth/data``), and the choices that they name."""
+"""Data files of the package (``synth/data``), and checks of names in them."""
 
 import tomllib
 from collections.abc import Collection

@@ -35,9 +35,10 @@ RAW_TOP = 16000  # white of the raw image, with reserve for white balance
 class CameraFaults:
     """Faults of a colour camera.
 
-    noise: factor on shot and read noise. blur_px: of the lens. exposure_sd, balance_sd: logarithmic drift of
-    exposure, and of red and blue. balanced: corrected share of a cast. vignette: light lost in the corners.
-    offset_s: greatest time between depth and colour. shutter: factor on the motion blur.
+    noise: factor on shot and read noise. blur_px: standard deviation of the lens blur. exposure_sd,
+    balance_sd: logarithmic drift of exposure, and of red and blue. balanced: share of a colour cast that
+    white balance corrects. vignette: share of light lost in the corners. offset_s: greatest time between
+    depth and colour. shutter: factor on the motion blur.
     """
 
     noise: float = 0.0
@@ -52,7 +53,9 @@ class CameraFaults:
 
 @dataclass(frozen=True)
 class CameraState:
-    """State of the controllers: factor on light, factors (3,) of white balance, drift (3,)."""
+    """State of exposure and white-balance control: factor on light, factors (3,) of white balance, drift
+    (3,).
+    """
 
     exposure: float
     balance: Float64
@@ -60,12 +63,12 @@ class CameraState:
 
     @property
     def exposure_s(self) -> float:
-        """Exposure time, seconds."""
+        """Return the exposure time in seconds."""
         return min(BRIGHT_S * self.exposure, LONGEST_S)
 
     @property
     def gain(self) -> float:
-        """Gain that supplies the rest of the exposure."""
+        """Return the gain that supplies the exposure beyond the exposure time."""
         return self.exposure * BRIGHT_S / self.exposure_s
 
 
@@ -84,7 +87,7 @@ def metered(light: Float32) -> Float64:
 def adjusted(
     state: CameraState, mean_rgb: Float64, faults: CameraFaults, rng: np.random.Generator
 ) -> CameraState:
-    """Return the controllers one frame after a mean light (3,), with lag and drift."""
+    """Return the control state one frame after a mean light (3,), with lag and drift."""
     if faults.balanced == faults.exposure_sd == 0 or not (mean_rgb > 0).all():
         return state
     wander = rng.normal(size=3)
@@ -100,7 +103,7 @@ def adjusted(
 
 
 def first_state(mean_rgb: Float64, faults: CameraFaults, rng: np.random.Generator) -> CameraState:
-    """Return the settled controllers."""
+    """Return the control state after it has settled at a mean light (3,)."""
     state = RESTING
     for _ in range(12):
         state = adjusted(state, mean_rgb, faults, rng)
@@ -117,7 +120,7 @@ def flow_px(camera: Intrinsics, points_m: Float64, velocity_m_s: Float64, second
 def smear(light: Float32, face: Int32, flow_by_face: Float32) -> Float32:
     """Return light (h, w, 3) blurred along the motion of the faces; flow_by_face: (F + 1, 2) px, last 0.
 
-    Motion also spreads over still pixels beside it (McGuire et al. 2012).
+    The blur also spreads over still pixels beside a moving surface (McGuire et al. 2012).
     """
     top = float(np.abs(flow_by_face).max(initial=0))
     if top < VISIBLE_PX:
@@ -138,7 +141,7 @@ def smear(light: Float32, face: Int32, flow_by_face: Float32) -> Float32:
 
 @numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _gather(light: Float32, flow: Float32, moves: Float32) -> Float32:
-    """Return means along each pixel's motion; a still pixel gathers moving pixels only."""
+    """Return the mean light along each pixel's motion; a still pixel averages moving pixels only."""
     height, width, _ = light.shape
     result = light.copy()
     for v in range(height):
@@ -161,7 +164,10 @@ def _gather(light: Float32, flow: Float32, moves: Float32) -> Float32:
 
 
 def develop(light: Float32, state: CameraState, faults: CameraFaults, rng: np.random.Generator) -> UInt8:
-    """Return sRGB (h, w, 3) of linear light (h, w, 3): Bayer raw, noise, demosaicing; no mosaic if clean."""
+    """Return the sRGB photograph (h, w, 3) of linear light (h, w, 3): Bayer raw image, noise, demosaicing.
+
+    Without faults, the mosaic is skipped.
+    """
     if faults.blur_px > 0:
         light = np.asarray(cv2.GaussianBlur(light, (0, 0), faults.blur_px), np.float32)
     if faults.noise == 0:

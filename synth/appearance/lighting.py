@@ -33,8 +33,8 @@ BOUNCE_FLOOR = 0.3  # share of the reflected light in the deepest corner
 class LightSpread:
     """Ranges of a room's light; untuned.
 
-    level: median light on the chest, and its logarithmic standard deviation. lamps: their number. returned:
-    share reflected by walls. kelvin: coldest and warmest lamp.
+    level: median light on the chest, and its logarithmic standard deviation. lamps: number of lamps.
+    returned: share of light that walls reflect. kelvin: coldest and warmest lamp.
     """
 
     level: tuple[float, float]
@@ -45,8 +45,11 @@ class LightSpread:
 
 @dataclass(frozen=True)
 class Lighting:
-    """Lamps of a room. place_m: (L, PLACES, 3) world; rgb: (L, 3) irradiance on a chest facing the lamp;
-    ambient: (3,) reflected by the walls; sky: its share from above."""
+    """Lamps of a room.
+
+    place_m: (L, PLACES, 3) sample points of each lamp, world; rgb: (L, 3) irradiance on a chest facing the
+    lamp. ambient: (3,) light reflected by the walls; sky: share of ambient light from above.
+    """
 
     place_m: Float64
     rgb: Float64
@@ -64,7 +67,7 @@ _KINDS = (
 
 
 def light_room(spread: LightSpread, rng: np.random.Generator) -> Lighting:
-    """Draw a room with some of a window, a ceiling lamp and a standing lamp."""
+    """Draw the lamps of a room: a window, a ceiling lamp and a standing lamp, or some of these."""
     count = rng.integers(spread.lamps[0], spread.lamps[1] + 1)
     on = sorted(rng.choice(len(_KINDS), count, replace=False))
     level = spread.level[0] * np.exp(spread.level[1] * rng.normal())
@@ -111,7 +114,7 @@ def white_rgb(kelvin: float) -> Float64:
 
 
 def illuminate(surfaces: Surfaces, scene: Mesh, lighting: Lighting) -> Float32:
-    """Return the linear light (h, w, 3) of every pixel's surface; the scene casts shadows."""
+    """Return the linear light (h, w, 3) on the surface of every pixel, with shadows of the scene."""
     places = [*lighting.place_m.reshape(-1, 3)]
     if lighting.sky == 0 and not places:
         return np.asarray(surfaces.albedo * lighting.ambient.astype(np.float32), np.float32)
@@ -142,7 +145,7 @@ class _Lamps(NamedTuple):
 
 
 def _lit(surfaces: Surfaces, scene: Mesh, places_m: Float64) -> Float32:
-    """Return the lit share (h/4, w/4, N) of every fourth pixel's surface by places (N, 3)."""
+    """Return the visible share (h/4, w/4, N) of N light points (N, 3), at every fourth pixel's surface."""
     point, normal = (a[::STRIDE, ::STRIDE] for a in (surfaces.point_m, surfaces.normal))
     # A convex room does not shadow itself.
     casts = ~np.isin(scene.tags, (Surface.FLOOR, Surface.WALL))
@@ -159,7 +162,9 @@ def _lit(surfaces: Surfaces, scene: Mesh, places_m: Float64) -> Float32:
 def _look_up(
     point: Float32, normal: Float32, pose: tuple[Float64, Float64], depth: Float32, lit: Float32
 ) -> None:
-    """Write the lit share of the points: bilinear over the map, 0 behind its surface."""
+    """Write the share of light that reaches points, by bilinear look-up in a shadow map; 0 behind its
+    surface.
+    """
     (r, t), centre = pose, (MAP_PX - 1) / 2
     for v in range(lit.shape[0]):
         for u in range(lit.shape[1]):
@@ -184,7 +189,7 @@ def _look_up(
 
 @numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _shine(surfaces: Surfaces, shadow: Float32, lamps: _Lamps, light: Float32) -> None:
-    """Write the Lambertian light of lamps and walls into the last array."""
+    """Add up the Lambertian light of lamps and walls in the array ``light``."""
     albedo, normal, point = surfaces
     height, width, _ = albedo.shape
     rows, columns, n = shadow.shape
@@ -211,7 +216,9 @@ def _shine(surfaces: Surfaces, shadow: Float32, lamps: _Lamps, light: Float32) -
 def _between(
     point: Float32, shadow: Float32, pixel: tuple[int, int], cell: tuple[int, int, int, int], open_: Float32
 ) -> None:
-    """Interpolate shadows at a pixel from its cell's four corners, mostly on its own surface."""
+    """Write shadows at a pixel into ``open_``, interpolated from its cell's four corners, mostly those on its
+    own surface.
+    """
     (v, u), (j, i, below, right) = pixel, cell
     b, a = (v - j * STRIDE) / STRIDE, (u - i * STRIDE) / STRIDE
     open_[:] = 0
@@ -232,7 +239,9 @@ def _between(
 
 @numba.njit(cache=True, fastmath=EXACT, inline="always")
 def _falling(at: Float32, normal: Float32, open_: Float32, lit_by: _Lamps) -> tuple[float, float, float]:
-    """Return the light on a place; open_: lit share by each lamp and, last, the walls."""
+    """Return the irradiance (3,) at a surface point. open_: unshadowed share of each lamp and, last, of the
+    walls.
+    """
     lamps, size2, power, ambient, sky = lit_by
     last = len(open_) - 1
     k = np.float32((1 + sky * (normal[2] - 1) / 2) * (BOUNCE_FLOOR + (1 - BOUNCE_FLOOR) * open_[last]))

@@ -1,7 +1,7 @@
 """Outfit of a person: irregular seams, folds, wear and bare skin.
 
-A zone has one colour: the eleven parts of a suit by ids, then skin, hair and shoes. Zones meet at the zeros
-of fields, distances in metres over the skin, so that noise in a field moves a seam as far.
+A zone is an area of one colour: the eleven parts of a suit by ids, then skin, hair and shoes. Zones meet
+where fields (distances in metres over the skin) are 0. So noise in a field moves a seam by the same distance.
 """
 
 from dataclasses import dataclass
@@ -37,9 +37,10 @@ FOLDING = ("elbow", "knee", "hip", "shoulder")
 class Wear:
     """Deviations of a worn suit from its palette; untuned.
 
-    seam_sd_m: of a seam from the part's border. fold_m: height of folds at a joint. hue_sd_deg,
-    lightness_sd: of a cloth in CIELAB. fade: greatest lost share of chroma. patch: of wear within a cloth.
-    alike: approach of one pair of cloths. hood_down: share of people with bare hair. bare: hands and feet.
+    seam_sd_m: of a seam from the part's border. fold_m: height of folds at a joint. hue_sd_deg, lightness_sd:
+    deviations of a cloth in CIELAB. fade: greatest lost share of chroma. patch: strength of uneven wear
+    within a cloth. alike: share by which one pair of cloths is made similar. hood_down: share of people with
+    bare hair. bare: whether hands and feet are bare.
     """
 
     seam_sd_m: float = 0.0
@@ -55,8 +56,11 @@ class Wear:
 
 @dataclass(frozen=True)
 class Outfit:
-    """Dressed body. zone_rgb: linear (15, 3). fields_m: (V, 14), see ``SEAMS``. folds_m: (V,) height of
-    folds. rest_m: (V, 3), places of the noise, unlike another person's."""
+    """Colours and folds of a dressed body.
+
+    zone_rgb: linear (15, 3). fields_m: (V, 14), see ``SEAMS``. folds_m: (V,) height of folds. rest_m: (V, 3),
+    coordinates at which noise is sampled, different for each person.
+    """
 
     face_parts: UInt8
     rest_m: Float32
@@ -121,7 +125,7 @@ def _zones(cloth_rgb: Float64, rng: np.random.Generator) -> Float64:
 
 
 def _worn(suit: Suit, wear: Wear, rng: np.random.Generator) -> Float64:
-    """Return the sRGB (12, 3) of every part's cloth after wear, from the palette's first swatches."""
+    """Return the sRGB colours (12, 3) of every part's cloth after wear, from each part's first swatch."""
     swatches = np.stack([suit.colors_rgb[suit.parts == part][0] for part in range(1, N_CLASSES)])
     lab = np.asarray(rgb2lab(swatches / 255.0), np.float64)
     hue, faded, lighter = (rng.normal(size=11), rng.uniform(size=11), rng.normal(size=11))
@@ -138,7 +142,7 @@ def _worn(suit: Suit, wear: Wear, rng: np.random.Generator) -> Float64:
 
 
 def _fields(body: Body, shift_m: Float64) -> Float64:
-    """Return the fields (V, 14): of ten seams, beyond wrist and ankle, into face and hair.
+    """Return the fields (V, 14): distances beyond ten seams, beyond wrists and ankles, into face and hair.
 
     shift_m: (2,) length of sleeve and trouser leg beyond the joint.
     """
@@ -159,7 +163,7 @@ def _fields(body: Body, shift_m: Float64) -> Float64:
 
 
 def _beyond(points: Float64, at: dict[str, Float64], side: NDArray[np.int_], near: str, end: str) -> Float64:
-    """Return the distance (V,) of points beyond the joint ``end`` of a limb, each on its side."""
+    """Return the distance (V,) of points along a limb beyond its joint ``end``, each on its own side."""
     level = []
     for name in ("left", "right"):
         joint, before = at[f"{name}_{end}"], at[f"{name}_{near}"]
@@ -168,7 +172,7 @@ def _beyond(points: Float64, at: dict[str, Float64], side: NDArray[np.int_], nea
 
 
 def _seam_field(body: Body, pair: tuple[int, int]) -> Float64:
-    """Return the distance (V,) to the border of two parts, positive in the second part."""
+    """Return the signed distance (V,) to the border of two parts, positive in the second part."""
     first, second = (np.unique(body.faces[body.face_parts == part]) for part in pair)
     border = np.zeros(len(body.vertices_m), bool)
     border[np.intersect1d(first, second)] = True

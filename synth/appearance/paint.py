@@ -45,7 +45,9 @@ _SKIN_GRAIN, _HAIR_GRAIN = 0.03, 0.2  # deviations of brightness; untuned
 
 
 def _part_seams() -> tuple[Int32, Float64]:
-    """Return by part its seams and the parts beyond (12, 4, 2), -1 for none, and the fields' signs."""
+    """Return for each part its seams and the parts beyond them (12, 4, 2), -1 for none, and signs of the
+    fields (12, 4).
+    """
     seams = np.full((N_CLASSES, 4, 2), -1, np.int32)
     sign = np.ones((N_CLASSES, 4))
     for n, pair in enumerate(SEAMS):
@@ -61,7 +63,9 @@ _OnFace = tuple[int, Triple, Triple]
 
 
 class Surfaces(NamedTuple):
-    """Images (h, w, 3) of a scene: albedo, linear, 0 without a hit; normal and point_m, world."""
+    """Images (h, w, 3) of the visible surfaces: albedo, linear, 0 without a hit; normal and point_m,
+    world.
+    """
 
     albedo: Float32
     normal: Float32
@@ -69,7 +73,9 @@ class Surfaces(NamedTuple):
 
 
 class RoomColors(NamedTuple):
-    """Linear colours (T, 3) of furniture by tag; grain: (T, 3) share, cells a metre across and along y."""
+    """Linear colours (T, 3) of furniture by tag. grain: (T, 3), contrast of the pattern, and its cells per
+    metre across and along y.
+    """
 
     rgb: Float64
     grain: Float64
@@ -94,7 +100,7 @@ class _Shell(NamedTuple):
 
 
 class _Clothes(NamedTuple):
-    """Outfits by face (F,), by vertex (V,) and by wearer: colours of zones (n, 15, 3), wear (n, 2)."""
+    """Outfits by face (F,), by vertex (V,) and by wearer: zone colours (n, 15, 3), wear (n, 2)."""
 
     wearer: Int64
     parts: UInt8
@@ -161,7 +167,7 @@ def _paint(
     room: tuple[Float64, Float64, Float32],
     surfaces: Surfaces,
 ) -> None:
-    """Write the surfaces; seen: faces, depth and camera. room: colours, grain and noise."""
+    """Write the surfaces of all pixels. seen: faces, depth and camera. room: colours, grain and noise."""
     # Unpacked once, because every access in the loops would count references.
     face, depth, (lens, r, translation) = seen
     vertices, faces, tags, flat, rounded = shell
@@ -210,7 +216,7 @@ def _paint(
 def _clothed(
     skin: tuple[Float32, Int32, Float32], place: _OnFace, part: int, zones: Float64, wear: Float64
 ) -> tuple[Triple, bool]:
-    """Return the linear colour at a place of a body's skin, and True for cloth."""
+    """Return the linear colour at a point of a body's skin, and True if cloth covers it."""
     (fields, faces, tile), (f, share, q) = skin, place
     stray = 0.0
     if wear[0] > 0:
@@ -235,7 +241,7 @@ def _clothed(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _zone(fields: Float32, faces: Int32, place: tuple[int, Triple], part: int, stray: float) -> int:
-    """Return the zone of a place of a face, with seams moved by ``stray`` metres."""
+    """Return the zone at a point of a face. stray: metres by which noise moves the seams."""
     (f, share), zone = place, part
     for k in range(4):
         seam = _PART_SEAMS[part, k, 0]
@@ -255,7 +261,7 @@ def _zone(fields: Float32, faces: Int32, place: tuple[int, Triple], part: int, s
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _folded(n: Triple, cloth: tuple[Float32, Float32, Int32, Float32, Float32], place: _OnFace) -> Triple:
-    """Return a normal tilted by the gradient of folds, noise over the rest pose."""
+    """Return a normal tilted by the gradient of folds, which are noise over the rest pose."""
     (vertices, rest, faces, folds, tile), (f, share, q) = cloth, place
     a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
     height = share[0] * folds[a] + share[1] * folds[b] + share[2] * folds[c]
@@ -279,7 +285,7 @@ def _folded(n: Triple, cloth: tuple[Float32, Float32, Int32, Float32, Float32], 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _rise(tile: Float32, q: Triple, here: float, edge: Triple) -> float:
-    """Return the rise of folds of height 1 along an edge of the rest pose, from the slope at its start."""
+    """Return the slope of folds (height 1) along an edge of the rest pose. here: height at its start."""
     step = _FOLD_STEP_M / (np.sqrt(dot(edge, edge)) + 1e-9)
     there = _ridge(tile, (q[0] + step * edge[0], q[1] + step * edge[1], q[2] + step * edge[2]))
     slope: float = (there - here) / step

@@ -34,7 +34,9 @@ from synth.surface.rasterize import Mesh, face_means, rasterize
 
 @dataclass(frozen=True)
 class ColorDifficulty:
-    """Difficulty of colour. light: None is even white. equal: chance of a thing in a colour of the suit."""
+    """Difficulty of colour images. light: None is even white. equal: probability that an object has a colour
+    of the suit.
+    """
 
     wear: Wear
     light: LightSpread | None
@@ -54,12 +56,14 @@ COLORFUL = (Surface.SOFA, Surface.MUG, Surface.BED, Surface.BLANKET, Surface.PIL
 
 
 def plain_room() -> RoomColors:
-    """Return even colours without grain."""
+    """Return uniform colours without grain."""
     return _room({}, with_grain=False)
 
 
 def paint_room(suit_rgb: UInt8, equal: float, rng: np.random.Generator) -> RoomColors:
-    """Draw common colours; with chance ``equal`` each, a thing has one of the suit's (K, 3)."""
+    """Draw common colours of furniture; each object has one of the suit's (K, 3) with probability
+    ``equal``.
+    """
     chosen = {
         Surface.SOFA: rng.choice(SURFACES[Surface.SOFA]["often"]),
         Surface.FLOOR: rng.choice(SURFACES[Surface.FLOOR]["often"]),
@@ -86,7 +90,7 @@ def _room(chosen: dict[Surface, NDArray[np.generic]], with_grain: bool) -> RoomC
 
 @dataclass(frozen=True)
 class Setting:
-    """Room's colours and lamps of an episode, and the colour image's time after depth."""
+    """Colours and lamps of a room in one episode, and the time of colour images after depth."""
 
     room: RoomColors
     lighting: Lighting
@@ -106,9 +110,10 @@ def set_up(color: ColorDifficulty, suit: Suit, rng: np.random.Generator) -> Sett
 
 
 class ColorCamera:
-    """Colour camera whose exposure and balance follow the scenes.
+    """Colour camera whose exposure and white balance adapt to the scenes.
 
-    pinhole: rendered wide camera; maps: of cv2.remap from it. state: controllers at the latest photograph.
+    pinhole: rendered wide camera; maps: of cv2.remap from it. state: exposure and white balance at the latest
+    photograph.
     """
 
     def __init__(

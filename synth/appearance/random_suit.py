@@ -33,7 +33,9 @@ def random_suit(seed: int) -> Suit:
 
 
 def _cloths(count: int, apart: float, rng: np.random.Generator) -> UInt8:
-    """Draw colours (count, 3) with a least distance in chromaticity, halved if necessary."""
+    """Draw colours (count, 3) with a least distance in chromaticity; the distance is halved until they
+    fit.
+    """
     found: list[Float64] = [np.full(3, rng.uniform(90, 220))] if rng.random() < GREY else []
     tries = 0
     while len(found) < count:

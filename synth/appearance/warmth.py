@@ -41,8 +41,8 @@ SURFACE_C = {surface: entry["celsius"] for surface, entry in SURFACES.items() if
 class Clothing:
     """Personal differences of surface temperature.
 
-    offset_c: of all cloth. patch_c: unevenness. cold_feet, cold_hands: share of the way to the cold values.
-    cold_sleeves: ids of parts with loose cloth.
+    offset_c: of all cloth. patch_c: standard deviation of warm and cold patches. cold_feet, cold_hands:
+    position between normal (0) and cold (1) temperature. cold_sleeves: ids of parts with loose cloth.
     """
 
     offset_c: float = 0.0
@@ -66,7 +66,9 @@ class Clothing:
 
 
 class BodyWarmth:
-    """Surface temperature of a person, with memory of touching limbs; worn: the body in loose clothes."""
+    """Surface temperature of a person; limbs that touched stay warm for a while. worn: the body in loose
+    clothes.
+    """
 
     def __init__(
         self,
@@ -84,7 +86,9 @@ class BodyWarmth:
         self._limbs = _limb_vertices(body)
 
     def update(self, vertices_m: Float32, pressed: Bool, seconds: float) -> None:
-        """Hold a posed body (V, 3) for some seconds; pressed: (V,) by furniture."""
+        """Advance the temperatures by some seconds in one pose (V, 3). pressed: (V,), vertices on
+        furniture.
+        """
         touched = pressed | _touching(vertices_m, self._limbs)
         lag_s = np.where(touched, TOUCH_WARM_S, TOUCH_COOL_S)
         self._touch += (touched - self._touch) * (1 - np.exp(-seconds / lag_s))
@@ -96,7 +100,7 @@ class BodyWarmth:
 
 
 def surface_temperatures(tags: Int32, room_c: float, spread: float, rng: np.random.Generator) -> Float64:
-    """Draw the temperature (F,) of lifeless faces by tag; spread: factor on the deviations."""
+    """Draw the temperature (F,) of the faces of objects by tag; spread: factor on the deviations."""
     table = np.full(max(Surface) + 1, room_c) + 0.3 * spread * rng.normal(size=max(Surface) + 1)
     for surface, (celsius, deviation) in SURFACE_C.items():
         table[surface] = celsius + spread * deviation * float(rng.normal())
@@ -104,7 +108,7 @@ def surface_temperatures(tags: Int32, room_c: float, spread: float, rng: np.rand
 
 
 def _apart(body: Body, clothing: Clothing, room_c: float, rng: np.random.Generator) -> Float64:
-    """Return the temperature (F,) of untouched faces."""
+    """Return the temperature (F,) of faces that nothing touches."""
     by_part = np.zeros(N_CLASSES)
     for part in BODY_PARTS:
         celsius = PART_C[part.name.removeprefix("left_").removeprefix("right_")]
@@ -127,7 +131,7 @@ def _apart(body: Body, clothing: Clothing, room_c: float, rng: np.random.Generat
 
 
 def _looseness(body: Body, worn: Body) -> Float64:
-    """Return the looseness (F,) of cloth, in [0, 1], without the lift by shoes."""
+    """Return the looseness (F,) of cloth, in [0, 1], corrected for the height of shoes."""
     lift = worn.joints_m[0] - body.joints_m[0]
     off_m = np.linalg.norm(worn.vertices_m - body.vertices_m - lift, axis=1)
     return np.asarray(face_means(np.clip(off_m / LOOSE_M, 0, 1), body.faces), np.float64)
@@ -155,7 +159,7 @@ def _limb_vertices(body: Body) -> list[tuple[Int64, Int64]]:
 
 
 def _touching(vertices_m: Float32, pairs: list[tuple[Int64, Int64]]) -> Bool:
-    """Return True (V,) for vertices near the other set of their pair."""
+    """Return flags (V,) of vertices near the other set of their pair."""
     touched = np.zeros(len(vertices_m), np.bool_)
     for one, other in pairs:
         a, b = vertices_m[one], vertices_m[other]
@@ -169,7 +173,7 @@ def _touching(vertices_m: Float32, pairs: list[tuple[Int64, Int64]]) -> Bool:
 
 
 def _beside(points_m: Float32, others_m: Float32) -> Bool:
-    """Return True (N,) for points in reach of the box around the others (M, 3)."""
+    """Return flags (N,) of points within reach of the bounding box of other points (M, 3)."""
     near: Bool = (points_m > others_m.min(axis=0) - CONTACT_M) & (points_m < others_m.max(axis=0) + CONTACT_M)
     x, y, z = near.T  # in a third of the time that ``all`` takes
     return np.asarray(x & y & z, np.bool_)

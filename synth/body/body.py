@@ -24,7 +24,7 @@ MAX_BYTES = 50_000_000  # of an unpacked body or crowd: a shipped body has 0.8 M
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Shape of one person at rest, equal to itself alone.
+    """Shape of one person at rest; equality is by identity.
 
     vertices_m: float32 (V, 3) rest pose, x to the person's left, y back, z up, soles at z = 0. faces: int32
     (F, 3). face_parts: uint8 (F,) part ids. joints_m: float64 (J, 3) at rest. bones: uint8 (V, 4) joint per
@@ -75,7 +75,7 @@ class Body:
 
     @property
     def strongest_joints(self) -> UInt8:
-        """Joint of the largest weight of each vertex (V,)."""
+        """Return the joint with the largest weight of each vertex (V,)."""
         return np.asarray(self.bones[np.arange(len(self.bones)), self.weights.argmax(axis=1)])
 
     @property
@@ -84,7 +84,7 @@ class Body:
 
     @property
     def weight_kg(self) -> float:
-        """Enclosed volume times the density of a body."""
+        """Return the body's weight: enclosed volume times a body's density."""
         return volume_m3(self.vertices_m, self.faces) * DENSITY_KG_M3
 
     @property
@@ -105,7 +105,7 @@ def hair_faces(body: Body) -> Bool:
 
 
 def volume_m3(vertices_m: FloatArray, faces: Int32) -> float:
-    """Return the volume enclosed by a triangle mesh (signed tetrahedra to the origin)."""
+    """Return the volume enclosed by a triangle mesh, in cubic metres (sum of signed tetrahedra)."""
     a, b, c = (vertices_m[faces[:, i]].astype(np.float64) for i in range(3))
     return abs(float(np.einsum("ij,ij->", np.cross(a, b), c))) / 6
 

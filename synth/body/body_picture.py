@@ -1,4 +1,4 @@
-"""Pictures of bodies: parts in their colours, shaded, from a level camera so far that all is to one scale."""
+"""Pictures of bodies: parts in their colours, shaded, in a nearly orthographic front view."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ _COLOURS = np.array([part.rgb for part in PARTS], np.float32)
 
 @dataclass(frozen=True)
 class Canvas:
-    """Picture (h, w, 3), ``_FINER`` times too large, of the person's front turned by an azimuth."""
+    """Picture (h, w, 3), rendered ``_FINER`` times too large, of a person turned by an azimuth."""
 
     image: UInt8
     azimuth_rad: float
@@ -59,7 +59,9 @@ class Canvas:
 
 
 def draw_body(body: Body, vertices_m: Float32, azimuth_rad: float, tile: tuple[int, int]) -> Canvas:
-    """Draw a posed body (V, 3) that stands on z = 0 at the origin, in front of a strip of floor."""
+    """Draw a posed body (V, 3) at the origin on the floor z = 0, over a strip of floor. tile: size in
+    pixels.
+    """
     canvas = Canvas(np.empty((_FINER * tile[0], _FINER * tile[1], 3), np.uint8), azimuth_rad)
     points = canvas.seen(vertices_m)
     face = rasterize(canvas.camera, points.astype(np.float32), body.faces).face
@@ -74,7 +76,7 @@ def draw_body(body: Body, vertices_m: Float32, azimuth_rad: float, tile: tuple[i
 
 
 def picture(bodies: Sequence[Body]) -> UInt8:
-    """Draw up to ``MOST_BODIES`` bodies at rest, front above back, above their measures."""
+    """Draw up to ``MOST_BODIES`` bodies at rest, in front and back view, with their measures."""
     shown = bodies[:MOST_BODIES]
     rows = []
     for first in range(0, len(shown), _ROW):

@@ -1,4 +1,4 @@
-"""Shipped crowd: adults of both sexes, all ages and builds, on one mesh, so that any two blend."""
+"""Set of shipped adults of both sexes, all ages and builds; their common mesh allows to blend any two."""
 
 from dataclasses import replace
 from functools import cache
@@ -35,8 +35,9 @@ def crowd() -> tuple[Body, ...]:
 def base_mesh_m(body: Body) -> Float32:
     """Return vertices (19158, 3) of MakeHuman's base mesh hm08 around a body at rest, metres, body frame.
 
-    Skin vertices are the body's own. Helpers, to which garments are fitted, come from the crowd, in the
-    mixture nearest to the body's skin: exact for two blended bodies of the crowd.
+    Skin vertices are the body's own. Helper vertices, to which garments are fitted, are mixed from the
+    crowd's bodies so that their skin approximates the body's. The mixture is exact for two blended bodies of
+    the crowd.
     """
     skin, vertices = _arrays()["skin"], _vertices_m()
     some = vertices[:, : len(skin) : EVERY].reshape(len(vertices), -1).T
@@ -50,7 +51,10 @@ def base_mesh_m(body: Body) -> Float32:
 
 
 def covered_skin(body: Body, hidden: Bool) -> Bool:
-    """Map flags (19158,) of hm08 to a body's vertices (V,); a cut vertex is flagged where all around are."""
+    """Return flags (V,) of a body's vertices from flags (19158,) of hm08's.
+
+    A vertex added by cutting faces at part borders is flagged where all its neighbours are.
+    """
     skin = _arrays()["skin"]
     flags = np.ones(len(body.vertices_m), np.bool_)
     flags[: len(skin)] = hidden[skin]
@@ -67,7 +71,7 @@ def _arrays() -> dict[str, NDArray[Any]]:
 
 @cache
 def _vertices_m() -> Float32:
-    """Return skin, then helpers, of everyone at rest (28, V + H, 3)."""
+    """Return the vertices (28, V + H, 3) of all bodies at rest, skin first, then helpers."""
     arrays = _arrays()
     whole = arrays["mean"].astype(np.float32) + arrays["differences"].swapaxes(1, 2)
     return np.ascontiguousarray(np.float32(STEP_M) * whole, np.float32)

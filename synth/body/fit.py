@@ -22,7 +22,7 @@ _NEAR = 0.5  # cm and kg; largest misfit of a measure, far above Table 1's; untu
 
 
 class BodyModel:
-    """anny's blend shapes at rest, as a function of its six phenotypes."""
+    """Body model anny at rest, as a function of six phenotypes (shape parameters)."""
 
     def __init__(self) -> None:
         try:
@@ -67,7 +67,7 @@ class BodyModel:
 
     @cached_property
     def _influences(self) -> tuple[UInt8, Float32]:
-        """Strongest joints and weights of every vertex of the cut skin, the same on all bodies."""
+        """Return the strongest joints and weights of every vertex of the cut skin, equal for all bodies."""
         by_joint = self._skin.recipe @ self._weights_by_joint(self._skin.recipe.shape[1])
         bones = np.argsort(-by_joint, axis=1, kind="stable")[:, :BONES_PER_VERTEX]
         weights = np.take_along_axis(by_joint, bones, axis=1)
@@ -76,7 +76,9 @@ class BodyModel:
 
     @cached_property
     def _skin(self) -> PartSkin:
-        """Cut of the average body, repeated on all, so that any two blend."""
+        """Return the average body's skin, cut along part borders; all bodies reuse it, so that any two
+        blend.
+        """
         vertices, joints = self._standing(AVERAGE)
         return cut_into_parts(vertices, self.faces, joints, self._weights_by_joint(len(vertices)))
 
@@ -109,8 +111,8 @@ def _head_bone(joint: Joint) -> str:
 def fit(model: BodyModel, size: BodySize, starts: int = 8) -> Float64:
     """Fit phenotypes (6,) to measures by bounded least squares from several starts.
 
-    A weak pull to the middle of every phenotype decides the freedom that the measures leave. Raises
-    CloudError when no adult has these measures.
+    A weak prior at the middle of every phenotype decides what the measures leave open. Raises CloudError when
+    no adult has these measures.
     """
     asked = np.array([size.height_cm, size.weight_kg, size.waist_breadth_cm])
     low = np.array([0.0, ADULT_AGE, 0.0, 0.0, 0.0, 0.0])
@@ -137,8 +139,8 @@ def fit(model: BodyModel, size: BodySize, starts: int = 8) -> Float64:
 def random_adult(rng: np.random.Generator) -> Float64:
     """Draw phenotypes (6,) of an adult of either sex.
 
-    anny's middle is tall and light. Spread about 0.4 and 0.72, heights are 170 +- 10 cm and body mass
-    indices 22 +- 3, about as adults' are.
+    anny's default adult is tall and light. Therefore height and weight are drawn about 0.4 and 0.72. Heights
+    are then 170 +- 10 cm and body mass indices 22 +- 3, about as for real adults.
     """
     gender = np.clip(rng.choice((0.1, 0.9)) + rng.normal(0, 0.08), 0, 1)
     age = rng.uniform(0.6, 0.97)

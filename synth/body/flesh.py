@@ -1,7 +1,7 @@
-"""Flesh of a body as chains of spheres about the bones, on which contact is computed; fitted in about a ms.
+"""Flesh of a body for collision tests: chains of spheres about the bones, fitted in about a millisecond.
 
 A chain is a row of stations (centre, radius); the flesh between two neighbours is the round cone over them.
-Limbs are chains along a bone. The trunk is a pile of short chains from right to left, one a height.
+Limbs are chains along a bone. The trunk is a stack of short chains from right to left, one for each height.
 """
 
 from dataclasses import replace
@@ -45,10 +45,10 @@ N_STATIONS = max(chain.stop for chain in CHAINS.values())
 
 
 class Flesh(NamedTuple):
-    """Constants of a body in every posture (a named tuple, which compiled code takes).
+    """Constant data of a body's flesh, for every posture (a named tuple, which compiled code takes).
 
-    rest_joints_m, aligned: as ``kinematics`` takes them. centres_m: (S, 3) stations at rest; radii_m: (S,);
-    joints: (S,) the joint each station follows. trunk: indices of the vertices of pelvis and spine.
+    rest_joints_m, aligned: arguments of ``kinematics``. centres_m: (S, 3) stations at rest; radii_m: (S,);
+    joints: (S,) the joint that each station follows. trunk: indices of the vertices of pelvis and spine.
     """
 
     rest_joints_m: Float64
@@ -85,7 +85,7 @@ def flesh_of(body: Body) -> Flesh:
 
 
 def _carried(body: Body, owned: list[Int64]) -> Int64:
-    """Return the vertices that touch a seat or bed first: pelvis, spine, buttocks, bulk of the shoulders."""
+    """Return the vertices that first touch a seat or bed: pelvis, spine, buttocks, bulk of the shoulders."""
     parts = [owned[j] for name, j in JOINT_ID.items() if j <= JOINT_ID["spine_upper"] or "clavicle" in name]
     for side in ("left", "right"):
         shoulder, hip = JOINT_ID[f"{side}_shoulder"], JOINT_ID[f"{side}_hip"]
@@ -99,7 +99,7 @@ _FRONT = np.array([0.0, -1.0, 0.0])
 
 
 def _half(own: Float32, start: Float64, along: Float64, towards: Float64) -> Float32:
-    """Return the vertices of a hand or foot on one side of the line along it, across its breadth."""
+    """Return the vertices of a hand or foot on one side of its long axis."""
     line = along.astype(np.float32)
     off = own - start.astype(np.float32)
     off -= (off @ line)[:, None] * line
@@ -109,7 +109,7 @@ def _half(own: Float32, start: Float64, along: Float64, towards: Float64) -> Flo
 
 
 def _limb(body: Body, owned: list[Int64], limb: str, side: str) -> tuple[Float32, Float64]:
-    """Return the vertices (n, 3) of a limb or its half, and the first and last station (2, 3) of its line."""
+    """Return the vertices (n, 3) of a limb or its half, and the first and last station (2, 3) of its axis."""
     _, origin, end = _LIMBS[limb]
     joint = JOINT_ID[f"{side}_{origin}"]
     own, start = body.vertices_m[owned[joint]], body.joints_m[joint]
@@ -163,7 +163,7 @@ def _fit_head(body: Body, owned: list[Int64], centres: Float64, radii: Float64, 
 
 
 def _vertices_of_joints(body: Body) -> list[Int64]:
-    """Return, by joint, the vertices that it moves most, off the dense rows on borders between parts."""
+    """Return for each joint the vertices that it moves most, without the dense rows on part borders."""
     parts, corners = body.vertex_parts, body.faces.ravel()
     inner = parts > 0
     inner[corners[parts[corners] != np.repeat(body.face_parts, 3)]] = False
@@ -173,7 +173,7 @@ def _vertices_of_joints(body: Body) -> list[Int64]:
 
 @numba.njit(cache=True, fastmath=True)
 def _fit_chain(own: Float32, axis: Float64, centres: Float64, radii: Float64) -> None:
-    """Write the middle and mean radius of the vertices (n, 3) about each station of a line."""
+    """Write the centre and mean radius of the vertices (n, 3) around each station of an axis."""
     n = len(radii)
     along = axis[1] - axis[0]
     length = np.sqrt((along**2).sum())

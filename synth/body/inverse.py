@@ -1,4 +1,4 @@
-"""Inverse kinematics of limbs of two bones: the reach of an arm, the stand of a leg."""
+"""Inverse kinematics of two-bone limbs: arms that reach a target, legs that stand on one."""
 
 from typing import NamedTuple
 
@@ -16,8 +16,8 @@ _NEAR_M = 0.02  # m; a wrist this near to its place is there; untuned
 class FootGoal(NamedTuple):
     """Goal of a leg in the world.
 
-    rotation: (3, 3) of the foot, identity if flat with the toes as at rest. knee_out_rad: turn of the knee
-    outwards from the foot's direction.
+    rotation: (3, 3) of the foot, identity if flat with the toes as at rest. knee_out_rad: outward rotation of
+    the knee from the foot's direction.
     """
 
     ankle_m: Float64
@@ -26,7 +26,7 @@ class FootGoal(NamedTuple):
 
 
 class _Limb(NamedTuple):
-    """Posture in which a limb bends, written into ``angles_rad``; first: its shoulder or hip."""
+    """Posture whose ``angles_rad`` are changed when a limb bends. first: the limb's shoulder or hip."""
 
     angles_rad: Float64
     pelvis_m: Float64
@@ -36,7 +36,7 @@ class _Limb(NamedTuple):
 
 
 def reach(posture: Posture, flesh: Flesh, side: str, target_m: Float64, swivel_rad: float) -> Posture:
-    """Bend one arm so that its wrist comes to ``target_m`` (world), or as near as the limits allow.
+    """Bend one arm so that its wrist reaches ``target_m`` (world), or the nearest place within the limits.
 
     swivel_rad turns the elbow about the line from shoulder to wrist; 0 = elbow hanging straight down,
     positive = elbow away from the body. Two-bone closed form, then clamped.
@@ -47,10 +47,10 @@ def reach(posture: Posture, flesh: Flesh, side: str, target_m: Float64, swivel_r
 
 
 def place_hand(posture: Posture, flesh: Flesh, side: str, target_m: Float64, swivel_rad: float) -> Posture:
-    """Bend one arm as ``reach`` does, the elbow where it is natural: also for arms that hang or rise.
+    """Bend one arm as ``reach`` does, with a natural elbow, also for arms that hang or are raised.
 
     swivel_rad turns the elbow away from the body; 0 = behind an arm that hangs, below one stretched out, in
-    front of one raised. Where the limits keep the wrist from its place, the nearest possible swivel is used.
+    front of one raised. Where the limits keep the wrist from its target, the nearest possible swivel is used.
     """
     limb = _limb(posture, flesh, f"{side}_shoulder")
     _place_hand(limb, target_m, swivel_rad)
@@ -58,10 +58,10 @@ def place_hand(posture: Posture, flesh: Flesh, side: str, target_m: Float64, swi
 
 
 def plant(posture: Posture, flesh: Flesh, side: str, goal: FootGoal) -> tuple[Posture, float]:
-    """Bend one leg so that its foot comes to its goal, or as near as the limits allow.
+    """Bend one leg so that its foot reaches its goal, or the nearest place within the limits.
 
-    Two-bone closed form, then clamped. Also returns the bend of the ankle (rad, at least 0) beyond its limit
-    that the goal needs.
+    Two-bone closed form, then clamped. Also returns the bend of the ankle (rad, at least 0) that the goal
+    needs beyond the limit.
     """
     limb = _limb(posture, flesh, f"{side}_hip")
     beyond = _plant(limb, goal)
@@ -113,7 +113,9 @@ def _place_hand(limb: _Limb, target_m: Float64, swivel_rad: float) -> None:
 
 @numba.njit(cache=True)
 def _bend(limb: _Limb, frames: Float64, line: Float64, hinge: Float64) -> None:
-    """Turn shoulder and elbow so that the wrist comes along a line (3,) from the shoulder, about a hinge."""
+    """Turn shoulder and elbow so that the wrist lies along ``line`` (3,) from the shoulder. hinge: elbow
+    axis.
+    """
     along = line / np.linalg.norm(line)
     flexion, at_shoulder = _triangle(limb, line)
     upper_down = _about(hinge, -at_shoulder, along)
@@ -188,7 +190,7 @@ def _about(axis: Float64, angle: float, vector: Float64) -> Float64:
 
 @numba.njit(cache=True)
 def _euler_inside(rotation: Float64, signs: Float64, limits_rad: Float64) -> Float64:
-    """Return the one of a rotation's two XYZ angle triples that leaves the limits least."""
+    """Return the XYZ angle triple of a rotation, of the two possible, that exceeds the limits least."""
     best, least = np.zeros(3), np.inf
     y = np.arcsin(min(max(rotation[0, 2], -1.0), 1.0))
     x, z = np.arctan2(-rotation[1, 2], rotation[2, 2]), np.arctan2(-rotation[0, 1], rotation[0, 0])

@@ -1,7 +1,7 @@
 """Borders between the parts of a body: smooth curves on the skin, along which faces are cut.
 
-Skinning weights give roughly the part of each face; landmarks of the skeleton give the exact course of a
-border. The cut is decided on one body and repeated on all others, so all keep one topology.
+Skinning weights give the approximate part of each face; skeleton landmarks give the exact curve of a border.
+The cut is computed on one body and repeated on all others, so that all have the same topology.
 """
 
 from collections.abc import Callable
@@ -39,10 +39,10 @@ _CROTCH_M = 0.006
 
 
 class PartSkin(NamedTuple):
-    """Faces cut at the borders of the parts.
+    """Skin with faces cut at the borders of the parts.
 
-    recipe: sparse (W, V), rows sum to 1: a vertex of the cut skin as a mixture of a model's V, which come
-    first. faces: int32 (F, 3) among the W. face_parts: uint8 (F,) part ids.
+    recipe: sparse (W, V), rows sum to 1: each vertex of the cut skin as a mixture of the model's V vertices,
+    which come first. faces: int32 (F, 3) among the W. face_parts: uint8 (F,) part ids.
     """
 
     recipe: csr_array
@@ -51,7 +51,9 @@ class PartSkin(NamedTuple):
 
 
 class Border(NamedTuple):
-    """Border between two parts (ids): the zero of a level over points (n, 3), positive in ``beyond``."""
+    """Border between two parts (ids): zero set of a level function over points (n, 3), positive in
+    ``beyond``.
+    """
 
     before: int
     beyond: int
@@ -61,7 +63,8 @@ class Border(NamedTuple):
 def cut_into_parts(vertices_m: Float64, faces: Int32, joints_m: Float64, by_joint: Float32) -> PartSkin:
     """Cut a skin at rest along every border.
 
-    vertices_m: (V, 3); faces: int32 (F, 3); joints_m: (J, 3); by_joint: (V, J) weight of every joint.
+    vertices_m: (V, 3); faces: int32 (F, 3); joints_m: (J, 3); by_joint: (V, J) skinning weight of every
+    joint.
     """
     skin = PartSkin(csr_array(eye_array(len(vertices_m))), faces, _roughly(faces, by_joint))
     for border in borders(vertices_m, joints_m):
@@ -70,7 +73,10 @@ def cut_into_parts(vertices_m: Float64, faces: Int32, joints_m: Float64, by_join
 
 
 def borders(vertices_m: Float64, joints_m: Float64) -> tuple[Border, ...]:
-    """Return the ten borders of a body at rest, from its joints (J, 3) and the lowest skin of its midline."""
+    """Return the ten borders of a body at rest.
+
+    They follow from the joints (J, 3) and the lowest skin vertex in the middle plane.
+    """
     at = {name: joints_m[i] for name, i in JOINT_ID.items()}
     up = np.array([0.0, 0.0, 1.0])
     crest = at["left_hip"] + _CREST * (at["left_hip"][2] - at["left_knee"][2]) * up
@@ -121,7 +127,9 @@ def _thigh_m(vertices_m: Float64, hip: Float64) -> float:
 
 
 def _groin(hip: Float64, sign: int, crotch_z: float, thigh_m: float, points: Float64) -> Float64:
-    """Rise from the crotch outwards to the trochanter in front, and level along the gluteal fold behind."""
+    """Return the level (n,) of the groin: a line from the crotch up to the trochanter in front, horizontal at
+    the back.
+    """
     x, y, z = points.T
     outwards = np.clip(sign * x / thigh_m, 0, 1)
     front = np.clip(0.5 - (y - hip[1]) / _SIDE_M, 0, 1)
@@ -170,7 +178,7 @@ def _cut(skin: PartSkin, vertices_m: Float64, border: Border) -> PartSkin:
 
 
 def _zero(level: Level, start: Float64, end: Float64) -> Float64:
-    """Return the share (n,) of the way between points (n, 3) at which the level is zero."""
+    """Return the position (n,) between points (n, 3), as a share, at which the level is zero."""
     low, high = np.zeros(len(start)), np.ones(len(start))
     first = level(start) > 0
     for _ in range(_BISECTIONS):
@@ -181,10 +189,10 @@ def _zero(level: Level, start: Float64, end: Float64) -> Float64:
 
 
 def _split(faces: Int32, edges: Int64, points: Float64) -> tuple[Int32, Int64]:
-    """Split faces at new vertices on some edges; return them with each triangle's old face.
+    """Split faces at new vertices on some edges; return the faces, and for each the index of its old face.
 
-    edges: (n, 2) sorted rows, low vertex first; their new vertices are the last n of the points. No face has
-    three of them.
+    edges: (n, 2) sorted rows, low vertex first; their new vertices are the last n of the points. A face has
+    at most two of them.
     """
     n = len(points)
     keys = edges[:, 0].astype(np.int64) * n + edges[:, 1]
@@ -210,7 +218,9 @@ def _split(faces: Int32, edges: Int64, points: Float64) -> tuple[Int32, Int64]:
 
 
 def _turned(faces: Int32, new: Int64, chosen: Int64, first: Int64) -> tuple[Int64, ...]:
-    """Return corners of faces from ``first`` on, and the new vertices on their first and last edges."""
+    """Return the corners of faces, starting at corner ``first``, and the new vertices on their first and last
+    edges.
+    """
     turn = (first[:, None] + np.arange(3)) % 3
     a, b, c = np.take_along_axis(faces[chosen].astype(np.int64), turn, axis=1).T
     m, _, k = np.take_along_axis(new[chosen], turn, axis=1).T

@@ -31,7 +31,7 @@ class Joint:
 
     @property
     def kind(self) -> str:
-        """Name without the side: a key of ``synth/data/joints.toml``."""
+        """Return the name without the side, a key of ``synth/data/joints.toml``."""
         return self.name.removeprefix("left_").removeprefix("right_")
 
 
@@ -95,8 +95,9 @@ _FOLLOWS = np.array([joint.name.endswith(("elbow", "knee", "wrist")) for joint i
 
 @dataclass(frozen=True)
 class Posture:
-    """Joint angles float64 (J, 3), the pelvis' own row its orientation, and its place float64 (3,), world, z
-    up."""
+    """Joint angles float64 (J, 3), whose pelvis row is the body's orientation, and the pelvis' position
+    float64 (3,), world, z up.
+    """
 
     angles_rad: Float64
     pelvis_m: Float64
@@ -152,9 +153,10 @@ def forward(posture: Posture, rest_joints_m: Float64, aligned: Float64) -> tuple
 def kinematics(
     angles_rad: Float64, pelvis_m: Float64, rest_joints_m: Float64, aligned: Float64
 ) -> tuple[Float64, Float64, Float64]:
-    """Return axes, frames and positions: compiled ``forward``, callable from compiled code.
+    """Return axes, frames and positions, as compiled ``forward`` that compiled code can call.
 
-    axes (J, 3, 3): row a of a joint is the world direction about which its angle a turns all beyond it.
+    axes (J, 3, 3): row a of a joint is the world axis of its angle a, which turns the whole chain beyond the
+    joint.
     """
     turned = np.empty((N_JOINTS, 3, 3))
     frames = np.empty((N_JOINTS, 3, 3))
@@ -185,9 +187,9 @@ def kinematics(
 
 @numba.njit(cache=True)
 def place(where: Float64, origin: Float64, frame: Float64, point: Float64, rest: Float64) -> None:
-    """Write into ``where`` (3,) the place of a rest point (3,) that follows a joint.
+    """Write into ``where`` (3,) the position of a rest point (3,) that follows a joint.
 
-    origin: (3,) the joint's place; frame: (3, 3) its rotation; rest: (3,) its place at rest.
+    origin: (3,) the joint's position; frame: (3, 3) its rotation; rest: (3,) its position at rest.
     """
     x, y, z = point[0] - rest[0], point[1] - rest[1], point[2] - rest[2]
     for r in range(3):

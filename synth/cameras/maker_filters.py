@@ -1,4 +1,4 @@
-"""Depth images after a maker's filters."""
+"""Depth camera whose images the maker's software has filtered."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -21,7 +21,8 @@ RIPPLE_LOG2 = 2  # size of ripples after a filter of 5 x 5 pixels; untuned
 class Filtered:
     """Depth camera with spatial and temporal filters and filled holes.
 
-    ripple_mm: standard deviation of the remaining noise. least_px: width of the narrowest limb kept.
+    ripple_mm: standard deviation of the remaining noise. least_px: width of the narrowest limb that the
+    filters keep.
     """
 
     ripple_mm: float = 1.0
@@ -32,11 +33,11 @@ class Filtered:
 
     @staticmethod
     def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "Filtered":
-        """Draw a unit of a model of ``sensors.toml``."""
+        """Draw the parameters of one camera of a model in ``sensors.toml``."""
         return Filtered(strength(rng, 2.0), int(rng.integers(1, 4)), drawn_camera(entry, rng), entry["model"])
 
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
-        """Return a reading, as ``Sensor.read``."""
+        """Return the depth reading of a clean image, as ``Sensor.read``."""
         reading, noise = clean.blank(), (NORMALS, ramps(RIPPLE_LOG2))
         _read(clean.pixels(0, self.least_px), np.float32(self.ripple_mm), key_of(rng), noise, reading)
         return reading

@@ -1,4 +1,4 @@
-"""Multipath of time-of-flight cameras: the depth error by light that bounces twice."""
+"""Multipath of time-of-flight cameras: the depth error from light that bounces twice."""
 
 import cv2
 import numba
@@ -14,10 +14,10 @@ _RAD_PER_M = 4 * np.pi * MODULATION_HZ / 299_792_458
 
 
 def multipath_m(camera: Intrinsics, depth_m: Float32, reflectance: float, stride: int = STRIDE) -> Float32:
-    """Return the overestimate of depth (h, w), metres along z; NaN at a NaN depth.
+    """Return the depth error (h, w), always positive, metres along z; NaN at a NaN depth.
 
     Two bounces of Jimenez et al. 2014 (Image and Vision Computing 32) between Lambertian surfaces of one
-    reflectance in [0, 1]; the lens' distortion is ignored.
+    reflectance in [0, 1]; lens distortion is ignored.
     """
     height, width = depth_m.shape
     v, u = np.mgrid[stride // 2 : height : stride, stride // 2 : width : stride]

@@ -16,7 +16,7 @@ WIDEST = 3.0  # tangent of the widest view, 143 degrees; the rigs' lenses are na
 
 
 class Lens:
-    """Distorting lens, rendered by a wider pinhole image ``pinhole``.
+    """Distorting lens, simulated by resampling a wider pinhole image ``pinhole``.
 
     supersample: rendered pixels per pixel side. maps: x and y of ``cv2.remap`` for the supersampled image.
     """
@@ -65,7 +65,9 @@ lens_of = lru_cache(maxsize=6)(Lens)  # because a colour camera's map takes a qu
 
 
 def _undistort_fast(camera: Intrinsics, distorted: Float64) -> tuple[Float64, Bool]:
-    """Return the fixed-point inverse (..., 2) of the lens model, to 0.01 px, and the pixels without one."""
+    """Return the inverse (..., 2) of the lens model by fixed-point iteration, to 0.01 px, and flags of pixels
+    without one.
+    """
     radius = np.linspace(0, WIDEST, 1000)
     radial = replace(camera, p1=0.0, p2=0.0)
     beyond = np.diff(distort(radial, np.stack([radius, 0 * radius], axis=-1))[:, 0]) <= 0
@@ -84,7 +86,10 @@ _distorted = numba.njit(cache=True)(_at_point)
 
 @numba.njit(cache=True)
 def _step(lens: Distortion, distorted: Float64, ideal: Float64, far: Bool, widest: float) -> float:
-    """Step ``ideal`` (h, w, 2) and return the greatest move; ``far`` (h, w) pixels stay at widest."""
+    """Update ``ideal`` (h, w, 2) by one iteration and return the largest change.
+
+    far: (h, w), pixels beyond the model's range, which stay at radius ``widest``.
+    """
     most = 0.0
     for v in range(len(ideal)):
         for u in range(ideal.shape[1]):

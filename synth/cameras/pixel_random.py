@@ -1,4 +1,4 @@
-"""Random numbers of a pixel: hashes of a key and the place. Sides of blocks are powers of two (``log2``)."""
+"""Random numbers of a pixel: hashes of a key and its position. Block sides are powers of two (``log2``)."""
 
 from functools import cache
 
@@ -42,7 +42,9 @@ def block_bits(key: np.uint64, v: int, u: int, log2: int) -> np.uint64:
 
 @cache
 def ramps(log2: int) -> Float32:
-    """Return bilinear weights (side, side, 4) of a cell's corners, scaled to unit variance."""
+    """Return bilinear weights (side, side, 4) of a cell's four corners, scaled to unit variance of the
+    sum.
+    """
     x = (np.arange(2**log2) + 0.5) / 2**log2
     ends = np.stack([1 - x, x], axis=1)
     ends /= np.linalg.norm(ends, axis=1, keepdims=True)
@@ -52,7 +54,7 @@ def ramps(log2: int) -> Float32:
 
 @numba.njit(cache=True)
 def lattice(key: np.uint64, height: int, width: int, log2: int, normals: Float32) -> Float32:
-    """Return normal numbers at the corners of an image's cells; normals: ``NORMALS``."""
+    """Return normal random numbers at the corners of an image's cells; normals: table ``NORMALS``."""
     corners = np.empty(((height >> log2) + 2, (width >> log2) + 2), np.float32)
     for i in range(corners.shape[0]):
         for j in range(corners.shape[1]):
@@ -62,7 +64,7 @@ def lattice(key: np.uint64, height: int, width: int, log2: int, normals: Float32
 
 @numba.njit(cache=True, fastmath=EXACT)
 def smooth(corners: Float32, weights: Float32, v: int, u: int, log2: int) -> np.float32:
-    """Return normal value noise at pixel (v, u)."""
+    """Return smooth (value) noise with a normal distribution at pixel (v, u). corners: of ``lattice``."""
     i, j, side = v >> log2, u >> log2, (1 << log2) - 1
     weight = weights[v & side, u & side]
     return np.float32(

@@ -15,7 +15,7 @@ STEP_C = 0.1  # resolution of an Optris CT (data sheet)
 
 @dataclass(frozen=True)
 class Pyrometer:
-    """Spot in the thermal image, pixels, and error of the unit, kelvin."""
+    """Pyrometer's spot in the thermal image, in pixels, and the constant error of the device, in kelvin."""
 
     column: float
     row: float
@@ -24,7 +24,7 @@ class Pyrometer:
 
     @staticmethod
     def drawn(thermal: Intrinsics, rng: np.random.Generator) -> "Pyrometer":
-        """Draw a unit mounted by hand beside a thermal camera."""
+        """Draw a pyrometer mounted by hand beside a thermal camera."""
         height, width = thermal.shape
         aside = rng.normal(0, ASIDE, 2).clip(-2 * ASIDE, 2 * ASIDE)
         column, row = (0.5 + aside[0]) * width, (0.5 + aside[1]) * height

@@ -1,4 +1,4 @@
-"""Depth around a pixel: steep surfaces, and strips hidden from a second viewpoint."""
+"""Surface relief around a pixel: steep surfaces, and strips that are hidden from a second viewpoint."""
 
 import numba
 import numpy as np
@@ -15,7 +15,8 @@ SHADOW_PX = 24  # widest shadow: of 1 m and 2.2 m from a Kinect v1; untuned
 
 @numba.njit(cache=True, fastmath=EXACT)
 def grazed(depth: Float32, pinhole: Float32, y: int, x: int) -> Number:
-    """Return the chance of no match on a steep surface: (1 - 4 cos^2)^4, 0 up to 60 degrees of incidence.
+    """Return the probability of no match on a steep surface: (1 - 4 cos^2)^4, 0 up to 60 degrees of
+    incidence.
 
     The formula is untuned; structured light gets noisy at 60 and lost at 70 to 80 (Nguyen et al. 2012).
     """
@@ -36,7 +37,7 @@ def grazed(depth: Float32, pinhole: Float32, y: int, x: int) -> Number:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _slope(before: Number, here: Number, behind: Number) -> Number:
-    """Return the smaller step, which is on the pixel's surface."""
+    """Return the smaller of the two depth steps beside a pixel, because it stays on the pixel's surface."""
     back, on = here - before, behind - here
     return back if abs(back) < abs(on) else on
 
@@ -45,7 +46,7 @@ def _slope(before: Number, here: Number, behind: Number) -> Number:
 def shadowed(depth: Float32, nearness: Float32, y: int, x: int, parallax: Number) -> bool:
     """Return True if a nearer surface hides a pixel from a second camera or projector in the same row.
 
-    nearness: as of ``Pixels``. parallax: focal length, pixels, times baseline, m; negative to the left.
+    nearness: as in ``Pixels``. parallax: focal length in pixels times baseline in m; negative to the left.
     """
     z, right, width = depth[y, x], parallax > 0, abs(parallax)
     reach = min(int(width * (nearness[y] - np.float32(1) / z)), SHADOW_PX)

@@ -1,4 +1,4 @@
-"""Depth sensors: readings of a clean depth image, and their surfaces."""
+"""Depth sensors: simulated readings of a clean depth image, and the surfaces that they measure."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
@@ -18,23 +18,23 @@ CENTRE_SD = 0.012  # of the principal point, share of the width; Kinect v2: 254 
 class Reading(NamedTuple):
     """Depth (h, w) of a window, 0 without a reading.
 
-    source: flat index of the clean image's pixel whose surface is read, or ``NOTHING``.
+    source: flat index of the clean image's pixel whose surface was measured, or ``NOTHING``.
     """
 
     depth_mm: UInt16
     source: Int32
 
     def carry(self, image: UInt8) -> UInt8:
-        """Return a clean image's values (h, w) at the readings' surfaces, 0 without a reading."""
+        """Return the values of a clean image (h, w) at the measured surfaces, 0 without a reading."""
         return np.where(self.source >= 0, image.ravel()[self.source], np.uint8(0))
 
 
 @dataclass(frozen=True)
 class CleanDepth:
-    """Depth image (h, w) without faults, and the pixels to read.
+    """Depth image (h, w) without faults, and the pixels to measure.
 
     window: pinhole. depth_m: metres along z, NaN without a hit. dark: absorbed share of infrared. only:
-    pixels to read. person: mask of the only person to read; rims can grow beyond it. None means all.
+    pixels to measure. person: mask of the only person to measure, whose silhouette may grow. None means all.
     """
 
     window: Intrinsics
@@ -48,7 +48,7 @@ class CleanDepth:
         return np.where(np.isnan(self.depth_m), np.float32(FAR_M), self.depth_m)
 
     def wanted(self, reach_px: int) -> Bool:
-        """Return the mask (h, w) of pixels to read, at most ``reach_px`` from the person."""
+        """Return the mask (h, w) of pixels to measure, at most ``reach_px`` from the person."""
         if self.person is None:
             return np.ones(self.depth_m.shape, np.bool_) if self.only is None else self.only
         side = 2 * reach_px + 1
@@ -56,7 +56,9 @@ class CleanDepth:
         return near if self.only is None else near & self.only
 
     def shown(self, least_px: int = 1) -> Bool:
-        """Return the mask (h, w) of readable surfaces: the squares of ``least_px`` inside the person."""
+        """Return the mask (h, w) of measurable surfaces: the person, opened by squares of ``least_px``
+        pixels.
+        """
         if self.person is None:
             return np.ones(self.depth_m.shape, np.bool_)
         if least_px == 1:
@@ -71,7 +73,7 @@ class CleanDepth:
         return Reading(np.zeros(shape, np.uint16), np.full(shape, NOTHING, np.int32))
 
     def pixels(self, reach_px: int = 0, least_px: int = 1) -> "Pixels":
-        """Return the arrays of the image for kernels."""
+        """Return the image's arrays for compiled kernels."""
         window, depth = self.window, self.filled()
         return Pixels(
             depth,
@@ -84,7 +86,9 @@ class CleanDepth:
 
 
 class Pixels(NamedTuple):
-    """Arrays (h, w) of a clean image for kernels; nearness (h,): 1 / least depth of a row; pinhole (4,)."""
+    """Arrays (h, w) of a clean image for compiled kernels. nearness (h,): 1 / least depth of a row. pinhole
+    (4,): fx, fy, cx, cy.
+    """
 
     depth: Float32
     dark: Float32
@@ -95,7 +99,7 @@ class Pixels(NamedTuple):
 
 
 class Sensor(Protocol):
-    """Depth camera with the faults of one unit; camera: pinhole of the whole image, undistorted."""
+    """Depth camera with the random faults of one device; camera: pinhole of the whole image, undistorted."""
 
     @property
     def model(self) -> str: ...
@@ -107,7 +111,8 @@ class Sensor(Protocol):
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
         """Return the reading of a clean depth image.
 
-        Random numbers are hashes of one number from ``rng`` and the pixel, so that pixels are independent.
+        A pixel's random numbers are hashes of its position and one number from ``rng``, so they do not depend
+        on other pixels.
         """
         ...
 
@@ -118,7 +123,7 @@ def key_of(rng: np.random.Generator) -> np.uint64:
 
 
 def drawn_camera(entry: dict[str, Any], rng: np.random.Generator) -> Intrinsics:
-    """Draw the camera of a model of ``sensors.toml``."""
+    """Draw the camera intrinsics of a model in ``sensors.toml``."""
     width, height = entry["size"]
     focal = float(rng.uniform(*entry["focal_px"]))
     cx, cy = ((side - 1) / 2 + width * rng.normal(0, CENTRE_SD) for side in (width, height))
@@ -126,5 +131,5 @@ def drawn_camera(entry: dict[str, Any], rng: np.random.Generator) -> Intrinsics:
 
 
 def strength(rng: np.random.Generator, most: float, absent: float = 0.3) -> float:
-    """Draw a fault's strength: 0 in a share ``absent``, else up to ``most``."""
+    """Draw the strength of a fault: 0 with probability ``absent``, else uniform up to ``most``."""
     return 0.0 if rng.random() < absent else float(rng.uniform(0, most))

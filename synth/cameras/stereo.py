@@ -32,9 +32,9 @@ class Stereo:
     """Stereo depth camera; 0 switches a fault off.
 
     noise_px, wave_px: standard deviations of the disparity in a matching window and a wide region.
-    fattened_px: growth of silhouettes. steps: of disparity a pixel, 0 for any. shadow: empty share of the
-    strip hidden from the second camera, ``baseline_m`` to the right. grazing, dark: share lost at 90 degrees
-    of incidence, and on absorbing surfaces. patches: share lost in patches without texture.
+    fattened_px: growth of silhouettes. steps: disparity steps per pixel, 0 = continuous. shadow: empty share
+    of the strip hidden from the second camera, ``baseline_m`` to the right. grazing, dark: share lost at 90
+    degrees of incidence, and on absorbing surfaces. patches: share lost in patches without texture.
     """
 
     noise_px: float = 0.06
@@ -52,7 +52,7 @@ class Stereo:
 
     @staticmethod
     def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "Stereo":
-        """Draw a unit of a model of ``sensors.toml``; every strength reaches zero."""
+        """Draw the parameters of one camera of a model in ``sensors.toml``; every fault can be 0."""
         return Stereo(
             noise_px=strength(rng, 0.12),
             wave_px=strength(rng, 0.12),
@@ -68,7 +68,7 @@ class Stereo:
         )
 
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
-        """Return a reading; the left band that the second camera does not see is empty."""
+        """Return a reading; the band at the left image border outside the second camera's view is empty."""
         reading, pixels = clean.blank(), clean.pixels(REACH_PX)
         depth, parallax = pixels.depth, clean.window.fx * self.baseline_m
         side = 2 * REACH_PX + 1
@@ -91,7 +91,10 @@ def _read(
     noise_tables: tuple[Float32, Float32, Float32, Float32],
     reading: Reading,
 ) -> None:
-    """Fill the reading; noise_tables: nearest depth in reach, ``NORMALS``, weights of windows and waves."""
+    """Write the reading.
+
+    noise_tables: nearest depth in reach, ``NORMALS``, weights of windows and waves.
+    """
     depth, dark, wanted, shown, nearness, pinhole = pixels
     (nearest, normals, matched, waved), (depth_mm, source) = noise_tables, reading
     height, width = depth.shape
@@ -131,7 +134,7 @@ def _read(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _fattened(depth: Float32, v: int, u: int, radius: Number) -> tuple[int, int]:
-    """Return the nearest other surface's pixel within a radius of (v, u), or (v, u)."""
+    """Return the pixel of the nearest foreground surface within a radius of (v, u); (v, u) without one."""
     y, x, best = v, u, depth[v, u] - np.float32(EDGE_M)
     reach = min(int(radius), REACH_PX)
     for i in range(max(v - reach, 0), min(v + reach + 1, depth.shape[0])):

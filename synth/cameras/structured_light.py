@@ -23,11 +23,12 @@ MELT_M = 0.06  # step between a person and a surface that melts into it: three s
 class StructuredLight:
     """Structured-light depth camera; 0 switches a fault off.
 
-    step_per_m: depth step over squared depth, 1/m. speckle: standard deviation of the disparity in steps.
-    rim_px, ragged_px: growth of silhouettes, and its standard deviation over blocks. least_px: width of the
-    narrowest limb kept. shadow: empty share of the strip hidden from the projector, ``baseline_m`` to the
-    right (negative: mirrored). grazing, dark: share of blocks lost at 90 degrees of incidence, and on
-    absorbing surfaces. holes: share of blocks lost. melted: share of blocks that mix person and ground.
+    step_per_m: depth step divided by squared depth, 1/m. speckle: standard deviation of the disparity in
+    steps. rim_px, ragged_px: growth of silhouettes, and its standard deviation over blocks. least_px: width
+    of the narrowest limb kept. shadow: empty share of the strip hidden from the projector, ``baseline_m`` to
+    the right (negative: mirrored). grazing, dark: share of blocks lost at 90 degrees of incidence, and on
+    absorbing surfaces. holes: share of blocks lost. melted: share of blocks in which person and background of
+    similar depth are confused.
     """
 
     step_per_m: float = 0.0029
@@ -70,7 +71,9 @@ class StructuredLight:
         )
 
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
-        """Return a reading, as ``Sensor.read``; surfaces melt only with ``clean.person``."""
+        """Return a reading, as ``Sensor.read``; person and background are mixed only with
+        ``clean.person``.
+        """
         reading = clean.blank()
         parallax = clean.window.fx * self.baseline_m * self.shadow
         faults = (self.step_per_m, self.speckle, self.rim_px, self.ragged_px, parallax)
@@ -87,7 +90,7 @@ class StructuredLight:
 def _read(
     pixels: Pixels, strengths: Float32, noise: tuple[np.uint64, int, Float32, Float32], reading: Reading
 ) -> None:
-    """Fill the reading; noise: key, block size, ``NORMALS`` and weights of windows."""
+    """Write the reading. noise: key, block size, ``NORMALS`` and weights of windows."""
     depth, dark, wanted, shown, nearness, pinhole = pixels
     (key, block_log2, normals, weights), (depth_mm, source) = noise, reading
     height, width = depth.shape
@@ -128,7 +131,7 @@ def _read(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _rim(depth: Float32, v: int, u: int, grown: int) -> tuple[int, int]:
-    """Return the pixel whose surface is read at (v, u), with grown or shrunk rims."""
+    """Return the pixel whose surface is measured at (v, u), after growing or shrinking silhouettes."""
     z, y, x = depth[v, u], v, u
     if grown == 0:
         return y, x
@@ -144,7 +147,10 @@ def _rim(depth: Float32, v: int, u: int, grown: int) -> tuple[int, int]:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _melted(depth: Float32, shown: Bool, pixel: tuple[int, int], reach: int, grows: bool) -> tuple[int, int]:
-    """Return the pixel whose label a pixel has; the person takes the ground, or (row -1) the reverse."""
+    """Return the pixel whose label a pixel takes, where person and background of similar depth are confused.
+
+    grows: True if the person takes background pixels; False for the reverse, then the row is -1.
+    """
     y, x = pixel
     if shown[y, x] == grows:
         return y, x

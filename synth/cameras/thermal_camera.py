@@ -1,4 +1,4 @@
-"""Thermal camera: lens, noise, lag, drift and flag."""
+"""Thermal camera: lens, noise, lag, drift and flag (calibration shutter)."""
 
 from dataclasses import dataclass
 
@@ -19,8 +19,8 @@ DRIFT_PERIODS_S = (45.0, 90.0, 240.0)  # untuned
 class ThermalNoise:
     """Faults of a thermal camera; 0 or False switches a fault off.
 
-    netd_c: noise-equivalent temperature difference. blur_px: standard deviation. drift_c: greatest common
-    error. lag_s: time constant of the pixels. late_s: greatest delay to the depth image.
+    netd_c: noise-equivalent temperature difference. blur_px: standard deviation. drift_c: greatest error
+    common to all pixels. lag_s: time constant of the pixels. late_s: greatest delay to the depth image.
     """
 
     netd_c: float = 0.08
@@ -33,7 +33,7 @@ class ThermalNoise:
     late_s: float = 0.0
 
     def delays_s(self, rng: np.random.Generator) -> list[float]:
-        """Draw the delays to the depth image of the states whose mean the thermal image shows.
+        """Draw time delays, relative to the depth image, of the scenes whose mean the thermal image shows.
 
         The delays are quantiles of an exponential response.
         """
@@ -45,7 +45,7 @@ class ThermalNoise:
 
 
 class ThermalState:
-    """State of the camera over a recording."""
+    """State of the camera over a recording: drift and flag."""
 
     def __init__(self, noise: ThermalNoise, rng: np.random.Generator) -> None:
         self.noise = noise
@@ -54,7 +54,7 @@ class ThermalState:
         self._closes_s = [float(rng.uniform(0, noise.flag_every_s[1]))]
 
     def drift_c(self, time_s: float) -> float:
-        """Return the common error at a time."""
+        """Return the error common to all pixels at a time, in degrees Celsius."""
         waves = np.sin(2 * np.pi * time_s / np.array(DRIFT_PERIODS_S) + self._phases)
         return float(self.noise.drift_c * waves.mean())
 
@@ -74,13 +74,17 @@ def warmth_seen(seen: ZBuffer, celsius: Float64, ambient_c: float) -> Float32:
 
 
 def through_lens(warm: Float32, lens: Lens) -> Float32:
-    """Map a supersampled pinhole image to the camera's pixels (h, w); silhouette pixels mix."""
+    """Return a supersampled pinhole image resampled to the camera's pixels (h, w); silhouette pixels are
+    mixtures.
+    """
     fine = cv2.remap(warm, *lens.maps, interpolation=cv2.INTER_NEAREST)
     return np.asarray(cv2.resize(fine, lens.camera.shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
 
 
 def thermograph(image: Float32, noise: ThermalNoise, drift_c: float, rng: np.random.Generator) -> Float32:
-    """Return true temperatures (h, w) with blur, noise and drift, degrees Celsius."""
+    """Return temperatures (h, w) with blur, noise and drift added, degrees Celsius. image: true
+    temperatures.
+    """
     if noise.blur_px > 0:
         image = np.asarray(cv2.GaussianBlur(image, (0, 0), noise.blur_px), np.float32)
     grain = rng.standard_normal(image.shape, dtype=np.float32) * np.float32(noise.netd_c)

@@ -26,9 +26,9 @@ class TimeOfFlight:
     """Time-of-flight depth camera; 0 switches a fault off.
 
     axial: factor on the noise of Fankhauser 2015. flying: share of silhouette pixels that mix foreground and
-    background. rejected: share of these without a reading. grazing, dark: share lost at 90 degrees of
-    incidence, and on hair. lateral_px: jitter of edges. offset_mm, scale: of the unit. patches: share lost
-    in the middle of patches of 2^patch_log2 pixels.
+    background. rejected: share of mixed pixels without a reading. grazing, dark: share lost at 90 degrees of
+    incidence, and on hair. lateral_px: jitter of edges. offset_mm, scale: constant depth error of the device.
+    patches: share lost in the middle of patches of 2^patch_log2 pixels.
     """
 
     axial: float = 1.0
@@ -48,7 +48,7 @@ class TimeOfFlight:
 
     @staticmethod
     def kinect2(rng: np.random.Generator) -> "TimeOfFlight":
-        """Draw a Kinect v2 of the paper's presets, never perfect."""
+        """Draw a Kinect v2 of the paper's presets; every fault is above 0."""
         return TimeOfFlight(
             axial=rng.uniform(0.5, 2.0),
             flying=rng.uniform(0.2, 1.0),
@@ -61,9 +61,10 @@ class TimeOfFlight:
 
     @staticmethod
     def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "TimeOfFlight":
-        """Draw a unit of a model of ``sensors.toml``; every strength reaches zero.
+        """Draw the parameters of one camera of a model in ``sensors.toml``; every fault can be 0.
 
-        Hair is lost in few images and patches of any surface in more, so that holes do not mark hair.
+        Hair loses readings in few images, and patches of any surface in more images, so that holes do not
+        identify hair.
         """
         bad = strength(rng, 1.0, absent=NEAR_CLEAN)
         return TimeOfFlight(
@@ -83,14 +84,16 @@ class TimeOfFlight:
 
     @staticmethod
     def azure_kinect(rng: np.random.Generator, entry: dict[str, Any]) -> "TimeOfFlight":
-        """Draw an Azure Kinect or Orbbec Femto: a third of the noise, still edges, few mixed pixels."""
+        """Draw an Azure Kinect or Orbbec Femto: a third of a Kinect v2's noise, no jitter at edges, few mixed
+        pixels.
+        """
         drawn = TimeOfFlight.sample(rng, entry)
         flying = 1.0 if rng.random() < 0.5 else drawn.flying
         axial, lateral_px = drawn.axial / 3, drawn.lateral_px / 2
         return replace(drawn, axial=axial, flying=flying, lateral_px=lateral_px, rejected=0.95)
 
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
-        """Return a reading, as ``Sensor.read``."""
+        """Return the depth reading of a clean image, as ``Sensor.read``."""
         reading = clean.blank()
         losses = (self.flying, self.rejected, self.grazing, self.dark, self.patches)
         errors = (self.axial, self.lateral_px, self.offset_mm, self.scale)
@@ -102,7 +105,7 @@ class TimeOfFlight:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def axial_sigma_mm(depth_m: Number, incidence_rad: Number) -> Number:
-    """Return the standard deviation along the ray, mm (Fankhauser et al. 2015, Kinect v2, eq. 4)."""
+    """Return the standard deviation of depth along the ray, mm (Fankhauser et al. 2015, Kinect v2, eq. 4)."""
     z = depth_m
     theta = min(incidence_rad, np.float32(CLIP_RAD))
     tilt = theta / (np.float32(np.pi / 2) - theta)
@@ -114,7 +117,7 @@ def axial_sigma_mm(depth_m: Number, incidence_rad: Number) -> Number:
 def _read(
     pixels: Pixels, strengths: Float32, noise: tuple[np.uint64, int, Float32, Float32], reading: Reading
 ) -> None:
-    """Fill the reading; noise: key, size of patches, ``NORMALS`` and weights of patches."""
+    """Write the reading. noise: key, size of patches, ``NORMALS`` and weights of patches."""
     depth, dark, wanted, shown, _, pinhole = pixels
     (key, log2, normals, weights), (depth_mm, source) = noise, reading
     height, width = depth.shape

@@ -1,1 +1,1 @@
-"""Clothes of synthetic people: displaced skin, what hangs, hair, shoes, bags, and garments from files."""
+"""Clothes of synthetic people: displaced skin, hanging cloth, hair, shoes, bags, and garments from files."""

@@ -1,4 +1,4 @@
-"""Attire as numbers, drawn from the ranges of ``synth/data/clothes.toml``."""
+"""Parameters of clothes, drawn from the ranges of ``synth/data/clothes.toml``."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -11,20 +11,22 @@ from synth.data_files import table
 
 @dataclass(frozen=True)
 class Worn:
-    """Numbers of a garment, explained in the data file; mm, and places of the skin map."""
+    """Parameters of a garment, explained in the data file; lengths in mm, positions in coordinates of the
+    skin map.
+    """
 
     dark: float
 
     @classmethod
     def drawn(cls, entry: Mapping[str, Any], rng: np.random.Generator) -> Self:
-        """Draw a garment within the ranges of an entry."""
+        """Draw the parameters of a garment within the ranges of an entry."""
         names = [field.name for field in fields(cls) if field.name in entry]
         return cls(**{name: float(rng.uniform(*entry[name])) for name in names})
 
 
 @dataclass(frozen=True)
 class Top(Worn):
-    """Garment on trunk and arms."""
+    """Parameters of a garment on trunk and arms."""
 
     hem: float
     sleeve: float
@@ -37,7 +39,7 @@ class Top(Worn):
 
 @dataclass(frozen=True)
 class Trousers(Worn):
-    """Garment on hips and single legs."""
+    """Parameters of a garment on hips and separate legs."""
 
     waist: float
     hem: float
@@ -49,7 +51,9 @@ class Trousers(Worn):
 
 @dataclass(frozen=True)
 class Skirt(Worn):
-    """Garment about both legs: a skirt, or the lower half of a coat, a dress, a long shirt."""
+    """Parameters of a garment around both legs: a skirt, or the lower half of a coat, a dress, a long
+    shirt.
+    """
 
     waist: float
     hem: float
@@ -60,7 +64,7 @@ class Skirt(Worn):
 
 @dataclass(frozen=True)
 class Shoes(Worn):
-    """Shoes or boots."""
+    """Parameters of shoes or boots."""
 
     sole_mm: float
     upper_mm: float
@@ -70,7 +74,7 @@ class Shoes(Worn):
 
 @dataclass(frozen=True)
 class Hair(Worn):
-    """Hair, cap or hat."""
+    """Parameters of hair, a cap or a hat."""
 
     lift_mm: float
     fall: float

@@ -19,9 +19,9 @@ SHOULDER_BAG_M = ((0.08, 0.16), (0.24, 0.38), (0.20, 0.34))
 
 @dataclass(frozen=True, eq=False)
 class Bag:
-    """Stiff bag that moves with the middles of three sets of vertices, the anchors: left, right and below.
+    """Stiff bag that follows three sets of vertices, the anchors: left, right and below.
 
-    nodes_m: (v, 3) to the left, back and up from between the first two.
+    nodes_m: (v, 3) to the left, back and up from the middle of the first two anchors.
     """
 
     anchors: tuple[Int32, Int32, Int32]
@@ -84,7 +84,7 @@ def _bag(
 
 
 def _frame(vertices_m: Float32, anchors: tuple[Int32, Int32, Int32]) -> tuple[Float64, Float64]:
-    """Return origin (3,) and axes (3, 3), rows to the left, back and up, of the anchors."""
+    """Return origin (3,) and axes (3, 3) of the anchors' frame; rows point left, back and up."""
     left, right, below = (vertices_m[own].mean(axis=0, dtype=np.float64) for own in anchors)
     origin = (left + right) / 2
     across = left - right
@@ -94,7 +94,7 @@ def _frame(vertices_m: Float32, anchors: tuple[Int32, Int32, Int32]) -> tuple[Fl
 
 
 def _rounded_box() -> tuple[Float64, Int32]:
-    """Return nodes (v, 3) and faces (f, 3) of a rounded box of half sides 1."""
+    """Return nodes (v, 3) and faces (f, 3) of a rounded box of side 2 about the origin."""
     line = np.linspace(-1, 1, ROUND + 1)
     u, v = (grid.ravel() for grid in np.meshgrid(line, line, indexing="ij"))
     ends = [(axis, np.full_like(u, end)) for axis in range(3) for end in (1.0, -1.0)]

@@ -15,7 +15,9 @@ REACH_M = 0.15  # greatest gap between skins that limit their cloth
 
 
 def smooth_normals(body: Body) -> Float32:
-    """Return outward unit normals (V, 3), averaged over about 5 cm, so that cloth does not cross."""
+    """Return outward unit normals (V, 3), averaged over about 5 cm, so that displaced cloth does not
+    intersect itself.
+    """
     normals = _normals(body.vertices_m, body.faces)
     for _ in range(ROUNDS):
         normals = _averaged(normals, body.faces)
@@ -70,7 +72,7 @@ def _to_unit(vectors: Float32) -> None:
 
 
 def fold_heights(vertices_m: Float32, rng: np.random.Generator) -> Float32:
-    """Return normal smooth noise (V,) over the skin at rest, longer down than across."""
+    """Return smooth noise (V,) of a normal distribution over the skin at rest, for vertical folds."""
     across = wavelength_cells(rng.uniform(0.07, 0.16))
     stretch = np.array([across, across, across / rng.uniform(1.0, 2.5)], np.float32)
     return _noise(noise_tile(), vertices_m, stretch, rng.uniform(0, 64, 3).astype(np.float32))
@@ -90,7 +92,9 @@ def _noise(tile: Float32, vertices: Float32, scale: Float32, shift: Float32) -> 
 
 
 def hold_apart(body: Body, places: SkinMap, normals: Float32, off_m: Float32) -> Float32:
-    """Return displacements (V, 3) shortened in the armpits, so that cloth does not cross at rest."""
+    """Return displacements (V, 3) shortened in the armpits, so that cloth does not intersect itself at
+    rest.
+    """
     result = off_m.copy()
     high = (places.level > 0.3) & (places.level < 0.98)
     for limb, sign in zip(ARMS, (1, -1), strict=True):

@@ -1,4 +1,4 @@
-"""Dressing: clothes become displaced skin and hanging pieces."""
+"""Dressing of a body: clothes become displaced skin and hanging pieces."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ LONG = 1.5  # end of a suit's sleeves and trousers: beyond the middle of forearm
 
 
 def naked(body: Body) -> Dressed:
-    """Return the body without clothes; its hair is dark."""
+    """Return the body without clothes; its hair absorbs infrared."""
     return assembled(body, hair_faces(body).astype(np.float32))
 
 
@@ -28,7 +28,7 @@ def dress(body: Body, rng: np.random.Generator) -> Dressed:
 
 
 def put_down(dressed: Dressed) -> Dressed:
-    """Return the person without a bag; the same object if there is none."""
+    """Return the person without a bag, or the same object if the person has none."""
     pieces = [piece for piece in dressed.pieces if not isinstance(piece, Bag)]
     if len(pieces) == len(dressed.pieces):
         return dressed
@@ -37,7 +37,7 @@ def put_down(dressed: Dressed) -> Dressed:
 
 
 def cut_loose(body: Body, rng: np.random.Generator) -> Body:
-    """Return a body whose skin is a random long top and long trousers, without hanging pieces."""
+    """Return a body in a random long top and long trousers, as displaced skin without hanging pieces."""
     attire = draw_attire(rng, bags=False)
     while not (attire.top and attire.top.sleeve > LONG and attire.trousers and attire.trousers.hem > LONG):
         attire = draw_attire(rng, bags=False)

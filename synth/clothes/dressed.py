@@ -11,10 +11,10 @@ from synth.body.body import Body
 
 
 class Piece(Protocol):
-    """Hanging piece that does not follow the skin: a skirt, a bag.
+    """Hanging piece of clothing that does not follow the skin: a skirt, a bag.
 
     faces: (f, 3) among the piece's v vertices, outwards, closed. face_parts: (f,) part of the body beneath.
-    dark: (f,) lost share of infrared.
+    dark: (f,) absorbed share of infrared.
     """
 
     @property
@@ -24,14 +24,15 @@ class Piece(Protocol):
     @property
     def dark(self) -> Float32: ...
     def place(self, vertices_m: Float32, joints_m: Float64) -> Float32:
-        """Return the vertices (v, 3) about a posed body (V, 3) with joints (J, 3), world, metres."""
+        """Return the vertices (v, 3) on a posed body (V, 3) with joints (J, 3), world, metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class Dressed:
-    """Dressed person. body: with displaced skin, to be posed and settled.
+    """Dressed person.
 
-    faces: (F', 3), face_parts: (F',) and dark: (F',) lost share of infrared: of the body, then the pieces.
+    body: with displaced skin, to be posed and settled. faces: (F', 3), face_parts: (F',) and dark: (F',)
+    absorbed share of infrared: first of the body, then of the pieces.
     """
 
     clothes: tuple[str, ...]
@@ -51,7 +52,7 @@ class Dressed:
 def assembled(
     body: Body, dark: Float32, pieces: Sequence[Piece] = (), clothes: Sequence[str] = ()
 ) -> Dressed:
-    """Return the dressed person of a displaced body; dark: (F,) of its faces."""
+    """Return the dressed person of a displaced body. dark: (F,), absorbed share of infrared."""
     faces, first = [body.faces], len(body.vertices_m)
     for piece in pieces:
         faces.append(piece.faces + np.int32(first))

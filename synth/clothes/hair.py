@@ -1,4 +1,4 @@
-"""Hair, caps and hats: the head's skin lifted to a smooth shell, with long hair below."""
+"""Hair, caps and hats: the head's skin is displaced to a smooth shell; long hair hangs below."""
 
 from typing import NamedTuple
 
@@ -21,10 +21,10 @@ PEAK_RAD, PEAK_HALF_M = 1.1, 0.008  # half angle and half thickness of a cap's p
 
 
 class _Head(NamedTuple):
-    """Vertices ``own`` (n,) of head, neck and upper back, relative to the middle of the skull at rest.
+    """Vertices ``own`` (n,) of head, neck and upper back, relative to the centre of the skull at rest.
 
-    skull: above the head's joint. off_m: (n, 3) of direction ``out`` and length ``away_m``. around_rad: 0 in
-    front, a quarter turn on the left. over_brow_m: height over the hairline.
+    skull: centre, relative to the head's joint. off_m: (n, 3), offset with direction ``out`` and length
+    ``away_m``. around_rad: 0 in front, a quarter turn on the left. over_brow_m: height above the hairline.
     """
 
     own: Int64
@@ -52,7 +52,7 @@ def _head(body: Body, limb: UInt8) -> _Head:
 
 
 def put_on_hair(fitting: Fitting, hair: Hair) -> None:
-    """Lift the head's skin under hair or a hat; lay long hair on nape and back."""
+    """Displace the head's skin under hair or a hat; add long hair on nape and back."""
     head = _head(fitting.body, fitting.places.limb)
     level = fitting.places.level[head.own]
     above = np.where(head.skull, np.clip(head.over_brow_m / np.float32(0.012), 0, 1), 0)
@@ -77,7 +77,7 @@ def _moved(by_m: Float32, direction: Float32) -> Float32:
 
 
 def _fall(head: _Head, mask: Float32) -> Float32:
-    """Return displacements (n, 3) of hair that hangs from the skull's widest place."""
+    """Return displacements (n, 3) of hair that hangs from the widest part of the skull."""
     low = head.off_m[:, 2] < 0
     flat = np.hypot(head.off_m[:, 0], head.off_m[:, 1])
     slack = slack_m((-head.off_m[:, 2], head.around_rad, flat), (mask > 0) & low, FALL_GIVE)

@@ -31,9 +31,9 @@ SHOE_M, CROWN_M = 0.35, 0.10  # top of shoes; least height of hair over the head
 class Garment:
     """Garment bound to hm08.
 
-    corners: (n, 3) vertices of hm08 under each vertex, with shares (n, 3). offsets: (n, 3) in the file's
-    units; x left, y up, z forward. spans: (3, 3), of each axis two vertices of hm08 and their distance in
-    the file's units. hidden: (19158,) covered vertices of hm08.
+    corners: (n, 3) vertices of hm08 to which each vertex is bound, with shares (n, 3). offsets: (n, 3) in the
+    file's units; x left, y up, z forward. spans: (3, 3), for each axis two vertices of hm08 and their
+    distance in the file's units. hidden: (19158,) covered vertices of hm08.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Garment:
     hidden: Bool
 
     def place(self, base_m: Float32) -> Float32:
-        """Return the vertices (n, 3) about hm08's (19158, 3) of a body at rest, metres."""
+        """Return the vertices (n, 3) on hm08's vertices (19158, 3) of a body at rest, metres."""
         pairs = base_m[self.spans[:, :2].astype(int)]
         # The file's x, y, z are the body's x, z, -y.
         axes = np.array([0, 2, 1])
@@ -128,7 +128,7 @@ def _faces(path: Path, n_vertices: int) -> Int32:
 
 
 def kind_of(garment: Garment, body: Body) -> str:
-    """Return the kind, a key of ``WORN``, by the garment's height on a body."""
+    """Return the kind, a key of ``WORN``, by the heights that the garment covers on a body."""
     z = garment.place(base_mesh_m(body))[:, 2]
     if z.max() < SHOE_M:
         return "shoes"
@@ -147,9 +147,9 @@ def choose(garments: tuple[Garment, ...], body: Body, rng: np.random.Generator) 
 
 
 def wear(body: Body, garments: list[Garment]) -> Dressed:
-    """Return a body in garments: their vertices and faces, both sides, after the body's own.
+    """Return a body in garments; their vertices and two-sided faces come after the body's own.
 
-    Garments have the bones and parts of the nearest skin.
+    Garments take skinning weights and parts of the nearest skin.
     """
     base = base_mesh_m(body)
     skin = _inwards(body, np.logical_or.reduce([g.hidden for g in garments]))
@@ -188,7 +188,7 @@ def wear(body: Body, garments: list[Garment]) -> Dressed:
 
 
 def _inwards(body: Body, hidden: Bool) -> Float32:
-    """Return the rest vertices (V, 3), covered ones drawn in along their normals."""
+    """Return the rest vertices (V, 3), covered ones moved inwards along their normals."""
     covered = covered_skin(body, hidden)
     return np.where(
         covered[:, None], body.vertices_m - np.float32(DRAWN_IN_M) * smooth_normals(body), body.vertices_m

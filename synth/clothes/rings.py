@@ -1,7 +1,7 @@
-"""Rings of cloth about both legs of a posed body.
+"""Rings of cloth around both legs of a posed body.
 
-A ring runs about the middles of the legs at one height of the rest pose, like a belt about two wheels. It
-stays outside the posed flesh and hangs from the widest place above. Constants are untuned.
+A ring runs around both legs at one height of the rest pose, like a belt around two wheels. It stays outside
+the posed flesh and hangs from the widest place above. Constants are untuned.
 """
 
 from typing import NamedTuple
@@ -34,8 +34,9 @@ CLEAR_M = 0.008  # from cloth to flesh, because chords would cut into it
 class Carrier(NamedTuple):
     """Vertices of a body that carry cloth.
 
-    held: (n,) vertices of trunk and legs; ring: (n,) place between rings; left: (n,) 1 of the left half, 0
-    of the right. arms: (m,) vertices that press cloth. hips: place of the hip joints between rings.
+    held: (n,) vertices of trunk and legs; ring: (n,) ring index, with a fraction; left: (n,) 1 for the left
+    half, 0 for the right. arms: (m,) vertices that press cloth. hips: ring index of the hip joints, with a
+    fraction.
     """
 
     held: Int32
@@ -47,10 +48,11 @@ class Carrier(NamedTuple):
 
 @numba.njit(cache=True, fastmath=EXACT)
 def hung(vertices: Float32, down: Triple, carrier: Carrier, ease: Float32, flare: float) -> Float32:
-    """Return the vertices ((R + LINED) NODES + 5, 3) of cloth about a posed body (V, 3), world, z up.
+    """Return the vertices ((R + LINED) NODES + 5, 3) of cloth on a posed body (V, 3), world, z up.
 
-    Order: the outside by rings, the inside of the hem, middles of the lids. down: the pelvis' direction to
-    the feet. ease: (R, NODES) off the flesh. flare: widening, metres a metre.
+    Order: the outside by rings, the inside of the hem, centres of the closing lids. down: the pelvis'
+    direction to the feet. ease: (R, NODES), distance from the flesh, metres. flare: widening, metres per
+    metre.
     """
     rings = len(ease)
     middles = _leg_middles(vertices, carrier, rings)
@@ -65,7 +67,7 @@ def hung(vertices: Float32, down: Triple, carrier: Carrier, ease: Float32, flare
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _leg_middles(vertices: Float32, carrier: Carrier, rings: int) -> Float64:
-    """Return the means (R, 2, 3) of the right and the left leg's vertices about each ring."""
+    """Return the means (R, 2, 3) of the right and the left leg's vertices near each ring."""
     middles, weight = np.zeros((rings, 2, 3)), np.full((rings, 2), 1e-9)
     held, ring, left = carrier.held, carrier.ring, carrier.left
     for n in range(len(held)):
@@ -99,7 +101,7 @@ def _triple(vector: Float64) -> Triple:
 def _frames(middles: Float64, pelvis: Triple, hips: float) -> Float64:
     """Return unit vectors (R, 2, 2, 3) by ring and leg: across, away from the other leg, and to the front.
 
-    The vectors span the ring's plane, square to the pelvis above and to the leg below.
+    They span the ring's plane, which is perpendicular to the pelvis above and to the leg below.
     """
     rings = len(middles)
     frames = np.empty((rings, 2, 2, 3))
@@ -143,9 +145,10 @@ def _turned(vector: Triple, source: Triple, target: Triple) -> Triple:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _in_ring(point: Triple, side: int, middles: Float64, frames: Float64) -> tuple[float, float]:
-    """Return the node (a fraction) outside a point of a leg, and the radius at which cloth clears the point.
+    """Return the ring position (node index with a fraction) of a point of a leg, and the cloth radius that
+    contains it.
 
-    The chord to the next ring clears a point off the ring's plane.
+    The radius also keeps the chord to the next ring outside the point.
     """
     a, b, square, along, length = 0.0, 0.0, 0.0, 0.0, 1e-9
     for i in range(3):
@@ -208,7 +211,9 @@ def _spread(radii: Float32) -> Float32:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _hanging(flesh: Float32, ease: Float32, flare: float, frames: Float64) -> Float32:
-    """Return the radii (R, NODES) of the cloth, hanging from the widest place."""
+    """Return the radii (R, NODES) of the cloth, which hangs from the widest place above. ease: distance from
+    the flesh.
+    """
     rings = len(flesh)
     radii = flesh + ease
     for r in range(2, rings):
@@ -255,7 +260,9 @@ def _outwards(j: int, frames: Float64) -> Triple:
 def _give_way(
     radii: Float32, flesh: Float32, body: tuple[Float32, Int32], middles: Float64, frames: Float64
 ) -> None:
-    """Press the cloth under hands and forearms down to the flesh; body: vertices, and indices of arms."""
+    """Press the cloth under hands and forearms down to the flesh, in place. body: vertices, and indices of
+    the arms.
+    """
     rings, (vertices, arms) = len(radii), body
     for n in range(len(arms)):
         v = arms[n]
@@ -280,9 +287,9 @@ def _give_way(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _nodes(radii: Float32, middles: Float64, frames: Float64) -> Float32:
-    """Return the vertices of the outside, of the inside of the hem, and of the lids.
+    """Return the vertices of the outside, of the inside of the hem, and of the closing lids.
 
-    The lower lid comes down to the hem, so that spread legs show little above it.
+    The lower lid lies near the hem, so that it stays hidden when legs are spread.
     """
     rings = len(radii)
     nodes = np.empty(((rings + LINED) * NODES + 5, 3), np.float32)

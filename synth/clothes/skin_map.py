@@ -30,7 +30,7 @@ _LIMB_OF_JOINT = np.array([_limb_of(joint.name) for joint in JOINTS], np.uint8)
 
 
 class Cylindrical(NamedTuple):
-    """Coordinates of vertices (V,) about an axis: distance, direction (V, 3), and angle.
+    """Cylindrical coordinates of vertices (V,) about an axis: distance, direction (V, 3), and angle.
 
     around_rad: 0 in front, a quarter turn on the person's left.
     """
@@ -41,11 +41,12 @@ class Cylindrical(NamedTuple):
 
 
 class SkinMap(NamedTuple):
-    """Places of a body's vertices (V,) at rest.
+    """Coordinates of a body's vertices (V,) on its limbs and trunk at rest.
 
-    limb: of the joint with the largest weight. along: 0 at shoulder or hip, 1 at elbow or knee, 2 at wrist or
-    ankle; else level. level: height, 0 at the hips, 1 at the neck. limbs: about the bones of arms and legs,
-    else about the trunk. trunk: of all vertices.
+    limb: limb of the joint with the largest weight. along: 0 at shoulder or hip, 1 at elbow or knee, 2 at
+    wrist or ankle; on the trunk equal to level. level: height, 0 at the hips, 1 at the neck. limbs:
+    cylindrical about the bones of arms and legs, elsewhere about the trunk. trunk: cylindrical about the
+    trunk, for all vertices.
     """
 
     limb: UInt8
@@ -56,7 +57,7 @@ class SkinMap(NamedTuple):
 
 
 def skin_map(body: Body) -> SkinMap:
-    """Return the places of a body's skin."""
+    """Return the coordinates of a body's skin."""
     limb, at = _LIMB_OF_JOINT[body.strongest_joints], {n: body.joints_m[i] for n, i in JOINT_ID.items()}
     points, hip_z = body.vertices_m, at["left_hip"][2]
     level = (points[:, 2] - np.float32(hip_z)) / np.float32(at["neck"][2] - hip_z)
@@ -82,7 +83,7 @@ def _about_upright(points: Float32, middle_y: Float64) -> Cylindrical:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _about_limbs(points: Float32, limb: UInt8, chains: Float64, along: Float32, limbs: Cylindrical) -> None:
-    """Write the places of the vertices of arms and legs into the last two."""
+    """Write the coordinates of the vertices of arms and legs into ``along`` and ``limbs``."""
     away, out, around = limbs
     bones, lengths = np.empty((len(chains), 2, 3)), np.empty((len(chains), 2))
     for c in range(2, len(chains)):

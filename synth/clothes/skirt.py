@@ -22,9 +22,9 @@ FOREARM, EVERY = 1.2, 6  # first place on an arm that presses cloth, and stride 
 
 @dataclass(frozen=True, eq=False)
 class HangingSkirt:
-    """Rings of cloth about the legs of a dressed body.
+    """Rings of cloth around the legs of a dressed body.
 
-    ease_m: (R, NODES) off the flesh. flare: widening, metres a metre. upright: see ``_down``.
+    ease_m: (R, NODES), distance from the flesh. flare: widening, metres per metre. upright: see ``_down``.
     """
 
     carrier: Carrier
@@ -59,7 +59,7 @@ def hang_skirt(
 
 
 def _carrier(body: Body, places: SkinMap, top: float, step: float, rings: int) -> Carrier:
-    """Return the carrier of rings at distance ``step`` from a height."""
+    """Return the carrier of rings with a spacing of ``step`` metres, downwards from the height ``top``."""
     ring = (np.float32(top) - body.vertices_m[:, 2]) / np.float32(step)
     feet = np.isin(body.strongest_joints, (JOINT_ID["left_ankle"], JOINT_ID["right_ankle"]))
     about = np.isin(places.limb, (Limb.TRUNK, *LEGS)) & ~feet
@@ -70,9 +70,9 @@ def _carrier(body: Body, places: SkinMap, top: float, step: float, rings: int) -
 
 
 def _down(joints_m: Float64, upright: tuple[float, float]) -> Triple:
-    """Return the pelvis' direction down for joints (J, 3).
+    """Return the pelvis' downward direction for joints (J, 3).
 
-    upright: shares of the line from spine to hips and of the line across it, forwards.
+    upright: weights of the line from spine to hips and of the line across it, forwards.
     """
     left, right, spine = (joints_m[JOINT_ID[n]] for n in ("left_hip", "right_hip", "spine_lower"))
     line = (left + right) / 2 - spine
@@ -81,7 +81,7 @@ def _down(joints_m: Float64, upright: tuple[float, float]) -> Triple:
 
 
 def _upright(rest_joints_m: Float64) -> tuple[float, float]:
-    """Return the shares that make ``_down`` of a body at rest vertical."""
+    """Return the weights with which ``_down`` of a body at rest is vertical."""
     axes = np.array([_down(rest_joints_m, shares) for shares in ((1.0, 0.0), (0.0, 1.0))])
     along, across = np.linalg.lstsq(axes.T, np.array([0.0, 0.0, -1.0]), rcond=None)[0]
     return float(along), float(across)
@@ -114,9 +114,9 @@ def _ease(rings: int, skirt: Skirt, rng: np.random.Generator) -> Float32:
 
 
 def _faces(rings: int) -> Int32:
-    """Return the outward faces (F, 3): outside and inside, two a quad, then the two lids.
+    """Return the outward faces (F, 3): outside and inside, two per quad, then the two closing lids.
 
-    The lower lid's faces meet in the middle of each leg; six are between the legs.
+    The lower lid's faces meet in the centre of each leg; six lie between the legs.
     """
     total = rings + LINED
     k, j = np.meshgrid(np.arange(total - 1), np.arange(NODES), indexing="ij")

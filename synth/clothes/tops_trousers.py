@@ -1,4 +1,4 @@
-"""Tops and trousers: skin displaced along its normals and away from its limb."""
+"""Tops and trousers: skin displaced along its normals and away from the limb's axis."""
 
 from dataclasses import dataclass, replace
 
@@ -24,7 +24,7 @@ SLACK_LIMIT_M = 0.07  # greatest distance of hanging cloth from skin
 class Fitting:
     """Body at rest, and the displacements of its clothes: ease_m (V,) along normals, hang_m (V, 3).
 
-    dark: (V,) of the outermost cloth.
+    dark: (V,), absorbed share of infrared of the outermost cloth.
     """
 
     body: Body
@@ -37,20 +37,24 @@ class Fitting:
 
     @classmethod
     def of(cls, body: Body, rng: np.random.Generator) -> "Fitting":
-        """Return the fitting of a naked body."""
+        """Return the fitting of a naked body, without displacements."""
         n = len(body.vertices_m)
         ease, hang, dark = (np.zeros(shape, np.float32) for shape in (n, (n, 3), n))
         folds = fold_heights(body.vertices_m, rng)
         return cls(body, skin_map(body), smooth_normals(body), folds, ease, hang, dark)
 
     def lay(self, mask: Float32, ease_mm: Float32 | float, folds_mm: float, dark: float) -> None:
-        """Add cloth with folds over the mask (V,) in [0, 1]."""
+        """Add cloth of thickness ``ease_mm`` with folds, weighted by a mask (V,) in [0, 1]. dark: absorbed
+        share of infrared.
+        """
         off = np.asarray(ease_mm + folds_mm * self.folds, np.float32)
         self.ease_m[:] += mask * np.maximum(off, 0) / np.float32(1000)
         self.dark[mask > 0.5] = dark
 
     def let_hang(self, mask: Float32, slack: Float32, out: Float32) -> None:
-        """Move skin away from its axis over the mask (V,) by the slack (V,) of a tube."""
+        """Move skin along ``out`` away from its axis, by the slack (V,) of a tube, weighted by a mask
+        (V,).
+        """
         self.hang_m[:] += (mask * np.minimum(slack, np.float32(SLACK_LIMIT_M)))[:, None] * out
 
     def dressed_body(self) -> Body:
@@ -64,7 +68,7 @@ class Fitting:
         return replace(self.body, vertices_m=skin + up, joints_m=joints, firm_m=firm + up)
 
     def _apart(self, off_m: Float32) -> Float32:
-        """Return displaced vertices (V, 3); a leg's cloth stays on its side."""
+        """Return displaced vertices (V, 3); cloth of a leg does not cross the middle plane."""
         vertices = self.body.vertices_m + off_m
         legs = np.isin(self.places.limb, LEGS)
         side = np.where(self.places.limb == Limb.LEFT_LEG, np.float32(1), np.float32(-1))
@@ -73,20 +77,20 @@ class Fitting:
         return vertices
 
     def _firmness(self) -> Float32:
-        """Return the share (V,) of thickness left between touching limbs; 1 of shoes."""
+        """Return the share (V,) of cloth thickness that remains where limbs touch; 1 for shoes."""
         share = np.array([FIRM[limb.name.split("_")[-1]] for limb in Limb], np.float32)[self.places.limb]
         feet = [JOINT_ID["left_ankle"], JOINT_ID["right_ankle"]]
         return np.where(np.isin(self.body.strongest_joints, feet), np.float32(1), share)
 
 
 def between(along: Float32, start: float, end: float) -> Float32:
-    """Return a mask (V,) that is 1 between two places of a limb, with soft edges."""
+    """Return a mask (V,) with soft edges that is 1 between two positions along a limb."""
     up = np.clip((along - np.float32(start)) / np.float32(EDGE) + np.float32(0.5), 0, 1)
     return np.asarray(up * np.clip((np.float32(end) - along) / np.float32(EDGE) + np.float32(0.5), 0, 1))
 
 
 def ramp(along: Float32, start: float, end: float) -> Float32:
-    """Return a smooth step (V,) from 0 at one place to 1 at another."""
+    """Return a smooth step (V,) from 0 at ``start`` to 1 at ``end``."""
     share = np.clip((along - np.float32(start)) / np.float32(end - start), 0, 1)
     return np.asarray(share * share * (3 - 2 * share))
 
@@ -151,7 +155,9 @@ def put_on_trousers(fitting: Fitting, worn: Trousers) -> None:
 
 
 def _inner(places: SkinMap, left: Limb) -> Float32:
-    """Return 1 (V,) for a limb's skin that faces the midline, 0 across; left: the left limb of the pair."""
+    """Return a weight (V,): 1 where a limb's skin faces the middle plane, 0 elsewhere. left: the left limb of
+    the pair.
+    """
     side = np.where(places.limb == left, np.float32(-1), np.float32(1))
     return np.asarray(np.clip(side * places.limbs.out[:, 0], 0, 1))
 

@@ -14,10 +14,10 @@ Places = tuple[Float32, Float32, Float32]
 
 @numba.njit(cache=True, fastmath=EXACT)
 def slack_m(places: Places, source: Bool, give: float, spans: int = 0) -> Float32:
-    """Return the distance (V,) of the vertices from a tube about the vertices ``source``.
+    """Return the distance (V,) of the vertices from a hanging tube around the vertices ``source``.
 
-    give: narrowing of the tube a metre down, 0 hangs straight from the widest place, 2 follows the limb.
-    spans: sectors on either side that the tube spans.
+    give: narrowing of the tube per metre downwards; 0 hangs straight from the widest place, 2 follows the
+    limb. spans: sectors on either side that the tube bridges.
     """
     down_m, around_rad, away_m = places
     start, end = np.inf, -np.inf

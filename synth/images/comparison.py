@@ -1,4 +1,4 @@
-"""Distributions of a dataset beside a real recording's: ranges for a table, histograms for charts."""
+"""Comparison of a dataset's statistics with a real recording's: ranges for a table, histograms for charts."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ BINS = 24
 
 
 class Quantity(NamedTuple):
-    """Display of an entry of ``Distributions``; a value times ``factor`` is in ``unit``."""
+    """Display settings of an entry of ``Distributions``; a value times ``factor`` is in ``unit``."""
 
     title: str
     unit: str
@@ -37,7 +37,9 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class Range:
-    """Percentiles of a quantity, in its unit: ``OWN`` of the dataset, ``REAL`` of the recording if known."""
+    """Percentiles of a quantity, in its unit: ``OWN`` for the dataset, ``REAL`` for the recording if
+    known.
+    """
 
     figure: Quantity
     own: Float64
@@ -53,7 +55,7 @@ class Range:
 
 @dataclass(frozen=True)
 class Chart:
-    """Histograms (BINS,) over the same bins as shares of the highest bar of both; edges (BINS + 1,)."""
+    """Histograms (BINS,) over the same bins, normalised by the highest bar of both; edges (BINS + 1,)."""
 
     figure: Quantity
     edges: Float64
@@ -62,12 +64,12 @@ class Chart:
 
 
 def ranges(dataset: Distributions, recording: Distributions | None) -> list[Range]:
-    """Return a row for every quantity that the dataset has, except the widths."""
+    """Return a range for every quantity of the dataset, except the widths."""
     return [_range(*row) for row in _rows(dataset, recording)]
 
 
 def profile(dataset: Distributions, recording: Distributions | None) -> list[Range]:
-    """Return a row for each of the ``LEVELS`` widths, from the top of the silhouette downwards."""
+    """Return a range for each of the ``LEVELS`` widths, from the top of the silhouette downwards."""
     rows = []
     for level in range(LEVELS):
         title = f"Width at {(level + 0.5) / LEVELS:.0%} from the top"

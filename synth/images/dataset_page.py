@@ -43,12 +43,13 @@ _PAGES = Environment(
 
 @dataclass(frozen=True)
 class Statistics:
-    """Counts over some frames; arrays (12,) by part, [0] for the background or the whole person.
+    """Statistics of some frames; arrays (12,) by part, [0] for the background or the whole person.
 
     pixels: of each part. shown: share of frames that show the part. depth: pixels between DEPTH_EDGES_MM.
-    visible: mean share that furniture, occluders and extraction leave. azimuth, height: frames between the
-    edges. joints_mm: (n, J, 3), camera frame, relative to the pelvis. activities, sensors, clothes: frames by
-    name, most first. occluded, cut: share of frames with occluders, and with holes in the extraction.
+    visible: mean share that furniture, occluders and extraction leave. azimuth, height: number of frames
+    between the edges. joints_mm: (n, J, 3), camera frame, relative to the pelvis. activities, sensors,
+    clothes: frames by name, most first. occluded, cut: share of frames with occluders, and with holes in the
+    extraction.
     """
 
     frames: int
@@ -68,7 +69,7 @@ class Statistics:
 
     @property
     def spread_mm(self) -> Float64:
-        """RMS distance (J,) of every joint from its mean place relative to the pelvis."""
+        """Return the RMS distance (J,) of every joint from its mean position relative to the pelvis."""
         away = self.joints_mm - self.joints_mm.mean(axis=0)
         return np.asarray(np.sqrt(np.square(away).sum(axis=2).mean(axis=0)))
 

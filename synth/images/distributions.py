@@ -33,8 +33,8 @@ Figures = dict[str, Float64]
 class Distributions:
     """Statistics of the people of some frames: (frames, k) by name, NaN where unknown.
 
-    holes, roughness, height_px, widths (k = 12); from joints ankles_m, arms_deg (k = 2), facing_deg; from a
-    dataset's notes bmi and height_cm.
+    From silhouettes: holes, roughness, height_px, widths (k = 12). From joints: ankles_m, arms_deg (k = 2),
+    facing_deg. From a dataset's notes: bmi and height_cm.
     """
 
     name: str
@@ -54,8 +54,8 @@ def figures_of(person: Bool, joints_mm: Float64 | None = None) -> Figures | None
     """Return the statistics of a person in an image; None if the person is too small.
 
     person: (h, w), pixels with depth. joints_mm: (J, 3), camera frame. Silhouettes are measured in the
-    networks' crop, so that images of any size compare; height_px counts rows of the image. height_px and
-    widths are NaN for a person cut by the image's border.
+    networks' crop, so that images of any size are comparable; height_px counts rows of the image. height_px
+    and widths are NaN for a person cut by the image's border.
     """
     if not person.any():
         return None
@@ -64,7 +64,7 @@ def figures_of(person: Bool, joints_mm: Float64 | None = None) -> Figures | None
 
 
 def figures_of_labels(frame: FrameLabels) -> Figures | None:
-    """Return ``figures_of`` a frame's labelled person, joints and build from its notes.
+    """Return ``figures_of`` for a frame's labelled person; joints and build come from its notes.
 
     Raises FormatError for malformed notes.
     """
@@ -126,7 +126,9 @@ def _spread(frames: Iterable[T], count: int) -> Iterator[T]:
 
 
 def _persons(source: Source) -> Iterator[Bool]:
-    """Yield masks (h, w) of the person: a cut-out image's depth, else the person found in the frame alone."""
+    """Yield masks (h, w) of the person: all depth of a cut-out image, else the person detected in the
+    frame.
+    """
     fuser = Fuser(source.calibration)
     for frame in _spread(source, len(source)):
         depth_mm = fuser.fuse(frame.depth_mm).depth_mm

@@ -1,4 +1,4 @@
-"""Generation of dataset shards on any executor, resumable; bytes do not depend on the workers."""
+"""Generation of dataset shards on any executor, resumable; the bytes do not depend on the workers."""
 
 import hashlib
 import json
@@ -29,7 +29,7 @@ def _versions() -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Order:
-    """Order of a dataset; its fields determine every byte."""
+    """Specification of a dataset; its fields determine every byte."""
 
     preset: Preset
     count: int
@@ -45,7 +45,7 @@ class Order:
 
     @property
     def shards(self) -> int:
-        """Number of shards."""
+        """Return the number of shards."""
         return -(-self.count // self.shard_frames)
 
     def frames(self, shard: int) -> range:
@@ -54,7 +54,7 @@ class Order:
         return range(first, min(first + self.shard_frames, self.count))
 
     def manifest(self) -> dict[str, Any]:
-        """Return the order as JSON values."""
+        """Return the specification as JSON values."""
         scene = self.preset.scene
         return {
             "preset": self.preset.name,
@@ -70,14 +70,16 @@ class Order:
 
 
 class Made(NamedTuple):
-    """Finished dataset, and the number of images that this run made."""
+    """Finished dataset, and the number of images that this run generated."""
 
     dataset: Dataset
     images: int
 
 
 def make_shard(order: Order, shard: int) -> bytes:
-    """Return one shard's bytes. Raises CloudError on a worker whose versions differ from the order's."""
+    """Return one shard's bytes. Raises CloudError on a worker whose library versions differ from the
+    order's.
+    """
     if (here := _versions()) != order.versions:
         raise CloudError(
             f"a worker has {here}, the order {order.versions}; install the same versions everywhere"
@@ -92,10 +94,11 @@ def generate(
     progress: Callable[[int], None],
     beside: Distributions | None = None,
 ) -> Made:
-    """Write the missing shards, then manifest and page, into ``out``; ``progress`` gets images done.
+    """Write the missing shards, then manifest and page, into ``out``.
 
-    beside: distributions of real people, for the page. Raises ExistsError if ``out`` does not hold the
-    beginning of this order, ClaimedError while another process generates it.
+    progress: called with the number of images done. beside: distributions of real people, for the page.
+    Raises ExistsError if ``out`` does not hold the beginning of this order, ClaimedError while another
+    process generates it.
     """
     _begin(order, out)
     with Claim.take(out, login()):

@@ -22,7 +22,7 @@ GARMENT_SHARE = 0.5  # people of a wardrobe in its garments; untuned
 
 @dataclass(frozen=True, eq=False)
 class Person:
-    """Dressed person. subject: name of the body with the larger share. notes: for frames' notes."""
+    """Dressed person. subject: name of the body with the larger share. notes: copied to frames' notes."""
 
     dressed: Dressed
     subject: str
@@ -30,7 +30,7 @@ class Person:
 
     @cached_property
     def without_bag(self) -> "Person":
-        """The same person without a bag."""
+        """Return the same person without a bag."""
         dressed = put_down(self.dressed)
         if dressed is self.dressed:
             return self
@@ -41,7 +41,7 @@ PersonSampler = Callable[[np.random.Generator], Person]
 
 
 def paper_person(rng: np.random.Generator) -> Person:
-    """Draw a naked build between two of the paper's eight bodies."""
+    """Draw a naked person, blended from two of the paper's eight bodies."""
     body, first = _between(shipped_bodies(), rng)
     return Person(assembled(body, _hair(first)), body.name, {})
 
@@ -52,14 +52,16 @@ def _hair(number: int) -> Float32:
 
 
 def crowd_person(rng: np.random.Generator) -> Person:
-    """Draw a dressed build between two adults of the crowd."""
+    """Draw a dressed person, blended from two adults of the crowd."""
     body, _ = _between(crowd(), rng)
     return _described(body, dress(body, rng))
 
 
 @dataclass(frozen=True)
 class Wardrobe:
-    """Sampler of the crowd, of which ``GARMENT_SHARE`` wear garments of a folder. sha256: of the garments."""
+    """Sampler of people of the crowd; a share ``GARMENT_SHARE`` wears garments of a folder. sha256: of the
+    garments.
+    """
 
     folder: Path
     sha256: str

@@ -1,4 +1,4 @@
-"""Posed scenes: a person among furniture and the viewpoints of the camera, drawn at random."""
+"""Posed scenes: a person among furniture, with random viewpoints of the camera."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -32,8 +32,8 @@ STANDING_SHARE = 0.4  # of ``everybody``, because people in front of cameras mos
 class PosedScene:
     """Posed person among furniture, world frame, metres.
 
-    vertices_m: float32 (V, 3). joints_m: (J, 3). around: closed meshes. activities: one, or two that the
-    pose lies between, nearer first. notes: for a frame's notes. bags: True if the person keeps a bag.
+    vertices_m: float32 (V, 3). joints_m: (J, 3). around: closed meshes. activities: one, or the two between
+    which the pose lies, nearer first. notes: for a frame's notes. bags: True if the person keeps a bag.
     """
 
     activities: tuple[str, ...]
@@ -49,7 +49,7 @@ SceneSampler = Callable[[np.random.Generator, Body], PosedScene]
 
 
 def sitting(rng: np.random.Generator, body: Body) -> PosedScene:
-    """Draw a person on a sofa, seen from a robot's place."""
+    """Draw a person on a sofa, with viewpoints of a robot."""
     return _sitting(rng, body, Sofa)
 
 
@@ -60,7 +60,7 @@ def _sitting(rng: np.random.Generator, body: Body, kind: type[Seat]) -> PosedSce
 
 
 def recumbent(rng: np.random.Generator, body: Body) -> PosedScene:
-    """Draw a person in bed or fallen on the floor, seen from all around and several heights."""
+    """Draw a person in bed or fallen on the floor, with viewpoints from all around and several heights."""
     is_fallen = rng.random() < FALLEN_SHARE
     activities, moment = (FALLEN if is_fallen else IN_BED).single(rng)
     support = Ground() if is_fallen else Bed.sample(rng)
@@ -68,7 +68,9 @@ def recumbent(rng: np.random.Generator, body: Body) -> PosedScene:
 
 
 def upright(rng: np.random.Generator, body: Body) -> PosedScene:
-    """Draw a person standing, crouching, kneeling or getting up, at a seat or without, from all around."""
+    """Draw a person standing, crouching, kneeling or getting up, with or without a seat, seen from all
+    around.
+    """
     kind = (None, Sofa, Chair)[int(rng.integers(3))]
     seat = None if kind is None else kind.sample(rng)
     activities, moment = UPRIGHT.single(rng)
@@ -77,7 +79,7 @@ def upright(rng: np.random.Generator, body: Body) -> PosedScene:
 
 
 def standing(rng: np.random.Generator, body: Body) -> PosedScene:
-    """Draw a person standing on an open floor, mostly seen from the front, some cut by the image."""
+    """Draw a person standing on an open floor, mostly in front view, sometimes cut by the image border."""
     how = draw_standing(rng)
     stood = stand(body, how)
     floor = Ground().mesh()
@@ -103,7 +105,7 @@ def everybody(rng: np.random.Generator, body: Body) -> PosedScene:
 
 @dataclass(frozen=True, eq=False)
 class MotionScenes:
-    """Sampler of frames of recorded motions, on the floor or, for a sitting frame, on a seat."""
+    """Sampler of scenes from recorded motions, on the floor or, for a sitting frame, on a seat."""
 
     repertoire: Repertoire
 

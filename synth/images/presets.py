@@ -43,11 +43,12 @@ TRIES = 50  # scenes drawn at most until one shows the person
 
 @dataclass(frozen=True)
 class Preset:
-    """Dataset by name. count: images by default. stream: number of the random stream, unique.
+    """Kind of dataset, by name.
 
-    joints: least share of joints inside the image. each: successive images of one person, views: of one
-    pose, because drawing a person is slow. occluders, cut: share of images with things in front of the
-    person, and with holes in the extraction. described: True if notes describe person and sensor.
+    count: images by default. stream: number of the random stream, unique. joints: least share of joints
+    inside the image. each: successive images of one person, views: of one pose, because drawing a person is
+    slow. occluders, cut: share of images with things in front of the person, and with holes in the
+    extraction. described: True if notes describe person and sensor.
     """
 
     name: str
@@ -72,10 +73,11 @@ class Preset:
 def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
     """Return image ``index`` of a preset: the person's crop, 212 x 212, depth in millimetres, and parts.
 
-    Notes: activity, the nearer of two; posture, None between two; crop (top, left, side) in the image;
-    joints_mm, camera frame; camera (azimuth_deg from the front of sofa, bed or pelvis, height_m, distance_m);
-    visible, share left by furniture, occluders and extraction, whole and by part; occluders, their number;
-    cut, share of pixels that the extraction lost; and ``_description``.
+    The frame has the following notes. activity: the nearer of two; posture: None between two. crop: (top,
+    left, side) in the image. joints_mm: camera frame. camera: azimuth_deg from the front of sofa, bed or
+    pelvis, height_m, distance_m. visible: share left by furniture, occluders and extraction, whole and by
+    part. occluders: number. cut: share of pixels that the extraction lost. Notes of ``_description`` are
+    added.
     """
     rng = np.random.default_rng((preset.stream, seed, index))
     person = _person(preset.people, preset.stream, seed, index // preset.each)
@@ -127,13 +129,15 @@ def _person(people: PersonSampler, stream: int, seed: int, number: int) -> Perso
 
 @lru_cache(maxsize=4)
 def _shared_scene(preset: Preset, seed: int, first: int, attempt: int) -> PosedScene:
-    """Return the scene of ``preset.views`` images from ``first`` on, at an attempt."""
+    """Return the scene that ``preset.views`` images share, from index ``first`` on. attempt: number of the
+    attempt.
+    """
     person = _person(preset.people, preset.stream, seed, first // preset.each)
     return preset.scene(np.random.default_rng((preset.stream, seed, first, 2, attempt)), person.dressed.body)
 
 
 class Camera(NamedTuple):
-    """Camera of an image: its place, and the pinhole of the whole image."""
+    """Camera of an image: its pose, and the pinhole of the whole image."""
 
     shot: Shot
     pinhole: Intrinsics
@@ -142,7 +146,10 @@ class Camera(NamedTuple):
 def _rendered(
     scene: PosedScene, dressed: Dressed, camera: Camera, share: float, rng: np.random.Generator
 ) -> tuple[int, PersonView]:
-    """Return the number of occluders and the view; occluders that hide the person are left out."""
+    """Return the number of occluders and the view.
+
+    share: share of images with occluders. Occluders that hide the whole person are left out.
+    """
     draped, (shot, pinhole) = dressed.drape(scene.vertices_m, scene.joints_m), camera
     if rng.random() < share:
         seen = rng.choice(scene.vertices_m, int(rng.integers(1, 3))).astype(np.float64)
@@ -170,7 +177,9 @@ def _read(
 def _cropped(
     depth_mm: UInt16, source: Int32, parts: UInt8, rows: Index, columns: Index
 ) -> tuple[UInt16, UInt8]:
-    """Return depth and parts (n, n) of a reading at rows and columns (n,), parts by its sources."""
+    """Return depth and parts (n, n) of a reading, resampled at rows and columns (n,). source: as in
+    ``Reading``.
+    """
     height, width = depth_mm.shape
     depth = np.zeros((len(rows), len(columns)), np.uint16)
     labels = np.zeros((len(rows), len(columns)), np.uint8)
@@ -220,10 +229,12 @@ def _description(
 
 
 class FreshKinect2(TimeOfFlight):
-    """Kinect v2 of the paper's presets: faults are drawn with each image, labels stay at their pixels."""
+    """Kinect v2 of the paper's presets: its faults are drawn again for each image; labels stay at their clean
+    pixels.
+    """
 
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
-        """Return a reading, as ``Sensor.read``."""
+        """Return the depth reading of a clean image, as ``Sensor.read``."""
         wanted = replace(clean, only=clean.wanted(0), person=None)
         depth_mm, _ = TimeOfFlight.kinect2(rng).read(wanted, rng)
         return Reading(depth_mm, np.arange(depth_mm.size, dtype=np.int32).reshape(depth_mm.shape))
@@ -235,7 +246,9 @@ def fresh_kinect2(rng: np.random.Generator) -> Sensor:
 
 
 def _paper(name: str, count: int, stream: int, scene: SceneSampler) -> Preset:
-    """Return a preset of the paper (sections 3.2, 4.1, 4.3): naked bodies, whole in a Kinect v2's image."""
+    """Return a preset of the paper (sections 3.2, 4.1, 4.3): naked bodies, completely inside a Kinect v2's
+    image.
+    """
     return Preset(name, count, stream, scene, paper_person, fresh_kinect2, 0.9, 16, 1, described=False)
 
 
@@ -253,7 +266,7 @@ PRESETS = {
 
 
 def preset_of(repertoire: Repertoire) -> Preset:
-    """Return a preset like ``standing`` of poses of recorded motions."""
+    """Return a preset like ``standing``, with poses of recorded motions."""
     return Preset("motion", 20_000, 7, MotionScenes(repertoire))
 
 

@@ -25,7 +25,7 @@ def largest_piece(person: Bool) -> Bool:
 def holes(person: Bool) -> float:
     """Return the share of pixels without depth inside the outline of the largest piece.
 
-    A hole is enclosed over the four neighbours and at most ``GAP`` of the person.
+    A hole is enclosed by 4-neighbours and covers at most the share ``GAP`` of the person.
     """
     piece = np.pad(largest_piece(person), 1)
     empty = ~piece & ~np.pad(person, 1)
@@ -38,10 +38,10 @@ def holes(person: Bool) -> float:
 
 
 def roughness(person: Bool) -> float:
-    """Return the length of the largest piece's rims over the smoothed piece's; 1 is smoothest.
+    """Return the outline length of the largest piece, divided by the length after smoothing; 1 is smoothest.
 
-    Length: the number of neighbours along rows and columns of which one is outside. A smoothed slanted edge
-    keeps that length, unlike a chain code's.
+    Length: number of pairs of row or column neighbours of which one is outside. A smoothed slanted edge keeps
+    this length, unlike a chain code's.
     """
     piece = np.pad(largest_piece(person), 8).astype(np.float32)
     smooth = cv2.GaussianBlur(piece, (0, 0), SMOOTHED_PX) > 0.5
@@ -55,10 +55,11 @@ def height_px(person: Bool) -> int:
 
 
 def widths(person: Bool) -> Float64:
-    """Return the mean pixels a row over the height (12,), in ``LEVELS`` bands from the top.
+    """Return the mean number of person pixels per row, divided by the height, in ``LEVELS`` bands from the
+    top.
 
-    Gaps between limbs do not count, because clothes and builds change the width of limbs. At least
-    ``LEVELS`` rows.
+    Gaps between limbs do not count, so that the width of limbs shows clothes and build. The person needs at
+    least ``LEVELS`` rows.
     """
     rows, _ = window_of(person)
     counts = np.count_nonzero(person[rows], axis=1)

@@ -23,7 +23,8 @@ class PersonView:
     """Window (h, w) of the depth image around the person, without noise.
 
     camera: pinhole of the window. corner: (top, left) in the whole image. depth_m: along z, NaN without a
-    hit. parts: ids, 0 outside the person. whole: parts without anything in front. dark: lost infrared share.
+    hit. parts: ids, 0 outside the person. whole: parts without occlusion by objects. dark: absorbed share of
+    infrared.
     """
 
     camera: Intrinsics
@@ -53,7 +54,10 @@ def render_view(
 def _layers(
     depth: Float32, face: Int32, other: Float32, face_parts: UInt8, face_dark: Float32
 ) -> tuple[Float32, UInt8, UInt8, Float32]:
-    """Return depth, parts, whole parts and darkness (h, w) of the z-buffers of person and other things."""
+    """Return depth, visible parts, unoccluded parts and darkness (h, w).
+
+    depth, face: z-buffer of the person; other: depth of other objects. Darkness: absorbed share of infrared.
+    """
     height, width = depth.shape
     nearest, dark = other.copy(), np.zeros((height, width), np.float32)
     parts, whole = np.zeros((height, width), np.uint8), np.zeros((height, width), np.uint8)
@@ -68,7 +72,10 @@ def _layers(
 
 
 def visibility(parts: UInt8, whole: UInt8) -> Float64:
-    """Return the share (12,) of each part's pixels in ``whole`` that ``parts`` has; [0] of all, 1 of none."""
+    """Return the share (12,) of each part's pixels in ``whole`` that are visible in ``parts``.
+
+    [0] is for the whole person. A part without pixels has share 1.
+    """
     shown, there = _tally(parts).tolist(), _tally(whole).tolist()
     return np.array([s / t if t else 1.0 for s, t in zip(shown, there, strict=True)])
 
@@ -112,7 +119,7 @@ def _window(points_m: Float32, whole_image: Intrinsics) -> tuple[Intrinsics, tup
 
 @numba.njit(cache=True)
 def _slopes(points: Float32) -> tuple[float, float, float, float]:
-    """Return least x / z and y / z, then the greatest, of the points beyond the near plane."""
+    """Return the least x / z and y / z, then the greatest, of the points beyond the near plane."""
     x0, y0, x1, y1 = np.float32(1e6), np.float32(1e6), np.float32(-1e6), np.float32(-1e6)
     for i in range(len(points)):
         if points[i, 2] > NEAR_M:
@@ -127,9 +134,10 @@ def _clip(low: float, high: float, size: int) -> tuple[int, int]:
 
 
 def occluder(eye_m: Float64, seen_m: Float64, rng: np.random.Generator) -> Mesh:
-    """Return a box at any angle at 50 to 85 % of the way from the camera to a point of the person, world.
+    """Return a randomly rotated box, at 50 to 85 % of the way from the camera to a point of the person,
+    world.
 
-    Random occluders improve occluded and unoccluded results (Sarandi et al. 2018).
+    Random occluders improve results on occluded and unoccluded people (Sarandi et al. 2018).
     """
     half = np.exp(rng.uniform(np.log(THING_M[0]), np.log(THING_M[1]), 3)) / 2
     mesh = box(tuple(-half), tuple(half), Surface.TABLE)

@@ -46,7 +46,7 @@ EVERY = 19  # stride of the skin's vertices by which a view is planned
 
 
 def unplanned(place: PlaceSampler) -> Viewpoint:
-    """Return a viewpoint at a drawn place with a drawn roll, which does not depend on the image."""
+    """Return a viewpoint at a drawn position with a random roll, independent of the image."""
 
     def view(rng: np.random.Generator, vertices_m: Float32, joints_m: Float64, camera: Intrinsics) -> Shot:
         eye, target = place(rng, joints_m.mean(axis=0))
@@ -56,7 +56,9 @@ def unplanned(place: PlaceSampler) -> Viewpoint:
 
 
 def frontal_place(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64]:
-    """Draw eye and target within 65 degrees of the front, at a robot's chest to head height."""
+    """Draw eye and target within 65 degrees of the front, with the eye from chest to head height of a
+    robot.
+    """
     azimuth, distance, height = np.radians(rng.uniform(-65, 65)), rng.uniform(1.3, 3.0), rng.uniform(0.6, 1.7)
     return beside(centre_m, azimuth, distance, height), centre_m + rng.normal(0, (0.12, 0.12, 0.10))
 
@@ -68,7 +70,7 @@ def surrounding_place(rng: np.random.Generator, centre_m: Float64) -> tuple[Floa
 
 
 def overhead_place(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64]:
-    """Draw eye and target anywhere around a lying person, from bumper to ceiling height (the paper)."""
+    """Draw eye and target anywhere around a lying person, from bumper to ceiling height, as in the paper."""
     azimuth = rng.uniform(-np.pi, np.pi)
     level = rng.choice((0.7, 1.1, 1.5, 2.1)) + rng.uniform(-0.2, 0.2)
     distance = rng.uniform(1.2, 2.6)
@@ -78,10 +80,10 @@ def overhead_place(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64
 
 @dataclass(frozen=True)
 class PlannedViewpoint:
-    """Viewpoint planned by the image: whole people of any size, some cut by the borders.
+    """Viewpoint chosen by the resulting image: whole people of any size, some cut by the borders.
 
-    front, side: shares of views within 45 degrees of the front, and up to 135. over_m: least height of the
-    camera over the person's middle.
+    front, side: shares of views within 45 degrees of the front, and from 45 to 135. over_m: least height of
+    the camera above the person's middle.
     """
 
     front: float = 0.55
@@ -91,7 +93,7 @@ class PlannedViewpoint:
     def __call__(
         self, rng: np.random.Generator, vertices_m: Float32, joints_m: Float64, camera: Intrinsics
     ) -> Shot:
-        """Draw a shot that shows the person, or the last of ``ATTEMPTS``."""
+        """Draw shots until one shows the person; return it, or the last of ``ATTEMPTS``."""
         points, c = vertices_m[::EVERY].astype(np.float64), camera
         pinhole = np.array([c.width, c.height, c.fx, c.fy, c.cx, c.cy])
         is_cut = rng.random() < CUT_SHARE
@@ -122,7 +124,9 @@ class PlannedViewpoint:
 
 @numba.njit(cache=True)
 def _eye(middle: Float64, azimuth: float, distance: float, height: float) -> Float64:
-    """Return a place (3,) at a distance from a middle (3,), at the height if possible; see ``beside``."""
+    """Return a camera position (3,) at a distance from a middle (3,), at the wanted height if possible; see
+    ``beside``.
+    """
     sine = min(max((height - middle[2]) / distance, STEEPEST[0]), STEEPEST[1])
     level = distance * np.sqrt(1 - sine * sine)
     eye: Float64 = middle + level * np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
@@ -132,7 +136,7 @@ def _eye(middle: Float64, azimuth: float, distance: float, height: float) -> Flo
 
 @numba.njit(cache=True)
 def _axes(eye: Float64, target: Float64) -> Float64:
-    """Return the directions (3, 3) across, down and along a level camera's view; see ``look_at``."""
+    """Return the unit vectors (3, 3) across, down and along the view of a level camera; see ``look_at``."""
     axes = np.zeros((3, 3))
     axes[2] = (target - eye) / np.sqrt(np.sum((target - eye) ** 2))
     axes[0, 0], axes[0, 1] = axes[2, 1], -axes[2, 0]
@@ -143,7 +147,7 @@ def _axes(eye: Float64, target: Float64) -> Float64:
 
 @numba.njit(cache=True)
 def _extent(points: Float64, middle: Float64, axes: Float64) -> tuple[Float64, Float64]:
-    """Return least and greatest coordinates (2,) of points (n, 3) across and down a view."""
+    """Return the least and greatest coordinates (2,) of points (n, 3), across and down a view."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for i in range(len(points)):
         x, y, z = points[i, 0] - middle[0], points[i, 1] - middle[1], points[i, 2] - middle[2]
@@ -159,7 +163,7 @@ def _whole(
 ) -> tuple[Float64, Float64]:
     """Return eye and target (3,) of a camera with the whole person in its image.
 
-    shares: (3,) in [0, 1), of the size, and of the free room across and down.
+    shares: (3,) in [0, 1): relative size, and position in the free room across and down.
     """
     middle = _middle(points)
     size, focal, centre = pinhole[:2], pinhole[2], pinhole[4:]
@@ -217,7 +221,7 @@ def _cut(
 
 @numba.njit(cache=True)
 def _in_view(points: Float64, eye: Float64, target: Float64, pinhole: Float64) -> tuple[float, float]:
-    """Return the share of points (n, 3) inside a level camera's image, and the least distance along z.
+    """Return the share of points (n, 3) inside a level camera's image, and their least distance along z.
 
     pinhole: (6,) width, height, fx, fy, cx, cy.
     """
@@ -237,7 +241,7 @@ def _in_view(points: Float64, eye: Float64, target: Float64, pinhole: Float64) -
 
 
 def inside_image(points_m: Float64, camera: Intrinsics) -> Bool:
-    """Return True (n,) for the points (n, 3), camera frame, inside the whole image."""
+    """Return flags (n,) of points (n, 3), camera frame, inside the whole image."""
     x, y, z = points_m.T
     near = np.maximum(z, NEAR_M)
     u, v = camera.fx * x / near + camera.cx, camera.fy * y / near + camera.cy

@@ -1,4 +1,4 @@
-"""Workers: processes of this machine, or a dask.distributed cluster."""
+"""Workers for parallel tasks: processes of this machine, or a dask.distributed cluster."""
 
 import logging
 import os
@@ -49,7 +49,7 @@ def check_semaphores() -> None:
 
 
 def _begin() -> None:
-    """Limit a worker to one core, and end it with its parent, because a pool's workers do not."""
+    """Limit a worker to one core, and end it when its parent dies, because a pool does not do so."""
     cv2.setNumThreads(1)
     if (parent := parent_process()) is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()

@@ -1,1 +1,1 @@
-"""Markers to joint angles, and motions on disk."""
+"""Conversion of markers to joint angles, and motion files."""

@@ -17,8 +17,11 @@ from synth.body.skeleton import SIGNS as ANGLE_SIGNS
 
 
 class Tree(NamedTuple):
-    """Joints for compiled code: parents (J,), -1 for the root; ball (J,), joints that turn by rotation
-    vectors; limits_rad (J, 3, 2) of the signed angles."""
+    """Joint tree for compiled code.
+
+    parents (J,): -1 for the root. ball (J,): joints that turn by rotation vectors. limits_rad (J, 3, 2): of
+    the signed angles.
+    """
 
     parents: Int64
     ball: Bool
@@ -43,19 +46,21 @@ class State(NamedTuple):
 
     @staticmethod
     def of(angles_rad: Float64, pelvis_m: Float64) -> "State":
-        """Return the state of angle triples (J, 3) as ``skeleton`` counts them."""
+        """Return the state of angle triples (J, 3) in the sign convention of ``skeleton``."""
         return State(pelvis_m.copy(), angles_rad * ANGLE_SIGNS, rotations(angles_rad))
 
     @property
     def angles_rad(self) -> Float64:
-        """Angle triples (J, 3) as ``skeleton`` counts them; the pelvis' within half a turn."""
+        """Return angle triples (J, 3) in the sign convention of ``skeleton``; the pelvis' angles are within
+        half a turn.
+        """
         angles = self.signed_rad * ANGLE_SIGNS
         angles[0] = (angles[0] + np.pi) % (2 * np.pi) - np.pi
         return np.asarray(angles)
 
 
 class Subject(NamedTuple):
-    """Bones (J, 3) of a person, joint from parent in anatomical zero, and markers.
+    """Bones (J, 3) of a person, from parent to joint in anatomical zero, and markers.
 
     marker_joint: (M,) the joint of each marker; offsets_m: (M, 3) in the joint's frame at anatomical zero.
     """
@@ -135,10 +140,11 @@ def _wrapped(x: float) -> float:
 
 @numba.njit(cache=True)
 def limit_ball(rotation: Float64, signed: Float64, limits: Float64) -> None:
-    """Write the Euler angles (3,) of a ball joint's rotation (3, 3) into ``signed``.
+    """Write the Euler angles (3,) of a ball joint's rotation (3, 3) into ``signed``, which holds the previous
+    triple.
 
-    The triple nearest to the one before and inside the limits (3, 2) is taken; without one both arguments are
-    clamped.
+    Of the triples inside the limits (3, 2), the nearest to the previous one is written. If there is none,
+    both arguments are clamped.
     """
     best = np.inf
     chosen = np.zeros(3)
@@ -199,7 +205,7 @@ def turn(w: Float64, rotation: Float64) -> None:
 
 
 class Derivative(NamedTuple):
-    """Derivative (3, K) of one marker in the first K ``variables`` (V,), which move it."""
+    """Derivative (3, K) of one marker with respect to K variables, listed in ``variables`` (V,)."""
 
     columns: Float64
     variables: Int64
@@ -207,7 +213,9 @@ class Derivative(NamedTuple):
 
 @numba.njit(cache=True)
 def derive(tree: Tree, j: int, placed: tuple[Float64, Float64], at: Float64, into: Derivative) -> int:
-    """Write the derivative of a marker at joint ``j`` and return K; placed: axes and joints."""
+    """Write the derivative of a marker at joint ``j`` and return K. placed: axes and joints. at: marker's
+    position.
+    """
     axes, joints = placed
     columns, index = into
     for k in range(3):
@@ -240,7 +248,10 @@ def marker_at(frames: Float64, joints: Float64, subject: Subject, m: int, at: Fl
 
 @numba.njit(cache=True)
 def _factor(h: Float64) -> None:
-    """Factorise (Cholesky) in place; at this size faster than LAPACK, whose threads fight for the cores."""
+    """Factorise (Cholesky) in place.
+
+    At this size this is faster than LAPACK, whose threads compete for the cores.
+    """
     for i in range(len(h)):
         for j in range(i + 1):
             total = h[i, j]
@@ -251,7 +262,7 @@ def _factor(h: Float64) -> None:
 
 @numba.njit(cache=True)
 def solve_in_place(h: Float64, x: Float64) -> None:
-    """Solve a positive definite system: the solution into ``x``, the factor into ``h``."""
+    """Solve a positive definite system: ``x`` becomes the solution, ``h`` the Cholesky factor."""
     _factor(h)
     n = len(x)
     for i in range(n):

@@ -1,4 +1,4 @@
-"""Solved motion: joint angles over time that drive any body, and the fit of each marker."""
+"""Solved motion: joint angles over time for any body, and the fit of each marker."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,8 +25,8 @@ _TYPES = {"angles_rad": "f8", "pelvis_m": "f8", "error_m": "f4", "status": "u1"}
 class MarkerReport:
     """Fit of each marker.
 
-    error_m: float32 (F, M) distance to the body's marker, NaN where not seen or discarded. status: uint8 (F,
-    M). unknown: labels outside the marker set. assumed: a line for each defect of the files.
+    error_m: float32 (F, M), distance to the body's marker, NaN where not seen or discarded. status: uint8 (F,
+    M). unknown: labels outside the marker set. assumed: sentences on defects of the files.
     """
 
     names: tuple[str, ...]
@@ -37,22 +37,22 @@ class MarkerReport:
 
     @property
     def median_mm(self) -> float:
-        """Median distance over all seen markers, 0 without any."""
+        """Return the median distance over all seen markers, 0 without any."""
         found = self.error_m[np.isfinite(self.error_m)]
         return float(np.median(found)) * 1000 if found.size else 0.0
 
     @property
     def rms_mm(self) -> float:
-        """Root mean square distance over all seen markers, 0 without any."""
+        """Return the root mean square distance over all seen markers, 0 without any."""
         found = self.error_m[np.isfinite(self.error_m)].astype(np.float64)
         return float(np.sqrt(np.mean(found**2))) * 1000 if found.size else 0.0
 
     def count(self, status: int) -> Int64:
-        """Return the frames (M,) of each marker with a status."""
+        """Return for each marker (M,) the number of frames with a status."""
         return np.asarray((self.status == status).sum(axis=0), np.int64)
 
     def longest_gap(self) -> Int64:
-        """Return the frames (M,) of each marker's longest gap."""
+        """Return the length in frames (M,) of each marker's longest gap."""
         longest = np.zeros(len(self.names), np.int64)
         run = np.zeros(len(self.names), np.int64)
         for row in np.isin(self.status, (BRIDGED, MISSING)):
@@ -66,7 +66,7 @@ class Motion:
     """Joint angles over time.
 
     angles_rad: float64 (F, J, 3), see ``skeleton``. pelvis_m: float64 (F, 3) world, z up. bones_m: float64
-    (J, 3) of the recorded person, joint from parent in anatomical zero. Raises FormatError for impossible
+    (J, 3) of the recorded person, from parent to joint in anatomical zero. Raises FormatError for impossible
     shapes or numbers.
     """
 
@@ -98,13 +98,14 @@ class Motion:
 
     @property
     def leg_m(self) -> float:
-        """Length of the recorded person's leg from hip to ankle."""
+        """Return the length of the recorded person's leg from hip to ankle."""
         return leg_length_m(self.bones_m)
 
     def posture(self, frame: int, body: Body) -> Posture:
-        """Return one frame on a body: the same angles, the pelvis' path scaled to its legs.
+        """Return one frame on a body: the same angles, the pelvis' path scaled to the length of its legs.
 
-        The floor is as wrong as recorded; ``synth.motion`` puts feet on it and clears limbs.
+        The height over the floor is as inaccurate as recorded; ``synth.motion`` puts feet on the floor and
+        separates limbs.
         """
         scale = leg_length_m(zero_bones(body.joints_m)) / self.leg_m
         return Posture(self.angles_rad[frame], scale * self.pelvis_m[frame])

@@ -1,4 +1,4 @@
-"""Fit of a person to recorded frames: bone lengths and places of markers; and the person as a body.
+"""Fit of a person to recorded frames: bone lengths and positions of markers; and the person as a body.
 
 Constants are untuned unless a source is given.
 """
@@ -69,14 +69,15 @@ def leg_length_m(bones_m: Float64) -> float:
 
 
 def zero_bones(rest_joints_m: Float64) -> Float64:
-    """Return the bones (J, 3) in anatomical zero, joint from parent, of rest joints (J, 3)."""
+    """Return the bones (J, 3) in anatomical zero, from parent to joint, for rest joints (J, 3)."""
     _, joints = forward(Posture.zero(), rest_joints_m, alignment(rest_joints_m))
     return np.asarray(joints - np.where(PARENTS[:, None] < 0, 0, joints[PARENTS]))
 
 
 def posture_prior(rest_deg: float, hold_deg: float) -> Prior:
-    """Return pulls that let a joint stray ``rest_deg`` from zero and ``hold_deg`` from its start at one
-    sigma."""
+    """Return a prior with standard deviations ``rest_deg`` from zero and ``hold_deg`` from a joint's
+    start.
+    """
     spread = np.full((N_JOINTS, 3), rest_deg)
     for j, joint in enumerate(JOINTS):
         spread[j] = np.minimum(spread[j], table("joints")[joint.kind].get("stray_deg", 180))
@@ -84,13 +85,13 @@ def posture_prior(rest_deg: float, hold_deg: float) -> Prior:
 
 
 def _groups(joint: Joint) -> list[int]:
-    """Return the group that scales the bone to a joint, and the group that scales its markers."""
+    """Return the index of the scale for the bone to a joint, and of the scale for its markers."""
     return [_GROUPS.index(group) for group in table("joints")[joint.kind]["scaled_by"]]
 
 
 @dataclass(frozen=True)
 class Template:
-    """Map from shape parameters to a subject. marker_joint, spread_m: (M,) as in ``MarkerSet``."""
+    """Linear map from shape parameters to a subject. marker_joint, spread_m: (M,) as in ``MarkerSet``."""
 
     marker_joint: Int64
     spread_m: Float64
@@ -123,14 +124,16 @@ class Template:
         )
 
     def shape(self, scale: float) -> Float64:
-        """Return the shape of a body ``scale`` times the reference, markers at the places of the set."""
+        """Return the shape parameters of a reference body scaled by ``scale``, with markers at the set's
+        positions.
+        """
         return np.concatenate([np.full(len(_GROUPS), scale), np.zeros(3 * len(self.marker_joint))])
 
     def precision(self, seen: Bool) -> Float64:
-        """Return the prior precision (S, S): scales near the height, height near 1, markers near their
-        places.
+        """Return the prior precision (S, S) of shape parameters.
 
-        seen: (M,) markers of the recording; those about an ankle stay on both sides of it.
+        All scales are near the body's height scale, this scale is near 1, and markers are near their
+        positions. seen: (M,) markers of the recording. Markers about an ankle stay on both sides of it.
         """
         groups = len(_GROUPS)
         result = np.diag(np.concatenate([np.zeros(groups), np.repeat(self.spread_m, 3) ** -2]))
@@ -150,7 +153,7 @@ class Template:
 
 
 def start_states(subject: Subject, observed_m: Float64) -> list[State]:
-    """Guess one frame's posture from nothing: the trunk laid over its markers, limbs in common poses."""
+    """Return first guesses of one frame's posture: the trunk fitted to its markers, limbs in common poses."""
     seen = np.isfinite(observed_m).all(axis=1)
     trunk = seen & np.isin(subject.marker_joint, _TRUNK)
     places = markers_at(State.of(np.zeros((N_JOINTS, 3)), np.zeros(3)), subject)
@@ -183,7 +186,7 @@ def _spans_a_plane(points_m: Float64) -> bool:
 def fit_from_nothing(
     subject: Subject, observed_m: Float64, weights: Float64, prior: Prior
 ) -> tuple[State, float]:
-    """Return the best posture of one frame over all starts, and its cost."""
+    """Return the best posture of one frame over all first guesses, and its cost."""
     clean, starts = np.nan_to_num(observed_m), start_states(subject, observed_m)
     lenient = Observed(clean, weights, LENIENT_M)
     rough = [fit_posture(start, subject, lenient, prior, steps=40) for start in starts]
@@ -194,7 +197,7 @@ def fit_from_nothing(
 def fit_shape(
     template: Template, shape: Float64, observed_m: Float64, weights: Float64
 ) -> tuple[Float64, list[State]]:
-    """Return the shape (S,) that explains frames (K, M, 3) best under the prior, and the frames' postures.
+    """Return the most probable shape (S,) for frames (K, M, 3) under the prior, and the frames' postures.
 
     weights: (K, M), 0 where a marker is missing. Gauss-Newton on the shape with the postures eliminated
     (variable projection, Golub & Pereyra 2003; the Schur complement of bundle adjustment).
@@ -224,15 +227,15 @@ def fit_shape(
 
 
 def bones_of_leg(leg_m: float) -> Float64:
-    """Return the bones (J, 3) of a person of a leg's length: the reference body's proportions."""
+    """Return the bones (J, 3) of a person with a leg length, in the proportions of the reference body."""
     bones = zero_bones(reference_body().joints_m)
     return np.asarray(leg_m / leg_length_m(bones) * bones)
 
 
 def person_body(bones_m: Float64) -> Body:
-    """Return a body with bones (J, 3), joint from parent in anatomical zero.
+    """Return a body with bones (J, 3), from parent to joint in anatomical zero.
 
-    Limbs are stretched along their bones; trunk, hands, feet and all thicknesses grow with the whole.
+    Limbs are stretched along their bones; trunk, hands, feet and all thicknesses are scaled uniformly.
     """
     reference = reference_body()
     rest, aligned = reference.joints_m, alignment(reference.joints_m)

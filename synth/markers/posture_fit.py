@@ -1,4 +1,4 @@
-"""Damped least squares that pose a skeleton to markers, and their derivative in the body's shape."""
+"""Damped least squares for a skeleton's posture from markers, with derivatives in the body's shape."""
 
 from typing import NamedTuple
 
@@ -28,9 +28,11 @@ ROBUST_M = 0.08  # residual from which a marker's pull weakens (Geman & McClure 
 
 
 class Prior(NamedTuple):
-    """Pulls on a posture where markers leave it free: weights per squared radian and per squared metre.
+    """Prior of a posture, for degrees of freedom that markers leave open: weights per squared radian and
+    squared metre.
 
-    rest: (J, 3) to anatomical zero; hold: (J,) to the start; hold_pelvis: to the pelvis' place at the start.
+    rest: (J, 3), towards anatomical zero; hold: (J,), towards the start; hold_pelvis: towards the pelvis'
+    position at the start.
     """
 
     rest: Float64
@@ -41,7 +43,7 @@ class Prior(NamedTuple):
 class Observed(NamedTuple):
     """Markers (M, 3) of one frame, world, metres, and weights (M,), 0 where missing.
 
-    robust_m: the residual from which a marker's pull weakens.
+    robust_m: residual above which a marker's weight decreases.
     """
 
     markers_m: Float64
@@ -50,7 +52,9 @@ class Observed(NamedTuple):
 
 
 class _Start(NamedTuple):
-    """Start of a fit: signed angles (J, 3), pelvis (3,); drift (J, 3): turns of the ball joints since."""
+    """Start of a fit: signed angles (J, 3), pelvis (3,). drift (J, 3): rotation of the ball joints since the
+    start.
+    """
 
     signed_rad: Float64
     pelvis_m: Float64
@@ -87,11 +91,11 @@ class Basis(NamedTuple):
 def fit_posture(
     start: State, subject: Subject, observed: Observed, prior: Prior, *, steps: int
 ) -> tuple[State, float]:
-    """Return the posture whose markers come nearest to the observed ones, inside the joint limits, and its
+    """Return the posture with the least distance to the observed markers, inside the joint limits, and its
     cost.
 
-    Levenberg-Marquardt (Nocedal & Wright 2006, section 10.3), angles at a limit frozen while they push
-    outwards.
+    Levenberg-Marquardt (Nocedal & Wright 2006, section 10.3); an angle at its limit is fixed while its step
+    points outwards.
     """
     state = State(*(array.copy() for array in start))
     return state, float(_fit(_problem(subject, observed, prior), state, steps))
@@ -100,11 +104,11 @@ def fit_posture(
 def shape_normal(
     state: State, subject: Subject, observed: Observed, prior: Prior, basis: Basis
 ) -> tuple[Float64, Float64]:
-    """Return Gauss-Newton matrix (S, S) and gradient (S,) of one frame's cost in shape.
+    """Return Gauss-Newton matrix (S, S) and gradient (S,) of one frame's cost in the shape parameters.
 
-    After the G parameters of the basis come three free coordinates a marker, in its joint's frame: S = G + 3
-    M. The posture follows along: it is eliminated by the Schur complement, as in bundle adjustment (Triggs et
-    al. 2000, section 6.1).
+    After the G parameters of the basis come three free coordinates per marker, in its joint's frame: S = G +
+    3 M. The posture is eliminated by the Schur complement, as in bundle adjustment (Triggs et al. 2000,
+    section 6.1).
     """
     matrix, gradient = _shape_normal(_problem(subject, observed, prior), state, basis)
     return matrix, gradient
@@ -117,7 +121,7 @@ def _problem(subject: Subject, observed: Observed, prior: Prior) -> _Problem:
 
 @numba.njit(cache=True)
 def _cost(problem: _Problem, state: State, start: _Start, placed: tuple[Float64, Float64]) -> float:
-    """Return the cost of the markers' residuals and of the prior's pulls; placed: frames and joints."""
+    """Return the cost of the markers' residuals and of the prior. placed: frames and joints."""
     tree, subject, target, prior = problem
     frames, joints = placed
     at = np.empty(3)
@@ -145,7 +149,7 @@ def _cost(problem: _Problem, state: State, start: _Start, placed: tuple[Float64,
 def _normal(
     problem: _Problem, state: State, start: _Start, placed: tuple[Float64, Float64], system: _System
 ) -> None:
-    """Write the system of the cost; angles that push against their limit are cut out."""
+    """Write the normal equations of the cost; angles whose step exceeds their limit are removed."""
     tree, subject, target, prior = problem
     (frames, joints), (h, g) = placed, system
     n = len(tree.parents)

@@ -1,4 +1,4 @@
-"""From markers to joint angles: fit the person to the recording, then pose it frame after frame.
+"""Solution of joint angles from markers: fit the person to the recording, then each frame in turn.
 
 Constants are untuned unless a source is given.
 """
@@ -48,10 +48,11 @@ def solve(
     markerset: MarkerSet | None = None,
     advance: Callable[[int], None] = lambda _: None,
 ) -> Motion:
-    """Return the joint angles of a recording; a static trial of the same person sharpens the fit.
+    """Return the joint angles of a recording.
 
-    Without ``markerset`` the shipped set with most of the labels is taken; ``advance`` gets 1 a frame. Raises
-    CloudError for unknown or unseen markers, impossible sizes, or another person's static.
+    static: static trial of the same person, which improves the fit. markerset: None = the shipped set with
+    most of the labels. advance: called with 1 for each frame. Raises CloudError for unknown or unseen
+    markers, impossible sizes, or another person's static trial.
     """
     trial, person, markerset, assumed = fit_person(markers, static, markerset)
     motion = _track(trial, person, markerset, markers.frames_per_second, advance)
@@ -61,7 +62,7 @@ def solve(
 def fit_person(
     markers: Markers, static: Markers | None = None, markerset: MarkerSet | None = None
 ) -> tuple[KnownMarkers, Subject, MarkerSet, tuple[str, ...]]:
-    """Return known markers, the person, the marker set with fitted weights, and lines on assumptions.
+    """Return known markers, the person, the marker set with fitted weights, and sentences on assumptions.
 
     Arguments and errors as in ``solve``.
     """
@@ -77,7 +78,7 @@ def fit_person(
 
 
 def places_m(markers: Markers, static: Markers | None = None, markerset: MarkerSet | None = None) -> Float64:
-    """Return the markers (F, M, 3) of a recording in the world of ``solve``, NaN: unseen."""
+    """Return the positions (F, M, 3) of markers in the world frame of ``solve``, NaN where unseen."""
     trial, _ = _trials(markers, static, markerset or choose_marker_set(markers.labels))
     return trial.positions_m
 
@@ -85,8 +86,9 @@ def places_m(markers: Markers, static: Markers | None = None, markerset: MarkerS
 def _trials(
     markers: Markers, static: Markers | None, markerset: MarkerSet
 ) -> tuple[KnownMarkers, KnownMarkers | None]:
-    """Return the known markers of recording and static trial; the standing person gives both the vertical
-    axis."""
+    """Return the known markers of recording and static trial; the vertical axis comes from the standing
+    person.
+    """
     if static is None:
         return known_markers(markers, markerset), None
     standing = known_markers(static, markerset, standing=True)
@@ -131,12 +133,14 @@ def _lengths(trial: KnownMarkers) -> Float64:
 
 
 def _same(a: Float64, b: Float64) -> bool:
-    """Return whether two skeletons are one person's: limbs keep their lengths, other distances nearly do."""
+    """Return whether two skeletons are one person's: equal limb lengths, and nearly equal other distances."""
     return bool(np.nanmedian(np.abs(a - b)) < SAME_LENGTHS_M)
 
 
 def _steady_person(frames: Float64, markerset: MarkerSet) -> tuple[Subject, MarkerSet, list[str]]:
-    """Return the person, the marker set with less weight on markers that move on their bones, and lines."""
+    """Return the person, the marker set with less weight on markers that slide on their bones, and sentences
+    on these.
+    """
     lines: list[str] = []
     person, off_m = _person(frames, markerset)
     steady = off_m > 0
@@ -154,7 +158,7 @@ def _steady_person(frames: Float64, markerset: MarkerSet) -> tuple[Subject, Mark
 
 
 def _person(frames: Float64, markerset: MarkerSet) -> tuple[Subject, Float64]:
-    """Fit the person to frames (K, M, 3); return each marker's RMS distance (M,) to its place, 0: unseen."""
+    """Return the person fitted to frames (K, M, 3), and each marker's RMS residual (M,), 0 if unseen."""
     weights = np.isfinite(frames).all(axis=2) * markerset.weight
     template = Template.of(markerset)
     shape, states = fit_shape(template, template.shape(1.0), frames, weights)
@@ -207,7 +211,9 @@ class _Tracker(NamedTuple):
     weight: Float64
 
     def frame(self, before: State | None, observed: Float64, status: UInt8) -> tuple[State, Float32]:
-        """Return a frame's posture and its markers' errors; mark ghosts and swaps in ``status``."""
+        """Return a frame's posture and its markers' errors; ghosts (false markers) and swaps are marked in
+        ``status``.
+        """
         seen, weight = np.asarray(status == SEEN), self.weight
         weights = np.where(seen, weight, np.where(status == BRIDGED, BRIDGE_WEIGHT * weight, 0.0))
         if before is None:
@@ -237,7 +243,9 @@ class _Tracker(NamedTuple):
         return np.asarray(np.linalg.norm(markers_at(state, self.subject) - observed, axis=1))
 
     def _refitted(self, before: State, state: State, observed: Float64, weights: Float64) -> State:
-        """Return the best of three fits: a fast limb or a lost person is not a ghost."""
+        """Return the best of three fits, before a marker counts as a ghost: as tracked, tracked longer, and
+        from scratch.
+        """
         clean = np.nan_to_num(observed)
         plain = self._fit(before, Observed(clean, weights, LENIENT_M), 3 * TRACK_STEPS)
         followed = self._fit(plain, Observed(clean, weights))
@@ -251,7 +259,9 @@ class _Tracker(NamedTuple):
 
 
 def bridge(positions_m: Float64, longest: int) -> tuple[Float64, UInt8]:
-    """Fill gaps of up to ``longest`` frames by lines: positions (F, M, 3), and status uint8 (F, M)."""
+    """Fill gaps of up to ``longest`` frames by linear interpolation; return positions (F, M, 3) and status
+    uint8 (F, M).
+    """
     filled = positions_m.copy()
     seen = np.asarray(np.isfinite(positions_m).all(axis=2))
     status = np.where(seen, SEEN, MISSING).astype(np.uint8)
@@ -266,10 +276,11 @@ def bridge(positions_m: Float64, longest: int) -> tuple[Float64, UInt8]:
 
 
 def unswap(observed_m: Float64, predicted_m: Float64, status: UInt8) -> Float64:
-    """Exchange the labels of two markers where that brings both nearer to the prediction.
+    """Return a frame's markers, with two labels exchanged where that brings both nearer to the prediction.
 
-    observed_m, predicted_m: (M, 3); marks them in ``status``. The test is the difference of summed squares, 2
-    (x_i - x_j) . (p_j - p_i): negative enough, and each comes nearer than half the pair's distance.
+    observed_m, predicted_m: (M, 3); exchanged ones are marked in ``status``. The test is the difference of
+    summed squares, 2 (x_i - x_j) . (p_j - p_i). It must be negative enough, and each marker must come nearer
+    than half the pair's distance.
     """
     usable = np.flatnonzero(np.isin(status, (SEEN, SWAPPED)))
     x, p = observed_m[usable], predicted_m[usable]

@@ -1,1 +1,1 @@
-"""Recorded motions on any body: where they stand, sit and jump, as poses and as films."""
+"""Recorded motions on any body: floor contact, seats and jumps; single poses and films."""

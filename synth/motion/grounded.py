@@ -1,4 +1,4 @@
-"""Motion ready for any body: heights over the floor, standing feet, seats, glitches, frame rates.
+"""Recorded motion prepared for any body: heights over the floor, standing feet, seats, glitches, frame rates.
 
 Constants are untuned unless a source is given.
 """
@@ -50,7 +50,9 @@ REST: Int64 = np.setdiff1d(np.arange(N_STATIONS), np.concatenate(FEET))  # stati
 
 
 class Traces(NamedTuple):
-    """Path of a person: stations (F, S, 3) of the flesh, joints (F, J, 3), world, metres; radii (S,)."""
+    """Trajectory of a person: stations (F, S, 3) of the flesh, joints (F, J, 3), world, metres; radii
+    (S,).
+    """
 
     stations_m: Float64
     joints_m: Float64
@@ -64,11 +66,11 @@ class Traces(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Grounded:
-    """Motion with its floor, ready for any body.
+    """Motion with its floor, prepared for any body.
 
-    angles_rad: float64 (F, J, 3). path_m: float64 (F, 2) of the pelvis over the ground, world. clear_m:
-    float64 (F, 3), height over the floor of the lowest of left foot, right foot and all else, 0 while it
-    stands. sits: bool (F,). sound: bool (F,), False for a glitch. leg_m: of the person.
+    angles_rad: float64 (F, J, 3). path_m: float64 (F, 2), pelvis over the ground, world. clear_m: float64 (F,
+    3), height over the floor of the lowest point of left foot, right foot and all else; 0 while it stands.
+    sits: bool (F,). sound: bool (F,), False for a glitch. leg_m: leg length of the recorded person.
     """
 
     angles_rad: Float64
@@ -107,7 +109,7 @@ def ground(motion: Motion) -> Grounded:
 
 
 def bridged(motion: Motion, sound: Bool) -> Motion:
-    """Interpolate all frames except the sound ones (F,) from their neighbours."""
+    """Return the motion with all frames except the sound ones (F,) interpolated from their neighbours."""
     from scipy.spatial.transform import Rotation, Slerp
 
     at, frames = np.flatnonzero(sound), np.arange(len(motion))
@@ -122,7 +124,7 @@ def bridged(motion: Motion, sound: Bool) -> Motion:
 
 
 def _impossible(motion: Motion, traces: Traces, clear: Float64) -> Bool:
-    """Return flags (F,) of frames between too fast turns, and of flights without free fall."""
+    """Return flags (F,) of frames beside impossibly fast turns, and of jumps without free fall."""
     from scipy.spatial.transform import Rotation
 
     frames, rate = len(motion), motion.frames_per_second
@@ -157,7 +159,7 @@ def _speed_m_s(places_m: Float64, rate: float) -> Float64:
 
 
 def _unbalanced(joints_m: Float64, leg_m: float) -> Bool:
-    """Return flags (F,) of frames with hips at a seat's height and mass behind the heels."""
+    """Return flags (F,) of frames with hips at a seat's height and the centre of mass behind the heels."""
     sides = ([JOINT_ID[f"{side}_{name}"] for side in ("left", "right")] for name in ("hip", "knee", "ankle"))
     hips, knees, ankles = (joints_m[:, ids] for ids in sides)
     ahead = (knees - hips).mean(axis=1)[:, :2]
@@ -170,7 +172,7 @@ def _unbalanced(joints_m: Float64, leg_m: float) -> Bool:
 
 
 def mass_centre(joints_m: Float64) -> Float64:
-    """Return the centre of mass (..., 3) of joints (..., J, 3)."""
+    """Return the body's centre of mass (..., 3) from joints (..., J, 3)."""
     middles = [
         percent * (joints_m[..., start, :] + joints_m[..., end, :]) / 2 for start, end, percent in _SEGMENTS
     ]
@@ -178,7 +180,9 @@ def mass_centre(joints_m: Float64) -> Float64:
 
 
 def resampled(motion: Motion, frames_per_second: float) -> Motion:
-    """Resample by linear angles, the pelvis by slerp; markers are dropped."""
+    """Return the motion at another frame rate: linear in angles, slerp for the pelvis; markers are
+    dropped.
+    """
     from scipy.spatial.transform import Rotation, Slerp
 
     frames = max(1, round((len(motion) - 1) / motion.frames_per_second * frames_per_second) + 1)
@@ -231,7 +235,7 @@ def _trace(flesh: Flesh, angles_rad: Float64, pelvis_m: Float64) -> tuple[Float6
 
 
 def lowest_m(stations_m: Float64, radii_m: Float64) -> Float64:
-    """Return the heights (..., 3) of the lowest of both feet and all else, of stations (..., S, 3)."""
+    """Return the lowest heights (..., 3) of left foot, right foot and all else, for stations (..., S, 3)."""
     bottom = stations_m[..., 2] - radii_m
     feet = [bottom[..., foot].min(axis=-1) + SOLE_M for foot in FEET]
     return np.stack([*feet, bottom[..., REST].min(axis=-1)], axis=-1)
@@ -240,9 +244,9 @@ def lowest_m(stations_m: Float64, radii_m: Float64) -> Float64:
 def clearance_m(traces: Traces, frames_per_second: float) -> tuple[Float64, Float64]:
     """Return heights (F, 3) over the floor of both feet and all else, and the floor's height (F,).
 
-    Recorded floors wobble by centimetres, and a skeleton of other proportions stands above or below its
-    person's floor. So the floor is found anew at every moment, under still flesh near the lowest. Moving
-    flesh is as high as it is over a line between the stands before and after.
+    Recorded floors vary by centimetres, and a skeleton of other proportions stands above or below its
+    person's floor. Therefore the floor is estimated in every frame, under the lowest still flesh. While flesh
+    moves, the floor is interpolated between the contacts before and after.
     """
     lowest = lowest_m(traces.stations_m, traces.radii_m)
     bottom = lowest.min(axis=1)
@@ -275,12 +279,12 @@ def _still(traces: Traces, rate: float) -> Bool:
 
 
 def runs(flags: Bool) -> Int64:
-    """Return the first frame, and the one behind the last (n, 2), of every run of flags (F,)."""
+    """Return the first frame and the frame after the last (n, 2) of every run of True in flags (F,)."""
     return np.flatnonzero(np.diff(np.r_[False, flags, False])).reshape(-1, 2)
 
 
 def lasting(flags: Bool, seconds: float, rate: float) -> Bool:
-    """Clear the runs of flags (F,) that are shorter than this; single poses stay."""
+    """Return flags (F,) without runs shorter than ``seconds``; a recording of one frame stays."""
     kept = np.zeros_like(flags)
     for start, end in runs(flags):
         kept[start:end] = len(flags) < 3 or end - start >= min(seconds * rate, len(flags))
@@ -288,7 +292,9 @@ def lasting(flags: Bool, seconds: float, rate: float) -> Bool:
 
 
 def _between(values: Float64, known: Bool, otherwise: Float64) -> Float64:
-    """Return known values (F,) with lines between; a low quantile of ``otherwise`` without known values."""
+    """Return known values (F,), interpolated linearly; without known values a low quantile of
+    ``otherwise``.
+    """
     if not known.any():
         return np.full(len(values), np.quantile(otherwise, 0.05))
     at = np.flatnonzero(known)

@@ -1,6 +1,6 @@
-"""Motions in files and folders, solved or not, and the repertoire of poses for datasets.
+"""Motions in files and folders, solved or not, and a repertoire of poses for datasets.
 
-Solvers are imported where they run: recognising a file needs no compiled code.
+Solvers are imported where they run, because recognising a file needs no compiled code.
 """
 
 import hashlib
@@ -39,7 +39,7 @@ def _is_joint_file(path: Path) -> bool:
 
 
 def check_motion(path: Path) -> None:
-    """Raise CloudError for a folder, and for a file of another kind than motions."""
+    """Raise CloudError for a folder, and for a file that is not a motion."""
     if path.is_dir():
         raise CloudError(f"{path} is a folder; give one motion of it")
     motion_files(path)
@@ -67,7 +67,7 @@ def motion_files(path: Path) -> list[Path]:
 
 
 def read_motions(path: Path) -> dict[str, "Motion"]:
-    """Read the motions of a file by name, takes by their names, and solve unsolved ones.
+    """Return the motions of a file by name; takes have their own names, and markers are solved.
 
     Raises CloudError for another kind of file.
     """
@@ -89,7 +89,11 @@ def read_motions(path: Path) -> dict[str, "Motion"]:
 
 
 def read_take(path: Path, take: str | None) -> tuple[str, "Motion"]:
-    """Return name and motion of a file's take. Raises CloudError for several takes and no such name."""
+    """Return name and motion of a file's take.
+
+    take: None if the file has only one. Raises CloudError for several takes without a name, and for an
+    unknown name.
+    """
     check_motion(path)
     if path.suffix.lower() == ".npz" and _is_joint_file(path):
         from synth.markers.solve import solve
@@ -118,9 +122,8 @@ def digest(files: list[Path]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Repertoire:
-    """Motions to draw poses from.
-
-    sha256: of the files. assumed: lines on the files solved on the way, each with its number of files.
+    """Motions to draw poses from. sha256: of the files. assumed: sentences on assumptions in solving, each
+    with its number of files.
     """
 
     name: str
@@ -129,7 +132,7 @@ class Repertoire:
     assumed: tuple[str, ...] = ()
 
     def draw(self, rng: np.random.Generator) -> "tuple[str, Grounded, int]":
-        """Draw a motion's name, the motion, and one of its frames; every motion is as likely."""
+        """Draw a motion's name, the motion, and one of its frames; all motions have the same probability."""
         name = str(rng.choice(list(self.motions)))
         motion = self.motions[name]
         return name, motion, int(rng.integers(len(motion)))
@@ -139,9 +142,9 @@ class Repertoire:
 
 
 def read_repertoire(path: Path, advance: Callable[[int], None] = lambda _: None) -> Repertoire:
-    """Read a motion file, or a folder of them; ``advance`` gets 1 a file.
+    """Read a motion file, or a folder of them.
 
-    Raises CloudError without motions, or for an unreadable one.
+    advance: called with 1 for each file. Raises CloudError without motions, or for an unreadable one.
     """
     from synth.motion.grounded import ground
 

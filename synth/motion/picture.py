@@ -24,7 +24,7 @@ _AZIMUTHS = (0.0, np.pi / 2)  # front and side
 
 
 def save_picture(path: Path, motion: Motion, markers_m: Float64) -> None:
-    """Write moments of a motion with its markers (F, M, 3) on the person, front and side, as PNG."""
+    """Write a PNG of some frames of a motion with its markers (F, M, 3), in front and side view."""
     moments = np.unique(np.linspace(0, len(motion) - 1, SHOWN).astype(int))
     rows = [_views(motion, markers_m, moments, azimuth) for azimuth in _AZIMUTHS]
     save_png(path, np.vstack([np.hstack(row) for row in rows]))
@@ -37,7 +37,7 @@ def check_animation(path: Path) -> None:
 
 
 def save_animation(path: Path, motion: Motion, markers_m: Float64) -> None:
-    """Write the beginning of a motion with its markers (F, M, 3), front and side, as an animation.
+    """Write an animation of a motion's beginning with its markers (F, M, 3), in front and side view.
 
     Raises CloudError for another suffix than ``ANIMATIONS``.
     """

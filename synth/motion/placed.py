@@ -1,4 +1,4 @@
-"""Motion on any body, one frame or smooth as a whole: feet as in the motion, limbs clear of each other.
+"""Motion on any body, in one frame or as a smooth whole: feet as in the motion, limbs without collisions.
 
 Constants are untuned.
 """
@@ -34,10 +34,11 @@ TRIED_SITS = 8  # seated frames whose median height a seat has
 
 
 def stand(body: Body, grounded: Grounded, frame: int) -> Posed:
-    """Put a body in one frame, over the origin and facing -y: vertices float32 (V, 3), joints (J, 3), metres.
+    """Pose a body as in one frame, over the origin and facing -y: vertices float32 (V, 3), joints (J, 3),
+    metres.
 
-    Standing feet of the motion stand on the floor. Airborne feet are as high over it, scaled to the body's
-    legs. Limbs keep clear of each other and of the floor.
+    Feet that stand in the motion stand on the floor. Airborne feet are at the same height, scaled to the
+    body's legs. Limbs do not touch each other or the floor.
     """
     turn = -heading_rad(grounded.angles_rad[frame, 0])
     posture, wanted = standing(body, grounded, frame, turn)
@@ -45,7 +46,7 @@ def stand(body: Body, grounded: Grounded, frame: int) -> Posed:
 
 
 def cleared(body: Body, posture: Posture, wanted_m: Float64, solids: list[Solid]) -> Posture:
-    """Clear a posture of ``standing`` of itself and of solids, its lowest at its height."""
+    """Return a posture of ``standing`` without collisions, with its lowest point at its height."""
     low = wanted_m.min()
     airborne = np.array([0.0, 0.0, low])
     placed, goal = _trunk_up(body, _moved(posture, -airborne)), (wanted_m - low)[:2]
@@ -70,7 +71,7 @@ def cleared(body: Body, posture: Posture, wanted_m: Float64, solids: list[Solid]
 
 
 def _trunk_up(body: Body, posture: Posture) -> Posture:
-    """Lift the trunk out of the floor: limbs make room for it, but nothing moves a trunk."""
+    """Return the posture, raised as a whole until the trunk is above the floor."""
     vertices, _ = pose(body, posture)
     sunk = -FLOOR.give_m - float(vertices[flesh_of(body).trunk, 2].min())
     return _moved(posture, np.array([0.0, 0.0, max(sunk, 0.0)]))
@@ -82,7 +83,9 @@ def _feet(body: Body) -> list[Int64]:
 
 
 def take_seat(body: Body, grounded: Grounded, frame: int, seat: Seat) -> tuple[Posed, Seat]:
-    """Put a body in a seated frame as ``stand`` does; return also its seat, as high as the motion's."""
+    """Pose a body as in a seated frame, like ``stand``; also return its seat, at the height of the motion's
+    seat.
+    """
     trunk = flesh_of(body).trunk
     posture, wanted = standing(body, grounded, frame, -heading_rad(grounded.angles_rad[frame, 0]))
     vertices, joints = pose(body, posture)
@@ -93,8 +96,10 @@ def take_seat(body: Body, grounded: Grounded, frame: int, seat: Seat) -> tuple[P
 
 
 def _settled(body: Body, posture: Posture, goal_m: Float64, near: Float64, solids: list[Solid]) -> Posture:
-    """Clear the limbs, each foot drawn to a height (2,) with a strength (2,); the trunk leans less for the
-    belly."""
+    """Return the posture without collisions, feet pulled to heights (2,) with weights (2,).
+
+    Several leans of the trunk are tried, because the belly may keep the feet from their heights.
+    """
     flesh = flesh_of(body)
     best, least = posture, np.inf
     for lean in LEANS_RAD:
@@ -128,9 +133,9 @@ def _leaning(posture: Posture, back_rad: float) -> Posture:
 
 
 def standing(body: Body, grounded: Grounded, frame: int, turn_rad: float) -> tuple[Posture, Float64]:
-    """Return a frame's posture, its pelvis over the origin, limbs not yet clear, and heights (3,).
+    """Return a frame's posture with the pelvis over the origin, before limbs are separated, and heights (3,).
 
-    The heights over the floor are of left foot, right foot and all else; turn_rad: about the vertical.
+    Heights over the floor of left foot, right foot and all else. turn_rad: rotation about the vertical.
     """
     scale = leg_length_m(zero_bones(body.joints_m)) / grounded.leg_m
     wanted = scale * hovering(grounded.clear_m[frame])
@@ -167,17 +172,19 @@ def _moved(posture: Posture, way_m: Float64) -> Posture:
 
 
 def _near(wanted_m: Float64) -> Float64:
-    """Weigh each height (3,) by its nearness to the lowest, 1 for the lowest."""
+    """Return a weight for each height (3,): 1 for the lowest, less for higher ones."""
     return np.asarray(np.exp(-(((wanted_m - wanted_m.min()) / (2 * STEP_M)) ** 2)))
 
 
 def hovering(clear_m: Float64) -> Float64:
-    """Lower heights of millimetres to the floor: no recorded foot keeps still."""
+    """Return heights; heights of some millimetres become 0, because recorded standing feet are never
+    still.
+    """
     return np.asarray(clear_m * (1 - np.exp(-clear_m / HOVER_M)))
 
 
 def feet_to(flesh: Flesh, posture: Posture, wanted_m: Float64) -> Posture:
-    """Bring hips and knees to where the feet have their heights.
+    """Return the posture with hips and knees bent so that the feet have their heights.
 
     wanted_m: (3,) height of left foot, right foot and all else over the floor.
     """
@@ -189,7 +196,7 @@ def feet_to(flesh: Flesh, posture: Posture, wanted_m: Float64) -> Posture:
 
 
 def _bent(flesh: Flesh, posture: Posture, wanted_m: Float64) -> Posture:
-    """Bend, or stretch, the legs so that feet near the floor come to their heights."""
+    """Return the posture with legs bent or stretched so that feet near the floor have their heights."""
     bent = Posture(posture.angles_rad.copy(), posture.pelvis_m)
     near = _near(wanted_m)
     goal = (1 - near) * _lowest(flesh, bent) + near * wanted_m
@@ -206,7 +213,7 @@ def _lowest(flesh: Flesh, posture: Posture) -> Float64:
 
 
 def _bend(flesh: Flesh, angles: Float64, leg: list[int], rise_m: float) -> None:
-    """Bend a leg so that its foot rises; the foot's pitch and the leg's direction stay."""
+    """Bend a leg in place so that its foot rises; the foot's pitch and the leg's direction stay."""
     hip, knee, ankle = leg
     rest = flesh.rest_joints_m
     thigh, shank = (float(np.linalg.norm(rest[b] - rest[a])) for a, b in ((hip, knee), (knee, ankle)))
@@ -233,7 +240,9 @@ def _triangle(thigh: float, shank: float, reach: float) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Performance:
-    """Postures of every frame in a room: a sitter faces -y from a seat; else the middle is the origin."""
+    """Postures of every frame in a room. A sitting person faces -y from a seat; otherwise the middle of the
+    path is at the origin.
+    """
 
     body: Body
     postures: tuple[Posture, ...]
@@ -255,7 +264,7 @@ def perform(body: Body, grounded: Grounded) -> Performance:
 
 
 def _stage(body: Body, grounded: Grounded) -> tuple[Seat | None, Float64, float]:
-    """Return the seat, if any, the pelvis' place (2,) on it, and the turn to face -y."""
+    """Return the seat, if any, the pelvis' position (2,) on it, and the rotation to face -y."""
     frames = np.flatnonzero(grounded.sits) if grounded.sits.any() else np.arange(len(grounded))
     headings = np.array([heading_rad(grounded.angles_rad[f, 0]) for f in frames])
     turn = -float(np.arctan2(np.sin(headings).mean(), np.cos(headings).mean()))
@@ -273,7 +282,9 @@ def _stage(body: Body, grounded: Grounded) -> tuple[Seat | None, Float64, float]
 
 
 def _way(body: Body, grounded: Grounded, turn: float) -> Float64:
-    """Return the pelvis' way (F, 2), scaled to the body's legs, long walks drawn together."""
+    """Return the pelvis' path (F, 2), scaled to the body's legs; long walks are compressed to fit the
+    room.
+    """
     from scipy.ndimage import gaussian_filter1d
 
     scale = leg_length_m(zero_bones(body.joints_m)) / grounded.leg_m

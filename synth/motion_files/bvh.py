@@ -1,7 +1,7 @@
-"""BVH files: a skeleton's rotations become points at its joints, which are solved like markers.
+"""BVH files: a skeleton's rotations are converted to joint positions, which are solved like markers.
 
-Files of sloppy programs are read too. Names may hold blanks (3ds Max Biped: "Bip01 L Thigh") and be in
-Latin-1. Numbers may have decimal commas. The stated number of frames may be wrong, and Blender ignores it
+Nonconforming files are read too. Names may contain blanks (3ds Max Biped: "Bip01 L Thigh") and be in Latin-1.
+Numbers may have decimal commas. The stated number of frames may be wrong; Blender ignores it too
 (``io_anim_bvh/import_bvh.py``).
 """
 
@@ -43,7 +43,9 @@ class Bone(NamedTuple):
 
 
 class BvhText(NamedTuple):
-    """Bones of a BVH, values (F, C) of their channels, seconds a frame, and a line on each assumption."""
+    """Bones of a BVH, values (F, C) of their channels, seconds per frame, and a sentence on each
+    assumption.
+    """
 
     bones: list[Bone]
     rows: Float64
@@ -87,11 +89,11 @@ def _markers(text: BvhText) -> tuple[Markers, MarkerSet]:
 
 
 def _keeping_offset(bones: list[Bone], rows: Float64) -> tuple[list[bool], tuple[str, ...]]:
-    """Return flags of the bones that keep their OFFSET beside position channels, and a line on them.
+    """Return flags of the bones whose OFFSET is added to their position channels, and a sentence on them.
 
     Position channels replace the OFFSET in Blender's ``import_bvh.py``, bvhio (issue 5) and Holden's
-    ``BVH.py`` (DeepMotionEditing); three.js (``BVHLoader.js``) adds them. Positions of most joints that lead
-    less than half way along the OFFSET are displacements. Positions that stay 0 have no effect.
+    ``BVH.py`` (DeepMotionEditing); three.js (``BVHLoader.js``) adds them. Here they are added if positions of
+    most joints lead less than half way along the OFFSET. Positions that stay 0 have no effect.
     """
     moved, shares = [], []
     for i, bone in enumerate(bones):
@@ -234,7 +236,7 @@ def _motion(text: str, columns: int, assumed: list[str]) -> tuple[Float64, float
 
 
 def _whole_rows(body: str, numbers: int, columns: int) -> int:
-    """Return the count of rows, the last perhaps cut off; 0 for rows of other lengths."""
+    """Return the number of rows, of which the last may be truncated; 0 for rows of other lengths."""
     lengths = [len(line.split()) for line in body.splitlines() if line.strip()]
     alike = all(length == columns for length in lengths[:-1]) and sum(lengths) == numbers
     return numbers // columns if lengths and alike and lengths[-1] <= columns else 0

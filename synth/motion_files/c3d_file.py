@@ -1,9 +1,9 @@
 """C3D files from laboratories, including files whose header and parameters disagree.
 
 Layout after the C3D user guide (Motion Lab Systems, c3d.org): blocks of 512 bytes. The first block is a
-header, whose first byte is the block of the parameters, which are in groups. Behind them follow, frame after
-frame, four numbers a point (x, y, z, residual) and the analog samples. Where statements of header and
-parameters differ, the statement that fits the data is used; the library ``c3d`` refuses such files.
+header, whose first byte is the block number of the parameters. Parameters are in groups. After them come,
+frame by frame, four numbers per point (x, y, z, residual) and the analog samples. Where header and parameters
+differ, the statement that fits the data is used; the library ``c3d`` refuses such files.
 """
 
 import itertools
@@ -35,7 +35,7 @@ class C3dPoints(NamedTuple):
     """Points of a C3D file.
 
     labels: M names. positions: float64 (F, M, 3) in the file's unit and axes, NaN where not seen. unit: "" if
-    none is stated. up: a direction of ``AXES`` or "". assumed: a line for each assumption.
+    none is stated. up: a direction of ``AXES`` or "". assumed: sentences on assumptions.
     """
 
     labels: tuple[str, ...]
@@ -75,7 +75,7 @@ def parse_c3d(data: bytes, most: int) -> C3dPoints:
 
 
 class _Value(NamedTuple):
-    """Content of a parameter, as far as it is there; words are unsigned."""
+    """Content of a parameter, as far as the file holds it; words are unsigned."""
 
     numbers: list[float]
     texts: list[str]
@@ -83,7 +83,7 @@ class _Value(NamedTuple):
 
 @dataclass(frozen=True)
 class _File:
-    """Bytes of a file, its parameters as "GROUP:NAME" with every value, and the byte behind them."""
+    """Bytes of a file, its parameters as "GROUP:NAME" with all their values, and the offset after them."""
 
     data: bytes
     processor: int
@@ -128,7 +128,7 @@ class _File:
         return [v[0] + 65536 * v[1] if len(v) == 2 else v[0] for v in values if v]
 
     def texts(self, name: str) -> list[str]:
-        """Return the texts of a parameter: the value with most names."""
+        """Return the texts of a parameter; of several values, the one with most names."""
         found = [value.texts for value in self.parameters.get(name, [])]
         return max(found, key=lambda texts: len(set(texts) - {""}), default=[])
 
@@ -139,7 +139,9 @@ def _begins_parameters(data: bytes, block: int) -> bool:
 
 
 def _parameters(section: bytes, processor: int) -> dict[str, list[_Value]]:
-    """Parse the entries: length of the name, group (negative in its description), name, step, content."""
+    """Parse the parameter entries: length of the name, group (negative in its description), name, offset to
+    the next entry, content.
+    """
     groups: dict[int, str] = {}
     found: list[tuple[int, str, _Value]] = []
     at = 4
@@ -189,7 +191,9 @@ def _words(data: bytes, processor: int) -> NDArray[np.int16]:
 
 
 def _floats(data: bytes, processor: int) -> NDArray[np.float32]:
-    """Decode numbers; DEC's are IEEE's times four with the two words exchanged."""
+    """Decode floats. processor: number format; DEC floats are IEEE times four with the two words
+    exchanged.
+    """
     if processor == DEC:
         swapped = np.frombuffer(data, "<u2").reshape(-1, 2)[:, ::-1].copy()
         return np.asarray(swapped.view("<f4")[:, 0] / 4, np.float32)
@@ -197,7 +201,9 @@ def _floats(data: bytes, processor: int) -> NDArray[np.float32]:
 
 
 class _Layout(NamedTuple):
-    """Frames in the file: first byte, points and analog values a frame, number format, count of frames."""
+    """Layout of the frames: offset of the first, points and analog values per frame, number format, number of
+    frames.
+    """
 
     start: int
     points: int
@@ -211,7 +217,9 @@ class _Layout(NamedTuple):
 
 
 def _layout(file: _File, assumed: list[str]) -> _Layout:
-    """Return the stated layout that fits best: plausible points, then an end near the file's."""
+    """Return the stated layout that fits best: first by plausible points, then by an end near the
+    file's end.
+    """
     statements = _statements(file)
     choices = itertools.product(*(dict.fromkeys(stated + other) for stated, other in statements.values()))
     ranked = []
@@ -242,7 +250,9 @@ def _layout(file: _File, assumed: list[str]) -> _Layout:
 
 
 def _unwrapped(frames: int, spare: int, frame_bytes: int) -> int:
-    """Return the frames of a 16-bit count: ezc3d writes 65535 for more, others drop multiples of 65536."""
+    """Return the number of frames from a 16-bit count: ezc3d writes 65535 for more, others drop multiples of
+    65536.
+    """
     there = spare // frame_bytes
     if frames == _MOST_16:
         return max(there, frames)
@@ -251,7 +261,7 @@ def _unwrapped(frames: int, spare: int, frame_bytes: int) -> int:
 
 
 def _statements(file: _File) -> dict[str, tuple[list[int], list[int]]]:
-    """Return the statements for each field of ``_Layout``, best first, and further possible values."""
+    """Return for each field of ``_Layout`` the stated values, best first, and further possible values."""
     first, last, per_frame = (file.header_word(at) for at in (6, 8, 18))
     used, rates = file.numbers("ANALOG:USED"), file.numbers("ANALOG:RATE")
     point_rate = _usable_rate([*file.numbers("POINT:RATE"), file.header_float(20)])
@@ -277,7 +287,7 @@ def _usable(values: Sequence[float], least: int) -> list[int]:
 
 
 def _raw(file: _File, layout: _Layout) -> NDArray[Any]:
-    """Return a view (F, M, 4) of the points' numbers as written; DEC's floats as unsigned integers."""
+    """Return a view (F, M, 4) of the points' numbers as stored; DEC floats are unsigned integers."""
     kind = ("u4" if file.processor == DEC else "f4") if layout.floats else "i2"
     dtype = np.dtype(kind).newbyteorder(">" if file.processor == MIPS else "<")
     shape, step = (layout.frames, layout.points, 4), dtype.itemsize
@@ -289,7 +299,7 @@ def _decoded(raw: NDArray[Any]) -> NDArray[Any]:
 
 
 def _implausible(file: _File, layout: _Layout) -> bool:
-    """Return whether too many points are impossible: by their residual, or too far or too near."""
+    """Return whether too many points are impossible: by their residual, or by a coordinate out of range."""
     raw = _raw(file, layout)
     rows, columns = (np.unique(np.linspace(0, n - 1, SAMPLE).astype(int)) for n in raw.shape[:2])
     numbers = _decoded(raw[np.ix_(rows, columns)])

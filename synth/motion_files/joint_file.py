@@ -1,7 +1,7 @@
 """Files of joints: takes of joint positions in one ``.npz``, or the rotations of an AMASS file.
 
-AMASS holds rotations alone; bone lengths follow from SMPL's body model, whose licence forbids to ship it. All
-rotations are stated about the axes of one T-pose. So they turn any body that has SMPL's joints in a T-pose:
+AMASS holds only rotations; bone lengths would follow from SMPL's body model, whose licence forbids to ship
+it. All rotations are about the axes of one T-pose. So they can drive any body with SMPL's joints in a T-pose,
 here the reference body of this project.
 """
 
@@ -53,7 +53,7 @@ _FOOT_M, _HAND_M = (0.0, -0.06, 0.13), 0.085
 
 @dataclass(frozen=True)
 class _Joints:
-    """Names of J joints, their parents (J,), takes (F, J, 3) by name, and a line on each assumption."""
+    """Names of J joints, their parents (J,), takes (F, J, 3) by name, and a sentence on each assumption."""
 
     names: tuple[str, ...]
     parents: Int64
@@ -92,7 +92,9 @@ def read_joint_file(path: Path) -> tuple[dict[str, Markers], MarkerSet]:
 
 
 def read_joints(path: Path) -> tuple[Markers, MarkerSet]:
-    """Return the only take of a file, and its marker set. Raises CloudError also for several takes."""
+    """Return the only take of a file, and its marker set. Raises CloudError for several takes, and as
+    ``read_joint_file``.
+    """
     takes, places = read_joint_file(path)
     if len(takes) > 1:
         raise CloudError(
@@ -146,9 +148,9 @@ def _numbers(name: str, array: NDArray[Any]) -> Float64:
 
 
 def joints_of_rotations(poses: Float64, root_m: Float64) -> Float64:
-    """Return the places (F, 22, 3) of SMPL's joints, metres, in the file's axes.
+    """Return the positions (F, 22, 3) of SMPL's joints, metres, in the file's axes.
 
-    poses: (F, 3 n) axis-angle rotations of n joints, 22 and more. root_m: (F, 3). Raises FormatError for
+    poses: (F, 3 n) axis-angle rotations of n joints, at least 22. root_m: (F, 3). Raises FormatError for
     other shapes.
     """
     frames = len(poses)

@@ -1,8 +1,8 @@
-"""Joints of other skeletons as a marker set: every joint of a known name is a point at one of our joints.
+"""Joints of other skeletons as a marker set: every joint of a known name becomes a marker at one of our
+joints.
 
-Tools differ in bone lengths, rest poses and axes, and agree on the places of joints. Head and hands have a
-point at the bone's end too. Rotations about a bone that move no joint (the forearm, the head on its axis) are
-lost.
+Tools differ in bone lengths, rest poses and axes, but agree on joint positions. Head and hands have a marker
+at the bone's end too. Rotations about a bone that move no joint (the forearm, the head on its axis) are lost.
 """
 
 import re
@@ -43,7 +43,7 @@ def marker_set_of_joints(
     """Return the columns of the known joints, their marker set, and the leg's length in the file's unit.
 
     parents: (J,) index of each joint's parent, -1 for the root. centres: (F, J, 3). Raises CloudError for too
-    few known joints or another skeleton than a person's.
+    few known joints, or a skeleton that is not a person's.
     """
     places = _places(names, parents, centres)
     legs = [f"left_{joint}" in places for joint in ("hip", "knee", "ankle")]
@@ -60,7 +60,9 @@ def marker_set_of_joints(
 
 
 def _places(names: Sequence[str], parents: Int64, centres: Float64) -> dict[str, int]:
-    """Return the index of the best joint for each of our places ("left_knee", "head", "left_toe")."""
+    """Return the index of the best joint for each position of our skeleton ("left_knee", "head",
+    "left_toe").
+    """
     apart = _apart(parents, centres)
     plain = without_prefix(names)
     named: dict[tuple[str, str], int] = {}
@@ -101,13 +103,15 @@ def _length(centres: Float64, a: int, b: int) -> float:
 
 
 def _apart(parents: Int64, centres: Float64) -> Bool:
-    """Return flags (J,) of the joints away from their parent; the others have no place of their own."""
+    """Return flags (J,) of joints at a distance from their parent; other joints have no position of their
+    own.
+    """
     away = np.nan_to_num(np.linalg.norm(centres - centres[:, parents], axis=2)).max(axis=0)
     return np.asarray((away > 1e-3 * away.max()) | (parents < 0), np.bool_)
 
 
 def _readings(name: str) -> list[tuple[str, str]]:
-    """Return sides ("left_", "right_" or "") and known names that a joint's name may mean."""
+    """Return (side, known name) pairs that a joint's name may mean; side is "left_", "right_" or ""."""
     label = _JOINT.sub("", name.casefold())
     found = [("", label)]
     if match := _MIDDLE.fullmatch(label):
@@ -120,7 +124,7 @@ def _readings(name: str) -> list[tuple[str, str]]:
 
 
 def _check_person(names: Sequence[str], places: dict[str, int], centres: Float64) -> float:
-    """Return the leg's length. Raises CloudError or FormatError for another skeleton than a person's."""
+    """Return the leg's length. Raises CloudError or FormatError for a skeleton that is not a person's."""
     beast = next((name for name in names if _BEASTS.search(name)), None)
     if beast is not None:
         raise CloudError(f"its joint {beast[:40]!r} is not a person's; give the motion of a person")

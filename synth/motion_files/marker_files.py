@@ -1,4 +1,4 @@
-"""C3D and TRC recordings of markers, and lines on what was assumed of defective files."""
+"""C3D and TRC recordings of markers, with sentences on what was assumed for defective files."""
 
 import math
 import re
@@ -38,8 +38,8 @@ class Markers:
     """Marker positions over time.
 
     labels: M names as spelt in the file. positions: float64 (F, M, 3) in the file's unit and axes, NaN where
-    not seen. unit: as in the file ("m", "mm"), or "". up: the stated vertical axis. assumed: a line for each
-    defect and its reading. Raises FormatError for impossible sizes.
+    not seen. unit: as in the file ("m", "mm"), or "". up: the stated vertical axis. assumed: sentences on
+    defects and how they were read. Raises FormatError for impossible sizes.
     """
 
     labels: tuple[str, ...]
@@ -108,8 +108,8 @@ def _read_trc(path: Path) -> Markers:
 def _parse_trc(lines: Iterable[str]) -> Markers:
     """Read TRC lines of Motion Analysis, Vicon, OpenSim, Pose2Sim and pyomeca, also with defects.
 
-    Cells are separated by tabs, commas, semicolons or blanks. A marker's name stands over the first of its
-    three columns, so a column without a name shifts no other.
+    Cells are separated by tabs, commas, semicolons or blanks. A marker's name is over the first of its three
+    columns, so a missing name does not shift the others.
     """
     lines = (line for line in lines if line.strip() and not line.lstrip().startswith(("#", "//")))
     assumed: list[str] = []
@@ -163,7 +163,7 @@ def _cells(line: str, separator: str | None) -> list[str]:
 
 
 def _labels(cells: list[str]) -> tuple[str, ...]:
-    """Return the name over each third column, "" without one; of a plain row of names all."""
+    """Return the label over each third column, "" without one; all labels for a row of labels only."""
     if len(cells) > 3 and cells[::3] == cells[1::3] == cells[2::3]:
         cells = [cell if i % 3 == 0 else "" for i, cell in enumerate(cells)]
     named = [i for i, cell in enumerate(cells) if cell]

@@ -1,4 +1,4 @@
-"""Marker sets: the place on the body of each marker's name, and a recording's markers by a set.
+"""Marker sets: position of each named marker on the body, and selection of a recording's markers by a set.
 
 Constants are untuned unless a source is given.
 """
@@ -32,11 +32,11 @@ _SIDE = re.compile(r"(left|right|l|r)", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class MarkerSet:
-    """Places of M markers on a body 1.70 m tall in anatomical zero.
+    """Positions of M markers on a body 1.70 m tall in anatomical zero.
 
-    joint: int64 (M,) the joint of each marker. at_m: (M, 3) metres from it, x to the person's left, y back, z
-    up. spread_m: (M,) standard deviation of that place. weight: (M,). also: other names of markers, by the
-    key of the name (see ``key_of``). note: remark on solutions.
+    joint: int64 (M,) the joint of each marker. at_m: (M, 3) metres from the joint, x to the person's left, y
+    back, z up. spread_m: (M,) standard deviation of that position. weight: (M,). also: other names of
+    markers, by the key of the name (see ``key_of``). note: remark on solutions.
     """
 
     name: str
@@ -50,13 +50,13 @@ class MarkerSet:
 
     @cached_property
     def places(self) -> dict[str, int]:
-        """Index of the marker by the key of each of its names."""
+        """Return the index of the marker by the key of each of its names."""
         known = {key_of(name): place for place, name in enumerate(self.names)}
         others = {key_of(other): known[key] for key, spellings in self.also.items() for other in spellings}
         return others | known
 
     def columns(self, labels: Sequence[str]) -> list[int | None]:
-        """Return the index of the marker of each label, None for labels of no marker."""
+        """Return for each label the index of its marker, None for unknown labels."""
         keys = zip(map(key_of, labels), map(key_of, without_prefix(labels, "_- .")), strict=True)
         return [self.places.get(whole, self.places.get(short)) for whole, short in keys]
 
@@ -134,8 +134,8 @@ class KnownMarkers:
     """Markers of a set in a recording.
 
     positions_m: float64 (F, M, 3) world, z up, NaN where not seen, one column per marker of the set. unknown:
-    labels outside the set. up: the file's axis that became z. unit: the file's. assumed: lines on unit, axes
-    and repeated labels.
+    labels outside the set. up: the file's axis that became z. unit: the file's. assumed: sentences on unit,
+    axes and repeated labels.
     """
 
     positions_m: Float64
@@ -146,16 +146,16 @@ class KnownMarkers:
 
     @property
     def seen(self) -> Bool:
-        """Flags (F, M) of seen markers."""
+        """Return flags (F, M) of seen markers."""
         return np.asarray(np.isfinite(self.positions_m).all(axis=2))
 
 
 def known_markers(markers: Markers, markerset: MarkerSet, standing: bool = False) -> KnownMarkers:
-    """Select the set's markers of a recording, in metres, z up.
+    """Return the set's markers of a recording, in metres, z up.
 
-    standing: the person is known to stand. A unit that contradicts a person's size is replaced by the one
-    that fits, and a vertical axis that contradicts the motion likewise. A mirror image is mirrored back.
-    Raises CloudError for too few known or seen markers, or without a fitting unit.
+    standing: True for a person who is known to stand. A unit that contradicts a person's size is replaced by
+    the one that fits, and a vertical axis that contradicts the motion likewise. A mirror image is mirrored
+    back. Raises CloudError for too few known or seen markers, or without a fitting unit.
     """
     picked, unknown, twice = _picked(markers, markerset)
     unit, unit_line = _unit(picked, markers.unit)
@@ -171,8 +171,9 @@ def known_markers(markers: Markers, markerset: MarkerSet, standing: bool = False
 
 
 def _picked(markers: Markers, markerset: MarkerSet) -> tuple[Float64, tuple[str, ...], tuple[str, ...]]:
-    """Return positions (F, M, 3) in the file's unit, labels of no marker, and lines on people and repeated
-    labels."""
+    """Return positions (F, M, 3) in the file's unit, unknown labels, and sentences on people and repeated
+    labels.
+    """
     places = markerset.columns(markers.labels)
     frames = np.isfinite(markers.positions).all(axis=2).sum(axis=0)
     others, lines = _other_people(markers.labels, places, frames)
@@ -206,7 +207,9 @@ def _picked(markers: Markers, markerset: MarkerSet) -> tuple[Float64, tuple[str,
 def _other_people(
     labels: Sequence[str], places: Sequence[int | None], frames: Int64
 ) -> tuple[set[int], tuple[str, ...]]:
-    """Return the columns of all but the person seen most, and a line; ``frames`` counts each column's."""
+    """Return the columns of all people but the one seen most, and a sentence on them. frames: number of
+    frames of each column.
+    """
     people: dict[str, dict[int, int]] = {}
     for column, (label, place) in enumerate(zip(labels, places, strict=True)):
         if place is not None:
@@ -222,7 +225,7 @@ def _other_people(
 
 
 def _unit(positions: Float64, unit: str) -> tuple[str, tuple[str, ...]]:
-    """Return the unit of a file, and a line where the stated one is missing or fits no person."""
+    """Return the unit of a file, and a sentence where the stated unit is missing or fits no person."""
     span = _span(positions)
     for name in (unit, "m", "cm", "mm"):
         if name in UNITS_M and PERSON_M[0] <= span * UNITS_M[name] <= PERSON_M[1]:
@@ -270,14 +273,16 @@ def _distance(trial: KnownMarkers, a: int, b: int) -> float:
 
 
 def key_of(label: str) -> str:
-    """Return the key of all spellings of a name: no prefix up to the last colon, no punctuation, one case."""
+    """Return a key that is equal for all spellings of a name: without prefix up to the last colon,
+    punctuation and case.
+    """
     return re.sub(r"[^0-9a-z]", "", label.rpartition(":")[2].casefold())
 
 
 def without_prefix(labels: Sequence[str], ending: str = "") -> list[str]:
-    """Return labels without the part up to a colon and without the beginning that most of them share.
+    """Return labels without the part up to a colon and without a common beginning.
 
-    ending: characters one of which ends the prefix; "" for any prefix but a side ("mixamorig").
+    ending: characters that may end a prefix; "" for any prefix except a side ("mixamorig").
     """
     plain = [label.rpartition(":")[2].strip() for label in labels]
     prefix = _shared(plain, ending)
@@ -285,7 +290,9 @@ def without_prefix(labels: Sequence[str], ending: str = "") -> list[str]:
 
 
 def _shared(labels: Sequence[str], ending: str) -> str:
-    """Return the longest beginning of at least ``SHARED`` of the labels that may be a prefix, or ""."""
+    """Return the longest common beginning of at least the share ``SHARED`` of the labels that may be a
+    prefix, or "".
+    """
     beginning, most = "", max(2, SHARED * len(labels))
     while True:
         following = Counter(

@@ -49,7 +49,9 @@ FOOT_M = 0.05  # least distance of two places that show a foot's direction
 
 
 class Upward(NamedTuple):
-    """Stated direction: axis, one of ``AXES`` or ""; by, its source; usual, the direction of such files."""
+    """Stated vertical direction. axis: one of ``AXES`` or ""; by: source of the statement; usual: direction
+    of such files.
+    """
 
     axis: str = ""
     by: str = ""
@@ -60,7 +62,7 @@ UNSTATED = Upward()
 
 
 def given(axis: str) -> Upward:
-    """Return a direction that is used unchecked. Raises CloudError for other names than ``AXES``."""
+    """Return a direction that is used without a check. Raises CloudError for other names than ``AXES``."""
     if axis not in AXES:
         raise CloudError(f"vertical axis {axis!r} is unknown; give {', '.join(AXES)}")
     return Upward(axis, GIVEN)
@@ -72,7 +74,9 @@ def direction(axis: str) -> Float64:
 
 @dataclass(frozen=True)
 class _Person:
-    """Rises (F, 3) of trunk and whole person, places (F, 3) of pelvis and ankles, markers, and soles."""
+    """Measures of a person: extents (F, 3) of trunk and whole person, positions (F, 3) of pelvis and ankles,
+    markers, and soles.
+    """
 
     rises: tuple[Float64, Float64]
     pelvis: Float64
@@ -106,9 +110,9 @@ class _Person:
         return bool(np.concatenate(flat).mean() > MOST)
 
     def on_floor(self, axis: str) -> bool:
-        """Return whether the lowest markers are at 0, the floor of laboratories.
+        """Return whether the lowest markers are at 0, as the floor is in laboratories.
 
-        Networks give places about the pelvis, which show no floor.
+        Positions estimated by networks are relative to the pelvis and show no floor.
         """
         if np.nanmax(np.abs(self.pelvis), initial=0) < ORIGIN_M:
             return False
@@ -117,11 +121,11 @@ class _Person:
         return bool(FLOOR_M[0] < np.quantile(heights, 0.02) < FLOOR_M[1]) if heights.size else False
 
     def grounded(self, axis: str, instead: str) -> bool:
-        """Return whether the floor is rather below ``axis`` than below ``instead``."""
+        """Return whether a floor is more probable below ``axis`` than below ``instead``."""
         return self.on_floor(axis) or not (instead and self.on_floor(instead))
 
     def stands(self, axis: str, instead: str) -> bool:
-        """Return whether the person stands along an axis rather than lies across it."""
+        """Return whether the person stands along ``axis`` rather than lies, standing along ``instead``."""
         flat = self.stands_flat(axis)
         if flat is None:
             return self.on_floor(axis) and not (instead and self.on_floor(instead))
@@ -131,9 +135,9 @@ class _Person:
 def find_vertical(
     positions_m: Float64, joint: Int64, at_m: Float64, stated: Upward, standing: bool = False
 ) -> tuple[str, tuple[str, ...]]:
-    """Return the vertical axis of markers (F, M, 3) in metres, and a line on each assumption.
+    """Return the vertical axis of markers (F, M, 3) in metres, and a sentence on each assumption.
 
-    joint, at_m: (M,) and (M, 3) of the marker set. standing: the person is known to stand.
+    joint, at_m: (M,) and (M, 3) of the marker set. standing: True for a person who is known to stand.
     """
     if stated.by == GIVEN:
         return stated.axis, ()
@@ -157,14 +161,16 @@ def find_vertical(
 
 
 def _stands(axis: str, stated: Upward) -> str:
-    """Return the line on a person who stands along another axis than the stated one."""
+    """Return a sentence on a person who stands along another axis than the stated one."""
     if stated.axis:
         return f"{stated.by} states {stated.axis} up, but the person stands along {axis}, which is used"
     return f"no vertical axis is stated; the person stands along {axis}, which is used"
 
 
 def _doubt(person: _Person, stated: Upward) -> tuple[str, ...]:
-    """Return a line if the person stands by the stated axis in the air, and lies by another on its floor."""
+    """Return a sentence if the person stands by the stated axis in mid-air, and by another axis lies on its
+    floor.
+    """
     if person.on_floor(stated.axis) or person.moves_upright(stated.axis) or person.stands_flat(stated.axis):
         return ()
     across = [axis for axis in ("y", "z", "-y", "-z") if axis[-1] != stated.axis[-1]]
@@ -183,8 +189,9 @@ def zero_pose_axis(positions: Float64, joint: Int64) -> str:
 def _unstated(
     person: _Person, shares: dict[str, float], best: str, moves: bool, usual: str
 ) -> tuple[str, tuple[str, ...]]:
-    """Return the likeliest axis of a file that states none, and a line; moves: walks or squats along the
-    best."""
+    """Return the likeliest axis of a file that states none, and a sentence. moves: True if the person walks
+    or squats along ``best``.
+    """
     grounds = [axis for axis in (usual, "y", "z") if person.on_floor(axis) and shares[axis] < MOST]
     ground = "" if person.on_floor(best) else next(iter(grounds), "")
     if moves or (shares[best] >= MOST and person.stands(best, ground)):
@@ -223,7 +230,7 @@ def _person(positions_m: Float64, joint: Int64, at_m: Float64) -> _Person:
 
 
 def _sole(positions_m: Float64, on_foot: Bool, at_m: Float64) -> tuple[Float64, float, float] | None:
-    """Return a foot's directions (n, 3) from heel to toe, their rise at rest and its spread, degrees."""
+    """Return a foot's directions (n, 3) from heel to toe, their elevation at rest and its spread, degrees."""
     ends = ends_of_foot(positions_m, on_foot, at_m)
     if ends is None:
         return None
@@ -246,7 +253,7 @@ def _first(*places: Float64) -> Float64:
 
 
 def _way(values: Float64) -> float:
-    """Return the range of values (F,) without their outermost hundredths, 0 without values."""
+    """Return the range of values (F,) between the 1st and 99th percentile, 0 without values."""
     finite = values[np.isfinite(values)]
     return float(np.subtract(*np.quantile(finite, (0.99, 0.01)))) if finite.size else 0.0
 
@@ -262,9 +269,10 @@ def is_mirrored(positions_m: Float64, joint: Int64, at_m: Float64) -> bool:
 
 
 def feet_ahead(positions_m: Float64, joint: Int64, at_m: Float64) -> Float64:
-    """Return how far both feet (2 F,) point ahead, NaN where not seen; positive in every human posture.
+    """Return a measure (2 F,) of how far both feet point forwards, NaN where not seen; positive in every
+    posture.
 
-    The number is the volume between the directions from right to left, up the shank and along the foot.
+    It is the triple product of the directions from right to left, up the shank and along the foot.
     """
     names = np.array([JOINTS[int(j)].name for j in joint])
     side = np.where(np.char.startswith(names, "left_hip"), 1, 0) - np.char.startswith(names, "right_hip")

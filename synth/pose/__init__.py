@@ -1,1 +1,1 @@
-"""Postures drawn at random and settled without collisions."""
+"""Random postures, settled without collisions."""

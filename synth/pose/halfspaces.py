@@ -1,6 +1,8 @@
-"""Half-spaces that a posture violates: flesh in flesh, flesh in furniture, and joints drawn to places.
+"""Half-space constraints that a posture violates: flesh in flesh, flesh in furniture, joints away from
+targets.
 
-Each is a row of ``Rows``: a point that has to move along a normal by a depth, perhaps against a second point.
+Each is a row of ``Rows``: a point that has to move along a normal by a depth, perhaps relative to a second
+point.
 """
 
 from typing import NamedTuple
@@ -32,7 +34,7 @@ class Rows(NamedTuple):
 
 
 class Pulls(NamedTuple):
-    """Joints (k,) drawn to places; ends (k, 6): target and weight per axis."""
+    """Joints (k,) pulled to targets; ends (k, 6): target and weight per axis."""
 
     joints: Int64
     ends: Float64
@@ -56,7 +58,7 @@ def no_rows() -> Rows:
 
 @numba.njit(cache=True)
 def add_pulls(rows: Rows, n: int, positions: Float64, pulls: Pulls, strength: float) -> int:
-    """Add rows that draw joints to places; return the new count."""
+    """Add rows that pull joints to targets; return the new number of rows."""
     pulled, ends = pulls.joints, pulls.ends
     for k in range(len(pulled)):
         way = (ends[k, :3] - positions[pulled[k]]) * ends[k, 3:]
@@ -72,7 +74,7 @@ def add_pulls(rows: Rows, n: int, positions: Float64, pulls: Pulls, strength: fl
 
 @numba.njit(cache=True)
 def pairs_of(pairs: Int64, flesh: Flesh) -> Pairs:
-    """Return the pairs with their reach on a body; chains are rigid."""
+    """Return the pairs of chains with their reach on a body; chains are rigid."""
     result = np.empty(len(pairs))
     for r in range(len(pairs)):
         total = SKIN_M
@@ -94,7 +96,7 @@ def _distance(a: Float64, b: Float64) -> float:
 
 @numba.njit(cache=True)
 def add_flesh(rows: Rows, n: int, pairs: Pairs, flesh: Flesh, stations: Float64) -> int:
-    """Add rows that part flesh from flesh: stations of one chain against the nearest place of the other."""
+    """Add rows that separate flesh from flesh: stations of one chain from the nearest point of the other."""
     for r in range(len(pairs.reach_m)):
         a_lo, a_hi, b_lo, b_hi = pairs.stations[r]
         if _distance(stations[(a_lo + a_hi) // 2], stations[(b_lo + b_hi) // 2]) > pairs.reach_m[r]:
@@ -119,8 +121,9 @@ def add_flesh(rows: Rows, n: int, pairs: Pairs, flesh: Flesh, stations: Float64)
 
 @numba.njit(cache=True, fastmath=True)
 def _deepest(s: int, lo: int, hi: int, flesh: Flesh, stations: Float64) -> tuple[float, int, float]:
-    """Return the depth of station s in the flesh over stations lo..hi, the station there, and the share to
-    the next."""
+    """Return the penetration depth of station s into the chain lo..hi, the station there, and the share to
+    the next.
+    """
     radii = flesh.radii_m
     px, py, pz = stations[s]
     deepest, where, share = 0.0, lo, 0.0
@@ -141,7 +144,9 @@ def _deepest(s: int, lo: int, hi: int, flesh: Flesh, stations: Float64) -> tuple
 
 @numba.njit(cache=True)
 def add_solids(rows: Rows, n: int, boxes: Float64, flesh: Flesh, stations: Float64) -> int:
-    """Add rows that push limbs out of furniture; boxes (k, 17): packed ``Solid``s."""
+    """Add rows that push limbs out of furniture; return the new number of rows. boxes: (k, 17), packed
+    ``Solid``s.
+    """
     for k in range(len(boxes)):
         give, bias, turn = boxes[k, 6], boxes[k, 7], boxes[k, 8:]
         for s in range(len(stations)):
@@ -173,9 +178,9 @@ def add_solids(rows: Rows, n: int, boxes: Float64, flesh: Flesh, stations: Float
 
 @numba.njit(cache=True)
 def _leave(off: Triple, half: Triple, bias: float) -> tuple[float, Triple]:
-    """Return a point's depth in a box about the origin (negative: its distance), and the way out.
+    """Return a point's depth in a box about the origin (negative: its distance), and the direction out.
 
-    The way up is taken where it is at most ``bias`` longer than the shortest.
+    The direction up is taken if it is at most ``bias`` metres longer than the shortest.
     """
     x, y, z = abs(off[0]) - half[0], abs(off[1]) - half[1], abs(off[2]) - half[2]
     if max(x, y, z) > 0:

@@ -42,8 +42,9 @@ OFF_WALL_M = 0.01  # distance of the rearmost skin, for clothes on a wall
 
 @dataclass(frozen=True)
 class OnFloor:
-    """Behaviour in front of a wall at wall_y; a moment: two postures' kinds and seeds, and a share of the
-    way."""
+    """Behaviour in front of a wall at y = wall_y. A moment holds kinds and seeds of two postures, and a share
+    between them.
+    """
 
     wall_y: float
 
@@ -52,7 +53,7 @@ class OnFloor:
         return _between(key, key, 0.0)
 
     def stream(self, rng: np.random.Generator, frames_per_second: float) -> Iterator[Moment]:
-        """Yield an endless stream: some postures of a kind, then of another."""
+        """Yield an endless stream of moments: several postures of one kind, then of another."""
         current = _draw(_kind(rng), rng)
         while True:
             kind = _kind(rng)
@@ -63,7 +64,7 @@ class OnFloor:
                 current = following
 
     def pose(self, body: Body, moment: Moment) -> Posed:
-        """Return a body in a moment: vertices float32 (V, 3) and joints (J, 3), world, metres."""
+        """Return a body posed at a moment: vertices float32 (V, 3) and joints (J, 3), world, metres."""
         start = _posture(body, self.wall_y, moment["kind"], moment["seed"])
         if moment["share"] == 0:
             return pose(body, start)

@@ -1,7 +1,8 @@
-"""Moments: named numbers of a sitting, lying or standing person; families of moments, drawn and glided.
+"""Moments (named pose parameters) of sitting, lying or standing people; families of moments, drawn and
+interpolated.
 
-A family's activities are data (``synth/data/poses/*.toml``). Every family has its own way of posing a body.
-Constants are untuned.
+A family's activities are data (``synth/data/poses/*.toml``). Every family has its own function that poses a
+body. Constants are untuned.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -42,7 +43,9 @@ _ON_THE_FLOOR = {
 
 @dataclass(frozen=True)
 class PoseFamily:
-    """Moments of one kind. base: every number's spread; activities: other spreads by name."""
+    """Family of moments (pose parameters). base: distribution of every parameter; activities: other
+    distributions by activity.
+    """
 
     base: Spreads
     activities: dict[str, Spreads]
@@ -52,7 +55,9 @@ class PoseFamily:
         return {name: float(rng.normal(*spread)) for name, spread in spreads.items()}
 
     def single(self, rng: np.random.Generator) -> tuple[tuple[str, ...], Moment]:
-        """Draw a moment of one activity, or between two; return its name, or both, the nearer first."""
+        """Draw a moment of one activity, or between two; return the activities, the nearer first, and the
+        moment.
+        """
         names = tuple(self.activities)
         first = str(rng.choice(names))
         second = first if rng.random() < SHARE_AT_REST else str(rng.choice(names))
@@ -65,7 +70,7 @@ class PoseFamily:
 
 @dataclass(frozen=True)
 class Behaviour:
-    """Activities of a family in one place, and their pose on a body."""
+    """Activities of a pose family at one location, and the function that poses a body at a moment."""
 
     family: PoseFamily
     activities: tuple[str, ...]
@@ -75,7 +80,9 @@ class Behaviour:
         return self.family.draw(str(rng.choice(self.activities)), rng)
 
     def stream(self, rng: np.random.Generator, frames_per_second: float) -> Iterator[Moment]:
-        """Yield an endless stream: activity after activity, gliding from one key moment to the next."""
+        """Yield an endless stream of moments: activity after activity, with smooth interpolation between key
+        moments.
+        """
         current = self.draw(rng)
         while True:
             activity = str(rng.choice(self.activities))
@@ -89,7 +96,9 @@ class Behaviour:
 
 
 def glide(start: Moment, end: Moment, share: float) -> Moment:
-    """Return the moment a share in [0, 1] of the way, starting and ending at rest (smoothstep)."""
+    """Return the moment interpolated between two, starting and ending at rest (smoothstep). share: in
+    [0, 1].
+    """
     s = _eased(share)
     return {name: (1 - s) * start[name] + s * end[name] for name in start}
 
@@ -113,7 +122,7 @@ def pose_families(file: str) -> dict[str, PoseFamily]:
 
 
 def mirrored(spreads: Spreads) -> Spreads:
-    """Exchange left and right."""
+    """Return the distributions with left and right exchanged."""
     other = {"left": "right", "right": "left"}
     result = {}
     for name, (mean, deviation) in spreads.items():
@@ -138,7 +147,7 @@ def _spreads(entry: dict[str, list[float]]) -> Spreads:
 
 
 def posture_class(*activities: str) -> str | None:
-    """Return the posture (of ``annotate.posture.POSTURES``) that activities share, None between two."""
+    """Return the posture (of ``annotate.posture.POSTURES``) that all activities have, None if they differ."""
     postures = {_postures().get(activity) for activity in activities}
     return postures.pop() if len(postures) == 1 else None
 

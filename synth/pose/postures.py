@@ -1,7 +1,8 @@
-"""Sitting, lying, crouching and standing: moments become bodies that rest on their support.
+"""Sitting, lying, crouching and standing: bodies posed by moments (pose parameters) that rest on their
+support.
 
-``synth/data/poses`` describes a moment's numbers; flexion is forwards, a knee's positive. Limbs keep clear of
-each other and of the furniture. Constants are untuned.
+``synth/data/poses`` describes the parameters; flexion is forwards, a knee's positive. Limbs do not touch each
+other or the furniture. Constants are untuned.
 """
 
 import numba
@@ -28,16 +29,16 @@ SITTING = pose_families("sitting")["sitting"]
 def on_seat(seat: Seat, *activities: str) -> Behaviour:
     """Return the behaviour of a person who sits on a seat.
 
-    activities: names of sitting activities to choose from; none = all.
+    activities: sitting activities to choose from; none = all.
     """
     chosen = activities or tuple(SITTING.activities)
     return Behaviour(SITTING, chosen, lambda body, moment: sit(body, seat, moment))
 
 
 def sit(body: Body, seat: Seat, moment: Moment) -> Posed:
-    """Put a body on a seat: vertices float32 (V, 3) and joints (J, 3) of a moment, world, metres.
+    """Pose a body on a seat at a moment: vertices float32 (V, 3) and joints (J, 3), world, metres.
 
-    The trunk rests on the seat, hands are at their targets, feet on the floor, limbs clear.
+    The trunk rests on the seat, hands are at their targets, feet on the floor, limbs without collisions.
     """
     flesh, scale = flesh_of(body), body.height_cm / 170
     posture = Posture(_sitting_angles(moment), np.zeros(3))
@@ -76,7 +77,11 @@ def _sitting_angles(moment: Moment) -> Float64:
 
 
 def rest_on(seat: Seat, trunk: Float32, joints: Float64, slide: float) -> Float64:
-    """Return the shift (3,) to the seat: trunk on it, back at the back rest, knees in front of its edge."""
+    """Return the shift (3,) that puts the trunk on the seat, the back at the back rest, knees in front of the
+    edge.
+
+    slide: metres by which the person sits further forward.
+    """
     up = seat.height - seat.give_m - float(trunk[:, 2].min())
     gap = seat.back_y(trunk[:, 2] + up) - trunk[:, 1]
     leant_back = float(gap.min()) + seat.give_m - max(slide, 0.0)
@@ -97,9 +102,9 @@ def in_bed(bed: Bed) -> Behaviour:
 
 
 def lie(body: Body, support: Bed | Ground, moment: Moment) -> Posed:
-    """Lay a body down: vertices float32 (V, 3) and joints (J, 3) of a moment, world, metres.
+    """Pose a lying body at a moment: vertices float32 (V, 3) and joints (J, 3), world, metres.
 
-    The trunk rests on the support, sunk in by its give; limbs and head sink until they are supported.
+    The trunk rests on the support and sinks in by its softness; limbs and head sink until they are supported.
     """
     vertices, joints = pose(body, lain(body, support, moment))
     up = lift_needed(vertices, _carriers(support))
@@ -107,7 +112,7 @@ def lie(body: Body, support: Bed | Ground, moment: Moment) -> Posed:
 
 
 def lain(body: Body, support: Bed | Ground, moment: Moment) -> Posture:
-    """Return the posture of ``lie``, up to a lift onto the support."""
+    """Return the posture of ``lie``, before the last vertical shift onto the support."""
     flesh, posture = flesh_of(body), posture_of_moment(moment)
     trunk, joints = pose(body, posture, flesh.trunk)
     place = _place(support, moment, joints)
@@ -121,7 +126,7 @@ def _carriers(support: Bed | Ground) -> list[Solid]:
 
 
 def _place(support: Bed | Ground, moment: Moment, joints: Float64) -> Float64:
-    """Return the pelvis' place (3,), its height left open: the head lies near the support's upper end."""
+    """Return the pelvis' position (3,) with any height: the head lies near the support's upper end."""
     half = support.length / 2 - HEAD_FROM_EDGE_M
     spine = joints[JOINT_ID["head"]] - joints[JOINT_ID["pelvis"]]
     along = half - float(np.hypot(spine[0], spine[1])) - moment["along"]
@@ -134,15 +139,18 @@ UPRIGHT = pose_families("upright")["upright"]
 
 
 def on_legs(seat: Seat | None, *activities: str) -> Behaviour:
-    """Return the behaviour of these activities, by default of all, on the floor, perhaps by a seat."""
+    """Return the behaviour of a person on the floor.
+
+    seat: seat behind the person, or None. activities: activities to choose from; none = all.
+    """
     chosen = activities or tuple(UPRIGHT.activities)
     return Behaviour(UPRIGHT, chosen, lambda body, moment: rise(body, seat, moment))
 
 
 def rise(body: Body, seat: Seat | None, moment: Moment) -> Posed:
-    """Put a body on its legs: vertices float32 (V, 3) and joints (J, 3) of a moment, world, metres.
+    """Pose a body on its legs at a moment: vertices float32 (V, 3) and joints (J, 3), world, metres.
 
-    The lowest skin stands on the floor; with a seat behind, the legs keep in front of its front edge (y = 0).
+    The lowest vertex is on the floor; the legs stay in front of a seat's front edge (y = 0).
     """
     vertices, joints = pose(body, risen(body, seat, moment))
     shift = np.array([0.0, 0.0, height_to_rest(vertices, [FLOOR])])
@@ -152,7 +160,7 @@ def rise(body: Body, seat: Seat | None, moment: Moment) -> Posed:
 
 
 def risen(body: Body, seat: Seat | None, moment: Moment) -> Posture:
-    """Return the posture of ``rise``, up to a small shift onto the floor and off the seat."""
+    """Return the posture of ``rise``, before a small shift onto the floor and off the seat."""
     flesh, posture = flesh_of(body), posture_of_moment(_soles_level(moment))
     vertices, _ = pose(body, posture)
     place = np.array([moment["off"] / 2, -moment["along"], height_to_rest(vertices, [FLOOR])])
@@ -177,7 +185,7 @@ def _soles_level(moment: Moment) -> Moment:
 
 
 def posture_of_moment(moment: Moment) -> Posture:
-    """Return the posture inside all joint limits, the pelvis at the origin, nothing supported yet."""
+    """Return the posture of a moment, inside all joint limits, the pelvis at the origin, without contact."""
     angles = np.zeros((N_JOINTS, 3))
     angles[_SPINE] = np.array([moment["bend"], moment["lean"], moment["twist"]]) / 3
     angles[_NECK] = np.array([moment["nod"], 0.0, moment["turn"]]) / 2
@@ -214,9 +222,10 @@ def pulls_of(moment: Moment) -> list[Pull]:
 
 
 def height_to_rest(vertices_m: Float32, carriers: list[Solid]) -> float:
-    """Return the rise (m, may be negative) that puts vertices (V, 3) on the upright solids under them.
+    """Return the shift upwards (m, may be negative) that puts vertices (V, 3) on the upright solids under
+    them.
 
-    The vertex that needs it most ends as deep in the highest solid under it as that solid gives.
+    The critical vertex ends as deep in the highest solid below as this solid's softness ``give_m``.
     """
     tops = [(*solid.low[:2], *solid.high[:2], solid.high[2] - solid.give_m) for solid in carriers]
     return float(_height_to_rest(vertices_m, np.array(tops)))
@@ -224,7 +233,7 @@ def height_to_rest(vertices_m: Float32, carriers: list[Solid]) -> float:
 
 @numba.njit(cache=True)
 def _height_to_rest(vertices: Float32, tops: Float64) -> float:
-    """Compute ``height_to_rest``; tops (k, 5): least x and y, greatest x and y, and supporting height."""
+    """Return ``height_to_rest``. tops: (k, 5), least x and y, greatest x and y, and supporting height."""
     rise = -np.inf
     for v in range(len(vertices)):
         x, y, top = vertices[v, 0], vertices[v, 1], -np.inf
@@ -236,9 +245,10 @@ def _height_to_rest(vertices: Float32, tops: Float64) -> float:
 
 
 def lift_needed(vertices_m: Float32, carriers: list[Solid]) -> float:
-    """Return the rise (m) after which no vertex (V, 3) is deeper below a solid's top than its give.
+    """Return the shift upwards (m) after which no vertex (V, 3) is deeper in a solid than its softness
+    ``give_m``.
 
-    A vertex nearer to a side of the solid than to its top would leave by the side and does not count.
+    A vertex nearer to a side of the solid than to its top is ignored, because it would leave by the side.
     """
     rise = 0.0
     for solid in carriers:

@@ -1,9 +1,10 @@
-"""Settling: joint angles moved as little as needed so that no limb is in another or in the furniture.
+"""Settling: joint angles are changed as little as possible so that limbs do not penetrate each other or
+furniture.
 
-Where a posture violates contact, inequalities hold that are linear for a small step. Overlapping flesh has to
-part, and flesh inside furniture has to leave it. A hand has to come to its target, a limb at rest has to sink
-onto a support. Each round projects the step onto one half-space after the other and onto the box of the joint
-limits (cyclic projections; Bauschke & Borwein 1996). Contacts come last, so that they win. The result is
+Contact violations give inequalities that are linear for a small step. Overlapping flesh has to separate, and
+flesh inside furniture has to leave it. A hand has to reach its target, a limb at rest has to sink onto a
+support. Each round projects the step onto one half-space after the other and onto the box of the joint limits
+(cyclic projections; Bauschke & Borwein 1996). Contacts come last, so that they have priority. The result is
 continuous in the given posture, except where a limb would pass through another. Constants are untuned.
 """
 
@@ -30,7 +31,7 @@ HEAVE_LIMIT_M = 0.05  # greatest lift of a body by an object under it
 
 
 def _ancestors() -> Bool:
-    """Return flags (J, J) [point's joint, joint]: turning the joint moves the point."""
+    """Return flags (J, J) [point's joint, joint]: True if turning the joint moves the point."""
     moves = np.zeros((N_JOINTS, N_JOINTS), bool)
     for i, parent in enumerate(PARENTS):
         moves[i] = moves[parent] if parent >= 0 else False
@@ -39,7 +40,7 @@ def _ancestors() -> Bool:
 
 
 def _pairs() -> Int64:
-    """Return pairs (n, 4): stations lo..hi of one chain against the flesh over stations lo..hi of another."""
+    """Return pairs of chains (n, 4): stations lo..hi of one, lo..hi of another."""
     rows = []
     for side, other, rules in (
         ("left", "right", "on_each_side"),
@@ -56,7 +57,7 @@ def _pairs() -> Int64:
 
 
 class Rules(NamedTuple):
-    """Constants of all bodies, handed to compiled code, whose cache would keep old globals.
+    """Constants of all bodies, passed to compiled code, because its cache would keep outdated globals.
 
     limits_rad: (J, 3, 2). mobility: (J, 3). moved_by: (J, J) bool [point's joint, joint]. pairs: (n, 4).
     """
@@ -73,7 +74,9 @@ RULES = Rules(LIMITS_RAD, _MOBILITY, _ancestors(), _pairs())
 
 @dataclass(frozen=True)
 class Pull:
-    """Joint drawn to a place. target_m: (3,) world; weight: (3,) share of the way per axis and round."""
+    """Pull of a joint towards a target. target_m: (3,) world; weight: (3,) share of the distance per axis and
+    round.
+    """
 
     joint: str
     target_m: Float64
@@ -88,10 +91,10 @@ def sink(joint: str, weight: float) -> Pull:
 def settle(
     flesh: Flesh, posture: Posture, solids: list[Solid], pulls: list[Pull], heave: float = 0.0
 ) -> Posture:
-    """Return the nearest posture whose limbs keep clear of each other and of the solids.
+    """Return the nearest posture whose limbs do not penetrate each other or the solids.
 
-    Angles come back inside their limits. The pelvis stays, but solids may lift the whole body by up to
-    ``HEAVE_LIMIT_M``; heave: its readiness, rad^2/m^2 beside a limb's 1.
+    Angles are clamped to their limits. The pelvis stays, but solids may lift the whole body by up to
+    ``HEAVE_LIMIT_M``. heave: compliance of this lift, in rad^2/m^2 relative to a limb's 1.
     """
     boxes = np.array([s.packed() for s in solids]).reshape(-1, 17)
     joints = np.array([JOINT_ID[p.joint] for p in pulls], np.int64)
@@ -102,7 +105,7 @@ def settle(
 
 
 class _Surroundings(NamedTuple):
-    """Flesh, boxes (k, 17) about it, pulls on it, and readiness to heave."""
+    """Flesh, boxes (k, 17) of furniture, pulls, and compliance of the whole body's lift."""
 
     flesh: Flesh
     boxes: Float64
@@ -144,7 +147,7 @@ def _settle(rules: Rules, angles: Float64, pelvis: Float64, around: _Surrounding
 
 @numba.njit(cache=True)
 def stations_m(flesh: Flesh, frames: Float64, positions: Float64) -> Float64:
-    """Return the places (S, 3) of a body's stations, from ``kinematics``."""
+    """Return the positions (S, 3) of a body's stations, from the results of ``kinematics``."""
     stations = np.empty_like(flesh.centres_m)
     for s in range(len(stations)):
         j = flesh.joints[s]
@@ -154,7 +157,9 @@ def stations_m(flesh: Flesh, frames: Float64, positions: Float64) -> Float64:
 
 @numba.njit(cache=True)
 def _gradient(rules: Rules, placed: _Placed, rows: Rows, r: int, entry: tuple[Int64, Float64]) -> int:
-    """Return how many angles move row r's points; write them, and the parting per radian, into the entry."""
+    """Write the angles that move row r's points, and their separation per radian, into the entry; return
+    their number.
+    """
     n, axes, (where, value) = 0, placed.axes, entry
     u, v, w = rows.normals[r]
     for side in range(2):
@@ -181,7 +186,11 @@ def _gradient(rules: Rules, placed: _Placed, rows: Rows, r: int, entry: tuple[In
 def _project(
     rules: Rules, angles: Float64, placed: _Placed, heave: float, rows: Rows
 ) -> tuple[Float64, float]:
-    """Return the small step towards satisfying all rows: angles (J, 3) and rise of the whole body (m)."""
+    """Return the small step towards satisfying all rows: angles (J, 3) and upward shift of the whole body
+    (m).
+
+    heave: see ``settle``.
+    """
     n = len(rows.depths_m)
     where, value = np.empty((n, ENTRY_CAPACITY), np.int64), np.empty((n, ENTRY_CAPACITY))
     count, size, up = np.empty(n, np.int64), np.empty(n), np.zeros(n)

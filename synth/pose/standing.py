@@ -34,7 +34,7 @@ _MASSES = {"pelvis": 0.3, "spine_middle": 0.25, "spine_upper": 0.15, "neck": 0.2
 
 
 class Stood(NamedTuple):
-    """Standing body: vertices float32 (V, 3), joints (J, 3), world, metres, and carried things."""
+    """Standing body: vertices float32 (V, 3), joints (J, 3), world, metres, and carried objects."""
 
     vertices_m: Float32
     joints_m: Float64
@@ -42,7 +42,7 @@ class Stood(NamedTuple):
 
 
 def stand(body: Body, how: Standing) -> Stood:
-    """Put a body on the floor, its pelvis facing -y, its feet about the origin."""
+    """Pose a standing body on the floor, its pelvis facing -y, its feet around the origin."""
     vertices, joints = pose(body, stood(body, how))
     up = np.array([0.0, 0.0, -FLOOR.give_m - float(vertices[:, 2].min())])
     vertices, joints = vertices + up.astype(np.float32), joints + up
@@ -50,13 +50,13 @@ def stand(body: Body, how: Standing) -> Stood:
 
 
 def stood(body: Body, how: Standing) -> Posture:
-    """Return the posture of ``stand``, up to a shift onto the floor."""
+    """Return the posture of ``stand``, before a vertical shift onto the floor."""
     return _Stander(flesh_of(body), how, body.height_cm / 170).posture()
 
 
 @dataclass(frozen=True)
 class _Foot:
-    """Foot on the floor: place (3,) of its ankle if flat, yaw, and rise of the heel."""
+    """Foot on the floor: position (3,) of its ankle when flat, yaw, and heel rise."""
 
     place_m: Float64
     yaw_rad: float
@@ -88,7 +88,7 @@ def _gives() -> Float64:
 
 @dataclass(frozen=True)
 class _Stander:
-    """Body of a size relative to 1.70 m that takes a way of standing."""
+    """Posing of a standing body, scaled relative to 1.70 m."""
 
     flesh: Flesh
     how: Standing
@@ -125,7 +125,7 @@ class _Stander:
         return limited
 
     def _feet(self) -> dict[str, _Foot]:
-        """Return both feet by side, turned against the pelvis."""
+        """Return both feet by side, rotated relative to the pelvis."""
         legs, turned = self.how.legs, np.radians(self.how.legs["turned"])
         result = {}
         for side in SIDES:
@@ -166,7 +166,7 @@ class _Stander:
         return posture
 
     def _rise(self, side: str, off: Float64, knee_deg: float) -> float:
-        """Return the hip's height over the ankle with a flexion of the knee; off: (3,) between them."""
+        """Return the hip's height over the ankle at a knee flexion. off: (3,), vector between them."""
         hip, knee, foot = (JOINT_ID[f"{side}_{name}"] for name in ("hip", "knee", "ankle"))
         thigh, shank = self._length(hip, knee), self._length(knee, foot)
         square = thigh**2 + shank**2 + 2 * thigh * shank * np.cos(np.radians(max(knee_deg, 2.0)))
@@ -174,7 +174,9 @@ class _Stander:
         return float(np.sqrt(square - level))
 
     def _planted(self, posture: Posture, side: str, foot: _Foot) -> Posture:
-        """Plant a foot; where the ankle cannot bend so far, the heel comes up instead."""
+        """Return the posture with a foot on the floor; where the ankle's limit is exceeded, the heel rises
+        instead.
+        """
         heel, knee_out = 0.0, np.radians(self.how.legs["knee_out"])
         for _ in range(3):
             goal = FootGoal(foot.ankle(self.flesh, side, heel), foot.rotation(heel), knee_out)
@@ -207,7 +209,11 @@ class _Stander:
     def _hung(
         self, posture: Posture, side: str, frames: Float64, joints: Float64
     ) -> tuple[Posture, list[Pull]]:
-        """Hang one arm, its flexion from the vertical; with a gap it starts spread, and pulls draw it in."""
+        """Return the posture with one hanging arm, and pulls.
+
+        Its flexion counts from the vertical. An arm with a gap to the body starts spread, and pulls draw it
+        in.
+        """
         arm, angles = self.how.arms[side], posture.angles_rad.copy()
         shoulder, chest = JOINT_ID[f"{side}_shoulder"], frames[JOINT_ID["spine_upper"]]
         forwards = np.degrees(np.arctan2(-chest[1, 2], chest[2, 2]))
@@ -242,7 +248,7 @@ class _Stander:
 
 
 def _anchor(at: str, frames: Float64, joints: Float64, side: str) -> tuple[Float64, Float64]:
-    """Return origin (3,) and axes (3, 3) from which a hand's place counts."""
+    """Return origin (3,) and axes (3, 3) of the frame in which a hand's position is given."""
     if at in ("knee", "ankle"):
         return joints[JOINT_ID[f"{side}_{at}"]], np.eye(3)
     if at == "head":

@@ -1,4 +1,4 @@
-"""Ways of standing: legs, trunk and hands as numbers, drawn from ``synth/data/poses/standing.toml``."""
+"""Ways of standing: parameters of legs, trunk and hands, drawn from ``synth/data/poses/standing.toml``."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,10 +22,10 @@ ANKLES_M = (0.03, 0.9)  # least and greatest lateral distance
 
 @dataclass(frozen=True)
 class Standing:
-    """Way of standing.
+    """Parameters of a way of standing.
 
-    stance, hands: names in the data; stands: the side of the leg that carries more. legs: the stance's
-    numbers. arms: each side's, by side. sizes_m: (3,) of carried things, by kind.
+    stance, hands: names in the data; stands: side of the leg that carries more weight. legs: the stance's
+    parameters. arms: parameters by side. sizes_m: (3,) of carried objects, by kind.
     """
 
     stance: str

@@ -1,1 +1,1 @@
-"""The virtual rig: whole recordings with the truth of every pixel."""
+"""Virtual rig: simulated recordings with the truth of every pixel."""

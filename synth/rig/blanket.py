@@ -1,4 +1,4 @@
-"""Blanket over the legs: cloth as a height over a grid that lies on the highest point below."""
+"""Blanket over the legs: cloth as a height field that rests on the highest points below."""
 
 import cv2
 import numpy as np
@@ -23,7 +23,9 @@ _SIDES = ("left", "right")
 
 
 def lap_blanket(location: Location, body: Body, rng: np.random.Generator) -> Thing:
-    """Return a throw over a sitting person's lap, which follows the legs and hangs in front of them."""
+    """Return a blanket over a sitting person's lap, which follows the legs and hangs down in front of
+    them.
+    """
     hem, short, height = rng.uniform(*HEM_M), rng.uniform(*LAP_M), location.furniture.height
     width = location.furniture.footprint.half_width_m
     half = min(HALF_WIDTH_M, width)
@@ -62,7 +64,9 @@ def _vertices_of(body: Body, names: tuple[str, ...]) -> Int64:
 
 
 def _drape(under_m: Float32, x: Float64, y: Float64, base_m: Float64) -> Float32:
-    """Return the grid's vertices (n, m, 3) over points (N, 3) and, elsewhere, a base height (n, m)."""
+    """Return the grid's vertices (n, m, 3), which lie over points (N, 3) and, elsewhere, at a base height (n,
+    m).
+    """
     i = np.rint((under_m[:, 0] - x[0]) / (x[1] - x[0])).astype(np.intp)
     j = np.rint((under_m[:, 1] - y[0]) / (y[1] - y[0])).astype(np.intp)
     inside = (i >= 0) & (i < len(x)) & (j >= 0) & (j < len(y))
@@ -77,7 +81,7 @@ def _drape(under_m: Float32, x: Float64, y: Float64, base_m: Float64) -> Float32
 
 
 def _hang(cloth_m: Float32, hem_m: float) -> Float32:
-    """Let cloth (n, m, 3) hang straight from the foremost support down to its hem."""
+    """Return cloth (n, m, 3) that hangs straight down from the foremost support to its hem."""
     n, m = cloth_m.shape[:2]
     carried = cloth_m[..., 2] > hem_m + THICK_M + CARRIED_M
     first = np.where(carried.any(axis=1), carried.argmax(axis=1), m - 1)

@@ -1,4 +1,4 @@
-"""Cushions: soft surfaces that puff up, dent under a body and stay warm after it."""
+"""Cushions: soft surfaces that bulge, dent under a body and stay warm after it."""
 
 import cv2
 import numpy as np
@@ -20,9 +20,9 @@ _COVERED: dict[Side, tuple[int, int]] = {"top": (10, 11), "front": (4, 5)}
 
 
 class Cushion:
-    """One side of a solid as a grid of nodes (n, m).
+    """Soft side of a solid as a grid of nodes (n, m).
 
-    heat: 0 at the room's temperature, 1 at the sitter's. mesh: the whole solid at rest, world frame.
+    heat: 0 at the room's temperature, 1 at the sitting person's. mesh: the whole solid at rest, world frame.
     """
 
     def __init__(self, solid: Solid, side: Side, puff_m: float) -> None:
@@ -46,7 +46,7 @@ class Cushion:
         self.mesh = tagged(self.vertices(np.zeros((n, m))), faces, solid.tag)
 
     def press(self, points_m: Float32) -> Float64:
-        """Return the dent (n, m) by world points (N, 3), metres from the puffed surface."""
+        """Return the dent (n, m) made by world points (N, 3), metres below the bulging surface."""
         along, across, up = self._axes
         local = (points_m - self._solid.translation) @ self._solid.rotation
         low, high = np.array(self._solid.low), np.array(self._solid.high)
@@ -79,7 +79,7 @@ class Cushion:
         self.heat += (touched - self.heat) * (1 - np.exp(-seconds / lag_s))
 
     def leave_warm(self, dent_m: Float64, heat: float) -> None:
-        """Set the heat in [0, 1] that a departed person has left."""
+        """Set the heat in [0, 1] as after a person who has just left."""
         self.heat = np.maximum(self.heat, heat * (dent_m > CLEARANCE_M / 2))
 
     def celsius(self, room_c: float) -> Float64:

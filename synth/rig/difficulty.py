@@ -12,7 +12,7 @@ from synth.data_files import table
 
 @dataclass(frozen=True)
 class Clutter:
-    """Share of the subjects with each thing nearby; untuned."""
+    """Share of the subjects with each kind of object nearby; untuned."""
 
     company: float = 0.0
     radiator: float = 0.0

@@ -1,6 +1,7 @@
-"""Episode of one subject in front of the robot: people, things nearby and temperatures.
+"""Episode of one subject in front of the robot: people, nearby objects and temperatures.
 
-Faces of the scene run: subject, visitor (if any), cushions, things, fixed furniture and room.
+The faces of the scene are in this order: subject, visitor (if any), cushions, objects, fixed furniture and
+room.
 """
 
 from collections.abc import Callable, Iterator
@@ -36,7 +37,8 @@ BLACK_LUMINANCE, BLACK_LOSS = 0.04, 0.5  # black cloth loses up to this share of
 class SceneState:
     """Scene in one frame, world frame, metres.
 
-    vertices_m: float32 (V, 3); following_m: one frame later. joints_m: (J, 3) of the subject. celsius: (F,).
+    vertices_m: float32 (V, 3); following_m: the same one frame later. joints_m: (J, 3) of the subject.
+    celsius: (F,).
     """
 
     vertices_m: Float32
@@ -47,11 +49,11 @@ class SceneState:
 
 @dataclass(frozen=True)
 class Scene:
-    """Properties of a scene that stay fixed during an episode.
+    """Properties of a scene that are constant during an episode.
 
     faces: int32 (F, 3). tags: int32 (F,) part ids of the subject, ``Surface`` elsewhere. outfits: of subject
-    and visitor. subject, people: number of the subject's vertices, and of both people's. dark: float32
-    (F + 1,) lost share of infrared, last for no face.
+    and visitor. subject, people: number of the subject's vertices, and of both people's. dark: float32 (F +
+    1,) absorbed share of infrared, last for no face.
     """
 
     name: str
@@ -82,7 +84,7 @@ class EpisodeSetup(NamedTuple):
 
 
 class Episode:
-    """Subject ``number`` of a rig at a drawn location; deterministic in (seed, number)."""
+    """Episode of subject ``number`` of a rig at a random location; deterministic in (seed, number)."""
 
     def __init__(self, setup: EpisodeSetup, number: int) -> None:
         seed, difficulty, bodies = setup.seed, setup.difficulty, shipped_bodies()
@@ -145,7 +147,9 @@ class Episode:
         return SceneState(whole, whole, joints, celsius)
 
     def _press(self, person_m: Float32, seconds: float) -> list[Float64]:
-        """Hold a posture, which warms seat and person; return the dents of the cushions."""
+        """Advance seat and person by some seconds in one posture, which warms them; return the dents of the
+        cushions.
+        """
         points = np.concatenate([person_m, face_means(person_m, self._body.faces)])
         dents = [cushion.press(points) for cushion in self._cushions]
         if self._difficulty.warmth > 0:
@@ -158,7 +162,7 @@ class Episode:
         return dents
 
     def _leave_warm_spot(self, person_m: Float32, rng: np.random.Generator) -> None:
-        """Warm a free seat beside the subject, left a moment ago."""
+        """Warm a free seat beside the subject, as after a person who has just left."""
         room = self._location.furniture.footprint.half_width_m - ROOM_TO_SIT_M
         if room > SPOT_ASIDE_M:
             aside = rng.choice((-1, 1)) * rng.uniform(SPOT_ASIDE_M, room)
@@ -195,7 +199,7 @@ class Episode:
 
 
 def _darkness(bodies: list[Body], outfits: list[Outfit], rgb: Float64) -> Float32:
-    """Return the lost share of infrared (F + 1,) of hair and black cloth.
+    """Return the absorbed share of infrared (F + 1,) of hair and black cloth.
 
     rgb: linear (F, 3) of all faces; the bodies' faces are first and have the outfits' colours.
     """

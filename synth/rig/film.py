@@ -29,7 +29,7 @@ BEHIND_M = 0.6  # between the motion and the wall; untuned
 
 @dataclass(frozen=True, eq=False)
 class PlayedActivity:
-    """Performance as an activity; its pose parameter is the number of a frame."""
+    """Recorded performance as an activity; its pose parameter is a frame number."""
 
     performance: Performance
 
@@ -51,7 +51,8 @@ class PlayedActivity:
 
 
 class FilmRig(VirtualRig):
-    """Frames of one motion by a body of the recorded person's size; deterministic in the seed.
+    """Virtual rig that records one motion, on a body of the recorded person's size; deterministic in the
+    seed.
 
     Raises CloudError for a short motion or an unknown difficulty.
     """
@@ -72,7 +73,7 @@ class FilmRig(VirtualRig):
         )
 
     def _location(self, rng: np.random.Generator) -> Location:
-        """Draw a room with the wall behind the motion and the robot in front."""
+        """Draw a room with the wall behind the person and the robot in front."""
         performance = self._played.performance
         joints = np.concatenate([pose(performance.body, p)[1] for p in performance.postures[::5]])
         azimuth = float(np.radians(rng.uniform(-30, 30)))

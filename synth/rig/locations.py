@@ -1,4 +1,4 @@
-"""Locations of the virtual rig: sofa, chair, bed or floor, behaviour, and the robot's viewpoint."""
+"""Locations of the virtual rig: sofa, chair, bed or floor, with behaviour and the robot's viewpoint."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -36,7 +36,7 @@ class Activity(Protocol):
 
     @property
     def pose(self) -> Callable[[Body, Moment], Posed]:
-        """Function that poses a body."""
+        """Return a function that poses a body."""
         ...
 
 
@@ -60,7 +60,9 @@ class Location:
         return self.furniture.solids()[len(self.furniture.soft) :]
 
     def robot_eye(self, rng: np.random.Generator, stray: float) -> Pose:
-        """Draw ``camera_from_world`` of a robot whose aim at the person has an error of ``stray``."""
+        """Draw the pose ``camera_from_world`` of a robot. stray: factor on the error of its aim at the
+        person.
+        """
         roll = np.radians(rng.normal(0, 1.5))
         return look_at(*self.view(rng, stray), roll)
 

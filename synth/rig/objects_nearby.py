@@ -1,4 +1,4 @@
-"""Things near a person: tables, a mug, a laptop, a radiator, a window; world frame, metres."""
+"""Objects near a person: tables, a mug, a laptop, a radiator, a window; world frame, metres."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,7 +33,9 @@ _ON_WALL = {
 
 @dataclass(frozen=True)
 class Thing:
-    """Lifeless thing. mesh: tagged, at rest. where: its vertices by the person's pose; None at rest."""
+    """Object near a person. mesh: tagged, at rest. where: function that returns its vertices for the person's
+    pose; None for a fixed object.
+    """
 
     name: str
     mesh: Mesh
@@ -45,12 +47,12 @@ class Thing:
 
 
 def moved(mesh: Mesh, translation_m: Float64, turn_rad: float = 0.0) -> Mesh:
-    """Return the mesh turned about the vertical, then moved."""
+    """Return the mesh rotated about the vertical, then translated."""
     return mesh.placed(Rotation.from_euler("z", turn_rad).as_matrix(), translation_m)
 
 
 def table(centre_m: Float64, size_m: tuple[float, float]) -> Thing:
-    """Return a table on four legs, its top's surface at centre_m."""
+    """Return a table on four legs with the middle of its top at centre_m."""
     x, y = size_m[0] / 2, size_m[1] / 2
     leg, z = 0.04, float(centre_m[2])
     legs = [
@@ -63,7 +65,7 @@ def table(centre_m: Float64, size_m: tuple[float, float]) -> Thing:
 
 
 def mug(stands_m: Float64, body: Body, held: bool) -> Thing:
-    """Return a mug at stands_m or, with ``held``, in a hand at the mouth."""
+    """Return a mug at stands_m or, if ``held``, in a hand at the mouth."""
     turn = np.linspace(0, 2 * np.pi, 13)[:-1]
     ring = MUG_RADIUS_M * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     low, high = (np.column_stack([ring, np.full(12, z)]) for z in (0.0, MUG_HEIGHT_M))
@@ -90,7 +92,7 @@ def mug(stands_m: Float64, body: Body, held: bool) -> Thing:
 
 
 def laptop(aside_m: Float64, body: Body, on_lap: bool) -> Thing:
-    """Return a laptop at aside_m or, with ``on_lap``, on free thighs."""
+    """Return a laptop at aside_m or, if ``on_lap``, on the thighs."""
     w, d, h = LAPTOP_M
     base = box((-w / 2, -d / 2, 0), (w / 2, d / 2, h - 0.002), Surface.LAPTOP)
     keys = box((-w / 2 + 0.02, -d / 2 + 0.09, h - 0.002), (w / 2 - 0.02, d / 2 - 0.01, h), Surface.KEYBOARD)

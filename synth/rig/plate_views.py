@@ -39,7 +39,7 @@ _KERNEL = np.ones((3, 3), np.uint8)
 
 
 class _Values(NamedTuple):
-    """Grey values, counts or temperatures of plate, backing and room in one camera."""
+    """Grey values, counts or temperatures of plate, backing and room in one camera's image."""
 
     plate: float
     backing: float
@@ -47,7 +47,10 @@ class _Values(NamedTuple):
 
 
 class PlateViews(FrameSource):
-    """``count`` frames of a rig's plate, deterministic in the seed; in bad ones the plate slips."""
+    """``count`` frames of a rig that views the plate, deterministic in the seed.
+
+    In bad frames the plate moves between the exposures of the cameras.
+    """
 
     def __init__(self, rig: RigTemplate, count: int, seed: int, bad_share: float = 0.1) -> None:
         self.rig, self.calibration = rig, rig.calibration
@@ -63,7 +66,9 @@ class PlateViews(FrameSource):
         return self._shoot(index, self._pose(rng), index in self._bad, rng)
 
     def held(self, index: int, depth_from_plate: Pose) -> RigFrame:
-        """Return a view of the plate at a pose; it slips in ``bad_share`` of the views."""
+        """Return a view of the plate at a pose; in a share ``bad_share`` of the views it moves between
+        exposures.
+        """
         rng = np.random.default_rng((self.seed, 3, index))
         return self._shoot(index, depth_from_plate, bool(rng.random() < self.bad_share), rng)
 
@@ -127,7 +132,9 @@ def record_plate(
 
 
 def roughly(true: RigCalibration) -> RigCalibration:
-    """Return a calibration by data sheet: rounded focal lengths, principal point in the middle, no lens."""
+    """Return a calibration as from a data sheet: rounded focal lengths, central principal point, no
+    distortion.
+    """
     cameras = {
         name: Intrinsics(c.width, c.height, round(c.fx), round(c.fy), c.width / 2, c.height / 2)
         for name, c in _cameras(true).items()
@@ -150,7 +157,7 @@ def _counts(image: Float64) -> NDArray[np.uint16]:
 
 
 class _PlateCamera:
-    """Camera of the plate."""
+    """Renderer of the plate for one camera."""
 
     def __init__(self, camera: Intrinsics, plate: HolePlate) -> None:
         self.camera, self.plate = camera, plate
@@ -194,7 +201,7 @@ class _PlateCamera:
 
 
 def _seeing(camera: Intrinsics) -> Float64:
-    """Return the rays (h, w, 3) of the pixels; ``ASIDE`` without an inverse of the lens."""
+    """Return the viewing rays (h, w, 3) of the pixels; ``ASIDE`` where the lens model has no inverse."""
     ray = rays(camera)
     with np.errstate(over="ignore", invalid="ignore"):
         px, (height, width) = project(camera, ray), camera.shape

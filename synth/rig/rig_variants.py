@@ -1,4 +1,4 @@
-"""Variants of the virtual rig: a difficulty's faults on another depth or thermal camera."""
+"""Variants of the virtual rig: other depth or thermal cameras, with the faults of a difficulty."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ FLAT_FIELD_EVERY_S = (60.0, 180.0)  # three minutes or 1.5 K (Lepton's data shee
 
 
 class _Thermal(NamedTuple):
-    """Thermal camera beside an Optris PI200: factors on noise and drift, flag and delay in seconds."""
+    """Thermal camera relative to an Optris PI200: factors on noise and drift, flag, and delay in seconds."""
 
     netd: float
     drift: float
@@ -32,9 +32,8 @@ _BOSON = _Thermal(0.04 / 0.08, 2.0, 0.5, 1 / 120)
 
 @dataclass(frozen=True)
 class Variant:
-    """Cameras of a virtual rig; sensor, thermal: faults by difficulty.
-
-    supersample: rendered pixels per pixel side of the thermal camera.
+    """Cameras of a virtual rig. sensor, thermal: functions that return faults by difficulty. supersample:
+    rendered pixels per pixel side of the thermal camera.
     """
 
     calibration: RigCalibration
@@ -44,7 +43,9 @@ class Variant:
 
 
 def _azure_kinect(faults: Difficulty) -> Sensor:
-    """Return an Azure Kinect or Femto Bolt: less noise, still edges, no mixed pixels; 0.5 to 3.86 m."""
+    """Return an Azure Kinect or Femto Bolt: less noise, no jitter at edges, no mixed pixels; 0.5 to
+    3.86 m.
+    """
     one = faults.depth
     return replace(
         one,
@@ -62,7 +63,7 @@ def _d455(faults: Difficulty) -> Sensor:
 
 
 def _bolometer(camera: _Thermal, noise: ThermalNoise) -> ThermalNoise:
-    """Return a camera's faults from an Optris'; without noise no lag."""
+    """Return a thermal camera's faults from an Optris'. Without noise, the lag is 0 too."""
     faulty = noise.netd_c > 0
     return replace(
         noise,

@@ -1,4 +1,4 @@
-"""Recording of a virtual rig: a session, its truth as a label set, and the suit."""
+"""Recording of a virtual rig: a session, the true labels as a label set, and the suit."""
 
 from collections.abc import Callable
 from glob import escape
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def truth_path(session: Path) -> Path:
-    """Return the truth's folder of a simulated session: ``people.truth/`` beside ``people.mcap``."""
+    """Return the folder of a simulated session's true labels: ``people.truth/`` beside ``people.mcap``."""
     return session.with_suffix(".truth")
 
 
@@ -26,9 +26,10 @@ def suit_path(session: Path) -> Path:
 def simulate(
     rig: "VirtualRig", out: Path, progress: Callable[[int], None], *, overwrite: bool = False
 ) -> None:
-    """Record all frames of the rig to ``out``, truth and suit beside it; an interrupted run leaves nothing.
+    """Record all frames of the rig to ``out``, with truth and suit beside it; an interrupted run leaves no
+    files.
 
-    ``progress`` is called with 1 a frame. Raises ExistsError if a file exists and ``overwrite`` is False.
+    progress: called with 1 for each frame. Raises ExistsError if a file exists and ``overwrite`` is False.
     """
     from annotate.labelset.atomic_folder import appearing
     from annotate.labelset.label_set import MANIFEST, LabelSet

@@ -1,4 +1,4 @@
-"""Surroundings of the subject: things and a visitor, drawn at random and placed in free space."""
+"""Surroundings of the subject: objects and a visitor, drawn at random and placed in free space."""
 
 from dataclasses import dataclass
 
@@ -32,7 +32,9 @@ SEATED = ("resting", "crossed_left", "gadget", "reading")
 def furnish(
     location: Location, body: Body, prior: list[Float32], clutter: Clutter, rng: np.random.Generator
 ) -> list[Thing]:
-    """Draw the things near a subject; prior: its earlier postures (V, 3), whose reach is kept free."""
+    """Draw the objects near a subject. prior: earlier postures (V, 3) of the subject, whose space is kept
+    free.
+    """
     has = {name: bool(rng.random() < share) for name, share in vars(clutter).items()}
     footprint = location.furniture.footprint
     side, lies = float(rng.choice((-1, 1))), location.lies
@@ -70,7 +72,7 @@ def furnish(
 
 @dataclass(frozen=True)
 class Visitor:
-    """Second person, standing or sitting; turn_rad, at_m: world from body."""
+    """Second person, standing or sitting. turn_rad, at_m: pose world from body."""
 
     body: Body
     chair: Chair | None
@@ -85,7 +87,7 @@ class Visitor:
         return np.asarray(vertices @ rotation.T + self.at_m, np.float32)
 
     def furniture(self) -> list[Mesh]:
-        """Return the chair's mesh, world frame, if there is one."""
+        """Return the mesh of the visitor's chair in a list, world frame; empty without a chair."""
         return [] if self.chair is None else [moved(self.chair.mesh(), self.at_m, self.turn_rad)]
 
 

@@ -1,4 +1,4 @@
-"""Truth of the virtual rig: parts and persons (h, w) of the readings' surfaces."""
+"""Truth of the virtual rig: true parts and persons (h, w) of the measured surfaces."""
 
 from dataclasses import dataclass
 
@@ -36,10 +36,11 @@ COLD = 0.5  # share of the way to cold hands and feet
 
 @dataclass(frozen=True)
 class Truth:
-    """Truth of a frame; parts, persons: uint8 (h, w) of the raw depth image, as ``FrameLabels``.
+    """Truth of a frame.
 
-    joints_m: (J, 3), depth camera. hard: hardships. drift_c: common error of temperatures. spot_c: a
-    pyrometer's reading, or NaN.
+    parts, persons: uint8 (h, w) of the raw depth image, as in ``FrameLabels``. joints_m: (J, 3), depth
+    camera. hard: causes of difficulty. drift_c: temperature error common to all pixels. spot_c: a pyrometer's
+    reading, or NaN.
     """
 
     parts: UInt8
@@ -52,7 +53,7 @@ class Truth:
 
 
 def whose_readings(seen: ZBuffer, tags: Int32, reading: Reading, sensor: Sensor) -> tuple[UInt8, UInt8]:
-    """Return parts and persons (h, w) of the readings' surfaces, by the faces' tags (F,)."""
+    """Return parts and persons (h, w) of the measured surfaces, from the faces' tags (F,)."""
     tag = np.append(tags, 0)[seen.face]
     if isinstance(sensor, TimeOfFlight):
         _follow_edges(tag, seen, reading.depth_mm, sensor)
@@ -66,7 +67,7 @@ def whose_readings(seen: ZBuffer, tags: Int32, reading: Reading, sensor: Sensor)
 
 
 def _follow_edges(tag: Int32, seen: ZBuffer, depth_mm: NDArray[np.uint16], sensor: TimeOfFlight) -> None:
-    """Set the tags (h, w) of jittered edges to a neighbour's, and of mixed pixels to -1."""
+    """Set the tags (h, w) of jittered edge pixels to a neighbour's, and of mixed pixels to -1, in place."""
     expected = sensor.offset_mm + 1000 * sensor.scale * np.nan_to_num(seen.depth_m)
     off_mm = np.abs(depth_mm - expected)
     v, u = np.nonzero((depth_mm > 0) & (off_mm > FLYING_MM))
@@ -82,7 +83,7 @@ def _follow_edges(tag: Int32, seen: ZBuffer, depth_mm: NDArray[np.uint16], senso
 
 
 def truth_labels(frame: RigFrame, truth: Truth, camera: Intrinsics = KINECT2_DEPTH) -> FrameLabels:
-    """Return the truth of the undistorted depth image, undistorted as by fusion."""
+    """Return the true labels of the undistorted depth image; the undistortion is the one of fusion."""
     source = undistortion_index(camera)
     depth_mm, parts, persons = (
         np.where(source >= 0, image.ravel()[source], 0)
@@ -103,7 +104,9 @@ def truth_labels(frame: RigFrame, truth: Truth, camera: Intrinsics = KINECT2_DEP
 def scene_hardships(
     scene: Scene, state: SceneState, seen: ZBuffer, alone: ZBuffer, camera: Intrinsics
 ) -> list[str]:
-    """Return the hardships in the scene. seen: render of the whole scene, alone: of the subject."""
+    """Return the causes of difficulty in the scene. seen: render of the whole scene, alone: of the
+    subject.
+    """
     tags, celsius = np.append(scene.tags, 0)[seen.face], np.append(state.celsius, -100.0)[seen.face]
     warm = (celsius > BODY_WARM_C[0]) & (celsius < BODY_WARM_C[1])
     own, whole = (tags > 0) & (tags < N_CLASSES), alone.face >= 0
@@ -125,7 +128,7 @@ def scene_hardships(
 
 
 def camera_hardships(speed_m_s: float, camera: CameraState, drift_c: float) -> list[str]:
-    """Return the hardships in the cameras. speed_m_s: of the subject's fastest limb."""
+    """Return the causes of difficulty in the cameras. speed_m_s: of the subject's fastest limb."""
     causes = {
         "motion blur": speed_m_s * camera.exposure_s > BLUR_M,
         "dim light": camera.gain > DIM_GAIN,

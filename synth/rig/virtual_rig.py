@@ -42,9 +42,9 @@ FLAG_CLOSED = "thermal flag closed"
 class RigOptions:
     """Options of a virtual rig.
 
-    scene: a key of ``locations.SCENES``. rig: cameras, by ``sensors.recording.rig_templates``; the people
-    depend on the seed alone. pyrometer: beside the thermal camera. draft: small colour images and coarse
-    multipath, in half the time.
+    scene: a key of ``locations.SCENES``. rig: template name of the cameras in
+    ``sensors.recording.rig_templates``; the people depend on the seed alone. pyrometer: add one beside the
+    thermal camera. draft: small colour images and coarse multipath, in half the time.
     """
 
     scene: str = "sofa"
@@ -167,7 +167,9 @@ class VirtualRig(FrameSource):
         return frame, Truth(parts, persons, joints, scene.name, tuple(hard), drift_c, spot_c)
 
     def _see_distance(self, in_depth: Float64, faces: Int32, sensor: Sensor) -> ZBuffer:
-        """Return depth and faces of the depth image without noise."""
+        """Return depth and faces of the depth image without noise. in_depth: vertices in the depth camera's
+        frame.
+        """
         seen = self._depth.render(in_depth, faces)
         if self.difficulty.reflectance == 0 or not isinstance(sensor, TimeOfFlight):
             return seen
@@ -177,7 +179,9 @@ class VirtualRig(FrameSource):
         return ZBuffer(seen.depth_m + longer_m, seen.face)
 
     def _warmth(self, scene: Scene, state: SceneState, velocity: Float64, delays_s: list[float]) -> Float32:
-        """Return the mean temperatures of each delay ago, in the thermal camera's wide pinhole."""
+        """Return the mean of the temperature images at each delay before now, in the thermal camera's wide
+        pinhole.
+        """
         pose = self._thermal_from_depth @ scene.camera_from_world
         images = []
         for delay_s in delays_s:
@@ -204,7 +208,7 @@ def _drafted(calibration: RigCalibration) -> RigCalibration:
 
 
 def _velocity_m_s(state: SceneState, frames_per_second: float) -> Float64:
-    """Return the velocity (V, 3) of the vertices; 0 of a vertex that jumps."""
+    """Return the velocity (V, 3) of the vertices; 0 for a vertex whose position jumps."""
     velocity = (state.following_m - state.vertices_m).astype(np.float64) * frames_per_second
     velocity[np.linalg.norm(velocity, axis=1) > JUMP_M_S] = 0.0
     return velocity

@@ -1,1 +1,1 @@
-"""Triangles: rasterising, patterns, furniture."""
+"""Triangle meshes: rasterising, noise patterns, furniture."""

@@ -1,4 +1,4 @@
-"""Compiled vectors of three numbers, barycentric coordinates and smooth noise."""
+"""Compiled functions for vectors of three numbers, barycentric coordinates and smooth noise."""
 
 from functools import cache
 
@@ -28,7 +28,7 @@ def shares(vertices: Float32, faces: Int32, f: int, p: Triple) -> Triple:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def mix(values: Float32, faces: Int32, f: int, s: Triple) -> Triple:
-    """Interpolate the corners' values (V, 3) of face f at barycentric coordinates s."""
+    """Return the corners' values (V, 3) of face f, interpolated at barycentric coordinates s."""
     a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
     return (
         s[0] * values[a, 0] + s[1] * values[b, 0] + s[2] * values[c, 0],
@@ -39,7 +39,7 @@ def mix(values: Float32, faces: Int32, f: int, s: Triple) -> Triple:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def mix_column(fields: Float32, n: int, faces: Int32, f: int, s: Triple) -> float:
-    """Interpolate column n of values (V, n) as ``mix`` does."""
+    """Return column n of values (V, n), interpolated as ``mix`` does."""
     value: float = (
         s[0] * fields[faces[f, 0], n] + s[1] * fields[faces[f, 1], n] + s[2] * fields[faces[f, 2], n]
     )
@@ -67,7 +67,7 @@ def dot(a: Triple, b: Triple) -> float:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def unit(a: Triple) -> Triple:
-    """Return the direction with length 1; a vector of length 0 stays."""
+    """Return the vector scaled to length 1; a vector of length 0 is unchanged."""
     length = np.sqrt(dot(a, a)) + 1e-12
     return (a[0] / length, a[1] / length, a[2] / length)
 
@@ -95,7 +95,7 @@ def wavelength_cells(wavelength_m: float) -> float:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def smooth_noise(tile: Float32, x: float, y: float, z: float) -> float:
-    """Interpolate the noise trilinearly at a place in cells."""
+    """Return the tile's noise, interpolated trilinearly at a position in cells."""
     i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
     a, b, c = x - i, y - j, z - k
     i0, j0, k0 = i & (TILE_CELLS - 1), j & (TILE_CELLS - 1), k & (TILE_CELLS - 1)

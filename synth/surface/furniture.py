@@ -38,8 +38,8 @@ class Solid:
     """Box that carries or stops a body.
 
     low, high: corners, metres, before rotation (3, 3) about the box's origin and translation (3,) to the
-    world. give_m: depth to which a body sinks into it. tag: ``Surface``. carries_m: a limb inside leaves by
-    the top where that is at most this much farther than by a side.
+    world. give_m: depth to which a body sinks into it. tag: ``Surface``. carries_m: preference for the top. A
+    limb inside leaves upwards if that way is at most ``carries_m`` longer than the way to a side.
     """
 
     low: tuple[float, float, float]
@@ -54,7 +54,9 @@ class Solid:
         return box(self.low, self.high, self.tag).placed(self.rotation, self.translation)
 
     def packed(self) -> Float64:
-        """Return (17,) for compiled code: centre, half sizes, give, bias to the top, rotation row by row."""
+        """Return the box as an array (17,) for compiled code: centre, half sizes, give, carries_m, rotation
+        row by row.
+        """
         low, high = np.array(self.low), np.array(self.high)
         centre = self.rotation @ ((low + high) / 2) + self.translation
         return np.concatenate(
@@ -62,7 +64,9 @@ class Solid:
         )
 
     def depth_m(self, points_m: Float32) -> Float64:
-        """Return the depth (...,) of world points (..., 3) under the surface; 0 outside, give included."""
+        """Return the depth (...,) of world points (..., 3) below the surface after the body sank in by
+        ``give_m``; 0 outside.
+        """
         local = (points_m - self.translation) @ self.rotation
         x, y, z = np.moveaxis(np.minimum(local - np.array(self.low), np.array(self.high) - local), -1, 0)
         inside = np.minimum(np.minimum(x, y), z)  # in a third of the time that ``min`` takes
@@ -83,10 +87,10 @@ class Footprint(NamedTuple):
 
 @dataclass(frozen=True)
 class Furniture(ABC):
-    """Support of a person. Metres.
+    """Furniture that supports a person; lengths in metres.
 
     height: of the supporting surface. give_m: depth to which a body sinks in. puff_m: bulge of cushions in
-    their middle. soft: the soft side of each of the first solids.
+    their middle. soft: name of the soft side of each of the first solids.
     """
 
     height: float
@@ -96,14 +100,14 @@ class Furniture(ABC):
 
     @classmethod
     def sample(cls, rng: np.random.Generator) -> Self:
-        """Draw common dimensions (``synth/data/furniture.toml``)."""
+        """Draw furniture of common dimensions (``synth/data/furniture.toml``)."""
         ranges = table("furniture")[cls.__name__.lower()]
         return cls(**{name: rng.uniform(*between) for name, between in ranges.items()})
 
     @property
     @abstractmethod
     def footprint(self) -> Footprint:
-        """Floor area."""
+        """Return the floor area."""
 
     @abstractmethod
     def solids(self) -> list[Solid]:
@@ -194,7 +198,7 @@ class Chair(Seat):
 class Bed(Furniture):
     """Single, double or nursing bed, centred on the world's z axis, its length along y, the pillow at +y.
 
-    give_m: between a firm and a soft foam mattress under a back; the mattress is drawn flat.
+    give_m: between a firm and a soft foam mattress under a back; the mattress is rendered flat.
     """
 
     height: float = 0.50
@@ -251,7 +255,7 @@ def _floor() -> Mesh:
 
 
 def empty_room(back_wall_y: float) -> Mesh:
-    """Return floor and four walls; sheets nearer than a camera's range are not drawn."""
+    """Return floor and four walls; the renderer drops wall cells nearer than a camera's range."""
     depth = np.array([0, back_wall_y - ROOM_FRONT_Y_M, 0])
     width, up = np.array([2 * ROOM_HALF_WIDTH_M, 0, 0]), np.array([0, 0, 2.5])
     corner = np.array([-ROOM_HALF_WIDTH_M, ROOM_FRONT_Y_M, 0])

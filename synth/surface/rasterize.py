@@ -30,13 +30,13 @@ class Mesh:
     tags: Int32
 
     def placed(self, rotation: Float64, translation_m: Float64) -> "Mesh":
-        """Rotate the mesh by (3, 3), then move it by (3,)."""
+        """Return the mesh rotated by (3, 3), then translated by (3,)."""
         vertices = self.vertices_m @ rotation.T + translation_m
         return Mesh(vertices.astype(np.float32), self.faces, self.tags)
 
 
 def merge(meshes: list[Mesh]) -> Mesh:
-    """Concatenate meshes; tags stay."""
+    """Return the concatenated meshes with their tags."""
     offsets = np.cumsum([0] + [len(m.vertices_m) for m in meshes[:-1]])
     return Mesh(
         np.concatenate([m.vertices_m for m in meshes]),
@@ -61,8 +61,8 @@ def rasterize(camera: Intrinsics, vertices_m: Float32, faces: Int32, closed: boo
 
     Lens distortion is ignored: pass the undistorted camera. A pixel belongs to a triangle that contains its
     centre. Depth is interpolated with perspective (1/z is linear on the image). Both sides of a face are
-    drawn; ``closed`` promises surfaces without holes and faces outwards: the same image in half the time.
-    Source: Pineda 1988, edge functions.
+    drawn. closed: True if surfaces have no holes and faces point outwards; the image is the same in half the
+    time. Source: Pineda 1988, edge functions.
     """
     size, pinhole = (camera.width, camera.height), (camera.fx, camera.fy, camera.cx, camera.cy)
     return ZBuffer(*_rasterize(vertices_m, faces, size, pinhole, closed))
@@ -160,7 +160,9 @@ def _fill(points: Float32, faces: Int32, candidates: Int32, nearness: Float32, f
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _narrow(start: int, end: int, u0: int, value: float, step: float) -> tuple[int, int]:
-    """Clip [start, end] to ``value + step (u - u0) >= 0``, with a pixel's margin for rounding."""
+    """Return [start, end] clipped to ``value + step (u - u0) >= 0``, with a margin of one pixel for
+    rounding.
+    """
     if step > 0:
         start = max(start, u0 + int(min(max(-value / step, 0.0), 1e6)) - 1)
     elif step < 0:
@@ -175,7 +177,9 @@ def tagged(vertices_m: Float32, faces: Int32, tag: int) -> Mesh:
 
 
 def face_means(by_vertex: NDArray[T], faces: Int32) -> NDArray[T]:
-    """Average values (V, ...) over each face's vertices (F, ...), ten times faster than ``mean``."""
+    """Return the mean (F, ...) of values (V, ...) over each face's vertices, ten times faster than
+    ``mean``.
+    """
     a, b, c = (np.take(by_vertex, faces[:, k], axis=0) for k in range(3))
     return np.asarray((a + b + c) / by_vertex.dtype.type(3))
 
@@ -190,7 +194,7 @@ def box(low: tuple[float, float, float], high: tuple[float, float, float], tag: 
 
 
 def sheet(origin: Float64, along: Float64, across: Float64, tag: int) -> Mesh:
-    """Return a rectangle of quarter-metre cells, so that a cell behind the camera is dropped alone."""
+    """Return a rectangle made of quarter-metre cells, so that only cells behind the camera are dropped."""
     n, m = (max(1, int(np.ceil(np.linalg.norm(side) / 0.25))) for side in (along, across))
     i, j = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1), indexing="ij")
     vertices = (origin + i[..., None] * along + j[..., None] * across).reshape(-1, 3).astype(np.float32)
@@ -206,7 +210,9 @@ def grid_faces(rows: int, columns: int) -> Int32:
 
 
 def look_at(eye_m: Float64, target_m: Float64, roll_rad: float = 0.0) -> Pose:
-    """Return ``camera_from_world`` of a camera at ``eye_m`` that looks at ``target_m``, level but rolled."""
+    """Return ``camera_from_world`` of a camera at ``eye_m`` that looks at ``target_m``. roll_rad: 0 =
+    level.
+    """
     forward = (target_m - eye_m) / np.linalg.norm(target_m - eye_m)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     if np.linalg.norm(right) < 1e-6:
@@ -220,7 +226,7 @@ def look_at(eye_m: Float64, target_m: Float64, roll_rad: float = 0.0) -> Pose:
 
 
 def beside(centre_m: Float64, azimuth_rad: float, distance_m: float, height_m: float) -> Float64:
-    """Return the place (3,) at a distance from a centre (3,); azimuth 0 is in front of the person."""
+    """Return the position (3,) at a distance from a centre (3,); azimuth 0 is in front of the person."""
     place = centre_m + distance_m * np.array([np.sin(azimuth_rad), -np.cos(azimuth_rad), 0.0])
     place[2] = height_m
     return place
