@@ -28,7 +28,10 @@ COSTS = {
 
 @contextmanager
 def needing(*extras: str) -> Iterator[None]:
-    """Run imports that extras install. Raises CloudError that names the extras."""
+    """Return a context for imports of packages that extras install.
+
+    Raises CloudError that names the extras if an import fails.
+    """
     try:
         yield
     except ImportError as error:
@@ -39,7 +42,9 @@ def needing(*extras: str) -> Iterator[None]:
 
 
 def check_extra(extra: str, *modules: str) -> None:
-    """Raise CloudError, as ``needing``, unless an extra's modules are installed; import nothing."""
+    """Check that an extra's modules are installed, without importing them. Raises CloudError as
+    ``needing``.
+    """
     with needing(extra):
         for name in modules:
             if find_spec(name) is None:
@@ -47,7 +52,7 @@ def check_extra(extra: str, *modules: str) -> None:
 
 
 def check_window() -> None:
-    """Raise CloudError where a window cannot be shown: libraries are missing, or a screen."""
+    """Check that a window can be shown. Raises CloudError where its libraries or a screen are missing."""
     check_extra("gui", "PySide6", "pyvista", "pyvistaqt")
     from annotate.gui.display import displays
 

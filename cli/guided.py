@@ -1,4 +1,4 @@
-"""Guided calibration: views of the hole plate taken one after another, until they are enough."""
+"""Guided calibration: views of the hole plate are recorded one after another, until they suffice."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
@@ -31,7 +31,8 @@ MOST_BLIND = 30  # frames without infrared, which a camera's first frames may la
 
 @dataclass(frozen=True)
 class Guided:
-    """Source of views: a rig file or addresses, recorded to ``board``, else the session ``board``.
+    """Source of views: a rig file or addresses, recorded to the session ``board``; else the session
+    ``board``.
 
     picture: PNG of the wanted view.
     """
@@ -86,10 +87,10 @@ def guided(
     picture: Path,
     keep: Callable[[RigFrame], None] | None,
 ) -> Guidance:
-    """Take views of frames until the views are enough, frames end, or Ctrl-C; print and draw the next view.
+    """Check frames until their views suffice, they end, or Ctrl-C; print and draw the next wanted view.
 
-    picture: a PNG, written again for every frame. keep: called with each frame whose view is taken while the
-    plate is still; None = every frame is a taken view.
+    picture: a PNG, rewritten for every frame. keep: called with each frame whose view is accepted, once the
+    plate is still; None = every frame is an accepted view.
     """
     setup, views = PlateSetup.of(guess, plate), list[PlateView]()
     now, before = Guidance((), next_placement(()), None, False), None
@@ -121,9 +122,9 @@ def guided(
 
 
 def rig_frames(running: LiveRig, ending: Ending) -> Iterator[RigFrame]:
-    """Run a rig and yield its latest frames until a signal; print warnings without a frame.
+    """Run a rig and yield its latest frames until a signal; print warnings while frames are missing.
 
-    A signal interrupts nothing, because frames are being recorded. Raises the error that ended the rig,
+    A signal does not interrupt the recording of a frame. Raises the error that ended the rig,
     CalibrationError without infrared.
     """
     running.start()

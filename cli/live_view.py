@@ -122,7 +122,7 @@ def run_pipeline(running: Rig, labelling: Labelling, stream: Stream = nullcontex
 
 
 def show_lines(pipeline: LivePipeline, end_s: float, show: Show, ending: Ending) -> int:
-    """Show every latest frame until the time is over, the rig ends or a signal comes; print warnings.
+    """Process every latest frame until the time is over, the rig ends or a signal comes; print warnings.
 
     Returns the number of the last frame.
     """
@@ -139,7 +139,9 @@ def show_lines(pipeline: LivePipeline, end_s: float, show: Show, ending: Ending)
 
 
 def show_latest(pipeline: LivePipeline, seen: int, show: Show, timeout_s: float = 0.0) -> int:
-    """Show the frames after number ``seen`` that are there in time; return the last number, or ``seen``."""
+    """Process the frames after number ``seen`` that arrive within the timeout; return the last number, or
+    ``seen``.
+    """
     latest = pipeline.frames.since(seen, timeout_s)
     if show is not None:
         for _, frame in latest:
@@ -179,7 +181,7 @@ def labelling_by(suit: Suit | None) -> Labelling:
 
 
 def _suit_body_pose(network: OnnxNetwork, labels: FrameLabels, camera: Intrinsics) -> BodyPose | None:
-    """Return the network's body pose of a person whose parts, and so sides, are known by the suit."""
+    """Return the network's body pose of a person, with left and right corrected by the suit's parts."""
     assert labels.persons is not None
     state = BodyState.from_note(network.segment(labels.depth_mm, labels.persons == 1).bearing)
     return _body_pose(state and sided_by_parts(state, labels.parts).faced_by_joints(camera), camera)

@@ -51,7 +51,7 @@ class Shown:
 
     @property
     def calibration(self) -> RigCalibration:
-        """Calibration of the virtual rig; approximate with a plate."""
+        """Return the calibration of the virtual rig; approximate if the plate is in view."""
         if self._plate is None:
             return self._rig.calibration
         from synth.rig.plate_views import roughly
@@ -106,7 +106,7 @@ def opened_rig(
 ) -> tuple[RecordingRig, list[Device], RigCalibration, Callable[[str], Device]]:
     """Return a rig, its started devices, its calibration, and a function that reopens a device.
 
-    The returned rig uses the devices' own addresses.
+    stack: closes the devices. The returned rig uses the devices' own addresses.
     """
     wanted = rig_of(rig, device)
     shown = Shown(plate) if any(address.startswith("virtual:") for address in wanted.devices) else None

@@ -1,4 +1,4 @@
-"""Scores as tables for people: with their intervals, the best and the worst part named."""
+"""Scores as text tables, with intervals and the names of the best and the worst part."""
 
 import math
 from collections.abc import Mapping
@@ -15,9 +15,9 @@ OF_PARTS = ("recall", "iou")
 
 
 def scores_text(comparison: Comparison, *, intervals: bool) -> str:
-    """Tables of a comparison's scores: of the whole set with the joints where they are known, and by part.
+    """Return tables of a comparison's scores: of the whole set, of the joints if known, and by part.
 
-    intervals: with 95 % intervals in brackets, which take some seconds.
+    intervals: add 95 % intervals in brackets, which takes some seconds.
     """
 
     def of(name: str, *index: int) -> Estimate:
@@ -48,7 +48,7 @@ def scores_text(comparison: Comparison, *, intervals: bool) -> str:
 
 
 def difference_text(found: Difference) -> str:
-    """Tables of A minus B: of the whole sets with Wilcoxon's p where there is one, and of each part."""
+    """Return tables of A minus B: of the whole sets with Wilcoxon's p if known, and by part."""
     p = {name: "-" if value is None else f"{value:.3f}" for name, value in found.wilcoxon_p.items()}
     whole = [
         (title, printed(name, one, sign="+"), p.get(name, "-"))
@@ -72,7 +72,7 @@ def difference_text(found: Difference) -> str:
 
 
 def _extremes(recall: Mapping[str, Estimate], best: str, worst: str, sign: str = "") -> str:
-    """Parts of the highest and the lowest recall, in one line; "" where no part is known."""
+    """Return a line with the parts of the highest and the lowest recall; "" where no part is known."""
     known = {title: one.value for title, one in recall.items() if one.known}
     if not known:
         return "No body part in the truth."

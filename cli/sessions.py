@@ -1,7 +1,7 @@
-"""A verb for every session of a folder: one after another here, or all at once on a dask cluster.
+"""A verb applied to every session of a folder: one after another here, or in parallel on a dask cluster.
 
-Workers read and write the same paths as the command. A task continues a killed task, to the same
-bytes on any machine.
+Workers read and write the same paths as the command. A task resumes after a killed one, and its bytes do not
+depend on the machine.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -49,7 +49,10 @@ def recordings_in(folder: Path, *, foreign: bool = False) -> list[Path]:
 
 
 def sessions_in(folder: Path, scheduler: str | None) -> dict[str, Path]:
-    """Return the sessions of a folder by name. Raises BadParameter for a scheduler without sessions."""
+    """Return the sessions of a folder by name.
+
+    Raises BadParameter where a scheduler is given but the folder has no sessions.
+    """
     found = {path.stem: path for path in recordings_in(folder)}
     if scheduler and not found:
         raise typer.BadParameter(f"{folder} is not a folder of sessions (*{SUFFIX}); leave out --scheduler")
@@ -59,8 +62,8 @@ def sessions_in(folder: Path, scheduler: str | None) -> dict[str, Path]:
 def label_sets_in(predicted: Path, truth: Path, scheduler: str | None) -> dict[str, tuple[Path, Path]]:
     """Return the label sets of a folder by name, each with its truth: NAME or NAME.truth of the other folder.
 
-    The result is empty for a label set. Raises BadParameter for a scheduler without label sets,
-    CloudError for a label set without a truth.
+    The result is empty where the folder is itself a label set. Raises BadParameter where a scheduler is given
+    but the folder has no label sets, CloudError for a label set without a truth.
     """
     from annotate.labelset.labelled_frames import holds_frames
 
@@ -105,7 +108,7 @@ def each(
 def _outcomes(
     work: Callable[..., T], jobs: Mapping[str, tuple[Any, ...]], workers: "Workers | None"
 ) -> Iterator[tuple[str, Callable[[], T]]]:
-    """Yield each job's name and the call that returns or raises its outcome, as jobs end."""
+    """Yield each job's name and a function that returns or raises its outcome, in the order of completion."""
     if workers is None:
         yield from ((name, partial(work, *job)) for name, job in jobs.items())
         return

@@ -44,7 +44,7 @@ class CoarseCloud:
 
     @classmethod
     def of(cls, whole: ThermalCloud) -> "CoarseCloud":
-        """Thin a whole cloud by the stride that its focal length allows."""
+        """Return a whole cloud thinned by the stride that its focal length allows."""
         stride = stride_of(whole.camera)
         pixel = _chosen(whole.depth_mm, stride)
         rows, columns = (stride * np.arange(side) for side in pixel.shape)
@@ -135,7 +135,7 @@ def reduced(camera: Intrinsics, share: int) -> Intrinsics:
 
 @njit(cache=True, nogil=True)
 def _undistorted(depth_mm: UInt16, source: Int32) -> UInt16:
-    """Undistort flat depth; source: (h, w), index into it, -1 = none."""
+    """Return undistorted depth (h, w) from flat depth. source: (h, w), index into it, -1 = none."""
     whole = np.zeros(source.shape, np.uint16)
     for v in range(source.shape[0]):
         for u in range(source.shape[1]):

@@ -76,7 +76,7 @@ class Audit:
     course: tuple[WorkedFrame, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain values, without the course."""
+        """Return the audit as JSON values, without the list of worked frames (``course``)."""
         return {"people": [asdict(person) for person in self.people], "rejected": self.rejected}
 
 

@@ -272,7 +272,7 @@ class Correction:
         return strokes[included:]
 
     def _with_history(self, frame: FrameLabels) -> FrameLabels:
-        """Return the frame; in a copy of a set without its journal the history begins anew."""
+        """Return the frame; in a copy of a set without its journal, the history of the frame starts empty."""
         if frame.notes.get("journal") and not self.journal.strokes(frame.frame_id):
             frame = replace(frame, notes={k: v for k, v in frame.notes.items() if k != "journal"})
             with _saving(self.labels.path):

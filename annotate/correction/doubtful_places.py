@@ -61,7 +61,7 @@ def part_title(part: int) -> str:
 
 
 def pixels_text(count: int) -> str:
-    """Return a number of pixels in words."""
+    """Return a number of pixels as text."""
     return "1 pixel" if count == 1 else f"{count:,} pixels"
 
 
@@ -74,7 +74,7 @@ def _doubt(parts: UInt8, pixels: Int64, why: str, weight: float) -> Doubt:
 
 
 def _places(mask: Bool) -> list[Int64]:
-    """Return the flat pixels (n,) of every connected place; gaps of two pixels are bridged."""
+    """Return the flat pixels (n,) of every connected place of a mask; gaps of two pixels are bridged."""
     joined = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8))
     count, ids = cv2.connectedComponents(joined, connectivity=8)
     at = np.flatnonzero(mask)

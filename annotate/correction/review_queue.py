@@ -32,7 +32,10 @@ class Queued:
 
 @dataclass(frozen=True)
 class Progress:
-    """Numbers of frames. left_s: active seconds for the rest at this person's median, None at the start."""
+    """Numbers of frames by state.
+
+    left_s: active seconds for the remaining frames at this person's median, None at the start.
+    """
 
     done: int
     total: int
@@ -40,7 +43,7 @@ class Progress:
 
     @property
     def text(self) -> str:
-        """Progress in words, such as "12 of 40 done, 9 min left"."""
+        """Return the progress as text, such as "12 of 40 done, 9 min left"."""
         if self.left_s is None or self.done == self.total:
             return f"{self.done} of {self.total} done"
         minutes = self.left_s / 60

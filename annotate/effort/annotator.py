@@ -89,7 +89,7 @@ class Annotator:
         return self._now_s
 
     def work(self, editor: Editor, truth: UInt8, supervoxels: Int32) -> None:
-        """Correct one frame until it is right enough or nothing helps, and accept it.
+        """Correct one frame until the goal is reached or no repair helps, and accept it.
 
         editor: of that frame, with this annotator's clock. truth: uint8 (h, w). supervoxels: int32 (h, w).
         """

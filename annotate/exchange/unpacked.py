@@ -50,7 +50,7 @@ def _named(archive: Path, folder: str) -> Iterator[None]:
 
 
 def _extracted(archive: Path, folder: Path) -> Path:
-    """Unpack an archive; return its innermost folder."""
+    """Unpack an archive into a folder; return the folder, without outer folders that hold only one folder."""
     try:
         with ZipFile(archive) as file:
             entries = file.infolist()

@@ -174,9 +174,7 @@ class LabelSet:
         return self._image(frame_id, "parts.png", images.decode_parts)
 
     def confidence(self, frame_id: str, step: str = "") -> Float32 | None:
-        """Return the confidence (h, w) of a fine-tuning step's labels, or of the first labels; None if not
-        stored.
-        """
+        """Return the confidence (h, w) of a fine-tuning step's labels, or of the first labels, or None."""
         if not step:
             return self._optional_image(frame_id, "confidence.png", images.decode_confidence)
         return self._optional_image(frame_id, _of_step(step), images.decode_confidence, LEARNT)

@@ -110,7 +110,7 @@ def flipped(planes: UInt8) -> UInt8:
 
 
 def flip_averaged(network: SuitNetwork, planes: UInt8, step: int, near: Rectangle) -> Float32:
-    """Average the probabilities of channels and of their flipped copy (docs/adr/0026)."""
+    """Return the mean of the probabilities of channels and of their flipped copy (docs/adr/0026)."""
     # Context is sampled every ``step`` columns; the padding makes a flip keep the phase.
     if more := (1 - planes.shape[2]) % step:
         planes = np.pad(planes, ((0, 0), (0, 0), (0, more)))

@@ -151,7 +151,7 @@ def _result(found: "Adjusted", good: bool) -> dict[str, Any]:
 
 
 def _plot_residuals(path: Path, found: "Adjusted") -> None:
-    """Write a PNG: above the residuals as arrows in each image, below their size by view."""
+    """Write a PNG with the residuals as arrows in each image at the top, and their size by view below."""
     import numpy as np
     from matplotlib.figure import Figure
 

@@ -1,4 +1,4 @@
-"""Verbs that measure labels and show what was measured: evaluate, compare, diff, report."""
+"""Verbs that measure labels and show results: evaluate, compare, diff, report."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -62,7 +62,7 @@ def _evaluate_each(
     overwrite: bool,
     json: bool,
 ) -> None:
-    """Measure every label set of a folder, a result for each; those that are there already are kept."""
+    """Measure every label set of a folder, with one result each; existing results are kept."""
     jobs = {}
     for name, (predicted, truth) in pairs.items():
         path = out / f"{name}.npz" if out else None
@@ -84,7 +84,9 @@ def _evaluate_each(
 
 
 def _is_older(result: Path, *sets: Path) -> bool:
-    """Return true if a label set changed after its result: replaced files change the folder's time."""
+    """Return whether a label set changed after its result; the folder's time shows it, because writes replace
+    files.
+    """
     folders = [folder for path in sets for folder in (path, path / "frames") if folder.is_dir()]
     changed_ns = max(folder.stat().st_mtime_ns for folder in folders)
     return result.exists() and result.stat().st_mtime_ns < changed_ns
@@ -93,7 +95,9 @@ def _is_older(result: Path, *sets: Path) -> bool:
 def _evaluate_one(
     predicted: Path, truth: Path, out: Path | None, title: str, overwrite: bool, origin: dict[str, str]
 ) -> dict[str, Any]:
-    """Summary of one label set's scores, whose result is written or there already; on any machine."""
+    """Return the summary of one label set's scores; write its result unless it exists. Any machine may run
+    this.
+    """
     from annotate.labelset.labelled_frames import open_frames
     from eval.compare.compare import compare_sets
     from eval.compare.results import Result, load_result, save_result
@@ -111,7 +115,7 @@ def _evaluate_one(
 def _facts(
     predicted: "LabelledFrames", truth: "LabelledFrames", comparison: "Comparison", origin: dict[str, str]
 ) -> dict[str, str]:
-    """Return the facts that repeat a result. origin: the command and its version."""
+    """Return the facts needed to repeat a result. origin: the command and its version."""
     weights: object = predicted.info
     for key in ("steps", "predict", "weights"):
         weights = weights.get(key) if isinstance(weights, dict) else None

@@ -109,7 +109,10 @@ def _screen() -> Finding:
 
 
 def _tried(check: Callable[[], object], name: str, found: str, cost: str) -> Finding:
-    """Return the finding of a check, whose error has its remedy after the semicolon."""
+    """Return the finding of a check: its error is split at the semicolon into fault and remedy.
+
+    found: text if the check passes.
+    """
     try:
         check()
     except CloudError as error:

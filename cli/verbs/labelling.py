@@ -291,7 +291,7 @@ def fix(
 
 
 def learn_command(labels: Path, session: Path | None, model: Path) -> tuple[str, ...]:
-    """Return the command that learns from corrections beside the window, into the folder ``model``."""
+    """Return the command that fine-tunes on corrections in the background, into the folder ``model``."""
     # -P: no module of the folder in which the user stands.
     verb = (sys.executable, "-P", "-m", "cli.main", "learn", str(labels), "--out", str(model), "--json")
     return (*verb, *(("--session", str(session)) if session else ()))

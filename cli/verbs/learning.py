@@ -63,7 +63,9 @@ def learn(
 
 
 def _taken_over(labels: Path, learnt: Path) -> dict[str, Any]:
-    """Relabel a set with the new labels, as one step, unless it is open elsewhere."""
+    """Give an unopened label set the new labels, as one step of its journal; return the result as JSON
+    values.
+    """
     from annotate.correction.correction import Correction
     from annotate.correction.relabel import relabel
     from annotate.labelset.claim import ClaimedError

@@ -88,7 +88,9 @@ def solve(
 def _read(
     markers: Path, static: Path | None, markerset: Path | None
 ) -> "tuple[Markers, Markers | None, MarkerSet | None]":
-    """Read a recording, its static trial, and its marker set, which skeletons bring along."""
+    """Return a recording, its static trial, and its marker set. Files of joints define their own marker
+    set.
+    """
     from synth.motion_files.bvh import read_bvh
     from synth.motion_files.joint_file import read_joints
     from synth.motion_files.marker_files import read_markers

@@ -81,7 +81,7 @@ def bodies(
 
 
 def _bake(names: list[str], sizes: "Sequence[BodySize | None]", seed: int) -> "list[Body]":
-    """Return bodies fitted to their sizes; random for None."""
+    """Return bodies fitted to their sizes; a size of None gives a random adult."""
     import numpy as np
 
     with needing("bodies"):

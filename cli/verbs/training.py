@@ -64,7 +64,7 @@ class _Choices:
 
     @property
     def weights(self) -> Path | None:
-        """File to start from."""
+        """Return the file to start from."""
         if self.init != SHIPPED:
             return self.init
         from eval.network.onnx_network import SHIPPED_WEIGHTS

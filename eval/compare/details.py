@@ -13,9 +13,9 @@ from eval.scores.scores import plain, scores_of
 from eval.scores.traits import groups
 
 SEGMENT_PIXELS = 30
-"""Pixels of the smallest segment listed: along a border nobody is sure; chosen by eye."""
+"""Pixels of the smallest segment listed, because labels along a border are uncertain; untuned."""
 SHOWN = 20
-"""Doubtful labels that are listed; chosen by eye."""
+"""Doubtful labels that are listed; untuned."""
 
 
 def details(comparison: Comparison) -> dict[str, Any]:

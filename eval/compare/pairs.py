@@ -22,9 +22,9 @@ from sensors.errors import CloudError, FormatError
 from synth.images.workers import processes
 
 CHUNK = 64
-"""Frames that a worker counts in one go; chosen by eye."""
+"""Frames that a worker counts in one go; untuned."""
 WORTH_WORKERS = 400
-"""Frames from which worker processes pay: fewer are counted before these have started; chosen by eye."""
+"""Frames from which worker processes pay: fewer are counted before these have started; untuned."""
 
 
 class Pair(NamedTuple):

@@ -48,7 +48,7 @@ class FineTuned:
 
     @property
     def better(self) -> bool:
-        """True if the network is better on the held-out frames."""
+        """Return True if the network is better on the held-out frames."""
         return self.after > self.before
 
 

@@ -69,8 +69,9 @@ def split_frames(frames: Sequence[CorrectedFrame]) -> tuple[list[CorrectedFrame]
 
 
 def _mean_gap(places: Int64, first: int, count: int) -> float:
-    """Return the mean distance, in frames, of places [first, first + count) from the nearest place
-    outside.
+    """Return the mean distance of a block of frames from the nearest frame outside, in frames.
+
+    places: (n,), frame numbers in the set, sorted. The block is ``places[first : first + count]``.
     """
     inside = places[first : first + count]
     others = np.concatenate([places[:first], places[first + count :]])

@@ -14,10 +14,10 @@ from eval.scores.confusion import NEIGHBOUR, Labels, named
 Image = UInt8
 
 SHARED = 256
-"""Encoded pictures kept, 35 MB: results of the same frames show the same clouds and depth. Chosen by eye."""
+"""Encoded pictures kept, 35 MB: results of the same frames show the same clouds and depth. Untuned."""
 
 CANVAS = (24, 24, 28)
-"""Colour of nothing, as in the palette of parts; chosen by eye."""
+"""Colour of nothing, as in the palette of parts; untuned."""
 
 THERMAL_RANGE_C = (18.0, 36.0)
 """Temperatures drawn from black to yellow: a room to warm skin (the paper extracts 25 to 35)."""

@@ -23,17 +23,17 @@ from eval.scores import confusion
 from sensors.rig.camera import Intrinsics, unproject
 
 AROUND_M = 0.7
-"""Metres before and behind the person that the picture of a thermal cloud shows; chosen by eye."""
+"""Metres before and behind the person that the picture of a thermal cloud shows; untuned."""
 MARGIN = 0.08
-"""Free border of a picture on each side, as a share of the person's larger extent; chosen by eye."""
+"""Free border of a picture on each side, as a share of the person's larger extent; untuned."""
 EACH = 6
-"""Frames of each group: 18 a result fill a page or two, and half a megabyte; chosen by eye."""
+"""Frames of each group: 18 a result fill a page or two, and half a megabyte; untuned."""
 SCENE_POINTS = 14_000
-"""Points of a scene: turned smoothly by a laptop's own graphics, 0.2 MB in the page; chosen by eye."""
+"""Points of a scene: turned smoothly by a laptop's own graphics, 0.2 MB in the page; untuned."""
 AROUND_SHARE = 0.25
-"""Share of the points that may show the surroundings; chosen by eye."""
+"""Share of the points that may show the surroundings; untuned."""
 SCENE_AROUND_M = 0.3
-"""Metres around the person in which the surroundings are shown; chosen by eye."""
+"""Metres around the person in which the surroundings are shown; untuned."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def pick_frames(comparison: Comparison, each: int = EACH) -> dict[str, list[str]
 
 
 Picture = Callable[[Bool, Crop], Image | None]
-"""Draws a frame's thermal cloud around a person (h, w) in a crop; None where there is no cloud."""
+"""Function that draws a frame's thermal cloud around a person (h, w) in a crop, or returns None."""
 
 
 def make_frame(

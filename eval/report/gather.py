@@ -37,9 +37,9 @@ from sensors.errors import CloudError
 from sensors.session.reader import Session
 
 SHOWN_FRAMES = 12
-"""Frames shown of a label set without a truth, evenly spread; chosen by eye."""
+"""Frames shown of a label set without a truth, evenly spread; untuned."""
 SCENES = 12
-"""Scenes of all results together, 0.2 MB each; chosen by eye."""
+"""Scenes of all results together, 0.2 MB each; untuned."""
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,7 @@ def part_table(result: Result) -> pd.DataFrame:
 
 
 def difference_table(found: Sequence[Difference]) -> pd.DataFrame:
-    """Return every summary score's difference, with Wilcoxon's p and the frames."""
+    """Return a row for each difference: all summary scores, Wilcoxon's p, and the number of frames."""
     rows = []
     for one in found:
         p = one.wilcoxon_p.get("mean_recall")

@@ -17,7 +17,7 @@ from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 
 HISTORY, FRAME = "history.json", "frame"
-"""What `train` writes into its folder (``eval.training.train``)."""
+"""File and folder that `train` writes (``eval.training.train``)."""
 MAX_BYTES = 64_000_000
 """Of a history.json: a million points."""
 PICTURES = 8

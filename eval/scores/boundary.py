@@ -14,24 +14,26 @@ from eval.scores.confusion import Counts, Labels, Scores, ratio
 
 TOLERANCES_PX = (1.0, 2.0, 3.0, 5.0)
 TOLERANCES_MM = (5.0, 10.0, 20.0, 40.0)
-"""How far apart two borders may lie and still be one, in pixels of the depth image and on the person.
+"""Distances up to which two borders match, in pixels of the depth image and on the person.
 
-A convention: look at the one that two corrections of the same frames reach, since a border cannot
-be met better than people agree on it (Metrics Reloaded, Nature Methods 2024).
+Convention; compare with the score that two corrections of the same frames reach, because no labelling
+can agree better than people do (Metrics Reloaded, Nature Methods 2024).
 """
 
 WIDTHS_PX = (2.0, 4.0, 8.0)
 WIDTHS_MM = (10.0, 20.0, 40.0)
-"""Widths of the bands along a part's outline that boundary IoU compares; chosen by eye."""
+"""Widths of the bands along a part's outline that boundary IoU compares; untuned."""
 
 DISTANCE_EDGES_PX = (1.0, 2.0, 3.0, 5.0, 9.0, 17.0)
-"""Upper edges, exclusive, of the distance bins; one more bin takes what is farther; chosen by eye."""
+"""Upper edges, exclusive, of the distance bins; one more bin holds larger distances; untuned."""
 
 N_DISTANCES = len(DISTANCE_EDGES_PX) + 1
 
 FARTHEST_PX = 100.0
-"""No border is looked for farther away, whatever scale a file claims: 4 cm span as much 15 cm before a
-camera, nearer than any can see. Chosen by eye."""
+"""Farthest distance at which a border is searched, for any stated scale; untuned.
+
+4 cm span 100 px at a distance of 15 cm, nearer than the range of every camera.
+"""
 
 
 def border_parts(labels: Labels) -> Labels:

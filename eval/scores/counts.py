@@ -23,7 +23,7 @@ from eval.scores.boundary import (
 from eval.scores.confusion import Counts, Labels
 
 NEAR_PX = 3.0
-"""Distance below which a pixel is near a border of the truth, less than half a limb at 4 m; chosen by eye."""
+"""Distance below which a pixel is near a border of the truth, less than half a limb at 4 m; untuned."""
 
 SHAPES = {
     "confusion": (N_CLASSES, N_CLASSES),
@@ -45,7 +45,7 @@ WIDTH = sum(_SIZES)
 """Numbers counted of one frame."""
 
 BLOCK = 512
-"""Rows that are worked on at once where a result would need a multiple of their memory; chosen by eye."""
+"""Rows that are worked on at once where a result would need a multiple of their memory; untuned."""
 
 
 def blocks(rows: int) -> list[slice]:

@@ -113,7 +113,7 @@ _NAMES = {
     "boundary_iou_mm": _lengths(WIDTHS_MM, "mm"),
     "error_by_distance": list(DISTANCES),
 }
-"""Names along a score's last axis; the parts' scores have those of the parts."""
+"""Names along a score's last axis; scores by part have the names of the parts."""
 
 
 def plain(values: Scores | float) -> JsonScore:

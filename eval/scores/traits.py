@@ -18,9 +18,9 @@ from sensors.rig.camera import Intrinsics
 
 DISTANCE_EDGES_M = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
 INVALID_EDGES = (0.01, 0.05, 0.1, 0.2)
-"""Ends of the groups by distance and by share of pixels without a reading; chosen by eye."""
+"""Ends of the groups by distance and by share of pixels without a reading; untuned."""
 NOTE_CHARS, NOTE_CAUSES = 100, 30
-"""Characters of a note and causes of hardness that a result keeps of a frame; chosen by eye."""
+"""Characters of a note and causes of hardness that a result keeps of a frame; untuned."""
 NOTHING_HARD = "nothing named"
 
 

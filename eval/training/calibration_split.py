@@ -35,7 +35,7 @@ class CalibrationSplit:
 
     @property
     def note(self) -> str:
-        """Basis of the confidences, in one sentence."""
+        """Return a sentence on the data to which the confidences were calibrated."""
         if self.calibrated is None:
             return f"{len(self.trained)} images are too few to calibrate on: confidences are as trained"
         if self.subjects:

@@ -193,7 +193,7 @@ def _unit_mm(fields: Fields) -> float | None:
 
 
 def _plain(text: str, shape: tuple[int, int]) -> Intrinsics:
-    """Return the camera in text without keys."""
+    """Return the camera of a text that has numbers without keys. shape: (h, w) of the images."""
     colmap = _COLMAP.findall(text)
     if len(colmap) > 1:
         raise ValueError("it holds several cameras: keep the depth camera alone")

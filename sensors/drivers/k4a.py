@@ -114,7 +114,7 @@ class Camera:
 
     @property
     def serial(self) -> str:
-        """Serial number."""
+        """Return the serial number."""
         return read_text(lambda *buffer: self._k4a.k4a_device_get_serialnum(self._handle, *buffer)).decode()
 
     def start(self) -> None:

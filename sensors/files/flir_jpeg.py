@@ -183,7 +183,7 @@ def _radiometry(camera: _Record) -> Radiometry:
 
 
 def _finite(*numbers: float) -> list[float]:
-    """Return the numbers, with 0 in place of those that are not finite."""
+    """Return the numbers; numbers that are not finite become 0."""
     return [number if np.isfinite(number) else 0.0 for number in numbers]
 
 

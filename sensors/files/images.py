@@ -1,7 +1,7 @@
-"""Images as bytes: sizes by the header before pixels are unpacked, and one-channel images decoded.
+"""Images as bytes: sizes are read from headers before pixels are unpacked; one-channel images are decoded.
 
-Read are PNG, TIFF, PGM and NumPy arrays. EXR is not, because OpenCV switches its own decoder for EXR off for
-security (``OPENCV_IO_ENABLE_OPENEXR``).
+Supported formats are PNG, TIFF, PGM and NumPy arrays. EXR is not, because OpenCV switches its own decoder for
+EXR off for security (``OPENCV_IO_ENABLE_OPENEXR``).
 """
 
 import io

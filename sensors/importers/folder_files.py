@@ -175,7 +175,10 @@ def _subfolder(path: Path, names: tuple[str, ...]) -> Path | None:
 
 
 def _named(files: list[Path]) -> Files:
-    """Return the files by name without the stream's word; by their whole names where two would be equal."""
+    """Return the files by name, without the word for the stream (such as "depth").
+
+    If two names would be equal, whole names are used.
+    """
     keyed = {_key(file.stem): file for file in files}
     return keyed if len(keyed) == len({file.stem for file in files}) else {file.stem: file for file in files}
 
@@ -203,14 +206,14 @@ def _nearest(stamps_ns: dict[str, int], color: Files, color_ns: dict[str, int]) 
 
 
 def _kinds(folder: Path) -> str:
-    """Return the numbers of a folder's files by suffix, in words; "" for none."""
+    """Return the numbers of a folder's files by suffix, as text; "" for none."""
     files = (file for file in folder.iterdir() if file.is_file() and not file.name.startswith("."))
     kinds = Counter(file.suffix.lower() or "nameless" for file in files)
     return ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(4))
 
 
 def _no_depth(folder: Path) -> str:
-    """Return the contents of a folder without depth images, in words, and the remedy."""
+    """Return the text of an error: contents of a folder without depth images, and the remedy."""
     held = f" (it holds {kinds} files)" if (kinds := _kinds(folder)) else ""
     place = folder if folder.name.lower() in STREAMS["depth"] else folder / "depth"
     return f"{folder} holds no depth images{held}; put 16-bit PNGs into {place}"

@@ -18,7 +18,9 @@ class HostClock:
         self._bins = deque[tuple[int, int]](maxlen=BINS)
 
     def host_ns(self, stamp_ns: int, arrival_ns: int) -> int:
-        """Return the time of a reading on the clock of the arrivals; call once for each reading, in order."""
+        """Return the time of a reading on the clock of ``arrival_ns``; call once for each reading, in
+        order.
+        """
         delay, at = arrival_ns - stamp_ns, arrival_ns // BIN_NS
         if not self._bins or self._bins[-1][0] != at:
             self._bins.append((at, delay))
@@ -29,9 +31,9 @@ class HostClock:
 
     @property
     def skew_ppm(self) -> float:
-        """Skew of the device's clock against the host's, 0 until known.
+        """Return the skew of the device's clock against the host's, 0 until known.
 
-        Median slope of the least delays over time (Theil 1950, Sen 1968), which stalls do not change.
+        Median slope of the least delays over time (Theil 1950, Sen 1968), on which stalls have no effect.
         """
         if len(self._bins) < LEAST_BINS:
             return 0.0

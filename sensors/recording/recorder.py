@@ -155,7 +155,7 @@ class Recorder:
         return take.writer.path
 
     def abandon(self) -> None:
-        """End the session, if there is one, as a truncated recording."""
+        """End the session, if there is one, and leave the file as a truncated recording."""
         if (take := self._ended()) is not None:
             with suppress(OSError):
                 take.writer.__exit__(OSError)

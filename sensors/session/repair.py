@@ -177,7 +177,7 @@ def _rewrite(file: BinaryIO, temporary: Path, target: Path) -> Repaired:
 
 
 class Losses:
-    """Losses of a file: places, bytes, and nanoseconds."""
+    """Lost parts of a file: their number (``places``), bytes, and duration in nanoseconds."""
 
     def __init__(self) -> None:
         self.places = self.bytes = self._known_ns = 0
@@ -187,7 +187,7 @@ class Losses:
         self._gaps_ns: list[int] = []
 
     def add(self, piece: Piece) -> None:
-        """Count the next piece."""
+        """Add the next record or gap of the file to the losses."""
         if piece.lost:
             self.places, self.bytes = self.places + 1, self.bytes + piece.end - piece.start
             self._gap |= not self._stated(piece.end_ns)

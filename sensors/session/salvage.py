@@ -41,10 +41,10 @@ _LAST = max(Opcode)
 
 
 class Piece(NamedTuple):
-    """Bytes ``start`` to ``end`` of a file: a record, or a gap between two.
+    """Record of a file, or gap between two records: bytes ``start`` to ``end``.
 
-    data: the records to keep, one after another; empty for a record that is written anew. end_ns: latest log
-    time of a chunk, as far as it is stated.
+    data: the records to keep, one after another; empty for a record that repair writes itself. end_ns: latest
+    log time of a chunk, as far as it is stated.
     """
 
     start: int
@@ -55,7 +55,10 @@ class Piece(NamedTuple):
 
 
 def pieces(file: BinaryIO, summary: Summary | None) -> Iterator[Piece]:
-    """Yield the pieces of a file from its first record to the end of its data. summary: None = damaged."""
+    """Yield the records and gaps of a file from its first record to the end of its data.
+
+    summary: None = damaged or missing.
+    """
     size = os.fstat(file.fileno()).st_size
     if size <= len(MAGIC):
         return
@@ -65,7 +68,7 @@ def pieces(file: BinaryIO, summary: Summary | None) -> Iterator[Piece]:
 
 
 class _Walk:
-    """Walk through a file's bytes up to ``end``."""
+    """Iterator over the records and gaps of a file's bytes, up to ``end``."""
 
     def __init__(self, memory: mmap, end: int, summary: Summary | None) -> None:
         self._memory, self._end = memory, end
@@ -82,7 +85,7 @@ class _Walk:
             self._chunked = bool(chunks)
 
     def pieces(self) -> Iterator[Piece]:
-        """Yield all pieces."""
+        """Yield all records and gaps in order."""
         at = len(MAGIC)
         while not self._is_end(at):
             opcode, piece = self._memory[at], self._sound(at) or self._lost(at)
@@ -162,7 +165,7 @@ class _Walk:
         return self._known[number] if number < len(self._known) else self._end
 
     def _lost(self, at: int) -> Piece:
-        """Return the lost piece from a byte up to the next sound record."""
+        """Return the gap from an offset up to the next intact record."""
         end_ns = self._ends_ns.get(at, self._stated_end_ns(at))
         own_end = self._stated_end(at)
         if self._chunked and self._known:

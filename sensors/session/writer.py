@@ -82,7 +82,7 @@ class SessionWriter:
         return self
 
     def _begin(self) -> None:
-        """Write the records in front of the first message."""
+        """Write the records that come before the first message."""
         self._writer = IndexedWriter(self._file)
         for topic, schema in SCHEMAS.items():
             described = build_file_descriptor_set(schema).SerializeToString()

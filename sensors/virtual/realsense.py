@@ -72,7 +72,7 @@ class VirtualRealSense:
             self._thread.join()
 
     def show(self, number: int) -> None:
-        """Feed the three images of frame ``number``."""
+        """Send the three images of frame ``number`` through the software device."""
         seconds = number / RATE_HZ
         millimetres, infrared = self._scene.depth(seconds), self._scene.infrared(seconds)
         stamp_ms = FIRST_MS + 1000 * self.schedule.device_s(number)

@@ -83,7 +83,7 @@ def read_sizes(path: Path) -> tuple[BodySize, ...]:
 
 
 def describe(body: "Body", size: BodySize | None) -> dict[str, str | float]:
-    """Return a body's measures, and the wanted ones as ``asked_*``."""
+    """Return a body's measures, and the requested measures as ``asked_*``."""
     row: dict[str, str | float] = {"model": body.name}
     row |= {measure: round(getattr(body, measure), 2) for measure in MEASURES}
     if size is not None:

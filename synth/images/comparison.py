@@ -47,7 +47,7 @@ class Range:
 
     @property
     def inside(self) -> bool | None:
-        """True if the recording's range lies within the dataset's; None if it is unknown."""
+        """Return True if the recording's range lies within the dataset's; None if it is unknown."""
         if self.real is None:
             return None
         return bool(self.own[0] <= self.real[0] and self.real[2] <= self.own[2])

@@ -212,7 +212,7 @@ _LIMB_FIELDS = (
 
 
 def pulls_of(moment: Moment) -> list[Pull]:
-    """Return the pulls of gravity on head and limbs."""
+    """Return the pulls of gravity on head and limbs, by a moment's parameters."""
     pulls = [sink("head", moment["head_sink"])]
     for side in ("left", "right"):
         leg, arm = moment[f"{side}_leg_sink"], moment[f"{side}_arm_sink"]

@@ -167,24 +167,24 @@ class KeyPage(QWidget):
         self.hide()
 
     def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
-        """Qt's hook: put the card in the middle, scrolled if it is larger than the window."""
+        """Put the page in the middle, with scroll bars if it is larger than the window (Qt's hook)."""
         wanted = self.card.sizeHint() + QSize(12, 4)
         size = wanted.boundedTo(self.size())
         self.area.setGeometry((self.width() - size.width()) // 2, (self.height() - size.height()) // 2, 0, 0)
         self.area.resize(size)
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
-        """Qt's hook: dim the window behind."""
+        """Dim the window behind (Qt's hook)."""
         color = QColor(self.theme.ground)
         color.setAlpha(205)
         QPainter(self).fillRect(self.rect(), color)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:  # noqa: N802
-        """Qt's hook."""
+        """Close the page (Qt's hook)."""
         self.closed.emit()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802
-        """Qt's hook: close on a click on the card."""
+        """Close the page on a click on it (Qt's hook)."""
         if event.type() == QEvent.Type.MouseButtonPress:
             self.closed.emit()
         return False

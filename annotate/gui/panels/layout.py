@@ -40,7 +40,7 @@ class Panels(QWidget):
         self.key_page = KeyPage(self, settings)
 
     def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
-        """Qt's hook."""
+        """Fit the page of keys to the window (Qt's hook)."""
         super().resizeEvent(event)
         self.key_page.resize(self.size())
 

@@ -56,7 +56,7 @@ class Panes(QSplitter):
         self._moved = True
 
     def swap(self) -> None:
-        """Let cloud and depth image swap places."""
+        """Exchange the places of cloud and depth image."""
         sizes = self.sizes(), self._side.sizes()
         self.swapped = not self.swapped
         large, small = self._framed[:: -1 if self.swapped else 1]

@@ -54,7 +54,7 @@ class PartTile(QWidget):
         return -1 if self._is_low else 4
 
     def mousePressEvent(self, event: QMouseEvent) -> None:  # noqa: N802
-        """Qt's hook."""
+        """Emit the signal of the lock, the eye or the tile under a click (Qt's hook)."""
         place = event.position().toPoint()
         if self.lock_rect.contains(place):
             self._palette.locked.emit(self.part)
@@ -64,7 +64,7 @@ class PartTile(QWidget):
             self._palette.chosen.emit(self.part)
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
-        """Qt's hook."""
+        """Draw the tile (Qt's hook)."""
         painter, theme = QPainter(self), self.theme
         body = QRectF(self.rect()).adjusted(1.5, 1.5, -1.5, -1.5)
         draw_card(painter, body, theme, self.chosen, part_color(self.part, theme))

@@ -68,7 +68,11 @@ class SceneReader:
     def __init__(
         self, correction: Correction, session: Path | None = None, other: LabelSet | None = None
     ) -> None:
-        """Raise FormatError where the session or the other set has frames of another size."""
+        """Open the recording, and check its frame size.
+
+        session: recording for colours and temperatures. other: label set to compare. Raises FormatError where
+        the session or the other set has frames of another size.
+        """
         self._correction, self.other = correction, other
         labels = self.labels = correction.labels
         self._recorded = Recorded(labels, session)

@@ -89,7 +89,7 @@ class DepthPane(QWidget):
         self._moved()
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
-        """Qt's hook."""
+        """Draw the image and its frame (Qt's hook)."""
         painter = QPainter(self)
         painter.fillRect(self.rect(), self.ground)
         height, width = self._rgb.shape[:2]
@@ -144,7 +144,7 @@ class DepthPane(QWidget):
     # Moving the view
 
     def wheelEvent(self, event: QWheelEvent) -> None:  # noqa: N802
-        """Qt's hook: zoom about the pointer."""
+        """Zoom about the pointer (Qt's hook)."""
         at = event.position()
         scale = float(np.clip(self._scale * 1.2 ** (event.angleDelta().y() / 120), *SCALES))
         self._corner = at - (at - self._corner) * (scale / self._scale)
@@ -164,18 +164,18 @@ class DepthPane(QWidget):
             self.mousePressEvent(event)
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:  # noqa: N802
-        """Qt's hook."""
+        """Pan the image while a button is held (Qt's hook)."""
         if self._grip is not None and event.buttons():
             self._corner += event.position() - self._grip
             self._grip, self._fitted = event.position(), False
             self._moved()
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:  # noqa: N802
-        """Qt's hook."""
+        """End panning (Qt's hook)."""
         self._grip = None
 
     def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
-        """Qt's hook: keep the person in view."""
+        """Keep the person in view (Qt's hook)."""
         if self._fitted:
             self.fit()
 

@@ -100,7 +100,7 @@ class DrawingLayer(QWidget):
             self.update()
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
-        """Qt's hook."""
+        """Draw the shape, marks, text and scale (Qt's hook)."""
         painter = QPainter(self)
         draw_scale(painter, QRectF(self.rect()), self.scale)
         draw_words(painter, QRectF(self.rect()), self._words)

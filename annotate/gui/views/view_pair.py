@@ -131,7 +131,9 @@ class ViewPair(QObject):
                 self.show_hovered(view, view.layer.place)
 
     def show_hovered(self, view: View, place: QPointF | None) -> None:
-        """Show the text on a place, the outline of a click there, and the same place in the other view."""
+        """Show marks for a hovered position: text on its pixel, the outline of a click's effect, and a ring
+        in the other view.
+        """
         other = self.depth if view is self.cloud else self.cloud
         pixel = view.pixel_at(place) if place is not None else None
         if place is not None and view is not self.last:

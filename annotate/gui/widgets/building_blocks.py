@@ -90,13 +90,13 @@ class Elided(QLabel):
         return self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, room)
 
     def setText(self, text: str) -> None:  # noqa: N802
-        """Qt's setter."""
+        """Set the text and its tool tip (Qt's setter)."""
         super().setText(text)
         # Always as rich text, because Qt otherwise guesses by the contents.
         self.setToolTip(f"<span>{escape(text, quote=False)}</span>" if text else "")
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
-        """Qt's hook."""
+        """Draw the text with an ellipsis (Qt's hook)."""
         painter = QPainter(self)
         painter.setPen(self.palette().color(self.foregroundRole()))
         painter.drawText(self.contentsRect(), self.alignment(), self.shown)

@@ -50,7 +50,7 @@ class Sampling:
 
 
 def draw_sample(example: Example, how: Sampling, rng: np.random.Generator) -> Sample:
-    """Draw a square of an example, turned, scaled, degraded, flipped in half of the draws."""
+    """Draw a square of an example: rotated, scaled, degraded, and flipped in half of the draws."""
     sample = take(example, *_places(example, how, rng))
     if how.degrade:
         degrade(sample.planes, rng)
@@ -134,7 +134,9 @@ def degrade(planes: UInt8, rng: np.random.Generator) -> None:
 
 
 def _degrade_before(before: UInt8, rng: np.random.Generator) -> None:
-    """Clear labels (s, s) of the frame before, exchange their sides, or move them and make some wrong."""
+    """Degrade labels (s, s) of the previous frame in place: clear them, swap sides, or move them with
+    errors.
+    """
     kind = rng.random()
     if kind < 0.35:
         before[:] = BACKGROUND

@@ -89,7 +89,7 @@ class Ros1File:
 
     @property
     def topics(self) -> set[str]:
-        """Topics of all types; only the topics of the index, if the file has one."""
+        """Return the topics of all types; of a file with an index, the topics of the index."""
         with self.path.open("rb") as file:
             known = self._indexed(file)
             if not known:

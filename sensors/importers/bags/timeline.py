@@ -192,6 +192,6 @@ def _bridged(name: str, stamps_ns: Times, received_ns: Times) -> tuple[Times, Ti
 
 
 def _apart(depth_ns: Times, color_ns: Times) -> str:
-    """Return the distance in time of colour from depth, in words."""
+    """Return the time difference of colour and depth as text."""
     apart_s = float(np.median((color_ns - depth_ns).astype(np.float64))) / _S
     return f"{abs(apart_s):.3f} s {'later' if apart_s > 0 else 'earlier'}"

@@ -36,12 +36,14 @@ class CloudRecords:
 
     @property
     def organised(self) -> bool:
-        """True if each point belongs to a pixel of an image."""
+        """Return True if each point belongs to a pixel of an image."""
         return self.grid is not None and min(self.grid) > 1
 
     @property
     def splats(self) -> bool:
-        """True if the points are the centres of Gaussians (Kerbl 2023), by the names of their fields."""
+        """Return True if the points are centres of Gaussian splats (Kerbl 2023), by the names of their
+        fields.
+        """
         return {"scale_0", "rot_0", "opacity"} <= set(self.records.dtype.names or ())
 
     def points(self) -> NDArray[np.float64]:
