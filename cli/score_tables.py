@@ -1,4 +1,4 @@
-"""Scores as text tables, with intervals and the names of the best and the worst part."""
+"""Tables of scores for the terminal."""
 
 import math
 from collections.abc import Mapping
@@ -7,17 +7,16 @@ from annotate.parts import BODY_PARTS
 from cli.console import table
 from eval.compare.compare import Comparison
 from eval.compare.paired import Difference
-from eval.report.estimates import SUMMARY, Estimate, difference_of, estimate, printed
+from eval.report.estimates import SUMMARY, Estimate, estimate, printed
 from eval.scores.joint_errors import summary
 
-TITLES = SUMMARY | {"recall": "Recall", "iou": "IoU"}
-OF_PARTS = ("recall", "iou")
+OF_PARTS = {"recall": "Recall", "iou": "IoU"}
 
 
 def scores_text(comparison: Comparison, *, intervals: bool) -> str:
-    """Return tables of a comparison's scores: of the whole set, of the joints if known, and by part.
+    """Return tables of a comparison's scores: of the whole set with known joints, and by part.
 
-    intervals: add 95 % intervals in brackets, which takes some seconds.
+    intervals: with 95 % intervals in brackets, which take some seconds.
     """
 
     def of(name: str, *index: int) -> Estimate:
@@ -38,44 +37,43 @@ def scores_text(comparison: Comparison, *, intervals: bool) -> str:
     recall = {part.title: of("recall", part.id) for part in BODY_PARTS}
     heading = f"{len(comparison.frame_ids)} frames of {comparison.n_subjects} people"
     bracket = " [95 % interval]" if intervals else ""
-    return "\n\n".join(
-        [
-            table(("score", f"value{bracket}"), whole, heading),
-            table(("part", *(f"{TITLES[n]}{bracket}" for n in OF_PARTS), "pixels"), parts),
-            _extremes(recall, "best", "worst"),
-        ]
+    tables = (
+        table(("score", f"value{bracket}"), whole, heading),
+        table(("part", *(f"{title}{bracket}" for title in OF_PARTS.values()), "pixels"), parts),
+        _extremes(recall, "best", "worst"),
     )
+    return "\n\n".join(tables)
 
 
 def difference_text(found: Difference) -> str:
-    """Return tables of A minus B: of the whole sets with Wilcoxon's p if known, and by part."""
+    """Return tables of A minus B: of the whole sets with Wilcoxon's p, and of each part."""
     p = {name: "-" if value is None else f"{value:.3f}" for name, value in found.wilcoxon_p.items()}
+    of = {name: estimate(found, name) for name in SUMMARY}
     whole = [
-        (title, printed(name, one, sign="+"), p.get(name, "-"))
+        (title, printed(name, of[name], sign="+"), p.get(name, "-"))
         for name, title in SUMMARY.items()
-        if (one := difference_of(found, name)).known
+        if of[name].known
     ]
     parts = [
-        (part.title, *(printed(name, difference_of(found, name, part.id), sign="+") for name in OF_PARTS))
+        (part.title, *(printed(name, estimate(found, name, part.id), sign="+") for name in OF_PARTS))
         for part in BODY_PARTS
     ]
     frames = "the same frames" if found.paired else "different frames"
     heading = ("score", "difference [95 % interval]", "Wilcoxon p")
-    recall = {part.title: difference_of(found, "recall", part.id) for part in BODY_PARTS}
-    return "\n\n".join(
-        [
-            table(heading, whole, f"{found.a} minus {found.b}, on {frames}"),
-            table(("part", *(f"{TITLES[name]} [95 % interval]" for name in OF_PARTS)), parts),
-            _extremes(recall, "most gained", "least", sign="+"),
-        ]
+    recall = {part.title: estimate(found, "recall", part.id) for part in BODY_PARTS}
+    tables = (
+        table(heading, whole, f"{found.a} minus {found.b}, on {frames}"),
+        table(("part", *(f"{title} [95 % interval]" for title in OF_PARTS.values())), parts),
+        _extremes(recall, "most gained", "least", sign="+"),
     )
+    return "\n\n".join(tables)
 
 
 def _extremes(recall: Mapping[str, Estimate], best: str, worst: str, sign: str = "") -> str:
-    """Return a line with the parts of the highest and the lowest recall; "" where no part is known."""
+    """Return the parts of the highest and the lowest recall as one line."""
     known = {title: one.value for title, one in recall.items() if one.known}
     if not known:
-        return "No body part in the truth."
+        return "The truth has 0 body parts."
     ends = ((best, max(known, key=known.__getitem__)), (worst, min(known, key=known.__getitem__)))
     named = (f"{word} {title} ({known[title]:{sign}.3f})" for word, title in ends)
     return f"Recall by part: {', '.join(named)}"

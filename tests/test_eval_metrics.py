@@ -10,11 +10,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.ndimage import distance_transform_edt
 
-from annotate.frame_labels import FrameLabels
 from annotate.parts import LEFT_RIGHT, N_CLASSES, UNDEFINED, on_body, swap_left_right
 from eval.compare import paper_results as paper
-from eval.scores import boundary, confusion, reliability
-from eval.scores.counts import NEAR_PX, count
+from eval.scores import boundary, confusion, kernels
+from tests.helpers.naive_scores import BODY, Frame, ious, mean, pixels_of
 
 LABELS = st.sampled_from([0, 1, 2, 3, 4, 9, UNDEFINED])  # most classes absent, as in real frames
 PAIR = hnp.array_shapes(min_dims=2, max_dims=2, max_side=9).flatmap(
@@ -31,74 +30,26 @@ def body(seed: int = 0, size: int = 48) -> np.ndarray:
     return (nearest % N_CLASSES).astype(np.uint8)
 
 
-def naive(truth: np.ndarray, predicted: np.ndarray) -> dict[str, list[float]]:
-    """Every per-part score by counting pixel after pixel."""
-    pixels = [
-        (int(t), 0 if p == UNDEFINED else int(p)) for t, p in zip(truth.flat, predicted.flat, strict=True)
-    ]
-    pixels = [(t, p) for t, p in pixels if t != UNDEFINED]
-    scores: dict[str, list[float]] = {"recall": [], "precision": [], "iou": [], "dice": []}
-    for c in range(N_CLASSES):
-        hit = sum(1 for t, p in pixels if t == c and p == c)
-        true = sum(1 for t, _ in pixels if t == c)
-        drawn = sum(1 for _, p in pixels if p == c)
-        scores["recall"].append(hit / true if true else math.nan)
-        scores["precision"].append(hit / drawn if drawn else math.nan)
-        scores["iou"].append(hit / (true + drawn - hit) if true + drawn else math.nan)
-        scores["dice"].append(2 * hit / (true + drawn) if true + drawn else math.nan)
-    return scores
-
-
-def naive_mean(values: list[float]) -> float:
-    present = [v for v in values if not math.isnan(v)]
-    return sum(present) / len(present) if present else math.nan
-
-
-@given(PAIR)
-def test_scores_agree_with_a_slow_reference(pair: tuple[np.ndarray, np.ndarray]) -> None:
-    matrix = confusion.confusion_matrix(*pair)
-    expected = naive(*pair)
-    for name in expected:
-        np.testing.assert_allclose(getattr(confusion, name)(matrix), expected[name], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(confusion.mean_recall(matrix), naive_mean(expected["recall"][1:]), atol=1e-12)
-    np.testing.assert_allclose(confusion.miou(matrix), naive_mean(expected["iou"][1:]), atol=1e-12)
-
-
 @given(st.lists(PAIR, min_size=1, max_size=5))
 def test_mean_ious_agree_with_a_slow_reference(pairs: list[tuple[np.ndarray, np.ndarray]]) -> None:
-    table = [naive(*pair)["iou"][1:] for pair in pairs]
+    table = [ious(pixels_of(Frame(*pair, None, math.nan)), BODY) for pair in pairs]
     result = confusion.mean_ious(np.stack([confusion.confusion_matrix(*pair) for pair in pairs]))
-    by_frame = [naive_mean(row) for row in table]
-    np.testing.assert_allclose(result["over_images"], naive_mean(by_frame), atol=1e-12)
-    by_part = [naive_mean(list(column)) for column in zip(*table, strict=True)]
-    np.testing.assert_allclose(result["over_parts"], naive_mean(by_part), atol=1e-12)
+    by_frame = [mean(row) for row in table]
+    np.testing.assert_allclose(result["over_images"], mean(by_frame), atol=1e-12)
+    by_part = [mean(list(column)) for column in zip(*table, strict=True)]
+    np.testing.assert_allclose(result["over_parts"], mean(by_part), atol=1e-12)
     present = [v for v in by_frame if not math.isnan(v)]
     np.testing.assert_allclose(result["worst"], min(present) if present else math.nan, atol=1e-12)
 
 
 @given(PAIR)
-def test_every_wrong_pixel_has_one_kind(pair: tuple[np.ndarray, np.ndarray]) -> None:
-    matrix = confusion.confusion_matrix(*pair)
-    kinds = confusion.error_kinds(matrix)
-    assert sum(kinds.values()) == matrix.sum() - np.trace(matrix)
-    assert min(kinds.values()) >= 0
-
-
-@given(PAIR)
-def test_pixel_counts_add_up(pair: tuple[np.ndarray, np.ndarray]) -> None:
+def test_every_pixel_is_counted_and_every_wrong_one_has_one_kind(pair: tuple[np.ndarray, np.ndarray]) -> None:
     matrix, (ignored, unnamed, everything) = confusion.counted(*pair)
     assert matrix.sum() + ignored == everything == pair[0].size
     undefined = pair[0] == UNDEFINED, pair[1] == UNDEFINED
     assert (ignored, unnamed) == (undefined[0].sum(), (undefined[1] & ~undefined[0]).sum())
-
-
-def test_identity_scores_one() -> None:
-    truth = body()
-    matrix = confusion.confusion_matrix(truth, truth)
-    for score in (confusion.recall, confusion.precision, confusion.iou, confusion.dice):
-        np.testing.assert_array_equal(score(matrix), 1.0)
-    assert confusion.person_iou(matrix) == confusion.mean_recall(matrix) == 1.0
-    assert confusion.left_right_swap_rate(matrix) == 0.0
+    kinds = confusion.error_kinds(matrix)
+    assert sum(kinds.values()) == matrix.sum() - np.trace(matrix) and min(kinds.values()) >= 0
 
 
 def test_a_left_right_swap_is_caught() -> None:
@@ -153,7 +104,7 @@ def test_the_paper_tables_are_the_paper_s() -> None:
 
 
 def f_of(truth: np.ndarray, predicted: np.ndarray, tolerance: float) -> float:
-    borders = boundary.border_parts(truth), boundary.border_parts(predicted)
+    borders = kernels.borders(truth), kernels.borders(predicted)
     return float(boundary.boundary_f(boundary.boundary_counts(*borders, [tolerance])[0]))
 
 
@@ -167,8 +118,8 @@ def test_boundary_f_knows_how_far_a_border_moved() -> None:
     assert boundary.boundary_f(np.array([0, 9, 0, 0])) == 0.0
 
 
-def away_from(labels: np.ndarray, reach: float = 100, around: float = 100) -> np.ndarray:
-    return boundary.distance_to(boundary.border_parts(labels), labels, reach, around)
+def away_from(labels: np.ndarray, reach: float = 100.0, around: float = 100.0) -> np.ndarray:
+    return kernels.distances(labels, kernels.borders(labels), reach, around)
 
 
 def test_boundary_iou_sees_a_shift_that_plain_iou_forgives() -> None:
@@ -186,8 +137,10 @@ def test_boundary_iou_sees_a_shift_that_plain_iou_forgives() -> None:
 
 def test_errors_by_distance_agree_with_scipy() -> None:
     truth, predicted = body(3), body(4)
-    away = distance_transform_edt(boundary.border_parts(truth) == 0)
-    counts = boundary.errors_by_distance(truth, predicted, away_from(truth))
+    away = distance_transform_edt(kernels.borders(truth) == 0)
+    counts = kernels.errors(
+        truth, predicted, away_from(truth), np.array(boundary.DISTANCE_EDGES_PX, np.float32)
+    )
     edges = (0.0, *boundary.DISTANCE_EDGES_PX, np.inf)
     for i, (low, high) in enumerate(itertools.pairwise(edges)):
         for part in range(1, N_CLASSES):
@@ -196,73 +149,10 @@ def test_errors_by_distance_agree_with_scipy() -> None:
     assert not counts[0].any()
 
 
-def test_without_a_border_everything_is_far() -> None:
-    everywhere = np.ones((5, 5), np.uint8)
-    assert np.isinf(away_from(everywhere)).all()
-
-
 @given(PAIR, st.floats(0, 12), st.floats(0, 12))
 def test_distances_agree_with_scipy(pair: tuple[np.ndarray, np.ndarray], reach: float, around: float) -> None:
-    border = boundary.border_parts(pair[0])
+    border = kernels.borders(pair[0])
     away = distance_transform_edt(border == 0) if border.any() else np.full(border.shape, np.inf)
     most = np.where(on_body(pair[0]), reach, around)
     expected = np.where(away <= most, away, np.inf).astype(np.float32)
     np.testing.assert_array_equal(away_from(pair[0], reach, around), expected)
-
-
-def slow_counts(truth: np.ndarray, predicted: np.ndarray, sure: np.ndarray) -> dict[str, np.ndarray]:
-    """Borders, matches, bands, errors by distance and confidence of two maps, pixel after pixel."""
-    places = list(np.ndindex(truth.shape))
-    named = np.where(predicted == UNDEFINED, 0, predicted)
-    maps = truth, np.where(truth == UNDEFINED, truth, named)
-    borders, away = [], []
-    for labels in maps:
-        border = {}
-        for v, u in places:
-            around = [(v + 1, u), (v - 1, u), (v, u + 1), (v, u - 1)]
-            others = {int(labels[p]) for p in around if p in places} - {UNDEFINED, int(labels[v, u])}
-            if others and labels[v, u] not in (0, UNDEFINED):
-                border[v, u] = int(labels[v, u])
-        borders.append(border)
-        away.append({p: min((math.dist(p, q) for q in border), default=math.inf) for p in places})
-    matched = np.zeros((len(boundary.TOLERANCES_PX), 4), int)
-    for side, (own, other) in enumerate((borders[::-1], borders)):
-        for p, part in own.items():
-            nearest = min((math.dist(p, q) for q, same in other.items() if same == part), default=math.inf)
-            matched[:, 2 * side] += nearest <= np.array(boundary.TOLERANCES_PX)
-            matched[:, 2 * side + 1] += 1
-    bands = np.zeros((len(boundary.WIDTHS_PX), N_CLASSES, 2), int)
-    errors = np.zeros((N_CLASSES, boundary.N_DISTANCES, 2), int)
-    levels, quality = np.zeros((2, reliability.N_BINS, 3), int), np.zeros((N_CLASSES, 2), int)
-    for p in places:
-        own, drawn, part = int(maps[0][p]), int(maps[1][p]), int(named[p])
-        for i, width in enumerate(boundary.WIDTHS_PX):
-            inside = {(0, own)} if own not in (0, UNDEFINED) and away[0][p] < width else set()
-            inside |= {(1, drawn)} if drawn not in (0, UNDEFINED) and away[1][p] < width else set()
-            for part_in in {part_in for _, part_in in inside}:
-                bands[i, part_in] += len(inside) == 2 and own == drawn, 1
-        if own not in (0, UNDEFINED):
-            errors[own, sum(away[0][p] >= edge for edge in boundary.DISTANCE_EDGES_PX)] += own != part, 1
-        if own != UNDEFINED and part:
-            level = round(float(sure[p]) * 255)
-            where = min(level * reliability.N_BINS // 255, reliability.N_BINS - 1)
-            levels[int(away[0][p] < NEAR_PX), where] += 1, own == part, level
-            if own:
-                quality[own] += level if own == part else 255 - level, 1
-    return {
-        "borders_px": matched,
-        "bands_px": bands,
-        "by_distance": errors,
-        "reliability": levels,
-        "label_quality": quality,
-    }
-
-
-@given(PAIR, st.integers(0, 2**32 - 1))
-def test_compiled_counts_agree_with_a_slow_reference(pair: tuple[np.ndarray, np.ndarray], seed: int) -> None:
-    sure = np.random.default_rng(seed).integers(0, 256, pair[0].shape).astype(np.float32) / np.float32(255)
-    depth = np.ones(pair[0].shape, np.uint16)
-    truth, predicted = FrameLabels("f", depth, pair[0]), FrameLabels("f", depth, pair[1], sure)
-    counted = count(truth, predicted, math.nan)
-    for name, expected in slow_counts(*pair, sure).items():
-        np.testing.assert_array_equal(getattr(counted, name), expected, err_msg=name)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from annotate.frame_labels import FrameLabels
-from annotate.parts import LEFT_RIGHT, UNDEFINED, swap_left_right
+from annotate.parts import UNDEFINED
 from eval.scores import confusion
 from eval.scores.counts import SHAPES, FrameCounts, count
 from eval.scores.reliability import reliability_curve
@@ -47,22 +47,17 @@ def stack(frames: list[FrameCounts]) -> FrameCounts:
 @settings(deadline=None)
 @given(st.lists(frames(), min_size=1, max_size=3))
 def test_every_score_agrees_with_a_slow_reference(drawn: list[Frame]) -> None:
-    found = scores_of(stack([counted(frame) for frame in drawn]).total())
-    expected = scores(drawn)
-    assert set(found) == set(expected)
-    for name, value in expected.items():
-        np.testing.assert_allclose(found[name], value, rtol=0, atol=1e-12, err_msg=name)
-
-
-@settings(deadline=None)
-@given(st.lists(frames(), min_size=1, max_size=4))
-def test_many_sums_at_once_score_as_one_by_one(drawn: list[Frame]) -> None:
-    """Resamples go through the same code with a leading axis; and flat counts come back."""
-    counts = stack([counted(frame) for frame in drawn])
-    together = scores_of(counts)
-    for i in range(len(drawn)):
-        for name, value in scores_of(FrameCounts(counts.flat[i])).items():
-            np.testing.assert_array_equal(together[name][i], value, err_msg=name)
+    """Of the sum of the frames, and of each frame of an array with a leading axis."""
+    counts = FrameCounts(np.stack([counted(frame).flat for frame in drawn]))
+    together, summed = scores_of(counts), scores_of(counts.total())
+    for frames_of, found in (
+        (drawn, summed),
+        *(([f], {n: v[i] for n, v in together.items()}) for i, f in enumerate(drawn)),
+    ):
+        expected = scores(frames_of)
+        assert set(found) == set(expected)
+        for name, value in expected.items():
+            np.testing.assert_allclose(found[name], value, rtol=0, atol=1e-12, err_msg=name)
     assert all(together[name].shape == (len(drawn), 12) for name in PART_SCORES)
 
 
@@ -73,14 +68,6 @@ def test_a_perfect_prediction_scores_one_everywhere() -> None:
         wanted = 0.0 if name.startswith(("error", "ece", "left_right")) else 1.0
         np.testing.assert_array_equal(value[~np.isnan(value)], wanted, err_msg=name)
         assert not np.isnan(value).all(), name
-
-
-def test_exchanged_sides_are_forgiven_only_where_left_and_right_are_one() -> None:
-    truth = np.kron(np.arange(12, dtype=np.uint8).reshape(3, 4), np.ones((9, 9), np.uint8))
-    found = scores_of(count(labelled(truth), labelled(swap_left_right(truth)), 5.0))
-    assert found["left_right_swap_rate"] == found["miou_merged"] == found["person_iou"] == 1.0
-    np.testing.assert_array_equal(found["iou"][[i for pair in LEFT_RIGHT for i in pair]], 0.0)
-    assert np.isnan(found["ece"])
 
 
 def test_a_person_in_the_corner_and_nobody_at_all() -> None:

@@ -1,4 +1,4 @@
-"""The documentation's figures: measured once for a seed, told apart from chance, written where they stand."""
+"""The documentation's figures: measured once for a seed, compared, written into pages."""
 
 import math
 from dataclasses import replace
@@ -56,15 +56,13 @@ def test_pages_hold_what_was_measured_and_nothing_else_changes(house):
     assert text.startswith("before\n\n") and text.endswith("after\n") and "old" not in text
     assert "| none | 0 | - |" in text and "seed 1" in text
     assert write_pages([TABLE], house) == []
-
-
-def test_a_block_of_a_table_that_was_not_measured_stays():
-    page = "<!-- figures: two -->\nold\n<!-- end of figures -->\n"
-    assert spliced(page, lambda name: None) == page
+    unmeasured = replace(TABLE, name="two", pages=())
+    marks = "<!-- figures: two -->\nold\n<!-- end of figures -->\n"
+    assert spliced(marks, lambda name: None) == marks and load(unmeasured, house) is None
 
 
 @given(st.floats(0.01, 0.99), st.floats(0.0, 0.2), st.floats(0.001, 0.2), st.floats(0.001, 0.2))
-def test_what_moved_is_what_an_interval_of_the_difference_excludes(value, apart, one, other):
+def test_a_move_lies_outside_the_interval_of_the_difference(value, apart, one, other):
     assume(apart == 0 or abs(apart - math.hypot(one, other)) > 1e-9)
     a = Figure(value, value - one, value + one)
     b = Figure(value + apart, value + apart - other, value + apart + other)
@@ -73,9 +71,6 @@ def test_what_moved_is_what_an_interval_of_the_difference_excludes(value, apart,
     )
     assert not moved(a, a, ".3f")
     assert not moved(a, Figure(math.nan), ".3f")
-
-
-def test_without_intervals_another_number_has_moved():
     assert moved(Figure(0.91), Figure(0.92), ".2f") and not moved(Figure(0.911), Figure(0.912), ".2f")
 
 
@@ -83,11 +78,8 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     rng, held = np.random.default_rng(1), {"mean": 0, "median": 0, "share": 0}
     for _ in range(400):
         numbers = rng.normal(0, 1, 30)
-        found = {
-            "mean": mean(numbers),
-            "median": median(numbers),
-            "share": share(int((numbers > 0).sum()), 30),
-        }
+        above = int((numbers > 0).sum())
+        found = {"mean": mean(numbers), "median": median(numbers), "share": share(above, 30)}
         for name, figure in found.items():
             held[name] += figure.low <= (0.5 if name == "share" else 0) <= figure.high
     assert all(0.92 < count / 400 <= 0.99 for count in held.values()), held

@@ -52,7 +52,7 @@ def _all_steps(out: Path, frames: int, seed: int) -> dict[str, Any]:
     from annotate.labelset.label_set import LabelSet
     from eval.compare.compare import compare_sets
     from eval.compare.results import Result, save_result
-    from eval.report.gather import gather
+    from eval.report.gather import Sources, gather
     from eval.report.page import write_report
     from sensors.session.reader import Session
     from synth.rig.simulate import simulate, truth_path
@@ -79,7 +79,7 @@ def _all_steps(out: Path, frames: int, seed: int) -> dict[str, Any]:
         paths = {"predicted": str(labels.path), "truth": str(truth.path)}
         results.append(Result(name, compared[name], {**facts, **paths}))
         save_result(out / f"{name.lower()}.npz", results[-1])
-    material = gather(results, sessions=[session], audited=[corrected.path], facts=facts)
+    material = gather(Sources(results, sessions=[session], audited=[corrected.path], facts=facts))
     write_report(out / "report.html", material)
     auto, by_hand, fcn = (
         {score: float(one.scores[score]) for score in ("mean_recall", "miou")} for one in compared.values()

@@ -1,7 +1,7 @@
 """Verbs that measure labels and show results: evaluate, compare, diff, report."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 from typer import Argument, Option
@@ -30,7 +30,11 @@ def evaluate(
 ) -> None:
     """Measure labels against the truth, with confidence intervals and the confusion matrix."""
     if pairs := label_sets_in(predicted, truth, scheduler):
-        _evaluate_each(pairs, out, title, scheduler, overwrite, json)
+        jobs = _jobs(pairs, out, title, overwrite)
+        done, failed = each("evaluate", _evaluate_one, jobs, scheduler)
+        names = ("frames", "mean_recall", "miou", "person_iou")
+        shown = {set_name: {name: scores[name] for name in names} for set_name, scores in done.items()}
+        finish_each(shown, failed, json, out)
         return
     if out is not None:
         check_free(out, overwrite)
@@ -40,29 +44,33 @@ def evaluate(
     from cli.score_tables import scores_text
     from eval.compare.compare import compare_sets
     from eval.compare.details import details
-    from eval.compare.results import Result, save_result
 
     with progress("evaluate", len(targets)) as advance:
         comparison = compare_sets(guesses, targets, advance)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
-        facts = _facts(guesses, targets, comparison, provenance())
-        save_result(out, Result(title, comparison, facts), overwrite)
+        _save(_Job(predicted, truth, out, title, overwrite, provenance()), guesses, targets, comparison)
     result = {**comparison.to_evaluation_json(), **details(comparison)}
     if comparison.ci_note:
         say(comparison.ci_note)
     finish(result, json, scores_text(comparison, intervals=True))
 
 
-def _evaluate_each(
-    pairs: dict[str, tuple[Path, Path]],
-    out: Path | None,
-    title: str,
-    scheduler: str | None,
-    overwrite: bool,
-    json: bool,
-) -> None:
-    """Measure every label set of a folder, with one result each; existing results are kept."""
+class _Job(NamedTuple):
+    """Label set to measure; origin: the command and its version."""
+
+    predicted: Path
+    truth: Path
+    out: Path | None
+    title: str
+    overwrite: bool
+    origin: dict[str, str]
+
+
+def _jobs(
+    pairs: dict[str, tuple[Path, Path]], out: Path | None, title: str, overwrite: bool
+) -> dict[str, tuple[_Job]]:
+    """Return the label sets of a folder to measure. Raises ExistsError for an outdated result."""
     jobs = {}
     for name, (predicted, truth) in pairs.items():
         path = out / f"{name}.npz" if out else None
@@ -71,63 +79,54 @@ def _evaluate_each(
                 f"{path} is older than the labels it measures; pass --overwrite to measure again"
             )
         where = path.resolve() if path else None
-        named = f"{title}: {name}"
-        jobs[name] = (predicted.resolve(), truth.resolve(), where, named, overwrite, provenance())
+        titled = f"{title}: {name}"
+        job = _Job(predicted.resolve(), truth.resolve(), where, titled, overwrite, provenance())
+        jobs[name] = (job,)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-    done, failed = each("evaluate", _evaluate_one, jobs, scheduler)
-    shown = {
-        name: {"frames": scores["frames"], **{k: scores[k] for k in ("mean_recall", "miou", "person_iou")}}
-        for name, scores in done.items()
-    }
-    finish_each(shown, failed, json, out)
+    return jobs
 
 
 def _is_older(result: Path, *sets: Path) -> bool:
-    """Return whether a label set changed after its result; the folder's time shows it, because writes replace
-    files.
-    """
+    """Return whether a label set has changed since a result: replaced files change the folder's time."""
     folders = [folder for path in sets for folder in (path, path / "frames") if folder.is_dir()]
     changed_ns = max(folder.stat().st_mtime_ns for folder in folders)
     return result.exists() and result.stat().st_mtime_ns < changed_ns
 
 
-def _evaluate_one(
-    predicted: Path, truth: Path, out: Path | None, title: str, overwrite: bool, origin: dict[str, str]
-) -> dict[str, Any]:
-    """Return the summary of one label set's scores; write its result unless it exists. Any machine may run
-    this.
-    """
+def _evaluate_one(job: _Job) -> dict[str, Any]:
+    """Return the summary of a label set's scores, measured or read from its result."""
     from annotate.labelset.labelled_frames import open_frames
     from eval.compare.compare import compare_sets
-    from eval.compare.results import Result, load_result, save_result
+    from eval.compare.results import load_result
 
-    if out is not None and out.exists() and not overwrite:
-        return load_result(out).comparison.to_json()
-    guesses, targets = open_frames(predicted), open_frames(truth)
+    if job.out is not None and job.out.exists() and not job.overwrite:
+        return load_result(job.out).comparison.to_json()
+    guesses, targets = open_frames(job.predicted), open_frames(job.truth)
     comparison = compare_sets(guesses, targets, workers=1)
-    if out is not None:
-        facts = _facts(guesses, targets, comparison, origin)
-        save_result(out, Result(title, comparison, facts), overwrite)
+    if job.out is not None:
+        _save(job, guesses, targets, comparison)
     return comparison.to_json()
 
 
-def _facts(
-    predicted: "LabelledFrames", truth: "LabelledFrames", comparison: "Comparison", origin: dict[str, str]
-) -> dict[str, str]:
-    """Return the facts needed to repeat a result. origin: the command and its version."""
+def _save(job: _Job, predicted: "LabelledFrames", truth: "LabelledFrames", comparison: "Comparison") -> None:
+    """Write a result with the facts that repeat it."""
+    from eval.compare.results import Result, save_result
+
+    assert job.out is not None
     weights: object = predicted.info
     for key in ("steps", "predict", "weights"):
         weights = weights.get(key) if isinstance(weights, dict) else None
     facts = {
-        **origin,
+        **job.origin,
         "predicted": str(predicted.path),
         "truth": str(truth.path),
         **{f"{name} hash": value for name, value in comparison.hashes.items()},
         "source": str(truth.info.get("source", "")),
         "network": weights if isinstance(weights, str) else "",
     }
-    return {name: fact for name, fact in facts.items() if fact}
+    facts = {name: fact for name, fact in facts.items() if fact}
+    save_result(job.out, Result(job.title, comparison, facts), job.overwrite)
 
 
 def compare(
@@ -140,7 +139,6 @@ def compare(
     from eval.compare.results import check_results, load_result
 
     check_results(a, b)
-
     first, second = load_result(a), load_result(b)
     from cli.score_tables import difference_text
     from eval.compare.paired import difference
@@ -190,7 +188,7 @@ def report(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Write one page with all results beside the paper's results; the page opens offline."""
+    """Write one page with all results and the paper's results; the page opens offline."""
     check_extra("report", "jinja2", "plotly")
     notes, sets = note or [], shown or []
     if len(notes) > len(sets):
@@ -204,20 +202,20 @@ def report(
     from sensors.session.reader import Session
 
     loaded = [load_result(path) for path in results]
-    # These imports take a second, which a refusal need not spend.
     with needing("report"):
-        from eval.report.gather import gather
+        from eval.report.gather import Sources, gather
         from eval.report.page import free_outputs, write_report
 
     free_outputs(out, overwrite)
-    material = gather(
-        loaded,
-        load_result(ceiling) if ceiling else None,
-        [Session(path) for path in session or []],
-        history or [],
-        audit or [],
-        dict(zip(sets, [*notes, *[""] * len(sets)], strict=False)),
-        provenance(),
+    sources = Sources(
+        results=loaded,
+        ceiling=load_result(ceiling) if ceiling else None,
+        sessions=[Session(path) for path in session or []],
+        trainings=history or [],
+        audited=audit or [],
+        shown=dict(zip(sets, [*notes, *[""] * len(sets)], strict=False)),
+        facts=provenance(),
     )
+    material = gather(sources)
     written = write_report(out, material, overwrite)
     finish({"path": str(out), "files": [str(path) for path in written]}, json, str(out))

@@ -1,4 +1,4 @@
-"""Comparison of two label sets: counts of every frame, and the scores derived from them."""
+"""Comparison of one set of labels with another."""
 
 import hashlib
 from collections.abc import Callable
@@ -28,12 +28,11 @@ SUMMARY = ("mean_recall", "recall", "miou", "iou", "boundary_f", "left_right_swa
 
 @dataclass(frozen=True)
 class Comparison:
-    """Counts of F compared frames, from which every score is derived.
+    """Counts of F compared frames, and the scores derived from them.
 
-    subjects: the person in each frame. counts: with one leading axis, (F,). joints_mm: float64 (F, 15), error
-    of each network joint in millimetres, NaN if not scored; None without joints. extra_frames: number of
-    predicted frames without a truth. Raises CloudError without a compared frame or for a repeated id,
-    ValueError for arrays of different lengths.
+    counts: with one leading axis, (F,). joints_mm: float64 (F, 15), error of each joint of the network, NaN
+    if not scored; None without joints. extra_frames: number of predicted frames without a truth. Raises
+    CloudError without frames or for a repeated id, ValueError for arrays of different lengths.
     """
 
     frame_ids: tuple[str, ...]
@@ -57,32 +56,32 @@ class Comparison:
 
     @property
     def matrices(self) -> Counts:
-        """Return the frames' confusion matrices, int64 (F, 12, 12)."""
+        """Confusion matrices of the frames, int64 (F, 12, 12)."""
         return self.counts.confusion
 
     @property
     def confusion(self) -> Counts:
-        """Return the confusion matrix of all frames together, int64 (12, 12)."""
+        """Confusion matrix of the whole set, int64 (12, 12)."""
         return self.total.confusion
 
     @cached_property
     def total(self) -> FrameCounts:
-        """Return the summed counts of the whole set."""
+        """Counts of the whole set."""
         return self.counts.total()
 
     @cached_property
     def scores(self) -> dict[str, Scores]:
-        """Return the scores of the whole set by name (`scores_of`)."""
+        """Scores of the whole set by name."""
         return scores_of(self.total)
 
     @cached_property
     def by_cluster(self) -> Counts:
-        """Return the counts (C, K) of each bootstrap cluster: a subject, or a frame of a lone subject."""
+        """Counts (C, K) of the clusters that a bootstrap draws."""
         return intervals.cluster_sums(self.counts.flat, intervals.clusters_of(self.subjects))
 
     @cached_property
     def behind(self) -> dict[str, Int64]:
-        """Return the number of clusters (...) behind each score: clusters that show the part, or all."""
+        """Number of clusters (...) with each score."""
         behind: dict[str, Int64] = {}
         for rows in blocks(len(self.by_cluster)):
             for name, score in scores_of(FrameCounts(self.by_cluster[rows])).items():
@@ -91,14 +90,12 @@ class Comparison:
 
     @cached_property
     def resampled(self) -> dict[str, Scores]:
-        """Return the scores of each bootstrap resample (R, ...)."""
+        """Scores of each bootstrap resample (R, ...)."""
         return scores_of(FrameCounts(intervals.resampled_sums(self.by_cluster)))
 
     @cached_property
     def ci95(self) -> dict[str, Float64]:
-        """Return the 95 % interval of each score (2, ...), lower and upper; NaN for a score from one
-        subject.
-        """
+        """95 % interval (2, ...) of each score; NaN for a score of one subject."""
         return {
             name: intervals.interval(self.scores[name], values, self.behind[name])
             for name, values in self.resampled.items()
@@ -106,24 +103,24 @@ class Comparison:
 
     @property
     def ci_note(self) -> str:
-        """Return the reason why the intervals are unreliable, or ""."""
+        """Reason to doubt the intervals; "" without one."""
         return intervals.note_on(self.subjects)
 
     @cached_property
     def frame_miou(self) -> Scores:
-        """Return the mean IoU of each frame (F,); NaN where neither map shows a person."""
+        """Mean IoU of each frame (F,); NaN without a person."""
         return confusion.miou(self.matrices)
 
     @property
     def undefined_shares(self) -> dict[str, float]:
-        """Return the share of all pixels undefined in the truth (ignored), and in the prediction only."""
+        """Shares of the pixels undefined in the truth, and in the prediction only."""
         ignored, unnamed, pixels = self.total.undefined
         shares = confusion.ratio(np.array([ignored, unnamed]), np.array([pixels, pixels]))
         return {"truth": float(shares[0]), "predicted": float(shares[1])}
 
     @property
     def hashes(self) -> dict[str, str]:
-        """Return the SHA-256 over all frames' digests of depth, truth and prediction."""
+        """SHA-256 of all frames' digests of depth, truth and prediction."""
         return {
             name: hashlib.sha256("".join(of_frames).encode()).hexdigest()
             for name, of_frames in zip(Digests._fields, zip(*self.digests, strict=True), strict=True)
@@ -131,16 +128,16 @@ class Comparison:
 
     @property
     def n_subjects(self) -> int:
-        """Return the number of different people."""
+        """Number of different subjects."""
         return len(set(self.subjects))
 
     @property
     def has_confidence(self) -> bool:
-        """Return whether the prediction has confidence, which calibration needs."""
+        """True if the prediction has confidence."""
         return bool(self.total.reliability.any())
 
     def only(self, frames: Index) -> Self:
-        """Return the comparison of some frames (n,), in this order. Raises CloudError for none."""
+        """Return the comparison of some frames (n,), in this order. Raises CloudError without frames."""
         if np.array_equal(frames, np.arange(len(self.frame_ids))):
             return self
         names = ("frame_ids", "subjects", "traits", "digests")
@@ -153,13 +150,11 @@ class Comparison:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Return the summary that `diff` prints; null stands for a part that no frame shows."""
+        """Return the JSON of `diff`; null: a part that no frame shows."""
         return {"frames": len(self.frame_ids), **{name: named(name, self.scores[name]) for name in SUMMARY}}
 
     def to_evaluation_json(self) -> dict[str, Any]:
-        """Return the JSON that `evaluate` prints: all scores with intervals, the confusion, and the left-out
-        frames.
-        """
+        """Return the JSON of `evaluate`."""
         return {
             "frames": len(self.frame_ids),
             "subjects": self.n_subjects,
@@ -187,11 +182,11 @@ def compare_sets(
     advance: Callable[[int], None] = lambda frames: None,
     workers: int | None = None,
 ) -> Comparison:
-    """Compare every frame of the truth with the prediction of the same id, on several cores for large sets.
+    """Compare every frame of the truth with the prediction of the same id.
 
-    Predicted frames without a truth are common (few of a session's frames are corrected); they are left out
-    and counted. advance: called with the number of frames just done. Raises CloudError for a frame that the
-    prediction lacks or that has another depth image there. Raises FormatError for a corrupt frame.
+    Predicted frames without a truth are counted only. advance: called with a number of finished frames.
+    workers: processes; by default all cores for large sets. Raises CloudError for a frame that is missing or
+    has another depth image, FormatError for a corrupt frame.
     """
     pairs, extra = pair_up(predicted, truth)
     counts, joints = np.empty((len(pairs), WIDTH), np.int32), np.empty((len(pairs), N_JOINTS))

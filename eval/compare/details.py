@@ -1,4 +1,4 @@
-"""Details of a comparison's scores, as JSON: by kind of frame, by confidence, and doubtful labels."""
+"""Details of a comparison as JSON: scores by group, reliability, suspicious labels."""
 
 from typing import Any, NamedTuple
 
@@ -12,16 +12,12 @@ from eval.scores.reliability import LEVELS, reliability_curve
 from eval.scores.scores import plain, scores_of
 from eval.scores.traits import groups
 
-SEGMENT_PIXELS = 30
-"""Pixels of the smallest segment listed, because labels along a border are uncertain; untuned."""
-SHOWN = 20
-"""Doubtful labels that are listed; untuned."""
+SEGMENT_PIXELS = 30  # of the smallest segment listed; untuned
+SHOWN = 20  # suspicious labels listed
 
 
 def details(comparison: Comparison) -> dict[str, Any]:
-    """Return scores by subject, activity, distance and other traits, reliability by bin, and suspicious
-    labels.
-    """
+    """Return scores by trait, reliability by bin and suspicious labels."""
     reliability = comparison.total.reliability
     return {
         "by": {
@@ -52,9 +48,7 @@ def _curve(counts: Counts) -> dict[str, Any]:
 
 
 class Suspect(NamedTuple):
-    """Part of a frame whose true label is doubtful. quality: mean probability that the prediction gives
-    it.
-    """
+    """Part of a frame's truth; quality: mean probability of the label over its pixels."""
 
     frame_id: str
     part_id: int
@@ -63,11 +57,10 @@ class Suspect(NamedTuple):
 
 
 def suspicious(comparison: Comparison, worst: int = SHOWN) -> list[Suspect]:
-    """Return the least probable parts of all frames, the worst first; empty without confidence.
+    """Return the parts of all frames with the least quality, the worst first; empty without confidence.
 
-    Each part of each frame is ranked by the mean probability that the prediction gives to its label, as
-    cleanlab ranks segments (Lad & Mueller, arXiv 2307.05080, with a soft minimum for whole images). A low
-    rank means that label and network disagree; either can be wrong.
+    Source: Lad & Mueller, arXiv 2307.05080. A low quality means that label and prediction disagree;
+    either can be wrong.
     """
     counts = comparison.counts.label_quality[:, [part.id for part in BODY_PARTS]]
     pixels = counts[..., 1]

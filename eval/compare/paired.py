@@ -1,4 +1,4 @@
-"""Difference of the scores of two results, with its confidence interval."""
+"""Difference of two results' scores, with intervals."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,18 +14,16 @@ from eval.scores.counts import FrameCounts
 from eval.scores.scores import named, plain, scores_of
 
 TESTED = ("mean_recall", "miou")
-MIN_SUBJECTS = 6
-"""With fewer, no outcome whatever of a two-sided Wilcoxon test is below 5 %."""
+MIN_SUBJECTS = 6  # fewer give no two-sided Wilcoxon p below 5 %
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Scores of A minus scores of B, by the names of `scores_of`.
+    """Scores of A minus B by name, with 95 % intervals (2, ...) by Student's t over subjects.
 
-    paired: True if both share frames; then only shared frames are compared. frames, subjects: numbers of A
-    and of B. ci95: (2, ...), 95 % intervals by Student's t over subjects. wilcoxon_p: two-sided p value, on
-    each subject's mean recall and mIoU; None if unpaired or with too few subjects. note: warning about the
-    reliability.
+    paired: True for the shared frames of both, False for different frames. frames, subjects: of A and of B.
+    wilcoxon_p: two-sided, on the subjects' mean recall and mIoU; None if unpaired or with too few subjects.
+    note: reasons to doubt the difference.
     """
 
     a: str
@@ -33,20 +31,20 @@ class Difference:
     paired: bool
     frames: tuple[int, int]
     subjects: tuple[int, int]
-    values: dict[str, Scores]
+    scores: dict[str, Scores]
     ci95: dict[str, Float64]
     wilcoxon_p: dict[str, float | None]
     note: str
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON that `compare` prints; null = a score that one of the two lacks."""
+        """Return the JSON of `compare`; null: a score that A or B lacks."""
         return {
             "a": self.a,
             "b": self.b,
             "paired": self.paired,
             "frames": list(self.frames),
             "subjects": list(self.subjects),
-            "difference": {name: named(name, value) for name, value in self.values.items()},
+            "difference": {name: named(name, value) for name, value in self.scores.items()},
             "ci95": {name: named(name, ends) for name, ends in self.ci95.items()},
             "wilcoxon_p": {name: None if p is None else plain(p) for name, p in self.wilcoxon_p.items()},
             "note": self.note,
@@ -54,11 +52,7 @@ class Difference:
 
 
 def difference(a: Result, b: Result) -> Difference:
-    """Return the scores of A minus B, over the shared frames, or over all frames if none are shared.
-
-    Frames are the same where id and depth are equal. Two networks on one test set share their frames. One
-    network measured against automatic and against corrected labels does too. Real and synthetic sets do not.
-    """
+    """Return A minus B over the shared frames (same id and depth), or over all frames without any."""
     at_b = {key: i for i, key in enumerate(_keys(b.comparison))}
     shared = [(i, at_b[key]) for i, key in enumerate(_keys(a.comparison)) if key in at_b]
     if not shared:
@@ -67,7 +61,7 @@ def difference(a: Result, b: Result) -> Difference:
         return _difference(a, b, (a.comparison, b.comparison), False, notes)
     of_a, of_b = (np.array(index, np.int64) for index in zip(*shared, strict=True))
     first = a.comparison.only(of_a)
-    # Each resample draws the same subjects for both.
+    # Equal subjects: each resample draws the same frames of both.
     second = replace(b.comparison.only(of_b), subjects=first.subjects)
     return _difference(a, b, (first, second), True, _notes_on_shared(a, b, first, second))
 
@@ -107,7 +101,7 @@ def _difference(
         paired=paired,
         frames=(len(first.frame_ids), len(second.frame_ids)),
         subjects=(first.n_subjects, second.n_subjects),
-        values=values,
+        scores=values,
         ci95=ci95,
         wilcoxon_p={name: _wilcoxon_p(first, second, name) if paired else None for name in TESTED},
         note="; ".join(notes),
@@ -117,7 +111,6 @@ def _difference(
 def _wilcoxon_p(first: Comparison, second: Comparison, name: str) -> float | None:
     if first.n_subjects < MIN_SUBJECTS:
         return None
-    # Its import takes a second, which a report on few people need not spend.
     from scipy.stats import wilcoxon
 
     means = [scores_of(FrameCounts(c.by_cluster))[name] for c in (first, second)]

@@ -1,4 +1,4 @@
-"""Pairs of predicted and true frames, counted one by one or on all cores."""
+"""Pairs of predicted and true frames, counted in one process or on all cores."""
 
 import hashlib
 import os
@@ -21,21 +21,19 @@ from eval.scores.traits import Traits, traits_of, writable
 from sensors.errors import CloudError, FormatError
 from synth.images.workers import processes
 
-CHUNK = 64
-"""Frames that a worker counts in one go; untuned."""
-WORTH_WORKERS = 400
-"""Frames from which worker processes pay: fewer are counted before these have started; untuned."""
+CHUNK = 64  # frames of a worker's job; untuned
+WORTH_WORKERS = 400  # frames from which worker processes save time; untuned
 
 
 class Pair(NamedTuple):
-    """Places of a frame's prediction and truth in their sets."""
+    """Entries of a frame's prediction and truth."""
 
     predicted: Entry
     truth: Entry
 
 
 class Digests(NamedTuple):
-    """Hashes (64 bit, hex) of a frame's depth, truth and prediction, which identify frames across results."""
+    """Hashes (64 bit, hex) of a frame's images, which identify the frame."""
 
     depth: str
     truth: str
@@ -43,10 +41,7 @@ class Digests(NamedTuple):
 
 
 class Counted(NamedTuple):
-    """One frame's subject, traits, digests, counts and joints.
-
-    counts: int32 (WIDTH,), see ``FrameCounts.flat``. joints_mm: errors (15,), NaN if not scored.
-    """
+    """Counts int32 (WIDTH,) of a frame, with its traits and joint errors (15,), NaN if not scored."""
 
     frame_id: str
     subject: str
@@ -57,11 +52,10 @@ class Counted(NamedTuple):
 
 
 def pair_up(predicted: LabelledFrames, truth: LabelledFrames) -> tuple[list[Pair], int]:
-    """Return each frame of the truth with the prediction of the same id, and the number of unpaired
-    predictions.
+    """Return each frame of the truth with its prediction, and the number of other predictions.
 
-    Raises CloudError where the truth has no frame, or the prediction lacks one, because a missing failure
-    would raise the score. Raises FormatError for a repeated or unreadable frame of a dataset.
+    Raises CloudError for a truth without frames and for a missing prediction, because leaving out failures
+    would raise the score. Raises FormatError for a repeated frame or an unreadable dataset.
     """
     known, wanted = _entries(predicted), _entries(truth)
     if not wanted:
@@ -76,7 +70,6 @@ def pair_up(predicted: LabelledFrames, truth: LabelledFrames) -> tuple[list[Pair
 
 
 def _entries(frames: LabelledFrames) -> dict[str, Entry]:
-    """Return the entries by frame id, in order."""
     entries: dict[str, Entry] = {}
     for entry in frames.entries():
         if entry.frame_id in entries:
@@ -88,11 +81,7 @@ def _entries(frames: LabelledFrames) -> dict[str, Entry]:
 def count_pairs(
     predicted: LabelledFrames, truth: LabelledFrames, pairs: Sequence[Pair], workers: int | None = None
 ) -> Iterator[Counted]:
-    """Yield the counts of every pair, in order.
-
-    workers: number of processes; None = all cores for large sets. Raises CloudError for two sides with
-    different depth images, FormatError for a corrupt frame.
-    """
+    """Yield the counts of every pair, in order; arguments and errors of ``compare_sets``."""
     if workers is None:
         workers = len(os.sched_getaffinity(0)) if len(pairs) >= WORTH_WORKERS else 1
     chunks = [pairs[i : i + CHUNK] for i in range(0, len(pairs), CHUNK)]
@@ -109,10 +98,9 @@ def _count_chunk(predicted: LabelledFrames, truth: LabelledFrames, pairs: Sequen
 
 
 def count_frame(predicted: FrameLabels, truth: FrameLabels, frames: LabelledFrames) -> Counted:
-    """Count one frame.
+    """Count one frame; frames: the truth's, for the camera.
 
-    frames: the true label set, which has the camera. Raises CloudError where both sides have different depth
-    images, FormatError for malformed notes.
+    Raises CloudError for labels of different depth images, FormatError for malformed notes.
     """
     _check_same(predicted, truth)
     camera = camera_of(frames, truth)

@@ -1,8 +1,7 @@
-"""Results printed in the paper, as arrays by our part ids (background is 0; the paper puts it last).
+"""The paper's results by part id (background is 0, but the last row of the paper's tables).
 
-Source: Nishi and Miura, Generation of human depth images with body part labels for complex human pose
-recognition, Pattern Recognition 71 (2017), doi 10.1016/j.patcog.2017.06.006: Tables 2 and 3, sections 4.1 and
-4.2. Rows are true parts. Values are shares of the row, rounded to two decimals, so a row adds up to about 1.
+Source: Nishi and Miura, Pattern Recognition 71 (2017), doi 10.1016/j.patcog.2017.06.006, Tables 2 and 3. Rows
+are shares of the true part, rounded to two decimals.
 """
 
 from typing import NamedTuple
@@ -15,7 +14,7 @@ CITATION = "Nishi & Miura, Pattern Recognition 71 (2017), doi:10.1016/j.patcog.2
 
 
 class Reported(NamedTuple):
-    """Table of the paper, float64 (12, 12), with its number of frames and people; None = not printed."""
+    """A table, float64 (12, 12), with numbers of frames and people; None: not printed."""
 
     title: str
     table: Float64
@@ -24,9 +23,7 @@ class Reported(NamedTuple):
 
     @property
     def mean_recall(self) -> float:
-        """Return the mean of the diagonal over the eleven body parts: 0.8636 for Table 2, 0.7318 for
-        Table 3.
-        """
+        """Mean of the diagonal over the body parts."""
         return float(np.diagonal(self.table)[1:].mean())
 
 
@@ -66,8 +63,5 @@ _TABLE3 = _by_part_id("""
    0   0   0   0   0   0   0   0   0   0   0 100
 """)
 SYNTHETIC = Reported("Paper, synthetic", _TABLE2, 4984, None)
-"""Table 2: the network on 4,984 synthetic test images."""
 REAL = Reported("Paper, real", _TABLE3, 145, 8)
-"""Table 3: the same network on 145 real images of eight people."""
-SECONDS_PER_FRAME = 60.0
-"""Time of one manual correction of the automatic labels (section 4.2.1: about one minute)."""
+SECONDS_PER_FRAME = 60.0  # of a manual correction (section 4.2.1)

@@ -1,4 +1,4 @@
-"""A comparison kept on disk: an .npz file of the frames' counts and of their texts as JSON."""
+"""Results on disk: an .npz file of counts, with texts as JSON."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -22,17 +22,16 @@ from sensors.files.npz import array_sizes, load_arrays
 
 SCHEMA = 6
 REMEDY = "give a result of 'evaluate --out'; evaluate again if another version wrote it"
-MAX_BYTES = 2_000_000_000
-"""Of a result in memory: 600,000 frames of 3.2 kB, twice as many as the paper's own set has."""
+MAX_BYTES = 2_000_000_000  # of a result in memory: 600,000 frames
 NUMBERS = ("distance_m", "invalid_share", "mm_per_px")
 WORDS = ("activity", "view", "status", "predicted_status", "hard")
-"""Fields of ``Traits``, kept as arrays and as JSON."""
+# Fields of ``Traits``: NUMBERS are stored as arrays, WORDS as JSON.
 DIGESTS = Digests._fields
 
 
 @dataclass(frozen=True)
 class Result:
-    """Comparison with a title, e.g. "Network". facts: the command, hashes, and paths of the label sets."""
+    """Comparison with a title; facts: command, hashes, paths of the sets."""
 
     title: str
     comparison: Comparison
@@ -42,10 +41,9 @@ class Result:
 def save_result(path: Path, result: Result, overwrite: bool = False) -> None:
     """Write a result atomically.
 
-    Arrays: counts int32 (F, K), see ``FrameCounts.flat``; joints_mm float64 (F, 15) where the truth knows
-    joints; distance_m, invalid_share, mm_per_px float64 (F,); texts uint8 (bytes,), JSON of everything else.
-    Raises ExistsError when the file is there and `overwrite` is not set, CloudError for more frames than
-    `load_result` would read.
+    Arrays: counts int32 (F, K), see ``FrameCounts.flat``; joints_mm float64 (F, 15), if known; distance_m,
+    invalid_share, mm_per_px float64 (F,); texts uint8 (bytes,), JSON of the rest. Raises ExistsError for an
+    existing file without `overwrite`, CloudError for more than ``MAX_BYTES``.
     """
     check_free(path, overwrite)
     arrays = _arrays(result)
@@ -80,14 +78,14 @@ def _arrays(result: Result) -> dict[str, NDArray[Any]]:
 
 
 def check_results(*paths: Path) -> None:
-    """Check that files have the arrays of a result. Raises FormatError for the first without them."""
+    """Check that files are results, by their arrays. Raises FormatError."""
     for path in paths:
         if missing := {"counts", "texts"} - set(array_sizes(path, REMEDY)):
             raise FormatError(f"{path} is not a result (it lacks {sorted(missing)[0]!r}); {REMEDY}")
 
 
 def load_result(path: Path) -> Result:
-    """Read a result; scores are computed again from its counts. Raises FormatError for any other file."""
+    """Read a result. Raises FormatError for another file."""
     arrays = load_arrays(path, MAX_BYTES, REMEDY)
     try:
         texts = json.loads(arrays["texts"].tobytes())
@@ -106,21 +104,20 @@ def _comparison(arrays: dict[str, NDArray[Any]], texts: dict[str, Any]) -> Compa
         _check(joints_mm, np.float64, (frames, N_JOINTS))
     for name in NUMBERS:
         _check(arrays[name], np.float64, (frames,))
+    if not set(texts["traits"]["status"] + texts["traits"]["predicted_status"]) <= set(get_args(Status)):
+        raise ValueError("it has frames of unknown status")
+    if texts["extra_frames"] < 0:
+        raise ValueError(f"{texts['extra_frames']} frames left over")
     columns: dict[str, Iterable[Any]] = {name: arrays[name].tolist() for name in NUMBERS}
     columns |= {name: map(_text, texts["traits"][name]) for name in WORDS}
     columns["hard"] = (tuple(map(_text, causes)) for causes in texts["traits"]["hard"])
-    if not set(texts["traits"]["status"] + texts["traits"]["predicted_status"]) <= set(get_args(Status)):
-        raise ValueError("it has frames of unknown status")
-    digests = [map(_text, texts["digests"][name]) for name in DIGESTS]
-    if texts["extra_frames"] < 0:
-        raise ValueError(f"{texts['extra_frames']} frames left over")
+    rows = zip(*columns.values(), strict=True)
+    digests = zip(*(map(_text, texts["digests"][name]) for name in DIGESTS), strict=True)
     return Comparison(
         frame_ids=tuple(map(_text, texts["frame_ids"])),
         subjects=tuple(map(_text, texts["subjects"])),
-        traits=tuple(
-            Traits(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)
-        ),
-        digests=tuple(Digests(*row) for row in zip(*digests, strict=True)),
+        traits=tuple(Traits(**dict(zip(columns, row, strict=True))) for row in rows),
+        digests=tuple(Digests(*row) for row in digests),
         counts=FrameCounts(arrays["counts"]),
         joints_mm=joints_mm,
         extra_frames=int(texts["extra_frames"]),
@@ -133,7 +130,7 @@ def _check(array: NDArray[Any], kind: type[np.generic], shape: tuple[int, ...]) 
 
 
 def _text(value: object) -> str:
-    """Return a value as an interned text. Raises ValueError for text that is not valid UTF-8."""
+    """Return interned text. Raises ValueError for half a surrogate pair."""
     text = str(value)
     text.encode()
     return intern(text)

@@ -1,15 +1,14 @@
-"""Scores with their intervals, as the page and the tables beside it print them."""
+"""Scores with their intervals, as text."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 
 from annotate.array_types import Float64, Index, Int64
 from annotate.parts import BACKGROUND, BODY_PARTS
-from eval.compare import paper_results as paper
 from eval.compare.compare import Comparison
-from eval.compare.paired import Difference
 from eval.scores import confusion, intervals
 
 SUMMARY = {
@@ -20,18 +19,16 @@ SUMMARY = {
     "left_right_swap_rate": "Left-right swaps",
     "ece": "Calibration error",
 }
-"""Scores of a result that stand side by side, with their titles."""
-
+"""Titles of the scores that a summary has."""
 SHARES = frozenset(("left_right_swap_rate", "ece"))
-"""Scores printed as percentages, of which less is better."""
-
+"""Scores in percent; lower is better."""
 SHOWN_ORDER = (*(part.id for part in BODY_PARTS), BACKGROUND)
-"""Part ids as the paper's tables list them: background last."""
+"""Part ids in the order of the paper's tables."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Score with its 95 % interval; the ends are NaN without an interval."""
+    """A score with its 95 % interval; NaN if unknown."""
 
     value: float
     low: float
@@ -39,75 +36,53 @@ class Estimate:
 
     @property
     def known(self) -> bool:
-        """Return False for the score of a part that no frame shows."""
+        """False for the score of a part that no frame shows."""
         return not np.isnan(self.value)
 
     @property
     def bounded(self) -> bool:
-        """Return whether the estimate has an interval."""
+        """True with an interval."""
         return not (np.isnan(self.low) or np.isnan(self.high))
 
 
-def estimate(comparison: Comparison, name: str, *index: int) -> Estimate:
-    """Return a score by its name in `eval.scores.scores.scores_of`. index: position in its array, e.g. part
-    id.
-    """
-    return picked(comparison.scores[name], comparison.ci95[name], index)
+class Scored(Protocol):
+    """Scores (...) by name with their intervals (2, ...): a comparison or a difference."""
+
+    @property
+    def scores(self) -> Mapping[str, Float64]: ...
+
+    @property
+    def ci95(self) -> Mapping[str, Float64]: ...
 
 
-def difference_of(found: Difference, name: str, *index: int) -> Estimate:
-    """Return one score's difference with its interval."""
-    return picked(found.values[name], found.ci95[name], index)
+def estimate(scored: Scored, name: str, *index: int) -> Estimate:
+    """Return a score by its name; index: part id, tolerance or distance."""
+    low, high = (ends[index] for ends in scored.ci95[name])
+    return Estimate(float(scored.scores[name][index]), float(low), float(high))
 
 
-def picked(values: Float64, ends: Float64, index: tuple[int, ...] = ()) -> Estimate:
-    """Return the estimate at an index of score values (...) and interval ends (2, ...)."""
-    at: tuple[Any, ...] = (..., *index)
-    low, high = ends[at]
-    return Estimate(float(values[at]), float(low), float(high))
-
-
-def printed(name: str, found: Estimate, percent: str = " %", sign: str = "") -> str:
-    """Return a score as text: three digits and its interval in brackets; `SHARES` in percent; dashes if
-    unknown.
-    """
+def printed(name: str, found: Estimate, sign: str = "") -> str:
+    """Return a score to three digits or in percent (``SHARES``) with its interval; "--" if unknown."""
     if not found.known:
         return "--"
-    scale, digits, unit = (100, 1, percent) if name in SHARES else (1, 3, "")
+    scale, digits, unit = (100, 1, " %") if name in SHARES else (1, 3, "")
     value, low, high = (f"{e * scale:{sign}.{digits}f}" for e in (found.value, found.low, found.high))
     return f"{value}{unit} [{low}, {high}]" if found.bounded else value + unit
 
 
 def group_recall(comparison: Comparison, frames: Index) -> Estimate:
-    """Return the mean recall of some frames (n,) with its interval, from their confusion matrices alone.
-
-    Much faster than `Comparison.only`, which resamples all counts.
-    """
-    matrices = comparison.matrices[frames]
+    """Return the mean recall of some frames (n,); faster than ``Comparison.only``."""
     clusters = intervals.clusters_of([comparison.subjects[i] for i in frames])
-    by_cluster = intervals.cluster_sums(matrices.reshape(len(matrices), -1), clusters)
-    resampled = intervals.resampled_sums(by_cluster).reshape(-1, *matrices.shape[1:])
-    value = confusion.mean_recall(matrices.sum(0))
-    return picked(value, intervals.interval(value, confusion.mean_recall(resampled), len(by_cluster)))
-
-
-def shown(table: Float64) -> list[list[float]]:
-    """Return a table (12, 12) by part id as lists in display order."""
-    return [[float(v) for v in row] for row in table[np.ix_(SHOWN_ORDER, SHOWN_ORDER)]]
-
-
-def verdict(mean_recall: Estimate) -> str:
-    """Return a sentence that compares a mean recall with the paper's two."""
-    if not mean_recall.known:
-        return "no body part in the truth"
-    one = mean_recall
-    low, high = (one.low, one.high) if one.bounded else (one.value, one.value)
-    for level, name in ((paper.SYNTHETIC.mean_recall, "synthetic"), (paper.REAL.mean_recall, "real")):
-        if high >= level:
-            return f"{'above' if low > level else 'about'} the paper's {name} {level:.3f}"
-    return f"below the paper's real {paper.REAL.mean_recall:.3f}"
+    recall = confusion.mean_recall
+    value, ends = intervals.frames_interval(comparison.matrices[frames], clusters, recall)
+    return Estimate(float(value), *map(float, ends))
 
 
 def row_shares(matrix: Int64) -> Float64:
-    """Return a confusion matrix (12, 12) as shares of each true part's pixels, NaN for an absent part."""
-    return confusion.ratio(matrix, np.broadcast_to(matrix.sum(1, keepdims=True), matrix.shape))
+    """Return a confusion matrix (12, 12) as shares of each true part, in the order shown; NaN if absent."""
+    return in_shown_order(confusion.ratio(matrix, np.broadcast_to(matrix.sum(1)[:, None], matrix.shape)))
+
+
+def in_shown_order(table: Float64) -> Float64:
+    """Return a table (12, 12) by part id in the order of the paper's tables."""
+    return table[np.ix_(SHOWN_ORDER, SHOWN_ORDER)]

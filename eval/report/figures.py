@@ -1,6 +1,7 @@
 """Figures of the report, made with plotly."""
 
 from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 import plotly.graph_objects as go
@@ -12,20 +13,18 @@ from annotate.parts import BODY_PARTS, PARTS
 from eval.compare import paper_results as paper
 from eval.compare.paired import Difference
 from eval.compare.results import Result
-from eval.report.estimates import SHOWN_ORDER, Estimate, difference_of, estimate, row_shares
+from eval.report.estimates import SHOWN_ORDER, Estimate, Scored, estimate
 from eval.report.frame_images import ERROR_KINDS, ERROR_RGB, THERMAL_RANGE_C
 from eval.report.gallery import Scene
-from eval.report.gather import Material
 from eval.report.training_history import Training
 from eval.scores import confusion
 from eval.scores.boundary import TOLERANCES_MM, TOLERANCES_PX
 from eval.scores.reliability import reliability_curve
 from eval.scores.scores import DISTANCES
 
-COLORS = ("#3f84d9", "#2a9d6f", "#d8553f", "#8a63d2", "#b08a1e")
+COLORS = ("#3f84d9", "#2a9d6f", "#d8553f", "#8a63d2", "#b08a1e")  # of the results, in turn
 PAPER_COLOR = "#858b96"
-AROUND_RGB = (84, 86, 94)
-"""Colour of the surroundings in a point cloud."""
+AROUND_RGB = (84, 86, 94)  # surroundings in a point cloud
 SPREAD_FRAMES = 10_000  # frames in the distribution by person, evenly spread, half a megabyte
 CURVE_POINTS = 400  # points of a loss curve
 SMOOTHED = 5  # frames in a running mean of seconds
@@ -33,42 +32,13 @@ RARE = 0.001  # least share of the pixels in a bin of confidence
 THRESHOLDS_MM = np.arange(0, 301, 10)
 
 
-def figures_of(material: Material) -> dict[str, go.Figure]:
-    """Return every figure by its id; figures without data are left out."""
-    results, found = material.results, material.differences
-    figures = {
-        "overview": _overview(results, material.ceiling),
-        "parts-recall": _by_part(results, "recall", material.ceiling),
-        "parts-iou": _by_part(results, "iou", material.ceiling),
-        "error-kinds": _error_kinds(results),
-        "error-distance": _error_distance(results),
-        "boundary": _boundary(results),
-        "people": _people(results),
-        **{f"confusion-{i}": _confusion(row_shares(r.comparison.confusion)) for i, r in enumerate(results)},
-        **{f"paper-{i}": _confusion(one.table) for i, one in enumerate((paper.SYNTHETIC, paper.REAL))},
-        **{f"scene-{i}": _scene(scene) for i, scene in enumerate(material.scenes)},
-    }
-    if any(result.comparison.has_confidence for result in results):
-        figures["reliability"] = _reliability(results)
-    if found:
-        figures["differences"] = _differences(found)
-    if any(result.comparison.joints_mm is not None for result in results):
-        figures["pck"] = _pck(results)
-    if material.trainings:
-        figures |= {"loss": _loss(material.trainings), "learning": _learning(material.trainings)}
-    if any(len(audit.course) > 1 for audit in material.audits.values()):
-        figures["effort"] = _effort(material.audits)
-    return {name: figure for name, figure in figures.items() if figure.data}
-
-
 def plain(text: str, most: int = 60) -> str:
-    """Return text that plotly prints literally: markup escaped, cut to ``most`` characters."""
+    """Return text that plotly shows letter by letter: its markup escaped, cut to ``most`` letters."""
     text = text if len(text) <= most else text[: most - 1] + "…"
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
-def color(number: int) -> str:
-    """Return the colour of a result by its index; the colours repeat from the sixth result on."""
+def _color(number: int) -> str:
     return COLORS[number % len(COLORS)]
 
 
@@ -84,34 +54,43 @@ def _figure(traces: Sequence[object], height: int, x: str, y: str) -> go.Figure:
 
 
 def _errors(found: Sequence[Estimate]) -> dict[str, object]:
-    """Return the intervals as plotly's error bars; length 0 without an interval."""
+    """Return the intervals as plotly's error bars, zero long without an interval."""
     ends = [(e.high - e.value, e.value - e.low) if e.bounded else (0.0, 0.0) for e in found]
     above, below = np.array(ends).T
     return {"type": "data", "array": above, "arrayminus": below, "symmetric": False, "width": 0}
 
 
-def _row(title: str, names: Sequence[str], found: Sequence[Estimate], hue: str) -> go.Scatter:
-    x = [e.value for e in found]
-    marker = {"color": hue, "size": 8}
-    bars = _errors(found)
+def _row(title: str, names: Sequence[str], found: Sequence[Estimate], number: int) -> go.Scatter:
+    marker = {"color": _color(number), "size": 8}
+    x, bars = [e.value for e in found], _errors(found)
     row = go.Scatter(x=x, y=names, name=plain(title), mode="markers", marker=marker, error_x=bars)
-    return row.update(orientation="h", offsetgroup=hue, alignmentgroup="rows")
+    return row.update(orientation="h", offsetgroup=_color(number), alignmentgroup="rows")
+
+
+def _mark(title: str, x: object, names: Sequence[str], symbol: str) -> go.Scatter:
+    marker = {"symbol": symbol, "size": 9, "color": PAPER_COLOR}
+    return go.Scatter(x=x, y=names, name=title, mode="markers", marker=marker)
 
 
 def _rows(traces: Sequence[go.Scatter], count: int, axis: str) -> go.Figure:
-    """Return a figure with one row per name, the first on top, and a name's traces beside each other."""
+    """Return a figure with one line a name, the first on top, and the traces of a name beside each other."""
     figure = _figure(traces, 90 + 20 * count * max(1, len(traces) // 2), axis, "")
     return figure.update_layout(scattermode="group").update_yaxes(autorange="reversed", type="category")
 
 
-def _overview(results: Sequence[Result], ceiling: Result | None) -> go.Figure:
+def _curve(title: str, x: object, y: object, number: int, dash: str = "solid") -> go.Scatter:
+    line = {"color": _color(number), "dash": dash}
+    return go.Scatter(x=x, y=y, name=plain(title), mode="lines+markers", line=line, marker={"size": 5})
+
+
+def overview(results: Sequence[Result], ceiling: Result | None) -> go.Figure:
+    """Return the mean recall of every result, the paper's and the ceiling."""
     traces = [
-        _row(r.title, [plain(r.title, 28)], [estimate(r.comparison, "mean_recall")], color(i))
+        _row(r.title, [plain(r.title, 28)], [estimate(r.comparison, "mean_recall")], i)
         for i, r in enumerate(results)
     ]
-    for one, symbol in ((paper.SYNTHETIC, "diamond-open"), (paper.REAL, "diamond")):
-        marker = {"symbol": symbol, "size": 10, "color": PAPER_COLOR}
-        traces.append(go.Scatter(x=[one.mean_recall], y=[one.title], mode="markers", marker=marker))
+    traces.append(_mark("", [paper.SYNTHETIC.mean_recall], [paper.SYNTHETIC.title], "diamond-open"))
+    traces.append(_mark("", [paper.REAL.mean_recall], [paper.REAL.title], "diamond"))
     figure = _figure(traces, 80 + 32 * len(traces), "mean recall", "")
     if ceiling is not None:
         at = float(ceiling.comparison.scores["mean_recall"])
@@ -119,34 +98,36 @@ def _overview(results: Sequence[Result], ceiling: Result | None) -> go.Figure:
     return figure.update_layout(showlegend=False).update_yaxes(autorange="reversed", type="category")
 
 
-def _by_part(results: Sequence[Result], name: str, ceiling: Result | None) -> go.Figure:
+def _part_estimates(scored: Scored, name: str) -> list[Estimate]:
+    return [estimate(scored, name, part.id) for part in BODY_PARTS]
+
+
+def by_part(results: Sequence[Result], name: Literal["recall", "iou"], ceiling: Result | None) -> go.Figure:
+    """Return a score of every part, with the paper's recalls and the ceiling."""
     names = [part.title for part in BODY_PARTS]
-    traces = [
-        _row(r.title, names, [estimate(r.comparison, name, part.id) for part in BODY_PARTS], color(i))
-        for i, r in enumerate(results)
-    ]
-    marks = [(one.title, np.diagonal(one.table)[1:]) for one in (paper.SYNTHETIC, paper.REAL)]
-    marks = marks if name == "recall" else []
+    traces = [_row(r.title, names, _part_estimates(r.comparison, name), i) for i, r in enumerate(results)]
+    if name == "recall":
+        for one, symbol in ((paper.SYNTHETIC, "diamond-open"), (paper.REAL, "diamond")):
+            traces.append(_mark(one.title, np.diagonal(one.table)[1:], names, symbol))
     if ceiling is not None:
-        marks.append(("Two people's labels", ceiling.comparison.scores[name][1:]))
-    for symbol, (title, values) in zip(("diamond-open", "diamond", "line-ns-open"), marks, strict=False):
-        marker = {"symbol": symbol, "size": 9, "color": PAPER_COLOR}
-        traces.append(go.Scatter(x=values, y=names, name=title, mode="markers", marker=marker))
-    axis = "recall" if name == "recall" else "intersection over union"
-    return _rows(traces, len(names), axis)
+        values = ceiling.comparison.scores[name][1:]
+        traces.append(_mark("Two people's labels", values, names, "line-ns-open"))
+    return _rows(traces, len(names), {"recall": "recall", "iou": "intersection over union"}[name])
 
 
-def _differences(found: Sequence[Difference]) -> go.Figure:
+def differences(found: Sequence[Difference]) -> go.Figure:
+    """Return the differences of recall, of all parts and by part."""
     names = ["All parts", *(part.title for part in BODY_PARTS)]
-    traces = []
-    for i, one in enumerate(found):
-        of_parts = [difference_of(one, "recall", part.id) for part in BODY_PARTS]
-        traces.append(_row(one.a, names, [difference_of(one, "mean_recall"), *of_parts], color(i + 1)))
-    figure = _rows(traces, len(names), f"recall less that of {plain(found[0].b, 28)}")
+    traces = [
+        _row(one.a, names, [estimate(one, "mean_recall"), *_part_estimates(one, "recall")], i + 1)
+        for i, one in enumerate(found)
+    ]
+    figure = _rows(traces, len(names), f"recall minus recall of {plain(found[0].b, 28)}")
     return figure.update_xaxes(zeroline=True)
 
 
-def _error_kinds(results: Sequence[Result]) -> go.Figure:
+def error_kinds(results: Sequence[Result]) -> go.Figure:
+    """Return the kinds of error as shares of the wrong pixels."""
     titles = [plain(result.title, 28) for result in results]
     by_result = [confusion.error_kinds(result.comparison.confusion) for result in results]
     wrong = [max(sum(map(int, kinds.values())), 1) for kinds in by_result]
@@ -161,12 +142,8 @@ def _error_kinds(results: Sequence[Result]) -> go.Figure:
     return figure.update_layout(barmode="stack").update_xaxes(tickformat=".0%", range=[0, 1])
 
 
-def _curve(title: str, x: object, y: object, number: int, dash: str = "solid") -> go.Scatter:
-    line = {"color": color(number), "dash": dash}
-    return go.Scatter(x=x, y=y, name=plain(title), mode="lines+markers", line=line, marker={"size": 5})
-
-
-def _error_distance(results: Sequence[Result]) -> go.Figure:
+def error_distance(results: Sequence[Result]) -> go.Figure:
+    """Return the error rates by distance to a border."""
     labels, traces = [name.replace(" px", "") for name in DISTANCES], []
     for i, result in enumerate(results):
         rates = [estimate(result.comparison, "error_by_distance", k) for k in range(len(labels))]
@@ -176,7 +153,8 @@ def _error_distance(results: Sequence[Result]) -> go.Figure:
     return figure.update_yaxes(tickformat=".0%", rangemode="tozero").update_xaxes(type="category")
 
 
-def _boundary(results: Sequence[Result]) -> go.Figure:
+def boundary(results: Sequence[Result]) -> go.Figure:
+    """Return the boundary F by tolerance."""
     traces = []
     for i, result in enumerate(results):
         for unit, limits, dash in (("px", TOLERANCES_PX, "solid"), ("mm", TOLERANCES_MM, "dot")):
@@ -187,12 +165,13 @@ def _boundary(results: Sequence[Result]) -> go.Figure:
     return _figure(traces, 300, "tolerance", "boundary F").update_xaxes(type="category")
 
 
-def _reliability(results: Sequence[Result]) -> go.Figure:
+def reliability(results: Sequence[Result]) -> go.Figure:
+    """Return the accuracy by confidence, inside parts and near borders."""
     traces = []
     for i, result in enumerate(results):
-        if result.comparison.has_confidence:
-            for half, where, dash in ((0, "inside", "solid"), (1, "border", "dot")):
-                curve = reliability_curve(result.comparison.total.reliability[half])
+        for half, where, dash in ((0, "inside", "solid"), (1, "border", "dot")):
+            curve = reliability_curve(result.comparison.total.reliability[half])
+            if curve.pixels.any():
                 often = curve.pixels >= RARE * curve.pixels.sum()
                 x, y = (np.where(often, values, np.nan) for values in (curve.confidence, curve.accuracy))
                 traces.append(_curve(f"{result.title[:18]}, {where}", x, y, i, dash))
@@ -201,20 +180,22 @@ def _reliability(results: Sequence[Result]) -> go.Figure:
     return figure.update_yaxes(range=[0, 1.01]).add_shape(type="line", x0=0, y0=0, x1=1, y1=1, line=line)
 
 
-def _people(results: Sequence[Result]) -> go.Figure:
+def people(results: Sequence[Result]) -> go.Figure:
+    """Return the mIoU of every frame by person."""
     traces = []
     for i, result in enumerate(results):
         c = result.comparison
         frames = np.linspace(0, len(c.frame_ids) - 1, min(SPREAD_FRAMES, len(c.frame_ids))).astype(int)
-        people, text = ([plain(names[f], 16) for f in frames] for names in (c.subjects, c.frame_ids))
+        names, text = ([plain(column[f], 16) for f in frames] for column in (c.subjects, c.frame_ids))
         traces.append(
-            go.Box(x=people, y=c.frame_miou[frames], text=text, name=plain(result.title, 28),
-                   boxpoints="all" if len(frames) <= 1000 else "outliers", marker_color=color(i))
+            go.Box(x=names, y=c.frame_miou[frames], text=text, name=plain(result.title, 28),
+                   boxpoints="all" if len(frames) <= 1000 else "outliers", marker_color=_color(i))
         )  # fmt: skip
     return _figure(traces, 340, "", "mIoU of a frame").update_layout(boxmode="group")
 
 
-def _pck(results: Sequence[Result]) -> go.Figure:
+def pck(results: Sequence[Result]) -> go.Figure:
+    """Return the share of the joints by distance."""
     traces = []
     for i, result in enumerate(results):
         if (errors := result.comparison.joints_mm) is not None:
@@ -225,7 +206,8 @@ def _pck(results: Sequence[Result]) -> go.Figure:
     return figure.update_yaxes(tickformat=".0%", range=[0, 1.01])
 
 
-def _loss(trainings: Sequence[Training]) -> go.Figure:
+def loss(trainings: Sequence[Training]) -> go.Figure:
+    """Return the losses by images seen."""
     traces = []
     for i, training in enumerate(trainings):
         points = training.points[:: max(1, len(training.points) // CURVE_POINTS)]
@@ -233,7 +215,8 @@ def _loss(trainings: Sequence[Training]) -> go.Figure:
     return _figure(traces, 300, "images seen", "training loss per pixel").update_yaxes(type="log")
 
 
-def _learning(trainings: Sequence[Training]) -> go.Figure:
+def learning(trainings: Sequence[Training]) -> go.Figure:
+    """Return the scores by epoch."""
     traces = [
         _curve(f"{training.title}, {name}", training.epochs[:, 0], training.epochs[:, column], i, dash)
         for i, training in enumerate(trainings)
@@ -243,13 +226,13 @@ def _learning(trainings: Sequence[Training]) -> go.Figure:
     return _figure(traces, 300, "epoch", "on held-out frames")
 
 
-def _effort(audits: Mapping[str, Audit]) -> go.Figure:
-    """Return seconds of each frame in the order of work, a curve for each step of fine-tuning."""
+def effort(audits: Mapping[str, Audit]) -> go.Figure:
+    """Return the seconds of each frame in the order of work, a curve for each step of fine-tuning."""
     traces = []
     for i, (title, audit) in enumerate(audits.items()):
         seconds = [frame.seconds for frame in audit.course]
         smooth = [float(np.mean(seconds[max(0, n + 1 - SMOOTHED) : n + 1])) for n in range(len(seconds))]
-        for step in sorted({frame.step for frame in audit.course}):
+        for step in sorted({frame.step for frame in audit.course}) if len(seconds) > 1 else ():
             own = [n for n, frame in enumerate(audit.course) if frame.step == step]
             name = f"{title}, fine-tuned {int(step)}" if step else title
             dash = "dash" if step else "solid"
@@ -257,11 +240,9 @@ def _effort(audits: Mapping[str, Audit]) -> go.Figure:
     return _figure(traces, 300, "frame, in the order of work", "active seconds")
 
 
-def _confusion(shares: Float64) -> go.Figure:
-    """Return a heat map of shares (12, 12) of each true part, in the order of the paper's tables."""
-    order = list(SHOWN_ORDER)
-    names = [PARTS[i].title for i in order]
-    shown = shares[np.ix_(order, order)]
+def confusion_matrix(shown: Float64) -> go.Figure:
+    """Return a heat map of shares (12, 12) of each true part, in ``SHOWN_ORDER``."""
+    names = [PARTS[i].title for i in SHOWN_ORDER]
     text = [["" if not v >= 0.005 else f"{v:.2f}" for v in row] for row in shown]
     heat = go.Heatmap(z=shown, x=names, y=names, text=text, texttemplate="%{text}", zmin=0, zmax=1,
                       colorscale="Blues", showscale=False, textfont={"size": 10})  # fmt: skip
@@ -269,26 +250,22 @@ def _confusion(shares: Float64) -> go.Figure:
     return figure.update_yaxes(autorange="reversed").update_xaxes(tickangle=-45, automargin=True)
 
 
-def _scene(scene: Scene) -> go.Figure:
-    """Return a point cloud that turns, with a menu of its colourings."""
+def point_cloud(scene: Scene) -> go.Figure:
+    """Return a point cloud with a menu of its colourings."""
     x, y, z = scene.points_mm.T
-    cloud = go.Scatter3d(x=x, y=z, z=-y, mode="markers", hoverinfo="skip", marker={"size": 1.6})
-    figure = go.Figure(cloud)
-    hidden = {"visible": False}
-    buttons = [
-        {"method": "restyle", "label": name.removesuffix("_c"), "args": [_coloring(name, values)]}
-        for name, values in scene.colors.items()
-    ]
-    first = _coloring(*next(iter(scene.colors.items())))
+    figure = go.Figure(go.Scatter3d(x=x, y=z, z=-y, mode="markers", hoverinfo="skip", marker={"size": 1.6}))
+    colorings = {name.removesuffix("_c"): _coloring(name, values) for name, values in scene.colors.items()}
+    buttons = [{"method": "restyle", "label": name, "args": [one]} for name, one in colorings.items()]
+    first = next(iter(colorings.values()))
     figure.data[0].marker.update({key.removeprefix("marker."): value[0] for key, value in first.items()})
+    axes = {f"{axis}axis": {"visible": False} for axis in "xyz"}
     camera = {"eye": {"x": 0, "y": -1.8, "z": 0.3}}
-    figure.update_layout(
+    return figure.update_layout(
         template="none", height=460, paper_bgcolor="#18181c", margin={"l": 0, "r": 0, "t": 0, "b": 0},
-        scene={"xaxis": hidden, "yaxis": hidden, "zaxis": hidden, "aspectmode": "data", "camera": camera},
+        scene={**axes, "aspectmode": "data", "camera": camera},
         updatemenus=[{"buttons": buttons, "x": 0, "xanchor": "left", "y": 1, "yanchor": "top",
                       "bgcolor": "#dddddd", "font": {"color": "#18181c"}}],
     )  # fmt: skip
-    return figure
 
 
 def _coloring(name: str, values: NDArray[np.generic]) -> dict[str, list[object]]:
@@ -299,9 +276,8 @@ def _coloring(name: str, values: NDArray[np.generic]) -> dict[str, list[object]]
         return {"marker.color": [shown.tolist()], "marker.colorscale": ["Inferno"],
                 "marker.cmin": [low], "marker.cmax": [high]}  # fmt: skip
     palette = [AROUND_RGB, *(ERROR_RGB[1:] if name == "error" else (part.rgb for part in PARTS[1:]))]
-    ids = values.astype(np.int64)
-    kinds = np.where(ids < len(palette), ids, 0)
-    last = len(palette) - 1
+    ids, last = values.astype(np.int64), len(palette) - 1
+    kinds = np.where(ids <= last, ids, 0)
     scale = [[i / last, _css(rgb)] for i, rgb in enumerate(palette)]
     return {"marker.color": [kinds.tolist()], "marker.colorscale": [scale],
             "marker.cmin": [0], "marker.cmax": [last]}  # fmt: skip

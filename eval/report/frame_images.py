@@ -1,4 +1,7 @@
-"""Pictures for the report: depth, labels and errors as uint8 RGB images, cropped and embedded."""
+"""Images of the report: depth, labels, errors, joints and thermal clouds as uint8 RGB (h, w, 3).
+
+Constants are untuned.
+"""
 
 import base64
 from functools import lru_cache
@@ -7,21 +10,19 @@ import cv2
 import numpy as np
 
 from annotate.array_types import Bool, Float32, Float64, UInt8, UInt16
-from annotate.crop import SIZE
-from annotate.parts import BACKGROUND, TWIN_PARTS, UNDEFINED, palette_rgb
+from annotate.crop import SIZE, Crop
+from annotate.parts import BACKGROUND, PART_ID, PARTS, TWIN_PARTS, UNDEFINED, palette_rgb
+from eval.network.body_state import BodyState
 from eval.scores.confusion import NEIGHBOUR, Labels, named
+from eval.scores.joints import JOINT
 
 Image = UInt8
 
-SHARED = 256
-"""Encoded pictures kept, 35 MB: results of the same frames show the same clouds and depth. Untuned."""
-
+SHARED = 256  # encoded images cached, because results of the same frames share clouds and depth; 35 MB
 CANVAS = (24, 24, 28)
-"""Colour of nothing, as in the palette of parts; untuned."""
-
-THERMAL_RANGE_C = (18.0, 36.0)
-"""Temperatures drawn from black to yellow: a room to warm skin (the paper extracts 25 to 35)."""
-
+WHITE = (255, 255, 255)
+THERMAL_RANGE_C = (18.0, 36.0)  # from black to yellow: a room to warm skin
+SUBPIXELS = 8  # of a pixel in OpenCV's lines, a shift of 3 bits
 ERROR_KINDS = {
     "background": ("Background", CANVAS),
     "correct": ("Correct", (92, 99, 112)),
@@ -32,13 +33,30 @@ ERROR_KINDS = {
     "neighbour_part": ("Neighbouring part", (240, 132, 74)),
     "other_part": ("Other part", (214, 48, 49)),
 }
-"""Title and colour of what an error picture shows: the kinds of `eval.scores.confusion.error_kinds`, and
-where there is none; the background is first."""
+"""Title and colour of the kinds in an error image, background first."""
 ERROR_NAMES, ERROR_RGB = zip(*ERROR_KINDS.values(), strict=True)
+_LIMBS = (
+    ("neck", "shoulder", "torso"),
+    ("shoulder", "elbow", "upper_arm"),
+    ("elbow", "wrist", "forearm"),
+    ("pelvis", "hip", "hip"),
+    ("hip", "knee", "upper_leg"),
+    ("knee", "ankle", "lower_leg"),
+)
+LINES = (
+    ("head", "neck", "head"),
+    ("neck", "pelvis", "torso"),
+    *(
+        (a if a in JOINT else f"{side}_{a}", f"{side}_{b}", part if part in PART_ID else f"{side}_{part}")
+        for side in ("left", "right")
+        for a, b, part in _LIMBS
+    ),
+)
+"""Connected joints, and the part with the line's colour."""
 
 
 def colorize_depth(depth_mm: UInt16) -> Image:
-    """Return depth (h, w) as grey RGB (h, w, 3), near bright; the 2nd to 98th percentile span the greys."""
+    """Return depth (h, w) as grey, near bright; its 2nd to 98th percentile spans the greys."""
     valid = depth_mm > 0
     image = np.full((*depth_mm.shape, 3), CANVAS, np.uint8)
     if valid.any():
@@ -49,15 +67,12 @@ def colorize_depth(depth_mm: UInt16) -> Image:
 
 
 def colorize_parts(parts: Labels) -> Image:
-    """Return labels (h, w) in the part colours of `annotate.parts` (h, w, 3)."""
+    """Return labels (h, w) in the colours of `annotate.parts`."""
     return palette_rgb()[parts]
 
 
 def colorize_share(values: Float32) -> Image:
-    """Return colours (h, w, 3) of values (h, w) in [0, 1], from dark violet to yellow.
-
-    NaN gets the background colour.
-    """
+    """Return values (h, w) in [0, 1] from dark violet to yellow; NaN has the background's colour."""
     known = np.isfinite(values)
     levels = np.where(known, np.clip(values, 0, 1) * 255, 0).astype(np.uint8)
     image = np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1], np.uint8).copy()
@@ -66,14 +81,12 @@ def colorize_share(values: Float32) -> Image:
 
 
 def colorize_error(truth: Labels, predicted: Labels) -> Image:
-    """Return a picture (h, w, 3) of the errors: grey where the part is right, else in `ERROR_KINDS`
-    colours.
-    """
+    """Return an image (h, w, 3) of the errors in the colours of `ERROR_KINDS`."""
     return np.array(ERROR_RGB, np.uint8)[error_kind_ids(truth, predicted)]
 
 
 def error_kind_ids(truth: Labels, predicted: Labels) -> Labels:
-    """Return the kind of error at each pixel (h, w), as an index into `ERROR_NAMES` and `ERROR_RGB`."""
+    """Return the index in `ERROR_KINDS` of each pixel (h, w)."""
     guess = named(predicted)
     person, seen = truth != BACKGROUND, guess != BACKGROUND
     wrong = (truth != guess) & person & seen
@@ -93,14 +106,36 @@ def error_kind_ids(truth: Labels, predicted: Labels) -> Labels:
     return kinds
 
 
+def draw_body_state(image: Image, crop: Crop, state: BodyState) -> Image:
+    """Return a crop's image (n, n, 3) with the skeleton in the parts' colours, the facing and the posture.
+
+    The circle shows the person from above, with the camera at the bottom and a line for the facing.
+    """
+    drawn, side = np.ascontiguousarray(image), image.shape[0]
+    at = (state.joints_px[:, :2] + 0.5 - (crop.left, crop.top)) * side / crop.side - 0.5
+    steps = np.rint(at.clip(-side, 2 * side) * SUBPIXELS).astype(int)
+    for a, b, part in LINES:
+        first, last = steps[JOINT[a]].tolist(), steps[JOINT[b]].tolist()
+        cv2.line(drawn, first, last, PARTS[PART_ID[part]].rgb, 2, cv2.LINE_AA, 3)
+    for joint in steps.tolist():
+        cv2.circle(drawn, joint, 2 * SUBPIXELS, WHITE, -1, cv2.LINE_AA, 3)
+    middle, radius = np.array([side - 18, side - 18]), 12
+    cv2.circle(drawn, middle.tolist(), radius, WHITE, 1, cv2.LINE_AA)
+    # Positive angles, with the camera on the person's left, point left in the image.
+    facing = np.radians(state.facing_deg)
+    tip = np.rint(middle + radius * state.facing_sure * np.array([-np.sin(facing), np.cos(facing)]))
+    cv2.line(drawn, middle.tolist(), tip.astype(int).tolist(), WHITE, 2, cv2.LINE_AA)
+    cv2.putText(drawn, state.name, (4, side - 6), cv2.FONT_HERSHEY_SIMPLEX, 0.4, WHITE, 1, cv2.LINE_AA)
+    return drawn
+
+
 def render_thermal_cloud(
     points_m: Float32, temperature_c: Float32, yaw_deg: float = 22.0, pitch_deg: float = 10.0
 ) -> Image:
-    """Return a picture (212, 212, 3) of an organised cloud from a turned viewpoint, coloured by temperature.
+    """Return an organised cloud from the side, coloured by temperature: (SIZE, SIZE, 3).
 
-    points_m: (h, w, 3), depth-camera frame, NaN = not drawn. temperature_c: (h, w), NaN is drawn grey. The
-    viewer moves around the cloud's middle by yaw to its right and by pitch upwards. Points are drawn far to
-    near as squares without gaps between them.
+    points_m: (h, w, 3), depth-camera frame, NaN if not drawn. temperature_c: (h, w), NaN is grey. The viewer
+    moves to its right by yaw and upwards by pitch around the cloud's middle.
     """
     drawn = np.asarray(np.isfinite(points_m).all(-1))
     image = np.full((SIZE, SIZE, 3), CANVAS, np.uint8)
@@ -112,21 +147,22 @@ def render_thermal_cloud(
     low, high = np.percentile(flat[drawn], [0.5, 99.5], axis=0)
     scale = 0.94 * SIZE / max(float((high - low).max()), 1e-3)
     flat = (flat - (low + high) / 2) * scale + SIZE / 2
-    width = _splat_px(flat)
-    u, v = flat[drawn].T
-    z = turned[drawn][:, 2]
-    order = np.argsort(-z, kind="stable")
-    rows, columns, color = v[order].astype(int), u[order].astype(int), color[order]
-    # One splat is painted whole before the next nearer one: offsets vary fastest.
+    # Points are squares that close the gaps, drawn far to near.
+    gap = np.linalg.norm(np.diff(flat, axis=1), axis=-1)
+    gap = gap[np.isfinite(gap)]
+    width = int(np.clip(np.ceil(np.median(gap) * 1.3), 1, 8)) if gap.size else 3
+    order = np.argsort(-turned[drawn][:, 2], kind="stable")
+    columns, rows = flat[drawn][order].astype(int).T
+    # A square is drawn whole before the next nearer one: offsets vary fastest.
     dy, dx = (offset.ravel() for offset in np.indices((width, width)) - width // 2)
     rows, columns = (rows[:, None] + dy).ravel(), (columns[:, None] + dx).ravel()
     inside = (rows >= 0) & (rows < SIZE) & (columns >= 0) & (columns < SIZE)
-    image[rows[inside], columns[inside]] = np.repeat(color, width * width, axis=0)[inside]
+    image[rows[inside], columns[inside]] = np.repeat(color[order], width * width, axis=0)[inside]
     return image
 
 
 def _orbit(points_m: Float32, drawn: Bool, yaw_deg: float, pitch_deg: float) -> Float64:
-    """Return points (h, w, 3) in the frame of a viewer who moved around the cloud's middle."""
+    """Return points (h, w, 3) in the viewer's frame."""
     low, high = np.percentile(points_m[drawn], [2, 98], axis=0)
     middle = (low + high) / 2
     yaw, pitch = np.deg2rad([yaw_deg, pitch_deg])
@@ -146,41 +182,22 @@ def _thermal_colors(temperature_c: Float32) -> Float64:
 
 
 def _shade(points: Float64) -> Float64:
-    """Return the brightness (h, w) for light from the viewer: 1 facing it, 0.55 at a grazing angle or without
-    normal.
-    """
-    across, down = np.gradient(points, axis=1), np.gradient(points, axis=0)
-    normal = np.cross(across, down)
+    """Return brightness (h, w): 1 facing the viewer, 0.55 at a grazing angle or without a normal."""
+    normal = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0))
     length = np.linalg.norm(normal, axis=-1)
     facing = np.divide(np.abs(normal[..., 2]), length, out=np.zeros_like(length), where=length > 0)
-    light: Float64 = 0.55 + 0.45 * facing
-    return light
-
-
-def _splat_px(flat: Float64) -> int:
-    """Return the side of a point's square in pixels: a little more than the median gap of points (h, w,
-    2).
-    """
-    gap = np.linalg.norm(np.diff(flat, axis=1), axis=-1)
-    gap = gap[np.isfinite(gap)]
-    return int(np.clip(np.ceil(np.median(gap) * 1.3), 1, 8)) if gap.size else 3
+    return np.asarray(0.55 + 0.45 * facing)
 
 
 def data_uri(image: Image) -> str:
-    """Return an RGB image as a data URI: PNG for images with few colours such as labels, else WebP."""
+    """Return an RGB image as a data URI: PNG of few colours, as labels have, else WebP."""
     return _data_uri(image.tobytes(), image.shape)
 
 
 @lru_cache(maxsize=SHARED)
 def _data_uri(pixels: bytes, shape: tuple[int, ...]) -> str:
     image = np.frombuffer(pixels, np.uint8).reshape(shape)
-    flat = image.reshape(-1, 3).astype(np.int32)
-    few = np.unique(flat @ np.array([65536, 256, 1])).size <= 64
-    bgr = np.ascontiguousarray(image[..., ::-1])
-    if few:
-        # Unfiltered: a seventh smaller than OpenCV's choice at level 9, in a sixth of the time.
-        how = [cv2.IMWRITE_PNG_COMPRESSION, 6, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
-        kind, (_, data) = "png", cv2.imencode(".png", bgr, how)
-    else:
-        kind, (_, data) = "webp", cv2.imencode(".webp", bgr, [cv2.IMWRITE_WEBP_QUALITY, 85])
+    few = np.unique(image.reshape(-1, 3).astype(np.int32) @ np.array([65536, 256, 1])).size <= 64
+    kind, how = ("png", [cv2.IMWRITE_PNG_COMPRESSION, 6]) if few else ("webp", [cv2.IMWRITE_WEBP_QUALITY, 85])
+    data = cv2.imencode(f".{kind}", np.ascontiguousarray(image[..., ::-1]), how)[1]
     return f"data:image/{kind};base64,{base64.b64encode(data.tobytes()).decode()}"

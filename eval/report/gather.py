@@ -1,6 +1,5 @@
-"""Data of a report, gathered from files before the page is drawn."""
+"""Material of a report, gathered from files. Constants are untuned."""
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -36,15 +35,13 @@ from eval.report.training_history import Training, load_training
 from sensors.errors import CloudError
 from sensors.session.reader import Session
 
-SHOWN_FRAMES = 12
-"""Frames shown of a label set without a truth, evenly spread; untuned."""
-SCENES = 12
-"""Scenes of all results together, 0.2 MB each; untuned."""
+SHOWN_FRAMES = 12  # of a label set without a truth, evenly spread
+SCENES = 12  # of all results together, 0.2 MB each
 
 
 @dataclass(frozen=True)
 class ShownSet:
-    """Labels of frames without a truth, which the report shows but does not score. note: a remark on them."""
+    """Labels of frames without a truth, shown but not scored."""
 
     title: str
     frames: Sequence[GalleryFrame]
@@ -53,14 +50,29 @@ class ShownSet:
 
 
 @dataclass(frozen=True)
-class Material:
-    """Data of a report.
+class Sources:
+    """Files of a report.
 
-    results: in display order; the others are compared with the first. ceiling: two corrections of the same
-    frames compared, the best score that labelling can reach. galleries: frames by the title of their result.
-    scenes: frames to rotate in 3D. trainings: of the networks compared. audits: people's correction work, by
-    the title of the label set. shown: label sets without truth. facts: commands, seeds and hashes, shown
-    unchanged. Raises CloudError without results, or for two equal titles.
+    results: the first is the baseline. ceiling: one person's corrections against another's. sessions:
+    recordings of the labels. trainings: folders of `train`. audited: corrected label sets. shown: label sets
+    without a truth, each with a note. facts: command, seed, hashes. each: frames of a group.
+    """
+
+    results: Sequence[Result]
+    ceiling: Result | None = None
+    sessions: Sequence[Session] = ()
+    trainings: Sequence[Path] = ()
+    audited: Sequence[Path] = ()
+    shown: Mapping[Path, str] = field(default_factory=dict)
+    facts: Mapping[str, str] = field(default_factory=dict)
+    each: int = EACH
+
+
+@dataclass(frozen=True)
+class Material:
+    """Content of a report, see ``Sources``. galleries: frames by title of the result; audits: by label set.
+
+    Raises CloudError without results, or for two results of one title.
     """
 
     results: tuple[Result, ...]
@@ -74,7 +86,7 @@ class Material:
 
     def __post_init__(self) -> None:
         if not self.results:
-            raise CloudError("there are no results; give at least one that evaluate wrote")
+            raise CloudError("the report has 0 results; give at least one that evaluate wrote")
         titles = [result.title for result in self.results]
         twice = next((title for title in titles if titles.count(title) > 1), None)
         if twice is not None:
@@ -82,7 +94,7 @@ class Material:
 
     @cached_property
     def differences(self) -> list[Difference]:
-        """Return the difference of every later result to the first."""
+        """Every result but the first, minus the first."""
         return [difference(result, self.results[0]) for result in self.results[1:]]
 
 
@@ -91,12 +103,9 @@ class Clouds:
 
     def __init__(self, sessions: Sequence[Session]) -> None:
         self._fusers = {session.name: (session, Fuser(session.calibration)) for session in sessions}
-        self._drawn: dict[str, Image | None] = {}
 
     def of(self, source: str, frame: FrameLabels) -> ThermalCloud | None:
-        """Return the cloud of a frame labelled from ``source``; None where no session has an equal depth
-        image.
-        """
+        """Return the cloud of a frame labelled from ``source``; None if no session has its depth image."""
         if source not in self._fusers or not frame.frame_id.isascii() or not frame.frame_id.isdigit():
             return None
         session, fuser = self._fusers[source]
@@ -105,74 +114,54 @@ class Clouds:
         cloud = fuser.fuse_frame(session.frame(int(frame.frame_id)))
         return cloud if np.array_equal(cloud.depth_mm, frame.depth_mm) else None
 
-    def picture(self, source: str, frame: FrameLabels, person: Bool, crop: Crop) -> Image | None:
-        """Return the picture of a frame's cloud by ``cloud_picture``, cached for all results that show it."""
-        pixels = hashlib.sha256(np.ascontiguousarray(frame.depth_mm).data)
-        pixels.update(np.packbits(person).data)
-        key = f"{source}/{frame.frame_id}/{pixels.hexdigest()}"
-        if key not in self._drawn:
-            cloud = self.of(source, frame)
-            self._drawn[key] = None if cloud is None else cloud_picture(cloud, person, crop)
-        return self._drawn[key]
+    def image(self, source: str, frame: FrameLabels, person: Bool, crop: Crop) -> Image | None:
+        """Return the image of a frame's cloud."""
+        cloud = self.of(source, frame)
+        return None if cloud is None else cloud_picture(cloud, person, crop)
 
 
-def gather(
-    results: Sequence[Result],
-    ceiling: Result | None = None,
-    sessions: Sequence[Session] = (),
-    trainings: Sequence[Path] = (),
-    audited: Sequence[Path] = (),
-    shown: Mapping[Path, str] | None = None,
-    facts: Mapping[str, str] | None = None,
-    each: int = EACH,
-) -> Material:
-    """Return the data of the report.
+def gather(sources: Sources) -> Material:
+    """Return the material of a report.
 
-    shown: label sets without truth, each with a note. A result whose label sets have been moved is shown
-    without pictures. Raises FormatError for a corrupt file, CloudError where labels were changed after their
-    evaluation.
+    A result with moved label sets has no images. Raises FormatError for a corrupt file, CloudError for labels
+    that changed after the evaluation.
     """
-    clouds = Clouds(sessions)
+    clouds = Clouds(sources.sessions)
     galleries: dict[str, list[GalleryFrame]] = {}
     scenes: list[Scene] = []
-    for result in results:
-        galleries[result.title], own = pictures_of(result, clouds, each)
-        scenes += own[: max(1, SCENES // len(results))]
-    shown_sets = [shown_set(LabelSet.open(path), note, clouds) for path, note in (shown or {}).items()]
-    scenes += [scene for one in shown_sets for scene in one.scenes]
+    for result in sources.results:
+        galleries[result.title], own = pictures_of(result, clouds, sources.each)
+        scenes += own[: max(1, SCENES // len(sources.results))]
+    shown_sets = [shown_set(LabelSet.open(path), note, clouds) for path, note in sources.shown.items()]
     return Material(
-        results=tuple(results),
-        ceiling=ceiling,
+        results=tuple(sources.results),
+        ceiling=sources.ceiling,
         galleries=galleries,
-        scenes=scenes,
-        trainings=[load_training(folder) for folder in trainings],
-        audits={path.name: audit(LabelSet.open(path), Journal.of(path)) for path in audited},
+        scenes=[*scenes, *(scene for one in shown_sets for scene in one.scenes)],
+        trainings=[load_training(folder) for folder in sources.trainings],
+        audits={path.name: audit(LabelSet.open(path), Journal.of(path)) for path in sources.audited},
         shown=shown_sets,
-        facts=facts or {},
+        facts=sources.facts,
     )
 
 
 def pictures_of(result: Result, clouds: Clouds, each: int) -> tuple[list[GalleryFrame], list[Scene]]:
-    """Return a result's gallery, and the first frame of each group as a scene; empty without its label
-    sets.
-    """
+    """Return a result's gallery, and a scene of the first frame of each group; none for moved label sets."""
     sets = [Path(result.facts[name]) for name in ("predicted", "truth") if name in result.facts]
     if len(sets) < 2 or not all(holds_frames(path) for path in sets):
         return [], []
     predicted, truth = (open_frames(path) for path in sets)
-    picked = pick_frames(result.comparison, each)
+    source = str(truth.info.get("source", ""))
     pairs = {pair.truth.frame_id: pair for pair in pair_up(predicted, truth)[0]}
     scores = dict(zip(result.comparison.frame_ids, result.comparison.frame_miou, strict=True))
     frames, scenes = [], []
-    for group, frame_ids in picked.items():
+    for group, frame_ids in pick_frames(result.comparison, each).items():
         for place, frame_id in enumerate(frame_ids):
             pair = pairs.get(frame_id) or _changed(result, frame_id, sets)
             guess, target = predicted.load(pair.predicted), truth.load(pair.truth)
-            source = str(truth.info.get("source", ""))
-            frame = make_frame(target, guess, partial(clouds.picture, source, target), group)
-            if not np.isclose(frame.miou, scores[frame_id], rtol=0, atol=1e-9):
+            frames.append(make_frame(target, guess, partial(clouds.image, source, target), group))
+            if not np.isclose(frames[-1].miou, scores[frame_id], rtol=0, atol=1e-9):
                 _changed(result, frame_id, sets)
-            frames.append(frame)
             if not place:
                 title = f"{result.title} · {group.lower()} · {frame_id}"
                 cloud = clouds.of(source, target)
@@ -182,19 +171,19 @@ def pictures_of(result: Result, clouds: Clouds, each: int) -> tuple[list[Gallery
 
 def _changed(result: Result, frame_id: str, sets: Sequence[Path]) -> NoReturn:
     raise CloudError(
-        f"frame {frame_id} of {sets[0]} or {sets[1]} is not what {result.title!r} was measured on; "
+        f"frame {frame_id} of {sets[0]} or {sets[1]} has changed since {result.title!r} was measured; "
         "evaluate again"
     )
 
 
 def shown_set(labels: LabelSet, note: str, clouds: Clouds) -> ShownSet:
-    """Return frames of a label set, evenly spread over it, and its first frame as a scene."""
+    """Return evenly spread frames of a label set, and the first as a scene."""
     ids = labels.frame_ids
     chosen = sorted({ids[i] for i in np.linspace(0, len(ids) - 1, min(SHOWN_FRAMES, len(ids))).astype(int)})
     source = str(labels.info.get("source", ""))
     title = source or labels.path.name
     seen = [labels.read(frame_id) for frame_id in chosen]
-    frames = [make_shown_frame(frame, partial(clouds.picture, source, frame)) for frame in seen]
+    frames = [make_shown_frame(frame, partial(clouds.image, source, frame)) for frame in seen]
     scenes = [
         make_scene(f"{title} · {f.frame_id}", f, camera_of(labels, f), None, clouds.of(source, f))
         for f in seen[:1]

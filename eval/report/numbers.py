@@ -1,33 +1,25 @@
-"""Tables of the report as data frames of text, and the files of numbers beside it."""
+"""Tables of the report as data frames of text, and the files of numbers beside the page."""
 
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 
+from annotate.correction.audit import Audit
 from annotate.parts import BODY_PARTS, PARTS
 from eval.compare import paper_results as paper
 from eval.compare.details import suspicious
 from eval.compare.paired import Difference
 from eval.compare.results import Result
-from eval.report.estimates import (
-    SHOWN_ORDER,
-    SUMMARY,
-    Estimate,
-    difference_of,
-    estimate,
-    group_recall,
-    printed,
-    row_shares,
-)
+from eval.report.estimates import SHOWN_ORDER, SUMMARY, estimate, group_recall, printed, row_shares
 from eval.report.gather import Material
 from eval.scores import confusion
 from eval.scores.joint_errors import summary as joint_summary
 from eval.scores.joints import JOINT_NAMES
-from eval.scores.traits import groups
+from eval.scores.traits import groups, writable
 
 SUFFIXES = (".csv", ".json", ".tex")
 PART_SCORES = {"recall": "Recall", "precision": "Precision", "iou": "IoU", "dice": "Dice",
@@ -49,38 +41,37 @@ KIND_TITLES = {
     "status": "Labels",
     "hard": "Difficulty",
 }
-ROWS = 200  # frames listed
-SUSPECTS = 30  # doubtful labels listed
-VALUES = 24  # values of a trait listed, the most frequent ones
+ROWS, SUSPECTS = 200, 30  # frames and suspicious labels listed
+VALUES = 24  # most frequent values of a trait listed
 OF_PAPER = (paper.SYNTHETIC, paper.REAL)
 
 
 def _table(data: object, columns: Sequence[str] | None = None) -> pd.DataFrame:
-    """Return a data frame whose texts are valid UTF-8; each invalid character becomes a question mark."""
+    """Return a data frame of writable text."""
     if isinstance(data, dict):
-        data = {_writable(name): values for name, values in data.items()}
-    return pd.DataFrame(data, columns=columns, dtype=object).map(_writable)
+        data = {_text(name): values for name, values in data.items()}
+    return pd.DataFrame(data, columns=columns, dtype=object).map(_text)
 
 
-def _writable(value: object) -> object:
-    return value.encode(errors="replace").decode() if isinstance(value, str) else value
+def _text(value: object) -> object:
+    return writable(value) if isinstance(value, str) else value
 
 
 def summary_table(material: Material) -> pd.DataFrame:
     """Return the summary scores of every result, the ceiling and the paper."""
-    rows = [_summary_row(result) for result in material.results]
+    titled = [(result.title, result) for result in material.results]
     if material.ceiling is not None:
-        rows.append(_summary_row(material.ceiling) | {"Result": f"{material.ceiling.title} (two people)"})
+        titled.append((f"{material.ceiling.title} (two people)", material.ceiling))
+    rows = []
+    for title, result in titled:
+        c = result.comparison
+        scores = {heading: printed(name, estimate(c, name)) for name, heading in SUMMARY.items()}
+        size = {"Frames": f"{len(c.frame_ids):,}", "People": str(c.n_subjects)}
+        rows.append({"Result": title, **scores, **size})
     for one in OF_PAPER:
-        of_paper = {"Result": one.title, "Frames": f"{one.frames:,}", "People": str(one.people or "--")}
-        rows.append(of_paper | {SUMMARY["mean_recall"]: f"{one.mean_recall:.3f}"})
+        size = {"Frames": f"{one.frames:,}", "People": str(one.people or "--")}
+        rows.append({"Result": one.title, SUMMARY["mean_recall"]: f"{one.mean_recall:.3f}", **size})
     return _table(rows).fillna("--")
-
-
-def _summary_row(result: Result) -> dict[str, str]:
-    c = result.comparison
-    scores = {title: printed(name, estimate(c, name)) for name, title in SUMMARY.items()}
-    return {"Result": result.title, **scores, "Frames": f"{len(c.frame_ids):,}", "People": str(c.n_subjects)}
 
 
 def part_table(result: Result) -> pd.DataFrame:
@@ -99,30 +90,14 @@ def part_table(result: Result) -> pd.DataFrame:
 def difference_table(found: Sequence[Difference]) -> pd.DataFrame:
     """Return a row for each difference: all summary scores, Wilcoxon's p, and the number of frames."""
     rows = []
+    names = {name: title for name, title in SUMMARY.items() if name != "ece"}
     for one in found:
         p = one.wilcoxon_p.get("mean_recall")
-        scores = {
-            title: printed(name, difference_of(one, name), sign="+")
-            for name, title in SUMMARY.items()
-            if name != "ece"
-        }
+        scores = {title: printed(name, estimate(one, name), sign="+") for name, title in names.items()}
         frames = f"{one.frames[0]:,}, the same" if one.paired else f"{one.frames[0]:,} and {one.frames[1]:,}"
-        p_text = "--" if p is None else f"{p:.3f}"
-        rows.append(
-            {"Difference": f"{one.a} minus {one.b}", **scores, "Wilcoxon p": p_text, "Frames": frames}
-        )
+        size = {"Wilcoxon p": "--" if p is None else f"{p:.3f}", "Frames": frames}
+        rows.append({"Difference": f"{one.a} minus {one.b}", **scores, **size})
     return _table(rows)
-
-
-def gap_table(found: Sequence[Difference]) -> pd.DataFrame:
-    """Return each part's recall minus the recall of the first result, beside the paper's difference."""
-    columns = {"Part": [part.title for part in BODY_PARTS]}
-    for one in found:
-        values = (difference_of(one, "recall", part.id) for part in BODY_PARTS)
-        columns[f"{one.a} minus {one.b}"] = [printed("recall", value, sign="+") for value in values]
-    gap = np.diagonal(paper.REAL.table - paper.SYNTHETIC.table)
-    columns["Paper, real minus synthetic"] = [f"{gap[part.id]:+.2f}" for part in BODY_PARTS]
-    return _table(columns)
 
 
 def group_tables(results: Sequence[Result]) -> Iterator[tuple[str, pd.DataFrame]]:
@@ -137,22 +112,19 @@ def group_tables(results: Sequence[Result]) -> Iterator[tuple[str, pd.DataFrame]
         values = sorted((value for value, _ in counts.most_common(VALUES)), key=_place)
         columns = {title: values}
         for result, found in zip(results, by_result, strict=True):
-            columns[result.title] = [_group_cell(result, found.get(kind, {}).get(v)) for v in values]
+            of = found.get(kind, {})
+            columns[result.title] = [
+                f"{printed('recall', group_recall(result.comparison, of[v]))} of {len(of[v]):,}"
+                if v in of
+                else "--"
+                for v in values
+            ]
         left_out = len(counts) - len(values)
         yield title + (f" ({left_out} rarer values left out)" if left_out else ""), _table(columns)
 
 
-def _group_cell(result: Result, frames: object) -> str:
-    if frames is None:
-        return "--"
-    of = np.asarray(frames)
-    return f"{printed('recall', group_recall(result.comparison, of))} of {len(of):,}"
-
-
 def _place(value: str) -> tuple[bool, float]:
-    """Return a sort key: ranges ("under 1 m", "1 to 1.5 m") sort by their lower end; others keep their
-    order.
-    """
+    """Return a sort key: ranges ("under 1 m", "1 to 1.5 m") by lower end; others keep their order."""
     start = re.match(r"(under )?([0-9.]+) ?(to|m|%)", value)
     return (False, float(start[2]) - bool(start[1]) * 1e-3) if start else (True, 0.0)
 
@@ -163,31 +135,16 @@ def error_table(results: Sequence[Result]) -> pd.DataFrame:
     for result in results:
         c = result.comparison
         kinds = {name: int(n) for name, n in confusion.error_kinds(c.confusion).items()}
-        pixels = c.confusion
+        wrong = sum(kinds.values())
+        swaps = "left_right_swap_rate"
         columns[result.title] = {
-            "All wrong pixels": f"{(pixels.sum() - pixels.trace()) / max(pixels.sum(), 1):.1%}",
-            SUMMARY["left_right_swap_rate"]: printed(
-                "left_right_swap_rate", estimate(c, "left_right_swap_rate")
-            ),
-            "Swaps among all errors": f"{kinds['left_right_swap'] / max(sum(kinds.values()), 1):.1%}",
+            "All wrong pixels": f"{wrong / max(c.confusion.sum(), 1):.1%}",
+            SUMMARY[swaps]: printed(swaps, estimate(c, swaps)),
+            "Swaps among all errors": f"{kinds['left_right_swap'] / max(wrong, 1):.1%}",
             "Frames that a left-right flip improves": str(int(confusion.flip_helps(c.matrices).sum())),
             **{title: printed(name, estimate(c, name)) for name, title in INSIDE.items()},
         }
     return _table(columns).reset_index(names="Error")
-
-
-def calibration_table(results: Sequence[Result]) -> pd.DataFrame:
-    """Return the expected calibration error of results with confidence."""
-    rows = [
-        {
-            "Result": r.title,
-            "All": printed("ece", estimate(r.comparison, "ece")),
-            "Near a border": printed("ece", estimate(r.comparison, "ece_near")),
-        }
-        for r in results
-        if r.comparison.has_confidence
-    ]
-    return _table(rows)
 
 
 def suspect_table(results: Sequence[Result]) -> pd.DataFrame:
@@ -202,27 +159,15 @@ def suspect_table(results: Sequence[Result]) -> pd.DataFrame:
 
 def joint_table(results: Sequence[Result]) -> pd.DataFrame:
     """Return mean error and share within 100 mm of each of the network's joints."""
-    columns: dict[str, list[str]] = {"Joint": ["All", *(n.replace("_", " ") for n in JOINT_NAMES)]}
+    columns = {"Joint": ["All", *(n.replace("_", " ") for n in JOINT_NAMES)]}
     for result in results:
-        if result.comparison.joints_mm is None:
-            continue
-        total = joint_summary(result.comparison.joints_mm)
-        of = [total, *(total["by_joint"][name] for name in JOINT_NAMES)]
-        columns[result.title] = [
-            "--" if one["mpjpe_mm"] is None else f"{one['mpjpe_mm']:.0f} mm, {one['pck_100mm']:.1%}"
-            for one in of
-        ]
+        if result.comparison.joints_mm is not None:
+            total = joint_summary(result.comparison.joints_mm)
+            columns[result.title] = [
+                "--" if one["mpjpe_mm"] is None else f"{one['mpjpe_mm']:.0f} mm, {one['pck_100mm']:.1%}"
+                for one in (total, *total["by_joint"].values())
+            ]
     return _table(columns)
-
-
-def mean_table(results: Sequence[Result]) -> pd.DataFrame:
-    """Return the mean IoUs of a result by the ways of averaging."""
-    names = ("Whole set", "Mean of the frames", "Mean of frames, then parts", "Worst 5 % of frames")
-    rows = []
-    for result in results:
-        means = confusion.mean_ious(result.comparison.matrices).values()
-        rows.append({"Result": result.title, **dict(zip(names, (f"{v:.3f}" for v in means), strict=True))})
-    return _table(rows)
 
 
 def frame_table(results: Sequence[Result]) -> pd.DataFrame:
@@ -236,7 +181,7 @@ def frame_table(results: Sequence[Result]) -> pd.DataFrame:
     return _table(rows, columns=["Result", "Frame", "Person", "Difficulty", "mIoU"])
 
 
-def audit_table(material: Material) -> pd.DataFrame:
+def audit_table(audits: Mapping[str, Audit]) -> pd.DataFrame:
     """Return the work of each person on each corrected label set."""
     rows = [
         {
@@ -245,14 +190,14 @@ def audit_table(material: Material) -> pd.DataFrame:
             "90th percentile": f"{p.seconds_p90:.1f}", "Strokes": p.strokes, "Undos": p.undos,
             "Changed": f"{p.changed:.1%}", "Accepted": p.accepted, "Untouched": f"{p.accepted_untouched:.1%}",
         }
-        for title, found in material.audits.items()
+        for title, found in audits.items()
         for p in found.people
     ]  # fmt: skip
     return _table(rows)
 
 
 def texts(material: Material) -> dict[str, str]:
-    """Return the contents of the table files beside the page, by suffix."""
+    """Return the files beside the page by suffix."""
     return {".csv": to_csv(material.results), ".json": to_json(material), ".tex": to_latex(material)}
 
 
@@ -261,9 +206,12 @@ def to_csv(results: Sequence[Result]) -> str:
     rows: list[tuple[object, ...]] = []
     for result in results:
         c = result.comparison
-        for name, of_part, found in _scores(result):
-            size = (len(c.frame_ids), c.n_subjects)
-            rows.append((_safe(result.title), name, of_part, found.value, found.low, found.high, *size))
+        # No spreadsheet may read a title as a formula.
+        title = f"'{result.title}" if result.title[:1] in ("=", "+", "-", "@", "\t", "\r") else result.title
+        scores = [(name, "", estimate(c, name)) for name in (*SUMMARY, *INSIDE)]
+        scores += [(name, p.name, estimate(c, name, p.id)) for p in BODY_PARTS for name in PART_SCORES]
+        size = (len(c.frame_ids), c.n_subjects)
+        rows += [(title, name, part, e.value, e.low, e.high, *size) for name, part, e in scores]
     for one in OF_PAPER:
         of = (np.nan, np.nan, one.frames, one.people)
         rows.append((one.title, "mean_recall", "", one.mean_recall, *of))
@@ -272,19 +220,6 @@ def to_csv(results: Sequence[Result]) -> str:
     kinds = dict.fromkeys(("value", "low95", "high95"), "float64") | {"people": "Int64"}
     frame = _table(rows, columns=columns).astype(kinds)
     return str(frame.to_csv(index=False, float_format="%.6f", lineterminator="\n"))
-
-
-def _scores(result: Result) -> Iterator[tuple[str, str, Estimate]]:
-    for name in (*SUMMARY, *INSIDE):
-        yield name, "", estimate(result.comparison, name)
-    for part in BODY_PARTS:
-        for name in PART_SCORES:
-            yield name, part.name, estimate(result.comparison, name, part.id)
-
-
-def _safe(text: str) -> str:
-    """Return text that a spreadsheet does not interpret as a formula."""
-    return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text
 
 
 def to_json(material: Material) -> str:
@@ -313,9 +248,9 @@ def to_latex(material: Material) -> str:
     tables = [summary_table(material), *map(part_table, material.results)]
     names = [PARTS[i].title for i in SHOWN_ORDER]
     for result in material.results:
-        shares = row_shares(result.comparison.confusion)[np.ix_(SHOWN_ORDER, SHOWN_ORDER)]
-        rows = _table(shares, columns=names).map(lambda v: "--" if np.isnan(v) else f"{v:.2f}")
-        rows.insert(0, _writable(result.title), names)
+        rows = _table(row_shares(result.comparison.confusion), columns=names)
+        rows = rows.map(lambda v: "--" if np.isnan(v) else f"{v:.2f}")
+        rows.insert(0, writable(result.title), names)
         tables.append(rows)
     printable = (table.rename(columns=_printable).map(_printable) for table in tables)
     shown = [table.style.hide(axis="index").to_latex(hrules=True, convert_css=False) for table in printable]
@@ -329,5 +264,5 @@ _TEX = {
 
 
 def _printable(text: object) -> str:
-    """Return text with LaTeX's special characters escaped and control characters dropped."""
+    """Return text with LaTeX's own characters escaped and control characters dropped."""
     return "".join(_TEX.get(letter, letter) for letter in str(text) if letter.isprintable())

@@ -1,11 +1,10 @@
-"""Scores of body-part labels, all derived from one confusion matrix per frame.
+"""Scores of body-part labels, derived from one confusion matrix a frame.
 
-A matrix is int64 (12, 12): rows are the true part, columns the predicted one, by part id. Every score takes
-(..., 12, 12), so one code serves a frame, the frames of a set, their sum, and bootstrap resamples.
-
-Three rules hold throughout. A pixel undefined in the truth is ignored; `counted` returns the number of such
-pixels. A pixel undefined in the prediction counts as background. A class without pixels has the score NaN and
-is left out of means.
+A matrix is int64 (12, 12): rows are the true part, columns the predicted part, by id. Scores take any leading
+axes (..., 12, 12): of frames or of resamples. Three rules:
+- Pixels undefined in the truth are ignored.
+- Pixels undefined in the prediction count as background.
+- A class without pixels has the score NaN and is left out of means.
 """
 
 import numpy as np
@@ -13,22 +12,21 @@ from numpy.typing import NDArray
 
 from annotate.array_types import Bool, Float64, Int64, UInt8
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, NEIGHBOURS, TWIN_PARTS, UNDEFINED
-from eval.scores import kernels as passes
+from eval.scores import kernels
 
 Labels = UInt8
 Counts = Int64
 Scores = Float64
 
-WORST_SHARE = 0.05
-"""Share of the frames, the worst by mIoU, whose mean is the worst case (Wang et al. 2023, q = 5)."""
+WORST_SHARE = 0.05  # of the frames, the worst by mIoU (Wang et al. 2023, q = 5)
 
 _UNNAMED, _ODD = N_CLASSES, N_CLASSES + 1
-_CODE = np.full(passes.CODES, _ODD, np.uint8)
+_CODE = np.full(kernels.CODES, _ODD, np.uint8)
 _CODE[:N_CLASSES], _CODE[UNDEFINED] = np.arange(N_CLASSES), _UNNAMED
-"""Row of each label in a table of pixels: parts by id, the undefined ones, those that should not be."""
+"""Row of each label in a table of pixels: parts by id, undefined, invalid."""
 
 NEIGHBOUR = np.array([[frozenset((a, b)) in NEIGHBOURS for b in range(N_CLASSES)] for a in range(N_CLASSES)])
-"""Bool (12, 12): parts joined by anatomy."""
+"""Flags (12, 12) of parts joined by anatomy."""
 _MERGED_ID = np.unique(np.minimum(np.arange(N_CLASSES), TWIN_PARTS), return_inverse=True)[1]
 
 
@@ -41,14 +39,13 @@ def confusion_matrix(truth: Labels, predicted: Labels) -> Counts:
 
 
 def counted(truth: Labels, predicted: Labels) -> tuple[Counts, Counts]:
-    """Return the confusion matrix int64 (12, 12), and pixel counts int64 (3,).
+    """Return the confusion matrix, and (3,): pixels undefined in the truth, in the prediction only, and all.
 
-    The counts are: undefined in the truth, undefined in the prediction only, all. Raises ValueError as
-    ``confusion_matrix``.
+    Raises ValueError as ``confusion_matrix``.
     """
     if truth.shape != predicted.shape:
         raise ValueError(f"truth is {truth.shape} but the prediction is {predicted.shape}")
-    table = passes.pairs(np.ascontiguousarray(truth), np.ascontiguousarray(predicted), _CODE)
+    table = kernels.pairs(np.ascontiguousarray(truth), np.ascontiguousarray(predicted), _CODE)
     if table[_ODD].any() or table[:, _ODD].any():
         found = np.union1d(truth, predicted)
         odd = found[_CODE[found] == _ODD]
@@ -60,67 +57,63 @@ def counted(truth: Labels, predicted: Labels) -> tuple[Counts, Counts]:
 
 
 def named(predicted: Labels) -> Labels:
-    """Return a prediction with undefined pixels turned to background."""
+    """Return a prediction with its undefined pixels as background."""
     return np.where(predicted == UNDEFINED, np.uint8(BACKGROUND), predicted)
 
 
 def ratio(part: NDArray[np.generic], whole: NDArray[np.generic]) -> Scores:
-    """Return part / whole, NaN where whole is 0; both arrays have one shape."""
+    """Return part / whole, NaN where whole is 0; arrays of one shape."""
     over, under = np.asarray(part, np.float64), np.asarray(whole, np.float64)
     return np.asarray(np.divide(over, under, out=np.full(over.shape, np.nan), where=under > 0))
 
 
 def recall(matrix: Counts) -> Scores:
-    """Return the recall (..., 12) of each part; the paper prints it on the diagonal."""
+    """Return the share of each true part's pixels with that prediction (..., 12)."""
     return ratio(_diagonal(matrix), matrix.sum(-1))
 
 
 def precision(matrix: Counts) -> Scores:
-    """Return the precision (..., 12) of each part."""
+    """Return the share of each predicted part's pixels that are right (..., 12)."""
     return ratio(_diagonal(matrix), matrix.sum(-2))
 
 
 def iou(matrix: Counts) -> Scores:
-    """Return the intersection over union (..., 12) of each part; NaN for a part absent from both."""
+    """Return the intersection over union of each part (..., 12)."""
     hit = _diagonal(matrix)
     return ratio(hit, matrix.sum(-1) + matrix.sum(-2) - hit)
 
 
 def dice(matrix: Counts) -> Scores:
-    """Return the Dice coefficient (F1 by pixels) (..., 12) of each part; NaN for a part absent from both."""
+    """Return the Dice coefficient (F1 by pixels) of each part (..., 12)."""
     return ratio(2 * _diagonal(matrix), matrix.sum(-1) + matrix.sum(-2))
 
 
 def over_parts(scores: Scores) -> Scores:
-    """Return the mean (...) over the body parts of scores (..., n) with background first.
-
-    Parts with NaN are left out; NaN if all are.
-    """
+    """Return the mean over the body parts present: (..., n), background first -> (...)."""
     return present_mean(scores[..., 1:], axis=-1)
 
 
 def present_mean(scores: Scores, axis: int) -> Scores:
-    """Return the mean along an axis over all values but NaN; NaN without warning if all are NaN."""
+    """Return the mean of the known values along an axis; NaN without one."""
     return ratio(np.nansum(scores, axis=axis), (~np.isnan(scores)).sum(axis))
 
 
 def mean_recall(matrix: Counts) -> Scores:
-    """Return the mean recall (...) of the eleven body parts: the paper's 0.864 synthetic and 0.732 real."""
+    """Return the mean recall of the body parts (...)."""
     return over_parts(recall(matrix))
 
 
 def miou(matrix: Counts) -> Scores:
-    """Return the mean IoU (...) of the eleven body parts."""
+    """Return the mean IoU of the body parts (...)."""
     return over_parts(iou(matrix))
 
 
 def mean_ious(matrices: Counts) -> dict[str, float]:
-    """Return the mean IoU of the body parts of a set (F, 12, 12), averaged in four ways.
+    """Return mean IoUs of the body parts of frames (F, 12, 12).
 
-    over_set: from the summed matrix of all frames; large people weigh more. over_images: mean of the frames'
-    own mIoU. over_parts: mean over frames of each part, then over parts; rare and common parts weigh the
-    same. worst: mean of the worst 5 % of the frames (at least one). Source: Wang et al., Revisiting
-    Evaluation Metrics for Semantic Segmentation, NeurIPS 2023.
+    over_set: of the summed matrix. over_images: mean of the frames' mIoU. over_parts: mean
+    over frames of each part, then over parts. worst: mean of the worst 5 % of the frames (at least one).
+    Source: Wang et al., Revisiting Evaluation Metrics for Semantic Segmentation, NeurIPS 2023.
     """
     mious = np.sort(miou(matrices))
     mious = mious[~np.isnan(mious)]
@@ -134,7 +127,7 @@ def mean_ious(matrices: Counts) -> dict[str, float]:
 
 
 def person_iou(matrix: Counts) -> Scores:
-    """Return the IoU (...) of person against background, all parts merged."""
+    """Return the IoU of person against background (...)."""
     missed = matrix[..., 1:, BACKGROUND].sum(-1)
     invented = matrix[..., BACKGROUND, 1:].sum(-1)
     hit = matrix[..., 1:, 1:].sum((-1, -2))
@@ -142,16 +135,13 @@ def person_iou(matrix: Counts) -> Scores:
 
 
 def error_rate_on_person(matrix: Counts) -> Scores:
-    """Return the share (...) of the true person's pixels with another predicted label."""
+    """Return the share of the true person's pixels with a wrong prediction (...)."""
     all_pixels = matrix[..., 1:, :].sum((-1, -2))
     return ratio(all_pixels - _diagonal(matrix)[..., 1:].sum(-1), all_pixels)
 
 
 def without_background(matrix: Counts) -> Counts:
-    """Return the matrix without the pixels that truth or prediction calls background.
-
-    Scores of the result count confused parts only, not a missed or invented person.
-    """
+    """Return the counts of pixels with a body part in truth and prediction."""
     inner = matrix.copy()
     inner[..., BACKGROUND, :] = 0
     inner[..., :, BACKGROUND] = 0
@@ -159,27 +149,24 @@ def without_background(matrix: Counts) -> Counts:
 
 
 def merge_left_right(matrix: Counts) -> Counts:
-    """Return the confusion of eight classes, left and right merged: (..., 12, 12) -> (..., 8, 8)."""
+    """Return the confusion with left and right merged: (..., 12, 12) -> (..., 8, 8)."""
     group = np.eye(_MERGED_ID.max() + 1, dtype=np.int64)[_MERGED_ID]
     return np.asarray(group.T @ matrix @ group)
 
 
 def left_right_swap_rate(matrix: Counts) -> Scores:
-    """Return the share (...) of limb pixels that are predicted as the same limb of the other side."""
+    """Return the share of the limb pixels predicted as the other side's twin (...)."""
     limbs = np.array(LEFT_RIGHT).ravel()
     return ratio(_swapped(matrix), matrix[..., limbs, :].sum((-1, -2)))
 
 
 def flip_helps(matrix: Counts) -> Bool:
-    """Return whether exchanging left and right in the whole prediction would raise mIoU (...)."""
+    """Return flags (...): exchanging left and right in the whole prediction raises mIoU."""
     return np.asarray(miou(matrix[..., TWIN_PARTS]) > miou(matrix))
 
 
 def error_kinds(matrix: Counts) -> dict[str, Counts]:
-    """Return the wrong pixels of (..., 12, 12) by kind of error, each (...).
-
-    The kinds together hold all off-diagonal pixels. Neighbours are anatomically adjacent parts.
-    """
+    """Count wrong pixels by kind, each (...); together all off the diagonal."""
     kinds = {
         "missed_person": matrix[..., 1:, BACKGROUND].sum(-1),
         "invented_person": matrix[..., BACKGROUND, 1:].sum(-1),

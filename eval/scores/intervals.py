@@ -1,20 +1,16 @@
 """Confidence intervals by a bootstrap over subjects.
 
-Frames of one person resemble each other, so whole subjects are drawn with replacement, each with all of its
-frames. Drawing frames again inside a drawn subject would count their spread twice (Davison & Hinkley,
-Bootstrap Methods and their Application, 1997, section 3.8). With a single subject its frames are drawn, and
-the interval holds for that person only.
+Whole subjects are drawn with replacement, because frames of one person resemble each other (Davison &
+Hinkley, Bootstrap Methods and their Application, 1997, section 3.8). The frames of a single subject are drawn
+one by one, and the interval holds for that person only.
 
-With few subjects a percentile interval is too narrow: it held the true mean in 86 % of the simulated sets of
-8 subjects. Therefore the interval is computed in three steps (Hesterberg, What Teachers Should Know About the
-Bootstrap, American Statistician 69 (2015)). First, the resamples give the standard error, times sqrt(n / (n -
-1)) for n subjects. Second, Student's t with n - 1 degrees of freedom gives the width. Third, the ends are
-computed on the logit scale, which keeps them in [0, 1]. Sources: Korn & Graubard, Survey Methodology 24
-(1998); Dean & Pagano, J. Survey Statistics and Methodology 3 (2015). `tools/measure/coverage.py` measures the
-coverage.
+Percentile intervals are too narrow for few subjects. So the width is Student's t times the standard error of
+the resamples times sqrt(n / (n - 1)) (Hesterberg, American Statistician 69, 2015). The ends are computed on
+the logit scale (Korn & Graubard, Survey Methodology 24, 1998; Dean & Pagano, J. Survey Statistics and
+Methodology 3, 2015). `tools/measure/coverage.py` measures the coverage. Constants are untuned.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -22,16 +18,12 @@ from annotate.array_types import Float64, Int64
 from eval.scores.confusion import Scores
 from eval.scores.counts import blocks
 
-RESAMPLES = 2000
-"""Number of resamples of the bootstrap. Untuned."""
-AT_ONCE = 4_000_000
-"""Numbers drawn at a time, 32 MB: 40 resamples of 100,000 clusters, where all would take 1.6 GB."""
-SEED = 20170606
-UNKNOWN = "unknown"
-"""Subject of frames that name none."""
+RESAMPLES, SEED = 2000, 20170606
+AT_ONCE = 4_000_000  # numbers drawn at a time, 32 MB
 LEVEL = 0.95
-FEW = 4
-"""Fewer subjects than this give an interval that rests on hardly anything; untuned."""
+FEW = 4  # subjects; fewer get a note
+UNKNOWN = "unknown"
+"""Subject of frames without a name."""
 
 
 def clusters_of(subjects: Sequence[str]) -> Int64:
@@ -49,10 +41,7 @@ def persons_of(subjects: Sequence[str]) -> list[str]:
 
 
 def cluster_sums(counts: Int64, clusters: Int64) -> Int64:
-    """Return the frames' counts (F, K) summed by cluster: (C, K).
-
-    Returns ``counts`` itself where each frame is a cluster.
-    """
+    """Return the sums of the frames' counts (F, K) by cluster: (C, K)."""
     if np.array_equal(clusters, np.arange(len(counts))):
         return counts
     order = np.argsort(clusters, kind="stable")
@@ -61,10 +50,7 @@ def cluster_sums(counts: Int64, clusters: Int64) -> Int64:
 
 
 def resampled_sums(by_cluster: Int64, resamples: int = RESAMPLES, seed: int = SEED) -> Int64:
-    """Return the summed counts of bootstrap resamples: (C, K) -> int64 (resamples, K).
-
-    Each resample draws C clusters with replacement.
-    """
+    """Return the sums over each resample of C clusters: (C, K) -> int64 (resamples, K)."""
     n, rng = len(by_cluster), np.random.default_rng(seed)
     sums = np.zeros((resamples, by_cluster.shape[1]), np.int64)
     at_once = max(1, AT_ONCE // n)
@@ -79,10 +65,9 @@ def resampled_sums(by_cluster: Int64, resamples: int = RESAMPLES, seed: int = SE
 
 
 def standard_error(resampled: Scores, n: Int64 | int) -> Scores:
-    """Return the standard error of a score from its resamples (R, ...).
+    """Return the standard error of a score from its resamples (R, ...) of n clusters (broadcast).
 
-    n: number of clusters behind the score, broadcast. Resamples without a score are left out. NaN for fewer
-    than two clusters.
+    NaN resamples are left out. NaN for fewer than two clusters.
     """
     known = ~np.isnan(resampled)
     count = known.sum(0)
@@ -95,18 +80,17 @@ def standard_error(resampled: Scores, n: Int64 | int) -> Scores:
 
 
 def quantile(degrees: Float64 | Int64 | int) -> Float64:
-    """Return the factor from a standard error to the half width of a 95 % t interval."""
-    # As scipy.stats.t.ppf, whose import and checks of every call take seconds of a report.
+    """Return the half width of a t interval in standard errors."""
+    # As scipy.stats.t.ppf, but faster to import and to call.
     from scipy.special import stdtrit
 
     return np.asarray(stdtrit(np.maximum(degrees, 1), (1 + LEVEL) / 2), np.float64)
 
 
 def interval(estimate: Scores, resampled: Scores, n: Int64 | int) -> Float64:
-    """Return the 95 % interval (2, ...) of scores in [0, 1].
+    """Return the interval (2, ...) of shares (...) from resamples (R, ...) of n clusters.
 
-    estimate: (...). resampled: (R, ...). n: number of clusters behind the estimate. The interval is NaN where
-    the estimate is NaN or has one cluster. Where all resamples are equal, both ends are the estimate.
+    NaN for NaN shares and for one cluster; both ends are the share if all resamples are equal.
     """
     from scipy.special import expit, logit
 
@@ -120,20 +104,26 @@ def interval(estimate: Scores, resampled: Scores, n: Int64 | int) -> Float64:
     return np.where(certain & ~np.isnan(error), value, ends)
 
 
-def paired_interval(value: Scores, resampled: Scores, n: Int64 | int) -> Float64:
-    """Return the 95 % interval (2, ...) of a difference (...) measured on the same frames.
+def frames_interval(
+    counts: Int64, clusters: Int64, score: Callable[[Int64], Scores]
+) -> tuple[Scores, Float64]:
+    """Return the score of the summed counts (F, ...) of frames, and its interval (2, ...)."""
+    sums = cluster_sums(counts.reshape(len(counts), -1), clusters)
+    value = score(counts.sum(0))
+    resampled = score(resampled_sums(sums).reshape(-1, *counts.shape[1:]))
+    return value, interval(value, resampled, len(sums))
 
-    resampled: (R, ...). n: number of clusters.
-    """
+
+def paired_interval(value: Scores, resampled: Scores, n: Int64 | int) -> Float64:
+    """Return the interval (2, ...) of a difference (...) on the same frames; as ``interval``."""
     half = standard_error(resampled, n) * quantile(np.asarray(n) - 1)
     return np.clip(np.stack([value - half, value + half]), -1.0, 1.0)
 
 
 def unpaired_interval(value: Scores, resampled: Sequence[Scores], n: Sequence[Int64 | int]) -> Float64:
-    """Return the 95 % interval (2, ...) of a difference of two independent samples.
+    """Return the interval (2, ...) of a difference of two samples, by Welch (Biometrika 34, 1947).
 
-    resampled, n: resamples (R, ...) and number of clusters of each sample. The variances add up, with Welch's
-    degrees of freedom (Biometrika 34, 1947).
+    resampled, n: of each sample, as in ``interval``.
     """
     a, b = (standard_error(scores, k) ** 2 for scores, k in zip(resampled, n, strict=True))
     spread = a**2 / np.maximum(np.asarray(n[0]) - 1, 1) + b**2 / np.maximum(np.asarray(n[1]) - 1, 1)
@@ -143,7 +133,7 @@ def unpaired_interval(value: Scores, resampled: Sequence[Scores], n: Sequence[In
 
 
 def note_on(subjects: Sequence[str]) -> str:
-    """Return the reason why an interval over these frames' subjects is doubtful, or ""."""
+    """Return the reason to doubt an interval over these frames' subjects; "" without one."""
     people, nameless = set(subjects), sum(name == UNKNOWN for name in subjects)
     if nameless:
         some = "" if nameless == len(subjects) else f" in {nameless} of {len(subjects)} frames"

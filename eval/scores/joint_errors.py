@@ -1,8 +1,7 @@
-"""Errors of a network's joints against true ones: MPJPE and PCK, in millimetres.
+"""Errors of a network's joints against true joints, in millimetres.
 
-Joints are scored whose true place lies inside the depth image, occluded ones too, in frames with a network's
-joints. MPJPE is the mean distance without alignment. PCK@d is the share of joints within d; PCK@10 cm equals
-the "mAP@10 cm" of ITOP.
+MPJPE is the mean distance without alignment; PCK@d is the share within d (PCK@10 cm: "mAP@10 cm" of ITOP).
+Joints inside the depth image are scored, hidden joints too.
 """
 
 from typing import Any
@@ -18,8 +17,7 @@ from sensors.rig.camera import Intrinsics, project
 from synth.body import skeleton
 
 WITHIN_MM = (50.0, 100.0, 150.0)
-TRUE_JOINTS = "joints_mm"
-"""Note of a frame with its true joints."""
+TRUE_JOINTS = "joints_mm"  # note of a frame
 FARTHEST_MM = 100_000.0  # mm; joints farther from a camera are refused
 
 

@@ -1,4 +1,4 @@
-"""The fifteen joints that networks predict, by name, and the bones between them."""
+"""Joints of the networks, by name, and the bones between joints."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Compiled loops over a frame's pixels; each needs one pass where NumPy needs many.
+"""Compiled kernels over a frame's pixels.
 
 Images are C-contiguous and of one shape (h, w): label maps uint8, distances float32.
 """
@@ -9,19 +9,16 @@ from numba import njit
 from annotate.array_types import Float32, Float64, Int64, UInt8
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
 
-CODES = 256
-"""Values of a byte."""
+CODES = 256  # values of a byte
 
 
 @njit(cache=True, nogil=True)
 def pairs(truth: UInt8, predicted: UInt8, code: UInt8) -> Int64:
-    """Return the number of pixels for each pair of codes: int64 (C, C). code: (256,), code of each label,
-    below C.
-    """
+    """Count pixels by the codes of both labels: int64 (C, C). code (256,): of each label, below C."""
     counts = np.zeros((code.max() + 1, code.max() + 1), np.int64)
-    # Most pixels repeat the one before: these are counted without touching the table.
+    # Runs of equal pixels are counted once: most pixels repeat the pixel before.
     last, drawn, run = np.uint8(BACKGROUND), np.uint8(BACKGROUND), 0
-    for a, b in zip(truth.flat, predicted.flat):  # noqa: B905 (compiled: it knows no strict)
+    for a, b in zip(truth.flat, predicted.flat):  # noqa: B905 (numba lacks strict)
         if a != last or b != drawn:
             counts[code[last], code[drawn]] += run
             last, drawn, run = a, b, 0
@@ -37,7 +34,7 @@ def _on_body(part: np.uint8) -> bool:
 
 @njit(cache=True, nogil=True)
 def borders(labels: UInt8) -> UInt8:
-    """Return part ids on pixels with a 4-neighbour of another label, both defined; 0 elsewhere: (h, w)."""
+    """Return part ids on border pixels, 0 elsewhere: (h, w); see ``eval.scores.boundary``."""
     height, width = labels.shape
     found = np.zeros((height, width), np.uint8)
     for v in range(height):
@@ -58,11 +55,10 @@ def borders(labels: UInt8) -> UInt8:
 def distances(labels: UInt8, border: UInt8, reach: float, around: float) -> Float32:
     """Return the distance of every pixel to the nearest border pixel: float32 (h, w), Euclidean, pixels.
 
-    Infinite where the distance exceeds ``reach``, or where the pixel is farther than ``around`` from the
-    person. border: of ``borders``.
+    Infinite beyond ``reach``, off the body beyond ``around``. border: of ``borders``.
     """
     height, width = labels.shape
-    # Down and up the columns, then along each row as far as something nearer may lie.
+    # Distances along the columns first, then along each row up to the best distance.
     below = np.full((height, width), np.int64(max(reach, around)) + 1)
     for v in range(height):
         for u in range(width):
@@ -92,8 +88,7 @@ def distances(labels: UInt8, border: UInt8, reach: float, around: float) -> Floa
 def bands(
     truth: UInt8, predicted: UInt8, of_truth: Float32, of_prediction: Float32, widths: Float32
 ) -> Int64:
-    """Return pixels in both bands, in the truth's and in the prediction's, by width and part: int64 (W, 12,
-    3).
+    """Count pixels of both, of the truth's and of the prediction's band: int64 (W, 12, 3).
 
     of_truth, of_prediction: distances to the borders of either map; widths (W,).
     """
@@ -115,9 +110,9 @@ def bands(
 
 @njit(cache=True, nogil=True)
 def errors(truth: UInt8, predicted: UInt8, away: Float32, edges: Float32) -> Int64:
-    """Return wrong and all person pixels of the truth, by part and bin of distance: int64 (12, E + 1, 2).
+    """Count wrong and all person pixels by true part and distance: int64 (12, E + 1, 2).
 
-    edges (E,): exclusive upper ends of the bins.
+    away: to the borders of the truth. edges (E,): exclusive upper ends of the bins.
     """
     counts = np.zeros((N_CLASSES, len(edges) + 1, 2), np.int64)
     for a, b, distance in zip(truth.flat, predicted.flat, away.flat):  # noqa: B905
@@ -132,9 +127,9 @@ def errors(truth: UInt8, predicted: UInt8, away: Float32, edges: Float32) -> Int
 
 @njit(cache=True, nogil=True)
 def confidences(truth: UInt8, predicted: UInt8, confidence: Float32, near: UInt8) -> Int64:
-    """Return pixel counts by true part, correctness (0 or 1), near (0 or 1) and confidence: (12, 2, 2, 256).
+    """Count pixels by true part, right (0 or 1), near (0 or 1) and confidence: (12, 2, 2, 256).
 
-    Confidence is rounded to steps of 1/255. Only pixels count with a predicted part and a defined truth.
+    Confidence in steps of 1/255, rounded; only pixels with a predicted part and a defined truth.
     """
     counts = np.zeros((N_CLASSES, 2, 2, CODES), np.int64)
     for a, b, sure, close in zip(truth.flat, predicted.flat, confidence.flat, near.flat):  # noqa: B905
@@ -146,10 +141,9 @@ def confidences(truth: UInt8, predicted: UInt8, confidence: Float32, near: UInt8
 
 @njit(cache=True, nogil=True)
 def apart(border: UInt8, other: UInt8, reach: float) -> Float64:
-    """Return the distance of each border pixel, by rows, to the nearest of its part in the other map: float64
-    (n,).
+    """Return the distance of each border pixel, by rows, to the nearest of its part in the other map.
 
-    Euclidean, pixels; infinite where it exceeds ``reach``. Both maps as of ``borders``.
+    float64 (n,), Euclidean, pixels; infinite beyond ``reach``. Both maps: of ``borders``.
     """
     height, width = border.shape
     found, n = np.full(np.count_nonzero(border), np.inf), 0
@@ -159,7 +153,7 @@ def apart(border: UInt8, other: UInt8, reach: float) -> Float64:
             if part == BACKGROUND:
                 continue
             best, ring = reach * reach, 0
-            # A pixel of the next ring is at least as far as the ring's number.
+            # A pixel of a ring is at least as far as the ring's number.
             while ring * ring <= best:
                 for i in range(max(v - ring, 0), min(v + ring, height - 1) + 1):
                     step = 1 if abs(i - v) == ring else max(2 * ring, 1)

@@ -1,7 +1,6 @@
-"""Reliability of a prediction's confidence by bins, and labels to which the prediction gives low probability.
+"""Reliability of a prediction's confidence by bins, and quality of labels by confidence.
 
-Only pixels count with a predicted body part and a defined truth, because label sets hold confidence only
-there.
+Only pixels with a predicted body part and a defined truth count; other pixels lack a confidence.
 """
 
 from typing import NamedTuple
@@ -10,16 +9,11 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32
 from annotate.parts import BACKGROUND
-from eval.scores import kernels as passes
+from eval.scores import kernels
 from eval.scores.confusion import Counts, Labels, Scores, ratio
 
-N_BINS = 15
-"""Bins of equal width on [0, 1] (Guo et al., On Calibration of Modern Neural Networks, ICML 2017)."""
-
-LEVELS = 255
-"""Confidence is counted in steps of 1/255, as label sets store it: sums stay whole numbers."""
-
-
+N_BINS = 15  # of equal width (Guo et al., On Calibration of Modern Neural Networks, ICML 2017)
+LEVELS = 255  # steps of confidence, as label sets store it
 _BIN = np.minimum(np.arange(LEVELS + 1) * N_BINS // LEVELS, N_BINS - 1)
 """Bin (256,) of each step of confidence."""
 
@@ -27,15 +21,14 @@ _BIN = np.minimum(np.arange(LEVELS + 1) * N_BINS // LEVELS, N_BINS - 1)
 def confidence_counts(
     truth: Labels, predicted: Labels, confidence: Float32, near: Bool
 ) -> tuple[Counts, Counts]:
-    """Return reliability counts (2, 15, 3) and label-quality counts (12, 2), int64.
+    """Count reliability (2, 15, 3) and label quality (12, 2), int64; near: flags (h, w).
 
-    near: bool (h, w), pixels near a border. Reliability: pixels, correct pixels and summed confidence in
-    1/255, by bin, inside and near borders. Quality: summed probability of the true label in 1/255, and
-    pixels, by true part. Where both labels agree, that probability is the confidence, else at most the rest.
-    A low quality means a wrong label or a wrong, confident prediction.
+    Reliability: pixels, right pixels, sum of confidence in 1/255, by bin, inside and near borders. Quality:
+    sum of the true labels' probabilities in 1/255, and pixels, by true part. The probability of a label is
+    the confidence if the prediction agrees, else the rest.
     """
     images = truth, predicted, confidence, near
-    table = passes.confidences(*map(np.ascontiguousarray, images))  # (part, right, near, step)
+    table = kernels.confidences(*map(np.ascontiguousarray, images))  # (part, right, near, step)
     by_step = table.sum(axis=0).swapaxes(0, 1)  # (near, right, step)
     steps = np.arange(LEVELS + 1)
     every = np.stack([by_step.sum(axis=1), by_step[:, 1], by_step.sum(axis=1) * steps], axis=-1)
@@ -47,7 +40,7 @@ def confidence_counts(
 
 
 class Curve(NamedTuple):
-    """Reliability curve by bin (..., 15): mean confidence and accuracy (NaN where empty), and pixels."""
+    """Reliability by bin (..., 15): mean confidence and accuracy (NaN where empty), and pixels."""
 
     confidence: Scores
     accuracy: Scores
@@ -61,10 +54,6 @@ def reliability_curve(counts: Counts) -> Curve:
 
 
 def calibration_error(counts: Counts) -> Scores:
-    """Return the expected calibration error (..., 15, 3) -> (...): pixel-weighted mean gap of accuracy and
-    confidence.
-
-    NaN without a pixel. Source: Naeini et al., AAAI 2015; Guo et al., ICML 2017.
-    """
+    """Return the expected calibration error (Guo et al. 2017): (..., 15, 3) -> (...); NaN without a pixel."""
     gaps = np.abs(counts[..., 1] - counts[..., 2] / LEVELS).sum(-1)
     return ratio(gaps, counts[..., 0].sum(-1))

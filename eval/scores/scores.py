@@ -1,4 +1,4 @@
-"""All scores by name, computed from the counts of a frame, a set, or bootstrap resamples; also as JSON."""
+"""Scores by name from counts, and their JSON."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -22,19 +22,17 @@ from eval.scores.counts import FrameCounts
 from eval.scores.reliability import calibration_error
 
 PART_SCORES = ("recall", "precision", "iou", "dice", "boundary_iou_by_part")
-"""Scores (..., 12), one for each class by id; background's boundary IoU is NaN."""
-
+"""Scores (..., 12) by class id; background's boundary IoU is NaN."""
 _TOLERANCE = TOLERANCES_PX.index(2.0)
 _WIDTH = WIDTHS_PX.index(4.0)
 
 
 def scores_of(counts: FrameCounts) -> dict[str, Scores]:
-    """Return all scores of counts with leading axes `...`; NaN where nothing can be scored.
+    """Return all scores of counts with leading axes `...`; NaN without pixels to score.
 
-    Scalars (...) first, then by class (..., 12), by tolerance or width, and by distance. boundary_f is at 2
-    px, boundary_iou at 4 px. inside, near: pixels away from and near the borders of the truth. person: pixels
-    that truth and prediction both call a person. all: background counts as a twelfth class. merged: left and
-    right are one class.
+    Scalars (...), scores by class (..., 12), by tolerance or width, and by distance. boundary_f: at 2 px;
+    boundary_iou: at 4 px. inside, near: pixels away from and near the borders of the truth. person: pixels
+    with a body part in both maps. all: background is a twelfth class. merged: left and right are one.
     """
     ece = {"ece": counts.reliability.sum(-3), "ece_near": counts.reliability[..., 1, :, :]}
     return {
@@ -104,8 +102,7 @@ DISTANCES = (
     ),
     f"{DISTANCE_EDGES_PX[-1]:g} px and more",
 )
-"""Names of the distance bins; a pixel belongs to the whole number below its distance."""
-
+"""Names of the distance bins, by whole pixels."""
 _NAMES = {
     "boundary_f_px": _lengths(TOLERANCES_PX, "px"),
     "boundary_f_mm": _lengths(TOLERANCES_MM, "mm"),
@@ -113,11 +110,11 @@ _NAMES = {
     "boundary_iou_mm": _lengths(WIDTHS_MM, "mm"),
     "error_by_distance": list(DISTANCES),
 }
-"""Names along a score's last axis; scores by part have the names of the parts."""
+"""Names along a score's last axis."""
 
 
 def plain(values: Scores | float) -> JsonScore:
-    """Return numbers as JSON values; NaN becomes null."""
+    """Return numbers as JSON; NaN becomes null."""
     array = np.asarray(values, np.float64)
     if array.ndim:
         return [plain(value) for value in array]
@@ -125,7 +122,7 @@ def plain(values: Scores | float) -> JsonScore:
 
 
 def named(name: str, values: Scores) -> JsonScore:
-    """Return a score, or its interval (2, ...), with names along its last axis; background is left out."""
+    """Return a score or its interval (2, ...) by the names of its last axis, without background."""
     if name in PART_SCORES:
         return {part.name: plain(values[..., part.id]) for part in BODY_PARTS}
     if name == "error_by_distance_by_part":

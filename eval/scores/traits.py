@@ -1,4 +1,4 @@
-"""Traits of a frame: the person, the pose, the distance, and causes of difficulty."""
+"""Traits of a frame, and groups of frames by trait."""
 
 import math
 from collections import defaultdict
@@ -17,10 +17,8 @@ from annotate.parts import on_body
 from sensors.rig.camera import Intrinsics
 
 DISTANCE_EDGES_M = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
-INVALID_EDGES = (0.01, 0.05, 0.1, 0.2)
-"""Ends of the groups by distance and by share of pixels without a reading; untuned."""
-NOTE_CHARS, NOTE_CAUSES = 100, 30
-"""Characters of a note and causes of hardness that a result keeps of a frame; untuned."""
+INVALID_EDGES = (0.01, 0.05, 0.1, 0.2)  # ends of the groups by share of invalid pixels
+NOTE_CHARS, NOTE_CAUSES = 100, 30  # kept of a note
 NOTHING_HARD = "nothing named"
 
 
@@ -28,10 +26,9 @@ NOTHING_HARD = "nothing named"
 class Traits:
     """Traits of one frame; "" and NaN where unknown.
 
-    activity: kind of pose. view: side of the person that the camera shows. distance_m: median depth of the
-    person. invalid_share: share of pixels without a reading in the person's box; unknown where the depth
-    image shows the person only. status, predicted_status: of the truth and the prediction. hard: causes of
-    difficulty, in words. mm_per_px: millimetres per pixel at the person's distance.
+    activity: family of the pose. view: side of the person in front of the camera. distance_m: median depth of
+    the person. invalid_share: of the pixels in the person's box; unknown if the depth image shows the person
+    only. hard: causes of difficulty. mm_per_px: size of a pixel at the person's distance.
     """
 
     activity: str = ""
@@ -45,7 +42,7 @@ class Traits:
 
 
 def traits_of(truth: FrameLabels, predicted: FrameLabels, camera: Intrinsics) -> Traits:
-    """Return the traits of a frame from the truth's notes and depth. camera: of its depth image."""
+    """Return a frame's traits from the truth's notes and depth; camera: of its depth image."""
     whole = on_body(truth.parts)
     box = window_of(whole)
     person, depth_mm = whole[box], truth.depth_mm[box]
@@ -65,11 +62,7 @@ def traits_of(truth: FrameLabels, predicted: FrameLabels, camera: Intrinsics) ->
 
 
 def groups(subjects: Sequence[str], traits: Sequence[Traits]) -> dict[str, dict[str, Index]]:
-    """Return indices (n,) of frames by trait and value, in display order; traits that no frame has are left
-    out.
-
-    A frame with several causes of difficulty is in several groups.
-    """
+    """Return indices (n,) of frames by trait and value, in the order to show; empty groups are left out."""
     hard = _by_value(t.hard for t in traits)
     if hard:
         hard[NOTHING_HARD] = np.flatnonzero([not t.hard for t in traits])
@@ -87,7 +80,7 @@ def groups(subjects: Sequence[str], traits: Sequence[Traits]) -> dict[str, dict[
 
 
 def _by_value(values: Iterable[Sequence[str]]) -> dict[str, Index]:
-    """Return indices (n,) of the frames with each value, sorted by value; frames with "" are left out."""
+    """Return indices (n,) of frames by value, sorted, without ""."""
     found = defaultdict(list)
     for i, own in enumerate(values):
         for value in own:
@@ -104,7 +97,6 @@ def _binned(values: Sequence[float], edges: tuple[float, ...], scale: float, uni
 
 
 def _invalid_share(depth_mm: UInt16, person: Bool) -> float:
-    """Return the share of pixels without a reading in the box of the person (h, w)."""
     if not person.size:
         return math.nan
     around = depth_mm[~person]
@@ -116,7 +108,7 @@ def _invalid_share(depth_mm: UInt16, person: Bool) -> float:
 def _hard(notes: Mapping[str, Any]) -> tuple[str, ...]:
     named = notes.get("hard")
     causes = [_text(cause) for cause in named[:NOTE_CAUSES]] if isinstance(named, list) else []
-    # A dataset's notes give numbers instead (``synth.images.presets``).
+    # Notes of datasets (``synth.images.presets``).
     if _number(notes.get("occluders")) > 0:
         causes.append("things in front")
     if _number(notes.get("cut")) > 0:
@@ -125,11 +117,7 @@ def _hard(notes: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _side(azimuth_deg: object) -> str:
-    """Return the name of the person's side that the camera shows.
-
-    azimuth_deg: azimuth of the camera from the sofa's front or the bed's foot, growing to the left of a
-    seated person.
-    """
+    """azimuth_deg: of the camera, from the sofa's front or the bed's foot to the sitter's left."""
     angle = _number(azimuth_deg)
     if math.isnan(angle):
         return ""
@@ -137,12 +125,11 @@ def _side(azimuth_deg: object) -> str:
 
 
 def writable(text: str) -> str:
-    """Return text that can be encoded as UTF-8, because names in labels may not be."""
+    """Return text without halves of surrogate pairs, which files of text cannot hold."""
     return text.encode(errors="replace").decode()
 
 
 def _text(value: object) -> str:
-    # One text for all frames that have it.
     return intern(writable(value[:NOTE_CHARS])) if isinstance(value, str) else ""
 
 

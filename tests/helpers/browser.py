@@ -1,4 +1,4 @@
-"""Chromium without a window, driven by its DevTools protocol over a pipe: no port, no package."""
+"""Chromium without a window, driven by its DevTools protocol over a pipe."""
 
 import base64
 import json
@@ -12,18 +12,18 @@ NAMES = ("chromium", "chromium-browser", "google-chrome")
 
 
 def _answers(path: str) -> bool:
-    """Whether this is a browser: Ubuntu's package is a script that asks for a snap."""
+    """Return whether this is a browser: Ubuntu's package is a script that needs a snap."""
     return subprocess.run([path, "--version"], capture_output=True, check=False).returncode == 0
 
 
 CHROMIUM = next((path for name in NAMES if (path := shutil.which(name)) and _answers(path)), None)
-# Software rendering: 3D is to be drawn where there is no graphics card.
+# Software rendering draws 3D without a graphics card.
 _FLAGS = ("--headless", "--no-sandbox", "--hide-scrollbars", "--use-angle=swiftshader",
           "--enable-unsafe-swiftshader", "--remote-debugging-pipe")  # fmt: skip
 
 
 class Browser:
-    """One page. ``events``: what the browser told while it was asked for other things."""
+    """One page. ``events``: messages that came between the results of calls."""
 
     def __init__(self, profile: Path) -> None:
         (theirs, self._down), (self._up, answers) = os.pipe(), os.pipe()
@@ -35,7 +35,6 @@ class Browser:
         os.close(answers)
         self._buffer, self._asked, self._session = b"", 0, ""
         self.events: list[dict[str, Any]] = []
-        # The first page may not be there yet.
         target = self.ask("Target.createTarget", url="about:blank")["targetId"]
         self._session = self.ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Network", "Log"):
@@ -67,7 +66,7 @@ class Browser:
         return answer["result"].get("value")
 
     def picture(self) -> bytes:
-        """What is in view, as PNG."""
+        """Return the visible part as PNG."""
         return base64.b64decode(self.ask("Page.captureScreenshot")["data"])
 
     def pdf(self) -> bytes:

@@ -150,7 +150,7 @@ def calibration_error(pixels: list[Pixel]) -> float:
 
 
 def scores(frames: list[Frame]) -> dict[str, object]:
-    """What `eval.scores.scores.scores_of` should give for the sum of these frames."""
+    """Return every score of `eval.scores.scores.scores_of` for the sum of these frames."""
     pixels = [p for frame in frames for p in pixels_of(frame)]
     near = [p for p in pixels if p.away < NEAR_PX]
     inside = [p for p in pixels if p.away >= NEAR_PX]

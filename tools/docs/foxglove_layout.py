@@ -1,4 +1,4 @@
-"""Writes docs/foxglove-layout.json for Foxglove's app: ``python -m tools.docs.foxglove_layout``."""
+"""Write docs/foxglove-layout.json for Foxglove's app: ``python -m tools.docs.foxglove_layout``."""
 
 import json
 from pathlib import Path
@@ -12,7 +12,7 @@ FILE = Path(__file__).parents[2] / "docs" / "foxglove-layout.json"
 
 
 def cloud(title: str, topic: str) -> fl.ThreeDeePanel:
-    """A view from behind the rig, 3 m before the person: one cloud and the skeleton."""
+    """Return a view of a cloud and the skeleton from behind the rig, 3 m in front of the person."""
     points = fl.BaseRendererPointCloudTopicSettings(visible=True, point_size=3, color_mode="rgba-fields")
     skeleton = fl.BaseRendererSceneUpdateTopicSettings(visible=True)
     camera = fl.ThreeDeeCameraState(

@@ -1,4 +1,4 @@
-"""The files of their own that the documentation's readers are assumed to have."""
+"""Input files of the documentation's commands."""
 
 import json
 import warnings
@@ -16,7 +16,7 @@ from tests.helpers.marker_truth import RATE, synthesise
 
 
 def write_image_folder(folder: Path, session: Session) -> None:
-    """Aligned depth, colour and thermal PNGs of a session's frames, with intrinsics."""
+    """Write aligned depth, colour and thermal PNGs of a session's frames, with intrinsics."""
     fuser = Fuser(session.calibration)
     for name in ("depth", "color", "thermal"):
         (folder / name).mkdir(parents=True)
@@ -34,7 +34,7 @@ def write_image_folder(folder: Path, session: Session) -> None:
 
 
 def write_trials(folder: Path) -> None:
-    """``walk.c3d`` and ``standing.c3d`` of one person in Plug-in-Gait markers."""
+    """Write ``walk.c3d`` and ``standing.c3d`` of one person in Plug-in-Gait markers."""
     truth = synthesise(3, 15)
     _write_c3d(folder / "walk.c3d", truth.moving)
     _write_c3d(folder / "standing.c3d", truth.static)

@@ -1,7 +1,4 @@
-"""Runs the documentation's notebook as Jupyter would: cell after cell in one namespace, the last value shown.
-
-``python -m tools.docs.notebook`` runs it and keeps what its cells show in the file.
-"""
+"""Run the documentation's notebook and write its outputs: ``python -m tools.docs.notebook``."""
 
 import ast
 import base64
@@ -21,7 +18,7 @@ def code_of(notebook: dict[str, Any]) -> list[str]:
 
 
 def run(cells: list[str]) -> list[tuple[str, Any]]:
-    """What each cell prints, and the value of the expression it ends with, None where it ends otherwise."""
+    """Return the output of each cell and the value of its last expression, if any."""
     namespace: dict[str, Any] = {"__name__": "__main__"}
     shown = []
     for number, source in enumerate(cells, 1):
@@ -37,7 +34,7 @@ def run(cells: list[str]) -> list[tuple[str, Any]]:
 
 
 def outputs_of(said: str, value: Any, number: int) -> list[dict[str, Any]]:
-    """The same as a notebook keeps it."""
+    """Return a cell's output as a notebook stores it."""
     kept: list[dict[str, Any]] = []
     if said:
         kept.append({"output_type": "stream", "name": "stdout", "text": said.splitlines(keepends=True)})

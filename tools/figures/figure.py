@@ -1,10 +1,11 @@
-"""A measured number with its interval, tables of such numbers, and whether a number has moved."""
+"""Measured numbers with intervals."""
 
 import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from scipy.stats import binomtest, t
 
 
 class Figure(NamedTuple):
@@ -16,11 +17,11 @@ class Figure(NamedTuple):
 
     @property
     def certain(self) -> bool:
-        """Whether there is no interval: a count, or a figure of the same recordings again."""
+        """True without an interval: a count, or a figure of the same recordings."""
         return math.isnan(self.low) or math.isnan(self.high)
 
     def text(self, spec: str) -> str:
-        """The number and its interval by a format such as ``.3f`` or ``.1%``; "-" where not measured."""
+        """Return the number and its interval by a format such as ``.3f`` or ``.1%``; "-" if not measured."""
         if math.isnan(self.value):
             return "-"
         value, low, high = (format(number, spec).replace("%", " %") for number in self)
@@ -28,14 +29,14 @@ class Figure(NamedTuple):
 
 
 Rows: TypeAlias = Mapping[str, Mapping[str, Figure]]
-"""Figures by row and column; a column that a row lacks is not measured there."""
+"""Figures by row and column."""
 
 
 def moved(old: Figure, new: Figure, spec: str) -> bool:
-    """Whether two measurements differ by more than chance: 0 lies outside the interval of their difference.
+    """Return whether 0 lies outside the interval of the difference of two measurements.
 
-    Its half width is the root of the squared distances to the ends that face each other (MOVER: Zou & Donner,
-    Statistics in Medicine 27, 2008). Without intervals, whether another number is shown.
+    Method: MOVER (Zou & Donner, Statistics in Medicine 27, 2008). Without intervals: whether the printed
+    numbers differ.
     """
     if math.isnan(old.value) or math.isnan(new.value):
         return False
@@ -48,17 +49,15 @@ def moved(old: Figure, new: Figure, spec: str) -> bool:
 
 
 def share(right: int, n: int) -> Figure:
-    """A share with Wilson's interval (Journal of the American Statistical Association 22, 1927)."""
+    """Return a share with Wilson's interval."""
     if not n:
         return Figure(math.nan)
-    z, p = 1.959964, right / n
-    middle, half = (p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n)))
-    scale = 1 + z * z / n
-    return Figure(p, max(0.0, (middle - half) / scale), min(1.0, (middle + half) / scale))
+    ends = binomtest(right, n).proportion_ci(method="wilson")
+    return Figure(right / n, float(ends.low), float(ends.high))
 
 
 def median(values: Sequence[float]) -> Figure:
-    """A median with the interval that order statistics give, which assumes no distribution."""
+    """Return a median with the interval by order statistics, for any distribution."""
     n, ordered = len(values), np.sort(np.asarray(values, float))
     if n < 6:
         return Figure(float(np.median(ordered))) if n else Figure(math.nan)
@@ -68,9 +67,7 @@ def median(values: Sequence[float]) -> Figure:
 
 
 def mean(values: Sequence[float]) -> Figure:
-    """A mean with Student's interval."""
-    from scipy.stats import t
-
+    """Return a mean with Student's interval."""
     n, found = len(values), float(np.mean(values))
     if n < 2:
         return Figure(found)

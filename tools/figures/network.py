@@ -17,13 +17,11 @@ from tools.measure import real_people
 from tools.measure.network_groups import CHANGES, Tally, measured
 
 SETS = {"sitting-test": 512, "recumbent": 512, "upright": 512, "people": 800, "standing": 1000}
-"""Images by preset."""
-LEAST = 50
-"""Images of a group that gets a row."""
+LEAST = 50  # images of a group that gets a row
 
 
 def synthetic(seed: int) -> Rows:
-    """The shipped network by preset and kind of image; each preset with a seed of its own."""
+    """Measure the shipped network by preset and kind of image; each preset has its own seed."""
     rows: dict[str, dict[str, Figure]] = {}
     for number, (name, count) in enumerate(SETS.items()):
         preset = PRESETS[name]
@@ -41,7 +39,7 @@ def synthetic(seed: int) -> Rows:
 
 
 def scores(tally: Tally, each: int) -> dict[str, Figure]:
-    """Figures of a group of images, with intervals over people; each: images in a row of one."""
+    """Return figures of a group of images, intervals over people; each: consecutive images of one."""
     people = np.unique([int(frame_id) // each for frame_id in tally.ids], return_inverse=True)[1]
     matrices = np.array(tally.matrices)
     flags = {"facing to 20 degrees": tally.facing, "posture": tally.posture}
@@ -58,13 +56,9 @@ def _ratio(pairs: np.ndarray) -> np.ndarray:
 
 
 def _over(people: np.ndarray, counts: np.ndarray, score: Callable[[np.ndarray], np.ndarray]) -> Figure:
-    """A score of the sum of counts (F, ...), its interval by drawing whole people."""
-    flat = counts.reshape(len(counts), -1).astype(np.int64)
-    sums = intervals.cluster_sums(flat, people)
-    shape = counts.shape[1:]
-    value = score(sums.sum(axis=0).reshape(shape))
-    resampled = score(intervals.resampled_sums(sums).reshape(-1, *shape))
-    return Figure(float(value), *map(float, intervals.interval(value, resampled, len(sums))))
+    """Return a score of the sum of counts (F, ...), with its interval over people."""
+    value, ends = intervals.frames_interval(counts.astype(np.int64), people, score)
+    return Figure(float(value), *map(float, ends))
 
 
 ACTIONS = {
@@ -75,11 +69,11 @@ ACTIONS = {
     "a24": "standing up from a seat",
     "a27": "a squat",
 }
-"""Of UTD-MHAD, by the first letters of a take's name."""
+"""Actions of UTD-MHAD by the first letters of a take's name."""
 
 
 def real(seed: int) -> Rows:
-    """The shipped network on real people, by take; the seed means nothing here."""
+    """Measure the shipped network on real people, by take; the seed is not used."""
     network = OnnxNetwork(SHIPPED_WEIGHTS)
     rows = {}
     for folder in real_people.folders():

@@ -14,11 +14,11 @@ KINDS = {
 }
 MARK = re.compile(r"(<!-- figures: (?P<name>[\w-]+) -->\n).*?(<!-- end of figures -->)", re.S)
 SOURCES, MOVED = "sources", "moved"
-"""Marks of the table of tables, and of what moved."""
+# Marks of the table of tables, and of the figures that moved.
 
 
 def spliced(text: str, block_of: Callable[[str], str | None]) -> str:
-    """A page with every marked block written anew; one for which there is None stays as it is."""
+    """Return a page with every marked block written anew; a block of None stays."""
 
     def block(match: re.Match[str]) -> str:
         new = block_of(match["name"])
@@ -28,14 +28,14 @@ def spliced(text: str, block_of: Callable[[str], str | None]) -> str:
 
 
 def markdown(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A Markdown table."""
+    """Return a Markdown table."""
     lines = [list(heads), *map(list, rows)]
     lines.insert(1, ["---"] * len(lines[0]))
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 
 def table_block(table: Table, measured: Measured) -> str:
-    """A table of figures and, below it, where they come from."""
+    """Return a table of figures with its source below."""
     rows = (
         [name, *(cells[c].text(spec) if c in cells else "-" for c, spec in table.columns.items())]
         for name, cells in measured.rows.items()
@@ -47,7 +47,7 @@ def table_block(table: Table, measured: Measured) -> str:
 
 
 def sources_block(tables: Iterable[Table], all_measured: dict[str, Measured]) -> str:
-    """Every table that can be measured, by kind, where it stands and when it was measured."""
+    """Return the table of tables by kind, with pages and dates."""
 
     def row(table: Table) -> list[str]:
         found = all_measured.get(table.name)
@@ -61,7 +61,7 @@ def sources_block(tables: Iterable[Table], all_measured: dict[str, Measured]) ->
 
 
 def moved_block(tables: Iterable[Table], all_measured: dict[str, Measured]) -> str:
-    """Which figures are no longer what they were, of those that were measured before."""
+    """Return the figures that moved since the measurement before."""
     lines, compared = [], 0
     for table in tables:
         if (measured := all_measured.get(table.name)) is None:
@@ -77,7 +77,7 @@ def moved_block(tables: Iterable[Table], all_measured: dict[str, Measured]) -> s
 
 
 def write_pages(tables: list[Table], root: Path = ROOT) -> list[Path]:
-    """Write all measured tables into all pages that have their marks; the pages that changed."""
+    """Write all measured tables into the pages with their marks; return the changed pages."""
     known = {table.name: table for table in tables}
     measured = {name: found for name, table in known.items() if (found := load(table, root / "docs/figures"))}
 

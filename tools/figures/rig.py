@@ -1,7 +1,8 @@
-"""Measures on the virtual rig: labels by the suit, the network, cameras, effort, a pyrometer, inputs."""
+"""Tables measured on the virtual rig."""
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from time import process_time
@@ -19,10 +20,10 @@ from eval.network.predict_source import predict_source
 from eval.network.refine import shipped_refinement_network
 from sensors.recording.rig_templates import TEMPLATES
 from sensors.session.reader import Session
-from synth.rig.simulate import simulate, suit_path, truth_path
+from synth.rig.simulate import simulate, truth_path
 from synth.rig.virtual_rig import RigOptions, VirtualRig
 from tools.figures.figure import Figure, Rows, mean, median, share
-from tools.measure import ablation, pyrometer, rigs
+from tools.measure import ablation, pyrometer
 from tools.measure.labels import reliability
 
 DIFFICULTIES = ("normal", "hard")
@@ -32,11 +33,23 @@ SCORES = {
     "boundary F, 2 px": "boundary_f",
     "swaps": "left_right_swap_rate",
 }
-"""Scores of a comparison by the heading of their column."""
+
+
+@contextmanager
+def simulated(rig: VirtualRig) -> Iterator[tuple[Path, Session, LabelSet]]:
+    """Simulate a recording; yield its folder, the session and the truth."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "session.mcap"
+        simulate(rig, path, ignore)
+        yield Path(folder), Session(path), LabelSet.open(truth_path(path))
+
+
+def ignore(count: int) -> None:
+    """Ignore progress."""
 
 
 def figures_of(found: Comparison) -> dict[str, Figure]:
-    """Frames and scores of a comparison, with intervals over its people."""
+    """Return frames and scores of a comparison, with intervals over its people."""
     return {"frames": Figure(len(found.frame_ids))} | {
         heading: Figure(float(found.scores[name]), *map(float, found.ci95[name]))
         for heading, name in SCORES.items()
@@ -44,55 +57,48 @@ def figures_of(found: Comparison) -> dict[str, Figure]:
 
 
 def labels(seed: int) -> Rows:
-    """Labels by the suit and by the network, 320 frames of eight people on a sofa a difficulty."""
+    """Measure labels by the suit and by the network, 320 frames of eight people on a sofa a difficulty."""
     rows: dict[str, dict[str, Figure]] = {}
     for number, difficulty in enumerate(DIFFICULTIES):
         rig = VirtualRig(320, 8, difficulty, seed + number)
-        with tempfile.TemporaryDirectory() as folder:
-            for name, row in labelled(rig, Path(folder)).items():
-                rows[f"`{difficulty}`, {name}"] = row
+        rows |= {f"`{difficulty}`, {name}": row for name, row in labelled(rig).items()}
     return rows
 
 
-def labelled(rig: VirtualRig, folder: Path) -> dict[str, dict[str, Figure]]:
-    """Figures of a recording's labels, by the suit and by the network."""
-    path = folder / "session.mcap"
-    simulate(rig, path, lambda n: None)
-    session, truth = Session(path), LabelSet.open(truth_path(path))
-    works = {
-        "suit": partial(label_source, session, SuitLabeller(rig.suit), folder / "suit"),
-        "network": partial(predict_source, session, OnnxNetwork(), folder / "network"),
-        "network, refined": partial(
-            predict_source,
-            session,
-            OnnxNetwork(),
-            folder / "again",
-            options=PredictOptions(refiners=[shipped_refinement_network()]),
-        ),
-    }
-    found = {name: timed(work) for name, work in works.items()}
-    sure = reliability(found["suit"][0], truth, session)
-    more = {"suit": {"calibration error": Figure(sure.ece), "found first": Figure(sure.found_first)}}
-    return {
-        name: figures_of(compare_sets(made, truth)) | {"CPU seconds a frame": seconds} | more.get(name, {})
-        for name, (made, seconds) in found.items()
-    }
+def labelled(rig: VirtualRig) -> dict[str, dict[str, Figure]]:
+    """Measure a recording's labels, by the suit and by the network."""
+    with simulated(rig) as (folder, session, truth):
+        refined = PredictOptions(refiners=[shipped_refinement_network()])
+        works = {
+            "suit": lambda out, at: label_source(session, SuitLabeller(rig.suit), out, at),
+            "network": lambda out, at: predict_source(session, OnnxNetwork(), out, at),
+            "network, refined": lambda out, at: predict_source(session, OnnxNetwork(), out, at, refined),
+        }
+        found = {name: timed(partial(work, folder / name)) for name, work in works.items()}
+        sure = reliability(found["suit"][0], truth, session)
+        rows: dict[str, dict[str, Figure]] = {name: {} for name in found}
+        rows["suit"] |= {"calibration error": Figure(sure.ece), "found first": Figure(sure.found_first)}
+        for name, (made, seconds) in found.items():
+            rows[name] |= figures_of(compare_sets(made, truth)) | {"CPU seconds a frame": seconds}
+    return rows
 
 
 def timed(work: Callable[[Callable[[int], None]], Run]) -> tuple[LabelSet, Figure]:
-    """Labels of a run, and the CPU seconds of a frame (of all threads), median over blocks of 20 frames."""
+    """Return a run's labels and its CPU seconds a frame (all threads; median of blocks of 20)."""
     ends: list[float] = []
     run = work(lambda n: ends.append(process_time()))
     return run.labels, median((np.diff(ends[20::20]) / 20).tolist())
 
 
 def cameras(seed: int) -> Rows:
-    """Labels by the suit and by the network before each rig's cameras: the same eight people on a sofa."""
+    """Measure labels by suit and network on every rig's cameras, the same eight people on a sofa."""
     rows = {}
     for name in TEMPLATES:
-        by_suit, by_network = map(
-            figures_of, rigs.measured(VirtualRig(16, 8, "normal", seed, RigOptions(rig=name)))
-        )
+        rig = VirtualRig(16, 8, "normal", seed, RigOptions(rig=name))
+        with simulated(rig) as (folder, session, truth):
+            suit = label_source(session, SuitLabeller(rig.suit), folder / "suit", ignore).labels
+            network = predict_source(session, OnnxNetwork(), folder / "network", ignore).labels
+            by_suit, by_network = (figures_of(compare_sets(labels, truth)) for labels in (suit, network))
         rows[f"`{name}`"] = {
             "frames": by_suit["frames"],
             "person IoU": by_suit["person IoU"],
@@ -103,33 +109,28 @@ def cameras(seed: int) -> Rows:
 
 
 def effort(seed: int) -> Rows:
-    """What a simulated annotator needs to correct labels by the suit, 64 frames of eight people."""
+    """Measure a simulated annotator's corrections of labels by the suit, 64 frames of eight people."""
     rows = {}
     for number, difficulty in enumerate(DIFFICULTIES):
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "session.mcap"
-            rig = VirtualRig(64, 8, difficulty, seed + number)
-            simulate(rig, path, lambda n: None)
-            found = label_source(
-                Session(path), SuitLabeller(rig.suit), Path(folder) / "l", lambda n: None
-            ).labels
-            truth = LabelSet.open(truth_path(path))
+        rig = VirtualRig(64, 8, difficulty, seed + number)
+        with simulated(rig) as (folder, session, truth):
+            found = label_source(session, SuitLabeller(rig.suit), folder / "labels", ignore).labels
             annotator = Annotator()
             with Correction.open(found.path, WHO, clock=annotator.clock) as correction:
                 done = list(correct_set(correction, truth, annotator, lambda i: None))
-            seconds = [one.seconds for one in done]
-            rows[f"`{difficulty}`, each frame alone"] = {
-                "frames": Figure(len(done)),
-                "median, s": median(seconds),
-                "mean, s": mean(seconds),
-                "one key": share(sum(one.repairs == 0 for one in done), len(done)),
-                "right in the end": share(sum(one.agreement >= AGREEMENT for one in done), len(done)),
-            }
+        seconds = [one.seconds for one in done]
+        rows[f"`{difficulty}`, each frame alone"] = {
+            "frames": Figure(len(done)),
+            "median, s": median(seconds),
+            "mean, s": mean(seconds),
+            "one key": share(sum(one.repairs == 0 for one in done), len(done)),
+            "right in the end": share(sum(one.agreement >= AGREEMENT for one in done), len(done)),
+        }
     return rows
 
 
 def drift(seed: int) -> Rows:
-    """Temperatures of a person at `hard`, where they drift, without and with a pyrometer."""
+    """Measure temperatures of people at `hard`, where thermal cameras drift, without and with a pyrometer."""
     off, ious = [], []
     for recording in range(4):
         one = pyrometer.measure(seed + recording, 30)
@@ -147,15 +148,11 @@ def drift(seed: int) -> Rows:
 
 
 def inputs(seed: int) -> Rows:
-    """The reader of suits without each of its inputs: 24 frames of eight people."""
+    """Measure the suit network without each of its inputs: 24 frames of eight people."""
     rows: dict[str, dict[str, Figure]] = {}
     for number, difficulty in enumerate(DIFFICULTIES):
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "session.mcap"
-            simulate(VirtualRig(24, 8, difficulty, seed + number), path, lambda n: None)
-            assert suit_path(path).is_file()
-            for name, found in ablation.measured(path):
-                rows[f"`{difficulty}`: {name}"] = figures_of(found.scored) | {
-                    "annotator, s": mean(found.seconds.tolist())
-                }
+        with simulated(VirtualRig(24, 8, difficulty, seed + number)) as (folder, _, _):
+            for name, found in ablation.measured(folder / "session.mcap"):
+                seconds = mean(found.seconds.tolist())
+                rows[f"`{difficulty}`: {name}"] = figures_of(found.scored) | {"annotator, s": seconds}
     return rows

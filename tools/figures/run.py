@@ -1,7 +1,7 @@
-"""Measure what the documentation claims, and write it there: ``python -m tools.figures.run [--seed N]``.
+"""Measure the documentation's figures and write its pages: ``python -m tools.figures.run [--seed N]``.
 
 ``make figures`` runs this. A table that was measured with this seed and this product is not measured again,
-so that an interrupted run goes on. At the end stands what moved against what stood there before.
+so an interrupted run continues. The output ends with the figures that moved.
 """
 
 import argparse
@@ -16,7 +16,7 @@ SEED = 31000
 
 
 def report(table: Table, measured: Measured) -> None:
-    """Print a table's figures beside those that stood there before."""
+    """Print a table's figures beside the figures before."""
     for row, column, old, new, is_moved in changes(table, measured):
         spec, said = table.columns[column], "MOVED" if is_moved else "as before"
         if new.text(spec) == "-":

@@ -1,4 +1,4 @@
-"""A table of figures: what it holds, who measures it, where it stands, and its last measurement on disk."""
+"""Tables of figures and their measurements on disk."""
 
 import hashlib
 import json
@@ -19,9 +19,8 @@ from tools.figures.figure import Figure, Rows, moved
 ROOT = Path(__file__).resolve().parents[2]
 KEPT = ROOT / "docs" / "figures"
 PRODUCT = ("sensors", "annotate", "synth", "eval", "cli", "tools/measure", "tools/correction", ":!*.md")
-"""What figures depend on, as Git's path patterns: a change of anything else does not make them old."""
-COUNT = ".0f"
-"""Format of columns that say how much was measured."""
+"""Git's path patterns of the files that change figures."""
+COUNT = ".0f"  # format of columns of sample sizes
 Kind = Literal["real", "virtual", "synthetic"]
 
 
@@ -29,10 +28,9 @@ Kind = Literal["real", "virtual", "synthetic"]
 class Table:
     """A table in the documentation.
 
-    name: of its file and its marks. kind: real recordings, the virtual rig, or synthetic images. about: what
-    is measured, for the line below the table. pages: files with its marks. columns: heading -> format.
-    measure: seed -> rows. seeded: False where the same recordings give the same figures. needs: recordings
-    that are not everywhere; without them the table stays as it is.
+    name: of its file and its marks. about: the line below the table. pages: files with the marks. columns:
+    heading -> format. measure: seed -> rows. seeded: False if the seed changes nothing. needs: folder of
+    recordings without which the table stays.
     """
 
     name: str
@@ -47,7 +45,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Measured:
-    """Rows of a table, of which seed and product ("" for what was copied by hand), and those before."""
+    """Rows of a table with their origin, and the rows before; product: "" if copied by hand."""
 
     rows: Rows
     seed: int | None
@@ -65,20 +63,20 @@ def _git(*words: str) -> str:
 
 
 def product_digest() -> str:
-    """Digest of everything that figures depend on, as it lies in the working tree."""
+    """Return a digest of the working tree's ``PRODUCT``."""
     state = _git("ls-files", "-s", "--", *PRODUCT) + _git("diff", "--", *PRODUCT)
     return hashlib.sha256(state.encode()).hexdigest()[:16]
 
 
 def processor() -> str:
-    """Name of this machine's processor."""
+    """Return the name of this machine's processor."""
     info = Path("/proc/cpuinfo")
     found = re.search(r"model name\s*:\s*(.+)", info.read_text()) if info.is_file() else None
     return found[1] if found else platform.processor() or platform.machine()
 
 
 def load(table: Table, folder: Path = KEPT) -> Measured | None:
-    """The last measurement of a table; None where there is none."""
+    """Return the last measurement of a table, if any."""
     path = folder / f"{table.name}.json"
     if not path.is_file():
         return None
@@ -92,7 +90,7 @@ def load(table: Table, folder: Path = KEPT) -> Measured | None:
 
 
 def _numbers(rows: Rows) -> dict[str, dict[str, list[float | None]]]:
-    # NaN is no JSON; six digits are more than any table shows.
+    # JSON lacks NaN; tables print fewer than six digits.
     def plain(figure: Figure) -> list[float | None]:
         return [None if math.isnan(number) else float(f"{number:.6g}") for number in figure]
 
@@ -100,19 +98,19 @@ def _numbers(rows: Rows) -> dict[str, dict[str, list[float | None]]]:
 
 
 def save(table: Table, measured: Measured, folder: Path = KEPT) -> None:
-    """Keep a measurement."""
+    """Write a measurement."""
     stored = asdict(measured) | {"rows": _numbers(measured.rows), "before": _numbers(measured.before)}
     folder.mkdir(parents=True, exist_ok=True)
     write_bytes(folder / f"{table.name}.json", (json.dumps(stored, indent=1) + "\n").encode())
 
 
 def is_done(table: Table, old: Measured | None, seed: int, product: str) -> bool:
-    """Whether the last measurement is of this very seed and product."""
+    """Return whether the last measurement has this seed and product."""
     return old is not None and old.product == product and (old.seed == seed or not table.seeded)
 
 
 def measure(table: Table, seed: int, product: str, folder: Path = KEPT) -> Measured:
-    """Measure a table now and keep it; what stood there before is kept beside."""
+    """Measure a table and write it, with the rows before."""
     old, began = load(table, folder), _cpu_s()
     rows = table.measure(seed)
     measured = Measured(
@@ -131,18 +129,18 @@ def measure(table: Table, seed: int, product: str, folder: Path = KEPT) -> Measu
 
 
 def _cpu_s() -> float:
-    """CPU seconds of this process and of its children that have ended."""
+    """Return the CPU seconds of this process and of its ended children."""
     return sum(os.times()[:4])
 
 
 def origin(measured: Measured) -> str:
-    """Day, commit and seed of a measurement, in words."""
+    """Return day, commit and seed of a measurement as text."""
     seed = "" if measured.seed is None else f", seed {measured.seed}"
     return f"{measured.day}, commit `{measured.commit}`{seed}"
 
 
 def changes(table: Table, measured: Measured) -> list[tuple[str, str, Figure, Figure, bool]]:
-    """(row, column, old, new, moved) of every figure that stood in the table before; counts are none."""
+    """Return (row, column, old, new, moved) of figures measured before, without sample sizes."""
     return [
         (row, column, old, new, moved(old, new, table.columns[column]))
         for row, cells in measured.rows.items()

@@ -1,9 +1,7 @@
-"""What each input of the reader of suits gives: simulated sessions labelled without one after the other.
+"""Scores of the suit network without each input: ``python -m tools.measure.ablation SESSION.mcap...``.
 
-python -m tools.measure.ablation SESSION.mcap...
-
-Prints a Markdown table a session: scores without the input, an annotator's seconds a frame, and in brackets
-the 95 % interval of what that costs (Student's t over the people, the same frames on both sides).
+Prints a Markdown table for each simulated session: scores without the input and an annotator's seconds a
+frame. Brackets hold the paired 95 % interval of the change (Student's t over people).
 """
 
 import sys
@@ -36,23 +34,22 @@ SHOWN = {
     "boundary_f": ("boundary F, 2 px", 1, 3),
     "left_right_swap_rate": ("exchanged, %", 100, 2),
 }
-"""Scores shown: heading, factor, digits."""
+# Heading, factor and digits of the scores shown.
 SECONDS = "annotator, s"
 ALL, WINDOW = "all inputs", "the paper's window (25 to 35 °C)"
-MIDDLE, FAR = 127, 255
-"""Bytes of a scaled channel that say nothing: the middle of its range; far from every plane."""
+MIDDLE, FAR = 127, 255  # neutral bytes of a scaled channel: middle of its range; far from every plane
 
 
 @dataclass(frozen=True)
 class Silence:
-    """Channels that say ``byte`` everywhere, and bits of the flags that are 0."""
+    """Channels set to ``byte`` everywhere, and bits of the flags set to 0."""
 
     channels: tuple[str, ...] = ()
     byte: int = 0
     flags: int = 0
 
     def over(self, planes: UInt8) -> UInt8:
-        """Channels (24, h, w) with this left out."""
+        """Return channels (24, h, w) without the silenced inputs."""
         silent = planes.copy()
         silent[0] &= np.uint8(255 - self.flags)
         silent[[CHANNELS.index(name) for name in self.channels]] = self.byte
@@ -71,31 +68,31 @@ INPUTS = {
     "the rough outline": Silence(flags=SUBJECT | OTHER),
     "parts of the frame before": Silence(("before",)),
 }
-"""The table's rows, and what the network is not told in them."""
+"""Silenced inputs by row of the table."""
 
 
 class Without(SuitNetwork):
-    """The shipped reader without an input."""
+    """Shipped suit network without an input."""
 
     def __init__(self, silence: Silence) -> None:
         self.__setstate__(shipped_suit_network().__getstate__())
         self._silence = silence
 
     def probabilities(self, planes: UInt8, step: int, near: Rectangle | None = None) -> Float32:
-        """Probabilities by what is left of the channels."""
+        """Return probabilities by the remaining channels."""
         return super().probabilities(self._silence.over(planes), step, near)
 
 
 @dataclass(frozen=True)
 class Found:
-    """Labels of a session against its truth. seconds: (F,), of an annotator for each frame compared."""
+    """Comparison of a session's labels; seconds: (F,), of an annotator for each frame compared."""
 
     scored: Comparison
     seconds: Float64
 
 
 def labelled(path: Path, reader: SuitNetwork, window_c: tuple[float, float] | None = None) -> Found:
-    """Labels of a simulated session by a reader."""
+    """Label a simulated session by a network and measure the labels."""
     with tempfile.TemporaryDirectory() as folder:
         suit, truth = load_suit(suit_path(path)), LabelSet.open(truth_path(path))
         run = label_source(
@@ -111,7 +108,7 @@ def labelled(path: Path, reader: SuitNetwork, window_c: tuple[float, float] | No
 
 
 def more_s(whole: Found, without: Found) -> tuple[float, float]:
-    """95 % interval of the annotator's seconds a frame without less those with all, over people."""
+    """Return the 95 % interval of the annotator's additional seconds a frame, over people."""
     both = sorted(set(whole.scored.frame_ids) & set(without.scored.frame_ids))
     of_frame = [dict(zip(one.scored.frame_ids, one.seconds, strict=True)) for one in (whole, without)]
     more = np.array([of_frame[1][frame_id] - of_frame[0][frame_id] for frame_id in both])
@@ -124,7 +121,7 @@ def more_s(whole: Found, without: Found) -> tuple[float, float]:
 
 
 def row(name: str, whole: Found, without: Found) -> str:
-    """A line of the table."""
+    """Return a line of the table."""
     lost = difference(Result(ALL, whole.scored), Result(name, without.scored))
     cells = [name]
     for score, (_, factor, digits) in SHOWN.items():
@@ -137,7 +134,7 @@ def row(name: str, whole: Found, without: Found) -> str:
 
 
 def measured(path: Path) -> Iterator[tuple[str, Found]]:
-    """Name of a row and what was found for it, with all inputs first."""
+    """Yield name and measurement of each row, with all inputs first."""
     yield ALL, labelled(path, shipped_suit_network())
     for name, silence in INPUTS.items():
         yield name, labelled(path, Without(silence))
@@ -145,7 +142,7 @@ def measured(path: Path) -> Iterator[tuple[str, Found]]:
 
 
 def print_table(path: Path) -> None:
-    """The reader's scores, then those without each input."""
+    """Print a session's table."""
     rows = measured(path)
     _, whole = next(rows)
     print(f"{path.stem}: {len(whole.scored.frame_ids)} frames of {whole.scored.n_subjects} people\n")

@@ -1,7 +1,7 @@
-"""How well ``calibrate`` finds a rig: ``python -m tools.measure.calibration [RUNS] [FIRST_SEED] [RIG]``.
+"""Errors of ``calibrate``: ``python -m tools.measure.calibration [RUNS] [FIRST_SEED] [RIG]``.
 
-Every run is 40 views of the virtual plate, a tenth of them bad. Printed are the errors of each run beside the
-stated standard deviations, and how often twice the deviation covers the truth.
+Each run has 40 views of the virtual plate, a tenth of them bad. Prints the errors of each run beside the
+stated standard deviations, and the share of errors within two deviations.
 """
 
 import sys
@@ -18,11 +18,11 @@ VIEWS = 40
 
 
 def errors(found: Adjusted, name: str, rig: RigTemplate) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation (3,) in degrees and translation (3,) in millimetres by which a pose is off."""
-    said = getattr(found.calibration, f"{name}_from_depth")
+    """Return a pose's errors: rotation (3,) in degrees, translation (3,) in millimetres."""
+    stated = getattr(found.calibration, f"{name}_from_depth")
     true = getattr(rig.calibration, f"{name}_from_depth")
-    turn = Rotation.from_matrix(said.rotation @ true.rotation.T).as_rotvec(degrees=True)
-    return turn, 1000 * (said.translation_m - true.translation_m)
+    turn = Rotation.from_matrix(stated.rotation @ true.rotation.T).as_rotvec(degrees=True)
+    return turn, 1000 * (stated.translation_m - true.translation_m)
 
 
 def main(runs: int, first_seed: int, rig: RigTemplate) -> None:

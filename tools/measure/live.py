@@ -1,11 +1,12 @@
 """The live pipeline on virtual devices: ``python -m tools.measure.live SESSION [SECONDS]``; see ``--help``.
 
 The devices show the frames of the session, whose suit lies beside it. Everything is recorded meanwhile.
-Prints the labelled frames a second, their age, drops, the share of a core and the memory. On a machine that
-does other things too, the CPU time of a labelled frame says most.
+Prints the labelled frames a second, their age, drops, the share of a core and the memory. On a busy machine
+the CPU time of a labelled frame is the most reliable of these.
 """
 
 import argparse
+import re
 import tempfile
 import time
 from pathlib import Path
@@ -17,7 +18,14 @@ from sensors.recording.live_rig import LiveRig
 from sensors.recording.open_device import open_device
 from sensors.session.reader import Session
 from synth.rig.simulate import suit_path
-from tools.measure.recording import DEVICES, resident_mb
+
+DEVICES = ("virtual:kinect2", "virtual:optris-direct", "virtual:pyrometer?family=ct")
+
+
+def resident_mb() -> float:
+    """Return the memory that this process holds now, in megabytes."""
+    found = re.search(r"VmRSS:\s+(\d+)", Path("/proc/self/status").read_text())
+    return int(found[1]) / 1000 if found else float("nan")
 
 
 def main() -> None:
@@ -54,7 +62,7 @@ def main() -> None:
             print(f"labelled {rate_hz:.1f} a second, {each_ms:.0f} ms CPU each")
             print(f"old: {median_ms:.0f} ms (median), {p95_ms:.0f} ms (95th percentile)")
             print(f"CPU {cpu_s / wall_s:.0%} of a core; memory {memory:.0f} to {resident_mb():.0f} MB")
-            print(f"complaints: {pipeline.warned}")
+            print(f"warnings: {pipeline.warned}")
         for name, stream in health.streams.items():
             print(f"{name}: {stream.count} came, {stream.dropped} dropped")
         print(f"recorded {len(Session(take)) / wall_s:.1f} frames a second")

@@ -1,13 +1,9 @@
-"""What a network reaches by kind of image: ``python -m tools.measure.network_groups W.onnx DATASET...``.
+"""Scores of a network by group of images: facing, skirt, sensor, posture, and changed images.
 
-Prints a Markdown table a dataset: mean recall, left/right swaps (share of the limbs' pixels), share of the
-images whose facing is right to 20 degrees and whose posture is right; of all images, by facing (without a
-skirt, too, below which no image tells where the one leg ends), sensor and posture, and of those that the
-image cuts. Then of every fourth image as it is, with 5 % of its pixels lost,
-squeezed, and cut off.
+Facing is right to 20 degrees. Every fourth image is also measured with 5 % of its pixels lost, squeezed and
+cut off.
 """
 
-import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -25,19 +21,19 @@ from annotate.posture import POSTURES
 from eval.network.body_state import BodyState
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.refine import camera_in
-from eval.scores.confusion import confusion_matrix, left_right_swap_rate, mean_recall
+from eval.scores.confusion import confusion_matrix
 from eval.training.body_targets import FACING, POSTURE, body_targets
 from eval.training.crops import to_crop
 from synth.data_files import table
 
 Crop = tuple[Float32, UInt8]
 BATCH, EACH = 32, 4
-LEAST_PIXELS = 300
-"""Of a person that a change leaves: with less it is no example."""
+LEAST_PIXELS = 300  # of a person that a change leaves
+COS = float(np.cos(np.radians(20)))
 
 
 def squeezed(crop: Crop, factor: float) -> Crop | None:
-    """A person ``factor`` times as wide, in a crop that fits."""
+    """Return a person ``factor`` times as wide, in a crop that fits."""
     middle = (crop[0].shape[1] - 1) / 2
     matrix = np.array([[factor, 0, middle * (1 - factor)], [0, 1, 0]]) / max(1.0, factor)
     depth, parts = (cv2.warpAffine(x, matrix, x.shape, flags=cv2.INTER_NEAREST) for x in crop)
@@ -45,7 +41,7 @@ def squeezed(crop: Crop, factor: float) -> Crop | None:
 
 
 def kept(crop: Crop, first: float, last: float, axis: int) -> Crop | None:
-    """What an image shows that ends at these shares of a person's rows (axis 0) or columns."""
+    """Return an image that ends at these shares of a person's rows (axis 0) or columns."""
     rows = np.flatnonzero((crop[0] > 0).any(axis=1 - axis))
     low, high = (round(rows[0] + share * (rows[-1] + 1 - rows[0])) for share in (first, last))
     inside = np.zeros(crop[0].shape, np.bool_)
@@ -54,7 +50,7 @@ def kept(crop: Crop, first: float, last: float, axis: int) -> Crop | None:
 
 
 def refitted(crop: Crop) -> Crop | None:
-    """The square around what is left of a crop, as `predict` would cut it; None where too little is."""
+    """Return a crop's person cut out again, as `predict` would; None below ``LEAST_PIXELS``."""
     depth, parts = (np.pad(x, ((0, 1), (0, 1))) for x in crop)
     if np.count_nonzero(parts) < LEAST_PIXELS:
         return None
@@ -64,7 +60,7 @@ def refitted(crop: Crop) -> Crop | None:
 
 
 def holed(crop: Crop) -> Crop:
-    """A crop that has lost 5 % of its pixels."""
+    """Return a crop that has lost 5 % of its pixels."""
     lost = np.random.default_rng(int(crop[1].sum())).random(crop[0].shape) < 0.05
     return np.where(lost, np.float32(0), crop[0]), crop[1]
 
@@ -83,26 +79,16 @@ CHANGES: dict[str, Callable[[Crop], Crop | None]] = {
 
 @dataclass
 class Tally:
-    """Counts of a group of n images: their ids, their confusion matrices, and whether facing and posture are
-    right, each as (right, known)."""
+    """Counts of a group of n images; facing and posture: (right, known) of each."""
 
     ids: list[str] = field(default_factory=list)
     matrices: list[np.ndarray] = field(default_factory=list)
     facing: list[tuple[bool, bool]] = field(default_factory=list)
     posture: list[tuple[bool, bool]] = field(default_factory=list)
 
-    def row(self, name: str) -> str:
-        """As a line of the table."""
-        total = np.sum(self.matrices, axis=0)
-        sums = (np.sum(flags, axis=0) for flags in (self.facing, self.posture))
-        shares = (f"{right / known:.3f}" if known else "-" for right, known in sums)
-        swaps = 100 * float(left_right_swap_rate(total))
-        recall = float(mean_recall(total))
-        return f"| {name} | {len(self.ids)} | {recall:.3f} | {swaps:.2f} % | {' | '.join(shares)} |"
-
 
 def groups(frame: FrameLabels, row: Float32) -> Iterator[str]:
-    """Names of the groups that a frame belongs to."""
+    """Yield the names of a frame's groups."""
     yield "all"
     azimuth = abs(np.degrees(np.arctan2(row[FACING][1], row[FACING][0])))
     if np.isfinite(azimuth):
@@ -120,7 +106,7 @@ def groups(frame: FrameLabels, row: Float32) -> Iterator[str]:
 
 
 def measured(network: OnnxNetwork, path: Path) -> dict[str, Tally]:
-    """Counts of a dataset's images by group."""
+    """Count a dataset's images by group."""
     frames, tallies = open_frames(path), defaultdict[str, Tally](Tally)
     waiting: list[tuple[Crop, FrameLabels, list[str], Float32 | None]] = []
 
@@ -136,7 +122,7 @@ def measured(network: OnnxNetwork, path: Path) -> dict[str, Tally]:
                     network_crop(mask), (frame.depth_mm, mask), tuple(values[k] for values in whole)
                 )
                 azimuth = np.radians(own.faced_by_joints(camera_in(frames, frame)).facing_deg)
-                facing = bool(np.array([np.cos(azimuth), np.sin(azimuth)]) @ row[FACING] > _COS), True
+                facing = bool(np.array([np.cos(azimuth), np.sin(azimuth)]) @ row[FACING] > COS), True
             if whole and row is not None and np.isfinite(row[POSTURE]):
                 posture = int(whole[1][k].argmax()) == row[POSTURE], True
             for name in names:
@@ -158,21 +144,3 @@ def measured(network: OnnxNetwork, path: Path) -> dict[str, Tally]:
     if waiting:
         count()
     return tallies
-
-
-_COS = float(np.cos(np.radians(20)))
-
-
-def main() -> None:
-    """Measure and print."""
-    network = OnnxNetwork(Path(sys.argv[1]))
-    for path in map(Path, sys.argv[2:]):
-        tallies = measured(network, path)
-        print(f"\n{path.name}\n\n| | images | mean recall | swaps | facing | posture |")
-        print("|---|---|---|---|---|---|")
-        for name in sorted(tallies.keys() - CHANGES.keys()) + [c for c in CHANGES if c in tallies]:
-            print(tallies[name].row(name))
-
-
-if __name__ == "__main__":
-    main()

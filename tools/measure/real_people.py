@@ -1,13 +1,11 @@
-"""The network on real people, beside the joints that others' body trackers gave; needs ../shared/data.
+"""The network on real people with tracked joints: ``python -m tools.measure.real_people [WEIGHTS]``.
 
-python -m tools.measure.real_people [WEIGHTS]: for the single frames and each take of ``real_people``, joints
-hit, facing and posture; for the two scans of ``kinect2_standing``, every joint's distance. No joints of a
-tracker are truth: they are a few centimetres off, hips sit high, and most take everybody to face the camera.
+Needs ../shared/data/real_people. Prints hit joints, facing and posture of the single frames and each take. A
+tracker's joints are not true joints: they are a few centimetres off, and most trackers assume a person who
+faces the camera.
 """
 
-import csv
 import json
-import re
 import runpy
 import subprocess
 import sys
@@ -22,34 +20,19 @@ from annotate.labelset.label_set import LabelSet
 from eval.network.body_state import BodyState
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict_source import predict_source
-from eval.scores.joints import JOINT, JOINT_NAMES
 from sensors.importers.open_source import open_source
 from synth.body.skeleton import JOINT_ID
 from synth.images.standing_statistics import facing_deg
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
-SCANS, PEOPLE = DATA / "kinect2_standing", DATA / "real_people"
+PEOPLE = Path(__file__).resolve().parents[3] / "shared" / "data" / "real_people"
 TRACKED = {"neck": 1, "pelvis": 3, "left_shoulder": 4, "right_shoulder": 8, "left_hip": 12, "right_hip": 16}
-"""Index of the joints that give a facing among those of ``joints.json``."""
+"""Index in ``joints.json`` of the joints that give a facing."""
 NEAR_DEG = 30.0
-NEAR_PX = 3.0
-"""So near to its own side a tracker's joint may lie on the other: there is the seam of legs held together."""
-MICROSOFTS = {"head": "head", "neck": "neck", "pelvis": "spinebase"}
+NEAR_PX = 3.0  # a tracker's joint on the other side is tolerated so near to its own side
 
 
-def microsofts_mm(path, note):
-    """The Kinect's joints (15, 3) in the camera frame of the imported scan; note: how that was moved."""
-    with path.open(newline="") as file:
-        rows = {row[0].lower(): row[1:4] for row in csv.reader(file) if row[0] not in ("Joints", "Degree")}
-    moved = re.search(r"moved by \((.*)\) m", note)
-    shift = np.array(moved[1].split(","), float) if moved else np.zeros(3)
-    names = [MICROSOFTS.get(name, "".join(reversed(name.split("_")))) for name in JOINT_NAMES]
-    given = [rows[name] for name in names]
-    return (np.array(given, float) * (1, -1, -1) + shift) * 1000
-
-
-def tracked_facing_deg(joints, camera):
-    """Facing by a tracker's joints of one frame: their pixels ``uv`` and depths ``z_mm``."""
+def tracked_facing_deg(joints: dict[str, list], camera: dict[str, float]) -> float:
+    """Return the facing by a tracker's joints of one frame: pixels ``uv`` and depths ``z_mm``."""
     (u, v), z = np.array(joints["uv"], float).T, np.array(joints["z_mm"], float)
     mm = np.column_stack([(u - camera["cx"]) / camera["fx"] * z, (v - camera["cy"]) / camera["fy"] * z, z])
     placed = np.full((len(JOINT_ID), 3), np.nan)
@@ -60,11 +43,10 @@ def tracked_facing_deg(joints, camera):
 
 @dataclass(frozen=True)
 class People:
-    """What a network says of a folder of real people.
+    """Scores of a network on a folder of real people.
 
     scored: by the recordings' own score.py. far_swaps: share of the joints on the other side and more than
-    ``NEAR_PX`` from their own. off_deg: of the facing, by frame; 180 where there is none. postures: how often
-    each was said.
+    ``NEAR_PX`` from their own. off_deg: error of the facing by frame; 180 without a facing. postures: counts.
     """
 
     scored: dict[str, float]
@@ -74,7 +56,7 @@ class People:
 
 
 def measure_people(folder: Path, network: OnnxNetwork) -> People:
-    """Joints hit by the recording's own score.py, facing, postures."""
+    """Measure a network on a folder of real people."""
     joints = json.loads((folder / "joints.json").read_text())
     camera = json.loads((folder / "intrinsics.json").read_text())
     with tempfile.TemporaryDirectory() as out:
@@ -88,12 +70,12 @@ def measure_people(folder: Path, network: OnnxNetwork) -> People:
         bearing = BodyState.from_note(note)
         turned = 180.0 if bearing is None else bearing.facing_deg - tracked_facing_deg(joints[name], camera)
         off.append(abs((turned + 180) % 360 - 180))
-        postures["nobody" if bearing is None else bearing.name] += 1
+        postures["none" if bearing is None else bearing.name] += 1
     return People(scored, far, np.array(off), postures)
 
 
 def far_swaps(labels: LabelSet, joints: dict) -> int:
-    """Joints that score.py counts as on the other side, without those near a pixel of their own side."""
+    """Count score.py's joints on the other side that are not near a pixel of their own side."""
     score = runpy.run_path(str(PEOPLE / "score.py"))
     right, twin = score["RIGHT"], np.array(score["TWIN"])
     count = 0
@@ -112,12 +94,12 @@ def far_swaps(labels: LabelSet, joints: dict) -> int:
 
 
 def folders() -> list[Path]:
-    """The takes, and the single frames."""
+    """Return the folders of the takes and of the single frames."""
     return [*sorted((PEOPLE / "takes").iterdir()), PEOPLE / "frames"]
 
 
 def print_people(name: str, found: People) -> None:
-    """One line."""
+    """Print a line."""
     scored, off = found.scored, found.off_deg
     near = np.mean(off <= NEAR_DEG)
     print(
@@ -129,24 +111,8 @@ def print_people(name: str, found: People) -> None:
     )
 
 
-def measure_scan(path, network):
-    """One line: every joint's distance in a scan."""
-    source = open_source(path)
-    with tempfile.TemporaryDirectory() as folder:
-        labels = predict_source(source, network, Path(folder) / "p", lambda n: None).labels
-        body = BodyState.from_note(labels.notes("000000").get("bearing"))
-        found = body and body.joints_mm(labels.intrinsics)
-    joints = np.full((len(JOINT_NAMES), 3), np.nan) if found is None else found
-    off = np.linalg.norm(joints - microsofts_mm(path.with_suffix(".csv"), source.notes[0]), axis=1)
-    told = ", ".join(f"{name} {off[JOINT[name]]:.0f}" for name in JOINT_NAMES)
-    print(f"{path.stem}: mean {np.nanmean(off):.0f} mm; {told}", flush=True)
-
-
-def main(weights):
-    """Scans, takes and single frames, a line each."""
+def main(weights: Path) -> None:
     network = OnnxNetwork(weights)
-    for path in sorted(SCANS.glob("*.pcd")):
-        measure_scan(path, network)
     for folder in folders():
         print_people(folder.name, measure_people(folder, network))
 

@@ -1,10 +1,9 @@
 """Pairing after devices were unplugged: ``python -m tools.measure.replugging [CASES [SECONDS]]``.
 
-Each case draws a rig (colour from the depth camera or from a camera of its own, a thermal camera of 9 to 128
-images a second), and when each device is unplugged and comes back: the first image up to 300 ms late,
-jitter, stalls, drops, skew, and clocks that are set while they run. Readings pass through ``Arrivals``, as
-when they are recorded, and are paired by ``host_times``, as when they are read. Prints, for frames of short
-and of long epochs, the share whose colour and whose temperatures are the right ones.
+Each case draws a rig and the times at which each device is unplugged and plugged in: late first images,
+jitter, stalls, drops, skew, and clocks that are set while they run. Readings pass through ``Arrivals`` as in
+a recording, and are paired by ``host_times`` as in ``Session``. Prints the shares of frames with the right
+colour and the right temperatures, for short and for long epochs.
 """
 
 import sys
@@ -24,12 +23,9 @@ from sensors.session.messages import COLOR, DEPTH, IMAGES, THERMAL
 
 Int = NDArray[np.int64]
 UNIX_NS = 1_700_000_000_000_000_000
-LATE_S, AWAY_S = 0.3, 1.0
-"""Largest delay of a first image, and least absence of a device (the recorder's own pause), in seconds."""
-SLACK_NS = 2_000_000
-"""Nanoseconds about the edge of a window within which either answer is right: the jitter of the arrivals."""
-FEW = 3
-"""Images of a short epoch."""
+LATE_S, AWAY_S = 0.3, 1.0  # s; largest delay of a first image, least absence of a device
+SLACK_NS = 2_000_000  # ns at the edge of a window with two right results: jitter of the arrivals
+FEW = 3  # images of a short epoch
 PIXEL = np.zeros((1, 1))
 VALUES: dict[str, Value] = {
     DEPTH: DepthImage(PIXEL.astype(np.uint16)),

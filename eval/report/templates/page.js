@@ -9,7 +9,7 @@ const seen = new IntersectionObserver((entries) => {
   for (const entry of entries) if (entry.isIntersecting) { seen.unobserve(entry.target); draw(entry.target); }
 }, { rootMargin: "600px" });
 const places = [...document.querySelectorAll("[data-figure]")];
-for (const place of places) place.dataset.figure.startsWith("scene") ? seen.observe(place) : draw(place);
+for (const place of places) figures[place.dataset.figure].layout.scene ? seen.observe(place) : draw(place);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
   for (const place of places) if (place.data) Plotly.relayout(place, ink());
 });
