@@ -105,6 +105,7 @@ check: $(READY)
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m tools.style
 	$(MAKE) --no-print-directory docs
 
 docs: $(READY)
