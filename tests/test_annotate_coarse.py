@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.cloud.coarse import SAME_SURFACE, CoarseCloud, CoarseFuser
+from annotate.cloud.coarse import SAME_SURFACE, CoarseCloud, CoarseFuser, reduced
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.grid import components
 from annotate.frame_labels import FrameLabels
-from sensors.rig.camera import Intrinsics
+from sensors.rig.camera import Intrinsics, rays
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.reader import Session
 
@@ -100,6 +100,12 @@ def test_an_outline_comes_back_whole(focal, stride):
     np.testing.assert_array_equal(
         coarse.coarse(replace(labels, persons=None)).depth_mm, coarse.cloud.depth_mm
     )
+
+
+def test_a_reduced_camera_has_the_same_rays():
+    camera = Intrinsics(512, 424, 365.0, 366.0, 254.0, 211.1)
+    blocks = rays(camera).reshape(212, 2, 256, 2, 3)
+    np.testing.assert_allclose(rays(reduced(camera, 2)), blocks.mean(axis=(1, 3)), atol=1e-12)
 
 
 def joined(depth, a, b, jump=0.025):

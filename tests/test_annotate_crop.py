@@ -104,6 +104,7 @@ def test_depth_is_in_range_and_nothing_is_zero_but_nothing(seed, nearer):
     # The whole person nearer or further looks the same.
     moved = np.where(depth > 0, depth.astype(int) + nearer, 0).astype(np.uint16)
     np.testing.assert_allclose(normalize(moved, mask), x, atol=1e-6)
+    assert not normalize(moved, np.zeros_like(mask)).any()
 
 
 @law

@@ -184,7 +184,7 @@ def near(mask: np.ndarray, v: int, u: int, reach_px: int) -> bool:
 
 @law
 @given(st.integers(0, 999), st.integers(0, 3))
-def test_agreement_is_what_a_plain_loop_says(seed, tolerance_px):
+def test_agreement_is_what_a_plain_loop_says_and_mutual(seed, tolerance_px):
     rng = np.random.default_rng(seed)
     truth, parts = rng.choice(np.array([0, 0, 1, 2, UNDEFINED], np.uint8), (2, 9, 11))
     valid = rng.random((9, 11)) < 0.7
@@ -198,6 +198,11 @@ def test_agreement_is_what_a_plain_loop_says(seed, tolerance_px):
         right += p != UNDEFINED and bool(t == p or all(both))
     agreement = Agreement(truth, valid, tolerance_px)
     assert agreement.of(parts) == pytest.approx(right / counted if counted else 1.0)
+    a, b = (np.where(one == UNDEFINED, np.uint8(BACKGROUND), one) for one in (truth, parts))
+    wrong = Agreement(a, valid, tolerance_px).wrong(b)
+    np.testing.assert_array_equal(wrong, Agreement(b, valid, tolerance_px).wrong(a))
+    assert not (wrong & (a == b)).any()
+    np.testing.assert_array_equal(Agreement(a, valid).wrong(b), a != b)
 
 
 @pytest.mark.parametrize("was", [BACKGROUND, 2])

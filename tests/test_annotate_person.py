@@ -134,6 +134,13 @@ def test_how_hot_a_radiator_far_away_is_does_not_matter():
     np.testing.assert_array_equal(*(survey_of(one).person().mask for one in hot))
 
 
+def test_a_mirrored_cloud_gives_the_mirrored_mask():
+    cloud, _ = warm()
+    metres, celsius = cloud.points_m[:, ::-1, 2], cloud.temperature_c[:, ::-1]
+    mirrored = survey_of(cloud_of(metres, celsius=celsius)).person().mask[:, ::-1]
+    assert iou(mirrored, survey_of(cloud).person().mask) > 0.98
+
+
 @settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 10**6), warm=st.floats(0, 1), holes=st.floats(0, 1))
 def test_the_mask_is_a_subset_of_the_valid_pixels(seed, warm, holes):

@@ -108,6 +108,14 @@ def test_a_frame_without_readable_colours_is_diagnosed_and_not_guessed(seen, val
     assert says in result.notes[0] and "colour" in result.notes[0]
 
 
+def test_an_empty_room_gets_no_part(seen):
+    cloud = seen[0][0]
+    empty = replace(cloud, temperature_c=np.where(cloud.valid, np.float32(20), np.float32(np.nan)))
+    result, person = label_cloud(SuitLabeller(DEFAULT_SUIT), empty, None)
+    assert not result.parts.any() and not person.mask.any()
+    assert "no person" in (*person.notes, *result.notes)[0]
+
+
 @pytest.mark.parametrize(("value", "says"), [(255, "over-exposed"), (6, "too dark")])
 def test_a_half_spoilt_person_is_labelled_as_far_as_it_goes(seen, value, says):
     cloud, truth = seen[0]

@@ -127,21 +127,23 @@ def test_unsafe_ids_touch_no_file(label_set, frame_id):
 
 
 @pytest.mark.parametrize("fails_at", range(4))
-def test_a_write_that_fails_leaves_no_new_frame_and_no_litter(label_set, monkeypatch, fails_at):
-    written = []
+def test_a_write_that_fails_midway_leaves_no_new_frame_and_no_litter(label_set, monkeypatch, fails_at):
+    """After the new frame's, the first file of an old frame fails; the old frame stays."""
+    written, old, real = [], label_set.read("000001"), Path.write_bytes
 
-    def failing(path: Path, data: bytes) -> None:
+    def failing(path: Path, data: bytes) -> int:
         if len(written) == fails_at:
+            real(path, data[: len(data) // 2])
             raise OSError(28, "No space left on device")
         written.append(path)
-        real(path, data)
+        return real(path, data)
 
-    real = annotate.labelset.label_set.write_bytes
-    monkeypatch.setattr(annotate.labelset.label_set, "write_bytes", failing)
-    new = labels("new", confidence=np.zeros((6, 8), np.float32))
-    with pytest.raises(OSError, match="No space"):
-        label_set.write(new)
+    monkeypatch.setattr(Path, "write_bytes", failing)
+    for frame in (labels("new", confidence=np.zeros((6, 8), np.float32)), labels("000001", 99)):
+        with pytest.raises(OSError, match="No space"):
+            label_set.write(frame)
     reopened = LabelSet.open(label_set.path)
+    assert_same_frame(reopened.read("000001"), old)
     assert "new" not in reopened
     assert reopened.frame_ids == ["000000", "000001", "000002"]
     assert validate(reopened) == []

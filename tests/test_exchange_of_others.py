@@ -110,10 +110,12 @@ def test_ids_may_be_texts_or_floats_and_parts_have_any_case(coco, tmp_path, fiel
     assert found.remarks == remarks
 
 
-def test_names_that_meet_keep_their_folders_and_lead_nowhere_outside(coco, tmp_path):
+def test_names_that_meet_keep_their_folders_and_never_lead_outside(coco, tmp_path):
     coco("a/1.png", annotations="annotations/instances_train.json")
     source = coco("b/1.png", annotations="annotations/instances_val.json")
     assert taken(source, tmp_path / "labels").labels.frame_ids == ["a_1", "b_1"]
+    alone = taken(source / "annotations/instances_val.json", tmp_path / "alone")
+    assert alone.labels.frame_ids == ["1"]
     for name in ("../../etc/passwd.png", "/etc/passwd.png", "a/../../passwd.png"):
         assert frame_ids([name]) == ["passwd"]
     with pytest.raises(FormatError):

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QAbstractButton, QLineEdit, QMenu
 
 from annotate.correction.correction import Correction
 from annotate.correction.review_queue import review_queue
-from annotate.gui.state.keys import Settings
+from annotate.gui.state.keys import Settings, load_settings
 from annotate.gui.views.drawing_layer import StrokeOptions
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import PART_ID
@@ -150,6 +150,27 @@ def test_a_button_that_needs_a_place_takes_the_next_click(hand):
     QTest.mouseClick(button, Qt.MouseButton.LeftButton)
     hand.key("cancel")
     assert not hand.window.options.once
+
+
+def test_a_burst_of_changes_updates_the_panels_once(hand, monkeypatch):
+    panels, shown = hand.panels, []
+    show = panels.show_edits
+    monkeypatch.setattr(panels, "show_edits", lambda *what: (shown.append(what), show(*what)))
+    for _ in range(3):
+        hand.window.refresh()
+    assert not shown
+    hand.settle()
+    assert len(shown) == 1
+
+
+@pytest.mark.parametrize(("layout", "key"), [("qwertz", "Y"), ("azerty", "W")])
+def test_one_setting_moves_the_keys_to_another_keyboard(hand, tmp_path, layout, key):
+    (tmp_path / "window.toml").write_text(f'layout = "{layout}"')
+    settings = load_settings(tmp_path / "window.toml")
+    driver = Driver(hand.correction.labels.path, read_only=True, settings=settings)
+    driver.press(key)
+    assert driver.edits.part == PART_ID["right_lower_leg"]
+    driver.close()
 
 
 def test_a_number_leads_to_its_frame(hand):

@@ -169,6 +169,14 @@ def test_what_is_wrong_with_a_rig_is_said_and_nothing_else(kind, says, health):
     assert any(says in warning.text for warning in made)
 
 
+def test_the_silence_of_a_stream_grows():
+    watch = Watch(DEVICES, {})
+    for item in running(2.0):
+        watch.add(item)
+    for at_s in (4, 8, 60):
+        assert watch.streams(EPOCH_NS + at_s * 10**9)["depth"].silent_s == pytest.approx(at_s - 2, abs=0.05)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_machine_that_is_too_busy_is_no_clock_that_drifts(seed):
     clock, steady = HostClock(), HostClock()

@@ -17,6 +17,7 @@ import pytest
 import sensors.recording.device_readers
 import sensors.recording.live_rig
 import sensors.recording.recorder
+from annotate.label_recording import run
 from annotate.live.rig_warnings import rig_warnings
 from sensors.device.protocol import DepthImage, DeviceReading, Spot
 from sensors.errors import (
@@ -33,6 +34,7 @@ from sensors.recording.playback import Playback
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.reader import Session
+from tests.helpers.labellers import CloudLabeller, no_person
 from tests.helpers.slow_disk import on_disk_of
 
 CAMERA = Intrinsics(8, 6, 10.0, 10.0, 3.5, 2.5)
@@ -130,6 +132,8 @@ def test_recordings_from_key_to_key_have_no_gap_and_the_name_of_the_person(rig_o
     info = json.loads(annotate_cloud("info", tmp_path / "a.mcap", "--json").out)
     assert info["subject"] == "anna" and "anna" in annotate_cloud("info", tmp_path / "a.mcap").out
     assert before <= datetime.fromisoformat(info["started"]) <= datetime.now().astimezone()
+    made = run(Session(tmp_path / "a.mcap"), {}, tmp_path / "l", CloudLabeller(no_person), lambda n: None)
+    assert len(made.labels) and {frame.subject for frame in made.labels} == {"anna"}
 
 
 def test_the_collector_passes_over_what_was_there_while_devices_are_read(rig_of, tmp_path):

@@ -38,6 +38,7 @@ def test_the_bytes_do_not_depend_on_the_workers(tmp_path):
     one, three = run(tmp_path / "one", order()), run(tmp_path / "three", order(), 3)
     assert contents(tmp_path / "one") == contents(tmp_path / "three")
     assert one.images == three.images == 20 and len(one.dataset.shards) == 3
+    assert [entry.frame_id for entry in one.dataset.entries()] == [f"{i:08d}" for i in range(20)]
     assert validate(one.dataset) == []
     manifest = json.loads((tmp_path / "one" / "dataset.json").read_text())
     assert (manifest["preset"], manifest["images"], manifest["seed"]) == ("sitting-train", 20, 1)

@@ -267,15 +267,29 @@ def test_missing_and_other_files_are_refused(tmp_path):
 CHANGES = st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), min_size=1, max_size=8)
 
 
+MUTATIONS = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
 @pytest.mark.parametrize("suffix", [".c3d", ".trc", ".bvh"])
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(MUTATIONS, max_examples=60)
 @given(changes=CHANGES, cut=st.floats(0, 1))
 def test_changed_bytes_are_read_or_refused(tmp_path, suffix, changes, cut):
-    """Bytes change near the start, where the headers are, and some files are cut."""
     path = tmp_path / f"m{suffix}"
-    data = bytearray(original(path))
+    assert_read_or_refused(path, bytearray(original(path)), changes, cut)
+
+
+@pytest.mark.parametrize("name", ["nim_cmu_02_05.c3d", "static1.trc"])
+@settings(MUTATIONS, max_examples=12)
+@given(changes=CHANGES, cut=st.floats(0, 1))
+def test_changed_bytes_of_real_files_are_read_or_refused(tmp_path, shared_data, name, changes, cut):
+    data = bytearray((shared_data / "mocap" / name).read_bytes())
+    assert_read_or_refused(tmp_path / name, data, changes, cut)
+
+
+def assert_read_or_refused(path, data, changes, cut):
+    """Change bytes near the start, where the headers are, cut some files, and read."""
     for where, value in changes:
-        data[int(where * (min(3000, len(data)) - 1))] = value
+        data[int(where * (min(4000, len(data)) - 1))] = value
     path.write_bytes(data[: int(min(cut / 0.3, 1.0) * len(data))])
     try:
         found = read(path)

@@ -10,6 +10,7 @@ from scipy import ndimage
 from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE
 from sensors.rig.camera import Intrinsics, rays
 from synth.body.body import shipped_bodies
+from synth.images.view import _window
 from synth.pose.postures import SITTING, sit
 from synth.surface.furniture import Sofa
 from synth.surface.rasterize import look_at, rasterize
@@ -74,6 +75,33 @@ def test_a_sphere_has_its_closed_form():
     well_inside = b * b - a * c > 0.02
     np.testing.assert_allclose(seen.depth_m[well_inside], expected[well_inside], atol=2e-4)
     assert np.isnan(seen.depth_m[b * b - a * c < -0.005]).all()
+
+
+def test_a_window_is_the_same_image_cut_out():
+    body, vertices, _, _ = posed(4)
+    whole = rasterize(KINECT2_PINHOLE, vertices, body.faces)
+    window, (top, left) = _window(vertices, KINECT2_PINHOLE)
+    part = rasterize(window, vertices, body.faces)
+    inside = np.s_[top : top + window.height, left : left + window.width]
+    assert (part.face == whole.face[inside]).mean() > 0.9999
+    np.testing.assert_allclose(part.depth_m, whole.depth_m[inside], atol=2e-4)
+    assert (whole.face >= 0).sum() == (whole.face[inside] >= 0).sum()
+
+
+@given(shift=st.integers(-20, 20), size=st.floats(0.05, 0.4), z=st.sampled_from([0.5, 1.0, 2.0, 4.0]))
+@settings(max_examples=40, deadline=None)
+def test_a_plane_moved_by_whole_pixels_is_the_image_moved(shift, size, z):
+    """At powers of two, because there the move itself is exact."""
+    corners = np.array([[-1, -1], [1, -1], [-1, 1], [1, 1]]) * size * z
+    camera, images = Intrinsics(128, 48, 64.0, 64.0, 63.5, 23.5), []
+    for move in (0, shift * z / 64):
+        points = np.column_stack([corners[:, 0] + move, corners[:, 1], np.full(4, z)]).astype(np.float32)
+        images.append(rasterize(camera, points, np.array([[0, 1, 2], [1, 3, 2]], np.int32)).face)
+    still, moved = images[0][:, 30:98], images[1][:, 30 + shift : 98 + shift]
+    assert ((still >= 0) != (moved >= 0)).mean() < 0.01
+    # Either triangle may win at a pixel's centre on their diagonal, once a row.
+    both = (still >= 0) & (moved >= 0)
+    assert (both & (still != moved)).sum(axis=1).max() <= 1
 
 
 normals = st.tuples(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6))

@@ -14,6 +14,7 @@ from sensors.errors import CloudError, ExistsError
 from synth.body.body import shipped_bodies
 from synth.body.skeleton import (
     JOINT_ID,
+    JOINTS,
     LIMITS_RAD,
     N_JOINTS,
     Posture,
@@ -27,6 +28,7 @@ from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SWAPPED, Motion, 
 from synth.markers.person_fit import Template, posture_prior, zero_bones
 from synth.markers.posture_fit import Observed, fit_posture
 from synth.markers.solve import bridge, solve
+from synth.motion_files.bvh import read_bvh
 from synth.motion_files.marker_files import read_markers
 from synth.motion_files.vertical_axis import GIVEN, Upward
 from tests.helpers.lab_angles import LEG, PlugInGait, columns, errors_deg
@@ -137,6 +139,35 @@ def test_swapped_and_ghost_markers_are_detected(truth, solved):
     assert ghosts[100:120, ghost].all() and ghosts.sum() == 20
     worse = joint_errors_deg(solved.angles_rad, motion.angles_rad)
     assert np.median(worse) < 1 and np.quantile(worse, 0.99) < 15
+
+
+def bvh_of(angles_rad, pelvis_m, bones):
+    """Our joints as a BVH in centimetres, y up; every joint keeps its own frame, turned to y up."""
+    y_up, order = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), []
+
+    def node(j):
+        order.append(j)
+        offset = "OFFSET {:.6f} {:.6f} {:.6f} CHANNELS".format(*(100 * y_up @ bones[j]))
+        kind, channels = ("JOINT", 3) if j else ("ROOT", "6 Xposition Yposition Zposition")
+        below = "".join(node(c) for c in range(N_JOINTS) if JOINTS[c].parent == j)
+        below = below or "End Site { OFFSET 0 -8 0 } "
+        return f"{kind} {JOINTS[j].name} {{ {offset} {channels} Zrotation Xrotation Yrotation {below}}} "
+
+    text = f"HIERARCHY\n{node(0)}\nMOTION\nFrames: {len(angles_rad)}\nFrame Time: 0.01\n"
+    for angles, pelvis in zip(angles_rad, pelvis_m, strict=True):
+        turns = Rotation.from_matrix(y_up @ rotations(angles)[order] @ y_up.T).as_euler("ZXY", degrees=True)
+        text += " ".join(f"{v:.6f}" for v in (*(100 * y_up @ pelvis), *turns.ravel())) + "\n"
+    return text
+
+
+def test_a_bvh_of_the_skeleton_gives_back_its_angles(tmp_path):
+    truth = synthesise(2, 40)
+    bones = zero_bones(shipped_bodies()[3].joints_m)
+    (tmp_path / "a.bvh").write_text(bvh_of(truth.angles_rad, truth.pelvis_m, bones))
+    markers, places = read_bvh(tmp_path / "a.bvh")
+    motion = solve(markers, markerset=places)
+    for joint in ("left_knee", "right_knee", "left_elbow", "right_elbow"):
+        assert np.median(angle_errors_deg(truth, motion)[:, JOINT_ID[joint], 0]) < 4
 
 
 def test_bridges_are_straight_and_short():
