@@ -48,10 +48,14 @@ def after(frame: FrameLabels, strokes: Sequence[Stroke], exact: bool = False) ->
     parts = frame.parts.copy()
     for stroke in strokes:
         if exact and not _fits(stroke, parts):
-            raise FormatError(f"the journal's strokes on frame {frame.frame_id} were made on other labels")
+            raise FormatError(
+                f"strokes on frame {frame.frame_id} do not fit its labels; restore journal.jsonl from a copy"
+            )
         stroke.apply_to(parts)
     if ((parts != frame.parts) & (frame.depth_mm == 0) & on_body(parts)).any():
-        raise FormatError(f"the journal labels pixels of frame {frame.frame_id} that have no depth")
+        raise FormatError(
+            f"strokes on frame {frame.frame_id} label pixels without depth; restore journal.jsonl from a copy"
+        )
     return replace(frame, parts=parts)
 
 
