@@ -22,7 +22,7 @@ from annotate.suit.palette import (
     load_suit,
     suit_to_toml,
 )
-from annotate.suit.palette_fit import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
+from annotate.suit.palette_learning import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
 from sensors.errors import CloudError
 from sensors.session.reader import Session
 

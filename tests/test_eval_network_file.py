@@ -15,11 +15,11 @@ from safetensors.torch import save_file
 from annotate.crop import SIZE
 from annotate.parts import N_CLASSES
 from eval.network import checkpoint
-from eval.network.checkpoint import load_weights, save_weights
 from eval.network.compact import CompactConfig
 from eval.network.networks import build
 from eval.network.onnx_export import export_network
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
+from eval.network.weights_file import load_weights, save_weights
 from eval.training.crops import to_crop
 from sensors.errors import FormatError
 from synth.images.presets import PRESETS, sample

@@ -23,6 +23,7 @@ from test_cli_nothing_lost import ordinary_user
 import sensors.recording.device_readers
 from annotate.correction.correction import Correction
 from annotate.correction.edit import IDLE_S, ActiveTime, steady_time
+from annotate.exchange.formats import FORMATS
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import SuitLabeller, label_source
 from annotate.labelset.atomic_folder import appearing, claimed_to_replace, moved_aside
@@ -309,9 +310,7 @@ def test_a_full_disk_is_one_line_of_train_and_it_goes_on(tmp_path):
         trained(tmp_path / "t")
 
 
-@pytest.mark.parametrize(
-    "format_", ["pairs", "mmseg", "coco", "cvat", "pcd", "ply", "semantic-kitti", "parquet"]
-)
+@pytest.mark.parametrize("format_", FORMATS)
 def test_a_full_disk_leaves_no_export(annotate_cloud, tmp_path, rig_labels, format_):
     if format_ == "parquet":
         pytest.importorskip("pyarrow", reason="the extra 'exchange' is not installed")

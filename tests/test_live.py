@@ -25,8 +25,8 @@ from sensors.errors import CloudError
 from sensors.interrupt import Ending
 from sensors.recording.arrival_times import Arrived
 from sensors.recording.frame_assembly import WAIT_NS, FrameAssembly, SyncedFrame
-from sensors.recording.host_clock import BIN_NS, HostClock
 from sensors.recording.latest_value import LatestValue
+from sensors.recording.running_clock import BIN_NS, RunningClock
 from sensors.recording.stream_health import Health, StreamHealth, Watch
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import RigFrame
@@ -179,7 +179,7 @@ def test_the_silence_of_a_stream_grows():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_machine_that_is_too_busy_is_no_clock_that_drifts(seed):
-    clock, steady = HostClock(), HostClock()
+    clock, steady = RunningClock(), RunningClock()
     for second, late_ns in enumerate(np.random.default_rng(seed).exponential(30e6, 60)):
         stamp = second * BIN_NS
         clock.host_ns(stamp, stamp + int(late_ns))

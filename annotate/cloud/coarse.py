@@ -19,9 +19,7 @@ from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FARTHEST_MM, RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 
-FOCAL_PX = (
-    170.0  # least of a coarse image; at 122 a person's outline has an IoU 0.03 lower (8 virtual frames)
-)
+FOCAL_PX = 170.0  # least of a coarse image; at 122 an outline has an IoU 0.03 lower (8 virtual frames)
 SAME_SURFACE = 0.01  # share of the depth that counts as a pixel's distance; twice as much: IoU within 0.001
 
 

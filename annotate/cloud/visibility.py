@@ -17,9 +17,7 @@ from sensors.calibration_files.kinect2_factory import KINECT2_COLOR, KINECT2_DEP
 from sensors.rig.camera import Intrinsics, rays
 from sensors.rig.rig_calibration import Pose
 
-COLOR_TOLERANCE = (
-    0.01  # share of its depth by which a coloured point may lie behind the nearest (libfreenect2)
-)
+COLOR_TOLERANCE = 0.01  # share of depth; a coloured point may lie so far behind the nearest (libfreenect2)
 COLOR_HALF_HEIGHT, COLOR_HALF_WIDTH = 1, 2  # pixels of a Kinect v2's colour camera (libfreenect2: 5 x 3)
 THERMAL_HALF_WINDOW = 1  # thermal pixels, because a pixel on a silhouette mixes both surfaces; untuned
 THERMAL_TOLERANCE = 0.03  # as COLOR_TOLERANCE; 0.01 loses a third of a seated person's points; untuned

@@ -1,9 +1,9 @@
 """Formats of label sets, with export and import.
 
 To add a format, write a module with a writer and a reader of frames; ``image_pairs`` is the shortest example.
-Then add its line to ``FORMATS``, from which the commands and the round-trip tests take it. The file
-``annotate-cloud.json`` beside the format's own files holds the camera, and each frame's subject, status and
-notes.
+Then add its line to ``FORMATS``, from which commands and tests take it, and its name to ``export --help``
+and ``docs/formats.md``. Each format also stores depth. The file ``annotate-cloud.json`` beside the format's
+own files holds the camera, and each frame's subject, status and notes.
 """
 
 from collections.abc import Callable, Iterator

@@ -25,15 +25,11 @@ from sensors.rig.rig_calibration import RigCalibration
 
 SILHOUETTE_JUMP = 0.08  # depth difference across a silhouette, share of the nearer depth
 SEARCHED = 0.115  # farthest shift tried, share of the focal length; also how far from warm pixels edges count
-SHIFT_PX = (
-    3  # spacing of the shifts, and distance of compared points from the jump: a PI200's pixel on a Kinect
-)
+SHIFT_PX = 3  # spacing of shifts, and distance of compared points from the jump: a PI200's pixel on a Kinect
 LEAST_EDGES = 80  # pairs of points below which the contrast is unknown
 OFF_PX = 8.0  # least shift that counts as off
 LEAST_GAIN = 0.1  # of the contrast by that shift
-WARMER = (
-    0.04  # least gain in warmth of persons' pixels, share; 0 of 713 aligned frames alarm, 446 shifted ones do
-)
+WARMER = 0.04  # share; least gain in warmth of persons; 0 of 713 aligned frames alarm, 446 shifted ones do
 GROUPS = 8  # groups of frames that give the standard deviation; least number of frames
 TOLERABLE_DEG = 0.5  # drift that fusion and extraction tolerate: a pixel of a PI200 with its 72 degree lens
 

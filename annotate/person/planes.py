@@ -14,9 +14,7 @@ from annotate.cloud.grid import JUMP
 from annotate.cloud.thermal_cloud import ThermalCloud
 
 MIN_PLANE_M2 = 0.12  # visible surface; flat patches of a body are smaller
-TOLERANCE = (
-    0.006  # distance to a plane, share of the depth: three times a Kinect v2's noise (Fankhauser 2015)
-)
+TOLERANCE = 0.006  # off a plane, share of the depth: three times a Kinect v2's noise (Fankhauser 2015)
 LEAST_COSINE = 0.94  # between a point's and its plane's normals, because a limb on a seat is turned
 PLANE_STRIDE = 3  # pixels between the rows and columns in which planes are sought
 TRIALS, MOST_PLANES = 40, 16  # points tried as the next plane; bound for rough surfaces

@@ -15,9 +15,7 @@ from annotate.person.finder import Person
 from annotate.suit.color_model import STRAY, blur, evenly, fit_illuminant, readable
 from annotate.suit.palette import Suit, chromaticity
 
-OFF_CENTRE = (
-    0.3  # tangent off the middle column at which a score falls to 1/e; measured: 38 of 38, without 10
-)
+OFF_CENTRE = 0.3  # tangent off the middle column where a score falls to 1/e; measured: 38 of 38, without 10
 BEFORE_GAIN = 4.0  # factor less one for the place of the previous subject
 CLEAR_LEAD = 2.0  # least ratio of the best score to the next among three persons and more
 EDGE_PX = 4  # width of an image's rim; EDGE_PX^2 pixels on a rim count as cut there

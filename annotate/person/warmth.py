@@ -13,9 +13,7 @@ WINDOW_C = (25.0, 35.0)  # surface of a dressed person, where a frame gives none
 SPREAD_C, REACH_C = 1.0, 40.0  # smoothing of the histograms; their reach to both sides of the median
 CONTRAST_C, CONTRAST_SPREAD_C = 9.0, 3.0  # clothes above the room: 6 in a hot one, 14 for skin in a cold one
 LEAST_M2 = 0.02  # warm surface, weighted by its contrast, below which no window is found
-ABOVE_C = (
-    5.0  # end of the window above the person's commonest temperature: skin 3 to 4 (ISO 7933), plus noise
-)
+ABOVE_C = 5.0  # end of the window above a person's commonest temperature: skin 3 to 4 (ISO 7933), plus noise
 LEAST_CONTRAST_C = 1.0  # between person and background; noise and unevenness are 0.3 each
 
 

@@ -20,10 +20,7 @@ DARK = 20  # 8-bit value of the brightest channel below which a colour is noise
 NOISE_RGB = 4.0  # of an 8-bit channel; blurs the chromaticity of dark pixels
 SIGMA = 0.05  # expected standard deviation of a swatch's chromaticity, on folds and under several lamps
 SIGMA_POINTS = 60.0  # points that SIGMA is worth
-FADE, FADE_SIGMA = (
-    0.1,
-    0.2,
-)  # share of the way from a cloth's chromaticity to the illuminant's, mean and spread
+FADE, FADE_SIGMA = 0.1, 0.2  # share of the way from a cloth's chromaticity to the light's, mean and spread
 HUE_SIGMA = 0.03  # standard deviation of a swatch's chromaticity beside fading
 BARE = (((176, 135, 105), ("head", "left_forearm", "right_forearm")),
         ((70, 62, 58), ("head", "left_lower_leg", "right_lower_leg")))  # fmt: skip

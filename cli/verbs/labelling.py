@@ -119,7 +119,12 @@ def learn(
     """Learn the suit's palette from corrected frames, or from a photograph of its cloths."""
     with needing("rig"):
         from annotate.suit.palette import suit_to_toml
-        from annotate.suit.palette_fit import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
+        from annotate.suit.palette_learning import (
+            clouds_with,
+            corrected_frames,
+            suit_from_labels,
+            suit_from_photo,
+        )
     from annotate.labelset.label_set import LabelSet
 
     check_free(out, overwrite)

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from eval.network.networks import NetworkConfig
     from eval.training.calibration_split import CalibrationSplit
     from eval.training.crops import Crops
-    from eval.training.fit import Epoch
     from eval.training.plan import Plan
     from eval.training.processes import ProcessGroup
+    from eval.training.resumable_loop import Epoch
     from eval.training.train import Watch
 
 CALIBRATED_ON = 512  # images, at most, that the temperature of the confidences is fitted on; untuned
@@ -73,7 +73,7 @@ class _Choices:
 
     def plan(self) -> "tuple[Plan, nn.Module | None]":
         """Return the plan, and the network to start from if any."""
-        from eval.network.checkpoint import load_weights
+        from eval.network.weights_file import load_weights
         from eval.training.augment import Augmentation
         from eval.training.plan import ModernRecipe, PaperRecipe, Plan, best_precision
 
@@ -183,8 +183,8 @@ def _say_unchecked(paths: list[Path]) -> None:
 
 def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSplit") -> dict[str, Any]:
     """Write a trained network in both formats; return its path, its temperature and the calibration set."""
-    from eval.network.checkpoint import save_weights
     from eval.network.onnx_export import export_network
+    from eval.network.weights_file import save_weights
     from eval.training.temperature import fitted_temperature
 
     weights, held = out / "weights.onnx", split.calibrated

@@ -15,9 +15,9 @@ from eval.network.compact import CompactConfig
 from eval.network.networks import NetworkConfig, described
 from eval.training.augment import Augmentation
 from eval.training.body_targets import FACING, JOINTS, POSTURE
-from eval.training.fit import Schedule
 from eval.training.loader import Batch
 from eval.training.processes import ALONE, ProcessGroup
+from eval.training.resumable_loop import Schedule
 
 COARSE, COARSE_STEP = 0.7, 4  # side of coarse over whole images, and its multiple in px; untuned
 ENDLESS = 10_000  # epochs that a training by the clock does not reach

@@ -19,10 +19,10 @@ from annotate.parts import BACKGROUND, N_CLASSES
 from eval.network.networks import build
 from eval.scores.confusion import confusion_matrix, mean_recall, miou
 from eval.training.crops import Crops
-from eval.training.fit import Epoch, Point, Progress, Schedule, State, fit, load_progress, resumed
 from eval.training.loader import Batch, BatchOrder, Images, batches, workers_watched
 from eval.training.plan import Loss, Plan, at_resolution, class_weights
 from eval.training.processes import ProcessGroup
+from eval.training.resumable_loop import Epoch, Point, Progress, Schedule, State, fit, load_progress, resumed
 from sensors.errors import ExistsError
 from sensors.files.atomic import is_taken, write_bytes
 
@@ -110,7 +110,7 @@ def train(
 
 @dataclass(frozen=True)
 class _NetworkTraining:
-    """Training of a network on crops, as of ``eval.training.fit.Training``."""
+    """Training of a network on crops, as of ``eval.training.resumable_loop.Training``."""
 
     data: Data
     out: Path

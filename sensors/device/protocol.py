@@ -104,7 +104,7 @@ class DeviceReading:
 
 
 class Device(Protocol):
-    """Open device. Every method may raise DeviceError.
+    """Open device; a second opening raises DeviceBusyError. Every method may raise DeviceError.
 
     address: opens this device again. serial: "" if unknown. rates_hz: nominal rate of each stream, final
     after ``start``. calibration: factory calibration of a started depth camera. One thread reads; any thread

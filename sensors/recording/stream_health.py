@@ -11,7 +11,7 @@ import numpy as np
 
 from sensors.device.protocol import ColorImage, DepthImage, Device, Spot, ThermalCounts, ThermalImage, Value
 from sensors.recording.arrival_times import Arrived
-from sensors.recording.host_clock import HostClock
+from sensors.recording.running_clock import RunningClock
 
 FAULT_NS = 500_000_000  # ns for which a device's fault is reported; untuned
 RECENT_NS = 5_000_000_000  # ns over which drops and bytes are counted; untuned
@@ -142,7 +142,7 @@ class Watch:
 
     def __init__(self, devices: Sequence[Device], latency_ns: Mapping[str, int]) -> None:
         self._latency_ns = latency_ns
-        self._clocks: dict[str, HostClock] = {}
+        self._clocks: dict[str, RunningClock] = {}
         self._streams = {
             name: _Stream(device.address, hz) for device in devices for name, hz in device.rates_hz.items()
         }
@@ -159,7 +159,7 @@ class Watch:
         self._streams[stream].add(item, left_out)
         clock = self._clocks.get(item.address)
         if clock is None or item.restarted:
-            clock = self._clocks[item.address] = HostClock(self._latency_ns.get(item.address, 0))
+            clock = self._clocks[item.address] = RunningClock(self._latency_ns.get(item.address, 0))
         return clock.host_ns(item.stamp_ns, at_ns)
 
     def streams(self, now_ns: int, away: frozenset[str] = frozenset()) -> dict[str, StreamHealth]:

@@ -1,4 +1,4 @@
-"""Device clocks against the host's: offset and skew from the lower envelope of the delays.
+"""Recorded clocks of devices against the host's: offset and skew from the lower envelope of the delays.
 
 A delay is never negative: transport, plus the host's other work. The highest line below all delays is the
 clock. A device that was unplugged, or whose clock was set, begins an *epoch* with another offset; each epoch

@@ -22,11 +22,11 @@ from annotate.labelset.label_set import validate as validate_labels
 from annotate.suit.palette import DEFAULT_SUIT, load_suit, suit_to_toml
 from eval.compare.compare import compare_sets
 from eval.compare.results import Result, load_result, save_result
-from eval.network.checkpoint import load_weights, save_weights
 from eval.network.compact import CompactConfig
 from eval.network.networks import build
 from eval.network.onnx_export import export_network
 from eval.network.onnx_network import OnnxNetwork
+from eval.network.weights_file import load_weights, save_weights
 from sensors.calibration_files.calibration_yaml import read_yaml, write_yaml
 from sensors.importers.open_source import open_source
 from sensors.recording.rig_file import load_rig

@@ -13,7 +13,7 @@ from annotate.person.finder import MULTIPLE
 from eval.network.blocks import convolution
 from eval.network.onnx_export import export_any_size, halve_onnx
 from eval.training.finder.images import Batch, SceneImages, draw_batch
-from eval.training.fit import Schedule, State, fit, resumed
+from eval.training.resumable_loop import Schedule, State, fit, resumed
 from synth.random_stream import stream
 
 INPUTS, FINE = 24, 16  # channels of the input, and of the layers at half of the image's sides
@@ -84,7 +84,7 @@ def _twice(x: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class FinderTraining:
-    """Training of the finder for a number of minutes, as ``eval.training.fit.Training``."""
+    """Training of the finder for a number of minutes, as ``eval.training.resumable_loop.Training``."""
 
     images: SceneImages
     minutes: float

@@ -12,8 +12,8 @@ from torch.nn.functional import interpolate, pixel_shuffle
 from annotate.segmentation.input_channels import CHANNELS, network_input
 from annotate.segmentation.suit_network import CLASSES, MAX_BYTES, MULTIPLE, REMEDY
 from eval.network.blocks import convolution, self_attention
-from eval.network.checkpoint import check_fits
 from eval.network.onnx_export import export_any_size
+from eval.network.weights_file import check_fits
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 

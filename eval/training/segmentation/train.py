@@ -22,8 +22,8 @@ from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
 from annotate.segmentation.input_channels import network_input
 from annotate.segmentation.segment import SAMPLE_M
 from annotate.segmentation.suit_network import CLASSES
-from eval.training.fit import Schedule, State, fit, resumed
 from eval.training.plan import Precision
+from eval.training.resumable_loop import Schedule, State, fit, resumed
 from eval.training.segmentation.augmentation import Sampling, draw_sample
 from eval.training.segmentation.examples import Example, ExampleFiles, Recording, store_examples
 from eval.training.segmentation.network import (
@@ -72,7 +72,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class SuitTraining:
-    """Training of the suit network for a stage, as of ``eval.training.fit.Training``."""
+    """Training of the suit network for a stage, as of ``eval.training.resumable_loop.Training``."""
 
     examples: ExampleFiles | Sequence[Example]
     stage: Stage

@@ -1,4 +1,4 @@
-"""Running fit of a device's clock to the host's clock. Constants are untuned unless a source is given."""
+"""Running fit of a live device's clock to the host's; ``sensors.rig.clock`` fits recorded ones. Untuned."""
 
 from collections import deque
 
@@ -10,7 +10,7 @@ LEAST_BINS = 20  # spans before the skew is stated; 1 ms of jitter is 50 ppm ove
 SCATTER = 5.0  # least drift / median scatter, because delays of a busy machine vary
 
 
-class HostClock:
+class RunningClock:
     """Clock of one device. latency_ns: least time from exposure to arrival, if known."""
 
     def __init__(self, latency_ns: int = 0) -> None:

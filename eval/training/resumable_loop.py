@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
-from eval.network.checkpoint import check_fits, read_tensors, write_tensors
+from eval.network.weights_file import check_fits, read_tensors, write_tensors
 from eval.training.processes import ALONE, ProcessGroup
 from sensors.errors import CloudError, FormatError
 
