@@ -14,7 +14,7 @@ from safetensors.torch import save_file
 
 from annotate.crop import SIZE
 from annotate.parts import N_CLASSES
-from eval.network import checkpoint
+from eval.network import weights_file
 from eval.network.compact import CompactConfig
 from eval.network.networks import build
 from eval.network.onnx_export import export_network
@@ -215,8 +215,8 @@ def test_weights_of_another_kind_are_refused_in_one_line(tmp_path, spoil, why):
 def test_a_claim_of_large_weights_takes_no_memory(tmp_path, monkeypatch, network):
     """The first three would take gigabytes; a file has the weights that it claims, or no network is built."""
     built = []
-    real = checkpoint.build
-    monkeypatch.setattr(checkpoint, "build", lambda config: built.append(real(config)) or built[-1])
+    real = weights_file.build
+    monkeypatch.setattr(weights_file, "build", lambda config: built.append(real(config)) or built[-1])
     path = tmp_path / "w.safetensors"
     save_file({}, path, {"network": json.dumps(network)})
     with pytest.raises(FormatError) as error:
