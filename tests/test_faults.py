@@ -1,4 +1,4 @@
-"""Killed, full disk, clocks that jump, two at once, a worker lost: what is done stays, the rest resumes."""
+"""Killed, full disk, clocks that jump, two at once, a worker lost: finished work stays, the rest resumes."""
 
 import errno
 import multiprocessing.synchronize
@@ -56,7 +56,7 @@ def made(out: Path) -> None:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory) -> dict[str, str]:
-    """What an uninterrupted run makes of ORDER."""
+    """Labels of ORDER from an uninterrupted run."""
     out = tmp_path_factory.mktemp("whole") / "d"
     made(out)
     return tree(out)
@@ -119,7 +119,7 @@ for by, event, number, run in (
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory, rig_session, rig_labels) -> Path:
-    """What verbs left that were killed with -9, and one that was interrupted."""
+    """Leftovers of verbs killed with -9, and of an interrupted one."""
     folder = tmp_path_factory.mktemp("killed")
     command = [sys.executable, "-c", KILLED, folder, rig_session, suit_path(rig_session), rig_labels.path]
     here = Path(__file__).parent

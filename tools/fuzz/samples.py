@@ -93,7 +93,7 @@ def _session(folder: Path) -> Path:
 
 
 def _bare_session(folder: Path) -> Path:
-    """A session whose chunks are neither compressed nor summed: what is spoilt in it reaches the messages."""
+    """A session whose chunks are neither compressed nor summed: damage in it reaches the messages."""
     whole = _session(folder)
     bare = folder / "bare.mcap"
     with whole.open("rb") as source, bare.open("wb") as sink:
