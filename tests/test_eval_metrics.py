@@ -130,7 +130,7 @@ def test_boundary_iou_sees_a_shift_that_plain_iou_forgives() -> None:
     away = away_from(truth), away_from(moved)
     hit, either = boundary.band_counts(truth, moved, away, [2.0])[0, 1]
     band = 60 * 60 - 56 * 56
-    kept = 2 * 2 * 59 + 2 * 56 * 1  # rows above and below but for a column; one of two columns beside
+    kept = 2 * 2 * 59 + 2 * 56 * 1  # rows above and below without a column; one of two columns beside
     assert [hit, either] == [kept, 2 * band - kept]
     assert hit / either < 0.65 < confusion.iou(confusion.confusion_matrix(truth, moved))[1]
 

@@ -1,4 +1,4 @@
-"""Every score once more, straight from the pixels of a few frames, by loops and without numpy's help."""
+"""Every score from the pixels of a few frames, by loops."""
 
 import math
 from dataclasses import dataclass

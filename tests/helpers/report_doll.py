@@ -21,7 +21,7 @@ from sensors.rig.camera import Intrinsics
 
 CAMERA = Intrinsics(width=96, height=80, fx=90.0, fy=90.0, cx=47.5, cy=39.5)
 HOSTILE = """</script><script>window.hit=1</script><img src=x onerror="window.hit=1">"'&\u202e"""
-"""What a name in a label file may be: markup, quotes, the end of a script, text turned around."""
+"""Name from a label file: markup, quotes, the end of a script, reversed text."""
 LIMBS = {  # part id: ends of a capsule in units of the picture's height, and its radius
     1: ((0.60, 0.14), (0.60, 0.20), 0.075),
     2: ((0.60, 0.30), (0.60, 0.46), 0.12),
