@@ -200,7 +200,7 @@ def _run(
     labeller: Labeller[C, S],
     progress: Callable[[int], None],
 ) -> list[tuple[str, str]]:
-    """Label all frames without labels; return (frame id, reason) of the failed ones."""
+    """Label all frames that have no labels yet; return (frame id, reason) of the failed frames."""
     done = set(labels.frame_ids)
     failed: list[tuple[str, str]] = []
     before: FrameLabels | None = None
@@ -321,7 +321,7 @@ def labels_of(
 
 
 def calibrated(frame: RigFrame, calibration: RigCalibration) -> tuple[RigFrame, list[str]]:
-    """Drop the images of uncalibrated cameras; return the frame and notes on the dropped ones."""
+    """Return a frame without the images of uncalibrated cameras, and notes on these images."""
     notes = []
     if frame.color_encoded is not None and calibration.color is None:
         frame = replace(frame, color_encoded=None)

@@ -25,9 +25,10 @@ class Ending:
 
 @contextmanager
 def ended_by_signals() -> Iterator[Ending]:
-    """Set a flag at the first of ``ENDING``; raise KeyboardInterrupt at one ``SAME_S`` later or more.
+    """Yield a flag that the first signal of ``ENDING`` sets.
 
-    For the main thread only.
+    A second signal raises KeyboardInterrupt if it comes ``SAME_S`` seconds later or more; earlier repetitions
+    are ignored. For the main thread only.
     """
     ending, first_s = Ending(), 0.0
 
@@ -63,7 +64,9 @@ def _handled(handler: Callable[[int, FrameType | None], object]) -> Iterator[Non
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Raise KeyboardInterrupt where Numba's dispatcher turned one into a chain of SystemErrors."""
+    """Raise KeyboardInterrupt where Numba's dispatcher turned a KeyboardInterrupt into a chain of
+    SystemErrors.
+    """
     try:
         yield
     except SystemError as error:

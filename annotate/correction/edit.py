@@ -115,7 +115,7 @@ class Editor:
         return self.replace("swap_left_right", table[self._parts], None, how)
 
     def merge(self, source: int, target: int, how: Gesture = KEY) -> Stroke | None:
-        """Turn all of one part into another."""
+        """Replace one part by another in the whole frame."""
         _known(source)
         _known(target)
         merged = np.where(self._parts == source, np.uint8(target), self._parts)
@@ -206,7 +206,7 @@ class Editor:
         return np.asarray(allowed)
 
     def _flat(self, pixels: NDArray[np.generic]) -> Int64:
-        """Return sorted flat indices, each once."""
+        """Return sorted flat indices without repetitions."""
         pixels = np.asarray(pixels)
         if pixels.dtype == np.bool_:
             self._same_shape(pixels)

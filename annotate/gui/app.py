@@ -55,10 +55,10 @@ def run_window(
 
 
 def recording_of(path: Path, given: Path | None) -> Path | None:
-    """Return the recording of a label set: ``given``, the last given one, or one beside the set.
+    """Return the recording of a label set: ``given``, the recording given last, or one beside the set.
 
-    A given recording is stored for the set; a stored one that no longer fits is skipped. Raises CloudError
-    where the set cannot be read or does not fit the given recording.
+    A given recording is stored for the set; a stored recording that no longer fits is skipped. Raises
+    CloudError where the set cannot be read or does not fit the given recording.
     """
     labels, memory = LabelSet.open(path), Memory(memory_path())
     if given:

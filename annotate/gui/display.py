@@ -1,7 +1,7 @@
 """Test of screen and graphics in a separate process, because Qt ends the process if they fail.
 
 ``python -m annotate.gui.display`` prints the version of OpenGL, such as "4.5", or "0.0" for none. Qt is
-imported there alone.
+imported only in that process.
 """
 
 import os

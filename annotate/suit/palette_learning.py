@@ -29,7 +29,7 @@ LEAST_PATCH = 0.002  # share of the photograph below which a spot is noise
 
 
 def corrected_frames(labels: LabelSet) -> list[str]:
-    """Return the ids of the frames with checked labels. Raises CloudError where there are none."""
+    """Return the ids of the frames with checked labels. Raises CloudError without any."""
     ids = [i for i in labels.frame_ids if labels.read(i).status != "auto"]
     if not ids:
         raise CloudError(
@@ -42,7 +42,10 @@ def corrected_frames(labels: LabelSet) -> list[str]:
 def clouds_with(
     labels: LabelSet, frame_ids: list[str], source: FrameSource
 ) -> Iterator[tuple[ThermalCloud, FrameLabels]]:
-    """Yield clouds and labels of a source's frames ``frame_ids``. Raises CloudError when either lacks one."""
+    """Yield clouds and labels of a source's frames ``frame_ids``.
+
+    Raises CloudError when the source or the labels lack a frame.
+    """
     wanted = set(frame_ids)
     if missing := sorted(wanted - set(labels.frame_ids)):
         raise CloudError(f"{labels.path} has no frame {missing[0]!r}; give one of its ids")

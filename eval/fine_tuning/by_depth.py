@@ -22,7 +22,7 @@ from sensors.rig.camera import Intrinsics
 
 
 class DepthFineTuner(FineTuner):
-    """Fine-tuning of the refinement network; start: weights (.onnx), None = the shipped ones."""
+    """Fine-tuning of the refinement network. start: weights (.onnx); None = the shipped weights."""
 
     def __init__(self, labels: LabelSet, start: Path | None) -> None:
         super().__init__(labels, start or FULL_REFINEMENT_NETWORK, degrade=False)

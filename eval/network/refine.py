@@ -55,9 +55,9 @@ def camera_in(labels: LabelledFrames, first: FrameLabels) -> Intrinsics:
 def depth_view(
     first: FrameLabels, camera: Intrinsics, planes: tuple[Plane, ...] | None = None
 ) -> tuple[ThermalCloud, View] | None:
-    """Return a frame's cloud and the network's view of the person in its first labels; None without one.
+    """Return a frame's cloud and the network input for the person in its first labels; None without a person.
 
-    planes: of the room, None = find them here.
+    planes: of the room; None = find them here.
     """
     mask = person_of(first.parts) & (first.depth_mm > 0)
     if not mask.any():

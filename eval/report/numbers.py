@@ -202,7 +202,10 @@ def texts(material: Material) -> dict[str, str]:
 
 
 def to_csv(results: Sequence[Result]) -> str:
-    """Return one score a line with its interval, empty if there is none; the paper's recalls come last."""
+    """Return a CSV text with a score and its interval per line; a missing interval is empty.
+
+    The paper's recalls come last.
+    """
     rows: list[tuple[object, ...]] = []
     for result in results:
         c = result.comparison

@@ -20,7 +20,9 @@ CLOSES = 1e-3  # greatest relative difference after undistorting and distorting 
 
 
 def check_camera(camera: Intrinsics, where: str) -> Intrinsics:
-    """Return the camera. Raises CalibrationError, beginning with ``where``, for an impossible one."""
+    """Return the camera unchanged. Raises CalibrationError, beginning with ``where``, for an impossible
+    camera.
+    """
     side = max(camera.width, camera.height)
     for name, focal in (("fx", camera.fx), ("fy", camera.fy)):
         if not WIDEST < focal / side < NARROWEST:

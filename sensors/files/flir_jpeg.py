@@ -63,7 +63,7 @@ class _Record(NamedTuple):
 def read_flir(data: bytes, name: str) -> FlirImage:
     """Return temperatures, by the file's emissivity, distance and reflections, and the photograph.
 
-    Raises FormatError for another JPEG, and for one without a camera's constants.
+    Raises FormatError for a JPEG without FLIR's data or without the camera's constants.
     """
     try:
         records = _records(list(_segments(io.BytesIO(data))))

@@ -38,9 +38,9 @@ def encoded_size(encoded: bytes) -> tuple[int, int]:
 
 
 def size_of_encoded(encoded: bytes) -> tuple[int, int]:
-    """Return (width, height) of a whole JPEG or PNG.
+    """Return (width, height) of a complete JPEG or PNG.
 
-    Raises FormatError: "none" for other bytes, "cut off" for the beginning of one.
+    Raises FormatError with the text "none" for other data, and with "cut off" for a truncated image.
     """
     try:
         size = encoded_size(encoded)

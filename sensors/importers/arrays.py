@@ -1,11 +1,11 @@
-"""Depth images in NumPy files (.npy, .npz) as a source of frames; nothing in them is ever executed.
+"""Depth images in NumPy files (.npy, .npz) as a source of frames; pickled objects are never loaded.
 
-A .npy holds depth (h, w) or (n, h, w), integers in millimetres or floats in metres (``depth_check`` judges
-which); axes of length 1 do not count. A .npz holds it as ``depth`` or another of ``_DEPTHS``, or as its
-only array; beside it may lie the camera: a 3x3, 3x4 or 4x4 matrix or fx, fy, cx, cy, under one of
-``_MATRICES``, or ``fx``, ``fy``, ``cx``, ``cy``. Otherwise intrinsics are in ``NAME.json`` or
-``intrinsics.json`` beside the file (see ``intrinsics_file``). MATLAB's (h, w, n) is recognised where the
-camera fits that way alone.
+A .npy holds depth (h, w) or (n, h, w), integers in millimetres or floats in metres (see ``depth_check``);
+axes of length 1 are ignored. A .npz holds depth under ``depth`` or another name of ``_DEPTHS``, or as its
+only array. It may also hold the camera. The camera is a 3x3, 3x4 or 4x4 matrix or fx, fy, cx, cy under one of
+``_MATRICES``, or four arrays ``fx``, ``fy``, ``cx``, ``cy``. Otherwise intrinsics are in ``NAME.json`` or
+``intrinsics.json`` beside the file (see ``intrinsics_file``). MATLAB's axis order (h, w, n) is recognised if
+only that order fits the camera.
 """
 
 from pathlib import Path

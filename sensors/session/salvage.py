@@ -152,7 +152,7 @@ class _Walk:
         return self._end - at in (0, len(MAGIC)) and self._memory[at : self._end] in (b"", MAGIC)
 
     def _stated_end(self, at: int) -> int | None:
-        """Return the stated end of the record at a byte; None for an impossible one."""
+        """Return the end offset that the record at an offset states; None for an impossible end."""
         if at + HEAD.size > self._end:
             return None
         opcode, length = HEAD.unpack_from(self._memory, at)

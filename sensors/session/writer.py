@@ -134,7 +134,7 @@ class SessionWriter:
         self.write_depth(frame.depth_mm, stamp_ns, arrival_ns)
 
     def write_depth(self, depth_mm: NDArray[np.uint16], stamp_ns: int, arrival_ns: int | None = None) -> None:
-        """Write a depth image of the calibrated size, and hand all data so far to the system."""
+        """Write a depth image of the calibrated size, and pass all data so far to the system's file cache."""
         self.calibration.depth.check_size("depth image", depth_mm.shape)
         self.add(DEPTH, image_message(depth_mm, "depth", stamp_ns), stamp_ns, arrival_ns)
         self.flush()

@@ -121,7 +121,7 @@ def _pyrometer(address: Address, _: Iterable[RigFrame]) -> tuple[Device, Twin]:
 
 
 def _faults(address: Address) -> Faults:
-    """Return the faults by the last options of an address."""
+    """Return the faults that the remaining options of an address set; refuse unknown options."""
     faults = Faults(
         drop=address.number("drop", 0.0, 0.0, 1.0),
         short=address.number("short", 0.0, 0.0, 1.0),

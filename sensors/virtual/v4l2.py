@@ -33,11 +33,10 @@ FIRST_MS = 2**32 - 2000  # a Lepton's clock wraps two seconds after the start, i
 
 
 class FakeCamera(ABC):
-    """Camera, its node (an empty file that is deleted with it), and a replacement of ``cv2.VideoCapture`` for
-    it.
+    """Camera with a device node (an empty file, deleted with the camera) and a twin of ``cv2.VideoCapture``.
 
-    size: (width, height) of a frame in words. The kernel's clock counts seconds since the start here. One
-    reader at a time.
+    size: (width, height) of a frame in words. Its time stamps count seconds since the camera's start. Only
+    one reader can open it at a time.
     """
 
     def __init__(self, size: tuple[int, int], scene: FrameLoop, schedule: Schedule) -> None:

@@ -17,7 +17,7 @@ DOMAIN = 40  # key of the random stream
 
 
 def random_suit(seed: int) -> Suit:
-    """Return a palette of 8 to 11 cloths; neighbouring parts have different ones."""
+    """Return a palette of 8 to 11 cloths; neighbouring parts have different cloths."""
     rng = np.random.default_rng((seed, DOMAIN))
     count = int(rng.integers(COLORS[0], COLORS[1] + 1))
     colors = _cloths(count, float(rng.uniform(*APART)), rng)

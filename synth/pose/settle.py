@@ -157,8 +157,10 @@ def stations_m(flesh: Flesh, frames: Float64, positions: Float64) -> Float64:
 
 @numba.njit(cache=True)
 def _gradient(rules: Rules, placed: _Placed, rows: Rows, r: int, entry: tuple[Int64, Float64]) -> int:
-    """Write the angles that move row r's points, and their separation per radian, into the entry; return
-    their number.
+    """Write the gradient of a constraint, row ``r`` of ``rows``, in the joint angles; return its number of
+    entries.
+
+    entry: indices of the angles, and the separation of the row's points per radian.
     """
     n, axes, (where, value) = 0, placed.axes, entry
     u, v, w = rows.normals[r]

@@ -242,7 +242,7 @@ class Ground(Furniture):
         return Footprint(self.width / 2, -self.length / 2, self.length / 2)
 
     def solids(self) -> list[Solid]:
-        """Return no box: the floor is always there."""
+        """Return an empty list, because contact with the floor is always computed."""
         return []
 
     def mesh(self) -> Mesh:

@@ -247,7 +247,7 @@ class LiveWindow(QMainWindow):
         self._act(self._end if rig.health().recording else self._begin)
 
     def mark(self) -> None:
-        """Mark an event."""
+        """Ask for a text, and add it as an event to the rig's events and the recording."""
         if text := self._entered("Mark an event", "What happens now?"):
             self._act(partial(self._mark, text))
 

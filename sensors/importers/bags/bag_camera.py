@@ -123,10 +123,11 @@ class BagCameras:
         return [name] if not stream.frame or not frames[name] or is_aligned(stream.name) else []
 
     def _pose(self, depth: Stream, color: Stream, same_info: bool) -> tuple[Pose, str]:
-        """Return color_from_depth by the frames, or by the first transforms between them.
+        """Return color_from_depth by the frames, or by the first transforms between them; and a note on its
+        origin.
 
-        same_info: one message describes both, at one size: without transforms they are one camera. Raises
-        CalibrationError.
+        same_info: True if one message describes both topics at one size; without transforms they are then one
+        camera. Raises CalibrationError.
         """
         if depth.frame == color.frame and depth.frame:
             return Pose.identity(), f"depth and colour share the frame {depth.frame[:60]!r}"

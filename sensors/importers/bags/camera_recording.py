@@ -36,10 +36,10 @@ class Recorded(NamedTuple):
 
 @dataclass
 class Stream:
-    """The images of one stream in the order in which they were written, all of one topic and kind.
+    """Images of one stream in file order, all of one topic and kind.
 
-    The recorder's times are not an order: a pause in front of the first image spoils them (librealsense pull
-    request 9887), and so does the end of a recording (issue 8032).
+    The recorder's times give no reliable order. They are wrong after a pause in front of the first image
+    (librealsense pull request 9887) and at the end of a recording (issue 8032).
     """
 
     topic: str = ""

@@ -120,7 +120,9 @@ class Ros1File:
             return file.read(size)
 
     def _records(self, file: BinaryIO) -> Iterator[tuple[int, BinaryIO, _Record]]:
-        """Yield descriptions and messages: their chunk, the file or chunk that holds them, and the record."""
+        """Yield each description and message: offset of its chunk, file or chunk that holds it, and the
+        record.
+        """
         end, offset = os.fstat(file.fileno()).st_size, len(MAGIC)
         while offset < end:
             record = _record_at(file, offset, end)
@@ -134,7 +136,7 @@ class Ros1File:
             offset = record.start + record.size
 
     def _inside(self, chunk: int) -> Iterator[tuple[int, BinaryIO, _Record]]:
-        """Yield the records of a chunk, as far as it is whole."""
+        """Yield the records of a chunk; a truncated chunk yields the records before its end."""
         try:
             inside = io.BytesIO(self._unpacked(chunk))
         except FormatError as error:
@@ -193,7 +195,7 @@ def _record_at(file: BinaryIO, offset: int, end: int) -> _Record | None:
 
 
 def _fields(header: bytes) -> dict[bytes, bytes]:
-    """Return the fields ``name=value`` of a header, up to the first one that is damaged."""
+    """Return the fields ``name=value`` of a header, up to the first damaged field."""
     fields, at = {}, 0
     while at + _LENGTH <= len(header):
         end = at + _LENGTH + int.from_bytes(header[at : at + _LENGTH], "little")

@@ -133,7 +133,7 @@ def _scale(
 def _unit_mm(path: Path, distance: float, along: Float64) -> float:
     """Return the millimetres of a unit of the cloud, because files state no unit.
 
-    distance: typical distance from the camera, or the size of a cloud without one, in the file's unit.
+    distance: typical distance from the camera, in the file's unit; for a cloud without a camera, its size.
     along: depths (n,) in the file's unit. Cameras measure whole millimetres, so depths distinguish units
     where the distance does not. Raises FormatError where the unit stays unknown, with the remedy.
     """

@@ -116,6 +116,8 @@ def _finite_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _png(colors: NDArray[np.uint8], shown: NDArray[np.intp]) -> bytes:
-    """Return the colours (n, 3) of the pixels' points as a PNG; black where there is none."""
+    """Return the colours (n, 3) of the points that pixels show, as a PNG; pixels without a point are
+    black.
+    """
     image = np.where((shown >= 0)[..., None], colors[shown], 0).astype(np.uint8)
     return bytes(cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1].tobytes())
