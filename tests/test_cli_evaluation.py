@@ -1,4 +1,4 @@
-"""The verbs evaluate and compare: what they print and keep, and what they say to bad input."""
+"""The verbs evaluate and compare: printed text, kept results, and refusals."""
 
 import re
 from dataclasses import replace
@@ -13,7 +13,7 @@ from tests.test_eval_compare import guess_frame, label_set, truth_frame
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A dataset as the truth, two predictions of it, and one of another session."""
+    """Return a dataset as the truth, two predictions of it, and one of another session."""
     out = tmp_path_factory.mktemp("evaluated")
     write_dataset(out / "truth", [truth_frame(i) for i in range(6)], 4)
     label_set(out / "good", [guess_frame(i, better=True) for i in range(6)])

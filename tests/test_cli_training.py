@@ -1,4 +1,4 @@
-"""`train` on the command line: it resumes, starts from weights, and refuses mistakes in one line."""
+"""The verb ``train``: it resumes, starts from weights, and refuses mistakes in one line."""
 
 import json
 
@@ -16,7 +16,7 @@ from sensors.rig.camera import Intrinsics
 
 @pytest.fixture(scope="module")
 def labels(tmp_path_factory) -> LabelSet:
-    """Four small frames of two people."""
+    """Return four small frames of two people."""
     path = tmp_path_factory.mktemp("labels") / "labels"
     found = LabelSet.create(path, Intrinsics(60, 50, 60.0, 60.0, 29.5, 24.5), {})
     for i in range(4):
@@ -58,7 +58,7 @@ def test_a_run_goes_on_and_another_starts_from_its_weights(annotate_cloud, tmp_p
     assert plan["network"] == {"kind": "compact", "widths": [16, 24, 32, 48, 64], "layers": 2}
 
 
-def test_what_is_wrong_is_one_line(annotate_cloud, tmp_path, labels):
+def test_mistakes_are_refused_in_one_line(annotate_cloud, tmp_path, labels):
     weights, out = tmp_path / "w.safetensors", tmp_path / "t"
     weights.write_bytes(b"\x80\x04nonsense")
     for more, said in (

@@ -76,7 +76,7 @@ def label(
     labeller = SuitLabeller(palette, network, window)
     if source is None:
         one = partial(_label, labeller)
-        label_each("label", one, sessions, EachOptions(out, scheduler, overwrite, json))
+        label_each("label", one, sessions, out, EachOptions(scheduler, overwrite, json))
         return
     clear(out, store.MANIFEST, overwrite, session, *given)
     notes = [*source.notes, *doubts_of(source), *(palette.notes if palette else ())]
@@ -227,7 +227,7 @@ def predict(
         if joints is not None:
             raise typer.BadParameter("--joints is for one session; its notes in each label set hold them")
         one = partial(_predict, choices)
-        label_each("predict", one, sessions, EachOptions(out, scheduler, overwrite, json))
+        label_each("predict", one, sessions, out, EachOptions(scheduler, overwrite, json))
         return
     opened = _opened(source, everybody)
     check_room(out, store.MANIFEST, overwrite, source, *given)
