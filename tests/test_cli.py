@@ -111,22 +111,10 @@ def test_diff_evaluate_and_report(annotate_cloud, tmp_path, rig_session, rig_lab
     assert "data:image/" in html
 
 
-def test_options_that_do_not_go_together_overwrite_nothing(annotate_cloud, tmp_path, rig_session, rig_labels):
-    shutil.copytree(rig_labels.path, tmp_path / "l")
-    before = tree(tmp_path)
-    out = ("--out", tmp_path / "l", "--overwrite")
-    for options in (("--everybody", "--probabilities"), ("--again", "--everybody")):
-        done = annotate_cloud("predict", rig_session, *out, *options)
-        assert done.code == 2 and tree(tmp_path) == before
-
-
 def test_predict_refines_by_a_network_of_learn(annotate_cloud, tmp_path, rig_session):
-    cut = tmp_path / "cut.onnx"
-    cut.write_bytes(SHIPPED_REFINEMENT_NETWORK.read_bytes()[:1000])
-    for weights, code in ((SHIPPED_REFINEMENT_NETWORK, 0), (cut, 1)):
-        out = tmp_path / str(code)
-        done = annotate_cloud("predict", rig_session, "--learnt", weights, "--out", out, "--json")
-        assert (done.code, out.exists()) == (code, not code)
+    weights = ("--learnt", SHIPPED_REFINEMENT_NETWORK)
+    done = annotate_cloud("predict", rig_session, *weights, "--out", tmp_path / "p", "--json")
+    assert (done.code, done.result["frames"]) == (0, 3)
 
 
 def test_predict_on_a_session_and_within_given_outlines(annotate_cloud, tmp_path, rig_session, rig_labels):

@@ -144,7 +144,6 @@ def test_colour_of_another_size_than_its_calibration_is_refused(annotate_cloud, 
     assert not out.exists()
 
 
-@pytest.mark.parametrize("verb", ["label", "predict", "import", "validate"])
 def test_intrinsics_of_another_size_are_refused(annotate_cloud, tmp_path, folder):
     before, out = tree(tmp_path), tmp_path / "out.mcap"
     for verb, to in (("label", ("--out", out)), ("predict", ("--out", out)), ("import", (out,))):

@@ -5,7 +5,6 @@ import shutil
 import pytest
 from conftest import assert_refused
 
-import synth.rig.truth
 from cli.console import event_lines
 
 VERBS = ("info", "fix", "export", "diff")
@@ -31,17 +30,6 @@ def test_repair_of_a_folder(annotate_cloud, tmp_path, rig_session):
     assert_refused(annotate_cloud("repair", tmp_path), f"{tmp_path} is a folder; give a recorded session")
     shutil.copy(rig_session, tmp_path / "take.mcap")
     assert_refused(annotate_cloud("repair", tmp_path), "give one file, e.g.", tmp_path / "take.mcap")
-
-
-def test_a_session_never_replaces_a_folder_and_is_refused_before_it_is_made(
-    annotate_cloud, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(synth.rig.truth, "truth_labels", lambda *_: pytest.fail("rendered"))
-    (tmp_path / "thesis").mkdir()
-    (tmp_path / "thesis" / "chapter.tex").write_text("1")
-    done = annotate_cloud("simulate", tmp_path / "thesis", "--frames", 1, "--overwrite")
-    assert_refused(done, "thesis is a folder; give the name of a file")
-    assert [path.name for path in tmp_path.rglob("*")] == ["thesis", "chapter.tex"]
 
 
 @pytest.mark.parametrize(

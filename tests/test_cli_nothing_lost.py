@@ -16,7 +16,7 @@ import synth.rig.truth
 from annotate.labelset.label_set import LabelSet
 from annotate.suit.palette import DEFAULT_SUIT, suit_to_toml
 from sensors.session.reader import Session
-from synth.rig.simulate import suit_path, truth_path
+from synth.rig.simulate import suit_path
 
 PALETTE = suit_to_toml(DEFAULT_SUIT)
 TORSO = next(line for line in PALETTE.splitlines() if line.startswith("torso"))
@@ -26,31 +26,6 @@ TORSO = next(line for line in PALETTE.splitlines() if line.startswith("torso"))
 def labels(tmp_path, rig_labels) -> Path:
     """Return a copy of ``rig_labels`` that may be damaged."""
     return Path(shutil.copytree(rig_labels.path, tmp_path / "labels"))
-
-
-def outputs(session: Path, labels: Path) -> dict[str, tuple[object, ...]]:
-    """Return every verb that writes a folder, without its output."""
-    return {
-        "label": ("label", session, "--out"),
-        "predict": ("predict", session, "--out"),
-        "demo": ("demo", "--frames", 1, "--out"),
-        "train": ("train", labels, "--epochs", 1, "--out"),
-        "synth generate": ("synth", "generate", "--preset", "sitting-test", "--count", 1, "--out"),
-    }
-
-
-@pytest.mark.parametrize("overwrite", [(), ("--overwrite",)])
-@pytest.mark.parametrize("verb", list(outputs(Path(), Path())))
-def test_a_foreign_folder_is_never_touched(
-    annotate_cloud, tmp_path, rig_session, rig_labels, verb, overwrite
-):
-    out = tmp_path / "holiday"
-    (out / "frames").mkdir(parents=True)
-    (out / "frames" / "beach.jpg").write_bytes(b"irreplaceable")
-    before = tree(tmp_path)
-    done = annotate_cloud(*outputs(rig_session, rig_labels.path)[verb], out, *overwrite)
-    assert_refused(done, out, remarks=done.err.count("no --suit") + done.err.count("evaluate: "))
-    assert tree(tmp_path) == before
 
 
 @pytest.mark.parametrize("taken", ["s.mcap", "s.suit.toml", "s.truth", "s.truth/mine.txt"])
@@ -67,19 +42,6 @@ def test_simulate_overwrites_nothing_unasked_and_no_folder_of_others(annotate_cl
     if taken == "s.truth/mine.txt":
         assert_refused(annotate_cloud(*command, "--overwrite"), "s.truth", "remove it yourself")
         assert tree(tmp_path) == before
-
-
-def test_files_are_not_overwritten_unasked(annotate_cloud, tmp_path, rig_session, rig_labels):
-    taken, truth = tmp_path / "taken.mcap", truth_path(rig_session)
-    taken.write_text("mine")
-    assert annotate_cloud("evaluate", rig_labels.path, truth, "--out", tmp_path / "r.npz").code == 0
-    for command in (
-        ("import", rig_session, taken),
-        ("evaluate", rig_labels.path, truth, "--out", taken),
-        ("report", tmp_path / "r.npz", "--out", taken),
-    ):
-        assert_refused(annotate_cloud(*command), taken, "--overwrite")
-    assert taken.read_text() == "mine"
 
 
 @pytest.mark.parametrize("case", ["own input", "input inside", "corrections", "missing data"])

@@ -117,6 +117,7 @@ def learn(
     json: Json = False,
 ) -> None:
     """Learn the suit's palette from corrected frames, or from a photograph of its cloths."""
+    check_extra("rig", "skimage")
     with needing("rig"):
         from annotate.suit.palette import suit_to_toml
         from annotate.suit.palette_learning import (

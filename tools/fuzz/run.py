@@ -5,8 +5,8 @@ python -m tools.fuzz.run READER [SECONDS] [FOLDER]
 Needs the extra `fuzz` (Atheris: libFuzzer for Python). READER is a name in `tools.fuzz.samples`; without one,
 every reader gets 60 seconds. FOLDER/READER (fuzz/READER) keeps inputs that reach new branches. A fault is an
 end other than a good one or one printable line of error, over 2 GB of memory, or over 30 seconds. A fault
-ends the run; libFuzzer writes its input to crash-*, oom-* or timeout-*: one byte, the number of the file, then the
-content of the file. `tests/corpus` holds earlier faults.
+ends the run; libFuzzer writes its input to crash-*, oom-* or timeout-*: one byte, the number of the file,
+then the content of the file. `tests/corpus` holds earlier faults.
 """
 
 import random
