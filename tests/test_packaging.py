@@ -98,11 +98,11 @@ def test_labelling_needs_no_extra(rig_session, tmp_path):
 def test_a_missing_extra_is_named_in_one_line(rig_session, tmp_path):
     out = tmp_path / "out"
     wanted = {
-        "synth": [["simulate", out], ["simulate", out, "--scene", "plate"],
+        "synth": [["compile"], ["simulate", out], ["simulate", out, "--scene", "plate"],
                   ["synth", "generate", "--preset", "upright", "--out", out]],
         "bodies": [["synth", "bodies", "--out", out]],
         "report": [["report", "a", "--out", out]],
-        "rig": [["suit", "learn", "a", "--out", out]],
+        "rig": [["calibrate", "a", "--out", out]],
         "gui": [["fix", "a"]],
         "train": [["train", "a", "--out", out]],
         "synth,report": [["demo", "--out", out]],

@@ -117,16 +117,14 @@ def learn(
     json: Json = False,
 ) -> None:
     """Learn the suit's palette from corrected frames, or from a photograph of its cloths."""
-    check_extra("rig", "skimage")
-    with needing("rig"):
-        from annotate.suit.palette import suit_to_toml
-        from annotate.suit.palette_learning import (
-            clouds_with,
-            corrected_frames,
-            suit_from_labels,
-            suit_from_photo,
-        )
     from annotate.labelset.label_set import LabelSet
+    from annotate.suit.palette import suit_to_toml
+    from annotate.suit.palette_learning import (
+        clouds_with,
+        corrected_frames,
+        suit_from_labels,
+        suit_from_photo,
+    )
 
     check_free(out, overwrite)
     if swatches is not None and labels is None and session is None and not frame:
