@@ -11,7 +11,7 @@ from annotate.array_types import Float64
 from annotate.correction.audit import Audit
 from annotate.parts import BODY_PARTS, PARTS
 from eval.compare import paper_results as paper
-from eval.compare.paired import Difference
+from eval.compare.difference import Difference
 from eval.compare.results import Result
 from eval.report.estimates import SHOWN_ORDER, Estimate, Scored, estimate
 from eval.report.frame_images import ERROR_KINDS, ERROR_RGB, THERMAL_RANGE_C

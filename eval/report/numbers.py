@@ -12,7 +12,7 @@ from annotate.correction.audit import Audit
 from annotate.parts import BODY_PARTS, PARTS
 from eval.compare import paper_results as paper
 from eval.compare.details import suspicious
-from eval.compare.paired import Difference
+from eval.compare.difference import Difference
 from eval.compare.results import Result
 from eval.report.estimates import SHOWN_ORDER, SUMMARY, estimate, group_recall, printed, row_shares
 from eval.report.gather import Material

@@ -1,4 +1,4 @@
-"""Set of shipped adults of both sexes, all ages and builds; their common mesh allows to blend any two."""
+"""Set of shipped adults of both sexes, all ages and builds; ``synth.body.body.blend`` mixes any two, because they share a mesh."""
 
 from dataclasses import replace
 from functools import cache
