@@ -2,8 +2,8 @@
 
 To add a format, write a module with a writer and a reader of frames; ``image_pairs`` is the shortest example.
 Then add its line to ``FORMATS``, from which commands, tests and the window take it. Name it in the help of
-``export`` and, twice, in ``docs/formats.md``. Each format also stores depth. The file ``annotate-cloud.json`` beside the format's
-own files holds the camera, and each frame's subject, status and notes.
+``export`` and, twice, in ``docs/formats.md``. Each format also stores depth. The file ``annotate-cloud.json``
+beside the format's own files holds the camera, and each frame's subject, status and notes.
 """
 
 from collections.abc import Callable, Iterator
@@ -32,11 +32,11 @@ from sensors.rig.camera import Intrinsics
 class Format:
     """Format of label sets.
 
-    title: name for the window. write: function that writes frames of one camera into an empty folder. read: function that yields the
-    frames of a folder, built by ``companion.labels``. recognise: function that returns whether a folder has
-    this format. lacks: fields of FrameLabels that the format cannot hold; all others must round-trip bit for
-    bit. companion: function that returns camera and notes of a folder; by default from
-    ``annotate-cloud.json``.
+    title: name for the window. write: function that writes frames of one camera into an empty folder.
+    read: function that yields the frames of a folder, built by ``companion.labels``.
+    recognise: function that returns whether a folder has this format.
+    lacks: fields of FrameLabels that the format cannot hold; all others must round-trip bit for bit.
+    companion: function that returns camera and notes of a folder; by default from ``annotate-cloud.json``.
     """
 
     title: str

@@ -1,4 +1,4 @@
-"""Set of shipped adults of both sexes, all ages and builds; ``synth.body.body.blend`` mixes any two, because they share a mesh."""
+"""Set of shipped adults of both sexes, all ages and builds on one mesh; ``body.blend`` mixes any two."""
 
 from dataclasses import replace
 from functools import cache

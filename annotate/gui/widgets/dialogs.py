@@ -76,7 +76,7 @@ def _ask(parent: QWidget | None, title: str, text: str, yes: str, no: str) -> bo
 
 
 def ask_export(parent: QWidget, formats: Mapping[str, str]) -> tuple[str, Path] | None:
-    """Ask for the format, by its title, and the folder of an export; None cancels. formats: titles by name."""
+    """Ask for format and folder of an export; None cancels. formats: titles by name."""
     titles = list(formats.values())
     chosen, given = QInputDialog.getItem(parent, "Export", "Export format", titles, 0, False)
     if not given:
