@@ -164,6 +164,6 @@ def _check_parts(source: Path, labels: LabelSet, has_part: bool) -> None:
         raise FormatError(f"{source} holds no frames; export it again")
     if not has_part:
         raise FormatError(
-            f"none of the {len(labels)} frames of {source} has a part; give the labels the names of parts: "
-            f"{', '.join(part.name for part in BODY_PARTS)}"
+            f"none of the {len(labels)} frames of {source} has a body part; give the labels the names "
+            f"of parts: {', '.join(part.name for part in BODY_PARTS)}"
         )

@@ -80,7 +80,10 @@ class Motion:
         frames = len(self.angles_rad)
         shapes = (self.angles_rad.shape, self.pelvis_m.shape)
         if frames == 0 or shapes != ((frames, N_JOINTS, 3), (frames, 3)):
-            raise FormatError(f"motion arrays are {shapes}; give (F, {N_JOINTS}, 3) and (F, 3)")
+            raise FormatError(
+                f"angles_rad and pelvis_m have the shapes {shapes[0]} and {shapes[1]} instead of "
+                f"(F, {N_JOINTS}, 3) and (F, 3) for F frames; solve again"
+            )
         marked = (frames, len(self.report.names))
         if self.report.error_m.shape != marked or self.report.status.shape != marked:
             raise FormatError(f"the motion's marker report is not {marked}; solve again")
