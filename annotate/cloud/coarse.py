@@ -91,7 +91,7 @@ class CoarseFuser:
         return self.fuse(frame.depth_mm, frame.thermal_c)
 
     def fuse(self, depth_mm: UInt16, thermal_c: Float32 | None = None) -> CoarseCloud:
-        """Fuse simultaneous images to a coarse cloud; arguments as of ``Fuser.fuse``."""
+        """Fuse simultaneous images to a coarse cloud; arguments as in ``Fuser.fuse``."""
         self.camera.check_size("depth image", depth_mm.shape)
         measured = shifted(depth_mm, self.calibration.depth_shift_mm)
         whole = _undistorted(np.ascontiguousarray(measured).ravel(), self._source)

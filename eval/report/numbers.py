@@ -58,7 +58,7 @@ def _text(value: object) -> object:
 
 
 def summary_table(material: Material) -> pd.DataFrame:
-    """Return the summary scores of every result, the ceiling and the paper."""
+    """Return the summary scores of every result, of two people's agreement (the ceiling) and of the paper."""
     titled = [(result.title, result) for result in material.results]
     if material.ceiling is not None:
         titled.append((f"{material.ceiling.title} (two people)", material.ceiling))

@@ -99,7 +99,10 @@ class Recording:
 
     @classmethod
     def open(cls, path: Path, labels: Path, suit: Path) -> "Recording":
-        """Open files. Raises CloudError for unreadable labels or palette, or for automatic labels only."""
+        """Open a recording, its label set and the palette file of its suit.
+
+        Raises CloudError if the labels or the palette are unreadable, or if all labels are automatic.
+        """
         known = LabelSet.open(labels)
         frame_ids = frozenset(i for i in known.frame_ids if known.status(i) != "auto")
         if not frame_ids:
