@@ -30,7 +30,9 @@ def small(labels: LabelSet, out: object, *more: object) -> tuple[object, ...]:
     return ("train", labels.path, "--out", out, "--batch", 2, "--network", "compact-small", *more)
 
 
-def test_a_run_goes_on_and_another_starts_from_its_weights(annotate_cloud, tmp_path, labels):
+def test_a_run_goes_on_and_its_weights_start_another_and_predict(
+    annotate_cloud, tmp_path, labels, rig_session
+):
     out = ("--out", tmp_path / "p")
     command = small(labels, tmp_path / "t", "--epochs", 2, "--hold-out", "a", "--without", "cuts", "--json")
     done = annotate_cloud(*command)
@@ -50,7 +52,7 @@ def test_a_run_goes_on_and_another_starts_from_its_weights(annotate_cloud, tmp_p
     for name, data in made.items():
         assert (tmp_path / "t" / name).read_bytes() == data
 
-    predicted = annotate_cloud("predict", labels.path, "--weights", tmp_path / "t" / "weights.onnx", *out)
+    predicted = annotate_cloud("predict", rig_session, "--weights", tmp_path / "t" / "weights.onnx", *out)
     assert predicted.code == 0, predicted.err
     start = tmp_path / "t" / "weights.safetensors"
     more = annotate_cloud("train", labels.path, "--init", start, "--epochs", 1, "--out", tmp_path / "u")
