@@ -57,9 +57,10 @@ class PointView:
 
     @staticmethod
     def of_color(depth: Intrinsics, color: Intrinsics, color_from_depth: Pose) -> "PointView":
-        """Return the view of a colour camera, with libfreenect2's window, scaled to its resolution.
+        """Return the view of a colour camera.
 
-        In an image aligned with depth pixel for pixel, no point hides another.
+        The z-buffer's window is libfreenect2's, scaled to this camera's resolution. In an image aligned with
+        depth pixel for pixel, no point hides another.
         """
         if color == depth and not color_from_depth.translation_m.any():
             return PointView(color, *_turned(depth, color_from_depth), (0, 0), np.inf, 0.0)

@@ -58,8 +58,9 @@ def standing(strokes: Sequence[Stroke]) -> list[Stroke]:
 
 
 def _popped(stack: list[Stroke], stroke: Stroke, undo: bool) -> Stroke:
-    """Remove the last stroke of a stack and return it. stroke: the undo or redo entry, which must match
-    it.
+    """Remove the last stroke of a stack and return it.
+
+    stroke: the undo (``undo`` True) or redo entry. Raises FormatError if it does not match the last stroke.
     """
     while stack and stroke.changes and not stack[-1].changes:
         stack.pop()

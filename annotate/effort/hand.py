@@ -53,7 +53,7 @@ def outline(patch: Bool, free: Bool, hand: Hand) -> Float64:
 
 
 def loop(patch: Bool, hand: Hand) -> Float64:
-    """Return the corners (k, 2) as (u, v) of a patch's convex hull, enlarged by the hand's slack."""
+    """Return the corners (k, 2) as (u, v) of a lasso: a patch's convex hull, enlarged by ``slack_px``."""
     wide = cv2.dilate(patch.astype(np.uint8), AROUND, iterations=hand.slack_px)
     v, u = np.nonzero(wide)
     hull = cv2.convexHull(np.stack([u, v], axis=1).astype(np.int32))

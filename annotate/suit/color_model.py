@@ -152,7 +152,10 @@ def _away(colors: Float32, swatches: Float32) -> tuple[Float32, Float32]:
 
 
 def readable(rgb: UInt8, seen: Bool) -> Bool:
-    """Return flags (n,) of colours uint8 (n, 3) in ``seen`` (n,) that are not too dark and not clipped."""
+    """Return flags (n,) of colours uint8 (n, 3) that are valid, not too dark and not clipped.
+
+    seen: bool (n,), True for a valid colour.
+    """
     red, green, blue = ((rgb[:, i] >= CLIPPED).view(np.uint8) for i in range(3))
     return np.asarray(seen & (_brightest(rgb) >= DARK) & (red + green + blue < 2))
 

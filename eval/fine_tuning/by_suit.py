@@ -1,4 +1,4 @@
-"""Fine-tuning for people in a suit, on the recording of the labels."""
+"""Fine-tuning for people in a suit, on corrected labels and the recording they were made from."""
 
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path

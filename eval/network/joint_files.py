@@ -45,7 +45,7 @@ def noted_joints(labels: LabelledFrames, frame: FrameLabels) -> dict[str, list[f
     """Return a frame's joints by name, depth camera, millimetres: the network's, else the true ones, else
     None.
 
-    Raises FormatError for a malformed note of the truth.
+    Raises FormatError if the true joints in the frame's notes are malformed.
     """
     state = BodyState.from_note(frame.notes.get("bearing"))
     if state is not None:

@@ -139,7 +139,7 @@ def save_calibration(path: Path, calibration: RigCalibration) -> None:
 def quaternion_of(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the unit quaternion (x, y, z, w) of a rotation matrix (3, 3), by its largest component.
 
-    Source: Shepperd 1978. SciPy's differs in the last bit, and recordings would.
+    Source: Shepperd 1978. SciPy's result differs in the last bit and would change the bytes of recordings.
     """
     m, trace = rotation, np.trace(rotation)
     largest = int(np.argmax([*np.diag(m), trace]))

@@ -53,7 +53,7 @@ class Clothing:
 
     @staticmethod
     def sample(rng: np.random.Generator, strength: float) -> "Clothing":
-        """Draw a person's clothing; strength: 1 in a good room, 2 in a hard one."""
+        """Draw a person's differences. strength: factor on their size, as ``Difficulty.warmth``."""
         limbs = [PART_ID[f"{side}_{limb}"] for side in ("left", "right") for limb in ("forearm", "lower_leg")]
         loose = tuple(part for part in limbs if rng.random() < 0.05 * strength**2)
         return Clothing(

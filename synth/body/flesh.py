@@ -61,7 +61,10 @@ class Flesh(NamedTuple):
 
 @lru_cache(maxsize=16)
 def flesh_of(body: Body) -> Flesh:
-    """Return the flesh of a body, or of the firm surface under its clothes; the last few are cached."""
+    """Fit the chains of spheres to a body, or to the firm surface under loose clothes.
+
+    The last few results are cached.
+    """
     if body.firm_m is not None:
         return flesh_of(replace(body, vertices_m=body.firm_m, firm_m=None))
     centres, radii, joints = np.zeros((N_STATIONS, 3)), np.zeros(N_STATIONS), np.zeros(N_STATIONS, np.int64)

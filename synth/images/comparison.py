@@ -79,7 +79,7 @@ def profile(dataset: Distributions, recording: Distributions | None) -> list[Ran
 
 
 def charts(dataset: Distributions, recording: Distributions | None) -> list[Chart]:
-    """Return a chart for every row of ``ranges``, without the outermost half percents."""
+    """Return a chart of every quantity in ``ranges``, without the lowest and highest 0.5 % of its values."""
     return [
         _chart(figure, *(f * figure.factor for f in values)) for figure, *values in _rows(dataset, recording)
     ]

@@ -126,8 +126,8 @@ def _spread(frames: Iterable[T], count: int) -> Iterator[T]:
 
 
 def _persons(source: Source) -> Iterator[Bool]:
-    """Yield masks (h, w) of the person: all depth of a cut-out image, else the person detected in the
-    frame.
+    """Yield masks (h, w) of the person: the pixels with depth if the image shows only a person, else the
+    person detected in the frame.
     """
     fuser = Fuser(source.calibration)
     for frame in _spread(source, len(source)):

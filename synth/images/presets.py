@@ -241,7 +241,7 @@ class FreshKinect2(TimeOfFlight):
 
 
 def fresh_kinect2(rng: np.random.Generator) -> Sensor:
-    """Return a ``FreshKinect2``."""
+    """Return a Kinect v2 that draws its faults at each reading; ``rng`` is unused."""
     return FreshKinect2()
 
 

@@ -264,7 +264,7 @@ def perform(body: Body, grounded: Grounded) -> Performance:
 
 
 def _stage(body: Body, grounded: Grounded) -> tuple[Seat | None, Float64, float]:
-    """Return the seat, if any, the pelvis' position (2,) on it, and the rotation to face -y."""
+    """Return the seat or None, the pelvis' position (2,) on it or 0, and the body's turn to face -y."""
     frames = np.flatnonzero(grounded.sits) if grounded.sits.any() else np.arange(len(grounded))
     headings = np.array([heading_rad(grounded.angles_rad[f, 0]) for f in frames])
     turn = -float(np.arctan2(np.sin(headings).mean(), np.cos(headings).mean()))

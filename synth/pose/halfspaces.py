@@ -41,9 +41,10 @@ class Pulls(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """Pairs of chains that may touch.
+    """Pairs of chains of spheres that may touch.
 
-    stations: (n, 4), lo..hi of one and lo..hi of another. reach_m: (n,) distance of the middle stations.
+    stations: (n, 4), first sphere and end (exclusive) of one chain, then of the other: indices in ``Flesh``.
+    reach_m: (n,) distance of the chains' middle spheres beyond which the chains cannot touch.
     """
 
     stations: Int64

@@ -63,7 +63,7 @@ class _Foot:
     heel_rad: float
 
     def rotation(self, more_rad: float) -> Float64:
-        """Return the rotation (3, 3) to the world, the heel raised by ``more_rad`` above its own."""
+        """Return the rotation (3, 3) to the world, with the heel raised by ``heel_rad + more_rad``."""
         return turn(2, self.yaw_rad) @ turn(0, self.heel_rad + more_rad)
 
     def ankle(self, flesh: Flesh, side: str, more_rad: float = 0.0) -> Float64:

@@ -1,4 +1,4 @@
-"""Difficulties of the virtual rig, from ``synth/data/difficulties.toml``."""
+"""Difficulty levels of the virtual rig, from ``synth/data/difficulties.toml``."""
 
 from dataclasses import dataclass
 from typing import Any

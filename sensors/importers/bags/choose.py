@@ -110,9 +110,10 @@ def choose_depth(first: Pictures, wanted: Sequence[str] = ()) -> str | None:
 
 
 def _choose_color(first: Pictures, depth: str, wanted: Sequence[str]) -> str | None:
-    """Return the colour topic.
+    """Return the colour topic, None if there is none.
 
-    Preferred, in this order: depth's camera, a name of colour, JPEG rather than raw pixels.
+    Preferred, in this order: a topic of the depth topic's camera, a name with "color" or "rgb", a name
+    without "depth", JPEG or PNG rather than raw pixels.
     """
     camera = camera_of(depth)
     named = [n for n in first if n in wanted and n != depth and _shows_color(n, first[n])]
@@ -149,7 +150,10 @@ def _shared(a: tuple[str, ...], b: tuple[str, ...]) -> int:
 
 
 def _best(names: Sequence[str], *tests: Callable[[str], bool]) -> str | None:
-    """Return the topic that passes the earliest tests; among equals the shortest, then the first by name."""
+    """Return the best topic, None without names. Earlier tests count more.
+
+    Among equals, the shortest name wins, then the first in natural order.
+    """
     return min(names, key=lambda n: (*(not test(n) for test in tests), len(n), natsort_key(n)), default=None)
 
 
