@@ -326,7 +326,7 @@ def test_a_copy_without_its_history_begins_anew(folder):
 
 
 @pytest.mark.parametrize(
-    ("runs", "says"), [([[H * W, 1, 0, 1]], "reaches pixel"), ([[0, 2, 0, 1]], "have no depth")]
+    ("runs", "says"), [([[H * W, 1, 0, 1]], "reaches pixel"), ([[0, 2, 0, 1]], "without depth")]
 )
 def test_a_journal_of_another_set_is_refused(folder, runs, says):
     hostile = Stroke(FRAMES[0], "paint", np.array(runs, np.int64), 1)
@@ -335,7 +335,7 @@ def test_a_journal_of_another_set_is_refused(folder, runs, says):
         correction.edit(FRAMES[0])
     other = Stroke(FRAMES[0], "paint", np.array([[3 * W, 1, 8, 9]], np.int64), 1)
     (folder / JOURNAL).write_bytes(to_line(other))
-    with pytest.raises(FormatError, match="other labels"):
+    with pytest.raises(FormatError, match="do not fit"):
         replayed(LabelSet.open(folder), Journal.of(folder), FRAMES[0])
 
 

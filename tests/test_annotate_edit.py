@@ -324,7 +324,7 @@ def test_a_run_beyond_the_image_is_refused_before_it_is_expanded():
     largest = np.array([[0, MAX_IMAGE_SIDE**2, 0, 1]], np.int64)
     stroke = Stroke("f", "relabel", largest, reason="0001")
     frame = blank(np.zeros((H, W), np.uint8))
-    for exact, fault in ((True, "other labels"), (False, "reaches pixel")):
+    for exact, fault in ((True, "do not fit"), (False, "reaches pixel")):
         tracemalloc.start()
         with pytest.raises(FormatError, match=fault):
             after(frame, [stroke], exact=exact)

@@ -87,7 +87,7 @@ def test_a_click_takes_a_piece_and_the_next_one_what_it_touches():
     expected = np.zeros((20, 40), np.bool_)
     expected[10:, 10:20] = True
     np.testing.assert_array_equal(first, np.flatnonzero(expected))
-    # Again: the piece beside it with the same part; not what is deeper, not the other part.
+    # Again: the piece beside it with the same part; not deeper pixels, not the other part.
     expected[:, :10] = True
     np.testing.assert_array_equal(select.grow(piece, parts, depth, first), np.flatnonzero(expected))
     assert not len(select.supervoxel(piece, parts, 39))

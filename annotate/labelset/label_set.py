@@ -30,11 +30,9 @@ SCHEMA = 1
 MANIFEST = "labelset.json"
 TOOLS = ("annotate-cloud", "numpy", "opencv-contrib-python-headless", "onnxruntime")
 FRAMES, ORIGINAL = "frames", "original"
-LEARNT = "learnt"
-"""Folder of the confidences of each fine-tuning step, and the note of the step that labelled a frame."""
+LEARNT = "learnt"  # folder of each fine-tuning step's confidences; note of a frame's step
 PROBABILITY = "probability.png"
-RECORDING = "recording"
-"""Manifest entry of the recording's name and size; its name may change during a run."""
+RECORDING = "recording"  # manifest entry of the recording's name and size; the name may change
 MAX_JSON_BYTES = 16_000_000  # of a manifest or a frame
 _STEP = re.compile(r"[0-9]{4,9}")
 _FRAME_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
@@ -47,8 +45,7 @@ Decode = Callable[[bytes], NDArray[T]]
 class LabelSet:
     """Label set on disk. Every write is atomic; a frame exists once its JSON does.
 
-    intrinsics: the undistorted depth camera of all frames. info: the manifest's record of source and steps.
-    The manifest also lists the versions of the tools that created the set, for information.
+    intrinsics: undistorted depth camera of all frames. info: manifest, with source, steps and versions.
     """
 
     def __init__(self, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> None:
@@ -348,7 +345,5 @@ def _no_label_set(path: Path) -> str:
     if not path.exists():
         return f"{path} does not exist; check its name"
     if inside := label_sets_in(path):
-        names = ", ".join(one.name for one in inside[:3]) + (", ..." if len(inside) > 3 else "")
-        several = "a label set" if len(inside) == 1 else f"{len(inside)} label sets"
-        return f"{path} is a folder with {several} ({names}); give one, e.g. {inside[0]}"
+        return f"{path} is a folder of label sets ({len(inside)} in all); give one, e.g. {inside[0]}"
     return f"{path} is not a label set (it has no {MANIFEST}); give one that label wrote"

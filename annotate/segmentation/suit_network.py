@@ -41,7 +41,7 @@ class SuitNetwork:
         except SystemError:  # Numba's, interrupted
             raise
         except Exception as error:  # ONNX Runtime's own errors share no public base
-            raise FormatError(f"weights {path} are not those of a suit network; {REMEDY}") from error
+            raise FormatError(f"weights {path} do not belong to a suit network; {REMEDY}") from error
 
     def __getstate__(self) -> bytes:
         # A loaded network cannot be pickled.
