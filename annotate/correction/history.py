@@ -68,6 +68,6 @@ def _popped(stack: list[Stroke], stroke: Stroke, undo: bool) -> Stroke:
     if runs is None or not np.array_equal(runs, stroke.runs):
         raise FormatError(
             f"frame {stroke.frame_id}: entry {stroke.operation!r} does not fit the last stroke; restore "
-            "the journal from a copy"
+            "journal.jsonl from a copy"
         )
     return stack.pop()

@@ -74,12 +74,12 @@ class LabelSet:
             raise FormatError(_no_label_set(path))
         for name in (FRAMES, ORIGINAL, LEARNT):
             if (path / name).is_symlink():
-                raise FormatError(
-                    f"{path / name} is a link out of the label set; put a copy of the folder there"
-                )
+                raise FormatError(f"{path / name} is a link out of the label set; put a copy of it there")
         manifest = _load(path / MANIFEST)
-        if manifest.pop("schema", None) != SCHEMA:
-            raise FormatError(f"{path / MANIFEST} is not of schema {SCHEMA}; use the version that wrote it")
+        if (held := manifest.pop("schema", None)) != SCHEMA:
+            raise FormatError(
+                f"{path / MANIFEST} has schema {held!r:.9}, not {SCHEMA}; use the version that wrote it"
+            )
         if manifest.pop("parts", None) != {part.name: part.id for part in PARTS}:
             raise FormatError(
                 f"{path / MANIFEST} names other parts than the twelve classes; label the recording again"

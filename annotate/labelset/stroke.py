@@ -97,7 +97,8 @@ class Stroke:
             kind in get_args(Activity) and type(s) in (int, float) and 0 <= s < 1e9
             for kind, s in self.seconds.items()
         ):
-            raise FormatError(f"seconds are not numbers by {get_args(Activity)}")
+            known = ", ".join(get_args(Activity))
+            raise FormatError(f"seconds {str(self.seconds)[:60]} are not numbers from 0 for {known}")
         _check_runs(self.runs)
 
     @property

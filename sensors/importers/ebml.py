@@ -56,7 +56,10 @@ class EbmlFile:
         """Return an element's payload."""
         if element.size > limit:
             name = self._file.name
-            raise FormatError(f"{name} has an element of {element.size} bytes; give at most {limit}")
+            raise FormatError(
+                f"{name} is damaged (an element has {element.size} bytes, at most {limit} are possible); "
+                "restore it from a copy"
+            )
         self._file.seek(element.start)
         return self._file.read(element.size)
 
