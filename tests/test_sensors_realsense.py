@@ -211,7 +211,7 @@ def test_without_a_udev_rule_and_without_the_library(monkeypatch, tmp_path):
         RealSense()
     monkeypatch.setattr(realsense, "find_spec", lambda name: None)
     assert realsense_serials() == []
-    with pytest.raises(DeviceError, match=r"not installed; install annotate-cloud\[realsense\]"):
+    with pytest.raises(DeviceError, match=r"not installed; pip install 'annotate-cloud\[realsense\]'"):
         open_device("virtual:realsense", small_ball())
 
 

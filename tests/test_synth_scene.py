@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from synth.body.body import volume_m3
-from synth.images.viewpoints import above
+from synth.images.viewpoints import overhead_place
 from synth.surface.furniture import FLOOR, Bed, Chair, Ground, Sofa, Solid, Surface
 from synth.surface.rasterize import box, look_at, merge, sheet
 
@@ -78,7 +78,7 @@ def test_a_camera_looks_where_it_should(eye, roll):
 
 def test_recumbent_cameras_stand_all_around_at_several_heights():
     rng, centre = np.random.default_rng(0), np.array([0.1, -0.2, 0.5])
-    eyes = np.array([above(rng, centre)[0] for _ in range(4000)])
+    eyes = np.array([overhead_place(rng, centre)[0] for _ in range(4000)])
     off = eyes - centre
     azimuth = np.histogram(np.arctan2(off[:, 0], off[:, 1]), 12, (-np.pi, np.pi))[0]
     assert azimuth.min() > 0.7 * 4000 / 12
