@@ -41,6 +41,7 @@ ELSEWHERE = {
     "annotate-cloud fix": "a window: driven by the tests of the window",
     "annotate-cloud record take.mcap --rig": "asks for devices; docs/camera.md records from their twins",
     "annotate-cloud live": "asks for devices and a screen: test_live.py, test_foxglove.py",
+    "annotate-cloud benchmark": "asks for recordings of others: test_benchmark.py",
     "podman": "a container engine, which few machines with tests have",
     "dask": "scheduler and workers: run by the tests of generating",
 }
