@@ -177,7 +177,7 @@ def test_files_that_are_missing_packed_cut_or_of_other_frames_are_refused(tmp_pa
     assert_refused(annotate_cloud(*command), "holds no")
     write_itop(tmp_path, np.ones((3, 240, 320)), np.ones((3, 15, 3)), id=np.array([b"00_00001"] * 3))
     assert_refused(annotate_cloud(*command), "other ids")
-    assert_refused(annotate_cloud(*command, "--view", "top"), "ITOP_top_test_labels.h5 is no file")
+    assert_refused(annotate_cloud(*command, "--view", "top"), "ITOP_top_test_labels.h5 is missing")
     labels = tmp_path / f"{SIDE}_labels.h5"
     labels.write_bytes(labels.read_bytes()[:3000])
     assert_refused(annotate_cloud(*command), "cannot be read")

@@ -88,7 +88,7 @@ def _opened(path: Path) -> "Iterator[h5py.File]":
 
     packed = path.with_name(f"{path.name}.gz")
     if not path.is_file():
-        raise FormatError(f"{path} is no file; {'unpack its .gz' if packed.exists() else 'download it'}")
+        raise FormatError(f"{path} is missing; {'unpack its .gz' if packed.exists() else 'download it'}")
     try:
         with h5py.File(path, "r") as file:
             yield file

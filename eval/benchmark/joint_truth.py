@@ -34,7 +34,7 @@ def read_joint_truth(source: FrameSource, path: Path) -> BenchmarkSet:
                 continue
             index = int(row["frame"])
             if not 0 <= index < len(source) or not np.isnan(true_m[index]).all():
-                raise ValueError(f"frame {index} is no frame of {source.name}, or is repeated")
+                raise ValueError(f"frame {index} is repeated, or {source.name} lacks it")
             for name, place in row["joints_mm"].items():
                 true_m[index, names.index(name)] = np.array(place, np.float64) / 1000
             if (np.abs(true_m[index]) > FARTHEST_MM / 1000).any():

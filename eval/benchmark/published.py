@@ -26,4 +26,4 @@ PUBLISHED = (
     Published("Viewpoint invariant", "Haque et al., ECCV 2016, arXiv:1603.07076, table of ITOP", 77.4),
     Published("Random forest", "Shotton et al. 2011, in Haque et al. 2016", 65.8),
 )
-"""A2J's joints are those of its published predictions."""
+"""The joints of A2J are computed from its published predictions."""
