@@ -13,7 +13,7 @@ _NOWHERE = "/dev/null/no-external-data"
 def onnx_session(file: bytes) -> Network:
     """Load the network of a file, for any number of threads, without executing code from the file.
 
-    Raises ONNX Runtime's errors, which share no public base, for another file.
+    Raises ONNX Runtime's errors, which share no public base, if the file holds no valid ONNX network.
     """
     import onnxruntime  # 0.1 s
 

@@ -8,10 +8,10 @@ from sensors.errors import CloudError
 
 COSTS = {
     "gui": "no windows (fix, live)",
-    "synth": "no virtual rig (simulate, virtual devices), no datasets (synth generate)",
+    "synth": "no virtual rig (simulate, synth film, virtual devices), no datasets (synth generate)",
     "bodies": "no new bodies (synth bodies); the shipped ones work",
     "report": "no report page (report); evaluate and compare work",
-    "rig": "no calibration (calibrate) and no palettes learnt from labels or photographs (suit learn)",
+    "rig": "no calibration (calibrate)",
     "clouds": "no clouds for Open3D (ThermalCloud.to_open3d)",
     "exchange": "no ROS 2 bags, LAS, LAZ or Parquet",
     "foxglove": "no stream for Foxglove (live --serve); export --format foxglove works",

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from annotate.parts import BODY_PARTS
 from cli.console import table
 from eval.compare.compare import Comparison
-from eval.compare.paired import Difference
+from eval.compare.difference import Difference
 from eval.report.estimates import SUMMARY, Estimate, estimate, printed
 from eval.scores.joint_errors import summary
 

@@ -135,14 +135,17 @@ def _checked(wanted: dict[str, str], work: Callable[..., T], *job: object) -> T:
 class EachOptions:
     """Options of a verb for every session of a folder. scheduler: of a cluster, None = here."""
 
-    out: Path
     scheduler: str | None
     overwrite: bool
     json: bool
 
 
 def label_each(
-    title: str, work: Callable[[Path, Path], "Run"], sessions: Mapping[str, Path], options: EachOptions
+    title: str,
+    work: Callable[[Path, Path], "Run"],
+    sessions: Mapping[str, Path],
+    out: Path,
+    options: EachOptions,
 ) -> None:
     """Label every session into a label set of its name, and print the number of frames of each.
 
@@ -150,7 +153,6 @@ def label_each(
     """
     from annotate.labelset import label_set as store
 
-    out = options.out
     for name, path in sessions.items():
         clear(out / name, store.MANIFEST, options.overwrite, path)
     out.mkdir(parents=True, exist_ok=True)

@@ -1,9 +1,9 @@
-"""Makes the animated pictures in docs/images: xvfb-run -a -s "-screen 0 1600x1000x24" \\
-.venv/bin/python docs/animations.py
+"""Make the animated pictures in docs/images.
 
-Somebody on the virtual rig is labelled; then the correction window is worked by mouse and keys, and the live
-window shows the recording frame by frame, each as soon as it is labelled: rates would say how busy
-the machine was that made the picture, so they are left out.
+xvfb-run -a -s "-screen 0 1600x1000x24" .venv/bin/python docs/animations.py
+
+The correction window is worked by mouse and keys on a person of the virtual rig. The live window shows the
+recording frame by frame; rates are left out, because they depend on the machine.
 """
 
 import io
@@ -34,16 +34,13 @@ from sensors.rig.frame import RigFrame
 from sensors.session.reader import Session
 from synth.rig.simulate import suit_path
 
-SHOWN = (900, 562)
-"""Size of an animation, pixels: readable on a page, and small."""
-QUALITY = 55
-"""Of its WebP frames; chosen by eye."""
-PACE_MS = 600
-"""Of a frame in the live window; chosen by eye."""
+SHOWN = (900, 562)  # px of an animation
+QUALITY = 55  # of the WebP frames; untuned
+PACE_MS = 600  # of a frame in the live window; untuned
 
 
 class Film:
-    """Grabbed pictures of a window, and for how many milliseconds each is shown."""
+    """Grabbed pictures of a window, and the milliseconds of each."""
 
     def __init__(self, window: QWidget) -> None:
         self.window = window
@@ -51,7 +48,7 @@ class Film:
         self.durations: list[int] = []
 
     def take(self, milliseconds: int) -> None:
-        """Grab what the window shows."""
+        """Grab the window."""
         buffer = QBuffer()
         buffer.open(QBuffer.OpenModeFlag.ReadWrite)
         self.window.grab().save(buffer, "PNG")
@@ -60,14 +57,14 @@ class Film:
         self.durations.append(milliseconds)
 
     def save(self, name: str) -> None:
-        """Write the animation, which begins again at its end."""
+        """Write the animation, which loops."""
         first, *rest = self.frames
         options = {"duration": self.durations, "loop": 0, "quality": QUALITY, "method": 6}
         first.save(IMAGES / name, save_all=True, append_images=rest, **options)
 
 
 def correction(folder: Path) -> None:
-    """A piece is taken by a click, a loop drawn, undone; the frame accepted, the next one shown in heat."""
+    """Film a click on a piece, a loop, undo, an accepted frame, and the next frame in temperatures."""
     window = open_window(folder, "dark")
     film, canvas = Film(window), window.views.cloud.plotter
     film.take(900)
@@ -109,22 +106,22 @@ def correction(folder: Path) -> None:
 
 
 def middle_of(window: CorrectionWindow, part: str) -> QPoint:
-    """Where the middle of a part lies in the cloud's picture."""
+    """Return the middle of a part in the cloud's picture."""
     pixels = np.flatnonzero(window.edits.parts.ravel() == PART_ID[part])
     x, y = np.nanmedian(window.views.cloud.view().xy_px[pixels], axis=0)
     return QPoint(round(x), round(y))
 
 
 class Stepped(Playback):
-    """A recording whose next frame comes when it is asked for."""
+    """Recording whose frames come by ``show``."""
 
     def show(self, frame: RigFrame) -> None:
-        """Let a frame happen now."""
+        """Put a frame now."""
         self.frames.put(SyncedFrame(frame, frame.stamp_ns, time.monotonic_ns()))
 
 
 def live(path: Path) -> None:
-    """Every frame of a recording in the live window."""
+    """Film every frame of a recording in the live window."""
     session = Session(path)
     rig = Stepped(session)
     pipeline = LivePipeline(rig, labelling_by(load_suit(suit_path(path))))
@@ -140,7 +137,9 @@ def live(path: Path) -> None:
         wait(0.3)
         window._timer.stop()
         body_pose = window._frame.body_pose
-        said = "nobody" if body_pose is None else f"{body_pose.posture}, facing {body_pose.facing_deg:+.0f}°"
+        said = (
+            "no person" if body_pose is None else f"{body_pose.posture}, facing {body_pose.facing_deg:+.0f}°"
+        )
         window.facts.setText(f"person: mia   ·   {said}")
         wait(0.05)
         film.take(PACE_MS)
@@ -152,7 +151,7 @@ def live(path: Path) -> None:
 
 
 def main() -> None:
-    """Make the data, and both animations."""
+    """Make the data and both animations."""
     app = QApplication([])
     with tempfile.TemporaryDirectory() as folder:
         made = make_labels(Path(folder))

@@ -70,7 +70,7 @@ def difficulties_picture() -> NDArray[np.uint8]:
 
 
 def people_picture() -> NDArray[np.uint8]:
-    """Parts above depth of 24 images of the preset ``people``, each of somebody else; RGB."""
+    """Parts above depth of 24 images of the preset ``people``, each of another person; RGB."""
     preset = PRESETS["people"]
     return contact_sheet([sample(preset, PEOPLE_SEED, i * preset.each) for i in range(24)])
 

@@ -1,4 +1,4 @@
-"""What tests share: real recordings where there are some, a small virtual one, and the command itself."""
+"""Shared fixtures: real recordings if available, a small virtual recording, and the command."""
 
 import hashlib
 import json
@@ -34,20 +34,20 @@ SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the documentation's pages first: the longest tests, so that no core waits for them in the end."""
+    """Put the pages of the documentation first, because they take longest."""
     items.sort(key=lambda item: item.path.name != "test_docs.py")
 
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Folder of real recordings beside the checkout; a test that asks for it skips without it."""
+    """Return the folder of real recordings beside the checkout; skip without the folder."""
     if not SHARED_DATA.is_dir():
         pytest.skip("no real recordings: ../shared/data is absent")
     return SHARED_DATA
 
 
 def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
-    """What all processes of a run of the tests read: the first that asks makes it, the others wait for it."""
+    """Return a file for all processes of a run of the tests; the first process makes the file."""
     base = factory.getbasetemp()
     path = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "made-once" / name
     path.parent.mkdir(exist_ok=True)
@@ -62,7 +62,7 @@ def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path],
 
 @pytest.fixture(scope="session")
 def rig_session(tmp_path_factory) -> Path:
-    """A clean recording of the virtual rig, 3 frames of 2 people; truth and suit lie beside it."""
+    """Return a clean recording of the virtual rig, 3 frames of 2 people, beside its truth and suit."""
 
     def record(path: Path) -> None:
         rig = VirtualRig(3, 2, "clean", 5)
@@ -77,14 +77,14 @@ def rig_session(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def shot_before(rig_session, monkeypatch) -> None:
-    """Virtual rigs show what the one of ``rig_session`` has shown, at once: for what happens to the files."""
+    """Let virtual rigs show the frames of ``rig_session`` at once, for tests of files."""
     shot = pickle.loads(rig_session.with_suffix(".shot").read_bytes())
     monkeypatch.setattr(VirtualRig, "with_truth", lambda rig: iter(shot[: rig.frames]))
 
 
 @pytest.fixture(scope="session")
 def rig_labels(rig_session, tmp_path_factory) -> LabelSet:
-    """What an uninterrupted ``label`` makes of ``rig_session``."""
+    """Return the labels of an uninterrupted ``label`` of ``rig_session``."""
 
     def label(out: Path) -> None:
         label_source(Session(rig_session), SuitLabeller(DEFAULT_SUIT), out, lambda n: None)
@@ -94,7 +94,7 @@ def rig_labels(rig_session, tmp_path_factory) -> LabelSet:
 
 @pytest.fixture(scope="session")
 def display() -> str:
-    """A screen: the one there is, or an Xvfb of this process's own, which ends with it."""
+    """Return the screen of the environment, or of an Xvfb that ends with this process."""
     if os.environ.get("DISPLAY"):
         return os.environ["DISPLAY"]
     if not shutil.which("Xvfb"):
@@ -105,7 +105,7 @@ def display() -> str:
     command += ["1600x1200x24", "-nolisten", "tcp"]
     os.set_inheritable(writing, True)
     silent = (os.POSIX_SPAWN_OPEN, 2, os.devnull, os.O_WRONLY, 0)
-    # No Popen, which would complain at the end of a process that still runs then.
+    # Popen would warn at exit, because Xvfb still runs.
     os.posix_spawnp(command[0], command, os.environ, file_actions=[silent])
     os.close(writing)
     with os.fdopen(reading) as numbers:
@@ -116,13 +116,13 @@ def display() -> str:
 
 @pytest.fixture(scope="session")
 def qapp_args(display) -> list[str]:
-    """pytest-qt's application needs a screen."""
+    """Return the arguments of pytest-qt's application, which needs a screen."""
     return ["annotate-cloud"]
 
 
 @dataclass(frozen=True)
 class Ended:
-    """How a command ended: its exit code and what it said."""
+    """Exit code and output of a command."""
 
     code: int
     out: str
@@ -130,7 +130,7 @@ class Ended:
 
     @property
     def result(self) -> dict[str, Any]:
-        """The one JSON object on stdout."""
+        """The JSON object on stdout."""
         assert self.out.count("\n") == 1, self.out
         value = json.loads(self.out)
         assert isinstance(value, dict)
@@ -139,7 +139,7 @@ class Ended:
 
 @pytest.fixture
 def annotate_cloud(monkeypatch, capsys) -> Callable[..., Ended]:
-    """Run ``annotate-cloud`` with these arguments in this process, as its script does."""
+    """Return a function that runs ``annotate-cloud`` in this process, as the script does."""
 
     def run(*arguments: object) -> Ended:
         monkeypatch.setattr(sys, "argv", ["annotate-cloud", *map(str, arguments)])
@@ -153,7 +153,7 @@ def annotate_cloud(monkeypatch, capsys) -> Callable[..., Ended]:
 
 @contextmanager
 def largest_file(size: int) -> Iterator[None]:
-    """Files may not grow beyond ``size`` bytes: a disk that fills up in the middle of a write."""
+    """Limit files to ``size`` bytes, as on a disk that fills up during a write."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
     try:
@@ -163,7 +163,7 @@ def largest_file(size: int) -> Iterator[None]:
 
 
 def tree(path: Path) -> dict[str, str]:
-    """Everything below a folder: relative path -> SHA-256, "" for folders."""
+    """Return all paths below a folder: relative path -> SHA-256, "" for folders."""
     return {
         str(p.relative_to(path)): hashlib.sha256(p.read_bytes()).hexdigest() if p.is_file() else ""
         for p in sorted(path.rglob("*"))
@@ -171,7 +171,7 @@ def tree(path: Path) -> dict[str, str]:
 
 
 def assert_refused(done: Ended, *says: object, remarks: int = 0) -> None:
-    """One line on stderr after ``remarks`` others, which holds what it must say; exit 1."""
+    """Assert exit 1 and one line on stderr, after ``remarks`` others, that contains the texts."""
     assert (done.code, done.out) == (1, ""), done
     lines = done.err.splitlines()
     assert len(lines) == 1 + remarks, done.err
@@ -181,7 +181,7 @@ def assert_refused(done: Ended, *says: object, remarks: int = 0) -> None:
 
 
 def record(path: Path, source: Session, change: Callable[[RigFrame], RigFrame]) -> Path:
-    """A recording with every frame changed."""
+    """Write a recording with every frame changed."""
     with SessionWriter(path, source.calibration, source.name) as writer:
         for frame in source:
             writer.write(change(frame))

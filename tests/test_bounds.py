@@ -1,7 +1,7 @@
 """Bounds of readers: a file at the bound is read, a file beyond it is refused in one line."""
 
 import json
-from pathlib import Path
+import os
 
 import cv2
 import numpy as np
@@ -13,7 +13,7 @@ from annotate.gui.state.keys import MAX_TOML_BYTES, load_settings
 from sensors.calibration_files.calibration_yaml import FILES, read_yaml, write_yaml
 from sensors.calibration_files.intrinsics_file import read_intrinsics
 from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
-from sensors.errors import CalibrationError, CloudError, DeviceError, FormatError
+from sensors.errors import CloudError, DeviceError, FormatError
 from sensors.files.bounded import MAX_IMAGE_BYTES, MAX_IMAGE_SIDE, read_bounded
 from sensors.files.images import decode_grey
 from sensors.files.npz import array_sizes
@@ -38,43 +38,40 @@ from tests.helpers.marker_samples import positions, write_trc
 RIG = RigCalibration(KINECT2_DEPTH)
 
 
-def sparse(path: Path, size: int) -> Path:
-    """A file made longer by zeros, which take no place on the disk."""
-    with path.open("r+b") as file:
-        file.truncate(size)
-    return path
-
-
 def test_an_image_file(tmp_path):
     path, depth = tmp_path / "depth.png", np.arange(12, dtype=np.uint16).reshape(3, 4)
     path.write_bytes(bytes(cv2.imencode(".png", depth)[1]))
-    read = decode_grey(read_bounded(sparse(path, MAX_IMAGE_BYTES)), np.uint16, "depth")
-    np.testing.assert_array_equal(read, depth)
+    os.truncate(path, MAX_IMAGE_BYTES)
+    np.testing.assert_array_equal(decode_grey(read_bounded(path), np.uint16, "depth"), depth)
+    os.truncate(path, MAX_IMAGE_BYTES + 1)
     with pytest.raises(FormatError, match="larger than"):
-        read_bounded(sparse(path, MAX_IMAGE_BYTES + 1))
+        read_bounded(path)
 
 
-def test_calibration_files(tmp_path):
-    rig, lens, folder = tmp_path / "rig.json", tmp_path / "intrinsics.json", tmp_path / "yaml"
+def test_calibration_files_and_settings(tmp_path):
+    """Files of text are padded by spaces."""
+    rig, lens, folder, theme = (tmp_path / name for name in ("rig.json", "lens.json", "yaml", "window.toml"))
     save_calibration(rig, RIG)
     lens.write_text(json.dumps({"fx": 300, "fy": 300, "cx": 10, "cy": 10, "width": 32, "height": 24}))
+    theme.write_text("theme = 'dark'\n")
     folder.mkdir()
     write_yaml(folder, RIG)
-    for path, read in (
-        (rig, load_calibration),
-        (lens, read_intrinsics),
-        (folder / FILES["depth"], lambda path: read_yaml(path.parent)),
+    for path, read, bound in (
+        (rig, load_calibration, MAX_CALIBRATION_BYTES),
+        (lens, read_intrinsics, MAX_CALIBRATION_BYTES),
+        (folder / FILES["depth"], lambda path: read_yaml(path.parent), MAX_CALIBRATION_BYTES),
+        (theme, load_settings, MAX_TOML_BYTES),
     ):
         text, expected = path.read_text(), read(path)
-        filled(path, text, MAX_CALIBRATION_BYTES)
+        path.write_text(text.ljust(bound))
         assert repr(read(path)) == repr(expected)
-        filled(path, text, MAX_CALIBRATION_BYTES + 1)
-        with pytest.raises(CalibrationError, match="larger than"):
+        path.write_text(text.ljust(bound + 1))
+        with pytest.raises(CloudError, match="larger than"):
             read(path)
 
 
 def test_a_camera_s_latency():
-    """A rig's is taken up to a second; what a recording states beyond it is not believed."""
+    """A rig file's latency is at most a second; a longer one stated by a recording is ignored."""
     places = np.zeros(5, PLACE)
     places["stamp_ns"] = places["arrival_ns"] = np.arange(5) * 10**9
     for late_ms, taken_ms in ((MAX_LATENCY_MS, MAX_LATENCY_MS), (MAX_LATENCY_MS + 1, 0)):
@@ -116,33 +113,17 @@ def test_lines_before_the_labels_of_a_trc(tmp_path):
         read_markers(path)
 
 
-def test_a_library_of_joint_positions(tmp_path, monkeypatch):
-    path = joint_file(tmp_path / "lib.npz", squatting(30))
-    unpacked = sum(array_sizes(path, "").values())
-    monkeypatch.setattr(joint_files, "MAX_BYTES", unpacked)
-    assert len(read_joint_file(path)[0]["a"].positions) == 30
-    monkeypatch.setattr(joint_files, "MAX_BYTES", unpacked - 1)
-    with pytest.raises(FormatError, match="unpacks to"):
-        read_joint_file(path)
-
-
-def test_a_garment(tmp_path, monkeypatch):
-    path = write_garment(tmp_path)
-    size = max(one.stat().st_size for one in tmp_path.iterdir())
-    monkeypatch.setattr(makehuman_garments, "MAX_FILE_BYTES", size)
-    assert read_garment(path).hidden.any()
-    monkeypatch.setattr(makehuman_garments, "MAX_FILE_BYTES", size - 1)
-    with pytest.raises(CloudError, match="larger than"):
-        read_garment(path)
-
-
-def filled(path: Path, text: str, size: int) -> Path:
-    path.write_text(text + " " * (size - len(text)))
-    return path
-
-
-def test_the_windows_settings(tmp_path):
-    settings = tmp_path / "window.toml"
-    assert load_settings(filled(settings, "theme = 'dark'\n", MAX_TOML_BYTES)).theme == "dark"
-    with pytest.raises(CloudError, match="larger than"):
-        load_settings(filled(settings, "theme = 'dark'\n", MAX_TOML_BYTES + 1))
+def test_a_library_of_joint_positions_and_a_garment(tmp_path, monkeypatch):
+    library, folder = joint_file(tmp_path / "lib.npz", squatting(30)), tmp_path / "garment"
+    folder.mkdir()
+    garment = write_garment(folder)
+    largest = max(one.stat().st_size for one in folder.iterdir())
+    for module, name, bound, read, path in (
+        (joint_files, "MAX_BYTES", sum(array_sizes(library, "").values()), read_joint_file, library),
+        (makehuman_garments, "MAX_FILE_BYTES", largest, read_garment, garment),
+    ):
+        monkeypatch.setattr(module, name, bound)
+        assert read(path)
+        monkeypatch.setattr(module, name, bound - 1)
+        with pytest.raises(CloudError, match=r"unpacks to|larger than"):
+            read(path)

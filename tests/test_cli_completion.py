@@ -1,4 +1,4 @@
-"""What the shell offers at TAB, asked as bash, zsh and fish ask."""
+"""Completion at TAB, in bash, zsh and fish."""
 
 import os
 import shutil
@@ -19,7 +19,7 @@ SHELLS = ("bash", "zsh", "fish")
 
 
 def asked(shell: str, line: str) -> dict[str, str]:
-    """The environment in which a shell asks how to go on after ``line``."""
+    """Return the environment in which a shell requests the completion of ``line``."""
     words = line.split(" ")
     return {
         "_ANNOTATE_CLOUD_COMPLETE": f"complete_{shell}",
@@ -57,7 +57,6 @@ def test_verbs_options_and_names_are_offered(shell, line, wanted):
 
 @pytest.mark.parametrize("shell", SHELLS)
 def test_each_shell_gets_its_script_installed(shell, tmp_path):
-    """As the command does it: shells are told apart by the process that started it."""
     environment = {
         **os.environ,
         "HOME": str(tmp_path),

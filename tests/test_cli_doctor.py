@@ -1,4 +1,4 @@
-"""What ``doctor`` says of an installation, whole or broken."""
+"""The verb ``doctor`` on a whole and on a broken installation."""
 
 import json
 from importlib import metadata

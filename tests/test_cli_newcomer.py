@@ -1,11 +1,10 @@
-"""A first user's slips get one short line, with a remedy that works."""
+"""Slips of a first user are refused in one line with a remedy."""
 
 import shutil
 
 import pytest
 from conftest import assert_refused
 
-import synth.rig.simulate
 from cli.console import event_lines
 
 VERBS = ("info", "fix", "export", "diff")
@@ -13,22 +12,17 @@ VERBS = ("info", "fix", "export", "diff")
 
 @pytest.fixture
 def two_sets(tmp_path, rig_labels):
-    """A folder of two label sets, as ``label`` of a folder of recordings writes it."""
+    """Return a folder of two label sets, as ``label`` of a folder writes."""
     for name in ("a", "b ü"):
         shutil.copytree(rig_labels.path, tmp_path / "sets" / name)
     return tmp_path / "sets"
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_a_folder_of_label_sets_is_recognised(annotate_cloud, two_sets, tmp_path, verb):
+def test_a_folder_of_label_sets_and_an_absent_label_set_are_named(annotate_cloud, two_sets, tmp_path, verb):
     more = {"export": (tmp_path / "out", "--format", "coco"), "diff": (two_sets / "a",)}.get(verb, ())
     done = annotate_cloud(verb, two_sets, *more)
     assert_refused(done, "is a folder with 2 label sets (a, b ü); give one, e.g.", two_sets / "a")
-
-
-@pytest.mark.parametrize("verb", VERBS)
-def test_a_label_set_that_is_not_there(annotate_cloud, tmp_path, rig_labels, verb):
-    more = {"export": (tmp_path / "out", "--format", "coco"), "diff": (rig_labels.path,)}.get(verb, ())
     assert_refused(annotate_cloud(verb, tmp_path / "absent", *more), "absent does not exist; check its name")
 
 
@@ -36,17 +30,6 @@ def test_repair_of_a_folder(annotate_cloud, tmp_path, rig_session):
     assert_refused(annotate_cloud("repair", tmp_path), f"{tmp_path} is a folder; give a recorded session")
     shutil.copy(rig_session, tmp_path / "take.mcap")
     assert_refused(annotate_cloud("repair", tmp_path), "give one file, e.g.", tmp_path / "take.mcap")
-
-
-def test_a_session_never_replaces_a_folder_and_is_refused_before_it_is_made(
-    annotate_cloud, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(synth.rig.simulate, "truth_labels", lambda *_: pytest.fail("rendered"))
-    (tmp_path / "thesis").mkdir()
-    (tmp_path / "thesis" / "chapter.tex").write_text("1")
-    done = annotate_cloud("simulate", tmp_path / "thesis", "--frames", 1, "--overwrite")
-    assert_refused(done, "thesis is a folder; give the name of a file")
-    assert [path.name for path in tmp_path.rglob("*")] == ["thesis", "chapter.tex"]
 
 
 @pytest.mark.parametrize(
@@ -60,7 +43,7 @@ def test_a_session_never_replaces_a_folder_and_is_refused_before_it_is_made(
         (("predict", "s.mcap", "--overwrite"), "again, without --overwrite, to continue"),
     ],
 )
-def test_ctrl_c_promises_only_what_the_verb_does(annotate_cloud, monkeypatch, command, continued):
+def test_ctrl_c_names_the_continuation_of_the_verb(annotate_cloud, monkeypatch, command, continued):
     def app() -> None:
         raise KeyboardInterrupt
 
@@ -68,18 +51,6 @@ def test_ctrl_c_promises_only_what_the_verb_does(annotate_cloud, monkeypatch, co
     done = annotate_cloud(*command)
     assert done.code == 130
     assert done.err.startswith("annotate-cloud: interrupted; ") and continued in done.err, done.err
-
-
-def test_an_unknown_format_of_export_lists_all(annotate_cloud, tmp_path, rig_labels):
-    done = annotate_cloud("export", rig_labels.path, tmp_path / "out", "--format", "foo")
-    assert_refused(done, "foo", "coco", "foxglove")
-
-
-def test_a_suit_of_a_recording_without_the_window_is_refused(annotate_cloud, tmp_path):
-    done = annotate_cloud(
-        "record", tmp_path / "r.mcap", "--device", "virtual:kinect2", "--suit", tmp_path / "no.toml"
-    )
-    assert done.code == 2 and "--preview" in done.err and not list(tmp_path.iterdir())
 
 
 def test_lost_images_of_a_stream_are_one_line():

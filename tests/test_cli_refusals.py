@@ -20,16 +20,30 @@ label SESSION --suit AT/notes.txt --out AT/out
 label SESSION --weights AT/nowhere --out AT/out
 label SESSION --out AT/filled
 label SESSION --out AT/filled --overwrite
+label SESSION --suit AT --out AT/out
 predict AT/nowhere --out AT/out
 predict SESSION --weights AT/nowhere --out AT/out
 predict SESSION --out AT/filled
+predict SESSION --out AT/filled --overwrite
+predict SESSION --out AT/filled --overwrite --everybody --probabilities
+predict SESSION --out AT/filled --overwrite --again --everybody
+predict SESSION --learnt AT/cut.onnx --out AT/out
 diff AT/nowhere LABELS
 evaluate AT/nowhere LABELS
+evaluate LABELS AT/empty
+evaluate LABELS LABELS --out AT/taken.mcap
+evaluate AT/nowhere LABELS --out AT/taken.mcap
 fix AT/nowhere
 fix LABELS --session AT/notes.txt
 fix LABELS --compare AT/nowhere
 train AT/nowhere --out AT/out
 train LABELS --out AT/filled
+train LABELS --out AT/filled --overwrite
+train AT/nowhere --out AT/filled --overwrite
+train LABELS --out AT/out --hold-out zoe
+train LABELS --out AT/out --epochs 2 --minutes 1
+train LABELS --out AT/out --init AT/cut.safetensors
+train LABELS --out AT/out --test AT/nowhere
 train LABELS --out AT/out --init AT/nowhere
 train LABELS --out AT/out --init shipped --network compact
 train LABELS --out AT/out --test LABELS --hold-out anna
@@ -48,7 +62,9 @@ export LABELS AT/out --format unheard-of
 export LABELS AT/taken.mcap --format foxglove
 import AT/nowhere AT/out
 import AT/notes.txt AT/out.mcap
+import SESSION AT/taken.mcap
 repair AT/nowhere
+repair AT
 record AT/out
 record AT/out --device toaster
 record AT/out --device virtual:toaster
@@ -57,6 +73,9 @@ record AT/taken.mcap --device virtual:kinect2
 record AT/out --preview --device toaster
 simulate AT/out --rig none
 simulate AT/out --difficulty easy
+simulate AT/out --scene beach
+simulate AT/out --frames 2 --subjects 3
+simulate AT/filled --frames 1 --overwrite
 simulate AT/out --suit AT/nowhere
 simulate AT/notes.txt
 synth generate --out AT/out
@@ -65,6 +84,7 @@ synth generate --out AT/out --preset people --motion AT/nowhere
 synth generate --out AT/out --preset people --garments AT/nowhere
 synth generate --out AT/out --preset people --beside AT/notes.txt
 synth generate --out AT/filled --preset people
+synth generate --out AT/filled --preset people --count 1 --overwrite
 synth bodies --table AT/notes.txt --out AT/out
 synth film AT/nowhere AT/out
 synth film AT/notes.txt AT/out
@@ -78,6 +98,7 @@ calibrate SESSION --out AT/out
 calibrate AT/out --live --device toaster --out AT/out
 compare AT/nowhere AT/nowhere
 compare AT/cut.npz AT/cut.npz
+compare LABELS AT/cut.npz
 report AT/nowhere --out AT/out
 report AT/cut.npz --out AT/out
 live AT/nowhere
@@ -87,8 +108,10 @@ live --device virtual:kinect2 --suit AT/nowhere
 live --device virtual:kinect2 --record AT/taken.mcap
 live SESSION --record AT/out
 demo --out AT/notes.txt
+demo --out AT/filled
+demo --out AT/filled --overwrite
 """
-"""Commands whose files or names are missing, of another kind, taken or unknown, or whose numbers are none."""
+"""Commands with missing, foreign, taken or unknown files and names, and options that exclude each other."""
 
 
 def commands(group, path=()):

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import wilcoxon
 
 from eval.compare.compare import Comparison
-from eval.compare.paired import difference
+from eval.compare.difference import difference
 from eval.compare.pairs import Digests
 from eval.compare.results import Result
 from eval.scores import confusion

@@ -27,12 +27,12 @@ from eval.network.onnx_network import OnnxNetwork
 from eval.network.reference_networks import PaperConfig
 from eval.training.augment import Augmentation
 from eval.training.body_targets import ROW, no_targets
+from eval.training.confidence_temperature import fitted_temperature
 from eval.training.crops import Crops
 from eval.training.loader import BatchOrder, Images, batches
 from eval.training.plan import Loss, ModernRecipe, PaperRecipe, Plan, class_weights
 from eval.training.processes import ALONE
 from eval.training.resumable_loop import Progress, one_cycle
-from eval.training.temperature import fitted_temperature
 from eval.training.train import Data, Watch, evaluate, predicted, train, work_left
 from sensors.errors import CloudError, ExistsError, FormatError
 from tests.helpers import tiny_training

@@ -199,7 +199,7 @@ def test_boxes_and_key_points_are_counted(annotate_cloud, coco, tmp_path):
 
 def test_an_import_that_names_no_part_is_refused(annotate_cloud, coco, tmp_path):
     source = coco(categories=[{"id": 7, "name": "person"}])
-    assert_refused(annotate_cloud("import", source, tmp_path / "labels"), "has a part", "head")
+    assert_refused(annotate_cloud("import", source, tmp_path / "labels"), "has a body part", "head")
     assert not (tmp_path / "labels").exists()
 
 

@@ -1,4 +1,4 @@
-"""What is installed when: the base labels alone, every extra names itself, a wheel names what it carries."""
+"""Packages: the base labels alone, a missing extra is named, a wheel lists its libraries."""
 
 import json
 import re
@@ -9,7 +9,6 @@ from importlib.metadata import distributions, packages_distributions
 from pathlib import Path
 
 import numpy as np
-import pytest
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
@@ -26,7 +25,7 @@ ALIAS = {
     "pyorbbecsdk2": "pyorbbecsdk",
     "segmentation-models-pytorch": "segmentation_models_pytorch",
 }
-"""Modules of packages that need not be installed here."""
+"""Module names of packages that may be absent."""
 
 BASE_ONLY = """
 import contextlib, io, json, sys
@@ -44,7 +43,7 @@ for command in commands:
     said.append((code, err.getvalue()))
 print(json.dumps(said))
 """
-"""Runs commands in one process in which the packages of the extras cannot be imported."""
+"""Commands in one process that cannot import the packages of the extras."""
 
 
 def names_of(requirements: list[str]) -> set[str]:
@@ -52,7 +51,7 @@ def names_of(requirements: list[str]) -> set[str]:
 
 
 def modules_of_extras() -> list[str]:
-    """Top-level modules that only extras bring."""
+    """Return top-level modules that only extras install."""
     base = names_of(PROJECT["dependencies"])
     brought = set().union(*map(names_of, PROJECT["optional-dependencies"].values())) - base
     assert {"open3d-cpu", "pyvista", "torch", "scikit-image"} <= brought
@@ -96,14 +95,14 @@ def test_labelling_needs_no_extra(rig_session, tmp_path):
         assert code == 0, f"{command}: {said}"
 
 
-def test_what_an_extra_is_missing_for_is_said_in_one_line(rig_session, tmp_path):
+def test_a_missing_extra_is_named_in_one_line(rig_session, tmp_path):
     out = tmp_path / "out"
     wanted = {
-        "synth": [["simulate", out], ["simulate", out, "--scene", "plate"],
+        "synth": [["compile"], ["simulate", out], ["simulate", out, "--scene", "plate"],
                   ["synth", "generate", "--preset", "upright", "--out", out]],
         "bodies": [["synth", "bodies", "--out", out]],
         "report": [["report", "a", "--out", out]],
-        "rig": [["suit", "learn", "a", "--out", out]],
+        "rig": [["calibrate", "a", "--out", out]],
         "gui": [["fix", "a"]],
         "train": [["train", "a", "--out", out]],
         "synth,report": [["demo", "--out", out]],
@@ -121,24 +120,21 @@ def test_every_library_that_a_wheel_carries_is_named_with_its_licence():
     shown = subprocess.run(["ldd", _pcl.__file__], capture_output=True, text=True, check=True).stdout
     libraries = set(re.findall(r"^\s*(lib\w+)", shown, re.M))
     assert "libpcl_common" in libraries
-    # The rest is of every Linux that manylinux means.
+    # manylinux guarantees the rest.
     carried = libraries - {"libc", "libm", "libstdc", "libgcc_s", "libpthread", "libdl", "librt"}
     assert all(f"  {name} " in named for name in carried), carried
-    assert len(carried) <= 3, "a wheel would carry more than what is used of PCL"
+    assert len(carried) <= 3, "a wheel would carry unused parts of PCL"
     assert "THIRD-PARTY.txt" in PROJECT["license-files"]
 
 
-@pytest.mark.parametrize("extra", sorted(PROJECT["optional-dependencies"]))
-def test_no_extra_repeats_the_base(extra):
-    assert not names_of(PROJECT["optional-dependencies"][extra]) & names_of(PROJECT["dependencies"])
+def test_extras_do_not_repeat_the_base():
+    base = names_of(PROJECT["dependencies"])
+    assert not [e for e, lines in PROJECT["optional-dependencies"].items() if names_of(lines) & base]
 
 
-def test_what_is_pinned_runs_on_the_oldest_python_there_is_in_debian_12():
-    pinned = {
-        canonicalize_name(line.split("==")[0])
-        for line in (ROOT / "constraints.txt").read_text().splitlines()
-        if "==" in line
-    }
+def test_pinned_packages_run_on_the_python_of_debian_12():
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    pinned = {canonicalize_name(line.split("==")[0]) for line in lines if "==" in line}
     refusing = [
         f"{found.name} {found.version} wants Python {found.metadata['Requires-Python']}"
         for found in distributions()

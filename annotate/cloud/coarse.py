@@ -27,11 +27,8 @@ SAME_SURFACE = 0.01  # share of the depth that counts as a pixel's distance; twi
 class CoarseCloud:
     """Coarse cloud of a frame, with the image that it was thinned from.
 
-    camera: undistorted, of the whole image depth_mm uint16 (h, w). cloud: of (h
-
-    stride, w
-
-    stride) points. pixel: flat index of each point's pixel in the whole image, -1 = none.
+    camera: undistorted, of the whole image. depth_mm: the whole image, uint16 (h, w). cloud: of
+    (h // stride, w // stride) points. pixel: flat index of each point's pixel in the whole image, -1 = none.
     """
 
     camera: Intrinsics
@@ -94,7 +91,7 @@ class CoarseFuser:
         return self.fuse(frame.depth_mm, frame.thermal_c)
 
     def fuse(self, depth_mm: UInt16, thermal_c: Float32 | None = None) -> CoarseCloud:
-        """Fuse simultaneous images to a coarse cloud; arguments as of ``Fuser.fuse``."""
+        """Fuse simultaneous images to a coarse cloud; arguments as in ``Fuser.fuse``."""
         self.camera.check_size("depth image", depth_mm.shape)
         measured = shifted(depth_mm, self.calibration.depth_shift_mm)
         whole = _undistorted(np.ascontiguousarray(measured).ravel(), self._source)

@@ -15,8 +15,9 @@ LAB_BITS = (5, 3, 3)  # of each Lab channel left out of a bin: 8 x 32 x 32 bins
 def color_odds(lab: UInt8, odds: Float32, candidates: Bool, among: Bool) -> Float32:
     """Return log odds (h, w) of a person by colour; 0 without a colour.
 
-    lab: of ``lab_of``. odds: (h, w), log odds of each pixel from other data; pixels far from 0 are certain.
-    candidates: bool (h, w), other pixels are background. among: bool (h, w), pixels to estimate from.
+    lab: uint8 (h, w, 3), as ``lab_of`` returns it. odds: (h, w), log odds of each pixel from other data;
+    pixels far from 0 are certain. candidates: bool (h, w), other pixels are background. among: bool (h, w),
+    pixels to estimate from.
     """
     seen = lab[..., 0] > 0
     bins = color_bins(lab)
@@ -37,7 +38,7 @@ def lab_of(color_rgb: UInt8, color_valid: Bool) -> UInt8:
 
 
 def color_bins(lab: UInt8) -> Int32:
-    """Return the bin (...), 0 to 8191, of each colour uint8 (..., 3) of ``lab_of``."""
+    """Return the bin (...), 0 to 8191, of each Lab colour uint8 (..., 3), as ``lab_of`` returns it."""
     lightness, a, b = (lab[..., i].astype(np.int32) >> bits for i, bits in enumerate(LAB_BITS))
     return np.asarray((lightness * 32 + a) * 32 + b, np.int32)
 

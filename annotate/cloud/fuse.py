@@ -88,7 +88,7 @@ class Fuser:
         shifted by the calibration's depth shift. color_rgb: uint8 (h', w', 3), by nearest pixel. thermal_c:
         float32 (h", w"), NaN = no reading. Temperatures are interpolated bilinearly, without pixels that show
         another surface than the point's. A missing image leaves colours invalid or temperatures NaN. Raises
-        CalibrationError for another image size or a missing camera.
+        CalibrationError if an image's size is not its camera's, or if its camera is missing.
         """
         self.camera.check_size("depth image", depth_mm.shape)
         measured = shifted(depth_mm, self.calibration.depth_shift_mm)

@@ -22,8 +22,10 @@ from sensors.errors import CloudError
 
 @dataclass(frozen=True)
 class Relabelled:
-    """Result of a step. step: its name, "" for the first labels. frames: number of frames with other labels.
-    changed: share of their body pixels with another part.
+    """Result of relabelling, or of taking it back.
+
+    step: name of the fine-tuning step whose labels the frames now have; "" = labels from before all steps.
+    frames: number of frames that changed. changed: share of their body pixels with another part than before.
     """
 
     step: str
@@ -37,7 +39,7 @@ class Relabelled:
 
     @property
     def text_of_taking_back(self) -> str:
-        """Return the result of taking a step back as a sentence."""
+        """Return the result of taking a fine-tuning step back as a sentence."""
         return f"The last learning is taken back: {self._frames} restored"
 
     @property
@@ -77,7 +79,7 @@ def relabel(correction: Correction, learnt: LabelSet) -> Relabelled:
 
 
 def take_back(correction: Correction) -> Relabelled | None:
-    """Give untouched frames their labels from before the last step; None without a step."""
+    """Give untouched frames their labels from before the last fine-tuning step; None without one."""
     steps = {i: step_of(correction.journal.strokes(i)) or "" for i in untouched(correction)}
     last = max(steps.values(), default="")
     if not last:
@@ -94,7 +96,7 @@ def take_back(correction: Correction) -> Relabelled | None:
 
 
 def before_step(correction: Correction, frame_id: str) -> UInt8 | None:
-    """Return the parts (h, w) of a frame before the last step on it, or None."""
+    """Return the parts (h, w) of a frame before the last fine-tuning step on it, or None."""
     entries = correction.journal.strokes(frame_id)
     last = max((n for n, stroke in enumerate(entries) if stroke.operation == "relabel"), default=-1)
     if last < 0:
@@ -111,7 +113,7 @@ def _recorded(correction: Correction, strokes: Sequence[Stroke], step: str) -> R
 
 
 def _next_step(correction: Correction) -> str:
-    """Return an unused name."""
+    """Return an unused name for a fine-tuning step."""
     journal = correction.journal
     entries = (stroke for i in journal.frame_ids for stroke in journal.strokes(i))
     used = (int(stroke.reason or 0) for stroke in entries if stroke.operation == "relabel")

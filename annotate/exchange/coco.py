@@ -183,7 +183,7 @@ def _run_pixels(segmentation: dict[str, Any], box: object, shape: tuple[int, int
     """Return the pixels (h, w) of run lengths, and a remark or "". Raises FormatError."""
     height, width = (int(side) for side in segmentation["size"])
     if (height, width) != shape:
-        raise FormatError(f"a mask is {height}x{width} on an image of {shape}; export it again")
+        raise FormatError(f"a mask is {width}x{height} on an image of {shape[1]}x{shape[0]}; export it again")
     counts = segmentation["counts"]
     runs = rle_from_string(counts) if isinstance(counts, str) else [int(n) for n in counts]
     flat = mask_from_runs(runs, height * width)

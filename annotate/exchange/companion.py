@@ -85,9 +85,9 @@ class Companion:
 
 
 def load_companion(folder: Path, intrinsics: Path | None = None) -> Companion:
-    """Read a folder's companion file, or intrinsics alone: ``intrinsics``, or else the folder's.
+    """Read the companion file of exported images in a folder; without it, the folder's intrinsics.json.
 
-    Raises FormatError, CalibrationError.
+    intrinsics: file that is read instead of both. Raises FormatError, CalibrationError.
     """
     file = folder / COMPANION
     if intrinsics is not None:

@@ -1,9 +1,9 @@
 """Formats of label sets, with export and import.
 
 To add a format, write a module with a writer and a reader of frames; ``image_pairs`` is the shortest example.
-Then add its line to ``FORMATS``, from which commands and tests take it, and its name to ``export --help``
-and ``docs/formats.md``. Each format also stores depth. The file ``annotate-cloud.json`` beside the format's
-own files holds the camera, and each frame's subject, status and notes.
+Then add its line to ``FORMATS``, from which commands, tests and the window take it. Name it in the help of
+``export`` and, twice, in ``docs/formats.md``. Each format also stores depth. The file ``annotate-cloud.json``
+beside the format's own files holds the camera, and each frame's subject, status and notes.
 """
 
 from collections.abc import Callable, Iterator
@@ -33,13 +33,14 @@ from sensors.rig.camera import Intrinsics
 class Format:
     """Format of label sets.
 
-    write: function that writes frames of one camera into an empty folder. read: function that yields the
-    frames of a folder, built by ``companion.labels``. recognise: function that returns whether a folder has
-    this format. lacks: fields of FrameLabels that the format cannot hold; all others must round-trip bit for
-    bit. companion: function that returns camera and notes of a folder; by default from
-    ``annotate-cloud.json``.
+    title: name for the window. write: function that writes frames of one camera into an empty folder.
+    read: function that yields the frames of a folder, built by ``companion.labels``.
+    recognise: function that returns whether a folder has this format.
+    lacks: fields of FrameLabels that the format cannot hold; all others must round-trip bit for bit.
+    companion: function that returns camera and notes of a folder; by default from ``annotate-cloud.json``.
     """
 
+    title: str
     write: Callable[[Iterator[FrameLabels], Intrinsics, Path], None]
     read: Callable[[Path, Companion], Iterator[FrameLabels]]
     recognise: Callable[[Path], bool]
@@ -52,24 +53,27 @@ def _holds(*patterns: str) -> Callable[[Path], bool]:
     return lambda source: all(any(source.glob(pattern)) for pattern in patterns)
 
 
-def _pairs(folders: Folders) -> Format:
+def _pairs(title: str, folders: Folders) -> Format:
     write, read = partial(write_pairs, folders), partial(read_pairs, folders)
-    return Format(write, read, _holds(*folders), ("persons", "confidence"))
+    return Format(title, write, read, _holds(*folders), ("persons", "confidence"))
 
 
-def _clouds(kind: CloudFile) -> Format:
-    return Format(partial(write_clouds, kind), partial(read_clouds, kind), _holds(f"*{kind.suffix}"), ())
+def _clouds(title: str, kind: CloudFile) -> Format:
+    write, read = partial(write_clouds, kind), partial(read_clouds, kind)
+    return Format(title, write, read, _holds(f"*{kind.suffix}"), ())
 
 
 FORMATS = {
-    "pairs": _pairs(PAPER),
-    "mmseg": _pairs(MMSEG),
-    "coco": Format(write_coco, read_coco, lambda source: bool(annotation_files(source)), ("confidence",)),
-    "cvat": Format(cvat.write_cvat, cvat.read_cvat, _holds(cvat.ANNOTATIONS), ("confidence",)),
-    "pcd": _clouds(PCD),
-    "ply": _clouds(PLY),
-    "semantic-kitti": Format(write_kitti, read_kitti, _holds(f"{SEQUENCE}/{LABELS}"), ("confidence",)),
-    "parquet": Format(write_parquet, read_parquet, is_parquet, (), camera_of_parquet),
+    "pairs": _pairs("Image pairs (PNG)", PAPER),
+    "mmseg": _pairs("MMSegmentation", MMSEG),
+    "coco": Format("COCO", write_coco, read_coco, lambda of: bool(annotation_files(of)), ("confidence",)),
+    "cvat": Format("CVAT", cvat.write_cvat, cvat.read_cvat, _holds(cvat.ANNOTATIONS), ("confidence",)),
+    "pcd": _clouds("Point clouds (PCD)", PCD),
+    "ply": _clouds("Point clouds (PLY)", PLY),
+    "semantic-kitti": Format(
+        "SemanticKITTI", write_kitti, read_kitti, _holds(f"{SEQUENCE}/{LABELS}"), ("confidence",)
+    ),
+    "parquet": Format("Parquet", write_parquet, read_parquet, is_parquet, (), camera_of_parquet),
 }
 """By the name for ``export --format``. The first that recognises a folder reads it."""
 
@@ -162,6 +166,6 @@ def _check_parts(source: Path, labels: LabelSet, has_part: bool) -> None:
         raise FormatError(f"{source} holds no frames; export it again")
     if not has_part:
         raise FormatError(
-            f"none of the {len(labels)} frames of {source} has a part; give the labels the names of parts: "
-            f"{', '.join(part.name for part in BODY_PARTS)}"
+            f"none of the {len(labels)} frames of {source} has a body part; give the labels the names "
+            f"of parts: {', '.join(part.name for part in BODY_PARTS)}"
         )

@@ -25,7 +25,7 @@ from sensors.importers.clouds.camera_place import STEPS_MM
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.turn import Turn
 
-KINDS = {"pcd": PCD, "ply": PLY}
+CLOUD_FORMATS = {"pcd": PCD, "ply": PLY}
 
 
 class PointLabels(NamedTuple):
@@ -42,7 +42,7 @@ def export_points(
 
     ``out`` appears when it is complete. Raises FormatError for labels of another cloud, ExistsError.
     """
-    kind, companion, frames = KINDS[name], Companion(labels.intrinsics), list(labels)
+    kind, companion, frames = CLOUD_FORMATS[name], Companion(labels.intrinsics), list(labels)
     companion.cast = cast_of(labels.info)
     if not frames:
         raise FormatError(f"{labels.path} holds no frames; label the cloud first")

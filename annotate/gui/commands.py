@@ -281,7 +281,7 @@ def _export(window: CorrectionWindow) -> Outcome | None:
     # Its import takes half a second.
     from annotate.exchange.formats import FORMATS, export_labels
 
-    if not (chosen := ask_export(window, list(FORMATS))):
+    if not (chosen := ask_export(window, {name: one.title for name, one in FORMATS.items()})):
         return Outcome("Not exported")
     name, folder = chosen
     _save(window)

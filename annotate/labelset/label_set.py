@@ -315,7 +315,7 @@ def _learnt_in(notes: object) -> str:
 
 
 def _of_step(step: object) -> str:
-    """Return the file name of a step's confidence. Raises FormatError."""
+    """Return the file name of a fine-tuning step's confidence. Raises FormatError."""
     if not isinstance(step, str) or not _STEP.fullmatch(step):
         raise FormatError(
             f"{str(step)[:40]!r} is not a name of a fine-tuning step; restore the frame from a copy"

@@ -29,8 +29,8 @@ class Fused(NamedTuple):
 class Recorded:
     """Frames of a label set with the colours and temperatures of its recording.
 
-    session: of any kind that ``open_source`` reads; None = depth alone. Raises FormatError for a recording of
-    another size.
+    session: of any kind that ``open_source`` reads; None = depth alone. Raises FormatError for a recording
+    with another image size than the labels.
     """
 
     def __init__(self, labels: LabelSet, session: Path | None) -> None:

@@ -1,4 +1,4 @@
-"""Warnings about a rig: devices, drops, clocks, the flag, the disk. Constants are untuned."""
+"""Warnings about a rig: devices, drops, clocks, thermal flag (shutter), disk. Constants are untuned."""
 
 from collections.abc import Iterator
 

@@ -30,8 +30,9 @@ class PersonMask:
     """Pixels (h, w) of the subject in the undistorted depth image, all with a reading.
 
     method: "depth" where the frame has no temperature. persons: uint8 (h, w), 0 = no person, 1 the subject, 2
-    and on others by track id. tracks: of ``assign_track_ids``. notes: for the user, e.g. the reason for an
-    empty mask. trusted: False for an unreliable frame; a note then names the stream and the remedy.
+    and on others by track id. tracks: as ``assign_track_ids`` returns them. notes: for the user, e.g. the
+    reason for an empty mask. trusted: False for an unreliable frame; a note then names the stream and the
+    remedy.
     """
 
     mask: Bool
@@ -52,8 +53,8 @@ class PersonDetection:
 
     window_c: lowest and highest surface temperature of a person; None = from the frame. Without pixels in
     this range no person is found. suit: suit of the subject, which distinguishes it from others. everybody:
-    label all persons; the earlier subject keeps number 1, and no clear subject is required. single_pass: of
-    ``find_people``.
+    label all persons; the earlier subject keeps number 1, and no clear subject is required. single_pass:
+    skip the flipped image (``find_people``).
     """
 
     def __init__(

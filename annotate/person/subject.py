@@ -47,7 +47,7 @@ def _entropy(share: Float64) -> Float64:
 def subject_score(person: Person, before: FrameLabels | None, shown: float = 1.0) -> float:
     """Return a person's score in m2 as the subject, by surface, place, previous subject and suit.
 
-    shown: of ``cloths_shown``, 1 without a suit.
+    shown: number of the suit's cloths on the person, from ``cloths_shown``; 1 without a suit.
     """
     x, _, z = person.centre_m
     score = person.area_m2 * float(np.exp(-np.square(x / z / OFF_CENTRE)))

@@ -26,7 +26,7 @@ _FIELDS: dict[str, list[tuple[str, int, str, bool]]] = {
 def split_network(file: bytes) -> tuple[bytes, bytes, str]:
     """Return the ONNX files of both halves, and the name of the features between them.
 
-    Raises ValueError for another network.
+    Raises ValueError for a file without an ONNX network, or a network without enlarged features.
     """
     try:
         model = _model().FromString(file)

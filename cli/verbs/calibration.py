@@ -65,10 +65,11 @@ def calibrate(
     for path in (out, plot, *([yaml] if yaml else [])):
         check_free(path, overwrite)
     with needing("rig"):
-        from cli.guided import Guided
-        from cli.rig_devices import rig_of
-        from sensors.calibrate.hole_plate import HolePlate
-        from sensors.calibrate.verdict import judge
+        import matplotlib  # noqa: F401
+    from cli.guided import Guided
+    from cli.rig_devices import rig_of
+    from sensors.calibrate.hole_plate import HolePlate
+    from sensors.calibrate.verdict import judge
 
     plate = HolePlate(columns, rows, pitch_mm / 1000, hole_mm / 1000)
     if live:

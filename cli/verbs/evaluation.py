@@ -141,7 +141,7 @@ def compare(
     check_results(a, b)
     first, second = load_result(a), load_result(b)
     from cli.score_tables import difference_text
-    from eval.compare.paired import difference
+    from eval.compare.difference import difference
 
     found = difference(first, second)
     if found.note:

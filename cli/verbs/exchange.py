@@ -103,8 +103,7 @@ def export(
 ) -> None:
     """Write a label set in another tool's format; import reads it back, except foxglove."""
     from annotate.exchange.formats import FORMATS, export_labels
-    from annotate.exchange.labelled_points import KINDS as POINTS
-    from annotate.exchange.labelled_points import export_points
+    from annotate.exchange.labelled_points import CLOUD_FORMATS, export_points
     from annotate.labelset.label_set import LabelSet
 
     check_choice("format", format_, (*FORMATS, FOXGLOVE))
@@ -115,9 +114,9 @@ def export(
         output.finish({**result, "remarks": remarks}, f"{len(label_set)} frames as {format_}")
         return
     if session is not None:
-        if format_ not in POINTS or session.suffix.lower() not in CLOUDS:
+        if format_ not in CLOUD_FORMATS or session.suffix.lower() not in CLOUDS:
             raise BadParameter(
-                f"only --format {FOXGLOVE} uses it, and {' and '.join(POINTS)} of a cloud file",
+                f"only --format {FOXGLOVE} uses it, and {' and '.join(CLOUD_FORMATS)} of a cloud file",
                 param_hint="--session",
             )
         done = export_points(label_set, session, format_, out, overwrite=overwrite)

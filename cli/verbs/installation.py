@@ -124,6 +124,7 @@ def _tried(check: Callable[[], object], name: str, found: str, cost: str) -> Fin
 def compile_(json: Json = False) -> None:
     """Compile the numerical kernels once, so that no verb has to wait for the compiler later."""
     with needing("synth"):
+        from synth.images import generate  # noqa: F401
         from synth.images.workers import processes
     started, work = time.monotonic(), (_label, _generate, _solve)  # the longest first
     with processes(2) as (pool, _), progress("compile", len(work)) as advance:

@@ -76,7 +76,7 @@ def label(
     labeller = SuitLabeller(palette, network, window)
     if source is None:
         one = partial(_label, labeller)
-        label_each("label", one, sessions, EachOptions(out, scheduler, overwrite, json))
+        label_each("label", one, sessions, out, EachOptions(scheduler, overwrite, json))
         return
     clear(out, store.MANIFEST, overwrite, session, *given)
     notes = [*source.notes, *doubts_of(source), *(palette.notes if palette else ())]
@@ -117,15 +117,14 @@ def learn(
     json: Json = False,
 ) -> None:
     """Learn the suit's palette from corrected frames, or from a photograph of its cloths."""
-    with needing("rig"):
-        from annotate.suit.palette import suit_to_toml
-        from annotate.suit.palette_learning import (
-            clouds_with,
-            corrected_frames,
-            suit_from_labels,
-            suit_from_photo,
-        )
     from annotate.labelset.label_set import LabelSet
+    from annotate.suit.palette import suit_to_toml
+    from annotate.suit.palette_learning import (
+        clouds_with,
+        corrected_frames,
+        suit_from_labels,
+        suit_from_photo,
+    )
 
     check_free(out, overwrite)
     if swatches is not None and labels is None and session is None and not frame:
@@ -227,7 +226,7 @@ def predict(
         if joints is not None:
             raise typer.BadParameter("--joints is for one session; its notes in each label set hold them")
         one = partial(_predict, choices)
-        label_each("predict", one, sessions, EachOptions(out, scheduler, overwrite, json))
+        label_each("predict", one, sessions, out, EachOptions(scheduler, overwrite, json))
         return
     opened = _opened(source, everybody)
     check_room(out, store.MANIFEST, overwrite, source, *given)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from cli.console import Json, Overwrite, finish, progress, say, table
-from cli.extras import needing
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free, check_there
 
@@ -39,12 +38,11 @@ def solve(
     json: Json = False,
 ) -> None:
     """Turn recorded markers into joint angles that can move any body."""
-    with needing("synth"):
-        from synth.markers.motion_file import save_motion
-        from synth.markers.solve import places_m
-        from synth.markers.solve import solve as solve_markers
-        from synth.motion.picture import check_animation, save_animation, save_picture
-        from synth.motion_files.vertical_axis import given
+    from synth.markers.motion_file import save_motion
+    from synth.markers.solve import places_m
+    from synth.markers.solve import solve as solve_markers
+    from synth.motion.picture import check_animation, save_animation, save_picture
+    from synth.motion_files.vertical_axis import given
 
     for given_out in filter(None, (out, picture, film)):
         check_free(given_out, overwrite)

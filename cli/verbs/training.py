@@ -197,7 +197,7 @@ def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSpl
     """Write a trained network in both formats; return its path, its temperature and the calibration set."""
     from eval.network.onnx_export import export_network
     from eval.network.weights_file import save_weights
-    from eval.training.temperature import fitted_temperature
+    from eval.training.confidence_temperature import fitted_temperature
 
     weights, held = out / "weights.onnx", split.calibrated
     save_weights(weights.with_suffix(".safetensors"), model, plan.network)

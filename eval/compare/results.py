@@ -85,7 +85,7 @@ def check_results(*paths: Path) -> None:
 
 
 def load_result(path: Path) -> Result:
-    """Read a result. Raises FormatError for another file."""
+    """Read a result. Raises FormatError if the file holds none."""
     arrays = load_arrays(path, MAX_BYTES, REMEDY)
     try:
         texts = json.loads(arrays["texts"].tobytes())

@@ -109,8 +109,9 @@ class SuitFineTuner(FineTuner):
         return earlier if earlier in self._ids and earlier != frame_id else None
 
     def _detections(self, wanted: Collection[str]) -> Iterator[tuple[str, SuitDetection]]:
-        """Yield the wanted frames by id, in the recording's order. Raises CloudError for another
-        recording.
+        """Yield the wanted frames by id, in the recording's order.
+
+        Raises CloudError if the labels were made on another recording.
         """
         fuser, left = Fuser(self._source.calibration), set(wanted)
         labeller = SuitLabeller(self._suit, window_c=self._window_c)

@@ -34,8 +34,8 @@ SEED = 0  # of the samples; the same corrections give the same network
 class FineTuner(ABC):
     """Segmentation network that is fine-tuned on corrections of labels that it made.
 
-    start: weights (.onnx) in full precision. degrade: as in ``Sampling``. Raises FormatError for weights of
-    another kind.
+    start: weights (.onnx) in full precision. degrade: as in ``Sampling``. Raises FormatError if ``start``
+    holds no weights of a suit network.
     """
 
     def __init__(self, labels: LabelSet, start: Path, *, degrade: bool) -> None:

@@ -11,7 +11,7 @@ from annotate.array_types import Float64
 from annotate.correction.audit import Audit
 from annotate.parts import BODY_PARTS, PARTS
 from eval.compare import paper_results as paper
-from eval.compare.paired import Difference
+from eval.compare.difference import Difference
 from eval.compare.results import Result
 from eval.report.estimates import SHOWN_ORDER, Estimate, Scored, estimate
 from eval.report.frame_images import ERROR_KINDS, ERROR_RGB, THERMAL_RANGE_C
@@ -84,7 +84,7 @@ def _curve(title: str, x: object, y: object, number: int, dash: str = "solid") -
 
 
 def overview(results: Sequence[Result], ceiling: Result | None) -> go.Figure:
-    """Return the mean recall of every result, the paper's and the ceiling."""
+    """Return the mean recall of every result, the paper's, and two people's agreement (the ceiling)."""
     traces = [
         _row(r.title, [plain(r.title, 28)], [estimate(r.comparison, "mean_recall")], i)
         for i, r in enumerate(results)
@@ -103,7 +103,7 @@ def _part_estimates(scored: Scored, name: str) -> list[Estimate]:
 
 
 def by_part(results: Sequence[Result], name: Literal["recall", "iou"], ceiling: Result | None) -> go.Figure:
-    """Return a score of every part, with the paper's recalls and the ceiling."""
+    """Return a score of every part, with the paper's recalls and two people's agreement (the ceiling)."""
     names = [part.title for part in BODY_PARTS]
     traces = [_row(r.title, names, _part_estimates(r.comparison, name), i) for i, r in enumerate(results)]
     if name == "recall":

@@ -17,7 +17,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.journal import Journal
 from annotate.labelset.label_set import LabelSet
 from annotate.labelset.labelled_frames import camera_of, holds_frames, open_frames
-from eval.compare.paired import Difference, difference
+from eval.compare.difference import Difference, difference
 from eval.compare.pairs import pair_up
 from eval.compare.results import Result
 from eval.report.frame_images import Image

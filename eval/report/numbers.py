@@ -12,7 +12,7 @@ from annotate.correction.audit import Audit
 from annotate.parts import BODY_PARTS, PARTS
 from eval.compare import paper_results as paper
 from eval.compare.details import suspicious
-from eval.compare.paired import Difference
+from eval.compare.difference import Difference
 from eval.compare.results import Result
 from eval.report.estimates import SHOWN_ORDER, SUMMARY, estimate, group_recall, printed, row_shares
 from eval.report.gather import Material
@@ -58,7 +58,7 @@ def _text(value: object) -> object:
 
 
 def summary_table(material: Material) -> pd.DataFrame:
-    """Return the summary scores of every result, the ceiling and the paper."""
+    """Return the summary scores of every result, of two people's agreement (the ceiling) and of the paper."""
     titled = [(result.title, result) for result in material.results]
     if material.ceiling is not None:
         titled.append((f"{material.ceiling.title} (two people)", material.ceiling))

@@ -55,7 +55,8 @@ def borders(labels: UInt8) -> UInt8:
 def distances(labels: UInt8, border: UInt8, reach: float, around: float) -> Float32:
     """Return the distance of every pixel to the nearest border pixel: float32 (h, w), Euclidean, pixels.
 
-    Infinite beyond ``reach``, off the body beyond ``around``. border: of ``borders``.
+    border: part ids as ``borders`` returns them. Distances above a limit are infinite: the limit is ``reach``
+    for body pixels, ``around`` for all others.
     """
     height, width = labels.shape
     # Distances along the columns first, then along each row up to the best distance.
@@ -143,7 +144,8 @@ def confidences(truth: UInt8, predicted: UInt8, confidence: Float32, near: UInt8
 def apart(border: UInt8, other: UInt8, reach: float) -> Float64:
     """Return the distance of each border pixel, by rows, to the nearest of its part in the other map.
 
-    float64 (n,), Euclidean, pixels; infinite beyond ``reach``. Both maps: of ``borders``.
+    float64 (n,), Euclidean, pixels; infinite if above ``reach``. border, other: part ids as ``borders``
+    returns them.
     """
     height, width = border.shape
     found, n = np.full(np.count_nonzero(border), np.inf), 0

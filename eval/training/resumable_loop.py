@@ -200,7 +200,10 @@ class Training(Protocol[B]):
         ...
 
     def loss(self, network: nn.Module, batch: B, share: float) -> tuple[Tensor, float]:
-        """Return the loss to minimise and the loss to report; share: as of ``Schedule``."""
+        """Return the loss to minimise and the loss to report.
+
+        share: finished share of the training, 0 to 1.
+        """
         ...
 
     def record(self, state: State, loss: float) -> bool:

@@ -113,7 +113,7 @@ def train(
 
 @dataclass(frozen=True)
 class _NetworkTraining:
-    """Training of a network on crops, as of ``eval.training.resumable_loop.Training``."""
+    """Training of a network on crops; an ``eval.training.resumable_loop.Training``."""
 
     data: Data
     out: Path

@@ -53,7 +53,7 @@ class Residuals(NamedTuple):
 
     @property
     def rms_px(self) -> float:
-        """Return the root mean square distance in pixels."""
+        """Return the root mean square distance of seen from predicted places, in pixels."""
         return float(np.sqrt(np.square(self.error_px).sum(axis=1).mean()))
 
 

@@ -102,7 +102,7 @@ def _pose(text: str) -> Pose:
 
 
 def _numbers(text: str, key: str, count: int) -> list[float]:
-    """Return the numbers of a key. Raises ValueError for another count."""
+    """Return the ``count`` numbers of a key. Raises ValueError for more or fewer."""
     numbers = scan(text)[0].get(key.lower(), [])
     if len(numbers) != count:
         raise ValueError(f"{key} has {len(numbers)} numbers: give {count}")

@@ -50,7 +50,7 @@ class ColorImage:
 
 @dataclass(frozen=True)
 class ThermalImage:
-    """Temperatures float32 (h, w) in Celsius, NaN = no reading; valid only while the flag is OPEN."""
+    """Temperatures float32 (h, w), Celsius, NaN = no reading; valid only while the flag (shutter) is OPEN."""
 
     stream: ClassVar[str] = "thermal"
     celsius: NDArray[np.float32]

@@ -1,4 +1,4 @@
-"""Detection of a thermal camera's closed flag in its images. Constants are untuned."""
+"""Detection of a thermal camera's closed flag (shutter) in its images. Constants are untuned."""
 
 import numpy as np
 from numpy.typing import NDArray

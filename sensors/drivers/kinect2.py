@@ -119,7 +119,9 @@ class Kinect2(StreamingCamera):
             self._take(stamp_ns, value, number - before - 1)
 
     def _image(self, frame: Frame) -> NDArray[np.uint16] | None:
-        """Return the buffer's float image rounded and mirrored, uint16 (424, 512); None for another size."""
+        """Return the buffer's float image rounded and mirrored, uint16 (424, 512); None if its size is not
+        ``DEPTH_SHAPE``.
+        """
         if (frame.height, frame.width) != DEPTH_SHAPE or frame.bytes != 4 * frame.height * frame.width:
             return None
         values = np.frombuffer(memoryview(self._buffer), np.float32, frame.height * frame.width)

@@ -1,4 +1,4 @@
-"""Optris PI cameras through the vendor's libirdirectsdk.so: temperatures, and the state of the flag.
+"""Optris PI cameras through the vendor's libirdirectsdk.so: temperatures, and the flag (shutter).
 
 Source of the C interface: irdirectsdk.h of libirimager (Evocortex). Constants are untuned unless a source is
 given.

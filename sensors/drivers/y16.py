@@ -65,7 +65,7 @@ class WordMode:
     """Mode of a camera.
 
     kind, options: of its address. sizes: possible (width, height). radiometry: None for raw counts. remedy:
-    text of the error for another size.
+    text of the error for a camera without any of the sizes.
     """
 
     kind: str
@@ -77,7 +77,10 @@ class WordMode:
 
 
 class WordCamera(V4l2Camera):
-    """A camera of 16-bit words, with the flag detected in its images. Raises DeviceError for another size."""
+    """Thermal camera of 16-bit words, whose closed flag (shutter) is detected in its images.
+
+    Raises DeviceError if the camera supports no size of ``mode``.
+    """
 
     def __init__(self, node: V4l2Node, mode: WordMode) -> None:
         super().__init__(f"{mode.kind}:{node.path}?{mode.options}", node, mode.rate_hz)

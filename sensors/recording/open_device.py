@@ -1,8 +1,10 @@
 """All devices by address: the list of those present, and opening one, real or virtual.
 
-To add a camera, derive a driver from ``StreamingCamera``; ``azure_kinect`` is the shortest example. Then add
-it to ``OPENERS`` and ``find_devices`` here, and to ``sensors.device.address.KINDS``. Its twin goes into
-``VIRTUAL`` here and ``sensors.virtual.twins.TWINS``.
+To add a camera, derive a driver from ``StreamingCamera`` (example: ``azure_kinect``), or from ``V4l2Camera``
+(``lepton``, also in ``VIDEO_IDS``). Then add it to ``OPENERS`` and ``find_devices`` here, to
+``sensors.device.address.KINDS`` and to the tables of ``docs/devices.md``. A twin is optional; it goes into
+``VIRTUAL`` here and ``sensors.virtual.twins.TWINS``. A new extra goes into ``pyproject.toml``, ``Makefile``,
+``cli.extras.COSTS`` and ``docs/install.md``.
 """
 
 import errno

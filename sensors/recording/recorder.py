@@ -44,9 +44,10 @@ def clock_metadata(devices: Sequence[Device], latency_ms: Mapping[str, float]) -
 
 
 def write_item(writer: SessionWriter, item: Arrived | Event, infrared: bool = False) -> None:
-    """Write an event, or a checked reading unless the flag was closed. infrared: keep amplitude images.
+    """Write an event or a reading; skip readings of a thermal camera whose flag (shutter) is closed.
 
-    Raises OSError, and FormatError for an impossible time.
+    item: images must have passed ``ImageCheck``. infrared: keep amplitude images. Raises OSError, and
+    FormatError for an impossible time.
     """
     if isinstance(item, Event):
         writer.event(item.stamp_ns, item.text, item.arrival_ns)

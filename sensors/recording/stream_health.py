@@ -1,4 +1,4 @@
-"""Health of a running rig: rates, drops, clocks, the flag, and how long the disk will last."""
+"""Health of a running rig: rates, drops, clocks, thermal flag (shutter), time until the disk is full."""
 
 import math
 from collections import deque
@@ -167,7 +167,7 @@ class Watch:
         return {name: one.health(now_ns, one.address in away) for name, one in self._streams.items()}
 
     def flag_closed_s(self, now_ns: int) -> float:
-        """Return the seconds for which the flag has been closed, 0 while it is open."""
+        """Return the seconds for which the flag (shutter) has been closed, 0 while it is open."""
         return (now_ns - self._closed_ns) * 1e-9 if self._closed_ns else 0.0
 
     def skew_ppm(self) -> dict[str, float]:

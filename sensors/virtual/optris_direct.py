@@ -21,7 +21,7 @@ QUEUE = 16
 
 
 class VirtualDirect:
-    """A PI200 behind ``library``: temperatures with noise, frozen while the flag is closed."""
+    """A PI200 behind ``library``: temperatures with noise, frozen while the flag (shutter) is closed."""
 
     def __init__(self, scene: FrameLoop, faults: Faults | None = None, flag_every_s: float = 12.0) -> None:
         scene.thermal(0)

@@ -124,7 +124,7 @@ class FakeCapture:
 
 
 class VirtualOptris(FakeCamera):
-    """An Optris PI200 in one mode. flag_every_s: seconds from one flag cycle to the next."""
+    """An Optris PI200 in one mode. flag_every_s: seconds between two closings of the flag (shutter)."""
 
     def __init__(
         self, layout: Layout, scene: FrameLoop, faults: Faults | None = None, flag_every_s: float = 12.0

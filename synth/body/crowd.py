@@ -1,4 +1,4 @@
-"""Sets of shipped adults of both sexes, all ages and builds; their common mesh allows to blend any two."""
+"""Sets of shipped adults of both sexes, all ages and builds on one mesh; ``body.blend`` mixes any two."""
 
 from dataclasses import replace
 from functools import cache

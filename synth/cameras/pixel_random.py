@@ -64,7 +64,10 @@ def lattice(key: np.uint64, height: int, width: int, log2: int, normals: Float32
 
 @numba.njit(cache=True, fastmath=EXACT)
 def smooth(corners: Float32, weights: Float32, v: int, u: int, log2: int) -> np.float32:
-    """Return smooth (value) noise with a normal distribution at pixel (v, u). corners: of ``lattice``."""
+    """Return smooth (value) noise with a normal distribution at pixel (v, u).
+
+    corners: random numbers, as ``lattice`` returns them.
+    """
     i, j, side = v >> log2, u >> log2, (1 << log2) - 1
     weight = weights[v & side, u & side]
     return np.float32(

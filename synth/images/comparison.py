@@ -64,12 +64,12 @@ class Chart:
 
 
 def ranges(dataset: Distributions, recording: Distributions | None) -> list[Range]:
-    """Return a range for every quantity of the dataset, except the widths."""
+    """Return the range of every quantity of the dataset, except the silhouette's widths (``profile``)."""
     return [_range(*row) for row in _rows(dataset, recording)]
 
 
 def profile(dataset: Distributions, recording: Distributions | None) -> list[Range]:
-    """Return a range for each of the ``LEVELS`` widths, from the top of the silhouette downwards."""
+    """Return the range of the silhouette's width at each of ``LEVELS`` heights, from the top downwards."""
     rows = []
     for level in range(LEVELS):
         title = f"Width at {(level + 0.5) / LEVELS:.0%} from the top"

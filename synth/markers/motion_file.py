@@ -25,8 +25,9 @@ _TYPES = {"angles_rad": "f8", "pelvis_m": "f8", "error_m": "f4", "status": "u1"}
 class MarkerReport:
     """Fit of each marker.
 
-    error_m: float32 (F, M), distance to the body's marker, NaN where not seen or discarded. status: uint8 (F,
-    M). unknown: labels outside the marker set. assumed: sentences on defects of the files.
+    error_m: float32 (F, M), distance of the recorded marker from its place on the fitted body, metres; NaN
+    where not seen or discarded. status: uint8 (F, M). unknown: labels outside the marker set. assumed:
+    sentences on defects of the files.
     """
 
     names: tuple[str, ...]
@@ -37,13 +38,13 @@ class MarkerReport:
 
     @property
     def median_mm(self) -> float:
-        """Return the median distance over all seen markers, 0 without any."""
+        """Return the median of ``error_m`` over all seen markers, millimetres; 0 without any."""
         found = self.error_m[np.isfinite(self.error_m)]
         return float(np.median(found)) * 1000 if found.size else 0.0
 
     @property
     def rms_mm(self) -> float:
-        """Return the root mean square distance over all seen markers, 0 without any."""
+        """Return the root mean square of ``error_m`` over all seen markers, millimetres; 0 without any."""
         found = self.error_m[np.isfinite(self.error_m)].astype(np.float64)
         return float(np.sqrt(np.mean(found**2))) * 1000 if found.size else 0.0
 
@@ -80,7 +81,10 @@ class Motion:
         frames = len(self.angles_rad)
         shapes = (self.angles_rad.shape, self.pelvis_m.shape)
         if frames == 0 or shapes != ((frames, N_JOINTS, 3), (frames, 3)):
-            raise FormatError(f"motion arrays are {shapes}; give (F, {N_JOINTS}, 3) and (F, 3)")
+            raise FormatError(
+                f"angles_rad and pelvis_m have the shapes {shapes[0]} and {shapes[1]} instead of "
+                f"(F, {N_JOINTS}, 3) and (F, 3) for F frames; solve again"
+            )
         marked = (frames, len(self.report.names))
         if self.report.error_m.shape != marked or self.report.status.shape != marked:
             raise FormatError(f"the motion's marker report is not {marked}; solve again")

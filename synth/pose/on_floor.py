@@ -41,8 +41,10 @@ OFF_WALL_M = 0.01  # distance of the rearmost skin, for clothes on a wall
 
 @dataclass(frozen=True)
 class OnFloor:
-    """Behaviour of a cast in front of a wall at y = wall_y. A moment holds kinds and seeds of two postures,
-    and a share between them.
+    """Behaviour of a person on the floor before a wall: standing, kneeling, slumped at it, or fallen.
+
+    wall_y: y of the wall, world, metres. cast: of the poses. A moment (pose parameters) names two postures by
+    kind and seed, and the share of the way from the first to the second.
     """
 
     wall_y: float

@@ -1,4 +1,4 @@
-"""Variants of the virtual rig: other depth or thermal cameras, with the faults of a difficulty."""
+"""Variants of the virtual rig: other depth or thermal cameras, with faults as strong as a ``Difficulty``."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,7 +16,9 @@ FLAT_FIELD_EVERY_S = (60.0, 180.0)  # three minutes or 1.5 K (Lepton's data shee
 
 
 class _Thermal(NamedTuple):
-    """Thermal camera relative to an Optris PI200: factors on noise and drift, flag, and delay in seconds."""
+    """Thermal camera relative to an Optris PI200: factors on noise and drift; seconds of a closed
+    flag (shutter), and of delay.
+    """
 
     netd: float
     drift: float
@@ -32,8 +34,10 @@ _BOSON = _Thermal(0.04 / 0.08, 2.0, 0.5, 1 / 120)
 
 @dataclass(frozen=True)
 class Variant:
-    """Cameras of a virtual rig. sensor, thermal: functions that return faults by difficulty. supersample:
-    rendered pixels per pixel side of the thermal camera.
+    """Cameras of a virtual rig.
+
+    sensor: function from a difficulty to the depth camera with its faults. thermal: function from a PI200's
+    noise to this thermal camera's. supersample: rendered pixels per pixel side of the thermal camera.
     """
 
     calibration: RigCalibration

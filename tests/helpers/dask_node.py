@@ -1,4 +1,4 @@
-"""A scheduler or a worker of dask in a process of its own: forked from one that has imported everything."""
+"""Scheduler or worker of dask in a process forked from one with all imports."""
 
 import os
 from multiprocessing.process import BaseProcess
@@ -11,7 +11,7 @@ from tests.helpers.forking import FORKING
 
 
 def begin(kind: str, line: str) -> BaseProcess:
-    """Start ``dask KIND LINE``, and give its process."""
+    """Start ``dask KIND LINE``; return its process."""
     process = FORKING.Process(target=_run, args=(kind, line.split()))
     process.start()
     return process

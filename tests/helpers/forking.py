@@ -1,7 +1,7 @@
-"""From where tests start processes: forked from one that has imported once what all of them need."""
+"""Server from which tests fork processes, with the imports of all of them."""
 
 from multiprocessing import get_context
 
 FORKING = get_context("forkserver")
-"""A process has one such server, and its first start decides on its imports: so this names those of all."""
+"""Shared, because a process has one such server, whose first start decides on the imports."""
 FORKING.set_forkserver_preload(["tests.helpers.tiny_training", "torch._dynamo", "tests.helpers.dask_warm"])

@@ -1,4 +1,4 @@
-"""Small valid files of formats that no package at hand writes."""
+"""Small valid files of formats without a writer in the installed packages."""
 
 import io
 import json

@@ -35,7 +35,7 @@ def write_image_folder(folder: Path, session: Session) -> None:
 
 def write_trials(folder: Path) -> None:
     """Write ``walk.c3d`` and ``standing.c3d`` of one person in Plug-in-Gait markers."""
-    truth = synthesise(3, 15)
+    truth = synthesise(3, 40)
     _write_c3d(folder / "walk.c3d", truth.moving)
     _write_c3d(folder / "standing.c3d", truth.static)
 

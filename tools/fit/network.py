@@ -13,8 +13,8 @@ from eval.network.onnx_export import LEAST_HALVED, export_network, halve_onnx
 from eval.network.onnx_network import SHIPPED_WEIGHTS
 from eval.network.weights_file import load_weights, save_weights
 from eval.training.calibration_split import LEAST_BODIES
+from eval.training.confidence_temperature import fitted_temperature
 from eval.training.crops import load_crops
-from eval.training.temperature import fitted_temperature
 from eval.training.train import HISTORY
 from sensors.files.atomic import replacing
 from tools.fit.quantise import CALIBRATED_ON, quantise

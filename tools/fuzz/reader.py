@@ -1,4 +1,4 @@
-"""A reader of files from outside, and what it does with files that are spoilt."""
+"""Reader of files from outside, and its faults on damaged files."""
 
 import traceback
 import warnings
@@ -11,14 +11,14 @@ from sensors.errors import CloudError
 
 @dataclass(frozen=True)
 class Reader:
-    """make: write a valid sample into an empty folder, return what to read. read: read all of it."""
+    """make: write a valid sample into an empty folder, return its path. read: read all of the sample."""
 
     make: Callable[[Path], Path]
     read: Callable[[Path], object]
 
 
 class Sample:
-    """A reader's files in a folder, of which some are replaced before they are read."""
+    """A reader's sample in a folder, whose files can be replaced."""
 
     def __init__(self, reader: Reader, folder: Path) -> None:
         self._read = reader.read
@@ -28,7 +28,7 @@ class Sample:
         self.files = {path: path.read_bytes() for path in found}
 
     def fault(self, changed: dict[Path, bytes]) -> str:
-        """What reading does beside these contents: "" where it goes well or is refused in one line."""
+        """Return the fault of reading these contents; "" for a good end or a refusal in one line."""
         for path, data in (self.files | changed).items():
             path.write_bytes(data)
         try:

@@ -1,12 +1,12 @@
-"""Fuzzes a reader of files from outside, guided by coverage.
+"""Fuzz a reader of files from outside, guided by coverage.
 
 python -m tools.fuzz.run READER [SECONDS] [FOLDER]
 
 Needs the extra `fuzz` (Atheris: libFuzzer for Python). READER is a name in `tools.fuzz.samples`; without one,
-every reader gets 60 seconds. Inputs that reach new branches are kept in FOLDER/READER (fuzz/READER) for the
-next run. A fault is anything but a good end or one printable line of error, over 2 GB of memory, or over
-30 seconds; it ends the run, and libFuzzer leaves the input there as crash-*, oom-* or timeout-*: first the
-number of the file, one byte, then what is in it. `tests/corpus` holds the faults found so far.
+every reader gets 60 seconds. FOLDER/READER (fuzz/READER) keeps inputs that reach new branches. A fault is an
+end other than a good one or one printable line of error, over 2 GB of memory, or over 30 seconds. A fault
+ends the run; libFuzzer writes its input to crash-*, oom-* or timeout-*: one byte, the number of the file,
+then the content of the file. `tests/corpus` holds earlier faults.
 """
 
 import random
@@ -26,12 +26,10 @@ with atheris.instrument_imports(
     from tools.fuzz.samples import READERS
 
 PNG = b"\x89PNG\r\n\x1a\n"
-"""First bytes of a PNG file."""
-LIMITS = ["-timeout=30", "-rss_limit_mb=2048"]
 
 
 def sealed(data: bytes) -> bytes:
-    """The data with right checksums in the headers of a tar and the chunks of PNGs."""
+    """Return the data with correct checksums in the headers of a tar and the chunks of PNGs."""
     content = bytearray(data)
     if content[257:262] == b"ustar":
         at = 0
@@ -72,13 +70,14 @@ def fuzz(name: str, seconds: int, inputs: Path) -> None:
         return (changed[:1] + sealed(changed[1:]) if random.Random(seed).random() < 0.5 else changed)[:most]
 
     longest = 2 * max(map(len, sample.files.values()))
-    options = [f"-max_total_time={seconds}", f"-max_len={longest}", f"-artifact_prefix={inputs}/", *LIMITS]
+    options = [f"-max_total_time={seconds}", f"-max_len={longest}", f"-artifact_prefix={inputs}/"]
+    options += ["-timeout=30", "-rss_limit_mb=2048"]
     atheris.Setup(["fuzz", *options, str(inputs)], read, custom_mutator=change)
     atheris.Fuzz()
 
 
 def main(name: str = "", seconds: str = "60", folder: str = "fuzz") -> None:
-    """One reader here, or every reader in a process of its own; exit 1 where one has a fault."""
+    """Fuzz one reader here, or every reader in its own process; exit with 1 for a fault."""
     if name:
         fuzz(name, int(seconds), Path(folder) / name)
     commands = [[sys.executable, "-m", "tools.fuzz.run", each, seconds, folder] for each in READERS]

@@ -1,4 +1,4 @@
-"""Every reader of bytes from outside: how a small valid sample is made, and how it is read."""
+"""Readers of bytes from outside: a small valid sample of each, and the call that reads it."""
 
 import json
 import shutil
@@ -15,10 +15,9 @@ from mcap.writer import CompressionType, Writer
 from annotate.exchange.companion import Companion
 from annotate.exchange.formats import FORMATS, import_labels
 from annotate.frame_labels import FrameLabels
+from annotate.labelset import dataset, label_set
 from annotate.labelset.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, sha256
-from annotate.labelset.dataset import validate as validate_dataset
 from annotate.labelset.label_set import LabelSet
-from annotate.labelset.label_set import validate as validate_labels
 from annotate.suit.palette import DEFAULT_SUIT, load_suit, suit_to_toml
 from eval.compare.compare import compare_sets
 from eval.compare.results import Result, load_result, save_result
@@ -47,6 +46,7 @@ from synth.motion_files.marker_set import load_marker_set
 from tests.helpers.bags import STORAGES, realsense, write_bag
 from tests.helpers.bags import write_old_bag as write_ros1_bag
 from tests.helpers.cloud_files import pcd
+from tests.helpers.depth_files import png, write
 from tests.helpers.flir_files import Written, flir_jpeg
 from tests.helpers.marker_samples import positions, write_c3d, write_trc
 from tests.helpers.orbbec_files import jpeg_of, write_orbbec_bag
@@ -56,7 +56,9 @@ from tests.helpers.walker import bvh_of
 from tools.fuzz.reader import Reader
 
 CAMERA = Intrinsics(16, 12, 20.0, 21.0, 7.5, 5.5)
+NUMBERS = {"fx": 20, "fy": 21, "cx": 7.5, "cy": 5.5, "width": 16, "height": 12}
 RIG = RigCalibration(CAMERA, CAMERA, Pose.identity(), CAMERA, Pose.identity())
+SMALL = CompactConfig((4, 4, 4, 4, 4))
 
 
 def depth_image(seed: int = 0) -> np.ndarray:
@@ -77,26 +79,21 @@ def exhaust(frames: Iterable[object]) -> None:
             frame.decode_color()
 
 
-def png(image: np.ndarray) -> bytes:
-    return bytes(cv2.imencode(".png", image)[1])
-
-
-def _session(folder: Path) -> Path:
+def _session(path: Path) -> None:
     color = bytes(cv2.imencode(".jpg", np.zeros((*CAMERA.shape, 3), np.uint8))[1])
-    with SessionWriter(folder / "x.mcap", RIG, "x") as writer:
+    with SessionWriter(path, RIG, "x") as writer:
         for i in range(3):
             warm = np.full(CAMERA.shape, 20.5, np.float32)
             writer.write(RigFrame(i, i * 10**8, depth_image(i), color, warm, depth_image(i)))
             writer.add(PYROMETER, spot_message(30.0, 20.0, 21.0, i * 10**8), i * 10**8)
             writer.event(i * 10**8, "flag closed")
-    return folder / "x.mcap"
 
 
-def _bare_session(folder: Path) -> Path:
-    """A session whose chunks are neither compressed nor summed: damage in it reaches the messages."""
-    whole = _session(folder)
-    bare = folder / "bare.mcap"
-    with whole.open("rb") as source, bare.open("wb") as sink:
+def _bare_session(path: Path) -> None:
+    """Write chunks without compression and checksums, so that damage reaches the messages."""
+    whole = path.with_name("x.mcap")
+    _session(whole)
+    with whole.open("rb") as source, path.open("wb") as sink:
         writer = Writer(sink, compression=CompressionType.NONE, enable_crcs=False)
         writer.start(profile="", library="")
         copier = Copier(writer)
@@ -105,7 +102,6 @@ def _bare_session(folder: Path) -> Path:
                 copier.add(record)
         writer.finish()
     whole.unlink()
-    return bare
 
 
 def _read_session(path: Path) -> None:
@@ -120,190 +116,110 @@ def _bag(storage: str, folder: Path) -> Path:
     return next(file for file in bag.iterdir() if file.suffix in (".db3", ".mcap"))
 
 
-def _ros1(compression: str, folder: Path) -> Path:
-    return write_ros1_bag(folder / "x.bag", realsense(2), compression)
-
-
-def _realsense(folder: Path) -> Path:
-    height, width = CAMERA.shape
-    yuyv = np.zeros((height, width, 2), np.uint8)
+def _realsense(path: Path) -> None:
+    yuyv = np.zeros((*CAMERA.shape, 2), np.uint8)
     frames = [(n, 30.0 * n, depth_image(n), yuyv[..., 0].copy(), yuyv) for n in (1, 2)]
-    lens = CAMERA, "Inverse Brown Conrady"
-    return write_old_bag(folder / "x.bag", frames, lens, lens)
+    lens = (CAMERA, "Inverse Brown Conrady")
+    write_old_bag(path, frames, (lens, lens))
 
 
-def _orbbec(folder: Path) -> Path:
+def _orbbec(path: Path) -> None:
     frames = [(n, 1_000_000 + 30_000 * n, *2 * [depth_image(n)], jpeg_of(CAMERA, 60)) for n in (1, 2)]
-    return write_orbbec_bag(folder / "x.bag", CAMERA, CAMERA, frames)
+    write_orbbec_bag(path, CAMERA, CAMERA, frames)
 
 
-def _written(path: Path, content: bytes) -> Path:
-    path.write_bytes(content)
-    return path
+def _npy(path: Path) -> None:
+    path.with_suffix(".json").write_text(json.dumps(NUMBERS))
+    np.save(path, np.stack([depth_image(0), depth_image(1)]))
 
 
-def _mkv(folder: Path) -> Path:
-    return _written(folder / "x.mkv", azure_mkv(1))
+def _cloud(path: Path) -> None:
+    FORMATS[path.suffix[1:]].write(iter([labelled(0)]), CAMERA, path.parent)
 
 
-def _npy(folder: Path) -> Path:
-    (folder / "x.json").write_text(json.dumps({**_numbers()}))
-    np.save(folder / "x.npy", np.stack([depth_image(0), depth_image(1)]))
-    return folder / "x.npy"
-
-
-def _npz(folder: Path) -> Path:
-    np.savez_compressed(folder / "x.npz", depth=depth_image(), K=CAMERA.matrix)
-    return folder / "x.npz"
-
-
-def _numbers() -> dict[str, float]:
-    return {"fx": 20, "fy": 21, "cx": 7.5, "cy": 5.5, "width": 16, "height": 12}
-
-
-def _cloud(suffix: str, folder: Path) -> Path:
-    FORMATS[suffix].write(iter([labelled(0)]), CAMERA, folder)
-    return folder / f"000000.{suffix}"
-
-
-def _packed_cloud(folder: Path) -> Path:
-    """A compressed PCD of PCL's layout: LZF of one literal run after another."""
+def _packed_cloud() -> bytes:
+    """Return a compressed PCD of PCL's layout: LZF of one literal run after another."""
     data = np.random.default_rng(0).uniform(1, 2, (3, 60)).astype("<f4").tobytes()
-    runs = b"".join(
-        bytes([len(run) - 1]) + run for run in (data[at : at + 32] for at in range(0, len(data), 32))
-    )
+    pieces = (data[at : at + 32] for at in range(0, len(data), 32))
+    runs = b"".join(bytes([len(piece) - 1]) + piece for piece in pieces)
     body = np.array([len(runs), len(data)], "<u4").tobytes() + runs
-    return _written(folder / "x.pcd", pcd(np.zeros((60, 3)), 60, 1, body, DATA="binary_compressed"))
+    return pcd(np.zeros((60, 3)), 60, 1, body, DATA="binary_compressed")
 
 
-def _flir(folder: Path) -> Path:
+def _flir() -> bytes:
     photo = np.full((6, 8, 3), 90, np.uint8)
-    return _written(
-        folder / "x.jpg", flir_jpeg(np.full((6, 8), 30.0), photo, Written(raw="png", photo="png"))
-    )
+    return flir_jpeg(np.full((6, 8), 30.0), photo, Written(raw="png", photo="png"))
 
 
-def _las(suffix: str, folder: Path) -> Path:
-    points = np.random.default_rng(0).uniform(-1, 1, (200, 3))
-    return _written(folder / f"x.{suffix}", las(points, 0, suffix == "laz"))
+def _las(compressed: bool) -> bytes:
+    return las(np.random.default_rng(0).uniform(-1, 1, (200, 3)), 0, compressed)
 
 
-def _images(folder: Path) -> Path:
+def _images(folder: Path) -> None:
     for i in range(2):
-        for name, content in (
-            ("depth", depth_image(i)),
-            ("rgb", np.zeros((4, 4, 3), np.uint8)),
-            ("thermal", depth_image(i)),
-        ):
-            (folder / name).mkdir(exist_ok=True)
-            (folder / name / f"{i}.png").write_bytes(png(content))
+        color = np.zeros((4, 4, 3), np.uint8)
+        for name, image in (("depth", depth_image(i)), ("rgb", color), ("thermal", depth_image(i))):
+            write(folder / name / f"{i}.png", png(image))
     (folder / "associations.txt").write_text("0.1 depth/0.png 0.1 rgb/0.png\n0.2 depth/1.png 0.2 rgb/1.png\n")
-    (folder / "intrinsics.json").write_text(json.dumps({**_numbers(), "k1": 0.1, "depth_unit_mm": 2}))
+    (folder / "intrinsics.json").write_text(json.dumps({**NUMBERS, "k1": 0.1, "depth_unit_mm": 2}))
+
+
+def _depths(suffix: str, count: int, folder: Path) -> Path:
+    for i in range(count):
+        write(folder / "depth" / f"{i}{suffix}", bytes(cv2.imencode(suffix, depth_image(i))[1]))
+    (folder / "intrinsics.json").write_text(json.dumps(NUMBERS))
     return folder
 
 
-def _tiffs(folder: Path) -> Path:
-    (folder / "depth").mkdir()
-    for i in range(2):
-        (folder / "depth" / f"{i}.tiff").write_bytes(bytes(cv2.imencode(".tiff", depth_image(i))[1]))
-    (folder / "intrinsics.json").write_text(json.dumps(_numbers()))
-    return folder
-
-
-def _pgms(folder: Path) -> Path:
-    (folder / "depth").mkdir()
-    (folder / "depth" / "0.pgm").write_bytes(bytes(cv2.imencode(".pgm", depth_image(0))[1]))
-    (folder / "intrinsics.json").write_text(json.dumps(_numbers()))
-    return folder
-
-
-def _labels(folder: Path) -> Path:
-    labels = LabelSet.create(folder / "labels", CAMERA, {"source": "x"})
+def _labels(path: Path) -> None:
+    labels = LabelSet.create(path, CAMERA, {"source": "x"})
     for i in range(2):
         labels.write(labelled(i))
-    return labels.path
 
 
 def _read_labels(path: Path) -> None:
     labels = LabelSet.open(path)
-    validate_labels(labels)
+    label_set.validate(labels)
     exhaust(labels)
 
 
-def _dataset(folder: Path) -> Path:
+def _dataset(folder: Path) -> None:
     (folder / "s.tar").write_bytes(encode_shard([labelled(0), labelled(1)]))
     shards = [{"file": "s.tar", "sha256": sha256(folder / "s.tar")}]
     (folder / MANIFEST).write_text(json.dumps({"schema": SCHEMA, "shards": shards, "images": 2}))
-    return folder
 
 
 def _read_dataset(path: Path) -> None:
-    dataset = Dataset.open(path)
-    validate_dataset(dataset)
-    exhaust(dataset)
+    opened = Dataset.open(path)
+    dataset.validate(opened)
+    exhaust(opened)
 
 
-def _markers(suffix: str, folder: Path) -> Path:
-    path = folder / f"x.{suffix}"
-    {"c3d": write_c3d, "trc": write_trc}[suffix](path, positions())
-    return path
-
-
-def _bvh(folder: Path) -> Path:
-    return _written(folder / "x.bvh", bvh_of().encode())
-
-
-def _suit(folder: Path) -> Path:
-    return _written(folder / "suit.toml", suit_to_toml(DEFAULT_SUIT).encode())
-
-
-def _rig(folder: Path) -> Path:
-    save_calibration(folder / "c.json", RIG)
+def _rig(path: Path) -> None:
+    save_calibration(path.with_name("c.json"), RIG)
     text = 'name = "a"\ncalibration = "c.json"\ndevices = ["virtual:kinect2"]\n[latency_ms]\n'
-    (folder / "rig.toml").write_text(text + '"virtual:kinect2" = 25\n')
-    return folder / "rig.toml"
+    path.write_text(text + '"virtual:kinect2" = 25\n')
 
 
-def _calibration(folder: Path) -> Path:
-    save_calibration(folder / "c.json", RIG)
-    return folder / "c.json"
-
-
-def _yaml(folder: Path) -> Path:
-    write_yaml(folder, replace(RIG, depth_shift_mm=5.0))
-    return folder
-
-
-def _result(folder: Path) -> Path:
-    labels = LabelSet.open(_labels(folder))
+def _result(path: Path) -> None:
+    folder = path.with_name("labels")
+    _labels(folder)
+    labels = LabelSet.open(folder)
     result = Result("x", compare_sets(labels, labels, workers=1))
-    shutil.rmtree(labels.path)
-    save_result(folder / "r.npz", result)
-    return folder / "r.npz"
+    shutil.rmtree(folder)
+    save_result(path, result)
 
 
-def _onnx(folder: Path) -> Path:
-    export_network(build(CompactConfig((4, 4, 4, 4, 4))), folder / "w.onnx")
-    return folder / "w.onnx"
-
-
-def _weights(folder: Path) -> Path:
-    config = CompactConfig((4, 4, 4, 4, 4))
-    save_weights(folder / "w.safetensors", build(config), config)
-    return folder / "w.safetensors"
-
-
-def _exported(name: str, folder: Path) -> Path:
+def _exported(name: str, folder: Path) -> None:
     companion, frames = Companion(CAMERA), [labelled(0), labelled(1)]
     for frame in frames:
         companion.add(frame)
     FORMATS[name].write(iter(frames), CAMERA, folder)
     companion.save(folder)
-    return folder
 
 
 def _read_exported(path: Path) -> None:
-    """Import, and nothing may appear but the label set."""
+    """Import labels. Raises AssertionError for a file outside the label set."""
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         try:
@@ -316,61 +232,65 @@ def _read_frames(path: Path) -> None:
     exhaust(open_source(path))
 
 
-def _motion(folder: Path) -> Path:
+def _motion(path: Path) -> None:
     report = MarkerReport(("LASI", "RASI"), np.zeros((3, 2), np.float32), np.zeros((3, 2), np.uint8), ("x",))
-    motion = Motion(np.zeros((3, N_JOINTS, 3)), np.zeros((3, 3)), 100.0, bones_of_leg(0.8), report)
-    save_motion(folder / "m.npz", motion)
-    return folder / "m.npz"
+    save_motion(path, Motion(np.zeros((3, N_JOINTS, 3)), np.zeros((3, 3)), 100.0, bones_of_leg(0.8), report))
 
 
-def _joints(folder: Path) -> Path:
-    """Rotations as AMASS holds them."""
-    np.savez(folder / "j.npz", poses=np.full((2, 66), 0.1), trans=np.zeros((2, 3)), mocap_framerate=60.0)
-    return folder / "j.npz"
+def _joints(path: Path) -> None:
+    """Write rotations as AMASS stores them."""
+    np.savez(path, poses=np.full((2, 66), 0.1), trans=np.zeros((2, 3)), mocap_framerate=60.0)
 
 
-def _marker_set(folder: Path) -> Path:
-    place = '{ joint = "left_knee", at_m = [0.05, 0, 0], spread_mm = 30, weight = 1 }'
-    (folder / "m.toml").write_text(f'name = "mine"\n[markers]\nLKNE = {place}\nRKNE = {place}\n')
-    return folder / "m.toml"
+PLACE = '{ joint = "left_knee", at_m = [0.05, 0, 0], spread_mm = 30, weight = 1 }'
+MARKER_SET = f'name = "mine"\n[markers]\nLKNE = {PLACE}\nRKNE = {PLACE}\n'
+
+# A reader's name: name of the sample in its folder ("" = the folder itself), its writer or bytes, its reader.
+TABLE = {
+    "session": ("x.mcap", _session, _read_session),
+    "session-bare": ("bare.mcap", _bare_session, _read_session),
+    "bag-ros1": ("x.bag", lambda path: write_ros1_bag(path, realsense(2), ""), _read_frames),
+    "bag-ros1-lz4": ("x.bag", lambda path: write_ros1_bag(path, realsense(2), "LZ4"), _read_frames),
+    "realsense": ("x.bag", _realsense, _read_frames),
+    "orbbec": ("x.bag", _orbbec, _read_frames),
+    "mkv": ("x.mkv", lambda path: write(path, azure_mkv(1)), _read_frames),
+    "npy": ("x.npy", _npy, _read_frames),
+    "npz": ("x.npz", lambda p: np.savez_compressed(p, depth=depth_image(), K=CAMERA.matrix), _read_frames),
+    "pcd": ("000000.pcd", _cloud, _read_frames),
+    "ply": ("000000.ply", _cloud, _read_frames),
+    "pcd-compressed": ("x.pcd", lambda path: write(path, _packed_cloud()), _read_frames),
+    "flir": ("x.jpg", lambda path: write(path, _flir()), _read_frames),
+    "las": ("x.las", lambda path: write(path, _las(False)), _read_frames),
+    "laz": ("x.laz", lambda path: write(path, _las(True)), _read_frames),
+    "images": ("", _images, _read_frames),
+    "tiffs": ("", partial(_depths, ".tiff", 2), _read_frames),
+    "pgms": ("", partial(_depths, ".pgm", 1), _read_frames),
+    "labels": ("labels", _labels, _read_labels),
+    "dataset": ("", _dataset, _read_dataset),
+    "c3d": ("x.c3d", lambda path: write_c3d(path, positions()), read_markers),
+    "trc": ("x.trc", lambda path: write_trc(path, positions()), read_markers),
+    "bvh": ("x.bvh", lambda path: write(path, bvh_of().encode()), read_bvh),
+    "joints": ("j.npz", _joints, read_joint_file),
+    "motion": ("m.npz", _motion, load_motion),
+    "marker-set": ("m.toml", lambda path: path.write_text(MARKER_SET), load_marker_set),
+    "suit": ("suit.toml", lambda path: path.write_text(suit_to_toml(DEFAULT_SUIT)), load_suit),
+    "rig": ("rig.toml", _rig, load_rig),
+    "calibration": ("c.json", lambda path: save_calibration(path, RIG), load_calibration),
+    "yaml": ("", lambda path: write_yaml(path, replace(RIG, depth_shift_mm=5.0)), read_yaml),
+    "result": ("r.npz", _result, load_result),
+    "onnx": ("w.onnx", lambda path: export_network(build(SMALL), path), OnnxNetwork),
+    "safetensors": ("w.safetensors", lambda path: save_weights(path, build(SMALL), SMALL), load_weights),
+    **{f"export-{name}": ("", partial(_exported, name), _read_exported) for name in FORMATS},
+}
+
+
+def _made(name: str, writer: object, folder: Path) -> Path:
+    writer(folder / name)
+    return folder / name
 
 
 READERS = {
-    "session": Reader(_session, _read_session),
-    "session-bare": Reader(_bare_session, _read_session),
     "bag-sqlite": Reader(partial(_bag, "SQLITE3"), _read_frames),
     "bag-mcap": Reader(partial(_bag, "MCAP"), _read_frames),
-    "bag-ros1": Reader(partial(_ros1, ""), _read_frames),
-    "bag-ros1-lz4": Reader(partial(_ros1, "LZ4"), _read_frames),
-    "realsense": Reader(_realsense, _read_frames),
-    "orbbec": Reader(_orbbec, _read_frames),
-    "mkv": Reader(_mkv, _read_frames),
-    "npy": Reader(_npy, _read_frames),
-    "npz": Reader(_npz, _read_frames),
-    "pcd": Reader(partial(_cloud, "pcd"), _read_frames),
-    "ply": Reader(partial(_cloud, "ply"), _read_frames),
-    "pcd-compressed": Reader(_packed_cloud, _read_frames),
-    "flir": Reader(_flir, _read_frames),
-    "las": Reader(partial(_las, "las"), _read_frames),
-    "laz": Reader(partial(_las, "laz"), _read_frames),
-    "images": Reader(_images, _read_frames),
-    "tiffs": Reader(_tiffs, _read_frames),
-    "pgms": Reader(_pgms, _read_frames),
-    "labels": Reader(_labels, _read_labels),
-    "dataset": Reader(_dataset, _read_dataset),
-    "c3d": Reader(partial(_markers, "c3d"), read_markers),
-    "trc": Reader(partial(_markers, "trc"), read_markers),
-    "bvh": Reader(_bvh, read_bvh),
-    "joints": Reader(_joints, read_joint_file),
-    "motion": Reader(_motion, load_motion),
-    "marker-set": Reader(_marker_set, load_marker_set),
-    "suit": Reader(_suit, load_suit),
-    "rig": Reader(_rig, load_rig),
-    "calibration": Reader(_calibration, load_calibration),
-    "yaml": Reader(_yaml, read_yaml),
-    "result": Reader(_result, load_result),
-    "onnx": Reader(_onnx, OnnxNetwork),
-    "safetensors": Reader(_weights, load_weights),
-    **{f"export-{name}": Reader(partial(_exported, name), _read_exported) for name in FORMATS},
+    **{key: Reader(partial(_made, name, writer), read) for key, (name, writer, read) in TABLE.items()},
 }
-"""By name."""

@@ -22,7 +22,7 @@ from annotate.segmentation.input_channels import CHANNELS, FELT, LIKELIHOODS, OT
 from annotate.segmentation.suit_network import SuitNetwork, shipped_suit_network
 from annotate.suit.palette import load_suit
 from eval.compare.compare import Comparison, compare_sets
-from eval.compare.paired import difference
+from eval.compare.difference import difference
 from eval.compare.results import Result
 from eval.scores.intervals import clusters_of, quantile
 from sensors.session.reader import Session

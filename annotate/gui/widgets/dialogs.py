@@ -1,6 +1,6 @@
 """Dialogs: the reason for a rejection, exports, and choices when a file or the disk fails."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import Qt
@@ -30,16 +30,6 @@ REASONS = (
     "Several people touch",
     "Parts cannot be distinguished",
 )
-FORMAT_TITLES = {
-    "pairs": "Image pairs (PNG)",
-    "mmseg": "MMSegmentation",
-    "coco": "COCO",
-    "cvat": "CVAT",
-    "pcd": "Point clouds (PCD)",
-    "ply": "Point clouds (PLY)",
-    "semantic-kitti": "SemanticKITTI",
-    "parquet": "Parquet",
-}
 
 
 def ask_reason(parent: QWidget) -> str | None:
@@ -85,13 +75,13 @@ def _ask(parent: QWidget | None, title: str, text: str, yes: str, no: str) -> bo
     return box.clickedButton() is agree
 
 
-def ask_export(parent: QWidget, formats: Sequence[str]) -> tuple[str, Path] | None:
-    """Ask for the format and the folder of an export; None cancels."""
-    titles = [FORMAT_TITLES.get(name, name) for name in formats]
+def ask_export(parent: QWidget, formats: Mapping[str, str]) -> tuple[str, Path] | None:
+    """Ask for format and folder of an export; None cancels. formats: titles by name."""
+    titles = list(formats.values())
     chosen, given = QInputDialog.getItem(parent, "Export", "Export format", titles, 0, False)
     if not given:
         return None
-    name = formats[titles.index(chosen)]
+    name = list(formats)[titles.index(chosen)]
     folder = QFileDialog.getSaveFileName(parent, f"New folder for {name}", f"{name}-export")[0]
     return (name, Path(folder)) if folder else None
 

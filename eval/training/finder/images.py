@@ -35,8 +35,8 @@ class SceneImages(NamedTuple):
 class Batch(NamedTuple):
     """Images of one training step.
 
-    inputs: (B, 24, h / 2, w / 2). person, known: (B, h, w), 0 or 1. votes: (B, 3, h / 2, w / 2), as of
-    ``_votes``, for every second pixel.
+    inputs: (B, 24, h / 2, w / 2). person, known: (B, h, w), 0 or 1. votes: (B, 3, h / 2, w / 2), vectors
+    to the middle of the person, for every second pixel.
     """
 
     inputs: Float32

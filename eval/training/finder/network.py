@@ -84,7 +84,7 @@ def _twice(x: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class FinderTraining:
-    """Training of the finder for a number of minutes, as ``eval.training.resumable_loop.Training``."""
+    """Training of the finder for a number of minutes; an ``eval.training.resumable_loop.Training``."""
 
     images: SceneImages
     minutes: float
@@ -116,7 +116,7 @@ class FinderTraining:
         return loss, loss.item()
 
     def record(self, state: State, loss: float) -> bool:
-        """Return False, because the state is saved at time intervals."""
+        """Return False: no step asks for a save, because ``fit`` saves the state by the clock."""
         return False
 
 

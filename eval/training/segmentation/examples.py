@@ -100,9 +100,10 @@ class Recording:
 
     @classmethod
     def open(cls, path: Path, labels: Path, suit: Path) -> "Recording":
-        """Open files.
+        """Open a recording, its label set and the palette file of its suit.
 
-        Raises CloudError for unreadable labels or palette, automatic labels only, or the judging cast.
+        Raises CloudError if the labels or the palette are unreadable, if all labels are automatic, or for the
+        judging cast.
         """
         known = LabelSet.open(labels)
         frame_ids = frozenset(i for i in known.frame_ids if known.status(i) != "auto")

@@ -72,7 +72,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class SuitTraining:
-    """Training of the suit network for a stage, as of ``eval.training.resumable_loop.Training``."""
+    """Training of the suit network for a stage; an ``eval.training.resumable_loop.Training``."""
 
     examples: ExampleFiles | Sequence[Example]
     stage: Stage
@@ -117,7 +117,7 @@ class SuitTraining:
         return loss, loss.item()
 
     def record(self, state: State, loss: float) -> bool:
-        """Return False: the state is saved by the clock."""
+        """Return False: no step asks for a save, because ``fit`` saves the state by the clock."""
         return False
 
 

@@ -10,10 +10,10 @@ from annotate.array_types import Int64
 from annotate.parts import N_CLASSES, TWIN_PARTS, UNDEFINED
 from annotate.segmentation.input_channels import network_input
 from annotate.segmentation.suit_network import CLASSES
+from eval.training.confidence_temperature import temperature_of
 from eval.training.segmentation.augmentation import flip, sample_as_labelled
 from eval.training.segmentation.examples import Example, ExampleFiles
 from eval.training.segmentation.network import SuitNet
-from eval.training.temperature import temperature_of
 
 MEASURED, SCATTERED = 200, 500  # frames at most, and samples of each for the temperature; untuned
 

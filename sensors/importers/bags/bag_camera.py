@@ -111,9 +111,10 @@ class BagCameras:
             raise
 
     def _of_frame(self, stream: Stream) -> list[str]:
-        """Return the topics of other camera descriptions with the same camera frame.
+        """Return the camera_info topics with a stream's coordinate frame.
 
-        The only description of a bag is returned if frames have no names, or if depth is named as aligned.
+        If there are none, a bag's only camera_info is returned where either frame has no name, or where the
+        stream's name says "aligned".
         """
         frames = {name: stamp_and_frame(info)[1].lstrip("/") for name, info in self._infos.items()}
         same = [name for name in sorted(frames) if stream.frame and frames[name] == stream.frame]

@@ -92,7 +92,7 @@ class RealSenseRecording(CameraRecording):
         width, height, step = (int(text) for text in found.groups()[1:])
         if max(width, height) > MAX_IMAGE_SIDE or step * height > MAX_IMAGE_BYTES:
             raise FormatError(
-                f"an image states {width}x{height}, {step} bytes a row; restore the file from a copy"
+                f"an image states {width}x{height}, {step} bytes a row, too large; restore it from a copy"
             )
         data = zstandard.ZstdDecompressor().decompress(picture.data, max_output_size=step * height)
         return Picture(picture.frame_id, found[1], data, False, height, width, step)
