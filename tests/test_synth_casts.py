@@ -320,6 +320,7 @@ def test_a_subject_of_a_rig_stands_for_its_bodies(tmp_path):
         sets.append(data.path)
     held = bodies[5, 0] | bodies[6, 0]
     rest = load_crops(sets, without=frozenset({"subject-0"}))
+    assert len(load_crops(sets, only=frozenset({"subject-0"}))) == 2
     assert len(rest) == sum(own.isdisjoint(held) for own in bodies.values())
 
 

@@ -138,8 +138,8 @@ def load_crops(
     """Read label sets and datasets.
 
     without: subjects or bodies to leave out, with every image that shares a body with them. only: subjects or
-    bodies to read, likewise; None = all. Frames without a labelled part are left out. Raises CloudError where
-    no frame remains, or on a full disk.
+    bodies to read; None = all. Frames without a labelled part are left out. Raises CloudError where no frame
+    remains, or on a full disk.
     """
     names, bodies = ", ".join(map(str, sources)), list[frozenset[str]]()
     taught = _labelled([open_frames(path) for path in sources], without, only)
@@ -166,11 +166,10 @@ def _labelled(
     frames: list[LabelledFrames], without: frozenset[str], only: frozenset[str] | None
 ) -> Iterator[tuple[LabelledFrames, FrameLabels]]:
     left_out = held_out(frames, without)
-    wanted = None if only is None else held_out(frames, only)
     for source in frames:
         for frame in source:
             known = bodies_in(source, frame) | {frame.subject}
-            if not known.isdisjoint(left_out) or (wanted is not None and known.isdisjoint(wanted)):
+            if not known.isdisjoint(left_out) or (only is not None and known.isdisjoint(only)):
                 continue
             if (on_body(frame.parts) & (frame.depth_mm > 0)).any():
                 yield source, frame
