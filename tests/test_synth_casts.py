@@ -237,6 +237,7 @@ def test_a_dataset_names_its_cast_and_only_measures(annotate_cloud, tmp_path):
     assert annotate_cloud(*command, "--cast", "judge").code == 0
     assert Dataset.open(data).info["cast"] == "judge"
     assert "cast" not in Order(PRESETS["standing"], 1, 0).manifest()
+    assert "<h1>standing, cast judge</h1>" in (data / "index.html").read_text()
     for frame in Dataset.open(data):
         assert bodies_in(Dataset.open(data), frame) == set(blended_bodies("standing", JUDGE, 0, 0))
     done = annotate_cloud("train", data, "--out", tmp_path / "run")
