@@ -16,6 +16,7 @@ from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
+from annotate.labelset.cast_note import cast_note
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.label_set import LabelSet, as_read
 from annotate.labelset.source_recording import recording_entry
@@ -187,7 +188,7 @@ def run(
     info = {"source": source.name, "calibration": calibration_to_json(source.calibration), "steps": steps}
     if source.sha256:
         info["sha256"] = source.sha256
-    info |= recording_entry(source.path)
+    info |= recording_entry(source.path) | cast_note(source.cast)
     labels = LabelSet.resume(out, fuser.camera, info)
     with Claim.take(out, login()):
         return finished(labels, _run(source, fuser, labels, labeller, progress))

@@ -17,6 +17,7 @@ COSTS = {
     "foxglove": "no stream for Foxglove (live --serve); export --format foxglove works",
     "train": "no training (train, train-labels, learn); predict works",
     "smp": "no training of networks from segmentation-models-pytorch (train --network smp)",
+    "benchmark": "no ITOP (benchmark itop); benchmark joints works",
     "cluster": "no work on several machines (synth generate, label, predict, evaluate with --scheduler)",
     "kinect": "no Azure Kinect as a device; its recordings can be imported",
     "realsense": "no RealSense cameras as devices; their recordings can be imported",

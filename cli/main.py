@@ -6,6 +6,7 @@ import sys
 
 import typer
 
+from cli import benchmark
 from cli.verbs import (
     calibration,
     demo,
@@ -35,6 +36,7 @@ app = typer.Typer(
 )
 app.add_typer(labelling.suit_app, name="suit", rich_help_panel="Labels")
 app.add_typer(synthesis.app, name="synth", rich_help_panel="Synthetic people")
+app.add_typer(benchmark.app, name="benchmark", rich_help_panel="Networks and results")
 VERBS = {
     "Getting started": (demo.demo, installation.doctor, installation.compile_),
     "Recordings": (
@@ -57,7 +59,7 @@ for heading, verbs in VERBS.items():
     for verb in verbs:
         app.command(verb.__name__.strip("_").replace("_", "-"), rich_help_panel=heading)(verb)
 
-CONTINUED = ("label", "predict", "train", "learn", "synth generate")
+CONTINUED = ("label", "predict", "train", "learn", "synth generate", "benchmark itop", "benchmark joints")
 """Verbs that continue an interrupted run when the same command is given again."""
 
 

@@ -36,6 +36,7 @@ ELSEWHERE = {
     "annotate-cloud fix": "a window: the tests of the window",
     "annotate-cloud record take.mcap --rig": "devices; docs/camera.md records from their twins",
     "annotate-cloud live": "devices and a screen: test_live.py, test_foxglove.py",
+    "annotate-cloud benchmark": "recordings of others: test_benchmark.py",
     "podman": "a container engine",
     "dask": "scheduler and workers: the tests of generating",
 }

@@ -44,7 +44,7 @@ def people(n: int, images: int) -> Crops:
     """``images`` crops of each of ``n`` people, in turn; a crop's depth is its number."""
     depth = np.arange(n * images, dtype=np.uint16).reshape(-1, 1, 1)
     examples = ((d, np.ones((1, 1), np.uint8), no_targets()) for d in depth)
-    return Crops.of(examples, [f"p{i % n}" for i in range(n * images)])
+    return Crops.of(examples, [frozenset({f"p{i % n}"}) for i in range(n * images)])
 
 
 @pytest.mark.parametrize(("n", "images", "held"), [(40, 2, 4), (10, 3, 3), (9, 20, 9), (1, 99, 0)])
@@ -56,11 +56,25 @@ def test_what_calibrates_is_not_trained_on(n, images, held):
     calibrated = set() if own is None else {int(own.depth(i)[0, 0]) for i in range(len(own))}
     assert len(calibrated) == held
     assert trained | calibrated == set(range(len(crops))) and not trained & calibrated
-    if split.subjects:
-        assert not set(split.trained.subjects) & set(split.subjects)
-        assert own is not None and set(own.subjects) == set(split.subjects)
+    if split.bodies:
+        assert not split.trained.showing(split.bodies).any()
+        assert own is not None and set().union(*own.bodies) == set(split.bodies)
     again = calibration_split(crops)
-    assert again.trained.crc32 == split.trained.crc32 and again.subjects == split.subjects
+    assert again.trained.crc32 == split.trained.crc32 and again.bodies == split.bodies
+
+
+def test_a_blend_of_two_bodies_belongs_to_both():
+    pairs = [frozenset({f"p{i}", f"p{j}"}) for i in range(12) for j in range(i)]
+    depth = np.arange(len(pairs), dtype=np.uint16).reshape(-1, 1, 1)
+    crops = Crops.of(((d, np.ones((1, 1), np.uint8), no_targets()) for d in depth), pairs)
+    split = calibration_split(crops)
+    assert len(split.bodies) == 1 and split.calibrated is not None
+    assert len(split.calibrated) == 11 and all(split.bodies[0] in own for own in split.calibrated.bodies)
+    assert not split.trained.showing(split.bodies).any()
+    everywhere = Crops.of(
+        ((d, np.ones((1, 1), np.uint8), no_targets()) for d in depth), [frozenset("abcdefghijk")] * len(depth)
+    )
+    assert calibration_split(everywhere).calibrated is None
 
 
 @settings(deadline=None, max_examples=30)

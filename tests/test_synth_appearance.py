@@ -40,8 +40,9 @@ from synth.appearance.photograph import CLEAN, HARD, NORMAL, ColorCamera, ColorD
 from synth.appearance.random_suit import random_suit
 from synth.body.body import Body, shipped_bodies
 from synth.surface.facets import noise_tile, smooth_noise
-from synth.surface.furniture import Surface, empty_room
+from synth.surface.furniture import Surface
 from synth.surface.rasterize import Mesh, box, look_at, merge, rasterize, sheet
+from synth.surface.room import PLAIN_ROOM
 
 CAMERA = Intrinsics(640, 480, 480.0, 480.0, 319.5, 239.5)
 MAPS = tuple(m.astype(np.float32) for m in np.meshgrid(np.arange(640), np.arange(480)))
@@ -52,7 +53,7 @@ ABOVE = Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 2.0]))
 
 def standing(body: Body) -> Mesh:
     person = Mesh(body.vertices_m, body.faces, body.face_parts.astype(np.int32))
-    return merge([person, empty_room(1.0)])
+    return merge([person, PLAIN_ROOM.mesh(1.0)])
 
 
 def photographs(

@@ -5,22 +5,15 @@ import pytest
 
 from annotate.parts import PART_ID
 from synth.body.body import blend, pose, shipped_bodies
+from synth.body.crowd import suit_wearers
 from synth.body.flesh import CHAINS, N_STATIONS, flesh_of
 from synth.body.skeleton import JOINT_ID, LIMITS_RAD, Posture, clamp, forward, kinematics
+from synth.data_files import CASTS
 from synth.pose.halfspaces import ROW_CAPACITY, add_flesh, no_rows, pairs_of
-from synth.pose.postures import (
-    FALLEN,
-    IN_BED,
-    SITTING,
-    UPRIGHT,
-    height_to_rest,
-    lie,
-    lift_needed,
-    rise,
-    sit,
-)  # fmt: skip
+from synth.pose.postures import height_to_rest, lie, lift_needed, poses_of, rise, sit
 from synth.pose.settle import RULES, Pull, settle, sink, stations_m
-from synth.surface.furniture import FLOOR, Bed, Chair, Ground, Sofa, Solid, Surface
+from synth.surface.furniture import FLOOR, Ground, Solid, Surface
+from synth.surface.judge_furniture import draw_bed, draw_chair, draw_sofa
 from tests.helpers.penetration import furniture_penetration_m, penetrations_m, self_penetration_m
 
 BODY = shipped_bodies()[4]
@@ -139,27 +132,29 @@ def test_rest_and_lift_on_a_table_in_closed_form():
     assert furniture_penetration_m(np.float32([[0, 0, 0.47]]), [table]) == 0.0
 
 
-def sampled(family, body, rng):
-    """Solids, vertices and joints of a pose of a family on its furniture."""
+def sampled(cast, name, body, rng):
+    """Solids, vertices and joints of a pose of a cast's family on its furniture."""
+    family = getattr(poses_of(cast), name)
     moment = family.draw(str(rng.choice(list(family.activities))), rng)
-    if family is SITTING:
-        seat = (Sofa if rng.random() < 0.8 else Chair).sample(rng)
+    if name == "sitting":
+        seat = (draw_sofa if rng.random() < 0.8 else draw_chair)(cast, rng)
         return seat.solids(), *sit(body, seat, moment)
-    if family is UPRIGHT:
-        seat = Sofa.sample(rng) if rng.random() < 0.3 else None
+    if name == "upright":
+        seat = draw_sofa(cast, rng) if rng.random() < 0.3 else None
         return seat.solids() if seat else [], *rise(body, seat, moment)
-    support = Bed.sample(rng) if family is IN_BED else Ground()
+    support = draw_bed(cast, rng) if name == "in_bed" else Ground()
     return support.solids(), *lie(body, support, moment)
 
 
-@pytest.mark.parametrize("family", [SITTING, IN_BED, FALLEN, UPRIGHT])
-def test_penetration_of_sampled_poses(family):
-    own, furniture = [], []
+@pytest.mark.parametrize("cast", CASTS)
+@pytest.mark.parametrize("family", ["sitting", "in_bed", "fallen", "upright"])
+def test_penetration_of_sampled_poses(cast, family):
+    own, furniture, bodies = [], [], suit_wearers(cast)
     for i in range(14):
         rng = np.random.default_rng((17, i))
-        one, other = rng.choice(8, 2, replace=False)
-        body = blend(shipped_bodies()[one], shipped_bodies()[other], float(rng.random()) / 2)
-        solids, vertices, joints = sampled(family, body, rng)
+        one, other = rng.choice(len(bodies), 2, replace=False)
+        body = blend(bodies[one], bodies[other], float(rng.random()) / 2)
+        solids, vertices, joints = sampled(cast, family, body, rng)
         own.append(self_penetration_m(body, vertices, joints))
         furniture.append(furniture_penetration_m(vertices, [FLOOR, *solids]))
     assert np.median(own) < 0.005 and max(own) < 0.045

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from synth.rig.cushion import CLEARANCE_M, CONTACT_C, COOLING_S, WARMING_S, Cushion
-from synth.rig.locations import SCENES
+from synth.rig.locations import located
 from synth.surface.furniture import Sofa, Solid, Surface
 
 SEAT = Solid((-0.5, 0.0, 0.0), (0.5, 0.5, 0.4), 0.03, Surface.SOFA)
@@ -84,7 +84,7 @@ def test_temperatures_lie_between_the_rooms_and_the_sitters():
 
 @pytest.mark.parametrize("scene", ["sofa", "chair", "bed"])
 def test_cushions_stand_where_their_furniture_does(scene):
-    place = SCENES[scene](np.random.default_rng(4))
+    place = located(scene)(np.random.default_rng(4))
     bare = np.concatenate([solid.mesh().vertices_m for solid in place.furniture.solids()])
     drawn = np.concatenate([c.mesh.vertices_m for c in place.cushions()])
     assert (drawn >= bare.min(axis=0) - 0.02).all() and (drawn <= bare.max(axis=0) + 0.02).all()

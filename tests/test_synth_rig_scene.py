@@ -12,10 +12,11 @@ from annotate.parts import N_CLASSES, PART_ID
 from annotate.suit.palette import DEFAULT_SUIT
 from synth.body.body import shipped_bodies
 from synth.body.skeleton import JOINT_ID
+from synth.data_files import CASTS, TRAINING
 from synth.pose.postures import SITTING
 from synth.rig.difficulty import CLEAN, HARD, NORMAL, Clutter
 from synth.rig.episode import Episode, EpisodeSetup, Scene, SceneState
-from synth.rig.locations import SCENES
+from synth.rig.locations import SCENES, located
 from synth.rig.objects_nearby import laptop, mug
 from synth.surface.furniture import Surface
 
@@ -24,14 +25,15 @@ BODY = shipped_bodies()[3]
 EVERYTHING = replace(HARD, clutter=Clutter(**dict.fromkeys(vars(Clutter()), 1.0)))
 
 
-def episode(scene="sofa", difficulty=EVERYTHING, number=0, seed=1):
-    return Episode(EpisodeSetup(SCENES[scene], difficulty, DEFAULT_SUIT, seed, 2.0), number)
+def episode(scene="sofa", difficulty=EVERYTHING, number=0, seed=1, people=TRAINING):
+    place = located(scene, people)
+    return Episode(EpisodeSetup(place, difficulty, DEFAULT_SUIT, seed, 2.0, cast=people), number)
 
 
 @cache
-def played(scene: str, number: int) -> tuple[Scene, list[SceneState]]:
-    """The cast of a stay with everything, and its first three moments."""
-    made = episode(scene, number=number)
+def played(scene: str, number: int, people: str = TRAINING) -> tuple[Scene, list[SceneState]]:
+    """The cast of a stay with everything, and its first three moments; people: of the data's cast."""
+    made = episode(scene, number=number, people=people)
     return made.scene, list(islice(made.states(), 3))
 
 
@@ -61,9 +63,10 @@ def test_what_follows_is_the_next_moment():
     assert np.abs(a.following_m - a.vertices_m).max() > 1e-4
 
 
+@pytest.mark.parametrize("people", CASTS)
 @pytest.mark.parametrize("scene", SCENES)
-def test_visitors_touch_nobody_and_stand_on_the_floor(scene):
-    stays = [played(scene, k) for k in range(3)]
+def test_visitors_touch_nobody_and_stand_on_the_floor(scene, people):
+    stays = [played(scene, k, people) for k in range(3)]
     visited = [
         (cast, tableau) for cast, moments in stays if cast.people > cast.subject for tableau in moments
     ]
@@ -80,9 +83,10 @@ def test_visitors_touch_nobody_and_stand_on_the_floor(scene):
             assert not inside.all(axis=1).any()
 
 
+@pytest.mark.parametrize("people", CASTS)
 @pytest.mark.parametrize("scene", FURNISHED)
-def test_blankets_lie_over_the_legs(scene):
-    cast, moments = played(scene, 1)
+def test_blankets_lie_over_the_legs(scene, people):
+    cast, moments = played(scene, 1, people)
     legs = [PART_ID[f"{s}_{p}"] for s in ("left", "right") for p in ("upper_leg", "lower_leg")]
     for tableau in moments:
         cloth = vertices_of(cast, tableau, Surface.BLANKET)
@@ -96,7 +100,7 @@ def test_blankets_lie_over_the_legs(scene):
 
 
 def test_a_laptop_is_on_free_thighs_and_else_aside():
-    rng, place = np.random.default_rng(3), SCENES["sofa"](np.random.default_rng(0))
+    rng, place = np.random.default_rng(3), located("sofa")(np.random.default_rng(0))
     thing = laptop(np.array([9.0, 9.0, 0.5]), BODY, on_lap=True)
     places, legs = {}, np.zeros(len(BODY.vertices_m), bool)
     for name in ("left_upper_leg", "right_upper_leg", "left_lower_leg", "right_lower_leg"):
@@ -120,7 +124,7 @@ def test_a_laptop_is_on_free_thighs_and_else_aside():
 
 
 def test_a_mug_is_at_the_mouth_of_who_drinks_unless_it_stands():
-    rng, place = np.random.default_rng(3), SCENES["sofa"](np.random.default_rng(0))
+    rng, place = np.random.default_rng(3), located("sofa")(np.random.default_rng(0))
     held, standing = (mug(np.array([9.0, 9.0, 0.5]), BODY, held=free) for free in (True, False))
     at_mouth = []
     for _ in range(8):
@@ -148,16 +152,18 @@ def test_subjects_are_of_many_builds():
     assert len(np.unique(np.round(heights, 4))) == 8 and np.ptp(heights) > 0.1
 
 
+@pytest.mark.parametrize("people", CASTS)
 @pytest.mark.parametrize("scene", SCENES)
-def test_robots_look_at_the_person_from_a_robots_distance(scene):
+def test_robots_look_at_the_person_from_a_robots_distance(scene, people):
     rng = np.random.default_rng(0)
     for _ in range(20):
-        place = SCENES[scene](rng)
+        place = located(scene, people)(rng)
         pose = place.robot_eye(rng, 1.0)
         middle = pose.apply(np.array([[0, 0, place.furniture.height + 0.1 + 0.5 * (scene == "floor")]]))[0]
         assert 1.5 < middle[2] < 3.4 and abs(middle[0]) < 0.6 and abs(middle[1]) < 0.7
         eye = pose.inverse().translation_m
-        assert 0.9 < eye[2] < 2.5 and eye[1] < place.wall_y - 0.2
+        assert 0.9 < eye[2] < 2.5 and place.room.front_y < eye[1] < place.wall_y - 0.2
+        assert place.room.left_x + 0.1 < eye[0] < place.room.right_x - 0.1
 
 
 def test_a_loose_suit_changes_the_persons_shape_and_nothing_else_about_the_stay():

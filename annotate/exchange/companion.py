@@ -15,6 +15,7 @@ from urllib.parse import unquote
 
 from annotate.array_types import Float32, UInt8, UInt16
 from annotate.frame_labels import FrameLabels
+from annotate.labelset.cast_note import TRAINING, cast_note, cast_of
 from sensors.calibration_files.intrinsics_file import read_intrinsics
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.bounded import read_bounded
@@ -33,13 +34,14 @@ class Companion:
     """Camera of a folder, and by frame id the fields that its images lack.
 
     remarks: omissions and assumptions of a reader, with counts. annotations: the one annotation file to read;
-    None = the folder's.
+    None = the folder's. cast: of synthetic people.
     """
 
     intrinsics: Intrinsics
     frames: dict[str, dict[str, Any]] = field(default_factory=dict)
     remarks: Counter[str] = field(default_factory=Counter)
     annotations: Path | None = None
+    cast: str = TRAINING
 
     def remark(self, text: str) -> None:
         self.remarks[text] += 1
@@ -55,7 +57,8 @@ class Companion:
 
     def save(self, folder: Path) -> None:
         """Write the file, and the intrinsics alone beside it."""
-        content = {"schema": SCHEMA, "intrinsics": asdict(self.intrinsics), "frames": self.frames}
+        content = {"schema": SCHEMA, **cast_note(self.cast), "intrinsics": asdict(self.intrinsics)}
+        content["frames"] = self.frames
         (folder / COMPANION).write_text(json.dumps(content, indent=1) + "\n", encoding="ascii")
         (folder / INTRINSICS).write_text(json.dumps(asdict(self.intrinsics)) + "\n", encoding="ascii")
 
@@ -103,7 +106,7 @@ def load_companion(folder: Path, intrinsics: Path | None = None) -> Companion:
         frames = content["frames"]
         if not isinstance(frames, dict) or not all(isinstance(entry, dict) for entry in frames.values()):
             raise TypeError("frames")
-        return Companion(Intrinsics(**content["intrinsics"]), frames)
+        return Companion(Intrinsics(**content["intrinsics"]), frames, cast=cast_of(content))
     except (CalibrationError, ValueError, LookupError, TypeError, RecursionError, OverflowError) as error:
         raise FormatError(f"{file} is corrupt ({str(error)[:80]!r}); export it again") from error
 

@@ -22,6 +22,7 @@ from annotate.exchange.semantic_kitti import LABELS, SEQUENCE, read_kitti, write
 from annotate.exchange.unpacked import unpacked
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.atomic_folder import appearing
+from annotate.labelset.cast_note import cast_note, cast_of
 from annotate.labelset.label_set import MANIFEST, LabelSet
 from annotate.parts import BACKGROUND, BODY_PARTS
 from sensors.errors import FormatError
@@ -90,6 +91,7 @@ def export_labels(
     if not len(labels):
         raise FormatError(f"{labels.path} holds no frames; label some first")
     chosen, had, companion = FORMATS[name], set[str](), Companion(labels.intrinsics)
+    companion.cast = cast_of(labels.info)
 
     def frames() -> Iterator[FrameLabels]:
         for frame in labels:
@@ -146,7 +148,7 @@ def import_labels(
         companion.annotations = annotations
         info = {"source": source.resolve().name, "steps": {"import": {"format": name}}}
         with appearing(out, MANIFEST, source, overwrite=overwrite) as made:
-            labels = LabelSet.create(made, companion.intrinsics, info)
+            labels = LabelSet.create(made, companion.intrinsics, info | cast_note(companion.cast))
             has_part = False
             for frame in FORMATS[name].read(folder, companion):
                 if frame.frame_id in labels:

@@ -15,6 +15,7 @@ from annotate.array_types import UInt8, UInt16
 from annotate.exchange.companion import COMPANION, Companion
 from annotate.exchange.labelled_cloud import PCD, PLY, CloudFile
 from annotate.labelset.atomic_folder import appearing
+from annotate.labelset.cast_note import cast_of
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import UNDEFINED
 from sensors.errors import FormatError
@@ -42,6 +43,7 @@ def export_points(
     ``out`` appears when it is complete. Raises FormatError for labels of another cloud, ExistsError.
     """
     kind, companion, frames = CLOUD_FORMATS[name], Companion(labels.intrinsics), list(labels)
+    companion.cast = cast_of(labels.info)
     if not frames:
         raise FormatError(f"{labels.path} holds no frames; label the cloud first")
     cloud, turn = _as_labelled(path, frames[0].depth_mm)

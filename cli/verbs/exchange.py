@@ -150,14 +150,15 @@ def _export_foxglove(labels: "LabelSet", session: Path | None, output: Output) -
 
 
 def _import_images(source: Path, options: ImportOptions, output: Output) -> None:
+    from annotate.labelset.cast_note import cast_note
     from sensors.session.messages import SUBJECT
     from sensors.session.writer import RepeatableWriter
 
     frames = open_source(source, options)
     notes, streams, faults = judged_notes(frames), Counter[str](), Counter[str]()
-    subject = {SUBJECT: frames.subject} if frames.subject else None
+    metadata = {**({SUBJECT: frames.subject} if frames.subject else {}), **cast_note(frames.cast)}
     file = RepeatableWriter(
-        output.path, frames.calibration, frames.name, overwrite=output.overwrite, metadata=subject
+        output.path, frames.calibration, frames.name, overwrite=output.overwrite, metadata=metadata
     )
     with file as writer, progress("import", len(frames)) as advance:
         for frame in map(partial(_without_broken_color, faults), frames):

@@ -8,8 +8,9 @@ from typer import Argument, Option
 from cli.console import Json, Overwrite, finish, progress
 from cli.extras import needing
 from cli.verbs.rigs import names
+from sensors.errors import CloudError
 from sensors.files.atomic import check_free
-from synth.data_files import check_choice, table
+from synth.data_files import CASTS, TRAINING, Cast, check_choice, table
 
 if TYPE_CHECKING:
     from annotate.suit.palette import Suit
@@ -32,6 +33,18 @@ def difficulties() -> list[str]:
     return list(table("difficulties"))
 
 
+def casts() -> list[str]:
+    """Return the casts of synthetic people."""
+    return list(CASTS)
+
+
+CastName = Annotated[
+    Cast,
+    Option(
+        help="training, or judge: people, furniture and rooms to measure on, which no training accepts.",
+        autocompletion=casts,
+    ),
+]
 Difficulty = Annotated[str, Option(help="clean, normal or hard.", autocompletion=difficulties)]
 
 
@@ -66,6 +79,7 @@ def simulate(
             show_default="the virtual rig's",
         ),
     ] = None,
+    cast: CastName = TRAINING,
     seed: Annotated[int, Option(help="The same seed gives the same session.", min=0)] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -81,12 +95,14 @@ def simulate(
     check_free(out, overwrite)
     check_choice("difficulty", difficulty, difficulties())
     if scene == PLATE:
+        if cast != TRAINING:
+            raise CloudError(f"scene {PLATE} has no cast; leave out --cast {cast}")
         with progress("simulate", frames) as advance:
             truth = record_plate(PlateViews(cameras, frames, seed), out, advance, overwrite=overwrite)
         result = {"frames": frames, "truth": str(truth), "suit": None}
         finish(result, json, f"{frames} views of the hole plate in {out}, the true calibration in {truth}")
         return
-    options = RigOptions(scene, rig=cameras.name, suit=_palette(suit, seed))
+    options = RigOptions(scene, rig=cameras.name, suit=_palette(suit, seed, cast), cast=cast)
     virtual = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, options)
     record_rig("simulate", virtual, out, overwrite, json)
 
@@ -102,11 +118,11 @@ def record_rig(title: str, rig: "VirtualRig | FilmRig", out: Path, overwrite: bo
     finish({"frames": frames, "truth": truth, "suit": suit}, json, text)
 
 
-def _palette(suit: str | None, seed: int) -> "Suit":
-    """Return the palette of a file, a palette drawn by the seed, or the default."""
-    from annotate.suit.palette import DEFAULT_SUIT, load_suit
+def _palette(suit: str | None, seed: int, cast: Cast) -> "Suit | None":
+    """Return the palette of a file, or a palette drawn by the seed; None for the cast's own."""
+    from annotate.suit.palette import load_suit
     from synth.appearance.random_suit import random_suit
 
     if suit == RANDOM:
-        return random_suit(seed)
-    return load_suit(Path(suit)) if suit else DEFAULT_SUIT
+        return random_suit(seed, cast)
+    return load_suit(Path(suit)) if suit else None

@@ -14,11 +14,11 @@ from typer import Argument, Option
 from cli.console import Json, Overwrite, check_room, clear, finish, progress, say
 from cli.console import table as draw_table
 from cli.extras import needing
-from cli.verbs.simulation import Difficulty, difficulties, record_rig
+from cli.verbs.simulation import CastName, Difficulty, difficulties, record_rig
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free, check_there
 from sensors.importers.open_source import opener_at
-from synth.data_files import check_choice
+from synth.data_files import TRAINING, Cast, check_choice
 
 if TYPE_CHECKING:
     from synth.body.body import Body
@@ -100,13 +100,19 @@ def _bake(names: list[str], sizes: "Sequence[BodySize | None]", seed: int) -> "l
     return made
 
 
-def _preset(name: str | None, motion: Path | None, garments: Path | None) -> "Preset":
-    """Return the preset of a name or a motion; dressed in the garments of a folder, if any."""
+def _preset(name: str | None, motion: Path | None, garments: Path | None, cast: Cast) -> "Preset":
+    """Return the preset of a name or a motion; dressed in the garments of a folder, if any.
+
+    Raises CloudError for a cast with motions or garments, because these are not the judging cast's.
+    """
     from synth.images.presets import dressed_from, preset_named, preset_of
     from synth.motion.library import motion_files, read_repertoire
 
+    if cast != TRAINING and (motion or garments):
+        option = "--motion" if motion else "--garments"
+        raise CloudError(f"--cast {cast} and {option} exclude each other; give one of them")
     if motion is None:
-        chosen = preset_named(str(name))
+        chosen = preset_named(str(name), cast)
     else:
         with progress("read motions", len(motion_files(motion))) as advance:
             repertoire = read_repertoire(motion, advance)
@@ -155,6 +161,7 @@ def generate_(
         Path | None, Option(help="Folder of MakeHuman garments (.mhclo) that half of the people wear.")
     ] = None,
     beside: Beside = None,
+    cast: CastName = TRAINING,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -175,7 +182,7 @@ def generate_(
     _check_beside(beside)
     inputs = list(filter(None, (motion, garments, beside)))
     check_room(out, ORDER, overwrite, *inputs)
-    chosen = replace(_preset(preset, motion, garments), occluders=occluders, cut=cut)
+    chosen = replace(_preset(preset, motion, garments, cast), occluders=occluders, cut=cut)
     order = Order(chosen, chosen.count if count is None else count, seed)
     recording = None if beside is None else distributions_at(beside)
     started = time.monotonic()

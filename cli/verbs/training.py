@@ -94,7 +94,8 @@ def train(
     ] = None,
     test_images: Annotated[int, Option(min=1, help="Number of test images, evenly spread.")] = 512,
     hold_out: Annotated[
-        list[str] | None, Option(help="Subject to measure on, not to train on; repeatable.")
+        list[str] | None,
+        Option(help="Subject or synthetic body to measure on; no image that shares it is trained on."),
     ] = None,
     network: Annotated[NetworkName | None, Option(help="Architecture.", show_default="compact")] = None,
     recipe: Annotated[
@@ -129,9 +130,11 @@ def train(
     if tests and hold_out:
         raise CloudError("--test and --hold-out exclude each other; give one of them")
     choices = _Choices(network, recipe, init, without, epochs, minutes, batch, seed, precision)
-    inputs = _checked([*data, *tests], choices)
+    inputs = _checked(data, tests, choices)
     check_room(out, PLAN, overwrite, *inputs)
     with needing("train"):
+        from natsort import natsorted
+
         from eval.training.processes import ProcessGroup
         from eval.training.train import Data
         from eval.training.train import train as run
@@ -141,7 +144,8 @@ def train(
         if group.first:
             _say_unchecked([*data, *tests])
             clear(out, PLAN, overwrite, *inputs)
-        crops = Data(split.trained, measured, start, workers)
+        left_out = natsorted({*split.bodies, *(hold_out or [])})
+        crops = Data(split.trained, measured, start, workers, tuple(left_out))
         with _watching(group, out, plan, split.trained, checkpoint_minutes) as watch:
             model, done = run(crops, out, plan, group, watch)
     if group.first:
@@ -153,13 +157,21 @@ def train(
         finish(result, json, text)
 
 
-def _checked(frames: list[Path], choices: _Choices) -> list[Path]:
-    """Return the files to train on and to start from, which exist."""
+def _checked(data: list[Path], tests: list[Path], choices: _Choices) -> list[Path]:
+    """Return the files to train on, to test on and to start from, which exist.
+
+    Raises CloudError for data of the judging cast, unless it is only tested on.
+    """
+    from annotate.labelset.cast_note import check_trainable
     from annotate.labelset.labelled_frames import open_frames
+
+    frames = [*data, *tests]
 
     check_extra("train", "torch", "onnx", "safetensors")
     for path in frames:
         open_frames(path)
+    for path in data:
+        check_trainable(path, open_frames(path).info)
     inputs = [*frames, *([choices.init] if choices.init not in (None, SHIPPED) else [])]
     check_there(*inputs)
     return inputs
@@ -250,7 +262,11 @@ def _watching(
 def _sources(
     sessions: list[Path], truth: list[Path] | None, suit: Path | None
 ) -> list[tuple[Path, Path, Path]]:
-    """Return recordings with labels and palettes. Raises CloudError for too few, or for other files."""
+    """Return recordings with labels and palettes.
+
+    Raises CloudError for too few, for other files, or for labels of the judging cast.
+    """
+    from annotate.labelset.cast_note import check_trainable
     from annotate.labelset.label_set import LabelSet
     from annotate.suit.palette import load_suit
     from synth.rig.simulate import suit_path, truth_path
@@ -266,7 +282,7 @@ def _sources(
     triples = list(zip(sessions, known, suits, strict=True))
     for recording, labels, palette in triples:
         opener_at(recording)
-        LabelSet.open(labels)
+        check_trainable(labels, LabelSet.open(labels).info)
         load_suit(palette)
     return triples
 
@@ -304,8 +320,9 @@ def train_labels(
         from annotate.segmentation.suit_network import SuitNetwork
         from eval.training.segmentation.examples import Recording
         from eval.training.segmentation.train import train_labels
+    recordings = [Recording.open(*triple) for triple in triples]
     clear(out, PLAN, overwrite, *inputs)
-    done = train_labels([Recording.open(*triple) for triple in triples], out, steps, seed, progress)
+    done = train_labels(recordings, out, steps, seed, progress)
     result = {
         "weights": str(done.path),
         "sha256": SuitNetwork(done.path).sha256,

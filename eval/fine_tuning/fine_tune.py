@@ -13,6 +13,7 @@ from annotate.correction.relabel import untouched
 from annotate.effort.agreement import Agreement
 from annotate.effort.annotator import TOLERANCE_PX
 from annotate.labelset.atomic_folder import appearing
+from annotate.labelset.cast_note import cast_note, cast_of
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.label_set import MANIFEST, LabelSet
 from eval.fine_tuning.by_depth import DepthFineTuner
@@ -112,7 +113,8 @@ def _label(path: Path, tuner: FineTuner, out: Path, progress: Progress) -> None:
         progress("label, frames", len(untouched(correction))) as advance,
     ):
         labels = correction.labels
-        info = {"source": labels.source, "steps": tuner.step(out / WEIGHTS)}
+        cast = cast_note(cast_of(labels.info))
+        info = {"source": labels.source, "steps": tuner.step(out / WEIGHTS), **cast}
         learnt = LabelSet.create(folder, labels.intrinsics, info)
         for labelled in tuner.labels(correction, out / WEIGHTS):
             learnt.write(labelled)

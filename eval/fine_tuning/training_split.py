@@ -1,7 +1,7 @@
 """Corrected frames of a label set, split into frames to train on and frames to measure on."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,21 +12,25 @@ from annotate.crop import person_of
 from annotate.frame_labels import FrameLabels
 from annotate.parts import on_body
 from eval.network.predict import check_one_person
+from eval.training.shared_bodies import bodies_in
 from sensors.errors import CloudError
 
 LEAST_FRAMES = 3  # corrected frames; fewer show one side of the person; untuned
-HELD_OUT = 4  # of so many corrected frames one is held out; untuned
+HELD_OUT = 4  # of so many corrected frames, or people, one is held out; untuned
 
 
 @dataclass(frozen=True)
 class CorrectedFrame:
-    """Finished frame. first: its labels before any correction; corrected: current labels; place: index in the
-    set.
+    """Finished frame.
+
+    first: its labels before any correction. corrected: current labels. place: index in the set. bodies: of
+    its person, as of ``eval.training.shared_bodies``.
     """
 
     first: FrameLabels
     corrected: FrameLabels
     place: int
+    bodies: frozenset[str] = frozenset()
 
 
 def corrected_frames(path: Path) -> list[CorrectedFrame]:
@@ -42,6 +46,7 @@ def corrected_frames(path: Path) -> list[CorrectedFrame]:
             for place, i in enumerate(labels.frame_ids)
             if correction.state(i) in ("accepted", "reviewed")
         ]
+        found = [replace(frame, bodies=bodies_in(labels, frame.first)) for frame in found]
     usable = [frame for frame in found if _shows_parts(frame)]
     if len(usable) < LEAST_FRAMES:
         raise CloudError(
@@ -58,14 +63,31 @@ def _shows_parts(frame: CorrectedFrame) -> bool:
 def split_frames(frames: Sequence[CorrectedFrame]) -> tuple[list[CorrectedFrame], list[CorrectedFrame]]:
     """Return frames to train on, and at least one frame to measure on.
 
-    The frames to measure on follow each other, as far in time from the others as possible, because
-    neighbouring frames show nearly the same picture.
+    From ``HELD_OUT`` people on, the frames to measure on are all frames of some people; a blend of two bodies
+    belongs to both. With fewer people the frames to measure on follow each other, as far in time from the
+    rest as possible. Reason: neighbouring frames show nearly the same picture.
     """
+    people = _people(frames)
+    if len(people) >= HELD_OUT:
+        chosen = set().union(*people[-max(1, len(people) // HELD_OUT) :])
+        return [f for f in frames if f.bodies.isdisjoint(chosen)], [
+            f for f in frames if not f.bodies.isdisjoint(chosen)
+        ]
     count = max(1, len(frames) // HELD_OUT)
     places = np.array([frame.place for frame in frames])
     first = max(range(len(frames) - count + 1), key=lambda at: _mean_gap(places, at, count))
     held = range(first, first + count)
     return [frame for n, frame in enumerate(frames) if n not in held], [frames[n] for n in held]
+
+
+def _people(frames: Sequence[CorrectedFrame]) -> list[frozenset[str]]:
+    """Return sets of bodies that no frame shares, the set of the fewest frames last."""
+    groups: list[frozenset[str]] = []
+    for bodies in dict.fromkeys(frame.bodies for frame in frames):
+        apart = [group for group in groups if group.isdisjoint(bodies)]
+        joined = bodies.union(*(group for group in groups if not group.isdisjoint(bodies)))
+        groups = [*apart, joined]
+    return sorted(groups, key=lambda group: -sum(not f.bodies.isdisjoint(group) for f in frames))
 
 
 def _mean_gap(places: Int64, first: int, count: int) -> float:

@@ -11,6 +11,7 @@ from typing import Any
 from annotate.crop import person_of
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import Run, check_same, finished, notes_of
+from annotate.labelset.cast_note import cast_note, cast_of
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.label_set import LabelSet
 from annotate.labelset.labelled_frames import LabelledFrames
@@ -81,7 +82,8 @@ def predict_frames(
     """
     if not len(frames):
         raise CloudError(f"{frames.path} holds no frames; give a label set or dataset with frames")
-    info = {"source": frames.source, "steps": {"predict": options.step(network) | frames.identity}}
+    step = {"predict": options.step(network) | frames.identity}
+    info = {"source": frames.source, "steps": step, **cast_note(cast_of(frames.info))}
     predicted = LabelSet.resume(out, frames.intrinsics, info)
     failed: list[tuple[str, str]] = []
     with Claim.take(out, login()):

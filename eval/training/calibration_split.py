@@ -10,52 +10,53 @@ from natsort import natsorted
 
 from eval.training.crops import Crops
 
-SHARE = 0.05  # of the subjects, or else of the images, that is left out
-LEAST_SUBJECTS = 10  # from which whole subjects are left out
+SHARE = 0.05  # of the bodies, or else of the images, that is left out
+LEAST_BODIES = 10  # from which whole bodies are left out
 LEAST_IMAGES = 100  # from which single images are left out
-NAMED = 5  # subjects that a note names
+NAMED = 5  # bodies that a note names
 
 
 @dataclass(frozen=True)
 class CalibrationSplit:
     """Crops to train on and crops to calibrate on, which share no image.
 
-    calibrated: None where there are too few images. subjects: left out whole; empty where single images of
-    the trained people were left out.
+    calibrated: None where there are too few images. bodies: left out with every image that shares one; empty
+    where single images of the trained people were left out.
     """
 
     trained: Crops
     calibrated: Crops | None
-    subjects: tuple[str, ...]
+    bodies: tuple[str, ...]
 
     def described(self) -> dict[str, object]:
         """Return the split as JSON values."""
         images = 0 if self.calibrated is None else len(self.calibrated)
-        return {"images": images, "subjects": list(self.subjects)}
+        return {"images": images, "subjects": list(self.bodies)}
 
     @property
     def note(self) -> str:
         """Return a sentence on the data to which the confidences were calibrated."""
         if self.calibrated is None:
             return f"{len(self.trained)} images are too few to calibrate on: confidences are as trained"
-        if self.subjects:
-            named = ", ".join(self.subjects[:NAMED]) + (", ..." if len(self.subjects) > NAMED else "")
-            people = f"{len(self.subjects)} subjects that are not trained on: {named}"
+        if self.bodies:
+            named = ", ".join(self.bodies[:NAMED]) + (", ..." if len(self.bodies) > NAMED else "")
+            people = f"{len(self.bodies)} people who are not trained on: {named}"
             return f"calibrated on {len(self.calibrated)} images of {people}"
         return f"calibrated on {len(self.calibrated)} images left out, of the people that are trained on"
 
 
 def calibration_split(crops: Crops) -> CalibrationSplit:
-    """Leave out a twentieth of the subjects, or of the images where there are few subjects."""
-    names = natsorted(set(crops.subjects.tolist()))
+    """Leave out a twentieth of the bodies, or of the images where there are few bodies."""
+    names = natsorted(set().union(*crops.bodies))
     chosen: tuple[str, ...] = ()
-    if len(names) >= LEAST_SUBJECTS:
+    left_out = np.ones(len(crops), np.bool_)
+    if len(names) >= LEAST_BODIES:
         chosen = tuple(names[i] for i in _spread(len(names)))
-        left_out = np.isin(crops.subjects, chosen)
-    elif len(crops) >= LEAST_IMAGES:
-        left_out = np.zeros(len(crops), np.bool_)
+        left_out = crops.showing(chosen)
+    if left_out.all() and len(crops) >= LEAST_IMAGES:
+        chosen, left_out = (), np.zeros(len(crops), np.bool_)
         left_out[_spread(len(crops))] = True
-    else:
+    if left_out.all():
         return CalibrationSplit(crops, None, ())
     rest, held = (crops.chosen(np.flatnonzero(mask).astype(np.int64)) for mask in (~left_out, left_out))
     return CalibrationSplit(rest, held, chosen)

@@ -2,7 +2,7 @@
 
 import zlib
 from array import array
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -12,15 +12,17 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.array_types import Float32, Int64, UInt8, UInt16
+from annotate.array_types import Bool, Float32, Int64, UInt8, UInt16
 from annotate.crop import network_crop, normalize, person_of
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.labelled_frames import LabelledFrames, open_frames
 from annotate.parts import BACKGROUND, on_body
 from eval.training.body_targets import ROW, body_targets
+from eval.training.shared_bodies import bodies_in, held_out
 from sensors.errors import CloudError
 
 K = TypeVar("K", bound=np.generic)
+UNKNOWN = "unknown"
 DEPTH_STEPS = np.float32(65535)  # of a crop's depth range: 0.03 mm each
 
 
@@ -41,7 +43,8 @@ class Crops:
 
     packed: bytes in an unlinked temporary file, deleted with the process. places: int64 (N, 3), offsets of
     the start of a crop's depth, its end, and the end of its parts. wholes: float32 (N, ROW), targets of
-    ``eval.training.body_targets``. crc32: checksum of these crops. subjects: (N,) str.
+    ``eval.training.body_targets``. crc32: checksum of these crops. bodies: (N,) of each person, as of
+    ``eval.training.shared_bodies``.
     """
 
     packed: UInt8
@@ -49,15 +52,17 @@ class Crops:
     shape: tuple[int, int]
     wholes: Float32
     crc32: int
-    subjects: NDArray[np.str_]
+    bodies: tuple[frozenset[str], ...]
 
     @classmethod
     def of(
-        cls, crops: Iterable[tuple[UInt16, UInt8, Float32]], subjects: Sequence[str] | None = None
+        cls,
+        crops: Iterable[tuple[UInt16, UInt8, Float32]],
+        bodies: Sequence[frozenset[str]] | None = None,
     ) -> "Crops":
         """Keep crops: depth uint16 (h, w) in 1 / 65535 of its range, parts uint8 (h, w), targets (ROW,).
 
-        subjects: of each crop, a list that may grow with ``crops``; None = unknown. Raises CloudError without
+        bodies: of each crop, a list that may grow with ``crops``; None = unknown. Raises CloudError without
         any crop, OSError on a full disk.
         """
         places, wholes, shape, crc32 = array("q"), array("f"), (0, 0), 0
@@ -75,7 +80,7 @@ class Crops:
                 raise CloudError("the training has 0 crops; give at least one image")
             packed = np.asarray(np.memmap(file, np.uint8, "r"))
         known = np.array(wholes, np.float32).reshape(-1, ROW)
-        whose = np.array(["unknown"] * len(known) if subjects is None else subjects)
+        whose = (frozenset({UNKNOWN}),) * len(known) if bodies is None else tuple(bodies)
         crc32 = zlib.crc32(known.tobytes(), crc32)
         return cls(packed, np.array(places).reshape(-1, 3), shape, known, crc32, whose)
 
@@ -119,8 +124,12 @@ class Crops:
             places=self.places[index],
             wholes=self.wholes[index],
             crc32=zlib.crc32(index.tobytes(), self.crc32),
-            subjects=self.subjects[index],
+            bodies=tuple(self.bodies[i] for i in index.tolist()),
         )
+
+    def showing(self, bodies: Collection[str]) -> Bool:
+        """Return flags (N,) of the crops of people who have one of some bodies."""
+        return np.array([not own.isdisjoint(bodies) for own in self.bodies], np.bool_)
 
 
 def load_crops(
@@ -128,10 +137,11 @@ def load_crops(
 ) -> Crops:
     """Read label sets and datasets.
 
-    without: subjects to leave out. only: subjects to read; None = all. Frames without a labelled part are
-    left out. Raises CloudError where no frame remains, or on a full disk.
+    without: subjects or bodies to leave out, with every image that shares a body with them. only: subjects or
+    bodies to read; None = all. Frames without a labelled part are left out. Raises CloudError where no frame
+    remains, or on a full disk.
     """
-    names, subjects = ", ".join(map(str, sources)), list[str]()
+    names, bodies = ", ".join(map(str, sources)), list[frozenset[str]]()
     taught = _labelled([open_frames(path) for path in sources], without, only)
     if (first := next(taught, None)) is None:
         whom = "" if only is None else f" of {', '.join(sorted(only))}"
@@ -139,12 +149,12 @@ def load_crops(
 
     def kept() -> Iterator[tuple[UInt16, UInt8, Float32]]:
         for source, frame in chain([first], taught):
-            subjects.append(frame.subject)
+            bodies.append(bodies_in(source, frame))
             depth, parts = to_crop(frame)
             yield np.rint(depth * DEPTH_STEPS).astype(np.uint16), parts, body_targets(source, frame)
 
     try:
-        return Crops.of(kept(), subjects)
+        return Crops.of(kept(), bodies)
     except OSError as error:
         raise CloudError(
             f"{names}: the images do not fit into {gettempdir()} ({error.strerror}); give fewer, or set "
@@ -155,9 +165,11 @@ def load_crops(
 def _labelled(
     frames: list[LabelledFrames], without: frozenset[str], only: frozenset[str] | None
 ) -> Iterator[tuple[LabelledFrames, FrameLabels]]:
+    left_out = held_out(frames, without)
     for source in frames:
         for frame in source:
-            if frame.subject in without or (only is not None and frame.subject not in only):
+            known = bodies_in(source, frame) | {frame.subject}
+            if not known.isdisjoint(left_out) or (only is not None and known.isdisjoint(only)):
                 continue
             if (on_body(frame.parts) & (frame.depth_mm > 0)).any():
                 yield source, frame

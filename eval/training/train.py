@@ -54,12 +54,15 @@ def evaluate(model: nn.Module, crops: Crops, batch: int = 32) -> Int64:
 class Data:
     """Crops to train on and to measure on, the network to start from (None: random weights), and number of
     workers.
+
+    left_out: bodies that are in no image to train on.
     """
 
     crops: Crops
     measured: Crops | None = None
     start: nn.Module | None = None
     workers: int = 0
+    left_out: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -201,6 +204,7 @@ class _NetworkTraining:
         history = {
             "plan": self.plan.described(),
             "images": len(self.data.crops),
+            "left_out": list(self.data.left_out),
             "parameters": sum(p.numel() for p in state.model.parameters()),
             "processes": self.group.world,
             "device": self.group.device.type,

@@ -25,7 +25,7 @@ class Declared(FrameSource):
         self._source, self._options, self._own = source, options, own
         self._turn = Turn(options.turn_deg // 90, options.mirror)
         self.name, self.path, self.events = source.name, source.path, source.events
-        self.subject = options.subject or source.subject
+        self.subject, self.cast = options.subject or source.subject, source.cast
         self.times_ns, calibration, notes = source.times_ns, source.calibration, list(source.notes)
         if options.intrinsics is not None and not own:
             found = read_intrinsics(options.intrinsics, calibration.depth.shape)

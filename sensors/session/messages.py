@@ -48,6 +48,7 @@ SCHEMAS: dict[str, type[ProtoMessage]] = {
     SHIFT: KeyValuePair,
 }
 SUBJECT = "subject"  # metadata key of the recorded person's name
+CAST = "cast"  # metadata key of a simulated recording's cast; absent for the training cast
 METADATA = "annotate-cloud"  # metadata record with the session's name and its maker's notes
 THERMAL_OFFSET_C = THERMAL_STEPS_PER_C = 100.0
 """On disk a temperature is the uint16 round((celsius + 100) * 100); 0 = no reading; -99.99..555.35 C."""

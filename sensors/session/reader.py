@@ -23,6 +23,7 @@ from sensors.session.host_times import host_times
 from sensors.session.index import Places, read_contents
 from sensors.session.mcap_records import MessageReader
 from sensors.session.messages import (
+    CAST,
     COLOR,
     COUNTS,
     DEPTH,
@@ -74,6 +75,7 @@ class Session(FrameSource):
         self.events = contents.events
         self.calibration, self.truncated = contents.calibration, contents.truncated
         self.subject = one_line(self.metadata.get(SUBJECT, ""))
+        self.cast = one_line(self.metadata.get(CAST, self.cast))
         self._places = contents.places
         self._clocks_lost = not contents.metadata and any(map(_is_delayed, self._places.values()))
         self.times_ns = self._places[DEPTH]["stamp_ns"]

@@ -16,7 +16,7 @@ from annotate.parts import N_CLASSES, NEIGHBOURS, PART_ID
 from annotate.suit.palette import Suit
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
-from synth.data_files import table
+from synth.data_files import TRAINING, Cast, table_of
 
 SKIN, HAIR, SHOE = 12, 13, 14
 N_ZONES = 15
@@ -24,9 +24,7 @@ SEAMS = tuple(sorted((min(pair), max(pair)) for pair in NEIGHBOURS))  # field: n
 HAND, FOOT, FACE, HAIRLINE = (len(SEAMS) + i for i in range(4))
 N_FIELDS = len(SEAMS) + 4
 GAMMA = 2.2  # exponent from sRGB to linear light, close to IEC 61966-2-1
-SKIN_RGB, HAIR_RGB, SHOE_RGB, SHIRT_RGB, TROUSERS_RGB = (
-    np.array(table("people")[what]) for what in ("skin", "hair", "shoe", "shirt", "trousers")
-)  # sRGB (n, 3)
+SKIN_RGB = np.array(table_of(TRAINING, "people")["skin"])  # sRGB (n, 3); of every cast
 BLUSH = np.array([1.04, 0.94, 0.90])  # because lit skin is redder than the scale's swatches; untuned
 FOLD_REACH_M = 0.14  # of folds about a bending joint
 SEAM_REACH_M = 0.08  # of a seam's field
@@ -81,9 +79,9 @@ class Outfit:
         return np.asarray(self.zone_rgb[zone])
 
 
-def dress(body: Body, suit: Suit, wear: Wear, rng: np.random.Generator) -> Outfit:
-    """Dress a body in the worn suit, with random skin, hair and shoes."""
-    zone_rgb = _zones(_worn(suit, wear, rng), rng)
+def dress(body: Body, suit: Suit, wear: Wear, rng: np.random.Generator, cast: Cast = TRAINING) -> Outfit:
+    """Dress a body in the worn suit, with random skin, and a cast's hair and shoes."""
+    zone_rgb = _zones(_worn(suit, wear, rng), rng, cast)
     fields = _fields(body, rng.normal(0, (0.012, 0.015)))
     if rng.random() < wear.hood_down:
         fields[:, FACE] = 1.0
@@ -92,9 +90,9 @@ def dress(body: Body, suit: Suit, wear: Wear, rng: np.random.Generator) -> Outfi
     return _outfit(body, fields, zone_rgb, wear, rng)
 
 
-def dress_plainly(body: Body, wear: Wear, rng: np.random.Generator) -> Outfit:
-    """Dress a body in shirt and trousers, with a bare head and long or short sleeves."""
-    shirt, trousers = rng.choice(SHIRT_RGB), rng.choice(TROUSERS_RGB)
+def dress_plainly(body: Body, wear: Wear, rng: np.random.Generator, cast: Cast = TRAINING) -> Outfit:
+    """Dress a body in a cast's shirt and trousers, with a bare head and long or short sleeves."""
+    shirt, trousers = (rng.choice(_colors(cast, what)) for what in ("shirt", "trousers"))
     cloth = np.zeros((N_CLASSES, 3))
     cloth[:] = shirt + rng.normal(0, 6, 3)
     cloth[[PART_ID[p] for p in ("hip", "left_upper_leg", "right_upper_leg")]] = trousers
@@ -103,7 +101,7 @@ def dress_plainly(body: Body, wear: Wear, rng: np.random.Generator) -> Outfit:
     fields[:, FACE] = 1.0
     if rng.random() < 0.5:
         fields[:, HAND] = 1.0
-    return _outfit(body, fields, _zones(np.clip(cloth, 0, 255), rng), wear, rng)
+    return _outfit(body, fields, _zones(np.clip(cloth, 0, 255), rng, cast), wear, rng)
 
 
 def _outfit(body: Body, fields: Float64, zone_rgb: Float64, wear: Wear, rng: np.random.Generator) -> Outfit:
@@ -112,15 +110,20 @@ def _outfit(body: Body, fields: Float64, zone_rgb: Float64, wear: Wear, rng: np.
     return Outfit(body.face_parts, a, b, c, zone_rgb, wear.seam_sd_m, wear.patch)
 
 
-def _zones(cloth_rgb: Float64, rng: np.random.Generator) -> Float64:
+def _colors(cast: Cast, what: str) -> NDArray[np.int_]:
+    """Return a cast's colours, sRGB (n, 3), of hair, shoe, shirt or trousers."""
+    return np.array(table_of(cast, "people")[what])
+
+
+def _zones(cloth_rgb: Float64, rng: np.random.Generator, cast: Cast) -> Float64:
     zones = np.zeros((N_ZONES, 3))
     zones[:N_CLASSES] = cloth_rgb
     tone = rng.uniform(0, len(SKIN_RGB) - 1)
     below = min(int(tone), len(SKIN_RGB) - 2)
     share = tone - below
     zones[SKIN] = BLUSH * ((1 - share) * SKIN_RGB[below] + share * SKIN_RGB[below + 1])
-    zones[HAIR] = rng.choice(HAIR_RGB) * rng.uniform(0.85, 1.15)
-    zones[SHOE] = rng.choice(SHOE_RGB) * rng.uniform(0.8, 1.2)
+    zones[HAIR] = rng.choice(_colors(cast, "hair")) * rng.uniform(0.85, 1.15)
+    zones[SHOE] = rng.choice(_colors(cast, "shoe")) * rng.uniform(0.8, 1.2)
     return np.asarray(np.power(np.clip(zones, 0, 255) / 255, GAMMA))
 
 

@@ -26,7 +26,7 @@ from synth.appearance.color_camera import (
 from synth.appearance.lighting import EVEN_LIGHT, Lighting, LightSpread, illuminate, light_room
 from synth.appearance.outfit import GAMMA, Outfit, Wear
 from synth.appearance.paint import RoomColors, paint
-from synth.data_files import table
+from synth.data_files import JUDGE, TRAINING, Cast, table, table_of
 from synth.surface.facets import wavelength_cells
 from synth.surface.furniture import SURFACES, Surface
 from synth.surface.rasterize import Mesh, face_means, rasterize
@@ -55,22 +55,27 @@ _PLAIN = (0.0, 1.0, 1.0)  # without grain
 COLORFUL = (Surface.SOFA, Surface.MUG, Surface.BED, Surface.BLANKET, Surface.PILLOW)
 
 
-def plain_room() -> RoomColors:
-    """Return uniform colours without grain."""
-    return _room({}, with_grain=False)
+def plain_room(cast: Cast = TRAINING) -> RoomColors:
+    """Return a cast's even colours without grain."""
+    chosen = {Surface[name.upper()]: np.array(entry["rgb"]) for name, entry in _own_colors(cast).items()}
+    return _room(chosen, with_grain=False)
 
 
-def paint_room(suit_rgb: UInt8, equal: float, rng: np.random.Generator) -> RoomColors:
-    """Draw common colours of furniture; each object has one of the suit's (K, 3) with probability
-    ``equal``.
-    """
+def _own_colors(cast: Cast) -> dict[str, dict[str, Any]]:
+    return table_of(cast, "surfaces") if cast == JUDGE else {}
+
+
+def paint_room(suit_rgb: UInt8, equal: float, rng: np.random.Generator, cast: Cast = TRAINING) -> RoomColors:
+    """Draw a cast's common colours; with chance ``equal`` each, a thing has one of the suit's (K, 3)."""
+    own = table_of(cast, "surfaces")
+    bed = own["bed"].get("often", [[200, 200, 206]])
     chosen = {
-        Surface.SOFA: rng.choice(SURFACES[Surface.SOFA]["often"]),
-        Surface.FLOOR: rng.choice(SURFACES[Surface.FLOOR]["often"]),
-        Surface.WALL: rng.choice(SURFACES[Surface.WALL]["often"]),
-        Surface.BED: np.array([200, 200, 206]) + rng.normal(0, 14, 3),
+        Surface.SOFA: rng.choice(own["sofa"]["often"]),
+        Surface.FLOOR: rng.choice(own["floor"]["often"]),
+        Surface.WALL: rng.choice(own["wall"]["often"]),
+        Surface.BED: (np.array(bed[0]) if len(bed) == 1 else rng.choice(bed)) + rng.normal(0, 14, 3),
         Surface.MUG: rng.uniform(30, 230, 3),
-        Surface.BLANKET: rng.choice(SURFACES[Surface.BLANKET]["often"]),
+        Surface.BLANKET: rng.choice(own["blanket"]["often"]),
     }
     for surface in COLORFUL:
         same, swatch = rng.random() < equal, rng.choice(suit_rgb)
@@ -97,15 +102,15 @@ class Setting:
     offset_s: float
 
 
-def set_up(color: ColorDifficulty, suit: Suit, rng: np.random.Generator) -> Setting:
-    """Draw the colours of the room, its lights and the colour camera's time offset.
+def set_up(color: ColorDifficulty, suit: Suit, rng: np.random.Generator, cast: Cast = TRAINING) -> Setting:
+    """Draw the colours of a cast's room, its lights and the colour camera's time offset.
 
     Uses the same random numbers at every difficulty.
     """
-    room = paint_room(suit.colors_rgb, color.equal, rng)
+    room = paint_room(suit.colors_rgb, color.equal, rng, cast)
     offset_s = color.camera.offset_s * rng.uniform(-1, 1)
     if color.light is None:
-        return Setting(plain_room(), EVEN_LIGHT, offset_s)
+        return Setting(plain_room(cast), EVEN_LIGHT, offset_s)
     return Setting(room, light_room(color.light, rng), offset_s)
 
 

@@ -1,24 +1,39 @@
-"""Random colour-coded suits, to train and test on new palettes. Constants are untuned."""
+"""Random colour-coded suits, to train and test on new palettes, and a cast's own. Constants are untuned."""
 
 import colorsys
+from functools import cache
 
 import numpy as np
 
 from annotate.array_types import Float64, UInt8
 from annotate.parts import BODY_PARTS, NEIGHBOURS, PART_ID
-from annotate.suit.palette import Suit, chromaticity
+from annotate.suit.palette import DEFAULT_SUIT, Suit, chromaticity, load_suit
+from synth.data_files import JUDGE, TRAINING, Cast, shipped
 
 COLORS = (8, 11)  # number of cloths; with fewer than eleven some parts share one
 APART = (0.03, 0.09)  # least distance in chromaticity; see ``palette.MIN_CHROMA_DISTANCE``
 GREY, SKIN_NAMED = 0.25, 0.5  # chances of a grey cloth, and of skin in the palette
 SKIN_RGB = (201, 143, 115)  # as in ``DEFAULT_SUIT``
 DRAWS = 60  # colours drawn until the least distance is halved
-DOMAIN = 40  # key of the random stream
+DOMAIN = {TRAINING: 40, JUDGE: 41}  # key of the random stream
 
 
-def random_suit(seed: int) -> Suit:
-    """Return a palette of 8 to 11 cloths; neighbouring parts have different cloths."""
-    rng = np.random.default_rng((seed, DOMAIN))
+@cache
+def judge_suits() -> tuple[Suit, ...]:
+    """Return the judging cast's palettes, ``synth/data/judge/suits``."""
+    return tuple(load_suit(path) for path in sorted(shipped("judge", "suits").glob("*.toml")))
+
+
+def suit_of(cast: Cast, seed: int) -> Suit:
+    """Return the suit of a cast's recording; in training the default."""
+    if cast != JUDGE:
+        return DEFAULT_SUIT
+    return judge_suits()[seed % len(judge_suits())]
+
+
+def random_suit(seed: int, cast: Cast = TRAINING) -> Suit:
+    """Return a cast's palette of 8 to 11 cloths; neighbouring parts have different cloths."""
+    rng = np.random.default_rng((seed, DOMAIN[cast]))
     count = int(rng.integers(COLORS[0], COLORS[1] + 1))
     colors = _cloths(count, float(rng.uniform(*APART)), rng)
     cloths = np.concatenate([np.arange(count), rng.choice(count, len(BODY_PARTS) - count, replace=False)])

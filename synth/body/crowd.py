@@ -1,4 +1,4 @@
-"""Set of shipped adults of both sexes, all ages and builds on one mesh; ``body.blend`` mixes any two."""
+"""Sets of shipped adults of both sexes, all ages and builds on one mesh; ``body.blend`` mixes any two."""
 
 from dataclasses import replace
 from functools import cache
@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from annotate.array_types import Bool, Float32
 from sensors.files.npz import load_arrays
 from synth.body.body import MAX_BYTES, Body, shipped_bodies
-from synth.data_files import shipped
+from synth.data_files import JUDGE, Cast, shipped
 
 STEP_M = 1e-4  # m; stored vertices are quantised to 0.1 mm, far below a depth camera's resolution
+REMEDY = "install again"
 BASE_VERTICES = 19_158  # of MakeHuman's base mesh hm08, helpers included
 
 
@@ -30,6 +31,30 @@ def crowd() -> tuple[Body, ...]:
     return tuple(
         replace(like, name=f"crowd_{i:02}", vertices_m=own[i], joints_m=joints[i]) for i in range(len(own))
     )
+
+
+@cache
+def judge_bodies() -> tuple[Body, ...]:
+    """Return the 14 bodies of the judging cast: adults, women and men in turn, ages 18 to 85.
+
+    Baked from anny by ``python -m tools.fit.crowd judge``, with other muscles and proportions than the crowd.
+    """
+    like, arrays = shipped_bodies()[0], load_arrays(shipped("judge", "bodies.npz"), MAX_BYTES, REMEDY)
+    whole = np.float32(STEP_M) * (arrays["mean"].astype(np.float32) + arrays["differences"].swapaxes(1, 2))
+    return tuple(
+        replace(like, name=f"judge_{i:02}", vertices_m=np.ascontiguousarray(own, np.float32), joints_m=joints)
+        for i, (own, joints) in enumerate(zip(whole, arrays["joints_m"], strict=True))
+    )
+
+
+def crowd_of(cast: Cast) -> tuple[Body, ...]:
+    """Return the bodies of dressed people in a cast's images."""
+    return judge_bodies() if cast == JUDGE else crowd()
+
+
+def suit_wearers(cast: Cast) -> tuple[Body, ...]:
+    """Return the bodies of a cast's people in suits or without clothes; in training the paper's eight."""
+    return judge_bodies() if cast == JUDGE else shipped_bodies()
 
 
 def base_mesh_m(body: Body) -> Float32:
@@ -66,7 +91,7 @@ def covered_skin(body: Body, hidden: Bool) -> Bool:
 
 @cache
 def _arrays() -> dict[str, NDArray[Any]]:
-    return load_arrays(shipped("crowd.npz"), MAX_BYTES, "install again")
+    return load_arrays(shipped("crowd.npz"), MAX_BYTES, REMEDY)
 
 
 @cache

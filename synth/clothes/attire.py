@@ -1,4 +1,4 @@
-"""Parameters of clothes, drawn from the ranges of ``synth/data/clothes.toml``."""
+"""Parameters of clothes, drawn from the ranges of a cast's ``clothes.toml``."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -6,7 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from synth.data_files import table
+from synth.data_files import TRAINING, Cast, table_of
 
 
 @dataclass(frozen=True)
@@ -98,9 +98,9 @@ class Attire:
 BAGS = ("backpack", "shoulder_bag")
 
 
-def draw_attire(rng: np.random.Generator, bags: bool = True) -> Attire:
-    """Draw clothes, hair and, with ``bags``, perhaps a bag."""
-    known = table("clothes")
+def draw_attire(rng: np.random.Generator, bags: bool = True, cast: Cast = TRAINING) -> Attire:
+    """Draw a cast's clothes, hair and, with ``bags``, perhaps a bag."""
+    known = table_of(cast, "clothes")
     style = _by_share(known["styles"], rng)
     worn = {kind: str(rng.choice(known["styles"][style][kind])) for kind in ("tops", "bottoms", "shoes")}
     top, trousers, skirt = worn["tops"], worn["bottoms"], ""

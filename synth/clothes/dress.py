@@ -12,6 +12,7 @@ from synth.clothes.hair import put_on_hair
 from synth.clothes.shoes import put_on_shoes
 from synth.clothes.skirt import hang_skirt
 from synth.clothes.tops_trousers import Fitting, put_on_top, put_on_trousers
+from synth.data_files import TRAINING, Cast
 
 TUCKED = 0.08  # reach of a top under a skirt's waist, share of the trunk
 LONG = 1.5  # end of a suit's sleeves and trousers: beyond the middle of forearm and shank
@@ -22,9 +23,9 @@ def naked(body: Body) -> Dressed:
     return assembled(body, hair_faces(body).astype(np.float32))
 
 
-def dress(body: Body, rng: np.random.Generator) -> Dressed:
-    """Return a body in random clothes."""
-    return dress_in(body, draw_attire(rng), rng)
+def dress(body: Body, rng: np.random.Generator, cast: Cast = TRAINING) -> Dressed:
+    """Return a body in random clothes of a cast."""
+    return dress_in(body, draw_attire(rng, cast=cast), rng)
 
 
 def put_down(dressed: Dressed) -> Dressed:
@@ -36,11 +37,11 @@ def put_down(dressed: Dressed) -> Dressed:
     return assembled(dressed.body, dressed.dark[: len(dressed.body.faces)], pieces, clothes)
 
 
-def cut_loose(body: Body, rng: np.random.Generator) -> Body:
-    """Return a body in a random long top and long trousers, as displaced skin without hanging pieces."""
-    attire = draw_attire(rng, bags=False)
+def cut_loose(body: Body, rng: np.random.Generator, cast: Cast = TRAINING) -> Body:
+    """Return a body in a cast's random long top and trousers, as displaced skin without hanging pieces."""
+    attire = draw_attire(rng, bags=False, cast=cast)
     while not (attire.top and attire.top.sleeve > LONG and attire.trousers and attire.trousers.hem > LONG):
-        attire = draw_attire(rng, bags=False)
+        attire = draw_attire(rng, bags=False, cast=cast)
     return dress_in(body, replace(attire, skirt=None), rng).body
 
 

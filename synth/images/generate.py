@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from annotate.labelset.cast_note import cast_note
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.dataset import MANIFEST, ORDER, SCHEMA, Dataset, encode_shard, sha256
 from sensors.errors import CloudError, ExistsError
@@ -58,6 +59,7 @@ class Order:
         scene = self.preset.scene
         return {
             "preset": self.preset.name,
+            **cast_note(self.preset.cast),
             **({"motion": scene.repertoire.manifest()} if isinstance(scene, MotionScenes) else {}),
             "occluders": self.preset.occluders,
             "cut": self.preset.cut,

@@ -11,11 +11,12 @@ import numpy as np
 
 from annotate.array_types import Float32
 from sensors.errors import CloudError
-from synth.body.body import Body, blend, hair_faces, shipped_bodies
-from synth.body.crowd import crowd
+from synth.body.body import Body, blend, hair_faces
+from synth.body.crowd import crowd_of, suit_wearers
 from synth.clothes.dress import dress, put_down
 from synth.clothes.dressed import Dressed, assembled
 from synth.clothes.makehuman_garments import Garment, choose, read_garments, wear
+from synth.data_files import TRAINING, Cast
 
 GARMENT_SHARE = 0.5  # people of a wardrobe in its garments; untuned
 
@@ -40,21 +41,21 @@ class Person:
 PersonSampler = Callable[[np.random.Generator], Person]
 
 
-def paper_person(rng: np.random.Generator) -> Person:
-    """Draw a naked person, blended from two of the paper's eight bodies."""
-    body, first = _between(shipped_bodies(), rng)
-    return Person(assembled(body, _hair(first)), body.name, {})
+def paper_person(rng: np.random.Generator, cast: Cast = TRAINING) -> Person:
+    """Draw a naked person, blended from two of the paper's eight bodies or of another cast's."""
+    body, first = _between(suit_wearers(cast), rng)
+    return Person(assembled(body, _hair(cast, first)), body.name, {})
 
 
 @cache
-def _hair(number: int) -> Float32:
-    return hair_faces(shipped_bodies()[number]).astype(np.float32)
+def _hair(cast: Cast, number: int) -> Float32:
+    return hair_faces(suit_wearers(cast)[number]).astype(np.float32)
 
 
-def crowd_person(rng: np.random.Generator) -> Person:
-    """Draw a dressed person, blended from two adults of the crowd."""
-    body, _ = _between(crowd(), rng)
-    return _described(body, dress(body, rng))
+def crowd_person(rng: np.random.Generator, cast: Cast = TRAINING) -> Person:
+    """Draw a dressed person, blended from two adults of a cast."""
+    body, _ = _between(crowd_of(cast), rng)
+    return _described(body, dress(body, rng, cast))
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class Wardrobe:
                 f"{self.folder} has other garments than at the start of the run; copy the same files to "
                 "every machine"
             )
-        body, _ = _between(crowd(), rng)
+        body, _ = _between(crowd_of(TRAINING), rng)
         if rng.random() < GARMENT_SHARE:
             return _described(body, wear(body, choose(garments, body, rng)))
         return _described(body, dress(body, rng))
@@ -103,5 +104,16 @@ def _described(body: Body, dressed: Dressed) -> Person:
 
 def _between(bodies: tuple[Body, ...], rng: np.random.Generator) -> tuple[Body, int]:
     """Return a blend of two bodies and the index of the nearer one, which gives name and parts."""
+    i, j = _pair(bodies, rng)
+    return blend(bodies[i], bodies[j], float(rng.beta(0.6, 0.6)) / 2), i
+
+
+def _pair(bodies: tuple[Body, ...], rng: np.random.Generator) -> tuple[int, int]:
     i, j = rng.choice(len(bodies), 2, replace=False)
-    return blend(bodies[i], bodies[j], float(rng.beta(0.6, 0.6)) / 2), int(i)
+    return int(i), int(j)
+
+
+def blended(bodies: tuple[Body, ...], rng: np.random.Generator) -> tuple[str, str]:
+    """Return the names of the two bodies that a sampler of people blends with the same generator."""
+    i, j = _pair(bodies, rng)
+    return bodies[i].name, bodies[j].name

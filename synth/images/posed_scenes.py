@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from annotate.array_types import Float32, Float64
 from synth.body.body import Body
+from synth.data_files import TRAINING, Cast
 from synth.images.viewpoints import (
     PlannedViewpoint,
     Viewpoint,
@@ -18,10 +19,11 @@ from synth.images.viewpoints import (
 )
 from synth.motion import placed
 from synth.motion.library import Repertoire
-from synth.pose.postures import FALLEN, IN_BED, SITTING, UPRIGHT, lie, rise, sit
+from synth.pose.postures import lie, poses_of, rise, sit
 from synth.pose.standing import stand
 from synth.pose.standing_parameters import draw_standing
-from synth.surface.furniture import Bed, Chair, Ground, Seat, Sofa
+from synth.surface.furniture import Ground, Seat
+from synth.surface.judge_furniture import draw_bed, draw_chair, draw_sofa
 from synth.surface.rasterize import Mesh, merge
 
 FALLEN_SHARE = 0.2  # recumbent people who lie on the floor; untuned
@@ -48,39 +50,47 @@ class PosedScene:
 SceneSampler = Callable[[np.random.Generator, Body], PosedScene]
 
 
-def sitting(rng: np.random.Generator, body: Body) -> PosedScene:
-    """Draw a person on a sofa, with viewpoints of a robot."""
-    return _sitting(rng, body, Sofa)
+class CastSceneSampler(Protocol):
+    """Sampler of scenes with a cast's poses and furniture."""
+
+    def __call__(self, rng: np.random.Generator, body: Body, cast: Cast = ...) -> PosedScene:
+        """Draw a scene."""
 
 
-def _sitting(rng: np.random.Generator, body: Body, kind: type[Seat]) -> PosedScene:
-    seat = kind.sample(rng)
-    activities, moment = SITTING.single(rng)
+def sitting(rng: np.random.Generator, body: Body, cast: Cast = TRAINING) -> PosedScene:
+    """Draw a person on a sofa, seen from a robot's place."""
+    return _sitting(rng, body, draw_sofa, cast)
+
+
+SeatSampler = Callable[[Cast, np.random.Generator], Seat]
+
+
+def _sitting(rng: np.random.Generator, body: Body, draw_seat: SeatSampler, cast: Cast) -> PosedScene:
+    seat = draw_seat(cast, rng)
+    activities, moment = poses_of(cast).sitting.single(rng)
     return PosedScene(activities, *sit(body, seat, moment), seat.mesh(), unplanned(frontal_place))
 
 
-def recumbent(rng: np.random.Generator, body: Body) -> PosedScene:
-    """Draw a person in bed or fallen on the floor, with viewpoints from all around and several heights."""
-    is_fallen = rng.random() < FALLEN_SHARE
-    activities, moment = (FALLEN if is_fallen else IN_BED).single(rng)
-    support = Ground() if is_fallen else Bed.sample(rng)
+def recumbent(rng: np.random.Generator, body: Body, cast: Cast = TRAINING) -> PosedScene:
+    """Draw a person in bed or fallen on the floor, seen from all around and several heights."""
+    is_fallen, poses = rng.random() < FALLEN_SHARE, poses_of(cast)
+    activities, moment = (poses.fallen if is_fallen else poses.in_bed).single(rng)
+    support = Ground() if is_fallen else draw_bed(cast, rng)
     return PosedScene(activities, *lie(body, support, moment), support.mesh(), unplanned(overhead_place))
 
 
-def upright(rng: np.random.Generator, body: Body) -> PosedScene:
-    """Draw a person standing, crouching, kneeling or getting up, with or without a seat, seen from all
-    around.
-    """
-    kind = (None, Sofa, Chair)[int(rng.integers(3))]
-    seat = None if kind is None else kind.sample(rng)
-    activities, moment = UPRIGHT.single(rng)
+def upright(rng: np.random.Generator, body: Body, cast: Cast = TRAINING) -> PosedScene:
+    """Draw a person standing, crouching, kneeling or getting up, at a seat or without, from all around."""
+    draw_seat: SeatSampler | None = (None, draw_sofa, draw_chair)[int(rng.integers(3))]
+    seat = None if draw_seat is None else draw_seat(cast, rng)
+    activities, moment = poses_of(cast).upright.single(rng)
     mesh = (seat or Ground()).mesh()
     return PosedScene(activities, *rise(body, seat, moment), mesh, unplanned(surrounding_place))
 
 
-def standing(rng: np.random.Generator, body: Body) -> PosedScene:
-    """Draw a person standing on an open floor, mostly in front view, sometimes cut by the image border."""
-    how = draw_standing(rng)
+def standing(rng: np.random.Generator, body: Body, cast: Cast = TRAINING) -> PosedScene:
+    """Draw a person standing on an open floor, mostly seen from the front, some cut by the image."""
+    how = draw_standing(rng, cast)
     stood = stand(body, how)
     floor = Ground().mesh()
     around = merge([floor, *stood.things]) if stood.things else floor
@@ -89,18 +99,18 @@ def standing(rng: np.random.Generator, body: Body) -> PosedScene:
     return PosedScene((how.stance,), stood.vertices_m, stood.joints_m, around, view, notes, bags=True)
 
 
-def everybody(rng: np.random.Generator, body: Body) -> PosedScene:
+def everybody(rng: np.random.Generator, body: Body, cast: Cast = TRAINING) -> PosedScene:
     """Draw a person standing, sitting on sofa or chair, recumbent or upright."""
     kind = rng.random()
     if kind < STANDING_SHARE:
-        return standing(rng, body)
+        return standing(rng, body, cast)
     rest = (kind - STANDING_SHARE) / (1 - STANDING_SHARE)
     if rest < 0.4:
-        seated = _sitting(rng, body, Sofa if rng.random() < 0.5 else Chair)
+        seated = _sitting(rng, body, draw_sofa if rng.random() < 0.5 else draw_chair, cast)
         return replace(seated, view=PlannedViewpoint(0.65, 0.35))
     if rest < 0.75:
-        return replace(recumbent(rng, body), view=PlannedViewpoint(0.25, 0.5, over_m=0.35))
-    return replace(upright(rng, body), view=PlannedViewpoint())
+        return replace(recumbent(rng, body, cast), view=PlannedViewpoint(0.25, 0.5, over_m=0.35))
+    return replace(upright(rng, body, cast), view=PlannedViewpoint())
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +125,6 @@ class MotionScenes:
         if not motion.sits[frame]:
             posed, view = placed.stand(body, motion, frame), PlannedViewpoint()
             return PosedScene((name,), *posed, Ground().mesh(), view, bags=True)
-        kind = Sofa if rng.random() < 0.5 else Chair
-        posed, seat = placed.take_seat(body, motion, frame, kind.sample(rng))
+        draw_seat = draw_sofa if rng.random() < 0.5 else draw_chair
+        posed, seat = placed.take_seat(body, motion, frame, draw_seat(TRAINING, rng))
         return PosedScene((name,), *posed, seat.mesh(), PlannedViewpoint())

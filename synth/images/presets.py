@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,13 +14,15 @@ from annotate.crop import Crop, crop_around, window_of
 from annotate.frame_labels import FrameLabels
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
+from synth.body.crowd import crowd_of, suit_wearers
 from synth.cameras.random_sensor import draw_sensor
 from synth.cameras.sensor import CleanDepth, Reading, Sensor
 from synth.cameras.time_of_flight import TimeOfFlight
 from synth.clothes.dressed import Dressed
-from synth.data_files import check_choice
-from synth.images.people import Person, PersonSampler, Wardrobe, crowd_person, paper_person
+from synth.data_files import CASTS, JUDGE, TRAINING, Cast, check_choice
+from synth.images.people import Person, PersonSampler, Wardrobe, blended, crowd_person, paper_person
 from synth.images.posed_scenes import (
+    CastSceneSampler,
     MotionScenes,
     PosedScene,
     SceneSampler,
@@ -48,7 +50,7 @@ class Preset:
     count: images by default. stream: number of the random stream, unique. joints: least share of joints
     inside the image. each: successive images of one person, views: of one pose, because drawing a person is
     slow. occluders, cut: share of images with things in front of the person, and with holes in the
-    extraction. described: True if notes describe person and sensor.
+    extraction. described: True if notes describe person and sensor. cast: of people, clothes and furniture.
     """
 
     name: str
@@ -63,6 +65,7 @@ class Preset:
     occluders: float = 0.0
     cut: float = 0.0
     described: bool = True
+    cast: Cast = TRAINING
 
     def __post_init__(self) -> None:
         for name, share in (("occluders", self.occluders), ("cut", self.cut)):
@@ -245,35 +248,72 @@ def fresh_kinect2(rng: np.random.Generator) -> Sensor:
     return FreshKinect2()
 
 
-def _paper(name: str, count: int, stream: int, scene: SceneSampler) -> Preset:
-    """Return a preset of the paper (sections 3.2, 4.1, 4.3): naked bodies, completely inside a Kinect v2's
-    image.
-    """
-    return Preset(name, count, stream, scene, paper_person, fresh_kinect2, 0.9, 16, 1, described=False)
+JUDGE_STREAMS = 100  # added to a preset's stream for the judging cast
 
 
-PRESETS = {
-    preset.name: preset
-    for preset in (
-        _paper("sitting-train", 10_076, 1, sitting),
-        _paper("sitting-test", 4_984, 2, sitting),
-        _paper("recumbent", 326_984, 3, recumbent),
-        _paper("upright", 20_000, 4, upright),
-        Preset("standing", 20_000, 5, standing),
-        Preset("people", 200_000, 6, everybody),
+def _preset(name: str, count: int, stream: int, scene: CastSceneSampler, cast: Cast) -> Preset:
+    """Return a preset of dressed people of a cast."""
+    if cast == TRAINING:
+        return Preset(name, count, stream, scene)
+    judged = partial(scene, cast=cast)
+    return Preset(name, count, stream + JUDGE_STREAMS, judged, partial(crowd_person, cast=cast), cast=cast)
+
+
+def _paper(name: str, count: int, stream: int, scene: CastSceneSampler, cast: Cast) -> Preset:
+    """Return a preset of the paper (sections 3.2, 4.1, 4.3): naked bodies, whole in a Kinect v2's image."""
+    people: PersonSampler = paper_person if cast == TRAINING else partial(paper_person, cast=cast)
+    return replace(
+        _preset(name, count, stream, scene, cast),
+        people=people,
+        sensor=fresh_kinect2,
+        joints=0.9,
+        each=16,
+        views=1,
+        described=False,
     )
-}
+
+
+def _presets_of(cast: Cast) -> dict[str, Preset]:
+    presets = (
+        _paper("sitting-train", 10_076, 1, sitting, cast),
+        _paper("sitting-test", 4_984, 2, sitting, cast),
+        _paper("recumbent", 326_984, 3, recumbent, cast),
+        _paper("upright", 20_000, 4, upright, cast),
+        _preset("standing", 20_000, 5, standing, cast),
+        _preset("people", 200_000, 6, everybody, cast),
+    )
+    return {preset.name: preset for preset in presets}
+
+
+PRESETS, JUDGE_PRESETS = _presets_of(TRAINING), _presets_of(JUDGE)
+
+
+MOTION, MOTION_STREAM = "motion", 7
 
 
 def preset_of(repertoire: Repertoire) -> Preset:
-    """Return a preset like ``standing``, with poses of recorded motions."""
-    return Preset("motion", 20_000, 7, MotionScenes(repertoire))
+    """Return a preset like ``standing`` of poses of recorded motions."""
+    return Preset(MOTION, 20_000, MOTION_STREAM, MotionScenes(repertoire))
 
 
-def preset_named(name: str) -> Preset:
-    """Return the preset of that name. Raises CloudError for an unknown one."""
+def preset_named(name: str, cast: Cast = TRAINING) -> Preset:
+    """Return the preset of that name with a cast. Raises CloudError for an unknown name."""
     check_choice("preset", name, PRESETS)
-    return PRESETS[name]
+    check_choice("cast", cast, CASTS)
+    return (PRESETS if cast == TRAINING else JUDGE_PRESETS)[name]
+
+
+def blended_bodies(name: str, cast: Cast, seed: int, index: int) -> tuple[str, str] | None:
+    """Return the names of the two bodies in an image of a preset, or of motions; None for another name."""
+    if name in PRESETS:
+        preset = preset_named(name, cast)
+    elif name == MOTION:
+        preset = Preset(MOTION, 20_000, MOTION_STREAM, everybody)
+    else:
+        return None
+    naked = name in PRESETS and PRESETS[name].people is paper_person
+    rng = np.random.default_rng((preset.stream, seed, index // preset.each, 1))
+    return blended(suit_wearers(cast) if naked else crowd_of(cast), rng)
 
 
 def dressed_from(preset: Preset, garments: Path) -> Preset:

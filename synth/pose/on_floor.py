@@ -14,14 +14,13 @@ from scipy.spatial.transform import Rotation, Slerp
 from synth.body.body import Body, pose
 from synth.body.flesh import flesh_of
 from synth.body.skeleton import SIGNS, Posture
+from synth.data_files import TRAINING, Cast
 from synth.pose.pose_parameters import Moment, Posed
 from synth.pose.postures import (
-    FALLEN,
     HEAVE,
-    SLUMPED,
-    UPRIGHT,
     height_to_rest,
     lain,
+    poses_of,
     posture_of_moment,
     pulls_of,
     risen,
@@ -44,11 +43,12 @@ OFF_WALL_M = 0.01  # distance of the rearmost skin, for clothes on a wall
 class OnFloor:
     """Behaviour of a person on the floor before a wall: standing, kneeling, slumped at it, or fallen.
 
-    wall_y: y of the wall, world, metres. A moment (pose parameters) names two postures by kind and seed, and
-    the share of the way from the first to the second.
+    wall_y: y of the wall, world, metres. cast: of the poses. A moment (pose parameters) names two postures by
+    kind and seed, and the share of the way from the first to the second.
     """
 
     wall_y: float
+    cast: Cast = TRAINING
 
     def draw(self, rng: np.random.Generator) -> Moment:
         key = _draw(_kind(rng), rng)
@@ -67,10 +67,10 @@ class OnFloor:
 
     def pose(self, body: Body, moment: Moment) -> Posed:
         """Return a body posed at a moment: vertices float32 (V, 3) and joints (J, 3), world, metres."""
-        start = _posture(body, self.wall_y, moment["kind"], moment["seed"])
+        start = _posture(self, body, moment["kind"], moment["seed"])
         if moment["share"] == 0:
             return pose(body, start)
-        end = _posture(body, self.wall_y, moment["next_kind"], moment["next_seed"])
+        end = _posture(self, body, moment["next_kind"], moment["next_seed"])
         way = _on_floor(body, _glided(start, end, moment["share"]), self.wall_y)
         settled = settle(flesh_of(body), way, [FLOOR, _wall(self.wall_y)], [])
         return pose(body, _on_floor(body, settled, self.wall_y))
@@ -93,16 +93,17 @@ def _between(start: tuple[int, int], end: tuple[int, int], share: float) -> Mome
 
 
 @lru_cache(maxsize=16)
-def _posture(body: Body, wall_y: float, kind: float, seed: float) -> Posture:
+def _posture(place: OnFloor, body: Body, kind: float, seed: float) -> Posture:
     name, rng = KINDS[int(kind)], np.random.default_rng(int(seed))
+    poses, wall_y = poses_of(place.cast), place.wall_y
     if name == "standing":
-        posture = stood(body, draw_standing(rng))
+        posture = stood(body, draw_standing(rng, place.cast))
     elif name == "upright":
-        posture = risen(body, None, UPRIGHT.single(rng)[1])
+        posture = risen(body, None, poses.upright.single(rng)[1])
     elif name == "fallen":
-        posture = lain(body, Ground(), FALLEN.single(rng)[1])
+        posture = lain(body, Ground(), poses.fallen.single(rng)[1])
     else:
-        posture = slumped(body, SLUMPED.single(rng)[1])
+        posture = slumped(body, poses.slumped.single(rng)[1])
     facing, x, y = rng.normal(0, FACING_DEG[name]), *rng.uniform(-ROAM_M, ROAM_M, 2)
     turn = Rotation.from_euler("z", facing, degrees=True)
     turned = Posture(posture.angles_rad.copy(), np.zeros(3))

@@ -14,7 +14,7 @@ import numpy as np
 
 from annotate.array_types import Float32, Float64
 from synth.body.body import Body
-from synth.data_files import table
+from synth.data_files import CASTS, TRAINING, Cast, table_of
 
 Moment = Mapping[str, float]  # numbers by name: degrees, metres and shares
 Posed = tuple[Float32, Float64]  # vertices (V, 3) and joints (J, 3) of a posed body, world, metres
@@ -38,6 +38,17 @@ _ON_THE_FLOOR = {
     "half_kneeling_left": "kneeling",
     "half_kneeling_right": "kneeling",
     "all_fours": "on all fours",
+    # Of the judging cast.
+    "waiting": "standing",
+    "bowing": "standing",
+    "looking_behind": "standing",
+    "leaning_on_thighs": "standing",
+    "deep_squat": "crouching",
+    "tying_shoe": "crouching",
+    "kneeling_bowed": "kneeling",
+    "proposing_right": "kneeling",
+    "proposing_left": "kneeling",
+    "reaching_on_fours": "on all fours",
 }
 
 
@@ -108,9 +119,9 @@ def _eased(share: float) -> float:
 
 
 @cache
-def pose_families(file: str) -> dict[str, PoseFamily]:
-    """Return the families of ``synth/data/poses/FILE.toml`` by the table of their activities."""
-    tables = deepcopy(table(f"poses/{file}"))
+def pose_families(file: str, cast: Cast = TRAINING) -> dict[str, PoseFamily]:
+    """Return the families of a cast's ``poses/FILE.toml`` by the table of their activities."""
+    tables = deepcopy(table_of(cast, f"poses/{file}"))
     base = _spreads(tables.pop("base"))
     known: dict[str, Spreads] = {}
     for activities in tables.values():
@@ -154,10 +165,12 @@ def posture_class(*activities: str) -> str | None:
 
 @lru_cache(maxsize=1)
 def _postures() -> dict[str, str]:
-    recumbent = table("poses/recumbent")
-    return {
-        **dict.fromkeys(table("poses/sitting")["sitting"], "sitting"),
-        **dict.fromkeys([*recumbent["in_bed"], *recumbent["fallen"]], "lying"),
-        **dict.fromkeys(table("poses/standing")["stances"], "standing"),
-        **_ON_THE_FLOOR,
-    }
+    known: dict[str, str] = {}
+    for cast in CASTS:
+        sitting, recumbent, standing = (
+            table_of(cast, f"poses/{name}") for name in ("sitting", "recumbent", "standing")
+        )
+        known |= dict.fromkeys(sitting["sitting"], "sitting")
+        known |= dict.fromkeys([*recumbent["in_bed"], *recumbent["fallen"]], "lying")
+        known |= dict.fromkeys(standing["stances"], "standing")
+    return known | _ON_THE_FLOOR

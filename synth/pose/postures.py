@@ -5,6 +5,9 @@ support.
 other or the furniture. Constants are untuned.
 """
 
+from functools import cache
+from typing import NamedTuple
+
 import numba
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,7 +17,8 @@ from synth.body.body import Body, pose
 from synth.body.flesh import flesh_of
 from synth.body.inverse import reach
 from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp
-from synth.pose.pose_parameters import Behaviour, Moment, Posed, pose_families
+from synth.data_files import TRAINING, Cast
+from synth.pose.pose_parameters import Behaviour, Moment, Posed, PoseFamily, pose_families
 from synth.pose.settle import Pull, settle, sink
 from synth.surface.furniture import FLOOR, Bed, Ground, Seat, Solid
 
@@ -23,16 +27,37 @@ HAND_HOLD = np.full(3, 0.5)  # share of the way, per axis and round, by which a 
 
 _SPINE = [JOINT_ID[name] for name in ("spine_lower", "spine_middle", "spine_upper")]
 _NECK, _KNEES = [JOINT_ID["neck"], JOINT_ID["head"]], [JOINT_ID["left_knee"], JOINT_ID["right_knee"]]
-SITTING = pose_families("sitting")["sitting"]
 
 
-def on_seat(seat: Seat, *activities: str) -> Behaviour:
+class Poses(NamedTuple):
+    """Pose families of a cast."""
+
+    sitting: PoseFamily
+    in_bed: PoseFamily
+    fallen: PoseFamily
+    slumped: PoseFamily
+    upright: PoseFamily
+
+
+@cache
+def poses_of(cast: Cast) -> Poses:
+    """Return a cast's pose families."""
+    lying = pose_families("recumbent", cast)
+    sitting, upright = (pose_families(name, cast)[name] for name in ("sitting", "upright"))
+    return Poses(sitting, lying["in_bed"], lying["fallen"], lying["slumped"], upright)
+
+
+SITTING, IN_BED, FALLEN, SLUMPED, UPRIGHT = poses_of(TRAINING)
+
+
+def on_seat(seat: Seat, *activities: str, cast: Cast = TRAINING) -> Behaviour:
     """Return the behaviour of a person who sits on a seat.
 
-    activities: sitting activities to choose from; none = all.
+    activities: a cast's sitting activities to choose from; none = all.
     """
-    chosen = activities or tuple(SITTING.activities)
-    return Behaviour(SITTING, chosen, lambda body, moment: sit(body, seat, moment))
+    family = poses_of(cast).sitting
+    chosen = activities or tuple(family.activities)
+    return Behaviour(family, chosen, lambda body, moment: sit(body, seat, moment))
 
 
 def sit(body: Body, seat: Seat, moment: Moment) -> Posed:
@@ -93,12 +118,11 @@ def rest_on(seat: Seat, trunk: Float32, joints: Float64, slide: float) -> Float6
 HEAD_FROM_EDGE_M = 0.20
 HEAVE = 0.03  # rad^2/m^2; readiness of the body to rise off an arm under it, beside a limb's 1
 
-_FAMILIES = pose_families("recumbent")
-IN_BED, FALLEN, SLUMPED = (_FAMILIES[name] for name in ("in_bed", "fallen", "slumped"))
 
-
-def in_bed(bed: Bed) -> Behaviour:
-    return Behaviour(IN_BED, tuple(IN_BED.activities), lambda body, moment: lie(body, bed, moment))
+def in_bed(bed: Bed, cast: Cast = TRAINING) -> Behaviour:
+    """Return the behaviour of a cast's activities in a bed."""
+    family = poses_of(cast).in_bed
+    return Behaviour(family, tuple(family.activities), lambda body, moment: lie(body, bed, moment))
 
 
 def lie(body: Body, support: Bed | Ground, moment: Moment) -> Posed:
@@ -135,16 +159,15 @@ def _place(support: Bed | Ground, moment: Moment, joints: Float64) -> Float64:
 
 SEAT_GAP_M = 0.02  # from legs to a seat behind them
 
-UPRIGHT = pose_families("upright")["upright"]
 
-
-def on_legs(seat: Seat | None, *activities: str) -> Behaviour:
+def on_legs(seat: Seat | None, *activities: str, cast: Cast = TRAINING) -> Behaviour:
     """Return the behaviour of a person on the floor.
 
-    seat: seat behind the person, or None. activities: activities to choose from; none = all.
+    seat: seat behind the person, or None. activities: a cast's activities to choose from; none = all.
     """
-    chosen = activities or tuple(UPRIGHT.activities)
-    return Behaviour(UPRIGHT, chosen, lambda body, moment: rise(body, seat, moment))
+    family = poses_of(cast).upright
+    chosen = activities or tuple(family.activities)
+    return Behaviour(family, chosen, lambda body, moment: rise(body, seat, moment))
 
 
 def rise(body: Body, seat: Seat | None, moment: Moment) -> Posed:

@@ -16,7 +16,7 @@ from synth.body.body import Body, pose
 from synth.body.flesh import CHAINS, N_STATIONS, Flesh, flesh_of
 from synth.body.inverse import FootGoal, place_hand, plant
 from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp, forward, turn
-from synth.data_files import table
+from synth.data_files import table, table_of
 from synth.pose.settle import Pull, settle
 from synth.pose.standing_parameters import OTHER, SIDES, Standing, carried
 from synth.surface.furniture import FLOOR
@@ -241,7 +241,7 @@ class _Stander:
             length = self._length(shoulder, elbow) + self._length(elbow, wrist)
             far = float(np.clip(arm["distance"], 0.3, 0.99)) * length
             return np.asarray(joints[shoulder] + frames[JOINT_ID["spine_upper"]] @ (far * way))
-        at = table("poses/standing")["hands"][self.how.hands[side]]["at"]
+        at = table_of(self.how.cast, "poses/standing")["hands"][self.how.hands[side]]["at"]
         origin, axes = _anchor(at, frames, joints, side)
         off = np.array([SIGN[side] * arm["out"], arm["back"], arm["up"]])
         return np.asarray(origin + axes @ (self.scale * off))

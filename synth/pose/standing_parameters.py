@@ -1,4 +1,4 @@
-"""Ways of standing: parameters of legs, trunk and hands, drawn from ``synth/data/poses/standing.toml``."""
+"""Ways of standing: parameters of legs, trunk and hands, drawn from a cast's ``poses/standing.toml``."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 
 from annotate.array_types import Float64
 from synth.body.skeleton import JOINT_ID, turn
-from synth.data_files import table
+from synth.data_files import TRAINING, Cast, table_of
 from synth.pose.pose_parameters import Moment
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import Mesh, box
@@ -25,7 +25,7 @@ class Standing:
     """Parameters of a way of standing.
 
     stance, hands: names in the data; stands: side of the leg that carries more weight. legs: the stance's
-    parameters. arms: parameters by side. sizes_m: (3,) of carried objects, by kind.
+    parameters. arms: parameters by side. sizes_m: (3,) of carried objects, by kind. cast: of the names.
     """
 
     stance: str
@@ -34,13 +34,14 @@ class Standing:
     hands: Mapping[str, str]
     arms: Mapping[str, Moment]
     sizes_m: Mapping[str, Float64]
+    cast: Cast = TRAINING
 
 
 @cache
-def stances() -> dict[str, dict[str, Any]]:
-    """Return the stances by name, each with all its numbers."""
+def stances(cast: Cast = TRAINING) -> dict[str, dict[str, Any]]:
+    """Return a cast's stances by name, each with all its numbers."""
     known: dict[str, dict[str, Any]] = {}
-    for name, entry in table("poses/standing")["stances"].items():
+    for name, entry in table_of(cast, "poses/standing")["stances"].items():
         known[name] = {**known.get(entry.get("like", ""), {}), **entry}
     return known
 
@@ -60,10 +61,11 @@ def _numbers(entry: Mapping[str, Any], rng: np.random.Generator) -> dict[str, fl
     return dict(zip(spreads, rng.normal(means, deviations).tolist(), strict=True))
 
 
-def draw_standing(rng: np.random.Generator) -> Standing:
-    data = table("poses/standing")
-    stance = _chosen({name: entry["share"] for name, entry in stances().items()}, rng)
-    entry = stances()[stance]
+def draw_standing(rng: np.random.Generator, cast: Cast = TRAINING) -> Standing:
+    """Draw a cast's way of standing."""
+    data = table_of(cast, "poses/standing")
+    stance = _chosen({name: entry["share"] for name, entry in stances(cast).items()}, rng)
+    entry = stances(cast)[stance]
     legs = _numbers(entry, rng)
     median, deviation = entry["ankles"]
     apart = float(np.clip(abs(median) * np.exp(deviation * rng.standard_normal()), *ANKLES_M))
@@ -75,7 +77,7 @@ def draw_standing(rng: np.random.Generator) -> Standing:
     hands = {first: pair[0], OTHER[first]: pair[1]}
     arms = {side: _numbers(data["hands"][hands[side]], rng) for side in SIDES}
     sizes = {kind: np.array([rng.uniform(*span) for span in spans]) for kind, spans in data["things"].items()}
-    return Standing(stance, stands, legs, hands, arms, sizes)
+    return Standing(stance, stands, legs, hands, arms, sizes, cast)
 
 
 def carried(how: Standing, joints: Float64) -> list[Mesh]:

@@ -16,13 +16,15 @@ from sensors.rig.rig_calibration import Pose
 from synth.appearance.outfit import Outfit, dress, dress_plainly
 from synth.appearance.photograph import Setting, set_up
 from synth.appearance.warmth import BodyWarmth, Clothing, surface_temperatures
-from synth.body.body import Body, blend, hair_faces, shipped_bodies
+from synth.body.body import Body, blend, hair_faces
+from synth.body.crowd import suit_wearers
 from synth.clothes.dress import cut_loose
+from synth.data_files import TRAINING, Cast
 from synth.pose.pose_parameters import Moment
 from synth.rig.difficulty import Difficulty
 from synth.rig.locations import Location
-from synth.rig.surroundings import furnish, invite
-from synth.surface.furniture import Surface, empty_room
+from synth.rig.surroundings import Guest, furnish, invite
+from synth.surface.furniture import Surface
 from synth.surface.rasterize import Mesh, face_means, merge, tagged
 
 MOST_BLENDED = 0.35  # share of another shipped body in a subject
@@ -51,12 +53,14 @@ class SceneState:
 class Scene:
     """Properties of a scene that are constant during an episode.
 
+    bodies: names, of which the subject is a blend.
     faces: int32 (F, 3). tags: int32 (F,) part ids of the subject, ``Surface`` elsewhere. outfits: of subject
     and visitor. subject, people: number of the subject's vertices, and of both people's. dark: float32 (F +
     1,) absorbed share of infrared, last for no face.
     """
 
     name: str
+    bodies: tuple[str, ...]
     faces: Int32
     tags: Int32
     outfits: list[Outfit]
@@ -72,7 +76,8 @@ class Scene:
 class EpisodeSetup(NamedTuple):
     """Settings that all episodes of a rig have in common.
 
-    location: draws the place of an episode. body: body of the subject; None = draw one at random.
+    location: draws the place of an episode. body: body of the subject; None = draw one at random. wearers:
+    bodies to draw from; None = all of the cast's.
     """
 
     location: Callable[[np.random.Generator], Location]
@@ -81,17 +86,31 @@ class EpisodeSetup(NamedTuple):
     seed: int
     frames_per_second: float
     body: Body | None = None
+    cast: Cast = TRAINING
+    wearers: tuple[Body, ...] | None = None
+
+
+def blended_bodies(cast: Cast, seed: int, number: int) -> tuple[str, str]:
+    """Return the names of the two bodies of subject ``number`` of a cast's virtual rig."""
+    own, like = _drawn(suit_wearers(cast), seed, number, np.random.default_rng((seed, number)))
+    return own.name, like.name
+
+
+def _drawn(bodies: tuple[Body, ...], seed: int, number: int, rng: np.random.Generator) -> tuple[Body, Body]:
+    """Draw the body of subject ``number`` and the body that it is blended with."""
+    return bodies[(number + seed) % len(bodies)], bodies[int(rng.integers(len(bodies)))]
 
 
 class Episode:
     """Episode of subject ``number`` of a rig at a random location; deterministic in (seed, number)."""
 
     def __init__(self, setup: EpisodeSetup, number: int) -> None:
-        seed, difficulty, bodies = setup.seed, setup.difficulty, shipped_bodies()
+        seed, difficulty, bodies = setup.seed, setup.difficulty, setup.wearers or suit_wearers(setup.cast)
         rng, self._fps = np.random.default_rng((seed, number)), setup.frames_per_second
         self._motion, tailor = (np.random.default_rng((seed, number, key)) for key in (7, 13))
-        self._difficulty = difficulty
-        own, like = bodies[(number + seed) % len(bodies)], bodies[int(rng.integers(len(bodies)))]
+        self._difficulty, self._cast = difficulty, setup.cast
+        own, like = _drawn(bodies, seed, number, rng)
+        self.bodies = (own.name, like.name) if setup.body is None else (setup.body.name,)
         build = blend(own, like, float(rng.uniform(0, MOST_BLENDED)))
         self._skin = build if setup.body is None else setup.body
         self._body, self._location = self._wear(self._skin, tailor), setup.location(rng)
@@ -106,7 +125,8 @@ class Episode:
         self._visitor_skin, worn = other, self._wear(other, tailor)
         standing = [t.mesh.vertices_m for t in self._things if t.name in ("table", "radiator")]
         occupied = [*prior, *standing]
-        self._visitor = invite(self._location, occupied, worn, camera_from_world, rng) if come else None
+        guest = Guest(worn, setup.cast)
+        self._visitor = invite(self._location, occupied, guest, camera_from_world, rng) if come else None
         clothing = Clothing.sample(rng, difficulty.warmth)
         self._warmth = BodyWarmth(self._skin, clothing, self._room_c, rng, self._body)
         if difficulty.warmth > 0:
@@ -114,10 +134,12 @@ class Episode:
                 self._press(vertices, PRIOR_S)
         if rng.random() < difficulty.clutter.warm_spot:
             self._leave_warm_spot(prior[-1], rng)
-        fixed = [empty_room(self._location.wall_y), *(solid.mesh() for solid in self._location.hard_solids())]
+        room = self._location.room.mesh(self._location.wall_y)
+        fixed = [room, *(solid.mesh() for solid in self._location.hard_solids())]
         self._fixed = merge(fixed + (self._visitor.furniture() if self._visitor else []))
         self._visitor_c, self._things_c = self._fixed_temperatures(rng)
-        outfits, setting = self._dress(setup.suit, rng), set_up(difficulty.color, setup.suit, rng)
+        outfits = self._dress(setup.suit, rng)
+        setting = set_up(difficulty.color, setup.suit, rng, setup.cast)
         self.scene = self._scene(f"subject-{number}", outfits, setting, camera_from_world, clothing)
 
     def states(self) -> Iterator[SceneState]:
@@ -131,7 +153,7 @@ class Episode:
             now = following
 
     def _wear(self, skin: Body, rng: np.random.Generator) -> Body:
-        return cut_loose(skin, rng) if rng.random() < self._difficulty.loose else skin
+        return cut_loose(skin, rng, self._cast) if rng.random() < self._difficulty.loose else skin
 
     def _state(self, moment: Moment, other: Moment | None) -> SceneState:
         person, joints = self._location.behaviour.pose(self._body, moment)
@@ -181,8 +203,10 @@ class Episode:
 
     def _dress(self, suit: Suit, rng: np.random.Generator) -> list[Outfit]:
         wear = self._difficulty.color.wear
-        outfits = [dress(self._skin, suit, wear, rng)]
-        return outfits + ([dress_plainly(self._visitor_skin, wear, rng)] if self._visitor else [])
+        outfits = [dress(self._skin, suit, wear, rng, self._cast)]
+        if self._visitor:
+            outfits.append(dress_plainly(self._visitor_skin, wear, rng, self._cast))
+        return outfits
 
     def _scene(
         self, name: str, outfits: list[Outfit], setting: Setting, camera_from_world: Pose, clothing: Clothing
@@ -194,7 +218,7 @@ class Episode:
         meshes += [c.mesh for c in self._cushions] + [t.mesh for t in self._things] + [self._fixed]
         whole = merge(meshes)
         dark = _darkness(bodies, outfits, setting.room.rgb[whole.tags])
-        scene = (name, whole.faces, whole.tags, outfits, subject, people, setting, dark)
+        scene = (name, self.bodies, whole.faces, whole.tags, outfits, subject, people, setting, dark)
         return Scene(*scene, camera_from_world, self._room_c, clothing)
 
 

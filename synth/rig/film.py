@@ -17,8 +17,9 @@ from synth.pose.pose_parameters import Moment, Posed
 from synth.rig.difficulty import Clutter
 from synth.rig.locations import Location
 from synth.rig.virtual_rig import RigOptions, VirtualRig
-from synth.surface.furniture import ROOM_FRONT_Y_M, Ground
+from synth.surface.furniture import Ground
 from synth.surface.rasterize import beside, look_at
+from synth.surface.room import PLAIN_ROOM
 
 FRAMES_PER_SECOND = 30.0  # of a Kinect
 SHORTEST_S = 0.3  # of a motion; untuned
@@ -95,7 +96,7 @@ def _eye(
     half = np.array([camera.width, camera.height]) / 2 * IN_VIEW
     for distance in DISTANCES_M:
         eye = beside(target, azimuth_rad, distance, height_m)
-        eye[1] = max(eye[1], ROOM_FRONT_Y_M + 0.2)
+        eye[1] = max(eye[1], PLAIN_ROOM.front_y + 0.2)
         x, y, z = look_at(eye, target).apply(joints_m).T
         off = np.abs(np.stack([x, y], axis=1)) * camera.fx / np.maximum(z, 0.1)[:, None]
         if (off < half).all():

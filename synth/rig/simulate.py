@@ -32,6 +32,7 @@ def simulate(
     progress: called with 1 for each frame. Raises ExistsError if a file exists and ``overwrite`` is False.
     """
     from annotate.labelset.atomic_folder import appearing
+    from annotate.labelset.cast_note import cast_note
     from annotate.labelset.label_set import MANIFEST, LabelSet
     from annotate.suit.palette import suit_to_toml
     from sensors.files.atomic import check_free, replacing, sweep
@@ -47,6 +48,7 @@ def simulate(
         "subjects": str(rig.subjects),
         "scene": rig.scene,
         "rig": rig.rig,
+        **cast_note(rig.cast),
     }
     writer = RepeatableWriter(out, rig.calibration, rig.name, overwrite=overwrite, metadata=metadata)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -57,7 +59,7 @@ def simulate(
         writer,
     ):
         suit.write_text(suit_to_toml(rig.suit), encoding="utf-8")
-        info = {"source": rig.name, "made_by": "simulate"}
+        info = {"source": rig.name, "made_by": "simulate", **cast_note(rig.cast)}
         truth = LabelSet.create(unfinished, rig.calibration.depth.undistorted(), info)
         for frame, known in rig.with_truth():
             _record(writer, frame, known)

@@ -1,6 +1,7 @@
 """Surroundings of the subject: objects and a visitor, drawn at random and placed in free space."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -8,13 +9,15 @@ from scipy.spatial.transform import Rotation
 from annotate.array_types import Float32, Float64
 from sensors.rig.rig_calibration import Pose
 from synth.body.body import Body
+from synth.data_files import JUDGE, TRAINING, Cast
 from synth.pose.pose_parameters import Behaviour, Moment
 from synth.pose.postures import on_legs, on_seat
 from synth.rig.blanket import bed_blanket, lap_blanket
 from synth.rig.difficulty import Clutter
 from synth.rig.locations import Location
 from synth.rig.objects_nearby import Thing, laptop, moved, mug, on_wall, table
-from synth.surface.furniture import ROOM_HALF_WIDTH_M, Chair, Seat
+from synth.surface.furniture import Chair, Seat
+from synth.surface.judge_furniture import draw_chair
 from synth.surface.rasterize import Mesh
 
 ASIDE_M, ASIDE_HEIGHT_M = 0.34, (0.42, 0.56)  # a side table's distance and height, as sold
@@ -26,7 +29,11 @@ AT_EDGE = (0.65, 1.05)  # place of a visitor in the view: 0 its middle, 1 its ed
 AWAY_M = (1.6, 3.6)  # of a visitor from the robot
 KEEP_M = 0.45  # from the reach of subject and furniture to the middle of the visitor
 TRIES = 200  # places drawn for a visitor
-SEATED = ("resting", "crossed_left", "gadget", "reading")
+SEATED: dict[Cast, tuple[str, ...]] = {
+    TRAINING: ("resting", "crossed_left", "gadget", "reading"),
+    JUDGE: ("watching", "arms_folded", "ankle_on_knee_left", "phoning_right"),
+}  # activities of a sitting visitor
+ON_LEGS: dict[Cast, str] = {TRAINING: "standing", JUDGE: "waiting"}  # activity of a standing visitor
 
 
 def furnish(
@@ -91,13 +98,21 @@ class Visitor:
         return [] if self.chair is None else [moved(self.chair.mesh(), self.at_m, self.turn_rad)]
 
 
+class Guest(NamedTuple):
+    """Body of a visitor, and the cast of what it does."""
+
+    body: Body
+    cast: Cast
+
+
 def invite(
-    location: Location, occupied: list[Float32], body: Body, camera: Pose, rng: np.random.Generator
+    location: Location, occupied: list[Float32], guest: Guest, camera: Pose, rng: np.random.Generator
 ) -> Visitor | None:
     """Draw a visitor near the edge of the view, or None without free space.
 
     occupied: vertices (V, 3) to keep free. camera: from world.
     """
+    body, cast = guest
     footprint = location.furniture.footprint
     low: Float64 = np.array([-footprint.half_width_m, footprint.front_y])
     high: Float64 = np.array([footprint.half_width_m, footprint.back_y])
@@ -113,11 +128,15 @@ def invite(
         at = eye + distance * np.array([np.cos(heading + aside), np.sin(heading + aside)])
         outside = np.maximum(low - at, at - high)
         room = KEEP_M + (0.35 if sits else 0.0)
-        indoors = abs(at[0]) < ROOM_HALF_WIDTH_M - room and at[1] < location.wall_y - room
+        indoors = location.room.left_x + room < at[0] < location.room.right_x - room
+        indoors &= bool(at[1] < location.wall_y - room)
         if indoors and np.hypot(*np.maximum(outside, 0)) >= room:
             # A body faces -y; the visitor looks roughly at the subject.
             turn = np.arctan2(-at[1], -at[0]) + np.pi / 2 + rng.normal(0, 0.5)
-            chair = Chair.sample(rng) if sits else None
-            behaviour = on_seat(chair, *SEATED) if chair else on_legs(None, "standing")
+            chair = draw_chair(cast, rng) if sits else None
+            if chair:
+                behaviour = on_seat(chair, *SEATED[cast], cast=cast)
+            else:
+                behaviour = on_legs(None, ON_LEGS[cast], cast=cast)
             return Visitor(body, chair, behaviour, np.array([*at, 0.0]), float(turn))
     return None

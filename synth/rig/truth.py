@@ -39,14 +39,15 @@ class Truth:
     """Truth of a frame.
 
     parts, persons: uint8 (h, w) of the raw depth image, as in ``FrameLabels``. joints_m: (J, 3), depth
-    camera. hard: causes of difficulty. drift_c: temperature error common to all pixels. spot_c: a pyrometer's
-    reading, or NaN.
+    camera. bodies: names, of which the subject is a blend. hard: causes of difficulty. drift_c: temperature
+    error common to all pixels. spot_c: a pyrometer's reading, or NaN.
     """
 
     parts: UInt8
     persons: UInt8
     joints_m: Float64
     subject: str
+    bodies: tuple[str, ...]
     hard: tuple[str, ...]
     drift_c: float = 0.0
     spot_c: float = float("nan")

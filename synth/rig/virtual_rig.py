@@ -10,24 +10,26 @@ import numpy as np
 
 from annotate.array_types import Float32, Float64, Int32
 from annotate.parts import N_CLASSES
-from annotate.suit.palette import DEFAULT_SUIT, Suit
+from annotate.suit.palette import Suit
 from sensors.errors import CloudError
 from sensors.recording.rig_templates import REFERENCE
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration
 from synth.appearance.color_camera import RESTING
 from synth.appearance.photograph import ColorCamera
+from synth.appearance.random_suit import suit_of
+from synth.body.body import Body
 from synth.cameras.multipath import STRIDE, multipath_m
 from synth.cameras.optics import lens_of
 from synth.cameras.pyrometer import Pyrometer
 from synth.cameras.sensor import CleanDepth, Sensor
 from synth.cameras.thermal_camera import ThermalState, thermograph, through_lens, warmth_seen
 from synth.cameras.time_of_flight import TimeOfFlight
-from synth.data_files import check_choice
+from synth.data_files import CASTS, JUDGE, TRAINING, Cast, check_choice
 from synth.random_stream import stream
 from synth.rig.difficulty import DIFFICULTIES
 from synth.rig.episode import Episode, EpisodeSetup, Scene, SceneState
-from synth.rig.locations import SCENES
+from synth.rig.locations import SCENES, located
 from synth.rig.rig_variants import variant_named
 from synth.rig.truth import Truth, camera_hardships, scene_hardships, whose_readings
 from synth.surface.rasterize import Mesh, ZBuffer
@@ -43,18 +45,22 @@ class RigOptions:
     """Options of a virtual rig.
 
     scene: a key of ``locations.SCENES``. rig: template name of the cameras in
-    ``sensors.recording.rig_templates``; the people depend on the seed alone. pyrometer: add one beside the
-    thermal camera. draft: small colour images and coarse multipath, in half the time.
+    ``sensors.recording.rig_templates``; the people depend on cast and seed alone. pyrometer: add one beside
+    the thermal camera. suit: None = the cast's own. draft: small colour images and coarse multipath, in half
+    the time. wearers: bodies of the people; None = all of the cast's.
     """
 
     scene: str = "sofa"
     frames_per_second: float = 2.0
     rig: str = REFERENCE
     pyrometer: bool = False
-    suit: Suit = DEFAULT_SUIT
+    suit: Suit | None = None
     draft: bool = False
+    cast: Cast = TRAINING
+    wearers: tuple[Body, ...] | None = None
 
     def __post_init__(self) -> None:
+        check_choice("cast", self.cast, CASTS)
         check_choice("scene", self.scene, SCENES)
         if not 0.1 <= self.frames_per_second <= 30:
             raise CloudError(f"{self.frames_per_second} frames a second are impossible; give 0.1 to 30")
@@ -84,15 +90,25 @@ class VirtualRig(FrameSource):
         check_choice("difficulty", difficulty, DIFFICULTIES)
         rig, draft, self.scene = options.rig, options.draft, options.scene
         kind = "" if rig == REFERENCE else f"{rig}-"
+        self.cast: Cast = options.cast
+        kind = f"{JUDGE}-{kind}" if self.cast == JUDGE else kind
         self.name = f"virtual-{kind}{self.scene}-{difficulty}-{seed}"
         self.rig, self._variant = rig, variant_named(rig)
         self.calibration = _drafted(self._variant.calibration) if draft else self._variant.calibration
         self._stride = DRAFT_STRIDE if draft else STRIDE
-        self.suit = options.suit
+        self.suit = options.suit or suit_of(self.cast, seed)
         self.difficulty = DIFFICULTIES[difficulty]
         self.frames, self.subjects, self.seed = frames, subjects, seed
         self.frames_per_second = fps = options.frames_per_second
-        self._setup = EpisodeSetup(SCENES[self.scene], self.difficulty, self.suit, seed, fps)
+        self._setup = EpisodeSetup(
+            located(self.scene, self.cast),
+            self.difficulty,
+            self.suit,
+            seed,
+            fps,
+            cast=self.cast,
+            wearers=options.wearers,
+        )
         self.times_ns = np.rint(np.arange(frames) / fps * 1e9).astype(np.int64)
         depth, color, color_pose, thermal, thermal_pose, _ = vars(self.calibration).values()
         self._depth, self._color = lens_of(depth, 1), lens_of(color, 1)
@@ -164,7 +180,7 @@ class VirtualRig(FrameSource):
         hard += camera_hardships(float(speed), cameras.color.state or RESTING, drift_c)
         hard += [FLAG_CLOSED] * (temperatures is None)
         joints = scene.camera_from_world.apply(state.joints_m)
-        return frame, Truth(parts, persons, joints, scene.name, tuple(hard), drift_c, spot_c)
+        return frame, Truth(parts, persons, joints, scene.name, scene.bodies, tuple(hard), drift_c, spot_c)
 
     def _see_distance(self, in_depth: Float64, faces: Int32, sensor: Sensor) -> ZBuffer:
         """Return depth and faces of the depth image without noise. in_depth: vertices in the depth camera's

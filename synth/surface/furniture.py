@@ -16,7 +16,6 @@ from annotate.array_types import Float32, Float64
 from synth.data_files import table
 from synth.surface.rasterize import Mesh, box, merge, sheet
 
-ROOM_HALF_WIDTH_M, ROOM_FRONT_Y_M = 3.0, -3.6  # m; side walls, and the wall behind the robot
 Side = Literal["top", "front"]  # side of a box: upwards, or towards -y
 
 
@@ -90,18 +89,19 @@ class Furniture(ABC):
     """Furniture that supports a person; lengths in metres.
 
     height: of the supporting surface. give_m: depth to which a body sinks in. puff_m: bulge of cushions in
-    their middle. soft: name of the soft side of each of the first solids.
+    their middle. soft: name of the soft side of each of the first solids. data: table of dimensions.
     """
 
     height: float
     give_m: float
+    data: ClassVar[str] = "furniture"
     puff_m: ClassVar[float] = 0.0
     soft: ClassVar[tuple[Side, ...]] = ("top", "front")
 
     @classmethod
     def sample(cls, rng: np.random.Generator) -> Self:
         """Draw furniture of common dimensions (``synth/data/furniture.toml``)."""
-        ranges = table("furniture")[cls.__name__.lower()]
+        ranges = table(cls.data)[cls.__name__.lower()]
         return cls(**{name: rng.uniform(*between) for name, between in ranges.items()})
 
     @property
@@ -152,7 +152,7 @@ class Sofa(Seat):
     arm_width: float = 0.18
 
     puff_m = 0.012
-    soft = ("top", "front", "top", "top")
+    soft: ClassVar[tuple[Side, ...]] = ("top", "front", "top", "top")
 
     @property
     def footprint(self) -> Footprint:
@@ -252,19 +252,3 @@ class Ground(Furniture):
 @cache
 def _floor() -> Mesh:
     return sheet(np.array([-3.0, -3.0, 0.0]), np.array([6.0, 0, 0]), np.array([0, 6.0, 0]), Surface.FLOOR)
-
-
-def empty_room(back_wall_y: float) -> Mesh:
-    """Return floor and four walls; the renderer drops wall cells nearer than a camera's range."""
-    depth = np.array([0, back_wall_y - ROOM_FRONT_Y_M, 0])
-    width, up = np.array([2 * ROOM_HALF_WIDTH_M, 0, 0]), np.array([0, 0, 2.5])
-    corner = np.array([-ROOM_HALF_WIDTH_M, ROOM_FRONT_Y_M, 0])
-    return merge(
-        [
-            sheet(corner, width, depth, Surface.FLOOR),
-            sheet(corner + depth, width, up, Surface.WALL),
-            sheet(corner, width, up, Surface.WALL),
-            sheet(corner, depth, up, Surface.WALL),
-            sheet(corner + width, depth, up, Surface.WALL),
-        ]
-    )

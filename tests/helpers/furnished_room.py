@@ -10,8 +10,9 @@ from sensors.rig.camera import Intrinsics, rays
 from synth.body.crowd import crowd
 from synth.pose.standing import stand
 from synth.pose.standing_parameters import draw_standing
-from synth.surface.furniture import Chair, Sofa, empty_room
+from synth.surface.furniture import Chair, Sofa
 from synth.surface.rasterize import Mesh, look_at, merge, rasterize
+from synth.surface.room import PLAIN_ROOM
 
 CAMERA = Intrinsics(320, 264, 229.0, 229.0, 159.5, 131.5)
 
@@ -41,7 +42,7 @@ def seen(people, *, room=True, camera=CAMERA, eye=(0.3, -2.4, 1.4), seed=0):
         things = [Sofa.sample(rng).mesh(), Chair.sample(rng).mesh()]
         places = [(-1.7, 1.5, 0.0), (1.6, 0.6, 0.0)]
         furniture = [
-            empty_room(2.6),
+            PLAIN_ROOM.mesh(2.6),
             *(t.placed(np.eye(3), np.array(p)) for t, p in zip(things, places, strict=True)),
         ]
         meshes += [replace(mesh, tags=np.zeros(len(mesh.faces), np.int32)) for mesh in furniture]

@@ -1,15 +1,20 @@
-"""Bake the shipped crowd, ``synth/data/crowd.npz``: python -m tools.fit.crowd (extra ``bodies``)."""
+"""Bake the shipped crowd, ``synth/data/crowd.npz``: python -m tools.fit.crowd (extra ``bodies``).
+
+``python -m tools.fit.crowd judge`` bakes the bodies of the judging cast, ``synth/data/judge/bodies.npz``.
+"""
 
 import sys
 import warnings
 from contextlib import redirect_stdout
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq, least_squares
 from scipy.stats import qmc
 
-from annotate.array_types import Float64, Int64
+from annotate.array_types import Float32, Float64, Int64
 from synth.body.body import Body, blend
 from synth.body.crowd import STEP_M
 from synth.body.fit import BodyModel
@@ -21,23 +26,60 @@ HEIGHT_ENDS_CM = (150.0, 195.0)
 AGE_YEARS, BMI = (16.0, 80.0), (17.0, 38.0)
 NEAR_BMI = 0.3  # more below a body mass index than this, a person is heavier than anny's heaviest
 LIGHTER = 0.75  # anny's weight from which bodies grow to 1, the heaviest, and on; untuned
+JUDGE_PEOPLE = 14  # bodies of the judging cast
+JUDGE_AGE_YEARS = (18.0, 85.0)
+JUDGE_GENDER, JUDGE_BUILD = (0.0, 0.2), (0.25, 0.8)  # anny's gender from a pole; muscle, proportions; untuned
 
 
-def sketches() -> list[tuple[float, float, float, float]]:
-    """Return (gender, age, height cm, BMI) of all: sexes in turn, the others spread evenly (Sobol)."""
+class Sketch(NamedTuple):
+    """Wanted body: anny's gender and age, height, body mass index; muscle and proportions to be near."""
+
+    gender: float
+    age: float
+    height_cm: float
+    bmi: float
+    muscle: float = 0.45
+    proportions: float = 0.5
+
+
+def sketches() -> list[Sketch]:
+    """Return the crowd: sexes in turn, the other numbers spread evenly (Sobol)."""
+    draws = qmc.Sobol(3, seed=2).random(32)[:PEOPLE]
+    bmi = _bmi(draws[:, 2])
+    return [
+        Sketch((0.92, 0.08)[i % 2], _age(age, AGE_YEARS), _height_cm(height, i), float(bmi[i]))
+        for i, (age, height, _) in enumerate(draws)
+    ]
+
+
+def judge_sketches() -> list[Sketch]:
+    """Return the bodies of the judging cast: other numbers, and other muscles and proportions."""
+    draws = qmc.Sobol(6, seed=1717).random(16)[:JUDGE_PEOPLE]
+    bmi, ranks = _bmi(draws[:, 2]), np.argsort(np.argsort(draws[:, 0])) / (JUDGE_PEOPLE - 1)
+    people = []
+    for i, (_, height, _, sex, muscle, proportions) in enumerate(draws):
+        pole = float(np.interp(sex, (0, 1), JUDGE_GENDER))
+        gender, age = (1 - pole, pole)[i % 2], _age(float(ranks[i]), JUDGE_AGE_YEARS)
+        build = (float(np.interp(share, (0, 1), JUDGE_BUILD)) for share in (muscle, proportions))
+        people.append(Sketch(gender, age, _height_cm(height, i), float(bmi[i]), *build))
+    return people
+
+
+def _bmi(draws: Float64) -> Float64:
+    """Return a body mass index for each draw (n,), evenly spread over the logarithm by rank."""
+    ranks = np.argsort(np.argsort(draws))
+    return np.asarray(np.exp(np.interp(ranks, (0, len(draws) - 1), np.log(BMI))))
+
+
+def _age(share: float, years: tuple[float, float]) -> float:
+    return anny_age(float(np.interp(share, (0, 1), years)))
+
+
+def _height_cm(share: float, number: int) -> float:
     from scipy.stats import norm
 
-    draws = qmc.Sobol(3, seed=2).random(32)[:PEOPLE]
-    ranks = np.argsort(np.argsort(draws[:, 2]))
-    bmi = np.exp(np.interp(ranks, (0, PEOPLE - 1), np.log(BMI)))
-    people = []
-    for i, (age, height, _) in enumerate(draws):
-        sex = ("woman", "man")[i % 2]
-        mean, deviation = HEIGHT_CM[sex]
-        cm = float(np.clip(norm.ppf(height, mean, deviation), *HEIGHT_ENDS_CM))
-        gender = 0.92 if sex == "woman" else 0.08
-        people.append((gender, anny_age(float(np.interp(age, (0, 1), AGE_YEARS))), cm, float(bmi[i])))
-    return people
+    mean, deviation = HEIGHT_CM[("woman", "man")[number % 2]]
+    return float(np.clip(norm.ppf(share, mean, deviation), *HEIGHT_ENDS_CM))
 
 
 def anny_age(years: float) -> float:
@@ -45,17 +87,18 @@ def anny_age(years: float) -> float:
     return float(np.interp(years, (10, 25, 90), (1 / 3, 2 / 3, 1)))
 
 
-def fitted(model: BodyModel, gender: float, age: float, height_cm: float, bmi: float) -> Float64:
-    """Return phenotypes (6,) nearest to a height and a BMI; muscle and proportions near the middle."""
-    kg = bmi * (height_cm / 100) ** 2
+def fitted(model: BodyModel, sketch: Sketch) -> Float64:
+    """Return phenotypes (6,) nearest to a sketch's height and BMI, then to its muscle and proportions."""
+    kg = sketch.bmi * (sketch.height_cm / 100) ** 2
 
     def whole(free: Float64) -> Float64:
         muscle, weight, height, proportions = free
-        return np.array([gender, age, muscle, weight, height, proportions])
+        return np.array([sketch.gender, sketch.age, muscle, weight, height, proportions])
 
     def residuals(free: Float64) -> Float64:
         cm, found, _ = model.measure(whole(free))
-        return np.array([cm - height_cm, found - kg, free[0] - 0.45, free[3] - 0.5])
+        build = (free[0] - sketch.muscle, free[3] - sketch.proportions)
+        return np.array([cm - sketch.height_cm, found - kg, *build])
 
     best = min(
         (
@@ -115,16 +158,21 @@ def base_mesh(model: BodyModel, phenotype: Float64, beyond: float) -> Float64:
 
 
 def main() -> None:
+    judge = sys.argv[1:] == ["judge"]
+    wanted, name = (judge_sketches(), "judge") if judge else (sketches(), "crowd")
     with redirect_stdout(sys.stderr):
         import anny
 
         model = BodyModel()
-        people = [beyond_anny(model, fitted(model, *sketch), *sketch[2:]) for sketch in sketches()]
-        bodies = [baked(model, f"crowd_{i:02}", *person) for i, person in enumerate(people)]
-        for sketch, (phenotype, beyond), body in zip(sketches(), people, bodies, strict=True):
+        people = [beyond_anny(model, fitted(model, s), s.height_cm, s.bmi) for s in wanted]
+        bodies = [baked(model, f"{name}_{i:02}", *person) for i, person in enumerate(people)]
+        for sketch, (phenotype, beyond), body in zip(wanted, people, bodies, strict=True):
             bmi = body.weight_kg / (body.height_cm / 100) ** 2
             found = f"{body.height_cm:.1f} cm, BMI {bmi:.1f}"
             print(np.round(sketch, 2), np.round(phenotype, 2), round(beyond, 2), found, flush=True)
+        if judge:
+            save_bodies(bodies, shipped("judge", "bodies.npz"))
+            return
         skin = model._model.base_mesh_vertex_indices.numpy()
         model._model = full_mesh(anny)
         base = np.array([base_mesh(model, *person) for person in people])
@@ -135,6 +183,20 @@ def main() -> None:
     save_crowd(bodies, base, skin)
 
 
+def save_bodies(bodies: list[Body], path: Path) -> None:
+    """Write bodies of the crowd's mesh without helpers, packed as ``save_crowd`` does."""
+    mean, differences = _packed(np.array([body.vertices_m for body in bodies]))
+    joints_m = np.array([body.joints_m for body in bodies])
+    np.savez_compressed(path, mean=mean, differences=differences, joints_m=joints_m)
+
+
+def _packed(vertices_m: Float64 | Float32) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
+    """Return the mean (V, 3) of vertices (n, V, 3) and the differences (n, 3, V), in steps of ``STEP_M``."""
+    vertices = np.rint(vertices_m / STEP_M)
+    mean = np.rint(vertices.mean(axis=0)).astype(np.int16)
+    return mean, (vertices - mean).astype(np.int16).swapaxes(1, 2).copy()
+
+
 def save_crowd(bodies: list[Body], base: Float64, skin: Int64) -> None:
     """Write the crowd: vertices and helpers of hm08 in steps of ``STEP_M``: a mean (V, 3) and differences
     (n, 3, V), which pack better than (n, V, 3).
@@ -143,11 +205,9 @@ def save_crowd(bodies: list[Body], base: Float64, skin: Int64) -> None:
     """
     helpers = np.setdiff1d(np.arange(base.shape[1]), skin)
     own = np.array([body.vertices_m for body in bodies])
-    vertices = np.rint(np.concatenate([own, base[:, helpers]], axis=1) / STEP_M)
-    mean = np.rint(vertices.mean(axis=0)).astype(np.int16)
+    mean, differences = _packed(np.concatenate([own, base[:, helpers]], axis=1))
     np.savez_compressed(
-        shipped("crowd.npz"), mean=mean,
-        differences=(vertices - mean).astype(np.int16).swapaxes(1, 2).copy(),
+        shipped("crowd.npz"), mean=mean, differences=differences,
         joints_m=np.array([body.joints_m for body in bodies]),
         skin=skin.astype(np.int32), helpers=helpers.astype(np.int32),
     )  # fmt: skip

@@ -1,20 +1,24 @@
 """Write the shipped weights of a training: ``python -m tools.fit.network RUN CALIBRATION_SET``.
 
 eval/weights/compact.onnx, most of whose convolutions are quantised, and compact.safetensors in half
-precision, both from RUN's weights.safetensors. The calibration set, a dataset that was not trained on, gives
-the temperature and the ranges of the quantisation.
+precision, both from RUN's weights.safetensors. The calibration set is a dataset that was not trained on. Its
+images of the bodies that RUN left out give the temperature and the ranges of the quantisation.
 """
 
+import json
 import sys
 from pathlib import Path
 
 from eval.network.onnx_export import LEAST_HALVED, export_network, halve_onnx
 from eval.network.onnx_network import SHIPPED_WEIGHTS
 from eval.network.weights_file import load_weights, save_weights
+from eval.training.calibration_split import LEAST_BODIES
 from eval.training.confidence_temperature import fitted_temperature
 from eval.training.crops import load_crops
+from eval.training.train import HISTORY
 from sensors.files.atomic import replacing
 from tools.fit.quantise import CALIBRATED_ON, quantise
+from tools.fit.suit_network import check_inputs
 
 EXACT = ("stem.0", "down.0.0.0", "up.3.0", "refine.0", "kinds", "places")
 """Layers in full precision: the first, whose depth in eight bits has steps of 8 mm, the finest and the last.
@@ -25,7 +29,11 @@ def main() -> None:
     """Write both files."""
     run, calibration = map(Path, sys.argv[1:])
     network, config = load_weights(run / "weights.safetensors")
-    crops = load_crops([calibration])
+    check_inputs([calibration])
+    left_out = json.loads((run / HISTORY).read_text())["left_out"]
+    if not left_out:
+        sys.exit(f"{run} has left out 0 bodies; train with --hold-out, or on {LEAST_BODIES} bodies or more")
+    crops = load_crops([calibration], only=frozenset(left_out))
     temperature = fitted_temperature(network, crops)
     inputs = ({"depth": depth[:, None]} for depth, _ in crops.spread(CALIBRATED_ON).batches(1))
     with replacing(SHIPPED_WEIGHTS) as unfinished:

@@ -7,7 +7,7 @@ same command resumes an interrupted run. Constants are untuned.
 """
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -30,11 +30,21 @@ from eval.network.refine import camera_in
 from eval.training.segmentation.augmentation import Sampling
 from eval.training.segmentation.examples import Example, ExampleFiles
 from eval.training.segmentation.network import FULL_SUIT_NETWORK, load_suit_network
-from eval.training.segmentation.scenes import draw_scene
+from eval.training.segmentation.scenes import draw_scene, wearers
 from eval.training.segmentation.train import EXAMPLES, WEIGHTS, Stage, SuitTraining, claim, train_stages
+from eval.training.shared_bodies import HELD_OUT, bodies_in
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import RigOptions, VirtualRig
-from tools.fit.suit_network import LINE_STEPS, SEED, Maker, lines, make_files, one_thread, split_files
+from tools.fit.suit_network import (
+    LINE_STEPS,
+    SEED,
+    check_inputs,
+    is_held_out,
+    lines,
+    make_files,
+    one_thread,
+    split_files,
+)
 
 RIGS, SUBJECTS, FRAMES, FRAMES_PER_SECOND = (
     300,
@@ -61,11 +71,15 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2, help="processes that make examples")
     given = parser.parse_args()
     folder, once = given.folder, given.folder / "once"
+    check_inputs(given.datasets)
     one_thread()
     stages = [asdict(stage) for stage in STAGES]
     claim(folder, {"seed": SEED, "stages": stages, "datasets": list(map(str, given.datasets))})
     with Claim.take(folder, login()):
-        made = dict(_makers(folder / EXAMPLES, given.datasets))
+        made = {
+            path: partial(maker, is_held_out(number))
+            for number, (path, maker) in enumerate(_makers(folder / EXAMPLES, given.datasets))
+        }
         make_files(made, given.workers)
         learnt, held_out = split_files(list(made))
         torch.manual_seed(SEED)
@@ -84,8 +98,10 @@ def _train(start: Path, learnt: list[Path], held_out: list[Path], stage: int, ou
     print(train_stages(network, [training], ExampleFiles(held_out), out, lines(LINE_STEPS)))
 
 
-def _makers(folder: Path, datasets: list[Path]) -> Iterator[tuple[Path, Maker]]:
-    """Yield files of examples, and their makers."""
+def _makers(
+    folder: Path, datasets: list[Path]
+) -> Iterator[tuple[Path, Callable[[bool], Iterator[Example | None]]]]:
+    """Yield files of examples, and their makers by whether the file is held out."""
     for number in range(RIGS):
         yield folder / f"rig-{number:03d}.npz", partial(of_rig, number)
     for dataset in datasets:
@@ -106,11 +122,14 @@ def of_refined(weights: Path, path: Path) -> Iterator[Example]:
         yield example
 
 
-def of_rig(number: int) -> Iterator[Example | None]:
-    """Yield examples of a recording of the virtual rig, the same for the same number from 0."""
+def of_rig(number: int, held_out: bool) -> Iterator[Example | None]:
+    """Yield examples of a recording of the virtual rig, the same for the same number from 0.
+
+    held_out: its people have the bodies that are not trained on.
+    """
     rng, seed = np.random.default_rng((88003, number)), FIRST_SEED + number
     difficulty, scene, kind = draw_scene(rng, 0.3, PLACES, 0.3)
-    options = RigOptions(scene, FRAMES_PER_SECOND, rig=kind, draft=True)
+    options = RigOptions(scene, FRAMES_PER_SECOND, rig=kind, draft=True, wearers=wearers(held_out))
     rig = VirtualRig(FRAMES, SUBJECTS, difficulty, seed, options)
     labeller, camera = NetworkLabeller(OnnxNetwork()), rig.calibration.depth.undistorted()
     fuser = labeller.fuser(rig.calibration)
@@ -126,11 +145,13 @@ def of_rig(number: int) -> Iterator[Example | None]:
             yield depth_example(first, truth, camera)
 
 
-def of_shard(dataset: Path, shard: int) -> Iterator[Example | None]:
-    """Yield examples of some frames of a dataset."""
+def of_shard(dataset: Path, shard: int, held_out: bool) -> Iterator[Example | None]:
+    """Yield examples of some frames of a dataset: of people who share a held-out body, or of the others."""
     frames, network = open_frames(dataset), OnnxNetwork()
     for entry in list(frames.entries())[shard * SHARD : (shard + 1) * SHARD]:
         frame = frames.load(entry)
+        if bodies_in(frames, frame).isdisjoint(HELD_OUT) == held_out:
+            continue
         first = replace(frame, parts=network.segment(frame.depth_mm, person_of(frame.parts)).parts)
         yield depth_example(first, frame.parts, camera_in(frames, frame))
 

@@ -18,6 +18,7 @@ from annotate.labelset.label_set import LabelSet
 from annotate.parts import BACKGROUND
 from annotate.person.extract import PersonDetection
 from eval.training.segmentation.scenes import training_rig
+from eval.training.shared_bodies import BODIES
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import VirtualRig
 
@@ -34,7 +35,7 @@ def store_people(rig: VirtualRig, out: Path) -> int:
         person = PersonDetection(CoarseCloud.of(fuser.fuse_frame(frame)), suit=rig.suit).person()
         parts = np.where(person.mask, truth.parts, np.uint8(BACKGROUND))
         if parts.any():
-            notes = truth.notes | {"posture": RESTING.get(rig.scene)}
+            notes = truth.notes | {"posture": RESTING.get(rig.scene), BODIES: list(known.bodies)}
             labels.write(replace(truth, parts=parts, persons=None, notes=notes))
     return len(labels)
 

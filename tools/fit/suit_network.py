@@ -6,6 +6,7 @@ interrupted run. Constants are untuned.
 """
 
 import argparse
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from functools import partial
@@ -15,7 +16,9 @@ import cv2
 import numpy as np
 import torch
 
+from annotate.labelset.cast_note import check_trainable
 from annotate.labelset.claim import Claim, login
+from annotate.labelset.labelled_frames import open_frames
 from eval.training.segmentation.augmentation import Sampling
 from eval.training.segmentation.examples import Example, ExampleFiles, store_examples
 from eval.training.segmentation.network import SuitNet
@@ -29,13 +32,14 @@ from eval.training.segmentation.train import (
     claim,
     train_stages,
 )
+from sensors.errors import CloudError
 from synth.images.workers import processes
 
 STAGES = (  # first the whole person, at half the time a step; then borders, at labelling's resolution
     Stage(Sampling(0.022, 112), 9_000, 1.5e-3, 0.998),
     Stage(Sampling(0.012, 160), 4_500, 1e-3, 0.998),
 )
-HELD_OUT, SEED = 12, 0  # of twelve recordings the last is held out
+EVERY, SEED = 12, 0  # of twelve files the last is held out, with bodies of its own
 LINE_STEPS = 20  # steps between two lines
 Maker = Callable[[], Iterator[Example | None]]
 
@@ -52,7 +56,7 @@ def main() -> None:
     claim(given.folder, {"seed": SEED, "recordings": given.recordings, "stages": stages})
     with Claim.take(given.folder, login()):
         made = {
-            given.folder / EXAMPLES / f"{number:04d}.npz": partial(_examples, number)
+            given.folder / EXAMPLES / f"{number:04d}.npz": partial(_examples, number, is_held_out(number))
             for number in range(given.recordings)
         }
         make_files(made, given.workers)
@@ -63,8 +67,8 @@ def main() -> None:
     print(f"{given.folder / WEIGHTS}: {found}")
 
 
-def _examples(number: int) -> Iterator[Example]:
-    return rig_examples(training_rig(number))
+def _examples(number: int, held_out: bool) -> Iterator[Example]:
+    return rig_examples(training_rig(number, held_out))
 
 
 def one_thread() -> None:
@@ -86,10 +90,24 @@ def _store(maker: Maker, path: Path) -> Path:
     return path
 
 
+def is_held_out(number: int) -> bool:
+    """Return whether file ``number`` is held out: it shows the bodies of ``shared_bodies.HELD_OUT`` alone."""
+    return number % EVERY == EVERY - 1
+
+
 def split_files(files: list[Path]) -> tuple[list[Path], list[Path]]:
     """Return the files to train on, and those held out."""
-    held_out = files[HELD_OUT - 1 :: HELD_OUT]
+    held_out = [file for number, file in enumerate(files) if is_held_out(number)]
     return [file for file in files if file not in held_out], held_out
+
+
+def check_inputs(paths: list[Path]) -> None:
+    """End the process with status 1 and one line for a path of the judging cast, or of other files."""
+    try:
+        for path in paths:
+            check_trainable(path, open_frames(path).info)
+    except CloudError as error:
+        sys.exit(str(error))
 
 
 def lines(every: int) -> Watch:

@@ -24,7 +24,7 @@ from eval.network.refine import camera_in
 from eval.scores.confusion import confusion_matrix
 from eval.training.body_targets import FACING, POSTURE, body_targets
 from eval.training.crops import to_crop
-from synth.data_files import table
+from synth.data_files import CASTS, table_of
 
 Crop = tuple[Float32, UInt8]
 BATCH, EACH = 32, 4
@@ -95,7 +95,8 @@ def groups(frame: FrameLabels, row: Float32) -> Iterator[str]:
         view = "from the front" if azimuth < 45 else "from the side" if azimuth < 135 else "from behind"
         yield view
         if "clothes" in frame.notes:
-            in_skirt = not set(frame.notes["clothes"]).isdisjoint(table("clothes")["skirts"])
+            skirts = {name for cast in CASTS for name in table_of(cast, "clothes")["skirts"]}
+            in_skirt = not skirts.isdisjoint(frame.notes["clothes"])
             yield f"{view}, {'in a skirt' if in_skirt else 'without a skirt'}"
     if "sensor" in frame.notes:
         yield f"sensor: {frame.notes['sensor']['kind']}"

@@ -15,6 +15,7 @@ from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import SuitDetection, SuitLabeller, calibrated
+from annotate.labelset.cast_note import cast_note, check_trainable
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import BACKGROUND
 from annotate.segmentation.input_channels import with_likelihoods
@@ -101,13 +102,16 @@ class Recording:
     def open(cls, path: Path, labels: Path, suit: Path) -> "Recording":
         """Open a recording, its label set and the palette file of its suit.
 
-        Raises CloudError if the labels or the palette are unreadable, or if all labels are automatic.
+        Raises CloudError if the labels or the palette are unreadable, if all labels are automatic, or for the
+        judging cast.
         """
         known = LabelSet.open(labels)
         frame_ids = frozenset(i for i in known.frame_ids if known.status(i) != "auto")
         if not frame_ids:
             raise CloudError(f"{labels} holds automatic labels only; correct some frames, or give the truth")
-        return cls(open_source(path), known, load_suit(suit), frame_ids)
+        source = open_source(path)
+        check_trainable(path, cast_note(source.cast))
+        return cls(source, known, load_suit(suit), frame_ids)
 
     def examples(self) -> Iterator[Example | None]:
         """Yield the example of every frame in turn; None for automatic labels and unusable frames.

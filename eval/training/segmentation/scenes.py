@@ -12,8 +12,12 @@ from annotate.cloud.fuse import Fuser
 from annotate.frame_labels import FrameLabels
 from annotate.suit.palette import DEFAULT_SUIT
 from eval.training.segmentation.examples import ROUGH_EVERY, Example, example_of
+from eval.training.shared_bodies import HELD_OUT
 from sensors.recording.rig_templates import REFERENCE
 from synth.appearance.random_suit import random_suit
+from synth.body.body import Body
+from synth.body.crowd import suit_wearers
+from synth.data_files import TRAINING
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import RigOptions, VirtualRig
 
@@ -38,13 +42,22 @@ def draw_scene(
     return difficulty, scene, str(rng.choice(OTHER_RIGS)) if rng.random() < other_rig else REFERENCE
 
 
-def training_rig(number: int) -> VirtualRig:
-    """Return the rig of training recording ``number`` (from 0), always the same for one number."""
+def wearers(held_out: bool) -> tuple[Body, ...]:
+    """Return the bodies of recordings to train on, or the bodies of held-out recordings."""
+    return tuple(body for body in suit_wearers(TRAINING) if (body.name in HELD_OUT) == held_out)
+
+
+def training_rig(number: int, held_out: bool = False) -> VirtualRig:
+    """Return the rig of training recording ``number`` (from 0), always the same for one number.
+
+    held_out: its people have the bodies that are not trained on.
+    """
     rng = np.random.default_rng((88001, number))
     difficulty, scene, rig = draw_scene(rng, 0.6, PLACES, 0.18)
     suit = random_suit(FIRST_SUIT + number) if rng.random() < OTHER_SUIT else DEFAULT_SUIT
     draft, seed = bool(rng.random() >= FULL_COLOR), FIRST_SEED + number
-    return VirtualRig(FRAMES, SUBJECTS, difficulty, seed, RigOptions(scene, rig=rig, suit=suit, draft=draft))
+    options = RigOptions(scene, rig=rig, suit=suit, draft=draft, wearers=wearers(held_out))
+    return VirtualRig(FRAMES, SUBJECTS, difficulty, seed, options)
 
 
 def rig_examples(rig: VirtualRig) -> Iterator[Example]:

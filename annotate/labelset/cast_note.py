@@ -1,0 +1,26 @@
+"""Cast of synthetic labels in a manifest, and the refusal to train on labels that only measure."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from sensors.errors import CloudError
+from sensors.session.messages import CAST
+
+TRAINING = "training"
+
+
+def cast_note(cast: str) -> dict[str, str]:
+    """Return a manifest's entry of a cast; none for the training cast."""
+    return {} if cast == TRAINING else {CAST: cast}
+
+
+def cast_of(info: Mapping[str, Any]) -> str:
+    """Return the cast of a manifest or of a session's metadata."""
+    return str(info.get(CAST, TRAINING))
+
+
+def check_trainable(path: Path, info: Mapping[str, Any]) -> None:
+    """Raise CloudError for a manifest or metadata of another cast than the training cast."""
+    if (cast := cast_of(info)) != TRAINING:
+        raise CloudError(f"{path} has the cast {cast}, which only measures; train on the cast {TRAINING}")
