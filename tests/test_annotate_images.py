@@ -4,7 +4,7 @@ import zlib
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from PIL import Image
@@ -29,20 +29,11 @@ from annotate.parts import (
     NEIGHBOURS,
     PART_ID,
     PARTS,
-    UNDEFINED,
     palette_rgb,
     swap_left_right,
 )
 from sensors.errors import FormatError
-from sensors.rig.camera import Intrinsics
-
-law = settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
-
-CAMERA = Intrinsics(8, 6, 9.5, 9.25, 3.5, 2.5)
-IDS = st.sampled_from([*range(N_CLASSES), UNDEFINED])
-depths = arrays(np.uint16, (6, 8))
-part_maps = arrays(np.uint8, (6, 8), elements=IDS)
-confidences = st.none() | arrays(np.uint8, (6, 8)).map(lambda a: a.astype(np.float32) / np.float32(255))
+from tests.helpers.label_maps import depths, law, part_maps
 
 # Parts
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -18,19 +18,11 @@ from annotate.labelset.images import (
 from annotate.labelset.label_set import MANIFEST, LabelSet, validate
 from annotate.parts import (
     N_CLASSES,
-    UNDEFINED,
 )
 from sensors.errors import CloudError, ExistsError, FormatError
-from sensors.rig.camera import Intrinsics
+from tests.helpers.label_maps import CAMERA, confidences, depths, law, part_maps
 from tests.helpers.same_frame import assert_same_frame
 
-law = settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
-
-CAMERA = Intrinsics(8, 6, 9.5, 9.25, 3.5, 2.5)
-IDS = st.sampled_from([*range(N_CLASSES), UNDEFINED])
-depths = arrays(np.uint16, (6, 8))
-part_maps = arrays(np.uint8, (6, 8), elements=IDS)
-confidences = st.none() | arrays(np.uint8, (6, 8)).map(lambda a: a.astype(np.float32) / np.float32(255))
 notes = st.dictionaries(
     st.text(max_size=8), st.none() | st.booleans() | st.integers() | st.text(max_size=8), max_size=3
 )

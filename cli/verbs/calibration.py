@@ -11,6 +11,7 @@ from cli.extras import needing
 from sensors.files.atomic import check_free, replacing
 
 if TYPE_CHECKING:
+    from cli.guided import Guided
     from sensors.calibrate.bundle import Adjusted
     from sensors.calibrate.hole_plate import HolePlate
 
@@ -67,20 +68,32 @@ def calibrate(
     with needing("rig"):
         import matplotlib  # noqa: F401
     from cli.guided import Guided
-    from cli.rig_devices import rig_of
     from sensors.calibrate.hole_plate import HolePlate
-    from sensors.calibrate.verdict import judge
 
     plate = HolePlate(columns, rows, pitch_mm / 1000, hole_mm / 1000)
     if live:
-        if rig is not None or device:
-            check_free(board, overwrite)
-            rig_of(rig, device)
-        found = Guided(board, rig, device, out.with_suffix(".guide.png"), overwrite).calibrate(plate)
+        found = _guide(Guided(board, rig, device, out.with_suffix(".guide.png"), overwrite), plate)
     else:
         found = _solve(board, plate)
     _write(found, out, yaml)
     _plot_residuals(plot, found)
+    _finish(found, json, out, plot)
+
+
+def _guide(guided: "Guided", plate: "HolePlate") -> "Adjusted":
+    """Calibrate with guidance, after a check of the rig and of the session to record."""
+    from cli.rig_devices import rig_of
+
+    if guided.rig is not None or guided.device:
+        check_free(guided.board, guided.overwrite)
+        rig_of(guided.rig, guided.device)
+    return guided.calibrate(plate)
+
+
+def _finish(found: "Adjusted", json: bool, out: Path, plot: Path) -> None:
+    """Print the verdict on a calibration, its findings and its files."""
+    from sensors.calibrate.verdict import judge
+
     good, findings = judge(found)
     say(*(finding.text + (f": {finding.remedy}" if finding.remedy else "") for finding in findings))
     verdict = "good" if good else "not reliable yet, see above"

@@ -12,7 +12,7 @@ from sensors.errors import CloudError
 from sensors.files.atomic import check_free, check_there
 
 if TYPE_CHECKING:
-    from synth.markers.motion_file import MarkerReport
+    from synth.markers.motion_file import MarkerReport, Motion
     from synth.motion_files.marker_files import Markers
     from synth.motion_files.marker_set import MarkerSet
 
@@ -62,6 +62,11 @@ def solve(
         if path is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
             save(path, motion, places_m(recorded, standing, places))
+    _finish(motion, rate, out, json)
+
+
+def _finish(motion: "Motion", rate: float, out: Path, json: bool) -> None:
+    """Print how well a motion explains its markers. rate: frames a second."""
     report, of_markers = motion.report, _per_marker(motion.report)
     result = {
         "frames": len(motion),

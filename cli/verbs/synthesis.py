@@ -21,6 +21,7 @@ from sensors.importers.open_source import opener_at
 from synth.data_files import TRAINING, Cast, check_choice
 
 if TYPE_CHECKING:
+    from annotate.labelset.dataset import Dataset
     from synth.body.body import Body
     from synth.body.body_table import BodySize
     from synth.images.presets import Preset
@@ -172,14 +173,8 @@ def generate_(
         from synth.images.distributions import distributions_at
         from synth.images.generate import Order, generate
         from synth.images.workers import cluster, processes
-        from synth.motion.library import motion_files
 
-    if (preset is None) == (motion is None):
-        raise CloudError("both or none of --preset and --motion are given; give one of them")
-    if motion is not None:
-        motion_files(motion)
-    check_there(*filter(None, [garments]))
-    _check_beside(beside)
+    _check_sources(preset, motion, garments, beside)
     inputs = list(filter(None, (motion, garments, beside)))
     check_room(out, ORDER, overwrite, *inputs)
     chosen = replace(_preset(preset, motion, garments, cast), occluders=occluders, cut=cut)
@@ -194,9 +189,28 @@ def generate_(
         clear(out, ORDER, overwrite, *inputs)
         made = generate(order, out, hands, advance, recording)
     rate = made.images / (time.monotonic() - started)
-    count, shards = len(made.dataset), len(made.dataset.shards)
+    _finish(made.dataset, rate, out, json)
+
+
+def _finish(dataset: "Dataset", rate: float, out: Path, json: bool) -> None:
+    """Print the size of a dataset. rate: images a second."""
+    count, shards = len(dataset), len(dataset.shards)
     result = {"images": count, "images_per_second": round(rate, 1), "shards": shards}
     finish(result, json, f"{count} images in {shards} shards in {out}, {rate:.0f} a second")
+
+
+def _check_sources(
+    preset: str | None, motion: Path | None, garments: Path | None, beside: Path | None
+) -> None:
+    """Raise CloudError unless one of preset and motion is given and all files exist."""
+    from synth.motion.library import motion_files
+
+    if (preset is None) == (motion is None):
+        raise CloudError("both or none of --preset and --motion are given; give one of them")
+    if motion is not None:
+        motion_files(motion)
+    check_there(*filter(None, [garments]))
+    _check_beside(beside)
 
 
 @app.command()

@@ -8,6 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from natsort import natsorted
 from typer import Argument, Option
 
 from cli.console import Json, Overwrite, check_room, clear, finish, progress, say
@@ -17,6 +18,8 @@ from sensors.files.atomic import check_there
 from sensors.importers.open_source import opener_at
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from torch import nn
 
     from eval.network.networks import NetworkConfig
@@ -127,14 +130,10 @@ def train(
 ) -> None:
     """Train a network; writes weights.onnx, weights.safetensors, history.json. Needs the extra 'train'."""
     started, tests = time.monotonic(), test or []
-    if tests and hold_out:
-        raise CloudError("--test and --hold-out exclude each other; give one of them")
     choices = _Choices(network, recipe, init, without, epochs, minutes, batch, seed, precision)
-    inputs = _checked(data, tests, choices)
+    inputs = _checked(data, tests, hold_out, choices)
     check_room(out, PLAN, overwrite, *inputs)
     with needing("train"):
-        from natsort import natsorted
-
         from eval.training.processes import ProcessGroup
         from eval.training.train import Data
         from eval.training.train import train as run
@@ -144,29 +143,40 @@ def train(
         if group.first:
             _say_unchecked([*data, *tests])
             clear(out, PLAN, overwrite, *inputs)
-        left_out = natsorted({*split.bodies, *(hold_out or [])})
-        crops = Data(split.trained, measured, start, workers, tuple(left_out))
+        crops = Data(split.trained, measured, start, workers, _left_out(split, hold_out or []))
         with _watching(group, out, plan, split.trained, checkpoint_minutes) as watch:
             model, done = run(crops, out, plan, group, watch)
     if group.first:
         say(split.note)
-        written, history = _written(out, model, plan, split), [asdict(epoch) for epoch in done.epochs]
-        course = {"epochs": len(history), "loss": done.epochs[-1].loss, "history": history}
-        result = written | course | {"seconds": round(time.monotonic() - started, 1)}
-        text = f"{len(history)} epochs, loss {done.epochs[-1].loss:.4f}, weights in {written['weights']}"
-        finish(result, json, text)
+        _finish(_written(out, model, plan, split), done.epochs, started, json)
 
 
-def _checked(data: list[Path], tests: list[Path], choices: _Choices) -> list[Path]:
+def _left_out(split: "CalibrationSplit", hold_out: list[str]) -> tuple[str, ...]:
+    """Return the bodies and subjects that are not trained on, in natural order."""
+    return tuple(natsorted({*split.bodies, *hold_out}))
+
+
+def _finish(written: dict[str, Any], epochs: "Sequence[Epoch]", started: float, json: bool) -> None:
+    """Print the course of a training. started: reading of ``time.monotonic`` at its start."""
+    history, loss = [asdict(epoch) for epoch in epochs], epochs[-1].loss
+    seconds = round(time.monotonic() - started, 1)
+    result = written | {"epochs": len(history), "loss": loss, "history": history, "seconds": seconds}
+    finish(result, json, f"{len(history)} epochs, loss {loss:.4f}, weights in {written['weights']}")
+
+
+def _checked(
+    data: list[Path], tests: list[Path], hold_out: list[str] | None, choices: _Choices
+) -> list[Path]:
     """Return the files to train on, to test on and to start from, which exist.
 
-    Raises CloudError for data of the judging cast, unless it is only tested on.
+    Raises CloudError for data of the judging cast, unless only tested on, and for tests beside ``hold_out``.
     """
     from annotate.labelset.cast_note import check_trainable
     from annotate.labelset.labelled_frames import open_frames
 
+    if tests and hold_out:
+        raise CloudError("--test and --hold-out exclude each other; give one of them")
     frames = [*data, *tests]
-
     check_extra("train", "torch", "onnx", "safetensors")
     for path in frames:
         open_frames(path)
@@ -185,8 +195,7 @@ def _say_unchecked(paths: list[Path]) -> None:
     for path in paths:
         labels = open_frames(path)
         if isinstance(labels, LabelSet):
-            automatic = sum(labels.status(frame_id) == "auto" for frame_id in labels.frame_ids)
-            if automatic:
+            if automatic := sum(labels.status(frame_id) == "auto" for frame_id in labels.frame_ids):
                 say(
                     f"{path}: {automatic} of {len(labels)} frames have unchecked labels; correct them "
                     "with fix for a better network"

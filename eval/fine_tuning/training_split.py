@@ -16,7 +16,7 @@ from eval.training.shared_bodies import bodies_in
 from sensors.errors import CloudError
 
 LEAST_FRAMES = 3  # corrected frames; fewer show one side of the person; untuned
-HELD_OUT = 4  # of so many corrected frames, or people, one is held out; untuned
+HELD_OUT = 4  # one of this many corrected frames, or people, is held out; untuned
 
 
 @dataclass(frozen=True)

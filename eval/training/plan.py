@@ -90,7 +90,7 @@ class Plan:
         return self.epochs if self.minutes is None else ENDLESS
 
     def schedule(self, epoch_steps: int, checkpoint_s: float) -> Schedule:
-        """Return the schedule for epochs of so many steps."""
+        """Return the schedule for epochs of ``epoch_steps`` steps."""
         recipe = self.recipe
         if isinstance(recipe, PaperRecipe):
             own = Schedule(recipe.rate, recipe.averaged, momentum=recipe.momentum)

@@ -20,7 +20,7 @@ from synth.data_files import shipped
 from synth.motion_files.marker_files import UNITS_M, Markers
 from synth.motion_files.vertical_axis import MIRROR_LINE, direction, find_vertical, is_mirrored
 
-MIN_MARKERS = 8  # a set fits a recording with at least so many known names
+MIN_MARKERS = 8  # known names that a set needs to fit a recording
 MAX_FILE_BYTES = 1_000_000  # shipped sets have 5 kB at most
 DEFAULT_SPREAD_MM = 30.0
 PERSON_M = (0.5, 3.0)  # least and greatest diagonal of the box about a person's markers
@@ -153,7 +153,7 @@ class KnownMarkers:
 def known_markers(markers: Markers, markerset: MarkerSet, standing: bool = False) -> KnownMarkers:
     """Return the set's markers of a recording, in metres, z up.
 
-    standing: True for a person who is known to stand. A unit that contradicts a person's size is replaced by
+    standing: True if the person stands. A unit that contradicts a person's size is replaced by
     the one that fits, and a vertical axis that contradicts the motion likewise. A mirror image is mirrored
     back. Raises CloudError for too few known or seen markers, or without a fitting unit.
     """

@@ -137,7 +137,7 @@ def find_vertical(
 ) -> tuple[str, tuple[str, ...]]:
     """Return the vertical axis of markers (F, M, 3) in metres, and a sentence on each assumption.
 
-    joint, at_m: (M,) and (M, 3) of the marker set. standing: True for a person who is known to stand.
+    joint, at_m: (M,) and (M, 3) of the marker set. standing: True if the person stands.
     """
     if stated.by == GIVEN:
         return stated.axis, ()
@@ -161,7 +161,7 @@ def find_vertical(
 
 
 def _stands(axis: str, stated: Upward) -> str:
-    """Return a sentence on a person who stands along another axis than the stated one."""
+    """Return the note that a standing person's axis differs from the stated axis."""
     if stated.axis:
         return f"{stated.by} states {stated.axis} up, but the person stands along {axis}, which is used"
     return f"no vertical axis is stated; the person stands along {axis}, which is used"

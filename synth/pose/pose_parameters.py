@@ -26,7 +26,7 @@ SHARE_AT_REST = 0.6  # of single images in mid-activity; the others glide to ano
 NEARLY_THERE = 0.25  # share of the way to another activity up to which a moment belongs to the first
 # numbers that change their sign when left and right are exchanged
 _TO_THE_LEFT = {"heading", "roll", "off", "lean", "twist", "turn", "hand_x"}
-# Postures of upright activities; a person who gets up is between two postures.
+# Postures of upright activities; getting up lies between two postures.
 _ON_THE_FLOOR = {
     "standing": "standing",
     "stooping": "standing",

@@ -51,7 +51,7 @@ SITTING, IN_BED, FALLEN, SLUMPED, UPRIGHT = poses_of(TRAINING)
 
 
 def on_seat(seat: Seat, *activities: str, cast: Cast = TRAINING) -> Behaviour:
-    """Return the behaviour of a person who sits on a seat.
+    """Return the behaviour of a seated person.
 
     activities: a cast's sitting activities to choose from; none = all.
     """

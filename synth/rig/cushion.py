@@ -79,7 +79,7 @@ class Cushion:
         self.heat += (touched - self.heat) * (1 - np.exp(-seconds / lag_s))
 
     def leave_warm(self, dent_m: Float64, heat: float) -> None:
-        """Set the heat in [0, 1] as after a person who has just left."""
+        """Set the heat in [0, 1] of a seat that a person has just left."""
         self.heat = np.maximum(self.heat, heat * (dent_m > CLEARANCE_M / 2))
 
     def celsius(self, room_c: float) -> Float64:

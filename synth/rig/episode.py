@@ -184,7 +184,7 @@ class Episode:
         return dents
 
     def _leave_warm_spot(self, person_m: Float32, rng: np.random.Generator) -> None:
-        """Warm a free seat beside the subject, as after a person who has just left."""
+        """Warm a free seat beside the subject, as if a person had just left it."""
         room = self._location.furniture.footprint.half_width_m - ROOM_TO_SIT_M
         if room > SPOT_ASIDE_M:
             aside = rng.choice((-1, 1)) * rng.uniform(SPOT_ASIDE_M, room)

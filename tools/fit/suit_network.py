@@ -111,7 +111,7 @@ def check_inputs(paths: list[Path]) -> None:
 
 
 def lines(every: int) -> Watch:
-    """Return a watch that prints the mean loss of so many steps."""
+    """Return a function that prints the mean loss of ``every`` steps."""
     losses: list[float] = []
 
     def watch(step: int, loss: float) -> None:

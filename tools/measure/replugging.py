@@ -71,7 +71,7 @@ def arrivals_s(made_s: NDArray[np.float64], rng: np.random.Generator, late: bool
 
 
 def add_device(case: Case, address: str, streams: dict[str, float], span_s: float, seed: int) -> None:
-    """Record a device of so many images a second by topic."""
+    """Record a device with its images a second by topic."""
     rng = np.random.default_rng(seed)
     arrivals, skew = Arrivals(UNIX_NS), rng.uniform(-60e-6, 60e-6)
     drop, zero_s = rng.choice([0.0, 0.02, 0.2]), 0.0

@@ -28,7 +28,7 @@ from sensors.files.atomic import replacing
 from sensors.files.npz import array_sizes
 from sensors.importers.open_source import Source, open_source
 
-ROUGH_EVERY = 3  # of so many frames one has the illuminant of all colours, as in a first pass; untuned
+ROUGH_EVERY = 3  # every third frame has the illuminant of all colours, as in a first pass; untuned
 OPEN_FILES = 256  # held open at once; a process may have about a thousand
 
 

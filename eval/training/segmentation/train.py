@@ -43,7 +43,7 @@ BALANCE, RAREST = (
     0.01,
 )  # a part weighs its share of the parts to the power of minus 0.75 (docs/adr/0027)
 PLAN, EXAMPLES, WEIGHTS = "plan.json", "examples", "reader.onnx"
-HELD_OUT = 4  # of so many recordings, counted from the last, one is held out
+HELD_OUT = 4  # one of this many recordings is held out, counted from the last
 SAMPLING = Sampling(SAMPLE_M, 160)  # 1.9 m: most of a person
 CHECKPOINT_S = 60.0  # between two checkpoints
 PEAK_RATE, AVERAGED = 3e-4, 0.99  # for a trained network: low, because it has little to unlearn
