@@ -194,12 +194,9 @@ def _say_unchecked(paths: list[Path]) -> None:
 
     for path in paths:
         labels = open_frames(path)
-        if isinstance(labels, LabelSet):
-            if automatic := sum(labels.status(frame_id) == "auto" for frame_id in labels.frame_ids):
-                say(
-                    f"{path}: {automatic} of {len(labels)} frames have unchecked labels; correct them "
-                    "with fix for a better network"
-                )
+        states = map(labels.status, labels.frame_ids) if isinstance(labels, LabelSet) else ()
+        if automatic := sum(state == "auto" for state in states):
+            say(f"{path}: {automatic} of {len(labels)} frames have unchecked labels; correct them with fix")
 
 
 def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSplit") -> dict[str, Any]:
