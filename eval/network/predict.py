@@ -32,8 +32,8 @@ class PredictOptions:
 
     probabilities: keep the probabilities of all classes. everybody: label all persons, not the subject alone.
     window_c: lowest and highest temperature of persons. room_refiner: network that refines labels where a
-    frame shows the room. refiners: networks that then refine all labels, one after the other. The last three
-    apply to recordings, the batch size to label sets.
+    frame shows the room, and deletes no sure part. refiners: networks that then refine all labels, one after
+    the other, and may delete. The last three apply to recordings, the batch size to label sets.
     """
 
     probabilities: bool = False

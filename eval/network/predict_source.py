@@ -19,6 +19,7 @@ from eval.network.predict import DEFAULT, PredictOptions
 from eval.network.refine import refine
 from eval.network.side_smoothing import smooth_sides
 from eval.network.support import exclude_standing, floor_of, support_of
+from eval.network.sure_parts import keep_sure_parts
 from sensors.rig.frame import FrameSource
 from sensors.rig.rig_calibration import RigCalibration
 
@@ -65,9 +66,10 @@ class NetworkLabeller:
             return found, person
         cloud, planes = detection.cloud, detection.planes
         first = FrameLabels("", cloud.depth_mm, found.parts, found.confidence, persons=person.persons)
-        in_room = _shows_room(cloud.depth_mm, person.mask)
-        refiners = self.options.all_refiners if in_room else self.options.refiners
-        refined = reduce(partial(refine, cloud.camera, planes=planes), refiners, first)
+        refined, room_refiner = first, self.options.room_refiner
+        if room_refiner and _shows_room(cloud.depth_mm, person.mask):
+            refined = keep_sure_parts(first, refine(cloud.camera, first, room_refiner, planes))
+        refined = reduce(partial(refine, cloud.camera, planes=planes), self.options.refiners, refined)
         assert refined.confidence is not None and refined.persons is not None
         found = replace(found, parts=refined.parts, confidence=refined.confidence)
         return found, replace(person, mask=refined.persons == 1, persons=refined.persons)
