@@ -98,7 +98,9 @@ def neighbours(parts: UInt8, pixels: Int64) -> list[int]:
 
 
 def _islands(parts: UInt8, depth_m: Float32, among: list[int]) -> tuple[Int32, int]:
-    """Return island ids int32 (h, w) from 1, 0 elsewhere, and one more than the highest."""
+    """Return the ids of small islands, int32 (h, w) from 1, 0 elsewhere, and the highest id plus 1. among:
+    parts to search.
+    """
     islands, count = np.zeros(parts.shape, np.int32), 1
     for part in among:
         mask = (parts == part) & (depth_m > 0)
@@ -115,7 +117,9 @@ def _islands(parts: UInt8, depth_m: Float32, among: list[int]) -> tuple[Int32, i
 
 
 def _beside(pixels: Int64, shape: tuple[int, ...], reach: int) -> list[Int64]:
-    """Return flat neighbours (n,) of flat pixels, an array for each step; clipped at the border."""
+    """Return the flat neighbours (n,) of flat pixels, an array for each offset up to ``reach``; clipped at
+    the border.
+    """
     v, u = np.divmod(pixels, shape[1])
     steps = range(-reach, reach + 1)
     return [

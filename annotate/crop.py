@@ -68,9 +68,9 @@ class Crop:
         return result
 
     def _within(self, start: int, length: int, size: int) -> tuple[slice, Index]:
-        """Return the part of an image's side inside the square, and the patch index of each of its pixels.
+        """Return the slice of an image axis that the square covers, and the patch index of each pixel in it.
 
-        start: of the square. length: of the image's side.
+        start: first pixel of the square on this axis. length: of the axis. size: side of the patch.
         """
         first, end = max(start, 0), max(0, start, min(start + self.side, length))
         return slice(first, end), ((np.arange(first, end) - start) * size + size // 2) // self.side
@@ -85,7 +85,7 @@ class Crop:
 def crop_from_note(note: object, name: str) -> Crop:
     """Return the square of a frame's note ``name``, [top, left, side] in whole pixels.
 
-    Raises FormatError for another value, and for a square far beyond every image.
+    Raises FormatError for a malformed note, and for a square far beyond every image.
     """
     if (
         not isinstance(note, list)

@@ -34,7 +34,7 @@ class Supervoxels:
         return np.bincount(self.ids[self.ids >= 0], minlength=self.count)
 
     def mean(self, values: NDArray[np.generic]) -> Float64:
-        """Return the mean (count, ...) of a feature (n, ...) over each supervoxel; NaN spreads."""
+        """Return the mean (count, ...) of a feature (n, ...) over each supervoxel; NaN if a value is NaN."""
         inside = self.ids >= 0
         ids = self.ids[inside]
         columns = np.asarray(values)[inside].reshape(len(ids), -1).astype(np.float64)
@@ -50,8 +50,8 @@ def supervoxels(
     """Compute the supervoxels of a cloud by VCCS (Papon et al., CVPR 2013) without camera transform.
 
     points_m: float32 (n, 3). colors_rgb: uint8 (n, 3). seed_m: distance between seeds, more than VOXEL_M.
-    color_weight: in PCL's distance, relative to 255. Points that VCCS leaves out join the nearest supervoxel
-    within seed_m; islands farther off become supervoxels.
+    color_weight: of the colour term in PCL's distance, for channels divided by 255. Points that VCCS leaves
+    out join the nearest supervoxel within seed_m; islands farther off become supervoxels.
     """
     finite = np.asarray(np.isfinite(points_m).all(axis=1))
     points = points_m[finite].astype(np.float32, copy=False)

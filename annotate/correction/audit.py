@@ -20,7 +20,9 @@ _NAMES = {**{part.id: part.name for part in PARTS}, UNDEFINED: "undefined"}
 
 @dataclass(frozen=True)
 class PartWork:
-    """Work on one part: number of strokes, their active seconds, final gained and lost pixels."""
+    """Work on one part: number of strokes, their active seconds, and numbers of pixels that the final part
+    gained and lost.
+    """
 
     strokes: int
     seconds: float
@@ -35,7 +37,7 @@ class PersonWork:
     first, last: times of the work, ISO 8601 UTC, "" if unknown. frames, accepted: numbers of edited frames
     and of accepted frames. accepted_untouched: share of accepted frames with unchanged first labels.
     seconds_median, seconds_p90: active seconds per frame. seconds: active seconds by kind. changed: share of
-    the body's pixels whose final part differs. parts: by name.
+    the body's pixels whose final part differs from the labels before all people's work. parts: by name.
     """
 
     who: str
@@ -68,7 +70,7 @@ class Audit:
     """Work on a label set.
 
     people: the person with most frames first. rejected: reason by frame id. course: worked frames in the
-    order of the last stroke.
+    order of their last strokes.
     """
 
     people: tuple[PersonWork, ...]

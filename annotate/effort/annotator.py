@@ -76,8 +76,8 @@ class _Option(NamedTuple):
 class Annotator:
     """Simulated person at the window.
 
-    goal: agreement at which the annotator accepts. tolerance_px: at borders. at_once: number of patches of
-    one part that need one mental preparation (``keystrokes``).
+    goal: agreement at which the annotator accepts. tolerance_px: tolerance at borders, as in ``Agreement``.
+    at_once: number of patches of one part that need one mental preparation (``keystrokes``).
     """
 
     def __init__(self, goal: float = AGREEMENT, tolerance_px: int = TOLERANCE_PX, at_once: int = 1) -> None:

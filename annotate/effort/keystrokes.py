@@ -47,7 +47,9 @@ class Tools:
         )
 
     def keys(self, before: "Tools") -> int:
-        """Return the number of keys for these settings: one for each, two for the radius."""
+        """Return the number of keys that change the settings ``before`` to these: one for each, two for the
+        radius.
+        """
         changed = (self.part != before.part) + (self.tool != before.tool) + (self.room != before.room)
         return changed + 2 * (self.radius_px != before.radius_px)
 

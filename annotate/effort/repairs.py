@@ -210,8 +210,8 @@ def _growings(patch: Patch, view: View) -> Iterator[Move]:
 
 
 def _of_piece(patch: Patch, view: View) -> Iterator[Repair]:
-    """Yield repairs of whole pieces: the piece under the pointer to its neighbour, the whole part into
-    another.
+    """Yield two repairs of a whole piece: move the piece under the pointer to its neighbour, or turn its
+    whole part into the true part.
     """
     parts, at = view.editor.parts, int(np.flatnonzero(patch.mask & (view.editor.parts == patch.was))[0])
     if patch.was not in {p.id for p in BODY_PARTS}:

@@ -34,7 +34,7 @@ class Companion:
     """Camera of a folder, and by frame id the fields that its images lack.
 
     remarks: omissions and assumptions of a reader, with counts. annotations: the one annotation file to read;
-    None = the folder's. cast: of synthetic people.
+    None = the folder's. cast: name of the set of synthetic people.
     """
 
     intrinsics: Intrinsics

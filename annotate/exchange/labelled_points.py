@@ -64,8 +64,8 @@ def export_points(
 
 
 def _as_labelled(path: Path, depth_mm: UInt16) -> tuple[pointcloud.CloudFile, Turn]:
-    """Open the cloud with the import options under which it was labelled; return it with the turn of its
-    images.
+    """Open the cloud with the import options under which it was labelled; return it with the rotation and
+    mirroring of its depth image.
     """
     why: FormatError | None = None
     for options in _declarations():

@@ -1,4 +1,4 @@
-"""Cast of synthetic labels in a manifest, and the refusal to train on labels that only measure."""
+"""Cast (set of synthetic people) in a manifest, and the refusal to train on a cast reserved for measuring."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +11,7 @@ TRAINING = "training"
 
 
 def cast_note(cast: str) -> dict[str, str]:
-    """Return a manifest's entry of a cast; none for the training cast."""
+    """Return the manifest entry that names a cast; empty for the training cast."""
     return {} if cast == TRAINING else {CAST: cast}
 
 

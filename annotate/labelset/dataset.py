@@ -59,8 +59,8 @@ def encode_shard(frames: Iterable[FrameLabels]) -> bytes:
 
 
 def read_shard(path: Path, offset: int = 0) -> Iterator[FrameLabels]:
-    """Yield a shard's frames in order, from byte ``offset`` on. Raises FormatError for a truncated or other
-    file.
+    """Yield a shard's frames in order, from byte ``offset`` on. Raises FormatError for a truncated file, or
+    one that is not a shard.
     """
     with _opened(path, offset) as tar:
         for members in _frames(path, tar):

@@ -203,8 +203,8 @@ class LabelSet:
     def write(self, frame: FrameLabels, probabilities: Probabilities | None = None) -> None:
         """Add or replace one frame, with a network's probabilities if they are to be stored.
 
-        The frame's notes must hold ``probabilities.note()`` then. Raises FormatError for another size than
-        the set's.
+        The frame's notes must hold ``probabilities.note()`` then. Raises FormatError for an image size that
+        is not the set's.
         """
         if frame.depth_mm.shape != self.intrinsics.shape:
             raise FormatError(

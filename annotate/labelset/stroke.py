@@ -45,7 +45,8 @@ Activity = Literal["looking", "painting", "navigating"]
 class Gesture:
     """Gesture that selected the pixels, in the quantities of the keystroke-level model.
 
-    points: vertices of a lasso, polygon or brush path; path_px: its length on the screen. Raises FormatError.
+    points: vertices of a lasso, polygon or brush path; path_px: its length on the screen. Raises FormatError
+    for an unknown kind or an invalid number.
     """
 
     kind: GestureKind = "key"

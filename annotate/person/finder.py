@@ -117,7 +117,11 @@ def _network() -> Network:
 
 
 def _found(points_m: Float32, warmth: Float32, single_pass: bool = False) -> tuple[Float32, Float32]:
-    """Return log odds (h, w) of points (h, w, 3), and votes (h', w', 3) of every second point."""
+    """Return the log odds (h, w) that points (h, w, 3) are on a person, and votes (h', w', 3) of every second
+    point.
+
+    A vote is the estimated middle of the point's person. single_pass: skip the flipped image.
+    """
     height, width = points_m.shape[:2]
     more = ((0, -height % MULTIPLE), (0, -width % MULTIPLE))
     given = network_input(np.pad(points_m[..., 2], more), np.pad(warmth, more))
@@ -139,8 +143,8 @@ def _found(points_m: Float32, warmth: Float32, single_pass: bool = False) -> tup
 
 
 def _by_votes(votes_m: Float32, surface_m2: Float32, odds: Float32) -> UInt8:
-    """Return the person number (n,) of pixels, 0 = no person, from votes (n, 3), surfaces (n,) and log odds
-    (n,).
+    """Return the person number (n,) of pixels, 0 = no person, from their votes (n, 3), surfaces (n,) and log
+    odds (n,).
     """
     step = 1 + len(votes_m) // MOST_VOTES
     some, weight = votes_m[::step], surface_m2[::step] * step
@@ -162,8 +166,8 @@ def _by_votes(votes_m: Float32, surface_m2: Float32, odds: Float32) -> UInt8:
 
 @njit(cache=True, nogil=True)
 def _leaders(votes: Float32, weight: Float32) -> Index:
-    """Return the index (n,) of the nearest vote of higher density within ``MIDDLES_M``; its own index for a
-    peak.
+    """Return for each vote the index (n,) of the nearest vote of higher density within ``MIDDLES_M``; its own
+    index for a peak.
     """
     density, leader = np.zeros(len(votes), np.float32), np.arange(len(votes))
     for i in range(len(votes)):

@@ -104,7 +104,9 @@ class ColorModel:
         return np.exp(self.by_part(self.match(chromaticity(rgb), blur(rgb))))
 
     def by_part(self, match: Float32) -> Float32:
-        """Return the log likelihood (11, n) of each part's best swatch, from all (K, n)."""
+        """Return the log likelihood (11, n) of each part's best swatch, from ``match`` (K, n) of all
+        swatches.
+        """
         return np.stack([match[worn].max(axis=0) for worn in self.wears.T])
 
 
@@ -138,7 +140,9 @@ def _match(chroma: Float64, noise: Float64, swatches: _Swatches) -> Float32:
 
 @njit(cache=True, nogil=True)
 def _away(colors: Float32, swatches: Float32) -> tuple[Float32, Float32]:
-    """Return squared Mahalanobis distances (K, n), and determinants (K, n) of the covariances."""
+    """Return squared Mahalanobis distances (K, n) of n colours from K swatches, and determinants (K, n) of
+    the covariances.
+    """
     shape = swatches.shape[1], colors.shape[1]
     away, area = np.empty(shape, np.float32), np.empty(shape, np.float32)
     for k in range(shape[0]):
