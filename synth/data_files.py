@@ -31,7 +31,7 @@ def table(name: str) -> dict[str, Any]:
 
 
 def table_of(cast: Cast, name: str) -> dict[str, Any]:
-    """Return a cast's own ``NAME.toml``."""
+    """Return the content of a cast's ``NAME.toml``."""
     return table(f"judge/{name}" if cast == JUDGE else name)
 
 

@@ -36,9 +36,9 @@ class CameraFaults:
     """Faults of a colour camera.
 
     noise: factor on shot and read noise. blur_px: standard deviation of the lens blur. exposure_sd,
-    balance_sd: logarithmic drift of exposure, and of red and blue. balanced: share of a colour cast that
-    white balance corrects. vignette: share of light lost in the corners. offset_s: greatest time between
-    depth and colour. shutter: factor on the motion blur.
+    balance_sd: standard deviations of the logarithmic drift of exposure, and of red and blue. balanced: share
+    of a colour cast that white balance corrects. vignette: share of light lost in the corners. offset_s:
+    greatest time between depth and colour. shutter: factor on the motion blur.
     """
 
     noise: float = 0.0
@@ -76,7 +76,7 @@ RESTING = CameraState(1.0, np.ones(3), np.zeros(3))  # set for white light of le
 
 
 def metered(light: Float32) -> Float64:
-    """Return the mean light (3,) of a linear image (h, w, 3) without highlights."""
+    """Return the mean light (3,) of a linear image (h, w, 3) with highlights clipped."""
     coarse = light[::8, ::8].reshape(-1, 3)
     seen = coarse[coarse.any(axis=1)]
     if not len(seen):
@@ -87,7 +87,7 @@ def metered(light: Float32) -> Float64:
 def adjusted(
     state: CameraState, mean_rgb: Float64, faults: CameraFaults, rng: np.random.Generator
 ) -> CameraState:
-    """Return the control state one frame after a mean light (3,), with lag and drift."""
+    """Return the control state one frame later, adjusted to a mean light (3,) with lag and drift."""
     if faults.balanced == faults.exposure_sd == 0 or not (mean_rgb > 0).all():
         return state
     wander = rng.normal(size=3)
@@ -141,7 +141,9 @@ def smear(light: Float32, face: Int32, flow_by_face: Float32) -> Float32:
 
 @numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _gather(light: Float32, flow: Float32, moves: Float32) -> Float32:
-    """Return the mean light along each pixel's motion; a still pixel averages moving pixels only."""
+    """Return the mean light (h, w, 3) along each pixel's motion; a still pixel averages moving pixels
+    only.
+    """
     height, width, _ = light.shape
     result = light.copy()
     for v in range(height):

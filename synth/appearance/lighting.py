@@ -216,8 +216,9 @@ def _shine(surfaces: Surfaces, shadow: Float32, lamps: _Lamps, light: Float32) -
 def _between(
     point: Float32, shadow: Float32, pixel: tuple[int, int], cell: tuple[int, int, int, int], open_: Float32
 ) -> None:
-    """Write shadows at a pixel into ``open_``, interpolated from its cell's four corners, mostly those on its
-    own surface.
+    """Write the unshadowed shares of a pixel into ``open_``.
+
+    They are interpolated from the four corners of its cell; corners on the pixel's surface weigh most.
     """
     (v, u), (j, i, below, right) = pixel, cell
     b, a = (v - j * STRIDE) / STRIDE, (u - i * STRIDE) / STRIDE

@@ -2,6 +2,7 @@
 
 A zone is an area of one colour: the eleven parts of a suit by ids, then skin, hair and shoes. Zones meet
 where fields (distances in metres over the skin) are 0. So noise in a field moves a seam by the same distance.
+Cast: a set of synthetic people and things (``synth.data_files``).
 """
 
 from dataclasses import dataclass
@@ -80,7 +81,7 @@ class Outfit:
 
 
 def dress(body: Body, suit: Suit, wear: Wear, rng: np.random.Generator, cast: Cast = TRAINING) -> Outfit:
-    """Dress a body in the worn suit, with random skin, and a cast's hair and shoes."""
+    """Dress a body in the worn suit, with random skin colour, and colours of hair and shoes of a cast."""
     zone_rgb = _zones(_worn(suit, wear, rng), rng, cast)
     fields = _fields(body, rng.normal(0, (0.012, 0.015)))
     if rng.random() < wear.hood_down:
@@ -91,7 +92,7 @@ def dress(body: Body, suit: Suit, wear: Wear, rng: np.random.Generator, cast: Ca
 
 
 def dress_plainly(body: Body, wear: Wear, rng: np.random.Generator, cast: Cast = TRAINING) -> Outfit:
-    """Dress a body in a cast's shirt and trousers, with a bare head and long or short sleeves."""
+    """Dress a body in shirt and trousers in colours of a cast, with a bare head and long or short sleeves."""
     shirt, trousers = (rng.choice(_colors(cast, what)) for what in ("shirt", "trousers"))
     cloth = np.zeros((N_CLASSES, 3))
     cloth[:] = shirt + rng.normal(0, 6, 3)
@@ -111,7 +112,7 @@ def _outfit(body: Body, fields: Float64, zone_rgb: Float64, wear: Wear, rng: np.
 
 
 def _colors(cast: Cast, what: str) -> NDArray[np.int_]:
-    """Return a cast's colours, sRGB (n, 3), of hair, shoe, shirt or trousers."""
+    """Return the sRGB colours (n, 3) that a cast has for hair, shoe, shirt or trousers."""
     return np.array(table_of(cast, "people")[what])
 
 

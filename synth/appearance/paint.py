@@ -100,7 +100,10 @@ class _Shell(NamedTuple):
 
 
 class _Clothes(NamedTuple):
-    """Outfits by face (F,), by vertex (V,) and by wearer: zone colours (n, 15, 3), wear (n, 2)."""
+    """Outfits of all wearers: arrays by face (F,), by vertex (V,) and by wearer.
+
+    By wearer are the zone colours (n, 15, 3) and the wear (n, 2).
+    """
 
     wearer: Int64
     parts: UInt8

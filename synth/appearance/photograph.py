@@ -1,4 +1,7 @@
-"""Photographs of a scene by the colour camera: dressed people among furniture, as a JPEG."""
+"""Photographs of a scene by the colour camera: dressed people among furniture, as a JPEG.
+
+Cast: a set of synthetic people and things (``synth.data_files``).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -56,7 +59,7 @@ COLORFUL = (Surface.SOFA, Surface.MUG, Surface.BED, Surface.BLANKET, Surface.PIL
 
 
 def plain_room(cast: Cast = TRAINING) -> RoomColors:
-    """Return a cast's even colours without grain."""
+    """Return even colours, without grain, of the things in a cast's rooms."""
     chosen = {Surface[name.upper()]: np.array(entry["rgb"]) for name, entry in _own_colors(cast).items()}
     return _room(chosen, with_grain=False)
 
@@ -66,7 +69,10 @@ def _own_colors(cast: Cast) -> dict[str, dict[str, Any]]:
 
 
 def paint_room(suit_rgb: UInt8, equal: float, rng: np.random.Generator, cast: Cast = TRAINING) -> RoomColors:
-    """Draw a cast's common colours; with chance ``equal`` each, a thing has one of the suit's (K, 3)."""
+    """Draw common colours of the things in a cast's rooms.
+
+    equal: probability that a thing has one of the suit's colours (K, 3) instead.
+    """
     own = table_of(cast, "surfaces")
     bed = own["bed"].get("often", [[200, 200, 206]])
     chosen = {

@@ -1,4 +1,6 @@
-"""Random colour-coded suits, to train and test on new palettes, and a cast's own. Constants are untuned."""
+"""Random colour-coded suits, to train and test on new palettes, and the suits of each cast (set of synthetic
+people). Constants are untuned.
+"""
 
 import colorsys
 from functools import cache
@@ -25,7 +27,9 @@ def judge_suits() -> tuple[Suit, ...]:
 
 
 def suit_of(cast: Cast, seed: int) -> Suit:
-    """Return the suit of a cast's recording; in training the default."""
+    """Return the suit of a recording: the default for the training cast, else a judging suit chosen by the
+    seed.
+    """
     if cast != JUDGE:
         return DEFAULT_SUIT
     return judge_suits()[seed % len(judge_suits())]

@@ -48,7 +48,7 @@ def judge_bodies() -> tuple[Body, ...]:
 
 
 def crowd_of(cast: Cast) -> tuple[Body, ...]:
-    """Return the bodies of dressed people in a cast's images."""
+    """Return the bodies of dressed people in images of a cast (set of synthetic people)."""
     return judge_bodies() if cast == JUDGE else crowd()
 
 

@@ -139,8 +139,8 @@ def fit(model: BodyModel, size: BodySize, starts: int = 8) -> Float64:
 def random_adult(rng: np.random.Generator) -> Float64:
     """Draw phenotypes (6,) of an adult of either sex.
 
-    anny's default adult is tall and light. Therefore height and weight are drawn about 0.4 and 0.72. Heights
-    are then 170 +- 10 cm and body mass indices 22 +- 3, about as for real adults.
+    anny's default adult is tall and light. Therefore the phenotypes of height and weight are drawn about 0.4
+    and 0.72. Heights are then 170 +- 10 cm and body mass indices 22 +- 3, about as for real adults.
     """
     gender = np.clip(rng.choice((0.1, 0.9)) + rng.normal(0, 0.08), 0, 1)
     age = rng.uniform(0.6, 0.97)

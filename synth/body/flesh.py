@@ -88,7 +88,9 @@ def flesh_of(body: Body) -> Flesh:
 
 
 def _carried(body: Body, owned: list[Int64]) -> Int64:
-    """Return the vertices that first touch a seat or bed: pelvis, spine, buttocks, bulk of the shoulders."""
+    """Return the vertices that first touch a seat or bed: pelvis, spine, buttocks, bulk of the shoulders.
+    owned: vertices of each joint.
+    """
     parts = [owned[j] for name, j in JOINT_ID.items() if j <= JOINT_ID["spine_upper"] or "clavicle" in name]
     for side in ("left", "right"):
         shoulder, hip = JOINT_ID[f"{side}_shoulder"], JOINT_ID[f"{side}_hip"]

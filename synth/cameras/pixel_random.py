@@ -1,4 +1,6 @@
-"""Random numbers of a pixel: hashes of a key and its position. Block sides are powers of two (``log2``)."""
+"""Random numbers of a pixel: hashes of a key and the pixel's position. Blocks are squares of 2^``log2``
+pixels a side.
+"""
 
 from functools import cache
 
@@ -42,8 +44,8 @@ def block_bits(key: np.uint64, v: int, u: int, log2: int) -> np.uint64:
 
 @cache
 def ramps(log2: int) -> Float32:
-    """Return bilinear weights (side, side, 4) of a cell's four corners, scaled to unit variance of the
-    sum.
+    """Return the bilinear weights (side, side, 4) of a block's four corners at its pixels, scaled to unit
+    variance of the sum.
     """
     x = (np.arange(2**log2) + 0.5) / 2**log2
     ends = np.stack([1 - x, x], axis=1)
@@ -54,7 +56,10 @@ def ramps(log2: int) -> Float32:
 
 @numba.njit(cache=True)
 def lattice(key: np.uint64, height: int, width: int, log2: int, normals: Float32) -> Float32:
-    """Return normal random numbers at the corners of an image's cells; normals: table ``NORMALS``."""
+    """Return a normal random number for every corner of the blocks of an image (height, width).
+
+    normals: table ``NORMALS``.
+    """
     corners = np.empty(((height >> log2) + 2, (width >> log2) + 2), np.float32)
     for i in range(corners.shape[0]):
         for j in range(corners.shape[1]):

@@ -1,4 +1,6 @@
-"""Parameters of clothes, drawn from the ranges of a cast's ``clothes.toml``."""
+"""Parameters of clothes, drawn from the ranges in the ``clothes.toml`` of a cast (set of synthetic
+people).
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -99,7 +101,7 @@ BAGS = ("backpack", "shoulder_bag")
 
 
 def draw_attire(rng: np.random.Generator, bags: bool = True, cast: Cast = TRAINING) -> Attire:
-    """Draw a cast's clothes, hair and, with ``bags``, perhaps a bag."""
+    """Draw a person's clothes, hair and, with ``bags``, perhaps a bag."""
     known = table_of(cast, "clothes")
     style = _by_share(known["styles"], rng)
     worn = {kind: str(rng.choice(known["styles"][style][kind])) for kind in ("tops", "bottoms", "shoes")}

@@ -24,7 +24,7 @@ def naked(body: Body) -> Dressed:
 
 
 def dress(body: Body, rng: np.random.Generator, cast: Cast = TRAINING) -> Dressed:
-    """Return a body in random clothes of a cast."""
+    """Return a body in random clothes of a cast (set of synthetic people)."""
     return dress_in(body, draw_attire(rng, cast=cast), rng)
 
 

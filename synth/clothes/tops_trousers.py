@@ -52,8 +52,9 @@ class Fitting:
         self.dark[mask > 0.5] = dark
 
     def let_hang(self, mask: Float32, slack: Float32, out: Float32) -> None:
-        """Move skin along ``out`` away from its axis, by the slack (V,) of a tube, weighted by a mask
-        (V,).
+        """Move skin along ``out``, away from the limb's axis, to a hanging tube of cloth.
+
+        slack: (V,), distance of the skin from the tube. mask: (V,), weights.
         """
         self.hang_m[:] += (mask * np.minimum(slack, np.float32(SLACK_LIMIT_M)))[:, None] * out
 

@@ -46,10 +46,10 @@ class Statistics:
     """Statistics of some frames; arrays (12,) by part, [0] for the background or the whole person.
 
     pixels: of each part. shown: share of frames that show the part. depth: pixels between DEPTH_EDGES_MM.
-    visible: mean share that furniture, occluders and extraction leave. azimuth, height: number of frames
-    between the edges. joints_mm: (n, J, 3), camera frame, relative to the pelvis. activities, sensors,
-    clothes: frames by name, most first. occluded, cut: share of frames with occluders, and with holes in the
-    extraction.
+    visible: mean share that furniture, occluders and holes in the person's mask leave. azimuth, height:
+    number of frames between the edges. joints_mm: (n, J, 3), camera frame, relative to the pelvis.
+    activities, sensors, clothes: frames by name, most first. occluded, cut: share of frames with occluders,
+    and with holes in the mask.
     """
 
     frames: int

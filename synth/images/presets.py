@@ -49,8 +49,8 @@ class Preset:
 
     count: images by default. stream: number of the random stream, unique. joints: least share of joints
     inside the image. each: successive images of one person, views: of one pose, because drawing a person is
-    slow. occluders, cut: share of images with things in front of the person, and with holes in the
-    extraction. described: True if notes describe person and sensor. cast: of people, clothes and furniture.
+    slow. occluders, cut: share of images with things in front of the person, and with holes in the person's
+    mask. described: True if notes describe person and sensor. cast: of people, clothes and furniture.
     """
 
     name: str
@@ -78,9 +78,9 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
 
     The frame has the following notes. activity: the nearer of two; posture: None between two. crop: (top,
     left, side) in the image. joints_mm: camera frame. camera: azimuth_deg from the front of sofa, bed or
-    pelvis, height_m, distance_m. visible: share left by furniture, occluders and extraction, whole and by
-    part. occluders: number. cut: share of pixels that the extraction lost. Notes of ``_description`` are
-    added.
+    pelvis, height_m, distance_m. visible: share left by furniture, occluders and holes in the mask, of the
+    person and by part. occluders: number. cut: share of pixels that the holes took. Notes of ``_description``
+    are added.
     """
     rng = np.random.default_rng((preset.stream, seed, index))
     person = _person(preset.people, preset.stream, seed, index // preset.each)
@@ -292,7 +292,7 @@ MOTION, MOTION_STREAM = "motion", 7
 
 
 def preset_of(repertoire: Repertoire) -> Preset:
-    """Return a preset like ``standing`` of poses of recorded motions."""
+    """Return a preset of people in poses of recorded motions; other settings are the defaults."""
     return Preset(MOTION, 20_000, MOTION_STREAM, MotionScenes(repertoire))
 
 

@@ -132,7 +132,7 @@ class Template:
     def precision(self, seen: Bool) -> Float64:
         """Return the prior precision (S, S) of shape parameters.
 
-        All scales are near the body's height scale, this scale is near 1, and markers are near their
+        The prior keeps the height's scale near 1, all other scales near the height's, and markers near their
         positions. seen: (M,) markers of the recording. Markers about an ankle stay on both sides of it.
         """
         groups = len(_GROUPS)

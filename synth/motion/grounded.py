@@ -69,8 +69,8 @@ class Grounded:
     """Motion with its floor, prepared for any body.
 
     angles_rad: float64 (F, J, 3). path_m: float64 (F, 2), pelvis over the ground, world. clear_m: float64 (F,
-    3), height over the floor of the lowest point of left foot, right foot and all else; 0 while it stands.
-    sits: bool (F,). sound: bool (F,), False for a glitch. leg_m: leg length of the recorded person.
+    3), height over the floor of the lowest point of left foot, right foot and all else; 0 for a part on the
+    floor. sits: bool (F,). sound: bool (F,), False for a glitch. leg_m: leg length of the recorded person.
     """
 
     angles_rad: Float64

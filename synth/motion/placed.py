@@ -46,7 +46,9 @@ def stand(body: Body, grounded: Grounded, frame: int) -> Posed:
 
 
 def cleared(body: Body, posture: Posture, wanted_m: Float64, solids: list[Solid]) -> Posture:
-    """Return a posture of ``standing`` without collisions, with its lowest point at its height."""
+    """Return a posture of ``standing`` without collisions, with its lowest point at the least of the heights
+    ``wanted_m``.
+    """
     low = wanted_m.min()
     airborne = np.array([0.0, 0.0, low])
     placed, goal = _trunk_up(body, _moved(posture, -airborne)), (wanted_m - low)[:2]

@@ -125,7 +125,7 @@ class _Person:
         return self.on_floor(axis) or not (instead and self.on_floor(instead))
 
     def stands(self, axis: str, instead: str) -> bool:
-        """Return whether the person stands along ``axis`` rather than lies, standing along ``instead``."""
+        """Return whether the person stands with ``axis`` up, rather than lies with ``instead`` up."""
         flat = self.stands_flat(axis)
         if flat is None:
             return self.on_floor(axis) and not (instead and self.on_floor(instead))
@@ -168,8 +168,8 @@ def _stands(axis: str, stated: Upward) -> str:
 
 
 def _doubt(person: _Person, stated: Upward) -> tuple[str, ...]:
-    """Return a sentence if the person stands by the stated axis in mid-air, and by another axis lies on its
-    floor.
+    """Return a sentence if the person stands in mid-air with the stated axis up, but lies on the floor with
+    another.
     """
     if person.on_floor(stated.axis) or person.moves_upright(stated.axis) or person.stands_flat(stated.axis):
         return ()

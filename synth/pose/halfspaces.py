@@ -59,7 +59,7 @@ def no_rows() -> Rows:
 
 @numba.njit(cache=True)
 def add_pulls(rows: Rows, n: int, positions: Float64, pulls: Pulls, strength: float) -> int:
-    """Add rows that pull joints to targets; return the new number of rows."""
+    """Add half-spaces behind the first n of ``rows`` that pull joints to targets; return the new number."""
     pulled, ends = pulls.joints, pulls.ends
     for k in range(len(pulled)):
         way = (ends[k, :3] - positions[pulled[k]]) * ends[k, 3:]
@@ -97,7 +97,11 @@ def _distance(a: Float64, b: Float64) -> float:
 
 @numba.njit(cache=True)
 def add_flesh(rows: Rows, n: int, pairs: Pairs, flesh: Flesh, stations: Float64) -> int:
-    """Add rows that separate flesh from flesh: stations of one chain from the nearest point of the other."""
+    """Add half-spaces to ``rows`` that separate flesh from flesh; return the new number of rows.
+
+    Each moves a station of one chain away from the nearest point of the other. n: rows so far. stations: (S,
+    3), world.
+    """
     for r in range(len(pairs.reach_m)):
         a_lo, a_hi, b_lo, b_hi = pairs.stations[r]
         if _distance(stations[(a_lo + a_hi) // 2], stations[(b_lo + b_hi) // 2]) > pairs.reach_m[r]:
@@ -145,8 +149,9 @@ def _deepest(s: int, lo: int, hi: int, flesh: Flesh, stations: Float64) -> tuple
 
 @numba.njit(cache=True)
 def add_solids(rows: Rows, n: int, boxes: Float64, flesh: Flesh, stations: Float64) -> int:
-    """Add rows that push limbs out of furniture; return the new number of rows. boxes: (k, 17), packed
-    ``Solid``s.
+    """Add half-spaces to ``rows`` that push limbs out of furniture; return the new number of rows.
+
+    n: rows so far. boxes: (k, 17), packed ``Solid``s. stations: (S, 3), world.
     """
     for k in range(len(boxes)):
         give, bias, turn = boxes[k, 6], boxes[k, 7], boxes[k, 8:]

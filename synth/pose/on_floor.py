@@ -41,7 +41,7 @@ OFF_WALL_M = 0.01  # distance of the rearmost skin, for clothes on a wall
 
 @dataclass(frozen=True)
 class OnFloor:
-    """Behaviour of a person on the floor before a wall: standing, kneeling, slumped at it, or fallen.
+    """Behaviour of a person on the floor in front of a wall: standing, kneeling, slumped at it, or fallen.
 
     wall_y: y of the wall, world, metres. cast: of the poses. A moment (pose parameters) names two postures by
     kind and seed, and the share of the way from the first to the second.

@@ -209,10 +209,10 @@ class _Stander:
     def _hung(
         self, posture: Posture, side: str, frames: Float64, joints: Float64
     ) -> tuple[Posture, list[Pull]]:
-        """Return the posture with one hanging arm, and pulls.
+        """Return the posture with one hanging arm, and the pulls of elbow and wrist towards the body.
 
-        Its flexion counts from the vertical. An arm with a gap to the body starts spread, and pulls draw it
-        in.
+        The arm's flexion counts from the vertical. An arm with a gap to the body starts spread; only this arm
+        has pulls.
         """
         arm, angles = self.how.arms[side], posture.angles_rad.copy()
         shoulder, chest = JOINT_ID[f"{side}_shoulder"], frames[JOINT_ID["spine_upper"]]

@@ -211,7 +211,9 @@ def _seeing(camera: Intrinsics) -> Float64:
 
 
 def _meet(ray: Float64, pose: Pose) -> tuple[Float64, Float64]:
-    """Intersect rays (..., 3) with the plate: its coordinates (..., 2) and depth (...,), metres."""
+    """Return the points where rays (..., 3) meet the plate: plate coordinates (..., 2) and depths (...,),
+    metres.
+    """
     normal = pose.rotation[:, 2]
     z = (normal @ pose.translation_m) / (ray @ normal)
     local = (ray * z[..., None] - pose.translation_m) @ pose.rotation

@@ -99,7 +99,7 @@ class Visitor:
 
 
 class Guest(NamedTuple):
-    """Body of a visitor, and the cast of what it does."""
+    """Body of a visitor, and the cast of the visitor's poses and chair."""
 
     body: Body
     cast: Cast
