@@ -1,1 +1,1 @@
-"""Benchmarks of other people: frames with true joints, the field's measure, published figures."""
+"""Public benchmarks: frames with true joints, their usual precision measure, published figures."""

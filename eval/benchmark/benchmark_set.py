@@ -36,7 +36,9 @@ class BenchmarkSet:
     subjects: tuple[str, ...]
 
     def precision(self, labels: LabelSet) -> tuple[MeanPrecision, MeanPrecision, int]:
-        """Return the precision of all joints and of visible ones, and the frames without a person."""
+        """Return the precision of all joints and of the visible ones, and the number of frames without a
+        person.
+        """
         predicted_m, nobody = np.full(self.true_m.shape, np.nan), np.ones(len(self.true_m), np.bool_)
         for frame_id in labels.frame_ids:
             state = BodyState.from_note(labels.notes(frame_id).get("bearing"))
@@ -52,7 +54,9 @@ class BenchmarkSet:
 
 
 def as_named(found_m: Float64, names: Sequence[str]) -> Float64:
-    """Return the joints (J, 3) of ``names`` by a network's joints (15, 3)."""
+    """Return a network's joints (15, 3) as the joints (J, 3) called ``names``; the torso is the middle of
+    neck and hips.
+    """
     hips = (found_m[JOINT["left_hip"]] + found_m[JOINT["right_hip"]]) / 2
     torso = (found_m[JOINT["neck"]] + hips) / 2
     return np.stack([torso if n == TORSO else found_m[JOINT[STANDS_FOR.get(n, n)]] for n in names])

@@ -97,7 +97,9 @@ def _opened(path: Path) -> "Iterator[h5py.File]":
 
 
 def _array(file: "h5py.File", name: str, shape: tuple[int, ...] | None, kinds: str) -> "h5py.Dataset":
-    """Return a dataset, unread, of a type of ``kinds``; shape: None = (n,). Raises FormatError."""
+    """Return a dataset, unread; kinds: numpy's letters of its possible types, shape: None = (n,). Raises
+    FormatError for a missing or other dataset.
+    """
     import h5py
 
     where = f"{file.filename}: {name!r}"

@@ -21,7 +21,7 @@ def read_joint_truth(source: FrameSource, path: Path) -> BenchmarkSet:
 
     A line has ``frame``, the number of the frame from 0, and ``joints_mm``: name to x, y, z in millimetres,
     frame of the undistorted depth camera. It may have ``subject``, and ``hidden``: names of hidden joints.
-    Lines of a ``person`` other than 1 are left out. Raises FormatError.
+    Lines of a ``person`` other than 1 are left out. Raises FormatError for malformed lines.
     """
     names, remedy = TRUE_NAMES, "give lines as predict --joints writes them"
     true_m = np.full((len(source), len(names), 3), np.nan)

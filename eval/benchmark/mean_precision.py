@@ -46,7 +46,7 @@ class MeanPrecision:
 
 
 def joint_hits(predicted_m: Float64, true_m: Float64) -> Bool:
-    """Return hits (F, J) of predicted joints (F, J, 3), metres; never of a NaN."""
+    """Return hits (F, J) of predicted joints (F, J, 3), metres; False for a NaN."""
     return np.asarray(np.linalg.norm(predicted_m - true_m, axis=-1) < REACH_M)
 
 

@@ -78,7 +78,7 @@ def _arrays(result: Result) -> dict[str, NDArray[Any]]:
 
 
 def check_results(*paths: Path) -> None:
-    """Check that files are results, by their arrays. Raises FormatError."""
+    """Check that files are results, by their arrays. Raises FormatError for the first file that is not."""
     for path in paths:
         if missing := {"counts", "texts"} - set(array_sizes(path, REMEDY)):
             raise FormatError(f"{path} is not a result (it lacks {sorted(missing)[0]!r}); {REMEDY}")

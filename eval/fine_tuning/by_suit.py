@@ -29,8 +29,8 @@ class SuitFineTuner(FineTuner):
     """Fine-tuning of the suit network.
 
     session: recording that was labelled; None = the one beside the labels. start: weights (.onnx); None = the
-    shipped ones. Raises CloudError where the recording is missing or another one, or where the labels were
-    made with other weights.
+    shipped ones. Raises CloudError where the recording is missing or was not the labelled one, or where the
+    labels were made with other weights.
     """
 
     def __init__(self, labels: LabelSet, session: Path | None, start: Path | None) -> None:

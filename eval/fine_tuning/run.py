@@ -61,8 +61,8 @@ class FineTuner(ABC):
     def train(self, frames: Sequence[CorrectedFrame], more: bool, run: Path, progress: Progress) -> None:
         """Train on corrected frames.
 
-        more: train longer, on all frames after a training on some. run: folder of checkpoints, to resume
-        from.
+        more: True for the longer training on all frames, which follows a training on some. run: folder of
+        checkpoints, to resume from.
         """
         torch.set_num_threads(1)
         examples = self.examples(frames, progress)

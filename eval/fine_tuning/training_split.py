@@ -81,7 +81,9 @@ def split_frames(frames: Sequence[CorrectedFrame]) -> tuple[list[CorrectedFrame]
 
 
 def _people(frames: Sequence[CorrectedFrame]) -> list[frozenset[str]]:
-    """Return sets of bodies that no frame shares, the set of the fewest frames last."""
+    """Return disjoint sets of bodies, such that all bodies of a frame are in one set; the set with the fewest
+    frames is last.
+    """
     groups: list[frozenset[str]] = []
     for bodies in dict.fromkeys(frame.bodies for frame in frames):
         apart = [group for group in groups if group.isdisjoint(bodies)]

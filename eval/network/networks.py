@@ -36,7 +36,9 @@ def described(config: NetworkConfig) -> dict[str, Any]:
 
 
 def config_from(description: dict[str, Any]) -> NetworkConfig:
-    """Return the configuration that `described` gave. Raises FormatError for any other description."""
+    """Return the configuration that `described` gave. Raises FormatError for a description of no known
+    network.
+    """
     try:
         match description:
             case {"kind": "compact", "widths": widths, "layers": layers, **rest} if not rest:

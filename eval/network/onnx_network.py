@@ -44,8 +44,8 @@ class OnnxNetwork:
 
     sha256: hash of the file. flip: average the outputs for an image and its flip (docs/adr/0024), which takes
     twice as long. The network, in any precision, gives probabilities (B, 12, 212, 212) for (B, 1, 212, 212).
-    It may also give ``facing``, ``posture`` and ``joints`` as in `NetworkOutput`. Raises FormatError for any
-    other file, or for tensors in other files.
+    It may also give ``facing``, ``posture`` and ``joints`` as in `NetworkOutput`. Raises FormatError for a
+    file that is not such a network, or that keeps its tensors in further files.
     """
 
     def __init__(self, path: Path = SHIPPED_WEIGHTS, *, flip: bool = True) -> None:

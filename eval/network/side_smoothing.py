@@ -1,4 +1,6 @@
-"""Temporal smoothing of a person's left and right, and sides of joints by parts; constants are untuned."""
+"""Temporal smoothing of a person's left and right, and correction of the joints' sides by the parts;
+constants are untuned.
+"""
 
 from dataclasses import replace
 

@@ -1,4 +1,6 @@
-"""Support of a person, floor or furniture, from heights above the floor. Constants are untuned."""
+"""Surface that supports a person (floor or furniture), found by heights above the floor. Constants are
+untuned.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -26,7 +26,7 @@ def save_weights(path: Path, model: nn.Module, config: NetworkConfig) -> None:
 def load_weights(path: Path) -> tuple[nn.Module, NetworkConfig]:
     """Build the network that a weights file describes and fill it.
 
-    Raises FormatError where the file is of another kind, cut off, or for another number of classes.
+    Raises FormatError where the file is not a weights file, is cut off, or has another number of classes.
     """
     tensors, meta = read_tensors(path)
     if "network" not in meta:
@@ -82,7 +82,9 @@ def write_tensors(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) 
 
 
 def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Return the tensors and the metadata of a safetensors file. Raises FormatError for any other file."""
+    """Return the tensors and the metadata of a safetensors file. Raises FormatError where it is not such a
+    file or is cut off.
+    """
     try:
         with safe_open(path, framework="pt") as file:
             return {name: file.get_tensor(name) for name in file.keys()}, file.metadata() or {}  # noqa: SIM118

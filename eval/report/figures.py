@@ -73,7 +73,7 @@ def _mark(title: str, x: object, names: Sequence[str], symbol: str) -> go.Scatte
 
 
 def _rows(traces: Sequence[go.Scatter], count: int, axis: str) -> go.Figure:
-    """Return a figure with one line a name, the first on top, and the traces of a name beside each other."""
+    """Return a chart with one row for each name, the first on top; its traces lie side by side."""
     figure = _figure(traces, 90 + 20 * count * max(1, len(traces) // 2), axis, "")
     return figure.update_layout(scattermode="group").update_yaxes(autorange="reversed", type="category")
 
@@ -84,7 +84,9 @@ def _curve(title: str, x: object, y: object, number: int, dash: str = "solid") -
 
 
 def overview(results: Sequence[Result], ceiling: Result | None) -> go.Figure:
-    """Return the mean recall of every result, the paper's, and two people's agreement (the ceiling)."""
+    """Return a chart of the mean recall of every result, the paper's, and two people's agreement (the
+    ceiling).
+    """
     traces = [
         _row(r.title, [plain(r.title, 28)], [estimate(r.comparison, "mean_recall")], i)
         for i, r in enumerate(results)
@@ -103,7 +105,9 @@ def _part_estimates(scored: Scored, name: str) -> list[Estimate]:
 
 
 def by_part(results: Sequence[Result], name: Literal["recall", "iou"], ceiling: Result | None) -> go.Figure:
-    """Return a score of every part, with the paper's recalls and two people's agreement (the ceiling)."""
+    """Return a chart of a score of every part, with the paper's recalls and two people's agreement (the
+    ceiling).
+    """
     names = [part.title for part in BODY_PARTS]
     traces = [_row(r.title, names, _part_estimates(r.comparison, name), i) for i, r in enumerate(results)]
     if name == "recall":
@@ -116,7 +120,7 @@ def by_part(results: Sequence[Result], name: Literal["recall", "iou"], ceiling: 
 
 
 def differences(found: Sequence[Difference]) -> go.Figure:
-    """Return the differences of recall, of all parts and by part."""
+    """Return a chart of the differences of recall, of all parts and by part."""
     names = ["All parts", *(part.title for part in BODY_PARTS)]
     traces = [
         _row(one.a, names, [estimate(one, "mean_recall"), *_part_estimates(one, "recall")], i + 1)
@@ -127,7 +131,7 @@ def differences(found: Sequence[Difference]) -> go.Figure:
 
 
 def error_kinds(results: Sequence[Result]) -> go.Figure:
-    """Return the kinds of error as shares of the wrong pixels."""
+    """Return a chart of the kinds of error as shares of the wrong pixels."""
     titles = [plain(result.title, 28) for result in results]
     by_result = [confusion.error_kinds(result.comparison.confusion) for result in results]
     wrong = [max(sum(map(int, kinds.values())), 1) for kinds in by_result]
@@ -143,7 +147,7 @@ def error_kinds(results: Sequence[Result]) -> go.Figure:
 
 
 def error_distance(results: Sequence[Result]) -> go.Figure:
-    """Return the error rates by distance to a border."""
+    """Return a chart of the error rate by distance to a border."""
     labels, traces = [name.replace(" px", "") for name in DISTANCES], []
     for i, result in enumerate(results):
         rates = [estimate(result.comparison, "error_by_distance", k) for k in range(len(labels))]
@@ -154,7 +158,7 @@ def error_distance(results: Sequence[Result]) -> go.Figure:
 
 
 def boundary(results: Sequence[Result]) -> go.Figure:
-    """Return the boundary F by tolerance."""
+    """Return a chart of the boundary F-score by tolerance."""
     traces = []
     for i, result in enumerate(results):
         for unit, limits, dash in (("px", TOLERANCES_PX, "solid"), ("mm", TOLERANCES_MM, "dot")):
@@ -166,7 +170,7 @@ def boundary(results: Sequence[Result]) -> go.Figure:
 
 
 def reliability(results: Sequence[Result]) -> go.Figure:
-    """Return the accuracy by confidence, inside parts and near borders."""
+    """Return a chart of the accuracy by confidence, inside parts and near borders."""
     traces = []
     for i, result in enumerate(results):
         for half, where, dash in ((0, "inside", "solid"), (1, "border", "dot")):
@@ -181,7 +185,7 @@ def reliability(results: Sequence[Result]) -> go.Figure:
 
 
 def people(results: Sequence[Result]) -> go.Figure:
-    """Return the mIoU of every frame by person."""
+    """Return box plots of the frames' mIoU, one for each person."""
     traces = []
     for i, result in enumerate(results):
         c = result.comparison
@@ -195,7 +199,7 @@ def people(results: Sequence[Result]) -> go.Figure:
 
 
 def pck(results: Sequence[Result]) -> go.Figure:
-    """Return the share of the joints by distance."""
+    """Return a chart of the share of joints within each distance of the truth."""
     traces = []
     for i, result in enumerate(results):
         if (errors := result.comparison.joints_mm) is not None:
@@ -207,7 +211,7 @@ def pck(results: Sequence[Result]) -> go.Figure:
 
 
 def loss(trainings: Sequence[Training]) -> go.Figure:
-    """Return the losses by images seen."""
+    """Return a chart of the training losses by images seen."""
     traces = []
     for i, training in enumerate(trainings):
         points = training.points[:: max(1, len(training.points) // CURVE_POINTS)]
@@ -216,7 +220,7 @@ def loss(trainings: Sequence[Training]) -> go.Figure:
 
 
 def learning(trainings: Sequence[Training]) -> go.Figure:
-    """Return the scores by epoch."""
+    """Return a chart of the scores by epoch of trainings."""
     traces = [
         _curve(f"{training.title}, {name}", training.epochs[:, 0], training.epochs[:, column], i, dash)
         for i, training in enumerate(trainings)
@@ -227,7 +231,9 @@ def learning(trainings: Sequence[Training]) -> go.Figure:
 
 
 def effort(audits: Mapping[str, Audit]) -> go.Figure:
-    """Return the seconds of each frame in the order of work, a curve for each step of fine-tuning."""
+    """Return a chart of the seconds of each frame in the order of work, a curve for each step of
+    fine-tuning.
+    """
     traces = []
     for i, (title, audit) in enumerate(audits.items()):
         seconds = [frame.seconds for frame in audit.course]

@@ -70,7 +70,8 @@ class Sources:
 
 @dataclass(frozen=True)
 class Material:
-    """Content of a report, see ``Sources``. galleries: frames by title of the result; audits: by label set.
+    """Content of a report, see ``Sources``. galleries: frames by title of the result. audits: work on
+    corrected label sets, by set.
 
     Raises CloudError without results, or for two results of one title.
     """
@@ -123,8 +124,8 @@ class Clouds:
 def gather(sources: Sources) -> Material:
     """Return the material of a report.
 
-    A result with moved label sets has no images. Raises FormatError for a corrupt file, CloudError for labels
-    that changed after the evaluation.
+    A result whose label sets were moved has no images. Raises FormatError for a corrupt file, CloudError for
+    labels that changed after the evaluation.
     """
     clouds = Clouds(sources.sessions)
     galleries: dict[str, list[GalleryFrame]] = {}
@@ -146,7 +147,9 @@ def gather(sources: Sources) -> Material:
 
 
 def pictures_of(result: Result, clouds: Clouds, each: int) -> tuple[list[GalleryFrame], list[Scene]]:
-    """Return a result's gallery, and a scene of the first frame of each group; none for moved label sets."""
+    """Return a result's gallery, and a scene of the first frame of each group; none if the label sets were
+    moved.
+    """
     sets = [Path(result.facts[name]) for name in ("predicted", "truth") if name in result.facts]
     if len(sets) < 2 or not all(holds_frames(path) for path in sets):
         return [], []

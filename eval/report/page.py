@@ -107,7 +107,7 @@ def render(material: Material) -> str:
 
 
 def policy(*scripts: str) -> str:
-    """Return the page's content policy: only these scripts, its own pictures, no request."""
+    """Return the page's content security policy: only these scripts, its own pictures, no request."""
     hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
     allowed = " ".join(f"'sha256-{value}'" for value in hashes)
     # Plotly makes a style sheet and draws its pictures from blobs of the page.

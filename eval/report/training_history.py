@@ -24,7 +24,8 @@ _EPOCH = re.compile(r"epoch-(\d{1,9})\.parts\.png")
 
 @dataclass(frozen=True)
 class Training:
-    """A training. points: images seen, mean loss. epochs: number, loss, mean recall, mIoU, seconds so far.
+    """Course of one training. points: images seen, mean loss. epochs: number, loss, mean recall, mIoU,
+    seconds so far.
 
     Scores are NaN if not measured. pictures: a frame's depth, labels at some epochs and truth, RGB (h, w, 3).
     """
@@ -37,7 +38,7 @@ class Training:
 
 
 def load_training(folder: Path) -> Training:
-    """Read a folder of `train`. Raises FormatError for another or a corrupt one."""
+    """Read a folder of `train`. Raises FormatError where its history is missing or corrupt."""
     path = folder / HISTORY
     data = read_bounded(path, MAX_BYTES, "give a folder that 'train' wrote")
     try:

@@ -1,7 +1,8 @@
-"""Augmentation: training images with the faults of sensors, furniture and extractions, each switchable.
+"""Augmentation of training images: sensor faults, furniture, and errors of extraction, each switchable.
 
-A crop is depth float32 (h, w) in [0, 1] (0 = no depth, 1 = 2000 mm, `annotate.crop`) and parts uint8 (h, w).
-One generator draws all: the same seed gives the same image. About 6 ms a crop. Constants are untuned.
+Extraction cuts the person out of the depth image. A crop is depth float32 (h, w) in [0, 1] (0 = no depth, 1 =
+2000 mm, `annotate.crop`) and parts uint8 (h, w). One generator draws all: the same seed gives the same image.
+About 6 ms a crop. Constants are untuned.
 """
 
 from dataclasses import dataclass, replace
@@ -33,8 +34,8 @@ class Augmentation:
     mirror: exchange left and right. place: zoom, shift, and move and stretch depth. turn: rotate in the image
     plane. noise: add sensor noise, and flying pixels at silhouettes. holes: remove depth at pixels and
     patches. occluders: put objects in front of the person, or a blanket on the person. cuts: remove parts of
-    the person as a failing extraction does. borders: cut the person at an image border. extras: add furniture
-    that the extraction keeps by mistake.
+    the person as a failing extraction does (see the module). borders: cut the person at an image border.
+    extras: add furniture that the extraction keeps by mistake.
     """
 
     mirror: bool = True

@@ -18,12 +18,12 @@ ROW = JOINTS.stop
 
 
 def no_targets() -> Float32:
-    """Return a row (ROW,) of unknown values."""
+    """Return a row (ROW,) of targets that are all unknown."""
     return np.full(ROW, np.nan, np.float32)
 
 
 def body_targets(frames: LabelledFrames, frame: FrameLabels) -> Float32:
-    """Return the row (ROW,) of a frame by its notes, joints in the crop of ``to_crop``."""
+    """Return the row (ROW,) of targets from a frame's notes, joints in the crop of ``to_crop``."""
     from synth.images.standing_statistics import facing_deg
 
     row = no_targets()
@@ -53,7 +53,7 @@ def _in_crop(frames: LabelledFrames, frame: FrameLabels, joints_mm: Float64) -> 
 
 
 def swap_sides(row: Float32) -> Float32:
-    """Return a row with left and right exchanged; joints keep their columns."""
+    """Return a row of targets with left and right exchanged; joints keep their columns."""
     other = row.copy()
     other[1] = -row[1]
     other[JOINTS] = row[JOINTS].reshape(N_JOINTS, 3)[TWIN].ravel()
@@ -61,7 +61,7 @@ def swap_sides(row: Float32) -> Float32:
 
 
 def move_joints(row: Float32, crop_from_source: Float64, size: int = SIZE) -> Float32:
-    """Return a row whose joints follow an affine map (2, 3) of pixels of a crop of ``size``."""
+    """Return a row of targets, its joints moved by an affine map (2, 3) of pixels; size: side of the crop."""
     other = row.copy()
     joints = other[JOINTS].reshape(N_JOINTS, 3)
     pixels = joints[:, :2] * size - 0.5

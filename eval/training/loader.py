@@ -24,7 +24,7 @@ Batch = tuple[Tensor, Tensor, Tensor]
 
 @dataclass(frozen=True)
 class Images(Dataset[Batch]):
-    """Crops as tensors, with other random augmentation in each epoch."""
+    """Crops as tensors, augmented at random and differently in each epoch."""
 
     crops: Crops
     augmentation: Augmentation

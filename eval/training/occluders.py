@@ -1,4 +1,4 @@
-"""Blankets and boards on a person that the extraction keeps by mistake.
+"""Blankets and boards on a person that remain by mistake when the person is cut out of the image.
 
 An occluder has depth in front of the hidden pixels and the label background. Crops are as in
 `eval.training.augment`. Constants are untuned.

@@ -135,7 +135,7 @@ def at_resolution(recipe: Recipe, depth: Tensor, parts: Tensor, share: float) ->
 def class_weights(recipe: Recipe, parts: UInt8) -> Tensor:
     """Return the weight of each class (12,) in the loss, of mean 1 over the pixels of labels (N, h, w).
 
-    Background inside a person's outline is an error of the extraction and weighs as the rarest part.
+    Background inside a person's outline is an error of the mask and weighs as the rarest part.
     """
     if isinstance(recipe, PaperRecipe):
         return torch.ones(N_CLASSES)

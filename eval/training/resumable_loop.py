@@ -147,7 +147,7 @@ class State:
         write_tensors(path, tensors, {"progress": json.dumps(asdict(self.progress))})
 
     def load(self, path: Path) -> None:
-        """Restore a checkpoint. Raises FormatError for any other file."""
+        """Restore a checkpoint. Raises FormatError for a file that is not a checkpoint of this network."""
         try:
             tensors, meta = read_tensors(path)
             for prefix, network in (("model.", self.model), ("average.", self.average))[
@@ -168,7 +168,7 @@ class State:
 
 
 def load_progress(path: Path) -> Progress:
-    """Return the progress in a checkpoint. Raises FormatError for any other file."""
+    """Return the progress in a checkpoint. Raises FormatError for a file that is not a checkpoint."""
     try:
         return _progress(read_tensors(path)[1])
     except (ValueError, KeyError, TypeError, FormatError) as error:
@@ -256,7 +256,9 @@ def fit(
 
 
 def resumed(model: nn.Module, schedule: Schedule, checkpoint: Path) -> State:
-    """Return the state of a training, from its checkpoint if the file exists. Raises FormatError."""
+    """Return the state in a training's checkpoint, or a new one if the file does not exist. Raises
+    FormatError as ``State.load``.
+    """
     state = State(model.to(memory_format=torch.channels_last), schedule)  # type: ignore[call-overload]
     if checkpoint.exists():
         state.load(checkpoint)

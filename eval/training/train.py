@@ -182,7 +182,9 @@ class _NetworkTraining:
         return (self.data.measured or self.data.crops).spread(1)
 
     def begin_frame(self, model: nn.Module) -> None:
-        """Write the frame and its labels by the untrained network."""
+        """Write the depth and the true parts of the frame that shows the training's course, and its labels by
+        the untrained network.
+        """
         folder = self.out / "frame"
         folder.mkdir(exist_ok=True)
         write_bytes(folder / "depth.png", encode_png(self._frame.depth(0)))
@@ -190,7 +192,7 @@ class _NetworkTraining:
         self._label_frame(model, 0)
 
     def _label_frame(self, model: nn.Module, epoch: int) -> None:
-        """Write the frame's labels after an epoch.
+        """Write the labels of the frame in ``begin_frame`` after an epoch.
 
         Labels are kept of epochs 1 to 10, then every tenth to 100, every hundredth to 1000 and so on, and of
         the last.

@@ -67,7 +67,9 @@ class SuitNet(nn.Module):
 
 
 class _Attention(nn.Module):
-    """Transformer layer, normalised first; the names are those in the shipped files."""
+    """Transformer layer with normalisation before each block; attributes have the names in the shipped
+    files.
+    """
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -107,7 +109,9 @@ def export_suit_network(network: SuitNet, path: Path, temperature: float = 1.0) 
 
 
 def load_suit_network(path: Path) -> SuitNet:
-    """Load the file of ``export_suit_network``. Raises FormatError for any other file."""
+    """Load the file of ``export_suit_network``. Raises FormatError where it is not such a file, or is
+    quantised.
+    """
     import onnx
     from onnx import numpy_helper
 
