@@ -16,7 +16,8 @@ class FrameLabels:
 
     depth_mm: uint16 (h, w), 0 = no reading. parts: uint8 (h, w) part ids, 255 = undefined. confidence:
     float32 (h, w) in [0, 1], or None. subject: the person's name. notes: free JSON values. persons: uint8 (h,
-    w), or None: 0 = no person, 1 the labelled one, others by track id. Raises FormatError.
+    w), or None: 0 = no person, 1 the labelled one, others by track id. Raises FormatError for a field of
+    another type, shape or range.
     """
 
     frame_id: str

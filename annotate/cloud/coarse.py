@@ -87,7 +87,7 @@ class CoarseFuser:
         self._fuser = Fuser(replace(coarse, color=None, color_from_depth=None, depth_shift_mm=0.0))
 
     def fuse_frame(self, frame: RigFrame) -> CoarseCloud:
-        """Fuse a frame without decoding its colour image. Raises CalibrationError."""
+        """Fuse a frame without decoding its colour image. Raises CalibrationError as ``Fuser.fuse``."""
         return self.fuse(frame.depth_mm, frame.thermal_c)
 
     def fuse(self, depth_mm: UInt16, thermal_c: Float32 | None = None) -> CoarseCloud:

@@ -76,7 +76,9 @@ class Fuser:
             self._thermal = PointView.of_thermal(depth, calibration.thermal, calibration.thermal_from_depth)
 
     def fuse_frame(self, frame: RigFrame) -> ThermalCloud:
-        """Fuse a frame, decoding its colour image. Raises FormatError, CalibrationError."""
+        """Fuse a frame, decoding its colour image. Raises FormatError for a broken image, CalibrationError as
+        ``fuse``.
+        """
         return self.fuse(frame.depth_mm, frame.decode_color(), frame.thermal_c)
 
     def fuse(
@@ -125,7 +127,9 @@ def _temperatures(view: PointView, depth_m: Float32, thermal_c: Float32) -> Floa
 
 
 def _view_of(name: str, image: NDArray[Any], view: PointView | None) -> PointView:
-    """Return the view of an image's camera. Raises CalibrationError."""
+    """Return the view of an image's camera. Raises CalibrationError where it is missing or has another
+    size.
+    """
     if view is None:
         raise CalibrationError(
             f"the frame has a {name} image but the calibration has no {name} camera; "

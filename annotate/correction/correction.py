@@ -151,7 +151,7 @@ class Correction:
         self._unsaved.discard(frame_id)
 
     def leave_all(self) -> None:
-        """Save and close all edited frames. Raises NotSavedError."""
+        """Save and close all edited frames. Raises NotSavedError when the disk refuses."""
         for frame_id in list(self._opened):
             self.leave(frame_id)
 
@@ -168,7 +168,7 @@ class Correction:
         return ActiveTime(self._clock).now()
 
     def flush(self) -> None:
-        """Write the entries that the disk refused. Raises NotSavedError."""
+        """Write the entries that the disk refused. Raises NotSavedError when it refuses them again."""
         with _saving(self.labels.path):
             for frame_id in sorted({stroke.frame_id for stroke in self.journal.pending}):
                 self.labels.keep_original(frame_id)

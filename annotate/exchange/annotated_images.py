@@ -94,7 +94,9 @@ class DepthImages:
         self._source = source
 
     def read(self, name: str) -> UInt16:
-        """Return the depth image (h, w), millimetres, of an annotated image. Raises FormatError."""
+        """Return the depth image (h, w), millimetres, of an annotated image. Raises FormatError where it is
+        missing or broken.
+        """
         file = self._file(name)
         data = read_bounded(file)
         try:

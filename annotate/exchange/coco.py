@@ -100,7 +100,9 @@ def annotation_files(source: Path) -> list[Path]:
 
 
 def read_coco(source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """Read masks as run lengths, compressed or not, and polygons. Raises FormatError."""
+    """Read masks as run lengths, compressed or not, and polygons. Raises FormatError for malformed
+    annotations or images.
+    """
     files = [companion.annotations] if companion.annotations else annotation_files(source)
     images = [image for file in files for image in _images(source, file, companion)]
     yield from read_annotated(source, images, companion)
@@ -180,7 +182,9 @@ def _masks(
 
 
 def _run_pixels(segmentation: dict[str, Any], box: object, shape: tuple[int, int]) -> tuple[Bool, str]:
-    """Return the pixels (h, w) of run lengths, and a remark or "". Raises FormatError."""
+    """Return the pixels (h, w) of run lengths, and a remark or "". Raises FormatError where the runs are
+    malformed.
+    """
     height, width = (int(side) for side in segmentation["size"])
     if (height, width) != shape:
         raise FormatError(f"a mask is {width}x{height} on an image of {shape[1]}x{shape[0]}; export it again")
@@ -220,7 +224,7 @@ def rle_to_string(runs: list[int]) -> str:
 
 
 def rle_from_string(text: str) -> list[int]:
-    """Invert ``rle_to_string``. Raises FormatError."""
+    """Invert ``rle_to_string``. Raises FormatError for a malformed text."""
     runs: list[int] = []
     value = shift = 0
     for character in text:

@@ -70,7 +70,9 @@ class Companion:
         persons: UInt8 | None = None,
         confidence: Float32 | None = None,
     ) -> FrameLabels:
-        """Return a frame with its stored subject, status and notes. Raises FormatError."""
+        """Return a frame with its stored subject, status and notes. Raises FormatError where a field or an
+        image is malformed.
+        """
         fields = self.frames.get(frame_id, {})
         # A persons image of zeros is kept only where the label set had one.
         present = persons is not None and bool(fields.get("persons", persons.any()))

@@ -75,7 +75,9 @@ def _mask_xml(mask: Mask) -> str:
 
 
 def read_cvat(source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """Read masks and polygons; the inverse of ``write_cvat``. Raises FormatError."""
+    """Read masks and polygons; the inverse of ``write_cvat``. Raises FormatError for malformed annotations or
+    images.
+    """
     file = companion.annotations or source / ANNOTATIONS
     try:
         root = fromstring(read_bounded(file, MAX_TEXT_BYTES), forbid_dtd=True)

@@ -38,7 +38,9 @@ def write_pairs(folders: Folders, frames: Iterator[FrameLabels], camera: Intrins
 
 
 def read_pairs(folders: Folders, source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """Invert ``write_pairs``; splits (train, val, ...) become one set. Raises FormatError."""
+    """Invert ``write_pairs``; splits (train, val, ...) become one set. Raises FormatError for a missing or
+    broken image.
+    """
     splits = natsorted(folder.name for folder in (source / folders[1]).iterdir() if folder.is_dir()) or [""]
     for split in splits:
         labelled = list(frame_files(source / folders[1] / split, ".png"))

@@ -68,7 +68,9 @@ def runs_of(flat: Bool) -> list[int]:
 
 
 def mask_from_runs(runs: list[int], size: int) -> Bool:
-    """Invert ``runs_of`` for a mask of ``size`` pixels. Raises FormatError."""
+    """Invert ``runs_of`` for a mask of ``size`` pixels. Raises FormatError where the runs do not add up to
+    it.
+    """
     lengths = np.array(runs, np.int64)
     if (lengths < 0).any() or (lengths > size).any() or int(lengths.sum()) != size:
         raise FormatError(f"a mask's runs do not add up to its {size} pixels; export it again")
@@ -79,7 +81,7 @@ def polygon_pixels(corners: Float64, shape: tuple[int, int]) -> Bool:
     """Return the pixels (h, w) with their centre inside a polygon with corners (n, 2), x and y.
 
     Pixel centres lie at halves, as in COCO and CVAT. By the even-odd rule a polygon that overlaps itself has
-    a hole. Raises FormatError.
+    a hole. Raises FormatError for fewer than three corners, or corners far outside.
     """
     if corners.shape[1:] != (2,) or len(corners) < 3 or not (np.abs(corners) < FARTHEST_PX).all():
         raise FormatError("a polygon has fewer than three corners on the image; export it again")

@@ -68,7 +68,7 @@ def read_shard(path: Path, offset: int = 0) -> Iterator[FrameLabels]:
 
 
 def entries_of(path: Path) -> Iterator[Entry]:
-    """Yield the places of a shard's frames without decoding them. Raises FormatError."""
+    """Yield the places of a shard's frames without decoding them. Raises FormatError as ``read_shard``."""
     with _opened(path) as tar:
         for members in _frames(path, tar):
             yield Entry(_key(members), path.name, members[0].offset)
@@ -177,12 +177,14 @@ class Dataset:
             yield from read_shard(self.path / name)
 
     def entries(self) -> Iterator[Entry]:
-        """Yield the places of the frames. Raises FormatError."""
+        """Yield the places of the frames. Raises FormatError for a broken shard."""
         for name, _ in self.shards:
             yield from entries_of(self.path / name)
 
     def load(self, entry: Entry, persons: bool = True) -> FrameLabels:
-        """Read the frame of an entry; datasets have no persons' numbers. Raises FormatError."""
+        """Read the frame of an entry; datasets have no persons' numbers. Raises FormatError where it is
+        broken.
+        """
         return next(read_shard(self.path / entry.shard, entry.offset))
 
 

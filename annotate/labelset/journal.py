@@ -106,7 +106,7 @@ class Journal:
         self._pending.clear()
 
     def add_together(self, strokes: Sequence[Stroke]) -> None:
-        """Write entries to the disk atomically: all or none. Raises NotSavedError."""
+        """Write entries to the disk atomically: all or none. Raises NotSavedError when the disk refuses."""
         self.flush()
         lines = b"".join(to_line(stroke) for stroke in strokes)
         with (

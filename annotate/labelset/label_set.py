@@ -69,7 +69,7 @@ class LabelSet:
 
     @classmethod
     def open(cls, path: Path) -> Self:
-        """Open a label set. Raises FormatError."""
+        """Open a label set. Raises FormatError where its manifest is missing or malformed."""
         if not (path / MANIFEST).is_file():
             raise FormatError(_no_label_set(path))
         for name in (FRAMES, ORIGINAL, LEARNT):
@@ -312,7 +312,7 @@ def _learnt_in(notes: object) -> str:
 
 
 def _of_step(step: object) -> str:
-    """Return the file name of a fine-tuning step's confidence. Raises FormatError."""
+    """Return the file name of a fine-tuning step's confidence. Raises FormatError for an invalid name."""
     if not isinstance(step, str) or not _STEP.fullmatch(step):
         raise FormatError(
             f"{str(step)[:40]!r} is not a name of a fine-tuning step; restore the frame from a copy"

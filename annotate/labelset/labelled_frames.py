@@ -19,7 +19,7 @@ def holds_frames(path: Path) -> bool:
 
 
 def open_frames(path: Path) -> LabelledFrames:
-    """Open a label set or a dataset. Raises FormatError."""
+    """Open a label set or a dataset. Raises FormatError where the path is neither, or is broken."""
     if (path / dataset.MANIFEST).is_file():
         return dataset.Dataset.open(path)
     return label_set.LabelSet.open(path)
@@ -45,7 +45,9 @@ def camera_of(frames: LabelledFrames, frame: FrameLabels) -> Intrinsics:
 
 
 def pinhole_of(frame: FrameLabels, camera: Intrinsics) -> Intrinsics:
-    """Return the pinhole of a frame's own pixels; camera: of the whole image. Raises FormatError."""
+    """Return the pinhole of a frame's own pixels; camera: of the whole image. Raises FormatError for a
+    malformed note ``crop``.
+    """
     if "crop" not in frame.notes:
         return camera
     return crop_from_note(frame.notes["crop"], "crop").camera(camera, frame.depth_mm.shape[0])

@@ -73,7 +73,7 @@ class Stroke:
     part: the assigned part, None for several. runs: int64 (n, 4), each (start, length, old, new): pixels
     [start, start + length), row by row, changed from part id old to new; sorted, without overlap. Undo and
     redo carry their own runs. when: ISO 8601 UTC. seconds: active seconds since the previous entry, by
-    activity. reason: of a rejection; for a relabelling, its step. Raises FormatError.
+    activity. reason: of a rejection; for a relabelling, its step. Raises FormatError for an invalid field.
     """
 
     frame_id: str

@@ -88,8 +88,8 @@ def load_suit(path: Path) -> Suit:
 
 
 def suit_from_toml(text: str, what: str) -> Suit:
-    """Read a palette from the text of ``suit_to_toml``. what: its origin in error messages. Raises
-    CloudError.
+    """Read a palette from the text of ``suit_to_toml``. what: its origin in error messages. Raises CloudError
+    as ``load_suit``.
     """
     try:
         return _suit(tomllib.loads(text), what, "suit")

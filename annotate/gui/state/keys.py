@@ -146,11 +146,11 @@ class Settings:
     commands: tuple[Command, ...] = (*COMMANDS, *derived(COMMANDS))
 
     def command(self, name: str) -> Command:
-        """Return a command by name. Raises KeyError."""
+        """Return a command by name. Raises KeyError for an unknown name."""
         return {command.name: command for command in self.commands}[name]
 
     def key(self, name: str) -> str:
-        """Return the main key of a command. Raises KeyError."""
+        """Return the main key of a command. Raises KeyError for an unknown name."""
         return self.command(name).key
 
 
