@@ -57,7 +57,7 @@ def view_plate(frame: RigFrame, plate: HolePlate, depth_camera: Intrinsics) -> P
 def with_all_cameras(guess: RigCalibration, frame: RigFrame) -> RigCalibration:
     """Return a calibration completed with typical lenses for cameras that only the frame has images of.
 
-    Raises FormatError.
+    Raises FormatError for a broken colour image.
     """
     color = frame.decode_color() if guess.color is None else None
     images: dict[str, NDArray[Any] | None] = {"color": color, "thermal": frame.thermal_c}

@@ -27,12 +27,16 @@ T = TypeVar("T")
 
 
 def open_calibration(path: Path) -> RigCalibration:
-    """Read a rig's calibration: a JSON file, or a folder of YAML files. Raises CalibrationError."""
+    """Read a rig's calibration: a JSON file, or a folder of YAML files. Raises CalibrationError where it is
+    missing or malformed.
+    """
     return read_yaml(path) if path.is_dir() else load_calibration(path)
 
 
 def read_yaml(folder: Path) -> RigCalibration:
-    """Read a folder of YAML files; colour and thermal may be absent. Raises CalibrationError."""
+    """Read a folder of YAML files; colour and thermal may be absent. Raises CalibrationError where a file is
+    missing or malformed.
+    """
     depth, color, thermal = (_lens(folder, name) for name in ("depth", "color", "thermal"))
     if depth is None:
         raise CalibrationError(f"{folder} has no {FILES['depth']}; give a folder that iai_kinect2 wrote")

@@ -112,7 +112,9 @@ def _with_lens(
 
 
 def links_from(message: Decoded) -> Iterator[tuple[str, str, Pose]]:
-    """Yield (parent, child, parent_from_child) of every transform of a message. Raises CalibrationError."""
+    """Yield (parent, child, parent_from_child) of every transform of a message. Raises CalibrationError for
+    an impossible rotation.
+    """
     for transform in message.transforms if hasattr(message, "transforms") else [message]:
         if hasattr(transform, "header"):
             parent, child, move = transform.header.frame_id, transform.child_frame_id, transform.transform

@@ -1,7 +1,7 @@
 """One camera's numbers in text files of many programs: YAML, XML, JSON, ``key = value``, or plain numbers.
 
 Files are scanned for keys and the numbers behind them. YAML parsers refuse OpenCV's YAML, and OpenCV's own
-parser writes beyond its memory at corrupt files. Read are:
+parser writes beyond its memory at corrupt files. The following files are read:
 
 - OpenCV's FileStorage (YAML 1.0 or XML): ``camera_matrix``, ``distortion_coefficients``, ``image_width``.
 - ROS: files of camera_calibration_parsers (``parse_yml.cpp``), and an echoed CameraInfo (``K D`` or ``k d``).

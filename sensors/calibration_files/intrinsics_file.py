@@ -1,6 +1,7 @@
 """Intrinsics as various programs write them; keys: docs/formats.md.
 
-JSON is read by its keys where they are known; all other files are read by ``camera_text``. Known are:
+JSON is read by its keys where they are known; all other files are read by ``camera_text``. The known ones
+are:
 
 - ours: ``fx fy cx cy width height``, optionally ``k1 k2 p1 p2 k3`` and ``depth_unit_mm``
 - librealsense's: ``fx fy ppx ppy width height``, optionally ``coeffs model depth_scale``
@@ -40,7 +41,7 @@ class FoundIntrinsics(NamedTuple):
 def first_intrinsics(files: list[Path], shape: tuple[int, int]) -> tuple[FoundIntrinsics, str]:
     """Return intrinsics of depth images (h, w) from the first existing file, and a note on its name.
 
-    Raises CalibrationError.
+    Raises CalibrationError where none exists.
     """
     file = next((file for file in files if file.is_file()), None)
     if file is None:
@@ -53,8 +54,8 @@ def first_intrinsics(files: list[Path], shape: tuple[int, int]) -> tuple[FoundIn
 
 
 def read_intrinsics(file: Path, shape: tuple[int, int] = (0, 0)) -> FoundIntrinsics:
-    """Read a file of intrinsics. shape: (h, w), used where the file states no size. Raises
-    CalibrationError.
+    """Read a file of intrinsics. shape: (h, w), used where the file states no size. Raises CalibrationError
+    where it is malformed.
     """
     data = read_bounded(file, MAX_CALIBRATION_BYTES, "give intrinsics", CalibrationError)
     try:

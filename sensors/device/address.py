@@ -12,7 +12,8 @@ T = TypeVar("T")
 class Address:
     """Parsed address with its options.
 
-    ``finish`` refuses options that the driver did not query. Raises DeviceError.
+    ``finish`` refuses options that the driver did not query. Raises DeviceError for malformed or repeated
+    options.
     """
 
     def __init__(self, text: str) -> None:
@@ -29,14 +30,18 @@ class Address:
             raise DeviceError(f"device {text!r} gives an option twice; give each once")
 
     def choice(self, key: str, table: Mapping[str, T], default: str) -> T:
-        """Return the entry of ``table`` under the value of option ``key``. Raises DeviceError."""
+        """Return the entry of ``table`` under the value of option ``key``. Raises DeviceError for an unknown
+        value.
+        """
         name = self._take(key, default)
         if name not in table:
             raise DeviceError(f"{key} {name!r} of device {self.text!r} is unknown; use {', '.join(table)}")
         return table[name]
 
     def number(self, key: str, default: float, low: float, high: float) -> float:
-        """Return option ``key`` as a number from ``low`` to ``high``. Raises DeviceError."""
+        """Return option ``key`` as a number from ``low`` to ``high``. Raises DeviceError for any other
+        value.
+        """
         value = self.given_number(key, low, high)
         return default if value is None else value
 
@@ -55,7 +60,7 @@ class Address:
 
     def given_integer(self, key: str, low: int, high: int) -> int | None:
         """Return option ``key`` as an integer from ``low`` to ``high``, or None if it is absent. Raises
-        DeviceError.
+        DeviceError for any other value.
         """
         value = self.given_number(key, low, high)
         if value is not None and value != int(value):

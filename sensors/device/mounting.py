@@ -70,5 +70,5 @@ class Mounted:
 
 
 def mounting_of(address: Address) -> Mounting:
-    """Return the mounting from the options ``turn`` and ``mirror``. Raises DeviceError."""
+    """Return the mounting from the options ``turn`` and ``mirror``. Raises DeviceError for unknown values."""
     return Mounting(address.choice("turn", TURNS, "0"), address.choice("mirror", NO_YES, "no"))

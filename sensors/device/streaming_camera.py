@@ -37,7 +37,7 @@ class StreamingCamera(ABC):
 
     @abstractmethod
     def _receive(self, timeout_s: float) -> None:
-        """Wait for images and ``_take`` them. Raises DeviceError."""
+        """Wait for images and ``_take`` them. Raises DeviceError where the camera fails."""
 
     @abstractmethod
     def _end(self) -> None:

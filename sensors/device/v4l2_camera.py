@@ -49,7 +49,7 @@ class V4l2Camera(StreamingCamera):
 
     @abstractmethod
     def _take_frame(self) -> None:
-        """Queue the images of the grabbed frame. Raises DeviceError."""
+        """Queue the images of the grabbed frame. Raises DeviceError for a faulty frame."""
 
     def _configure(self, fourcc: str, sizes: Sequence[tuple[int, int]], fps: float, remedy: str) -> None:
         """Set the pixel format and the first size (width, height), in words, that the camera supports.

@@ -26,7 +26,7 @@ class Streaming(Protocol):
 
 
 class AzureKinect(StreamingCamera):
-    """Azure Kinect with this serial number, or the only one. Raises DeviceError.
+    """Azure Kinect with this serial number, or the only one. Raises DeviceError if it cannot be opened.
 
     camera: replacement source of captures; color_size: of its colour images.
     """

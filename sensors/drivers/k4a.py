@@ -77,7 +77,7 @@ _RESULTS: dict[str, Any] = {
 
 @cache
 def load_k4a() -> CDLL:
-    """Return the library. Raises DeviceNotFoundError."""
+    """Return the library. Raises DeviceNotFoundError if it is not installed."""
     path = bundled("libk4a-*") or find_library("k4a")
     if path is None:
         raise DeviceNotFoundError(
@@ -105,7 +105,7 @@ def bundled(pattern: str) -> Path | None:
 
 
 class Camera:
-    """An open Azure Kinect. Raises DeviceError."""
+    """An open Azure Kinect. Raises DeviceError if it cannot be opened."""
 
     def __init__(self, index: int) -> None:
         self._k4a, self._handle = load_k4a(), c_void_p()

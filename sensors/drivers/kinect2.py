@@ -60,7 +60,7 @@ class Kinect2(StreamingCamera):
     """The Kinect v2 with this serial number, or the only one. Depth and colour are not synchronised.
 
     The calibration has only the depth camera, because the firmware's model of colour is not a pinhole camera.
-    Raises DeviceError.
+    Raises DeviceError if the camera cannot be opened.
     """
 
     def __init__(self, serial: str = "", shim: Shim | None = None) -> None:
@@ -129,7 +129,9 @@ class Kinect2(StreamingCamera):
 
 
 def load_shim(path: Path | None = None) -> Shim:
-    """Return the compiled shim, by default built for this libfreenect2. Raises DeviceNotFoundError."""
+    """Return the compiled shim, by default built for this libfreenect2. Raises DeviceNotFoundError if it
+    cannot be built or loaded.
+    """
     path = path or built_shim()
     try:
         library = CDLL(str(path))

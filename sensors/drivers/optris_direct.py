@@ -79,7 +79,7 @@ class _Received(NamedTuple):
 
 
 class OptrisDirect(StreamingCamera):
-    """The camera of the vendor's ``config`` (generic.xml). Raises DeviceError.
+    """The camera of the vendor's ``config`` (generic.xml). Raises DeviceError if it cannot be opened.
 
     A thread calls the library, because a call blocks for an unknown time.
     """
@@ -114,7 +114,7 @@ class OptrisDirect(StreamingCamera):
             self._take(stamp_ns, ThermalImage(celsius, flag), dropped, arrival_ns)
 
     def set_emissivity(self, emissivity: float) -> None:
-        """Set the emissivity, 0.1 to 1.1. Raises DeviceError."""
+        """Set the emissivity, 0.1 to 1.1. Raises DeviceError if the library refuses it."""
         if self._library.set_radiation_parameters(emissivity, 1.0, OWN_AMBIENT_C):
             raise DeviceError(f"{self.address} refused emissivity {emissivity:g}; give 0.1 to 1.1")
 
@@ -195,7 +195,7 @@ def check_config(config: Path) -> None:
 
 @lru_cache(maxsize=1)
 def load_library() -> DirectLibrary:
-    """Return the vendor's library. Raises DeviceNotFoundError."""
+    """Return the vendor's library. Raises DeviceNotFoundError if it is not installed."""
     path = find_library("irdirectsdk")
     if path is None:
         raise DeviceNotFoundError(

@@ -37,7 +37,9 @@ CONFIG = Path(__file__).with_suffix(
 
 
 def load_sdk() -> SdkObject:
-    """Return the library, loaded with its output on stderr. Raises DeviceNotFoundError."""
+    """Return the library, loaded with its output on stderr. Raises DeviceNotFoundError if it is not
+    installed.
+    """
     if find_spec("pyorbbecsdk") is None:
         raise DeviceNotFoundError("pyorbbecsdk2 is not installed; pip install 'annotate-cloud[orbbec]'")
     if (loaded := sys.modules.get("pyorbbecsdk")) is not None:
@@ -56,7 +58,7 @@ def load_sdk() -> SdkObject:
 
 
 class Orbbec(StreamingCamera):
-    """Orbbec camera with this serial number, or the only one. Raises DeviceError.
+    """Orbbec camera with this serial number, or the only one. Raises DeviceError if it cannot be opened.
 
     pipeline: the SDK's pipeline over a recording, in place of the camera's.
     """

@@ -43,8 +43,8 @@ SILENT_READS = 3  # requests without a reply after which the device counts as lo
 class PyrometerOptions:
     """Options of a pyrometer. baud, emissivity (0.1 to 1.1): None = as the device has it.
 
-    rs485: bus address or None. scale: HUNDREDTHS for high-resolution models. burst: CT sends by itself.
-    Raises DeviceError.
+    rs485: bus address or None. scale: HUNDREDTHS for high-resolution models. burst: a CT sends readings
+    unrequested. Raises DeviceError for a burst of a CS.
     """
 
     family: PyrometerFamily = CT
@@ -60,7 +60,9 @@ class PyrometerOptions:
 
 
 class Pyrometer:
-    """A pyrometer on a serial port, stamped by arrival. Opening checks its family. Raises DeviceError."""
+    """A pyrometer on a serial port, stamped by arrival. Opening checks its family. Raises DeviceError if it
+    does not open or is of the other family.
+    """
 
     calibration = None
 
@@ -207,7 +209,7 @@ class Pyrometer:
 
 
 def pyrometer_options(address: Address) -> PyrometerOptions:
-    """Return the options of an address; no others may be left. Raises DeviceError."""
+    """Return the options of an address. Raises DeviceError for unknown options or values."""
     options = PyrometerOptions(
         address.choice("family", FAMILIES, "ct"),
         address.given_integer("baud", 9600, 115200),

@@ -54,7 +54,8 @@ class Settings:
 
 
 class RealSense(StreamingCamera):
-    """The RealSense with this serial number, or the only one, stamped by its own clock. Raises DeviceError.
+    """The RealSense with this serial number, or the only one, stamped by its own clock. Raises DeviceError if
+    it cannot be opened.
 
     context: ``pyrealsense2.context()`` or a twin.
     """
@@ -173,7 +174,7 @@ class RealSense(StreamingCamera):
         ]
 
     def _mode(self, name: str, stream: SdkObject, size: Size, pixels: SdkObject) -> tuple[int, SdkObject]:
-        """Return the mode of this size and native format. Raises DeviceError."""
+        """Return the mode of this size and native format. Raises DeviceError if there is none."""
         fit = [one for one in self._modes(stream) if one[1].format() == pixels]
         for index, profile in fit:
             if (profile.width(), profile.height()) == size:
@@ -218,7 +219,7 @@ class RealSense(StreamingCamera):
         return float(f"{1000 * stereo.get_option(self._sdk.option.depth_units):.6g}")
 
     def _open(self, modes: list[tuple[int, SdkObject]]) -> list[SdkObject]:
-        """Open the sensors of these modes. Raises DeviceBusyError."""
+        """Open the sensors of these modes. Raises DeviceBusyError if one cannot be opened."""
         opened: list[SdkObject] = []
         for index in sorted({index for index, _ in modes}):
             sensor = self._sensors[index]
@@ -235,7 +236,7 @@ class RealSense(StreamingCamera):
 
 
 def load_sdk() -> SdkObject:
-    """Return the module pyrealsense2. Raises DeviceNotFoundError."""
+    """Return the module pyrealsense2. Raises DeviceNotFoundError if it is not installed."""
     if find_spec("pyrealsense2") is None:
         raise DeviceNotFoundError("pyrealsense2 is not installed; pip install 'annotate-cloud[realsense]'")
     import pyrealsense2

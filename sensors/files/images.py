@@ -99,7 +99,9 @@ def decode_grey(data: bytes, dtype: type[Any], name: str) -> NDArray[Any]:
 
 
 def decode_depth(data: bytes, name: str) -> NDArray[Any]:
-    """Return the pixels (h, w) of a PNG, TIFF, PGM or NumPy array of one channel. Raises FormatError."""
+    """Return the pixels (h, w) of a PNG, TIFF, PGM or NumPy array of one channel. Raises FormatError for
+    other or broken images.
+    """
     if data.startswith(PNG_MAGIC) or name.lower().endswith(".png"):
         return decode_grey(data, np.uint16, name)
     if data.startswith(NPY_MAGIC):

@@ -25,7 +25,7 @@ def load_arrays(
 ) -> dict[str, NDArray[Any]]:
     """Return all arrays of a file by name, or the ones in ``names`` that it has.
 
-    Raises FormatError where the file is damaged, holds another thing than arrays, or unpacks to more than
+    Raises FormatError where the file is damaged, holds anything but arrays, or unpacks to more than
     ``limit_bytes``; the message ends with ``remedy``.
     """
     sizes = {n: size for n, size in array_sizes(path, remedy).items() if names is None or n in names}

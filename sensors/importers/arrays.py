@@ -138,7 +138,9 @@ def _camera(path: Path, arrays: Arrays, depth: NDArray[Any], declared: Path | No
 
 
 def _numbers(path: Path, arrays: Arrays) -> tuple[float, ...] | None:
-    """Return fx, fy, cx, cy of the file's own arrays; None without such arrays. Raises CalibrationError."""
+    """Return fx, fy, cx, cy of the file's own arrays; None without such arrays. Raises CalibrationError where
+    they are not a camera's.
+    """
     name = next((name for name in _MATRICES if name in arrays), None)
     if name is not None:
         matrix = arrays[name]

@@ -25,7 +25,9 @@ DEPTH_MODES = {
 def calibration_from_factory(
     data: bytes, depth_size: tuple[int, int], color_size: tuple[int, int] | None, mode: str
 ) -> RigCalibration:
-    """Return a rig's calibration for images of these sizes (width, height). Raises CalibrationError."""
+    """Return a rig's calibration for images of these sizes (width, height). Raises CalibrationError for an
+    unknown mode or malformed data.
+    """
     if depth_size not in DEPTH_MODES:
         size = "x".join(map(str, depth_size))
         raise CalibrationError(

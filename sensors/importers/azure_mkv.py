@@ -54,8 +54,8 @@ class Track(NamedTuple):
 class AzureRecording(FrameSource):
     """An Azure Kinect recording as a ``FrameSource``; depth is master, images are read one at a time.
 
-    notes: missing data, origin of the calibration. Raises FormatError for other files, CalibrationError when
-    the calibration is missing or unknown.
+    notes: missing data, origin of the calibration. Raises FormatError for a file that is not such a recording
+    or has no depth, CalibrationError when the calibration is missing or unknown.
     """
 
     path: Path

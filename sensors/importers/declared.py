@@ -15,7 +15,8 @@ from sensors.rig.turn import Turn
 
 
 class Declared(FrameSource):
-    """Frames of another source with the declarations of its user. Raises CalibrationError and FormatError.
+    """Frames of another source with the declarations of its user. Raises CalibrationError or FormatError
+    where intrinsics or unit do not fit.
 
     own: True if the source itself applies unit and intrinsics of ``options``. Otherwise its depth has steps
     of one millimetre.

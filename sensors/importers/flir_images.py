@@ -23,7 +23,8 @@ class FlirImages(FrameSource):
     """Radiometric JPEGs as a ``FrameSource``: temperatures, depth images without a reading, photographs.
 
     Frames are in natural order of the names. Photographs without temperatures, and images of another size
-    than most, are left out. notes: left out, missing and assumed data. Raises FormatError.
+    than most, are left out. notes: left out, missing and assumed data. Raises FormatError without a
+    radiometric JPEG.
     """
 
     def __init__(self, path: Path) -> None:

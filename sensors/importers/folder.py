@@ -198,7 +198,8 @@ class _Cameras(NamedTuple):
 def _cameras(path: Path, first: Path, color: Files, thermal: Files, declared: Path | None) -> _Cameras:
     """Return the cameras of a folder's images, by its files or the declared one.
 
-    first: a depth image. declared: a file of intrinsics, or None. Raises CalibrationError.
+    first: a depth image. declared: a file of intrinsics, or None. Raises CalibrationError where files are
+    missing or malformed.
     """
     shape = image_shape(read_bounded(first), str(first))
     files = [path / name for name in INTRINSICS]

@@ -39,7 +39,9 @@ class Listed(NamedTuple):
 
 
 def read_lists(folder: Path) -> Listed | None:
-    """Read a folder's lists, associations before the others; None without any. Raises FormatError."""
+    """Read a folder's lists, associations before the others; None without any. Raises FormatError for a
+    malformed list.
+    """
     file = next((folder / name for name in ASSOCIATIONS if (folder / name).is_file()), None)
     if file is not None:
         depth = sorted((image, name) for image, (_, name) in read_associations(file))
@@ -60,12 +62,14 @@ def is_tum(folder: Path) -> bool:
 
 
 def read_list(file: Path) -> list[Image]:
-    """Return the image of every line of a list. Raises FormatError."""
+    """Return the image of every line of a list. Raises FormatError for a malformed line."""
     return [_image(words, file) for words in _lines(file, 2)]
 
 
 def read_associations(file: Path) -> list[tuple[Image, Image]]:
-    """Return (depth image, colour image) of every line, in any order within a line. Raises FormatError."""
+    """Return (depth image, colour image) of every line, in any order within a line. Raises FormatError for a
+    malformed line.
+    """
     pairs = []
     for words in _lines(file, 4):
         first, second = _image(words[:2], file), _image(words[2:], file)

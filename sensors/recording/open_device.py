@@ -46,7 +46,8 @@ VIDEO_IDS = {"optris": optris.USB_ID, "lepton": lepton.USB_ID, "boson": y16.BOSO
 
 
 def open_device(address: str, frames: Iterable[RigFrame] = ()) -> Device:
-    """Open the device at ``address`` (see ``docs/devices.md``). Raises DeviceError.
+    """Open the device at ``address`` (see ``docs/devices.md``). Raises DeviceError for a wrong address or a
+    device that does not open.
 
     frames: scene of a virtual camera, repeated after a second at most.
     """

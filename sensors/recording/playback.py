@@ -38,21 +38,21 @@ class Playback:
         self._thread.start()
 
     def close(self) -> None:
-        """End; idempotent."""
+        """End the playback; idempotent."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
 
     def record(self, path: Path, subject: str = "", overwrite: bool = False) -> None:
-        """Raise CloudError."""
+        """Raise CloudError, because a played source is not recorded."""
         raise CloudError(f"{self.name} is played back, which cannot be recorded to {path}; copy it instead")
 
     def end_recording(self) -> Path | None:
-        """Return None."""
+        """Return None, because nothing is recorded."""
         return None
 
     def mark(self, text: str) -> None:
-        """Raise CloudError."""
+        """Raise CloudError, because a played source takes no events."""
         raise CloudError(f"{self.name} is played back: {text!r} cannot be marked in it")
 
     def health(self) -> Health:

@@ -25,7 +25,9 @@ KEYS = ("name", "calibration", "devices", "latency_ms")
 
 @dataclass(frozen=True)
 class RecordingRig:
-    """Rig of devices by address; latency_ms: by address. Raises DeviceError."""
+    """Rig of devices by address; latency_ms: by address. Raises DeviceError for no devices, repeated ones, or
+    impossible latencies.
+    """
 
     name: str
     devices: tuple[str, ...]
@@ -49,7 +51,9 @@ class RecordingRig:
 
 
 def load_rig(path: Path) -> RecordingRig:
-    """Read a rig file; the calibration's path is relative to it. Raises DeviceError, CalibrationError."""
+    """Read a rig file; the calibration's path is relative to it. Raises DeviceError for a malformed file,
+    CalibrationError for its calibration.
+    """
     fields = read_toml(path, MAX_BYTES, "give a rig file (TOML)", DeviceError)
     if unknown := sorted(set(fields) - set(KEYS)):
         raise DeviceError(f"rig file {path} has unknown key {unknown[0]!r}; use {', '.join(KEYS)}")

@@ -60,7 +60,7 @@ TEMPLATES = {name: _template(name, row) for name, row in TABLE["rigs"].items()}
 
 
 def template_named(name: str) -> RigTemplate:
-    """Return the rig of that name. Raises DeviceError."""
+    """Return the rig of that name. Raises DeviceError for an unknown name."""
     if name not in TEMPLATES:
         raise DeviceError(f"no rig is named {name!r}; use {', '.join(TEMPLATES)}")
     return TEMPLATES[name]

@@ -61,7 +61,8 @@ class RigFrame:
     def decode_color(self) -> NDArray[np.uint8] | None:
         """Return the colour image (h, w, 3) RGB, or None.
 
-        An EXIF orientation is ignored: calibration and pose are for the sensor's pixels. Raises FormatError.
+        An EXIF orientation is ignored: calibration and pose are for the sensor's pixels. Raises FormatError
+        for a broken image.
         """
         if self.color_encoded is None:
             return None

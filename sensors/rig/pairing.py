@@ -31,8 +31,8 @@ def interpolate(
 def thermal_window_ns(stamps_ns: NDArray[np.int64]) -> int:
     """Return the greatest distance of a thermal image from its depth image. stamps_ns: (n,), sorted.
 
-    Half a period of the stream, but at most half of the depth camera's: an image of a camera with 9 a second
-    belongs to the nearest depth image alone.
+    Half a period of the stream, but at most half of the depth camera's: an image of a 9 Hz camera belongs to
+    the nearest depth image alone.
     """
     period_ns = float(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 0.0
     return int(np.clip(period_ns / 2, THERMAL_WINDOW_NS, COLOR_WINDOW_NS))

@@ -60,7 +60,7 @@ class RigCalibration:
 
     Colour and thermal are optional, but each needs both intrinsics and pose. depth_shift_mm: to add to every
     depth reading (iai_kinect2's depthShift). Fusion adds the shift; recorded images stay as the camera gave
-    them. Raises CalibrationError.
+    them. Raises CalibrationError for a camera without pose, or an impossible shift.
     """
 
     depth: Intrinsics
@@ -123,7 +123,7 @@ def calibration_from_json(fields: object) -> RigCalibration:
 
 
 def load_calibration(path: Path) -> RigCalibration:
-    """Read a calibration from a JSON file. Raises CalibrationError."""
+    """Read a calibration from a JSON file. Raises CalibrationError where it is missing or malformed."""
     data = read_bounded(path, MAX_CALIBRATION_BYTES, "give a rig calibration file", CalibrationError)
     try:
         return calibration_from_json(json.loads(data))

@@ -61,8 +61,8 @@ class Contents:
 def read_contents(path: Path) -> Contents:
     """Read a session's contents: by the index in the file, else from the whole file.
 
-    With a whole index no chunk is read: damage in a chunk is found with its frame. Raises FormatError for
-    another or a damaged file, or one without depth images; CalibrationError for a missing or impossible
+    With a whole index no chunk is read: damage in a chunk is found with its frame. Raises FormatError for a
+    file that is not a session, is damaged or lacks depth images; CalibrationError for a missing or impossible
     calibration.
     """
     try:

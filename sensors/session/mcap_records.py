@@ -46,7 +46,7 @@ class Span(NamedTuple):
 
 
 def record_offsets(file: BinaryIO) -> Iterator[int]:
-    """Yield the offsets of the whole records. Raises FormatError for an empty or another file."""
+    """Yield the offsets of the whole records. Raises FormatError for a file that is empty or not MCAP."""
     size = os.fstat(file.fileno()).st_size
     file.seek(0)
     if file.read(len(MAGIC)) != MAGIC:
@@ -117,7 +117,7 @@ class MessageReader:
     def read(self, offset: int, slot: int, stamp_ns: int | None = None) -> bytes:
         """Return the bytes of message ``slot`` of the chunk at ``offset``.
 
-        Raises FormatError for another record, and where its publish time is not ``stamp_ns``.
+        Raises FormatError where the record is not a message or its publish time is not ``stamp_ns``.
         """
         data, starts = self._chunk(offset)
         start = starts[slot] if 0 <= slot < len(starts) else len(data)

@@ -55,8 +55,8 @@ class Session(FrameSource):
     Depth is master: a frame has the colour and thermal images nearest to it in device time, within windows,
     and no message is used twice. Frames are numbered in the order of their depth stamps. Opening reads the
     index in the file, or the whole file without one; damage in a chunk is found with its frame. ``path`` may
-    name a recording of which only the ``.partial`` exists. Raises FormatError for other or damaged files,
-    CalibrationError when calibration is missing.
+    name a recording of which only the ``.partial`` exists. Raises FormatError for a file that is not a
+    session or is damaged, CalibrationError when calibration is missing.
     """
 
     path: Path

@@ -26,7 +26,8 @@ class McapFiles(NamedTuple):
 
 
 def is_session(path: Path) -> bool | None:
-    """Return whether an MCAP file is a session; None without topics. Raises FormatError for other files.
+    """Return whether an MCAP file is a session; None without topics. Raises FormatError for a file that is
+    not MCAP.
 
     A session has the depth images and their camera, or the metadata that a session's writer adds.
     """

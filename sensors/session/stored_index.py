@@ -42,9 +42,9 @@ class StoredIndex:
     """Data of a session except its images.
 
     columns: int64 (5, n), one column per message in the file's order. Rows: number of its topic, device
-    stamp, log time, number of its chunk, number among the records of the chunk. ends: first byte of every
-    chunk, and the byte after it and its message indexes. calibrations: the first message of each topic.
-    events: (stamp, text).
+    stamp, log time, number of its chunk, number among the records of the chunk. ends: for every chunk, the
+    offsets of its first byte and of the byte behind its message indexes. calibrations: the first message of
+    each topic. events: (stamp, text).
     """
 
     topics: list[str] = field(default_factory=list)
@@ -75,7 +75,7 @@ class StoredIndex:
 
     @classmethod
     def decode(cls, data: bytes) -> "StoredIndex":
-        """Invert ``encode``. Raises ContradictionError."""
+        """Invert ``encode``. Raises ContradictionError for malformed data."""
         try:
             (length,) = _LENGTH.unpack_from(data)
             if length > MAX_HEADER_BYTES:
@@ -97,7 +97,9 @@ class StoredIndex:
 
 
 def _unpacked(packed: bytes, messages: int, chunks: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return columns int64 (5, messages) and bounds int64 (2, chunks). Raises ContradictionError."""
+    """Return columns int64 (5, messages) and bounds int64 (2, chunks). Raises ContradictionError where
+    ``packed`` has another size.
+    """
     split = COLUMNS * messages
     size = _NUMBER_BYTES * (split + 2 * chunks)
     # Decompression allocates the memory that the header claims.

@@ -123,7 +123,9 @@ class SessionWriter:
             )
 
     def write(self, frame: RigFrame, arrival_ns: int | None = None) -> None:
-        """Write a frame, stamped with the depth camera's time. Raises FormatError."""
+        """Write a frame, stamped with the depth camera's time. Raises FormatError as ``add`` and
+        ``color_message``.
+        """
         stamp_ns = frame.stamp_ns
         if frame.color_encoded is not None:
             self.add(COLOR, color_message(frame.color_encoded, stamp_ns), stamp_ns, arrival_ns)

@@ -57,7 +57,7 @@ class Schedule:
     def wait(self, timeout_s: float) -> int | None:
         """Return the number of the next frame once it is due, None after ``timeout_s``.
 
-        Raises UnpluggedError.
+        Raises UnpluggedError after ``stop``, or once the twin is unplugged.
         """
         end_s = time.monotonic() + timeout_s
         while True:

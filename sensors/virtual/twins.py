@@ -47,7 +47,7 @@ class VirtualDevice:
 
 
 def open_twin(address: Address, frames: Iterable[RigFrame]) -> Device:
-    """Return the virtual device of an address of one of ``TWINS``. Raises DeviceError."""
+    """Return the virtual device of an address of one of ``TWINS``. Raises DeviceError for wrong options."""
     return VirtualDevice(address.text, *TWINS[address.kind](address, frames))
 
 

@@ -60,7 +60,7 @@ class Topic:
         return len(self.timeline.times_ns) if self.kind in PICTURES else len(self.messages)
 
     def read(self, index: int) -> Decoded:
-        """Read a message. Raises FormatError."""
+        """Read a message. Raises FormatError where it is damaged."""
         at = int(self.timeline.recorded[index]) if self.kind in PICTURES else index
         return decode(self.kind, self.encoding, self._bytes(at))
 
@@ -104,7 +104,9 @@ class Topic:
 
 
 def index_topics(files: list[BagFile]) -> dict[str, Topic]:
-    """Return every topic of a kind that is read. Raises FormatError."""
+    """Return every topic of a kind that is read. Raises FormatError for a damaged name, or a topic of two
+    kinds.
+    """
     topics: dict[str, Topic] = {}
     for file in files:
         for entry in file.entries():

@@ -77,7 +77,8 @@ class BagCameras:
     def _lens(self, stream: Stream, otherwise: str = "") -> tuple[Intrinsics, str]:
         """Return the lens of an image topic, and the topic that describes it.
 
-        otherwise: alternative remedy in the error. Raises CalibrationError.
+        otherwise: alternative remedy in the error. Raises CalibrationError where none describes it at its
+        size.
         """
         size, near = picture_size(stream.first), described_by(stream.name, set(self._infos))
         candidates = [*near, *self._of_frame(stream)]
@@ -128,7 +129,7 @@ class BagCameras:
         origin.
 
         same_info: True if one message describes both topics at one size; without transforms they are then one
-        camera. Raises CalibrationError.
+        camera. Raises CalibrationError where nothing joins the two.
         """
         if depth.frame == color.frame and depth.frame:
             return Pose.identity(), f"depth and colour share the frame {depth.frame[:60]!r}"

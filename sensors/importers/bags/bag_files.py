@@ -34,7 +34,9 @@ def is_bag(path: Path) -> bool:
 
 
 class McapFile:
-    """An MCAP file's messages; a file that was cut off simply ends early. Raises FormatError."""
+    """An MCAP file's messages; a file that was cut off simply ends early. Raises FormatError for a damaged
+    file.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -71,7 +73,8 @@ class McapFile:
 class RosbagFile:
     """The messages of a ROS 2 bag's SQLite file, or of its folder, by rosbags (extra ``exchange``).
 
-    Its ``AnyReader`` would make Python code of the definitions in a file: not used. Raises FormatError.
+    Its ``AnyReader`` is not used, because it generates Python code from the definitions in a file. Raises
+    FormatError without rosbags, and for a damaged file.
     """
 
     encoding, lost = "cdr", ""
@@ -121,7 +124,7 @@ def storage_files(folder: Path) -> list[Path]:
 
 
 def open_files(path: Path) -> list[BagFile]:
-    """Open a bag's folder, or one file. Raises FormatError."""
+    """Open a bag's folder, or one file. Raises FormatError for damaged files."""
     paths = storage_files(path) if path.is_dir() else [path]
     mcap = any(file.suffix.lower() == ".mcap" for file in paths)
     if path.is_dir() and (path / METADATA).is_file() and not mcap:
@@ -135,7 +138,7 @@ def open_files(path: Path) -> list[BagFile]:
 
 
 def open_rosbag(path: Path) -> RosbagFile | Ros1File:
-    """Open a ROS 1 bag, or SQLite files. Raises FormatError."""
+    """Open a ROS 1 bag, or SQLite files. Raises FormatError for damaged files."""
     return Ros1File(path) if _head(path).startswith(_ROS1) else RosbagFile(path)
 
 

@@ -72,7 +72,7 @@ class OrbbecRecording(CameraRecording):
         return intrinsics_from_rational((width, height), matrix, np.array([k1, k2, p1, p2, k3, k4, k5, k6]))
 
     def _color_from_depth(self) -> Pose | None:
-        """Return the pose; where it is missing the file has zeros, which raise CalibrationError."""
+        """Return color_from_depth. Raises CalibrationError for the zeros that a file without a pose holds."""
         profile = self._profiles.get(DEPTH)
         if not profile:
             return None
@@ -80,7 +80,7 @@ class OrbbecRecording(CameraRecording):
 
 
 def is_orbbec(file: RosbagFile | Ros1File) -> bool:
-    """Return whether Orbbec's SDK made this ROS 1 bag. Raises FormatError."""
+    """Return whether Orbbec's SDK made this ROS 1 bag. Raises FormatError where it is damaged."""
     return any(_PROFILE.fullmatch(topic) or _IMAGE.fullmatch(topic) for topic in file.topics)
 
 

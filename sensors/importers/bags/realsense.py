@@ -145,7 +145,9 @@ def unwrapped(stamps_ns: NDArray[np.int64], first_ns: int) -> NDArray[np.int64]:
 
 
 def is_realsense(file: RosbagFile | Ros1File) -> bool:
-    """Return whether RealSense's SDK made this SQLite file or ROS 1 bag. Raises FormatError."""
+    """Return whether RealSense's SDK made this SQLite file or ROS 1 bag. Raises FormatError where it is
+    damaged.
+    """
     return any(topic.startswith("/device_0/sensor_") for topic in file.topics)
 
 

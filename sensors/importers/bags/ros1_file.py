@@ -70,7 +70,7 @@ class _Record(NamedTuple):
 
 
 class Ros1File:
-    """Messages of a ROS 1 bag. Raises FormatError.
+    """Messages of a ROS 1 bag. Raises FormatError for a file of another version.
 
     lost: note on the truncated or damaged part, one sentence, or ""; final once ``entries`` has ended.
     """

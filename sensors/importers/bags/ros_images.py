@@ -44,7 +44,7 @@ _CONFIG = struct.Struct("<iff")  # in front of compressed depth's PNG: format (1
 
 
 def depth_from(picture: Picture) -> Depth:
-    """Return depth (h, w). Raises FormatError."""
+    """Return depth (h, w). Raises FormatError for an encoding without depth, or broken data."""
     if picture.compressed:
         return _unpacked_depth(picture)
     kind = DEPTHS.get(picture.encoding)
@@ -76,7 +76,7 @@ def picture_size(picture: Picture) -> tuple[int, int] | None:
 
 
 def grey_from(picture: Picture) -> NDArray[np.uint16]:
-    """Return an infrared image (h, w) of 8 or 16 bits. Raises FormatError."""
+    """Return an infrared image (h, w) of 8 or 16 bits. Raises FormatError for broken data."""
     if picture.compressed:
         return decode_grey(picture.data, np.uint8, "infrared").astype(np.uint16)
     dtype = np.dtype(np.uint8 if picture.encoding in ("mono8", "8UC1") else np.uint16)
@@ -98,7 +98,9 @@ def color_encoded_from(picture: Picture) -> bytes:
 
 
 def pixels_of(picture: Picture, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
-    """Return the pixels (h, w, channels) of a raw picture, row padding removed. Raises FormatError."""
+    """Return the pixels (h, w, channels) of a raw picture, row padding removed. Raises FormatError for an
+    impossible size or missing data.
+    """
     height, width, step = picture.height, picture.width, picture.step
     row = width * channels * dtype.itemsize
     if not (0 < height <= MAX_IMAGE_SIDE and 0 < width <= MAX_IMAGE_SIDE) or step < row:

@@ -1,6 +1,7 @@
 """Images, camera descriptions and transforms of ROS 1, ROS 2 (both by rosbags) and Foxglove, as plain values.
 
-ROS messages are decoded by ROS's own definitions; rosbags would make Python code of those in a file.
+ROS messages are decoded by ROS's own definitions; definitions in a file are not used, because rosbags would
+generate Python code from them.
 """
 
 from functools import cache
@@ -79,7 +80,7 @@ def bare(kind: str) -> str:
 
 
 def decode(kind: str, encoding: str, data: bytes) -> Decoded:
-    """Decode a message by its type's bare name. Raises FormatError."""
+    """Decode a message by its type's bare name. Raises FormatError where it is damaged."""
     try:
         if encoding == "protobuf":
             message = _FOXGLOVE[kind]()

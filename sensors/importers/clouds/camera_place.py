@@ -68,7 +68,9 @@ class CloudView:
 
 
 def view_of(path: Path, cloud: CloudRecords, points: Float64, options: ImportOptions) -> CloudView:
-    """Return the view of ``points`` (n, 3) of ``cloud``, in its unit, NaN = none. Raises FormatError."""
+    """Return the view of ``points`` (n, 3) of ``cloud``, in its unit, NaN = none. Raises FormatError where
+    its unit or grid is unclear.
+    """
     if cloud.organised and not options.axes:
         return _organised(path, cloud, points, options)
     finite = points[np.isfinite(points[:, 0])]

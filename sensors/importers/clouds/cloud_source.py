@@ -32,8 +32,8 @@ COARSE_M = 0.005  # step of coordinates above which surfaces have stairs as high
 class CloudFile(FrameSource):
     """A point cloud file as a ``FrameSource`` of one frame.
 
-    cloud: its points as the file has them. notes: missing data; how unit, axes and camera were found.
-    Raises FormatError.
+    cloud: its points as the file has them. notes: missing data; how unit, axes and camera were found. Raises
+    FormatError for a damaged file, or points that give no depth image.
     """
 
     path: Path

@@ -14,7 +14,9 @@ _COLORS = ("red", "green", "blue")
 
 
 def read_las(path: Path) -> CloudRecords:
-    """Read all points, x y z as doubles in the file's coordinates, with its colours. Raises FormatError."""
+    """Read all points, x y z as doubles in the file's coordinates, with its colours. Raises FormatError where
+    it is damaged.
+    """
     try:
         import laspy
     except ImportError as error:
