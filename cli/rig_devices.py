@@ -93,7 +93,9 @@ def check_one_source(**given: object) -> None:
 
 
 def rig_of(rig: Path | None, device: list[str] | None) -> RecordingRig:
-    """Return the rig of a file or of addresses; open nothing. Raises DeviceError, CalibrationError."""
+    """Return the rig of a file or of addresses; open nothing. Raises DeviceError and CalibrationError as
+    ``load_rig``.
+    """
     check_one_source(rig=rig, device=device)
     wanted = load_rig(rig) if rig is not None else RecordingRig("rig", tuple(device or ()))
     for address in wanted.devices:

@@ -133,7 +133,7 @@ def _checked(wanted: dict[str, str], work: Callable[..., T], *job: object) -> T:
 
 @dataclass(frozen=True)
 class EachOptions:
-    """Options of a verb for every session of a folder. scheduler: of a cluster, None = here."""
+    """Options of a verb for every session of a folder. scheduler: address of a cluster, None = here."""
 
     scheduler: str | None
     overwrite: bool

@@ -136,7 +136,7 @@ def compile_(json: Json = False) -> None:
 
 
 def _label() -> None:
-    """Label a recording of the virtual rig, and compare the labels with the truth."""
+    """Label a recording of the virtual rig and compare it with the truth, to compile the kernels."""
     from annotate.label_recording import SuitLabeller, label_source
     from annotate.labelset.label_set import LabelSet
     from eval.compare.compare import compare_sets
@@ -153,7 +153,7 @@ def _label() -> None:
 
 
 def _generate() -> None:
-    """Generate images of each way of drawing people."""
+    """Generate images of presets with each kind of people, to compile the kernels."""
     from concurrent.futures import ThreadPoolExecutor
 
     from synth.images.generate import Order, generate
@@ -166,7 +166,7 @@ def _generate() -> None:
 
 
 def _solve() -> None:
-    """Solve the markers of a standing person."""
+    """Solve the markers of a standing person, to compile the kernels."""
     import numpy as np
 
     from synth.body.body import shipped_bodies

@@ -146,7 +146,8 @@ def learn(
 class PredictChoices:
     """Options of ``predict``. Raises BadParameter for options that exclude each other.
 
-    again: None = recordings alone. learnt: further refinement network.
+    again: refine labels by the depth of the room; None = of recordings alone. learnt: further refinement
+    network.
     """
 
     weights: Path | None
@@ -167,7 +168,7 @@ class PredictChoices:
             )
 
     def work(self, opened: "LabelledFrames | Source", out: Path) -> "Callable[[Callable[[int], None]], Run]":
-        """Return the call that labels frames or a recording, given its progress."""
+        """Return a function that labels the opened frames or recording; its argument reports progress."""
         from annotate.labelset.labelled_frames import LabelledFrames
         from annotate.segmentation.suit_network import SuitNetwork
         from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork

@@ -249,7 +249,7 @@ def _crops(
 def _watching(
     group: "ProcessGroup", out: Path, plan: "Plan", crops: "Crops", minutes: float
 ) -> "Iterator[Watch]":
-    """Return the calls of a training; only the first of several processes reports."""
+    """Yield the callbacks of a training; only the first of several processes reports."""
     from eval.training.train import Watch, work_left
 
     def ended(epoch: "Epoch") -> None:
@@ -270,7 +270,7 @@ def _sources(
 ) -> list[tuple[Path, Path, Path]]:
     """Return recordings with labels and palettes.
 
-    Raises CloudError for too few, for other files, or for labels of the judging cast.
+    Raises CloudError for too few recordings, for unreadable files, or for labels of the judging cast.
     """
     from annotate.labelset.cast_note import check_trainable
     from annotate.labelset.label_set import LabelSet

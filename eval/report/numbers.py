@@ -197,7 +197,7 @@ def audit_table(audits: Mapping[str, Audit]) -> pd.DataFrame:
 
 
 def texts(material: Material) -> dict[str, str]:
-    """Return the files beside the page by suffix."""
+    """Return the contents of the files beside the page, by suffix."""
     return {".csv": to_csv(material.results), ".json": to_json(material), ".tex": to_latex(material)}
 
 

@@ -231,7 +231,8 @@ class _Problem:
     def jacobian(self, x: Array) -> Array:
         """Return the Jacobian by forward differences.
 
-        One step changes the same number of every view's pose, because views do not depend on each other.
+        One step changes the same parameter in the poses of all views, because views do not depend on each
+        other.
         """
         base, shared, step = self.residuals(x), 15 * len(self.cameras) - 5, 1e-7
         views = [np.repeat(s.view, s.known.ndim) for s in self.seen.values()]  # a hole has two residuals

@@ -139,7 +139,7 @@ class RealSense(StreamingCamera):
                 sensor.close()
 
     def _take_stereo(self, kind: str, number: int, stamp_ns: int, pixels: NDArray[Any]) -> None:
-        """Keep depth or infrared of an exposure; queue the depth image when the other one is there or
+        """Keep depth or infrared of an exposure; queue the depth image when its infrared image is there or
         late.
         """
         waiting = self._stereo.get("depth")

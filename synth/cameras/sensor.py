@@ -33,8 +33,9 @@ class Reading(NamedTuple):
 class CleanDepth:
     """Depth image (h, w) without faults, and the pixels to measure.
 
-    window: pinhole. depth_m: metres along z, NaN without a hit. dark: absorbed share of infrared. only:
-    pixels to measure. person: mask of the only person to measure, whose silhouette may grow. None means all.
+    window: pinhole camera of the image. depth_m: metres along z, NaN without a hit. dark: absorbed share of
+    infrared. only: pixels to measure. person: mask of the only person to measure, whose silhouette may grow.
+    None means all.
     """
 
     window: Intrinsics

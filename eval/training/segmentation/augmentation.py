@@ -28,7 +28,7 @@ BESIDE = 0.3  # largest distance of a square's middle from its part, in sides
 
 
 class Sample(NamedTuple):
-    """Channels uint8 (24, h, w) and target uint8 (h, w) of samples of a frame; 255 = unknown."""
+    """Channels uint8 (24, h, w) and target uint8 (h, w) of pixels sampled from a frame; 255 = unknown."""
 
     planes: UInt8
     target: UInt8

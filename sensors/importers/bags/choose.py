@@ -91,7 +91,7 @@ def choose(first: Pictures, wanted: Sequence[str] = ()) -> Choice | None:
 def choose_depth(first: Pictures, wanted: Sequence[str] = ()) -> str | None:
     """Return the depth topic.
 
-    Preferred, in this order: a name of depth, a camera with colour, unaligned, raw, rectified.
+    Preferred, in this order: a name that means depth, a camera with colour, unaligned, raw, rectified.
     """
     named = [n for n in first if n in wanted and holds_depth(first[n]) and not _shows_color(n, first[n])]
     below = [n for n in wanted if n not in first]

@@ -190,7 +190,7 @@ def _fits(points: Float64, pose: Pose) -> bool:
 
 
 def _in_place(path: Path, points: Float64, found: _Sensor, axes: str, options: ImportOptions) -> CloudView:
-    """Return the view of a camera that is the sensor."""
+    """Return the view of a camera at the sensor's pose."""
     sensor = points @ found.pose.rotation.T + found.pose.translation_m
     scale, unit = _unit(path, sensor @ camera_from(axes).T, options)
     sure = True
