@@ -160,8 +160,10 @@ def patch(parts: UInt8, depth_mm: UInt16, pixel: int) -> Int64:
 
 
 def grow(ids: Int32, parts: UInt8, depth_mm: UInt16, pixels: Int64) -> Int64:
-    """Return the pixels and all supervoxels adjacent on their surface, limited to the part of most of the
-    pixels.
+    """Return selected pixels, extended by the pixels of all supervoxels adjacent to them on the surface.
+
+    Only pixels of one part are added: the most frequent part among the selected pixels. ids: supervoxel of
+    each pixel (h, w), negative = none. parts, depth_mm: (h, w). pixels: flat indices (n,).
     """
     if not len(pixels):
         return pixels

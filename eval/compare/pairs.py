@@ -41,7 +41,11 @@ class Digests(NamedTuple):
 
 
 class Counted(NamedTuple):
-    """Counts int32 (WIDTH,) of a frame, with its traits and joint errors (15,), NaN if not scored."""
+    """Comparison of a frame's predicted labels with the true ones.
+
+    counts: int32 (WIDTH,), the confusion and error counts of ``FrameCounts.flat``. joints_mm: (15,), joint
+    errors in millimetres, NaN if not scored.
+    """
 
     frame_id: str
     subject: str

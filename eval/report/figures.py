@@ -33,7 +33,7 @@ THRESHOLDS_MM = np.arange(0, 301, 10)
 
 
 def plain(text: str, most: int = 60) -> str:
-    """Return text that plotly shows letter by letter: its markup escaped, cut to ``most`` letters."""
+    """Return text that plotly shows literally: cut to ``most`` characters, markup characters escaped."""
     text = text if len(text) <= most else text[: most - 1] + "…"
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 

@@ -132,10 +132,10 @@ def draw_body_state(image: Image, crop: Crop, state: BodyState) -> Image:
 def render_thermal_cloud(
     points_m: Float32, temperature_c: Float32, yaw_deg: float = 22.0, pitch_deg: float = 10.0
 ) -> Image:
-    """Return an organised cloud from the side, coloured by temperature: (SIZE, SIZE, 3).
+    """Return an image (SIZE, SIZE, 3) of an organised cloud seen obliquely, coloured by temperature.
 
-    points_m: (h, w, 3), depth-camera frame, NaN if not drawn. temperature_c: (h, w), NaN is grey. The viewer
-    moves to its right by yaw and upwards by pitch around the cloud's middle.
+    points_m: (h, w, 3), depth-camera frame, NaN if not drawn. temperature_c: (h, w), NaN is grey. yaw_deg,
+    pitch_deg: orbit of the viewpoint around the cloud's middle, from the depth camera to its right and up.
     """
     drawn = np.asarray(np.isfinite(points_m).all(-1))
     image = np.full((SIZE, SIZE, 3), CANVAS, np.uint8)

@@ -40,10 +40,10 @@ class Images(Dataset[Batch]):
 
 @dataclass(frozen=True)
 class BatchOrder:
-    """Order of crops by steps.
+    """Sampler of shuffled batches of crops, one per training step, that can resume at any step.
 
-    An incomplete last batch of an epoch is dropped; fewer crops than a batch are one batch. rank, world:
-    index of this process, and number of processes that share each batch.
+    The incomplete last batch of an epoch is dropped. With fewer crops than ``batch``, each epoch is a single
+    smaller batch. rank, world: index of this process, and number of processes that share each batch.
     """
 
     images: int

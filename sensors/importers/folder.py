@@ -196,10 +196,11 @@ class _Cameras(NamedTuple):
 
 
 def _cameras(path: Path, first: Path, color: Files, thermal: Files, declared: Path | None) -> _Cameras:
-    """Return the cameras of a folder's images, by its files or the declared one.
+    """Return the calibration of a folder's depth, colour and thermal cameras.
 
-    first: a depth image. declared: a file of intrinsics, or None. Raises CalibrationError where files are
-    missing or malformed.
+    It is read from ``declared``, a file of intrinsics; without one, from the calibration or intrinsics files
+    in the folder ``path``. first: a depth image. color, thermal: image files. Raises CalibrationError where
+    files are missing or malformed.
     """
     shape = image_shape(read_bounded(first), str(first))
     files = [path / name for name in INTRINSICS]

@@ -161,7 +161,11 @@ OPENERS: Mapping[str, Callable[[Address], Device]] = {
 
 
 def _node(address: Address) -> V4l2Node:
-    """Return the node of a thermal camera; call after all other options were queried."""
+    """Return the V4L2 device node that the address of a thermal camera names.
+
+    Read all options of the address before: a given option that was not read raises DeviceError, as does a
+    missing node.
+    """
     address.finish()
     path, usb_id = _target(address, "/dev/video0"), VIDEO_IDS.get(address.kind)
     return V4l2Node(path, dict(video_nodes(usb_id)).get(path, "") if usb_id else "")

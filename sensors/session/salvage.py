@@ -160,7 +160,9 @@ class _Walk:
         return at + HEAD.size + int(length) if possible else None
 
     def _next_known(self, at: int) -> int:
-        """Return the first record behind a byte by the summary, or the end of the data."""
+        """Return the offset of the first record after a byte offset that the file's summary lists, or the end
+        of the data.
+        """
         number = bisect_right(self._known, at)
         return self._known[number] if number < len(self._known) else self._end
 

@@ -170,7 +170,11 @@ def _paint(
     room: tuple[Float64, Float64, Float32],
     surfaces: Surfaces,
 ) -> None:
-    """Write the surfaces of all pixels. seen: faces, depth and camera. room: colours, grain and noise."""
+    """Fill ``surfaces`` in place: albedo, normal and position at each pixel that shows a face.
+
+    seen: face index (h, w), negative without a face; depth (h, w) in metres; camera. room: colours (T, 3) and
+    grain (T, 3) of furniture by tag, noise texture.
+    """
     # Unpacked once, because every access in the loops would count references.
     face, depth, (lens, r, translation) = seen
     vertices, faces, tags, flat, rounded = shell

@@ -45,10 +45,11 @@ _PAGES = Environment(
 class Statistics:
     """Statistics of some frames; arrays (12,) by part, [0] for the background or the whole person.
 
-    pixels: of each part. shown: share of frames that show the part. depth: pixels between DEPTH_EDGES_MM.
-    visible: mean share that furniture, occluders and holes in the person's mask leave. azimuth, height:
-    number of frames between the edges. joints_mm: (n, J, 3), camera frame, relative to the pelvis.
-    activities, sensors, clothes: frames by name, most first. occluded, cut: share of frames with occluders,
+    pixels: of each part. shown: share of frames that show the part. depth: histogram of the person's pixels
+    over DEPTH_EDGES_MM. visible: mean share not hidden by furniture or occluders, nor cut by holes in the
+    person's mask. azimuth, height: histograms of frames over the camera's azimuth (AZIMUTH_EDGES_DEG) and
+    height (HEIGHT_EDGES_M). joints_mm: (n, J, 3), camera frame, relative to the pelvis. activities, sensors,
+    clothes: number of frames by name, most frequent first. occluded, cut: share of frames with occluders,
     and with holes in the mask.
     """
 

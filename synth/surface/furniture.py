@@ -107,7 +107,7 @@ class Furniture(ABC):
     @property
     @abstractmethod
     def footprint(self) -> Footprint:
-        """Return the floor area."""
+        """Return the rectangle on the floor that the furniture occupies, metres."""
 
     @abstractmethod
     def solids(self) -> list[Solid]:

@@ -50,7 +50,12 @@ class Sampling:
 
 
 def draw_sample(example: Example, how: Sampling, rng: np.random.Generator) -> Sample:
-    """Draw a square of an example: rotated, scaled, degraded, and flipped in half of the draws."""
+    """Return a random square crop of an example as a training sample: planes (24, side, side), target
+    (side, side).
+
+    The crop is randomly shifted, scaled and rotated, mirrored with probability 0.5, and degraded where
+    ``how`` demands it.
+    """
     sample = take(example, *_places(example, how, rng))
     if how.degrade:
         degrade(sample.planes, rng)

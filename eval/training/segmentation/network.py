@@ -98,7 +98,8 @@ class _Dense(nn.Module):
 def export_suit_network(network: SuitNet, path: Path, temperature: float = 1.0) -> None:
     """Write a network as `annotate.segmentation.suit_network` loads it, scores divided by a temperature.
 
-    The file stores equal tensors, as of an untrained network, once; then it cannot be read back.
+    Tensors with equal values, as in an untrained network, are stored only once. `load_suit_network` cannot
+    read such a file.
     """
     cool = SuitNet().eval()
     cool.load_state_dict(network.state_dict())

@@ -1,4 +1,5 @@
-"""Frames of the virtual rig for training the shipped suit network, of any suit, seat, difficulty and cameras.
+"""Frames of the virtual rig for training the shipped suit network: suits, furniture, difficulty and cameras
+vary at random.
 
 Constants are untuned.
 """
