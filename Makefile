@@ -33,7 +33,7 @@ help:
 	echo "make test    set up, then run the tests"
 	echo "make check   set up, then run the linters, the types and the import contracts"
 	echo "make bench   set up, then run the benchmarks"
-	echo "make figures measure what the documentation claims on fresh seeds, and write it there (SEED=, ONLY=)"
+	echo "make figures measure what the documentation claims on the seed of the commit, and write it there (ONLY=, AGAIN=1, SEED=)"
 	echo "make fuzz    set up, then fuzz every reader of files for SECONDS (60)"
 	echo "make docs    set up, then build the documentation into docs/_build"
 	echo "make wheel   set up, then build a wheel that carries its libraries, into dist/"
@@ -116,7 +116,7 @@ bench: $(READY)
 
 # Tables by name, and the seed; both optional. An interrupted run goes on.
 figures: $(READY)
-	$(BIN)/python -m tools.figures.run $(if $(SEED),--seed $(SEED)) $(if $(ONLY),--only $(ONLY))
+	$(BIN)/python -m tools.figures.run $(if $(SEED),--seed $(SEED)) $(if $(AGAIN),--again) $(if $(ONLY),--only $(ONLY))
 
 SECONDS ?= 60
 fuzz: $(READY)

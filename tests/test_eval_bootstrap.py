@@ -71,12 +71,24 @@ def test_an_interval_is_reproducible_ordered_and_holds_its_estimate(
         assert ((low >= 0) & (low <= estimate) & (estimate <= high) & (high <= 1)).all()
 
 
-def test_an_interval_of_nothing_is_nan_and_of_the_same_is_a_point() -> None:
+def test_an_interval_of_nothing_is_nan_and_of_equal_people_is_the_rule_of_three() -> None:
     nothing = intervals.interval(np.full(2, np.nan), np.full((10, 2), np.nan), 5)
     assert np.isnan(nothing).all()
     resamples = np.stack([np.ones(10), np.zeros(10), np.full(10, 0.4)], axis=-1)
     same = intervals.interval(np.array([1.0, 0.0, 0.4]), resamples, 5)
-    np.testing.assert_allclose(same, [[1.0, 0.0, 0.4]] * 2)
+    np.testing.assert_allclose(same, [[0.4, 0.0, 0.16], [1.0, 0.6, 0.76]])
+    np.testing.assert_allclose(intervals.interval(np.ones(()), np.ones(10), 2), [0.0, 1.0])
+    assert np.isnan(intervals.interval(np.ones(()), np.ones(10), 1)).all()
+
+
+@pytest.mark.parametrize("people", [8, 32, 100])
+def test_no_error_in_n_people_allows_an_error_in_three_of_n(people: int) -> None:
+    """The bound holds the largest share of people that shows no error in 5 % of the samples."""
+    counts = np.tile([20, 20], (4 * people, 1))
+    clusters = intervals.clusters_of([f"s{i % people}" for i in range(4 * people)])
+    value, (low, high) = intervals.frames_interval(counts, clusters, lambda c: c[..., 0] / c[..., 1])
+    assert (value, high) == (1.0, 1.0) and low == pytest.approx(1 - 3 / people)
+    assert low <= 0.05 ** (1 / people) <= low + 0.1
 
 
 def test_resamples_that_lack_a_part_are_left_out() -> None:

@@ -7,7 +7,8 @@ one by one, and the interval holds for that person only.
 Percentile intervals are too narrow for few subjects. So the width is Student's t times the standard error of
 the resamples times sqrt(n / (n - 1)) (Hesterberg, American Statistician 69, 2015). The ends are computed on
 the logit scale (Korn & Graubard, Survey Methodology 24, 1998; Dean & Pagano, J. Survey Statistics and
-Methodology 3, 2015). `tools/measure/coverage.py` measures the coverage. Constants are untuned.
+Methodology 3, 2015). People who do not differ get the rule of three (Hanley & Lippman-Hand, JAMA 249, 1983).
+`tools/measure/coverage.py` measures the coverage. Constants are untuned.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,6 +23,8 @@ RESAMPLES, SEED = 2000, 20170606
 AT_ONCE = 4_000_000  # numbers drawn at a time, 32 MB
 LEVEL = 0.95
 FEW = 4  # subjects; fewer get a note
+RULE_OF_THREE = 3.0  # at most this / n of all people differ from n equal ones, with 95 % confidence
+ROUNDING = 1e-12  # of shares; a smaller error is none
 UNKNOWN = "unknown"
 """Subject of frames without a name."""
 
@@ -90,28 +93,34 @@ def quantile(degrees: Float64 | Int64 | int) -> Float64:
 def interval(estimate: Scores, resampled: Scores, n: Int64 | int) -> Float64:
     """Return the interval (2, ...) of shares (...) from resamples (R, ...) of n clusters.
 
-    NaN for NaN shares and for one cluster; both ends are the share if all resamples are equal.
+    NaN for NaN shares and for one cluster. Equal resamples give the rule of three: 3 / n of all clusters may
+    have the share 0, or 1.
     """
     from scipy.special import expit, logit
 
     error = standard_error(resampled, n) * quantile(np.asarray(n) - 1)
     value = np.asarray(estimate, np.float64)
     spread = value * (1 - value)
-    certain = (spread <= 0) | (error == 0)
-    half = error / np.where(certain, 1.0, spread)
-    middle = logit(np.where(certain, 0.5, value))
+    alike = (spread <= 0) | (error < ROUNDING)
+    half = error / np.where(alike, 1.0, spread)
+    middle = logit(np.where(alike, 0.5, value))
     ends = np.stack([expit(middle - half), expit(middle + half)])
-    return np.where(certain & ~np.isnan(error), value, ends)
+    others = np.minimum(1.0, RULE_OF_THREE / np.maximum(n, 1))
+    widest = np.stack([value * (1 - others), value + (1 - value) * others])
+    return np.where(alike & ~np.isnan(error), widest, ends)
 
 
 def frames_interval(
     counts: Int64, clusters: Int64, score: Callable[[Int64], Scores]
 ) -> tuple[Scores, Float64]:
-    """Return the score of the summed counts (F, ...) of frames, and its interval (2, ...)."""
+    """Return the score of the summed counts (F, ...) of frames, and its interval (2, ...).
+
+    Clusters without the score are not counted.
+    """
     sums = cluster_sums(counts.reshape(len(counts), -1), clusters)
+    resampled, each = (score(rows.reshape(-1, *counts.shape[1:])) for rows in (resampled_sums(sums), sums))
     value = score(counts.sum(0))
-    resampled = score(resampled_sums(sums).reshape(-1, *counts.shape[1:]))
-    return value, interval(value, resampled, len(sums))
+    return value, interval(value, resampled, (~np.isnan(each)).sum(0))
 
 
 def paired_interval(value: Scores, resampled: Scores, n: Int64 | int) -> Float64:

@@ -1,64 +1,69 @@
 """Measures of the shipped network: on synthetic images, and on real people."""
 
 import tempfile
-from collections.abc import Callable
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
-from eval.scores import intervals
 from eval.scores.confusion import left_right_swap_rate, mean_recall
+from synth.data_files import JUDGE
 from synth.images.generate import Order, generate
-from synth.images.presets import PRESETS
-from synth.images.workers import processes
-from tools.figures.figure import Figure, Rows, share
+from synth.images.presets import preset_named
+from synth.images.workers import Workers
+from tools.figures.figure import Figure, Rows, over_people, ratio
+from tools.figures.parallel import each
 from tools.measure import real_people
 from tools.measure.network_groups import CHANGES, Tally, measured
 
-SETS = {"sitting-test": 512, "recumbent": 512, "upright": 512, "people": 800, "standing": 1000}
-LEAST = 50  # images of a group that gets a row
+SETS = {"sitting-test": 400, "recumbent": 400, "upright": 400, "people": 720, "standing": 720}
+"""Images by preset."""
+LEAST = 50  # images of a group that gets a row, and of a posture that posture is measured among
 
 
 def synthetic(seed: int) -> Rows:
     """Measure the shipped network by preset and kind of image; each preset has its own seed."""
+    jobs = [(name, count, seed + number) for number, (name, count) in enumerate(SETS.items())]
     rows: dict[str, dict[str, Figure]] = {}
-    for number, (name, count) in enumerate(SETS.items()):
-        preset = PRESETS[name]
-        with tempfile.TemporaryDirectory() as folder, processes(1) as workers:
-            out = Path(folder) / "d"
-            generate(Order(preset, count, seed + number), out, workers, lambda n: None)
-            tallies = measured(OnnxNetwork(SHIPPED_WEIGHTS), out)
-        rows[f"`{name}`"] = scores(tallies["all"], preset.each)
-        if preset.described:
+    for (name, _, _), tallies in zip(jobs, each(_tallies, jobs, SETS), strict=True):
+        has_postures = several_postures(tallies["all"])
+        rows[f"`{name}`"] = scores(tallies["all"], has_postures)
+        if preset_named(name).described:
             groups = sorted(tallies.keys() - CHANGES.keys() - {"all"})
             groups += [change for change in CHANGES if name == "standing"]
-            large = (group for group in groups if len(tallies[group].ids) >= LEAST)
-            rows |= {f"`{name}`, {group}": scores(tallies[group], preset.each) for group in large}
+            large = (group for group in groups if len(tallies[group].subjects) >= LEAST)
+            rows |= {f"`{name}`, {group}": scores(tallies[group], has_postures) for group in large}
     return rows
 
 
-def scores(tally: Tally, each: int) -> dict[str, Figure]:
-    """Return figures of a group of images, intervals over people; each: consecutive images of one."""
-    people = np.unique([int(frame_id) // each for frame_id in tally.ids], return_inverse=True)[1]
-    matrices = np.array(tally.matrices)
-    flags = {"facing to 20 degrees": tally.facing, "posture": tally.posture}
+def _tallies(job: tuple[str, int, int]) -> dict[str, Tally]:
+    """Generate images of a preset of the judging cast, and count them by group."""
+    name, count, seed = job
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as thread:
+        out, workers = Path(folder) / "d", Workers(thread, 1)
+        generate(Order(preset_named(name, JUDGE), count, seed), out, workers, lambda n: None)
+        return dict(measured(OnnxNetwork(SHIPPED_WEIGHTS), out))
+
+
+def several_postures(tally: Tally) -> bool:
+    """Return whether a set has at least ``LEAST`` images of each of two postures."""
+    counted = Counter(name for name in tally.true_postures if name)
+    return sum(count >= LEAST for count in counted.values()) > 1
+
+
+def scores(tally: Tally, has_postures: bool) -> dict[str, Figure]:
+    """Return figures of a group of images. has_postures: True if a wrong posture was possible."""
+    matrices, people = np.array(tally.matrices), tally.subjects
+    flags = {"facing to 20 degrees": tally.facing} | ({"posture": tally.posture} if has_postures else {})
+    known = {name: np.array(pairs) for name, pairs in flags.items() if np.any([k for _, k in pairs])}
     return {
-        "images": Figure(len(tally.ids)),
-        "mean recall": _over(people, matrices, mean_recall),
-        "swaps": _over(people, matrices, left_right_swap_rate),
-        **{name: _over(people, np.array(pairs), _ratio) for name, pairs in flags.items()},
+        "images": Figure(len(people)),
+        "mean recall": over_people(matrices, people, mean_recall),
+        "swaps": over_people(matrices, people, left_right_swap_rate),
+        **{name: over_people(pairs, people, ratio) for name, pairs in known.items()},
     }
-
-
-def _ratio(pairs: np.ndarray) -> np.ndarray:
-    return pairs[..., 0] / np.where(pairs[..., 1] > 0, pairs[..., 1], np.nan)
-
-
-def _over(people: np.ndarray, counts: np.ndarray, score: Callable[[np.ndarray], np.ndarray]) -> Figure:
-    """Return a score of the sum of counts (F, ...), with its interval over people."""
-    value, ends = intervals.frames_interval(counts.astype(np.int64), people, score)
-    return Figure(float(value), *map(float, ends))
 
 
 ACTIONS = {
@@ -72,24 +77,30 @@ ACTIONS = {
 """Actions of UTD-MHAD by the first letters of a take's name."""
 
 
+TAKES, FRAMES = "all takes", "single frames of 27 actions"
+
+
 def real(seed: int) -> Rows:
-    """Measure the shipped network on real people, by take; the seed is not used."""
-    network = OnnxNetwork(SHIPPED_WEIGHTS)
-    rows = {}
+    """Measure the shipped network on real people, by take and together; the seed is not used."""
+    network, takes, frames = OnnxNetwork(SHIPPED_WEIGHTS), {}, {}
     for folder in real_people.folders():
+        found = real_people.measure_people(folder, network)
         action, *who = folder.name.split("_")
-        name = f"{ACTIONS[action]} (`{folder.name}`)" if who else "single frames of 27 actions"
-        rows[name] = _row(real_people.measure_people(folder, network))
-    return rows
+        (takes if who else frames)[f"{ACTIONS[action]} (`{folder.name}`)" if who else FRAMES] = found
+    first, *others = takes.values()
+    together = {TAKES: sum(others, first)}
+    return {name: _row(found) for name, found in (frames | together | takes).items()}
 
 
 def _row(found: real_people.People) -> dict[str, Figure]:
-    off = found.off_deg
+    near = np.stack([found.off_deg <= real_people.NEAR_DEG, np.ones(len(found.off_deg))], axis=-1)
+    joints = {
+        "joints right": real_people.mean_hit_rate,
+        "on the other side": real_people.swap_rate,
+        "by more than 3 px": real_people.far_swap_rate,
+    }
     return {
-        "images": Figure(len(off)),
-        "joints right": Figure(found.scored["mean_hit_rate"]),
-        "on the other side": Figure(found.scored["swap_rate"]),
-        "by more than 3 px": Figure(found.far_swaps),
-        "facing to 30 degrees": share(int((off <= real_people.NEAR_DEG).sum()), len(off)),
-        "posture standing": share(found.postures["standing"], len(off)),
+        "images": Figure(len(near)),
+        **{name: over_people(found.joints, found.subjects, score) for name, score in joints.items()},
+        "facing to 30 degrees": over_people(near.astype(np.int64), found.subjects, ratio),
     }

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from sensors.files.atomic import write_bytes
+from tools.figures.figure import Rows
 from tools.figures.table import ROOT, Measured, Table, changes, load, origin
 
 KINDS = {
@@ -34,16 +35,20 @@ def markdown(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 
+def markdown_of(table: Table, rows: Rows) -> str:
+    """Return the Markdown of a table's figures."""
+    lines = (
+        [name, *(cells[c].text(spec) if c in cells else "-" for c, spec in table.columns.items())]
+        for name, cells in rows.items()
+    )
+    return markdown(["", *table.columns], lines)
+
+
 def table_block(table: Table, measured: Measured) -> str:
     """Return a table of figures with its source below."""
-    rows = (
-        [name, *(cells[c].text(spec) if c in cells else "-" for c, spec in table.columns.items())]
-        for name, cells in measured.rows.items()
-    )
     command = f"`make figures ONLY={table.name}`"
-    how = command if measured.product else f"Measured by hand, some on other frames, before {command} did"
-    from_ = f"{KINDS[table.kind]}: {table.about} {how}, {origin(measured)}."
-    return f"{markdown(['', *table.columns], rows)}\n\n{from_}"
+    from_ = f"{KINDS[table.kind]}: {table.about} {command}, {origin(measured)}."
+    return f"{markdown_of(table, measured.rows)}\n\n{from_} {table.shared}"
 
 
 def sources_block(tables: Iterable[Table], all_measured: dict[str, Measured]) -> str:
@@ -66,14 +71,21 @@ def moved_block(tables: Iterable[Table], all_measured: dict[str, Measured]) -> s
     for table in tables:
         if (measured := all_measured.get(table.name)) is None:
             continue
-        for row, column, old, new, is_moved in changes(table, measured):
-            compared += 1
-            if is_moved:
-                spec = table.columns[column]
-                place = f"`{table.name}`: {row}, {column}"
-                lines.append((place, old.text(spec), new.text(spec), measured.before_from))
-    said = f"{compared} figures stood here before; {len(lines)} of them have moved by more than chance."
+        found = changes(table, measured.before, measured.rows, paired=not table.seeded)
+        compared += len(found)
+        for one in (one for one in found if one.moved):
+            spec, place = table.columns[one.column], f"`{table.name}`: {one.row}, {one.column}"
+            lines.append((place, one.old.text(spec), one.new.text(spec), measured.before_from))
+    said = said_of(compared, len(lines))
     return f"{said}\n\n{markdown(('figure', 'before', 'now', 'before: measured'), lines)}" if lines else said
+
+
+def said_of(compared: int, count: int) -> str:
+    """Return a sentence on the number of moved figures."""
+    return (
+        f"{compared} figures stood here before; {count} of them have moved by more than chance. "
+        "Chance alone moves at most 5 %."
+    )
 
 
 def write_pages(tables: list[Table], root: Path = ROOT) -> list[Path]:

@@ -1,14 +1,18 @@
 """Tables measured on the virtual rig."""
 
+import math
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from itertools import product
 from pathlib import Path
 from time import process_time
+from typing import NamedTuple
 
 import numpy as np
 
+from annotate.array_types import Float64
 from annotate.correction.correction import Correction
 from annotate.effort.annotator import AGREEMENT, WHO, Annotator, correct_set
 from annotate.label_recording import Run, SuitLabeller, label_source
@@ -18,15 +22,23 @@ from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import PredictOptions
 from eval.network.predict_source import predict_source
 from eval.network.refine import shipped_refinement_network
+from eval.scores.counts import FrameCounts
+from eval.scores.intervals import UNKNOWN
+from eval.scores.scores import scores_of
 from sensors.recording.rig_templates import TEMPLATES
 from sensors.session.reader import Session
+from synth.data_files import JUDGE
 from synth.rig.simulate import simulate, truth_path
 from synth.rig.virtual_rig import RigOptions, VirtualRig
-from tools.figures.figure import Figure, Rows, mean, median, share
+from tools.figures.figure import Figure, Rows, average, median, of_values, over_people, ratio, without_each
+from tools.figures.parallel import each
 from tools.measure import ablation, pyrometer
 from tools.measure.labels import reliability
 
-DIFFICULTIES = ("normal", "hard")
+SCENES, DIFFICULTIES = ("sofa", "chair", "bed", "floor"), ("normal", "hard")
+FRAMES, PEOPLE = 320, 8  # of a recording
+FULLY_MEASURED = "sofa"  # scene of the network alone, and of the confidence
+DRIFTS, DRIFT_FRAMES = 8, 20  # recordings of two people each
 SCORES = {
     "person IoU": "person_iou",
     "mean recall": "mean_recall",
@@ -49,24 +61,54 @@ def ignore(count: int) -> None:
 
 
 def figures_of(found: Comparison) -> dict[str, Figure]:
-    """Return frames and scores of a comparison, with intervals over its people."""
-    return {"frames": Figure(len(found.frame_ids))} | {
-        heading: Figure(float(found.scores[name]), *map(float, found.ci95[name]))
-        for heading, name in SCORES.items()
-    }
-
-
-def labels(seed: int) -> Rows:
-    """Measure labels by the suit and by the network, 320 frames of eight people on a sofa a difficulty."""
-    rows: dict[str, dict[str, Figure]] = {}
-    for number, difficulty in enumerate(DIFFICULTIES):
-        rig = VirtualRig(320, 8, difficulty, seed + number)
-        rows |= {f"`{difficulty}`, {name}": row for name, row in labelled(rig).items()}
+    """Return frames and scores of a comparison, with intervals over its people as in ``evaluate``."""
+    sums = found.by_cluster if found.n_subjects > 1 else found.by_cluster[:0]
+    rows = {"frames": Figure(len(found.frame_ids))}
+    for heading, name in SCORES.items():
+        ends = map(float, found.ci95[name]) if len(sums) else (math.nan, math.nan)
+        without = without_each(sums, lambda counts, name=name: scores_of(FrameCounts(counts))[name])
+        rows[heading] = Figure(float(found.scores[name]), *ends, without)
     return rows
 
 
-def labelled(rig: VirtualRig) -> dict[str, dict[str, Figure]]:
-    """Measure a recording's labels, by the suit and by the network."""
+class Recording(NamedTuple):
+    """A simulated recording of eight people of the judging cast, 40 frames of each."""
+
+    scene: str
+    difficulty: str
+    seed: int
+
+    @property
+    def rig(self) -> VirtualRig:
+        """Return its virtual rig."""
+        return VirtualRig(FRAMES, PEOPLE, self.difficulty, self.seed, RigOptions(self.scene, cast=JUDGE))
+
+    @property
+    def name(self) -> str:
+        """Return scene and difficulty as a row of a table has them."""
+        return f"{self.scene}, `{self.difficulty}`"
+
+
+def recordings(seed: int) -> list[Recording]:
+    """Return a recording of each scene and difficulty, each with its own seed."""
+    pairs = product(SCENES, DIFFICULTIES)
+    return [Recording(scene, difficulty, seed + n) for n, (scene, difficulty) in enumerate(pairs)]
+
+
+def labels(seed: int) -> Rows:
+    """Measure labels by the suit and by the refined network, in each scene and difficulty."""
+    jobs = recordings(seed)
+    found = each(labelled, jobs, (job.name for job in jobs))
+    return {
+        f"{job.name}: {name}": row
+        for job, rows in zip(jobs, found, strict=True)
+        for name, row in rows.items()
+    }
+
+
+def labelled(recording: Recording) -> dict[str, dict[str, Figure]]:
+    """Measure a recording's labels; on the sofa also the labels of the network alone, and the confidence."""
+    rig = recording.rig
     with simulated(rig) as (folder, session, truth):
         refined = PredictOptions(refiners=[shipped_refinement_network()])
         works = {
@@ -74,85 +116,112 @@ def labelled(rig: VirtualRig) -> dict[str, dict[str, Figure]]:
             "network": lambda out, at: predict_source(session, OnnxNetwork(), out, at),
             "network, refined": lambda out, at: predict_source(session, OnnxNetwork(), out, at, refined),
         }
+        if recording.scene != FULLY_MEASURED:
+            del works["network"]
         found = {name: timed(partial(work, folder / name)) for name, work in works.items()}
-        sure = reliability(found["suit"][0], truth, session)
-        rows: dict[str, dict[str, Figure]] = {name: {} for name in found}
-        rows["suit"] |= {"calibration error": Figure(sure.ece), "found first": Figure(sure.found_first)}
-        for name, (made, seconds) in found.items():
-            rows[name] |= figures_of(compare_sets(made, truth)) | {"CPU seconds a frame": seconds}
+        rows = {
+            name: figures_of(compare_sets(made, truth, workers=1)) | {"CPU seconds a frame": Figure(seconds)}
+            for name, (made, seconds) in found.items()
+        }
+        if recording.scene == FULLY_MEASURED:
+            sure = reliability(found["suit"][0], truth, session)
+            rows["suit"] |= {"calibration error": Figure(sure.ece), "found first": Figure(sure.found_first)}
     return rows
 
 
-def timed(work: Callable[[Callable[[int], None]], Run]) -> tuple[LabelSet, Figure]:
+def timed(work: Callable[[Callable[[int], None]], Run]) -> tuple[LabelSet, float]:
     """Return a run's labels and its CPU seconds a frame (all threads; median of blocks of 20)."""
     ends: list[float] = []
     run = work(lambda n: ends.append(process_time()))
-    return run.labels, median((np.diff(ends[20::20]) / 20).tolist())
+    return run.labels, median(np.diff(ends[20::20]) / 20)
 
 
 def cameras(seed: int) -> Rows:
     """Measure labels by suit and network on every rig's cameras, the same eight people on a sofa."""
-    rows = {}
-    for name in TEMPLATES:
-        rig = VirtualRig(16, 8, "normal", seed, RigOptions(rig=name))
-        with simulated(rig) as (folder, session, truth):
-            suit = label_source(session, SuitLabeller(rig.suit), folder / "suit", ignore).labels
-            network = predict_source(session, OnnxNetwork(), folder / "network", ignore).labels
-            by_suit, by_network = (figures_of(compare_sets(labels, truth)) for labels in (suit, network))
-        rows[f"`{name}`"] = {
-            "frames": by_suit["frames"],
-            "person IoU": by_suit["person IoU"],
-            "recall, suit": by_suit["mean recall"],
-            "recall, network": by_network["mean recall"],
-        }
-    return rows
+    found = each(_camera, [(name, seed) for name in TEMPLATES], TEMPLATES)
+    return {f"`{name}`": row for name, row in zip(TEMPLATES, found, strict=True)}
+
+
+def _camera(job: tuple[str, int]) -> dict[str, Figure]:
+    name, seed = job
+    rig = VirtualRig(16, PEOPLE, "normal", seed, RigOptions(rig=name, cast=JUDGE))
+    with simulated(rig) as (folder, session, truth):
+        suit = label_source(session, SuitLabeller(rig.suit), folder / "suit", ignore).labels
+        network = predict_source(session, OnnxNetwork(), folder / "network", ignore).labels
+        sets = (suit, network)
+        by_suit, by_network = (figures_of(compare_sets(labels, truth, workers=1)) for labels in sets)
+    return {
+        "frames": by_suit["frames"],
+        "person IoU": by_suit["person IoU"],
+        "recall, suit": by_suit["mean recall"],
+        "recall, network": by_network["mean recall"],
+    }
 
 
 def effort(seed: int) -> Rows:
     """Measure a simulated annotator's corrections of labels by the suit, 64 frames of eight people."""
-    rows = {}
-    for number, difficulty in enumerate(DIFFICULTIES):
-        rig = VirtualRig(64, 8, difficulty, seed + number)
-        with simulated(rig) as (folder, session, truth):
-            found = label_source(session, SuitLabeller(rig.suit), folder / "labels", ignore).labels
-            annotator = Annotator()
-            with Correction.open(found.path, WHO, clock=annotator.clock) as correction:
-                done = list(correct_set(correction, truth, annotator, lambda i: None))
-        seconds = [one.seconds for one in done]
-        rows[f"`{difficulty}`, each frame alone"] = {
-            "frames": Figure(len(done)),
-            "median, s": median(seconds),
-            "mean, s": mean(seconds),
-            "one key": share(sum(one.repairs == 0 for one in done), len(done)),
-            "right in the end": share(sum(one.agreement >= AGREEMENT for one in done), len(done)),
-        }
-    return rows
+    jobs = [(difficulty, seed + number) for number, difficulty in enumerate(DIFFICULTIES)]
+    rows = each(_effort, jobs, DIFFICULTIES)
+    return {f"`{difficulty}`": row for difficulty, row in zip(DIFFICULTIES, rows, strict=True)}
+
+
+def _effort(job: tuple[str, int]) -> dict[str, Figure]:
+    difficulty, seed = job
+    rig = VirtualRig(64, PEOPLE, difficulty, seed, RigOptions(cast=JUDGE))
+    with simulated(rig) as (folder, session, truth):
+        found = label_source(session, SuitLabeller(rig.suit), folder / "labels", ignore).labels
+        annotator = Annotator()
+        with Correction.open(found.path, WHO, clock=annotator.clock) as correction:
+            done = list(correct_set(correction, truth, annotator, lambda i: None))
+    people = [truth.read(one.corrected.frame_id).subject or UNKNOWN for one in done]
+    seconds = [one.seconds for one in done]
+
+    def share(flags: Iterable[bool]) -> Figure:
+        return over_people(np.array([(flag, 1) for flag in flags], np.int64), people, ratio)
+
+    return {
+        "frames": Figure(len(done)),
+        "median, s": of_values(seconds, people, median),
+        "mean, s": of_values(seconds, people, average),
+        "one key": share(one.repairs == 0 for one in done),
+        "right in the end": share(one.agreement >= AGREEMENT for one in done),
+    }
 
 
 def drift(seed: int) -> Rows:
-    """Measure temperatures of people at `hard`, where thermal cameras drift, without and with a pyrometer."""
-    off, ious = [], []
-    for recording in range(4):
-        one = pyrometer.measure(seed + recording, 30)
-        off += one[0]
-        ious += one[1]
+    """Measure temperatures of people at `hard`, where thermal cameras drift, without and with a pyrometer.
+
+    The intervals are over recordings, because people of one recording share its drift.
+    """
+    jobs = [(seed + number, DRIFT_FRAMES) for number in range(DRIFTS)]
+    found = each(_drift, jobs, (f"recording {number + 1}" for number in range(DRIFTS)))
+    off, ious = ([(str(number), row) for number, one in enumerate(found) for row in one[k]] for k in range(2))
+
+    def figure(rows: list[tuple[str, list[float]]], k: int, statistic: Callable[[Float64], float]) -> Figure:
+        return of_values([row[k] for _, row in rows], [number for number, _ in rows], statistic)
+
     return {
         name: {
             "frames": Figure(len(off)),
-            "off, K": median([row[k] for row in off]),
-            "person IoU, temperatures found": mean([row[k] for row in ious]),
-            "person IoU, fixed": mean([row[2 + k] for row in ious]),
+            "off, K": figure(off, k, median),
+            "person IoU, temperatures found": figure(ious, k, average),
+            "person IoU, fixed": figure(ious, 2 + k, average),
         }
         for k, name in enumerate(("without", "with"))
     }
+
+
+def _drift(job: tuple[int, int]) -> tuple[list[list[float]], list[list[float]]]:
+    return pyrometer.measure(*job)
 
 
 def inputs(seed: int) -> Rows:
     """Measure the suit network without each of its inputs: 24 frames of eight people."""
     rows: dict[str, dict[str, Figure]] = {}
     for number, difficulty in enumerate(DIFFICULTIES):
-        with simulated(VirtualRig(24, 8, difficulty, seed + number)) as (folder, _, _):
+        rig = VirtualRig(24, PEOPLE, difficulty, seed + number, RigOptions(cast=JUDGE))
+        with simulated(rig) as (folder, _, _):
             for name, found in ablation.measured(folder / "session.mcap"):
-                seconds = mean(found.seconds.tolist())
+                seconds = of_values(found.seconds.tolist(), found.scored.subjects, average)
                 rows[f"`{difficulty}`: {name}"] = figures_of(found.scored) | {"annotator, s": seconds}
     return rows

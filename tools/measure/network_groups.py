@@ -22,6 +22,7 @@ from eval.network.body_state import BodyState
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.refine import camera_in
 from eval.scores.confusion import confusion_matrix
+from eval.scores.intervals import UNKNOWN
 from eval.training.body_targets import FACING, POSTURE, body_targets
 from eval.training.crops import to_crop
 from synth.data_files import CASTS, table_of
@@ -79,12 +80,16 @@ CHANGES: dict[str, Callable[[Crop], Crop | None]] = {
 
 @dataclass
 class Tally:
-    """Counts of a group of n images; facing and posture: (right, known) of each."""
+    """Counts of a group of n images.
 
-    ids: list[str] = field(default_factory=list)
+    facing, posture: (right, known) of each. true_postures: names; "" if unknown.
+    """
+
+    subjects: list[str] = field(default_factory=list)
     matrices: list[np.ndarray] = field(default_factory=list)
     facing: list[tuple[bool, bool]] = field(default_factory=list)
     posture: list[tuple[bool, bool]] = field(default_factory=list)
+    true_postures: list[str] = field(default_factory=list)
 
 
 def groups(frame: FrameLabels, row: Float32) -> Iterator[str]:
@@ -117,6 +122,7 @@ def measured(network: OnnxNetwork, path: Path) -> dict[str, Tally]:
             found = np.where(depth > 0, planes[k][1:].argmax(0) + 1, 0).astype(np.uint8)
             matrix = confusion_matrix(np.where(depth > 0, parts, np.uint8(UNDEFINED)), found)
             facing = posture = (False, False)
+            true_posture = ""
             if whole and row is not None and np.isfinite(row[FACING]).all():
                 mask = person_of(frame.parts) & (frame.depth_mm > 0)
                 own = BodyState.of(
@@ -126,12 +132,14 @@ def measured(network: OnnxNetwork, path: Path) -> dict[str, Tally]:
                 facing = bool(np.array([np.cos(azimuth), np.sin(azimuth)]) @ row[FACING] > COS), True
             if whole and row is not None and np.isfinite(row[POSTURE]):
                 posture = int(whole[1][k].argmax()) == row[POSTURE], True
+                true_posture = POSTURES[int(row[POSTURE])]
             for name in names:
                 tally = tallies[name]
-                tally.ids.append(frame.frame_id)
+                tally.subjects.append(frame.subject or UNKNOWN)
                 tally.matrices.append(matrix)
                 tally.facing.append(facing)
                 tally.posture.append(posture)
+                tally.true_postures.append(true_posture)
         waiting.clear()
 
     for number, frame in enumerate(frames):

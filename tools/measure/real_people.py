@@ -7,7 +7,6 @@ faces the camera.
 
 import json
 import runpy
-import subprocess
 import sys
 import tempfile
 from collections import Counter
@@ -16,10 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
+from annotate.array_types import Float64, Int64
 from annotate.labelset.label_set import LabelSet
 from eval.network.body_state import BodyState
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict_source import predict_source
+from eval.scores.confusion import present_mean, ratio
 from sensors.importers.open_source import open_source
 from synth.body.skeleton import JOINT_ID
 from synth.images.standing_statistics import facing_deg
@@ -43,54 +44,83 @@ def tracked_facing_deg(joints: dict[str, list], camera: dict[str, float]) -> flo
 
 @dataclass(frozen=True)
 class People:
-    """Scores of a network on a folder of real people.
+    """Scores of a network on F frames of real people.
 
-    scored: by the recordings' own score.py. far_swaps: share of the joints on the other side and more than
-    ``NEAR_PX`` from their own. off_deg: error of the facing by frame; 180 without a facing. postures: counts.
+    subjects: of each frame. joints: int64 (F, 20, 4), counts by joint: where the depth shows the joint, hits,
+    joints on the other side, and joints more than ``NEAR_PX`` on the other side. off_deg: error of
+    the facing by frame; 180 without a facing. postures: detected posture by frame, "none" without one.
     """
 
-    scored: dict[str, float]
-    far_swaps: float
-    off_deg: np.ndarray
-    postures: Counter[str]
+    subjects: tuple[str, ...]
+    joints: Int64
+    off_deg: Float64
+    postures: tuple[str, ...]
+
+    def __add__(self, other: "People") -> "People":
+        return People(
+            self.subjects + other.subjects,
+            np.concatenate([self.joints, other.joints]),
+            np.concatenate([self.off_deg, other.off_deg]),
+            self.postures + other.postures,
+        )
+
+
+def mean_hit_rate(counts: Int64) -> Float64:
+    """Return the mean over joints of the share of hits: counts (..., 20, 4) -> (...)."""
+    return present_mean(ratio(counts[..., 1], counts[..., 0]), axis=-1)
+
+
+def swap_rate(counts: Int64) -> Float64:
+    """Return the share of joints on the other side: counts (..., 20, 4) -> (...)."""
+    return ratio(counts[..., 2].sum(-1), counts[..., 0].sum(-1))
+
+
+def far_swap_rate(counts: Int64) -> Float64:
+    """Return the share of joints more than ``NEAR_PX`` on the other side: counts (..., 20, 4) -> (...)."""
+    return ratio(counts[..., 3].sum(-1), counts[..., 0].sum(-1))
 
 
 def measure_people(folder: Path, network: OnnxNetwork) -> People:
-    """Measure a network on a folder of real people."""
+    """Measure a network on a folder of real people, whose frames are named ACTION_SUBJECT_..."""
     joints = json.loads((folder / "joints.json").read_text())
     camera = json.loads((folder / "intrinsics.json").read_text())
+    names = sorted(joints)
     with tempfile.TemporaryDirectory() as out:
         labels = predict_source(open_source(folder), network, Path(out) / "p", lambda n: None).labels
-        command = [sys.executable, PEOPLE / "score.py", labels.path, folder]
-        scored = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
-        far = far_swaps(labels, joints) / scored["joints"]
+        counts = joint_counts(labels, [joints[name] for name in names])
         notes = [labels.notes(frame_id).get("bearing") for frame_id in labels.frame_ids]
-    off, postures = [], Counter()
-    for name, note in zip(sorted(joints), notes, strict=True):
-        bearing = BodyState.from_note(note)
-        turned = 180.0 if bearing is None else bearing.facing_deg - tracked_facing_deg(joints[name], camera)
+    states = [BodyState.from_note(note) for note in notes]
+    off = []
+    for name, state in zip(names, states, strict=True):
+        turned = 180.0 if state is None else state.facing_deg - tracked_facing_deg(joints[name], camera)
         off.append(abs((turned + 180) % 360 - 180))
-        postures["none" if bearing is None else bearing.name] += 1
-    return People(scored, far, np.array(off), postures)
+    of_take = folder.name if folder.parent.name == "takes" else ""
+    return People(
+        tuple((of_take or name).split("_")[1] for name in names),
+        counts,
+        np.array(off),
+        tuple("none" if state is None else state.name for state in states),
+    )
 
 
-def far_swaps(labels: LabelSet, joints: dict) -> int:
-    """Count score.py's joints on the other side that are not near a pixel of their own side."""
+def joint_counts(labels: LabelSet, tracked: list[dict[str, list]]) -> Int64:
+    """Return the counts (F, 20, 4) of ``People.joints`` by the rules of the recordings' own score.py."""
     score = runpy.run_path(str(PEOPLE / "score.py"))
     right, twin = score["RIGHT"], np.array(score["TWIN"])
-    count = 0
-    for frame, seen in zip(labels, (joints[name] for name in sorted(joints)), strict=True):
-        for (u, v), z, own in zip(np.rint(seen["uv"]).astype(int), seen["z_mm"], right, strict=True):
-            height, width = frame.parts.shape
+    counts = np.zeros((len(tracked), len(right), 4), np.int64)
+    for frame, seen, row in zip(labels, tracked, counts, strict=True):
+        height, width = frame.parts.shape
+        for k, ((u, v), z) in enumerate(zip(np.rint(seen["uv"]).astype(int), seen["z_mm"], strict=True)):
             if not (1 <= u < width - 1 and 1 <= v < height - 1):
                 continue
             if frame.depth_mm[v, u] == 0 or not -60 < z - int(frame.depth_mm[v, u]) < 220:
                 continue
-            part = int(np.bincount(frame.parts[v - 1 : v + 2, u - 1 : u + 2].ravel()).argmax())
-            rows, columns = np.nonzero(np.isin(frame.parts, list(own)))
-            swapped = part < len(twin) and part not in own and twin[part] in own
-            count += swapped and not (np.hypot(rows - v, columns - u) <= NEAR_PX).any()
-    return count
+            own, part = right[k], int(np.bincount(frame.parts[v - 1 : v + 2, u - 1 : u + 2].ravel()).argmax())
+            row[k, :2] += (1, part in own)
+            if part < len(twin) and part not in own and twin[part] in own:
+                rows, columns = np.nonzero(np.isin(frame.parts, list(own)))
+                row[k, 2:] += (1, not (np.hypot(rows - v, columns - u) <= NEAR_PX).any())
+    return counts
 
 
 def folders() -> list[Path]:
@@ -100,13 +130,13 @@ def folders() -> list[Path]:
 
 def print_people(name: str, found: People) -> None:
     """Print a line."""
-    scored, off = found.scored, found.off_deg
+    off, counts = found.off_deg, found.joints.sum(0)
     near = np.mean(off <= NEAR_DEG)
     print(
-        f"{name}: hits {scored['mean_hit_rate']:.3f}, swaps {scored['swap_rate']:.3f}, by more than "
-        f"{NEAR_PX:.0f} px {found.far_swaps:.4f}, missing {scored['missing']}; facing to {NEAR_DEG:.0f} "
-        f"degrees {near:.3f} of {len(off)}, median {np.median(off):.0f}, 90 % {np.quantile(off, 0.9):.0f}; "
-        f"{dict(found.postures)}",
+        f"{name}: hits {mean_hit_rate(counts):.3f}, swaps {swap_rate(counts):.3f}, by more than "
+        f"{NEAR_PX:.0f} px {far_swap_rate(counts):.4f}; facing to {NEAR_DEG:.0f} degrees {near:.3f} of "
+        f"{len(off)}, median {np.median(off):.0f}, 90 % {np.quantile(off, 0.9):.0f}; "
+        f"{dict(Counter(found.postures))}",
         flush=True,
     )
 
