@@ -7,8 +7,8 @@ from annotate.parts import BODY_PARTS
 from cli.console import table
 from eval.compare.compare import Comparison
 from eval.compare.difference import Difference
-from eval.report.estimates import SUMMARY, Estimate, estimate, printed
-from eval.scores.joint_errors import summary
+from eval.report.estimates import JOINT_SCORES, SUMMARY, Estimate, estimate, joint_estimate, printed
+from eval.scores.joint_scores import GROUPS, SCORES, JointDifference, JointEstimates
 
 OF_PARTS = {"recall": "Recall", "iou": "IoU"}
 
@@ -25,11 +25,6 @@ def scores_text(comparison: Comparison, *, intervals: bool) -> str:
         return Estimate(float(comparison.scores[name][index]), math.nan, math.nan)
 
     whole = [(title, printed(name, of(name))) for name, title in SUMMARY.items() if of(name).known]
-    if comparison.joints_mm is not None:
-        joints = summary(comparison.joints_mm)
-        scored = {"Joint error": ("mpjpe_mm", 1, "mm"), "Joints within 100 mm": ("pck_100mm", 100, "%")}
-        for title, (name, scale, unit) in scored.items():
-            whole.append((title, "-" if joints[name] is None else f"{joints[name] * scale:.1f} {unit}"))
     parts = [
         (part.title, *(printed(name, of(name, part.id)) for name in OF_PARTS), int(pixels))
         for part, pixels in zip(BODY_PARTS, comparison.confusion.sum(1)[1:], strict=True)
@@ -40,6 +35,7 @@ def scores_text(comparison: Comparison, *, intervals: bool) -> str:
     tables = (
         table(("score", f"value{bracket}"), whole, heading),
         table(("part", *(f"{title}{bracket}" for title in OF_PARTS.values()), "pixels"), parts),
+        *([joint_text(comparison.joints.estimates)] if comparison.joints else []),
         _extremes(recall, "best", "worst"),
     )
     return "\n\n".join(tables)
@@ -64,9 +60,22 @@ def difference_text(found: Difference) -> str:
     tables = (
         table(heading, whole, f"{found.a} minus {found.b}, on {frames}"),
         table(("part", *(f"{title} [95 % interval]" for title in OF_PARTS.values())), parts),
+        *([joint_text(found.joints, sign="+")] if found.joints else []),
         _extremes(recall, "most gained", "least", sign="+"),
     )
     return "\n\n".join(tables)
+
+
+def joint_text(found: JointEstimates | JointDifference, sign: str = "") -> str:
+    """Return a table of the scores of joints, with 95 % intervals, by visibility and by joint."""
+    rows = [
+        (
+            group.replace("_", " "),
+            *(printed(name, joint_estimate(found, name, group), sign) for name in SCORES),
+        )
+        for group in GROUPS
+    ]
+    return table(("joints [95 % interval]", *JOINT_SCORES.values()), rows)
 
 
 def _extremes(recall: Mapping[str, Estimate], best: str, worst: str, sign: str = "") -> str:

@@ -9,14 +9,14 @@ from typing import Any, Self
 
 import numpy as np
 
-from annotate.array_types import Float64, Index, Int64
+from annotate.array_types import Float64, Index, Int64, UInt8
 from annotate.labelset.labelled_frames import LabelledFrames
 from annotate.parts import BACKGROUND, BODY_PARTS, PARTS
 from eval.compare.pairs import Digests, count_pairs, pair_up
 from eval.scores import confusion, intervals
 from eval.scores.confusion import Counts, Scores
 from eval.scores.counts import WIDTH, FrameCounts, blocks
-from eval.scores.joint_errors import summary
+from eval.scores.joint_scores import JointErrors
 from eval.scores.joints import N_JOINTS
 from eval.scores.scores import PART_SCORES, named, plain, scores_of
 from eval.scores.traits import Traits
@@ -30,9 +30,10 @@ SUMMARY = ("mean_recall", "recall", "miou", "iou", "boundary_f", "left_right_swa
 class Comparison:
     """Counts of F compared frames, and the scores derived from them.
 
-    counts: with one leading axis, (F,). joints_mm: float64 (F, 15), error of each joint of the network, NaN
-    if not scored; None without joints. extra_frames: number of predicted frames without a truth. Raises
-    CloudError without frames or for a repeated id, ValueError for arrays of different lengths.
+    counts: with one leading axis, (F,). joints_mm, joints_seen: errors and visibility (F, 15) of
+    the network's joints, as in ``JointErrors``; None if prediction or truth has no joint. extra_frames:
+    number of predicted frames without a truth. Raises CloudError without frames or for a repeated id,
+    ValueError for arrays of different lengths.
     """
 
     frame_ids: tuple[str, ...]
@@ -41,6 +42,7 @@ class Comparison:
     digests: tuple[Digests, ...]
     counts: FrameCounts
     joints_mm: Float64 | None = None
+    joints_seen: UInt8 | None = None
     extra_frames: int = 0
 
     def __post_init__(self) -> None:
@@ -49,7 +51,7 @@ class Comparison:
             raise CloudError("no frame was compared; give label sets that hold frames")
         if len(set(self.frame_ids)) != n:
             raise CloudError(f"{n} frames have {len(set(self.frame_ids))} different ids; give each its own")
-        for name in ("subjects", "traits", "digests", "joints_mm"):
+        for name in ("subjects", "traits", "digests", "joints_mm", "joints_seen"):
             value = getattr(self, name)
             if value is not None and len(value) != n:
                 raise ValueError(f"{len(value)} {name} for {n} frames")
@@ -131,6 +133,13 @@ class Comparison:
         """Number of different subjects."""
         return len(set(self.subjects))
 
+    @cached_property
+    def joints(self) -> JointErrors | None:
+        """Errors of the network's joints; None without joints."""
+        if self.joints_mm is None or self.joints_seen is None:
+            return None
+        return JointErrors(self.joints_mm, self.joints_seen, self.subjects)
+
     @property
     def has_confidence(self) -> bool:
         """True if the prediction has confidence."""
@@ -147,11 +156,16 @@ class Comparison:
             **picked,
             counts=self.counts.taken(frames),
             joints_mm=None if self.joints_mm is None else self.joints_mm[frames],
+            joints_seen=None if self.joints_seen is None else self.joints_seen[frames],
         )
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON of `diff`; null: a part that no frame shows."""
-        return {"frames": len(self.frame_ids), **{name: named(name, self.scores[name]) for name in SUMMARY}}
+        return {
+            "frames": len(self.frame_ids),
+            **{name: named(name, self.scores[name]) for name in SUMMARY},
+            "joints": self.joints.to_json() if self.joints else None,
+        }
 
     def to_evaluation_json(self) -> dict[str, Any]:
         """Return the JSON of `evaluate`."""
@@ -171,7 +185,7 @@ class Comparison:
             "error_kinds": {name: int(n) for name, n in confusion.error_kinds(self.confusion).items()},
             "flipped_frames": int(confusion.flip_helps(self.matrices).sum()),
             "undefined": {name: plain(share) for name, share in self.undefined_shares.items()},
-            "joints": None if self.joints_mm is None else summary(self.joints_mm),
+            "joints": self.joints.to_json() if self.joints else None,
             "extra_frames": self.extra_frames,
         }
 
@@ -190,9 +204,10 @@ def compare_sets(
     """
     pairs, extra = pair_up(predicted, truth)
     counts, joints = np.empty((len(pairs), WIDTH), np.int32), np.empty((len(pairs), N_JOINTS))
+    seen = np.empty(joints.shape, np.uint8)
     texts: list[tuple[str, str, Traits, Digests]] = []
     for i, frame in enumerate(count_pairs(predicted, truth, pairs, workers)):
-        counts[i], joints[i] = frame.counts, frame.joints_mm
+        counts[i], joints[i], seen[i] = frame.counts, frame.joints_mm, frame.joints_seen
         subject = intern(frame.subject or intervals.UNKNOWN)
         texts.append((pairs[i].truth.frame_id, subject, frame.traits, frame.digests))
         advance(1)
@@ -203,6 +218,7 @@ def compare_sets(
         traits=traits,
         digests=digests,
         counts=FrameCounts(counts),
-        joints_mm=None if np.isnan(joints).all() else joints,
+        joints_mm=joints if np.isfinite(joints).any() else None,
+        joints_seen=seen if np.isfinite(joints).any() else None,
         extra_frames=extra,
     )

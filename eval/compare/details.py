@@ -8,6 +8,7 @@ from annotate.array_types import Index
 from annotate.parts import BODY_PARTS, PARTS
 from eval.compare.compare import Comparison
 from eval.scores.confusion import Counts, ratio
+from eval.scores.joint_scores import INSIDE
 from eval.scores.reliability import LEVELS, reliability_curve
 from eval.scores.scores import plain, scores_of
 from eval.scores.traits import groups
@@ -35,11 +36,12 @@ def details(comparison: Comparison) -> dict[str, Any]:
 
 
 def _group(comparison: Comparison, frames: Index) -> dict[str, Any]:
-    scores = scores_of(comparison.counts.taken(frames).total())
+    scores, joints = scores_of(comparison.counts.taken(frames).total()), comparison.only(frames).joints
     return {
         "frames": len(frames),
         "subjects": len({comparison.subjects[i] for i in frames}),
         **{name: plain(scores[name]) for name in ("mean_recall", "miou", "left_right_swap_rate")},
+        "joints": joints.estimates.to_json(INSIDE) if joints else None,
     }
 
 

@@ -11,6 +11,7 @@ from eval.compare.results import Result
 from eval.scores import intervals
 from eval.scores.confusion import Scores
 from eval.scores.counts import FrameCounts
+from eval.scores.joint_scores import JointDifference, joint_difference
 from eval.scores.scores import named, plain, scores_of
 
 TESTED = ("mean_recall", "miou")
@@ -23,7 +24,7 @@ class Difference:
 
     paired: True for the shared frames of both, False for different frames. frames, subjects: of A and of B.
     wilcoxon_p: two-sided, on the subjects' mean recall and mIoU; None if unpaired or with too few subjects.
-    note: reasons to doubt the difference.
+    joints: of the network's joints; None where A or B has none. note: reasons to doubt the difference.
     """
 
     a: str
@@ -34,6 +35,7 @@ class Difference:
     scores: dict[str, Scores]
     ci95: dict[str, Float64]
     wilcoxon_p: dict[str, float | None]
+    joints: JointDifference | None
     note: str
 
     def to_json(self) -> dict[str, Any]:
@@ -47,6 +49,7 @@ class Difference:
             "difference": {name: named(name, value) for name, value in self.scores.items()},
             "ci95": {name: named(name, ends) for name, ends in self.ci95.items()},
             "wilcoxon_p": {name: None if p is None else plain(p) for name, p in self.wilcoxon_p.items()},
+            "joints": self.joints.to_json() if self.joints else None,
             "note": self.note,
         }
 
@@ -104,6 +107,9 @@ def _difference(
         scores=values,
         ci95=ci95,
         wilcoxon_p={name: _wilcoxon_p(first, second, name) if paired else None for name in TESTED},
+        joints=joint_difference(first.joints, second.joints, paired)
+        if first.joints and second.joints
+        else None,
         note="; ".join(notes),
     )
 

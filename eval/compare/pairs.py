@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.array_types import Float64, Int32
+from annotate.array_types import Float64, Int32, UInt8
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import Entry
 from annotate.labelset.labelled_frames import LabelledFrames, camera_of, pinhole_of
 from eval.scores.counts import count
-from eval.scores.joint_errors import joint_errors_mm
+from eval.scores.joint_errors import joint_errors_mm, joint_visibility
 from eval.scores.traits import Traits, traits_of, writable
 from sensors.errors import CloudError, FormatError
 from synth.images.workers import processes
@@ -43,8 +43,8 @@ class Digests(NamedTuple):
 class Counted(NamedTuple):
     """Comparison of a frame's predicted labels with the true ones.
 
-    counts: int32 (WIDTH,), the confusion and error counts of ``FrameCounts.flat``. joints_mm: (15,), joint
-    errors in millimetres, NaN if not scored.
+    counts: int32 (WIDTH,), the confusion and error counts of ``FrameCounts.flat``. joints_mm, joints_seen:
+    (15,), errors and visibility of the joints, as in ``eval.scores.joint_errors``.
     """
 
     frame_id: str
@@ -53,6 +53,7 @@ class Counted(NamedTuple):
     digests: Digests
     counts: Int32
     joints_mm: Float64
+    joints_seen: UInt8
 
 
 def pair_up(predicted: LabelledFrames, truth: LabelledFrames) -> tuple[list[Pair], int]:
@@ -119,6 +120,7 @@ def count_frame(predicted: FrameLabels, truth: FrameLabels, frames: LabelledFram
         Digests(_digest(truth.depth_mm), _digest(truth.parts), _digest(predicted.parts)),
         counts.astype(np.int32),
         joint_errors_mm(predicted, truth, camera),
+        joint_visibility(truth, camera),
     )
 
 

@@ -14,18 +14,20 @@ from annotate.frame_labels import Status
 from eval.compare.compare import Comparison
 from eval.compare.pairs import Digests
 from eval.scores.counts import WIDTH, FrameCounts
+from eval.scores.joint_visibility import VISIBILITIES
 from eval.scores.joints import N_JOINTS
 from eval.scores.traits import Traits
 from sensors.errors import CloudError, FormatError
 from sensors.files.atomic import check_free, replacing
 from sensors.files.npz import array_sizes, load_arrays
 
-SCHEMA = 6
+SCHEMA = 7
 REMEDY = "give a result of 'evaluate --out'; evaluate again if another version wrote it"
 MAX_BYTES = 2_000_000_000  # of a result in memory: 600,000 frames
 NUMBERS = ("distance_m", "invalid_share", "mm_per_px")
-WORDS = ("activity", "view", "status", "predicted_status", "hard")
+WORDS = ("activity", "posture", "facing", "sensor", "view", "status", "predicted_status", "hard")
 # Fields of ``Traits``: NUMBERS are stored as arrays, WORDS as JSON.
+JOINTS: dict[str, type[np.generic]] = {"joints_mm": np.float64, "joints_seen": np.uint8}
 DIGESTS = Digests._fields
 
 
@@ -41,9 +43,9 @@ class Result:
 def save_result(path: Path, result: Result, overwrite: bool = False) -> None:
     """Write a result atomically.
 
-    Arrays: counts int32 (F, K), see ``FrameCounts.flat``; joints_mm float64 (F, 15), if known; distance_m,
-    invalid_share, mm_per_px float64 (F,); texts uint8 (bytes,), JSON of the rest. Raises ExistsError for an
-    existing file without `overwrite`, CloudError for more than ``MAX_BYTES``.
+    Arrays: counts int32 (F, K), see ``FrameCounts.flat``; joints_mm float64 and joints_seen uint8 (F, 15), if
+    known; distance_m, invalid_share, mm_per_px float64 (F,); texts uint8 (bytes,), JSON of the rest. Raises
+    ExistsError for an existing file without `overwrite`, CloudError for more than ``MAX_BYTES``.
     """
     check_free(path, overwrite)
     arrays = _arrays(result)
@@ -68,7 +70,7 @@ def _arrays(result: Result) -> dict[str, NDArray[Any]]:
         "digests": {name: [getattr(d, name) for d in comparison.digests] for name in DIGESTS},
         "traits": {name: [getattr(t, name) for t in comparison.traits] for name in WORDS},
     }
-    joints = {} if comparison.joints_mm is None else {"joints_mm": comparison.joints_mm}
+    joints = {name: value for name in JOINTS if (value := getattr(comparison, name)) is not None}
     return {
         "counts": comparison.counts.flat.astype(np.int32, copy=False),
         "texts": np.frombuffer(json.dumps(texts, separators=(",", ":")).encode(), np.uint8),
@@ -100,8 +102,11 @@ def load_result(path: Path) -> Result:
 def _comparison(arrays: dict[str, NDArray[Any]], texts: dict[str, Any]) -> Comparison:
     frames = len(texts["frame_ids"])
     _check(arrays["counts"], np.int32, (frames, WIDTH))
-    if (joints_mm := arrays.get("joints_mm")) is not None:
-        _check(joints_mm, np.float64, (frames, N_JOINTS))
+    joints = {name: arrays[name] for name in JOINTS if name in arrays}
+    for name, array in joints.items():
+        _check(array, JOINTS[name], (frames, N_JOINTS))
+    if joints and (len(joints) < len(JOINTS) or joints["joints_seen"].max(initial=0) >= len(VISIBILITIES)):
+        raise ValueError("its joints lack a visibility")
     for name in NUMBERS:
         _check(arrays[name], np.float64, (frames,))
     if not set(texts["traits"]["status"] + texts["traits"]["predicted_status"]) <= set(get_args(Status)):
@@ -119,7 +124,7 @@ def _comparison(arrays: dict[str, NDArray[Any]], texts: dict[str, Any]) -> Compa
         traits=tuple(Traits(**dict(zip(columns, row, strict=True))) for row in rows),
         digests=tuple(Digests(*row) for row in digests),
         counts=FrameCounts(arrays["counts"]),
-        joints_mm=joints_mm,
+        **joints,
         extra_frames=int(texts["extra_frames"]),
     )
 

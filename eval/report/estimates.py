@@ -10,6 +10,7 @@ from annotate.array_types import Float64, Index, Int64
 from annotate.parts import BACKGROUND, BODY_PARTS
 from eval.compare.compare import Comparison
 from eval.scores import confusion, intervals
+from eval.scores.joint_scores import GROUPS, SCORES, WITHIN_MM, JointDifference, JointEstimates
 
 SUMMARY = {
     "mean_recall": "Mean recall",
@@ -22,8 +23,14 @@ SUMMARY = {
 """Titles of the scores that a summary has."""
 SHARES = frozenset(("left_right_swap_rate", "ece"))
 """Scores in percent; lower is better."""
+MILLIMETRES = SCORES[0]
+"""Score in millimetres; lower is better."""
 SHOWN_ORDER = (*(part.id for part in BODY_PARTS), BACKGROUND)
 """Part ids in the order of the paper's tables."""
+
+
+JOINT_SCORES = dict(zip(SCORES, ("Error, mm", *(f"Within {mm:.0f} mm" for mm in WITHIN_MM)), strict=True))
+"""Titles of the scores of joints."""
 
 
 @dataclass(frozen=True)
@@ -62,12 +69,21 @@ def estimate(scored: Scored, name: str, *index: int) -> Estimate:
 
 
 def printed(name: str, found: Estimate, sign: str = "") -> str:
-    """Return a score to three digits or in percent (``SHARES``) with its interval; "--" if unknown."""
+    """Return a score to three digits, in percent (``SHARES``) or in millimetres, with its interval.
+
+    The text is "--" if the score is unknown.
+    """
     if not found.known:
         return "--"
-    scale, digits, unit = (100, 1, " %") if name in SHARES else (1, 3, "")
+    scale, digits, unit = (100, 1, " %") if name in SHARES else (1, 1 if name == MILLIMETRES else 3, "")
     value, low, high = (f"{e * scale:{sign}.{digits}f}" for e in (found.value, found.low, found.high))
     return f"{value}{unit} [{low}, {high}]" if found.bounded else value + unit
+
+
+def joint_estimate(scored: JointEstimates | JointDifference, name: str, group: str) -> Estimate:
+    """Return a score of the joints of a group by its name."""
+    i = GROUPS.index(group)
+    return Estimate(float(scored.scores[name][i]), *map(float, scored.ci95[name][:, i]))
 
 
 def group_recall(comparison: Comparison, frames: Index) -> Estimate:

@@ -19,6 +19,7 @@ from eval.report.gallery import Scene
 from eval.report.training_history import Training
 from eval.scores import confusion
 from eval.scores.boundary import TOLERANCES_MM, TOLERANCES_PX
+from eval.scores.joint_visibility import OUTSIDE
 from eval.scores.reliability import reliability_curve
 from eval.scores.scores import DISTANCES
 
@@ -202,8 +203,8 @@ def pck(results: Sequence[Result]) -> go.Figure:
     """Return a chart of the share of joints within each distance of the truth."""
     traces = []
     for i, result in enumerate(results):
-        if (errors := result.comparison.joints_mm) is not None:
-            scored = errors[~np.isnan(errors)]
+        if joints := result.comparison.joints:
+            scored = joints.errors_mm[~np.isnan(joints.errors_mm) & (joints.visibility != OUTSIDE)]
             shares = (scored[:, None] <= THRESHOLDS_MM).mean(0)
             traces.append(_curve(result.title, THRESHOLDS_MM, shares, i))
     figure = _figure(traces, 300, "distance to the true joint, mm", "share of the joints")

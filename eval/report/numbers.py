@@ -14,11 +14,20 @@ from eval.compare import paper_results as paper
 from eval.compare.details import suspicious
 from eval.compare.difference import Difference
 from eval.compare.results import Result
-from eval.report.estimates import SHOWN_ORDER, SUMMARY, estimate, group_recall, printed, row_shares
+from eval.report.estimates import (
+    JOINT_SCORES,
+    SHOWN_ORDER,
+    SUMMARY,
+    estimate,
+    group_recall,
+    joint_estimate,
+    printed,
+    row_shares,
+)
 from eval.report.gather import Material
 from eval.scores import confusion
-from eval.scores.joint_errors import summary as joint_summary
-from eval.scores.joints import JOINT_NAMES
+from eval.scores.joint_scores import GROUPS
+from eval.scores.joint_scores import INSIDE as IN_IMAGE
 from eval.scores.traits import groups, writable
 
 SUFFIXES = (".csv", ".json", ".tex")
@@ -35,12 +44,16 @@ INSIDE = {
 KIND_TITLES = {
     "subject": "Person",
     "activity": "Pose",
+    "posture": "Posture",
+    "facing": "Facing",
+    "sensor": "Sensor",
     "view": "Seen from",
     "distance": "Distance",
     "invalid depth": "Share of invalid depth",
     "status": "Labels",
     "hard": "Difficulty",
 }
+JOINT_KINDS = ("posture", "facing", "sensor")
 ROWS, SUSPECTS = 200, 30  # frames and suspicious labels listed
 VALUES = 24  # most frequent values of a trait listed
 OF_PAPER = (paper.SYNTHETIC, paper.REAL)
@@ -158,16 +171,37 @@ def suspect_table(results: Sequence[Result]) -> pd.DataFrame:
 
 
 def joint_table(results: Sequence[Result]) -> pd.DataFrame:
-    """Return mean error and share within 100 mm of each of the network's joints."""
-    columns = {"Joint": ["All", *(n.replace("_", " ") for n in JOINT_NAMES)]}
+    """Return error and shares within distances of the network's joints, by visibility and by joint."""
+    rows = {group.replace("_", " "): group for group in GROUPS}
+    columns = {"Joints": list(rows)}
     for result in results:
-        if result.comparison.joints_mm is not None:
-            total = joint_summary(result.comparison.joints_mm)
-            columns[result.title] = [
-                "--" if one["mpjpe_mm"] is None else f"{one['mpjpe_mm']:.0f} mm, {one['pck_100mm']:.1%}"
-                for one in (total, *total["by_joint"].values())
-            ]
+        if joints := result.comparison.joints:
+            for name, title in JOINT_SCORES.items():
+                scores = [printed(name, joint_estimate(joints.estimates, name, group)) for group in GROUPS]
+                columns[f"{result.title}: {title}"] = scores
     return _table(columns)
+
+
+def joint_group_tables(results: Sequence[Result]) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Yield the scores of the joints inside the image, by each trait of ``JOINT_KINDS``."""
+    for kind in JOINT_KINDS:
+        rows = []
+        for result in results:
+            c = result.comparison
+            if c.joints is None:
+                continue
+            for value, frames in groups(c.subjects, c.traits).get(kind, {}).items():
+                of = c.only(frames).joints
+                assert of is not None
+                scores = {
+                    title: printed(name, joint_estimate(of.estimates, name, IN_IMAGE))
+                    for name, title in JOINT_SCORES.items()
+                }
+                rows.append(
+                    {KIND_TITLES[kind]: value, "Result": result.title, "Frames": len(frames), **scores}
+                )
+        if rows:
+            yield f"Joints by {KIND_TITLES[kind].lower()}", _table(rows)
 
 
 def frame_table(results: Sequence[Result]) -> pd.DataFrame:

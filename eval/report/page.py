@@ -188,13 +188,17 @@ def _person_sections(material: Material) -> Iterator[Section]:
             figures={"Reliability inside parts and near borders": figures.reliability(results)},
             tables=[("Doubtful labels", numbers.suspect_table(results))],
         )
-    if any(result.comparison.joints_mm is not None for result in results):
+    if any(result.comparison.joints for result in results):
         yield Section(
             "Joints",
-            "Joints of the network against true joints: mean error without alignment, and the share within "
-            "100 mm, of joints inside the image, hidden ones too.",
+            "Joints of the network against true joints, without alignment. All rows but the fourth are of "
+            "joints inside the image. A visible joint has a reading of its own part at its pixel. A joint "
+            "that the network did not give has no error, and is within no distance.",
             figures={"Share of the joints by distance": figures.pck(results)},
-            tables=[("Error and share within 100 mm", numbers.joint_table(results))],
+            tables=[
+                ("Error and share within a distance", numbers.joint_table(results)),
+                *numbers.joint_group_tables(results),
+            ],
         )
     yield Section(
         "People",

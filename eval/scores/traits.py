@@ -14,10 +14,13 @@ from annotate.array_types import Bool, Index, UInt16
 from annotate.crop import window_of
 from annotate.frame_labels import FrameLabels, Status
 from annotate.parts import on_body
+from eval.scores.joint_errors import TRUE_JOINTS, all_joints_mm
 from sensors.rig.camera import Intrinsics
+from synth.pose.pose_parameters import posture_class
 
 DISTANCE_EDGES_M = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
 INVALID_EDGES = (0.01, 0.05, 0.1, 0.2)  # ends of the groups by share of invalid pixels
+FACED_DEG = (45.0, 135.0)  # ends of the facings from the front and from the side
 NOTE_CHARS, NOTE_CAUSES = 100, 30  # kept of a note
 NOTHING_HARD = "nothing named"
 
@@ -26,12 +29,17 @@ NOTHING_HARD = "nothing named"
 class Traits:
     """Traits of one frame; "" and NaN where unknown.
 
-    activity: family of the pose. view: side of the person in front of the camera. distance_m: median depth of
-    the person. invalid_share: of the pixels in the person's box; unknown if the depth image shows the person
-    only. hard: causes of difficulty. mm_per_px: size of a pixel at the person's distance.
+    activity: family of the pose. posture: of ``annotate.posture``. facing: of the camera about the chest, by
+    the true joints. sensor: kind of depth camera. view: side of the person or furniture in front of the
+    camera. distance_m: median depth of the person. invalid_share: of the pixels in the person's box; unknown
+    if the depth image shows the person only. hard: causes of difficulty. mm_per_px: size of a pixel at the
+    person's distance.
     """
 
     activity: str = ""
+    posture: str = ""
+    facing: str = ""
+    sensor: str = ""
     view: str = ""
     distance_m: float = math.nan
     invalid_share: float = math.nan
@@ -48,9 +56,13 @@ def traits_of(truth: FrameLabels, predicted: FrameLabels, camera: Intrinsics) ->
     person, depth_mm = whole[box], truth.depth_mm[box]
     readings = depth_mm[person & (depth_mm > 0)]
     distance_mm = float(np.median(readings)) if readings.size else math.nan
-    view = truth.notes.get("camera")
+    view, sensor = truth.notes.get("camera"), truth.notes.get("sensor")
+    activity = _text(truth.notes.get("activity"))
     return Traits(
-        activity=_text(truth.notes.get("activity")),
+        activity=activity,
+        posture=_text(truth.notes.get("posture", posture_class(activity))),
+        facing=_facing(truth),
+        sensor=_text(sensor.get("kind")) if isinstance(sensor, Mapping) else "",
         view=_side(view.get("azimuth_deg") if isinstance(view, Mapping) else None),
         distance_m=distance_mm / 1000,
         invalid_share=_invalid_share(depth_mm, person),
@@ -69,6 +81,9 @@ def groups(subjects: Sequence[str], traits: Sequence[Traits]) -> dict[str, dict[
     kinds = {
         "subject": _by_value((subject,) for subject in subjects),
         "activity": _by_value((t.activity,) for t in traits),
+        "posture": _by_value((t.posture,) for t in traits),
+        "facing": _by_value((t.facing,) for t in traits),
+        "sensor": _by_value((t.sensor,) for t in traits),
         "view": _by_value((t.view,) for t in traits),
         "distance": _binned([t.distance_m for t in traits], DISTANCE_EDGES_M, 1.0, "m"),
         "invalid depth": _binned([t.invalid_share for t in traits], INVALID_EDGES, 100.0, "%"),
@@ -114,6 +129,16 @@ def _hard(notes: Mapping[str, Any]) -> tuple[str, ...]:
     if _number(notes.get("cut")) > 0:
         causes.append("incomplete extraction")
     return tuple(dict.fromkeys(cause for cause in causes if cause))
+
+
+def _facing(truth: FrameLabels) -> str:
+    from synth.images.standing_statistics import facing_deg
+
+    if TRUE_JOINTS not in truth.notes:
+        return ""
+    azimuth_deg = abs(facing_deg(all_joints_mm(truth)))
+    names = {FACED_DEG[0]: "from the front", FACED_DEG[1]: "from the side", 180.0: "from behind"}
+    return next((name for end, name in names.items() if azimuth_deg <= end), "")
 
 
 def _side(azimuth_deg: object) -> str:
