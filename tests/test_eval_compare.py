@@ -175,7 +175,7 @@ def test_the_evaluation_holds_every_score_with_its_interval(compared: Comparison
 
 def test_groups_split_the_frames_and_their_counts_add_up(compared: Comparison) -> None:
     kinds = groups(compared.subjects, compared.traits)
-    assert set(kinds) == {"subject", "activity", "distance", "invalid depth", "status", "hard"}
+    assert set(kinds) == {"subject", "activity", "posture", "distance", "invalid depth", "status", "hard"}
     assert set(kinds["subject"]) == set(PEOPLE) and set(kinds["activity"]) == {"reading", "resting"}
     assert list(kinds["distance"]) == ["1.5 to 2 m", "2 to 2.5 m"]
     assert {k: len(v) for k, v in kinds["hard"].items()} == {"dim light": 1, "nothing named": 5}
@@ -240,7 +240,9 @@ def test_a_wrong_label_is_the_first_suspect(tmp_path: Path) -> None:
 def with_joints(comparison: Comparison) -> Comparison:
     joints = np.full((6, 15), 25.0)
     joints[0, 0] = np.nan
-    return replace(comparison, joints_mm=joints)
+    joints[1, 1] = np.inf
+    seen = np.arange(joints.size).reshape(joints.shape).astype(np.uint8) % 3
+    return replace(comparison, joints_mm=joints, joints_seen=seen)
 
 
 @pytest.mark.parametrize("joints", [True, False])
@@ -255,6 +257,7 @@ def test_a_result_comes_back_as_it_was(compared: Comparison, tmp_path: Path, joi
     assert (a.subjects, a.traits, a.digests, a.hashes) == (b.subjects, b.traits, b.digests, b.hashes)
     if joints:
         np.testing.assert_array_equal(a.joints_mm, b.joints_mm)
+        np.testing.assert_array_equal(a.joints_seen, b.joints_seen)
     with pytest.raises(ExistsError):
         save_result(path, loaded)
     save_result(tmp_path / "again", loaded)
@@ -289,6 +292,8 @@ DAMAGES = {
     "a negative distance": spoilt("distance_m", lambda a: -a),
     "a negative error": spoilt("joints_mm", lambda a: a - 100),
     "pickled joints": spoilt("joints_mm", lambda a: a.astype(object)),
+    "a visibility of another kind": spoilt("joints_seen", lambda a: a + 1),
+    "joints without a visibility": lambda v: v.pop("joints_seen"),
 }
 IN_TEXTS = {
     "another schema": lambda v: v.update(schema=1),

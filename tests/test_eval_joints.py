@@ -16,6 +16,7 @@ from eval.scores.joint_errors import joint_errors_mm, joint_visibility
 from eval.scores.joint_scores import GROUPS, INSIDE, SCORES, JointErrors, joint_difference
 from eval.scores.joint_visibility import HIDDEN, OUTSIDE, REACH_MM, VISIBILITIES, VISIBLE
 from eval.scores.joints import BONES, IN_SKELETON, JOINT, JOINT_NAMES, N_JOINTS, TWIN
+from eval.scores.traits import traits_of
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics
 from sensors.session.reader import Session
@@ -145,6 +146,26 @@ def test_a_naive_twin_gives_the_same_scores_of_a_network_on_images(tmp_path):
     truth = write_dataset(tmp_path / "truth", frames)
     predicted = predict_frames(truth, OnnxNetwork(), tmp_path / "p", lambda n: None).labels
     assert_twin(predicted, truth)
+    traits = compare_sets(predicted, truth).traits
+    for frame, own in zip(frames, traits, strict=True):
+        assert (own.posture, own.sensor) == (frame.notes["posture"] or "", frame.notes["sensor"]["kind"])
+    assert {own.facing for own in traits} <= {"from the front", "from the side", "from behind"}
+
+
+@pytest.mark.parametrize(
+    ("turned_deg", "facing"), [(0, "from the front"), (90, "from the side"), (200, "from behind")]
+)
+def test_a_facing_is_of_the_camera_about_the_chest(turned_deg, facing):
+    joints = np.zeros((N_JOINTS, 3))
+    for name, (across, up) in {"neck": (0, 500), "pelvis": (0, 0)}.items():
+        joints[JOINT[name]] = (across, -up, 0)
+    for side, sign in (("left", 1), ("right", -1)):
+        joints[JOINT[f"{side}_shoulder"]] = (sign * 200, -500, 0)
+        joints[JOINT[f"{side}_hip"]] = (sign * 100, 0, 0)
+    c, s = np.cos(np.radians(turned_deg)), np.sin(np.radians(turned_deg))
+    joints = joints @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) + (0, 0, 2000)
+    frame = truth_of(joints)
+    assert traits_of(frame, frame, CAMERA).facing == facing
 
 
 def test_a_naive_twin_gives_the_same_scores_of_a_network_on_a_recording(tmp_path, rig_session):
