@@ -143,7 +143,8 @@ def rig_frames(running: LiveRig, ending: Ending) -> Iterator[RigFrame]:
             blind = 0 if synced.frame.infrared is not None else blind + 1
             if blind == MOST_BLIND:
                 raise CalibrationError(
-                    f"the depth camera of {running.name!r} gives no infrared, in which the plate is found"
+                    f"the depth camera of {running.name!r} gives no infrared, in which the plate is "
+                    "found; use one that does"
                 )
             yield synced.frame
     finally:

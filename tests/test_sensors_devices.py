@@ -263,11 +263,11 @@ def test_a_virtual_device_shows_the_frames_it_is_given():
         device.start()
         shown = {r.stream: r.value for r in read_on(device, 2)}
     assert 1000 <= shown["depth"].depth_mm[0, 0] < 1030 and shown["color"].encoded == b"\xff\xd8\xff"
-    with pytest.raises(DeviceError, match="has no frames"):
+    with pytest.raises(DeviceError, match="have no frames to show"):
         open_device("virtual:kinect2", iter(()))
     depth_only = [RigFrame(0, 0, np.zeros((424, 512), np.uint16))]
     for kind, missing in (("optris", "thermal"), ("optris-direct", "thermal"), ("kinect2", "colour")):
-        with pytest.raises(DeviceError, match=f"has no {missing} images; give one that has"):
+        with pytest.raises(DeviceError, match=f"have no {missing} images to show; give a session"):
             open_device(f"virtual:{kind}", depth_only)
 
 
@@ -275,27 +275,27 @@ def test_a_virtual_device_shows_the_frames_it_is_given():
     ("address", "match"),
     [
         ("", "is of an unknown kind; use kinect2"),
-        ("virtual:azure", "has no virtual twin; use virtual: with"),
+        ("virtual:azure", "has no virtual device; use virtual: with"),
         ("virtual:optris?mode=1hz", "mode '1hz' .* is unknown; use 128hz"),
         ("virtual:optris?speed=1", "unknown option 'speed'; its options: drop"),
-        ("virtual:optris?drop=2", "drop '2' .* is not a number from 0 to 1"),
-        ("virtual:optris?drop=nan", "is not a number from 0 to 1"),
+        ("virtual:optris?drop=2", "drop '2' .* is impossible; give a number from 0 to 1"),
+        ("virtual:optris?drop=nan", "is impossible; give a number from 0 to 1"),
         ("virtual:optris?drop", "malformed options"),
         ("virtual:optris?drop=0&drop=1", "gives an option twice"),
         ("virtual:pyrometer?family=ir", "family 'ir' .* is unknown; use ct, cs"),
         ("virtual:pyrometer?rs485=1.5", "is not an integer; give 1 to 32"),
-        ("virtual:pyrometer?rs485=99", "rs485 '99' .* is not a number from 1 to 32"),
-        ("virtual:pyrometer?emissivity=0.09", "emissivity '0.09' .* is not a number from 0.1"),
+        ("virtual:pyrometer?rs485=99", "rs485 '99' .* is impossible; give a number from 1 to 32"),
+        ("virtual:pyrometer?emissivity=0.09", "emissivity '0.09' .* is impossible; give a number from 0.1"),
         ("virtual:pyrometer?family=cs&burst=yes", "cs family has no burst"),
-        ("virtual:pyrometer?refuse=1&emissivity=2", "emissivity '2' .* is not a number"),
+        ("virtual:pyrometer?refuse=1&emissivity=2", "emissivity '2' .* is impossible; give a number"),
         *((f"{k}:", f"names no node; give for instance {k}:/dev/video0") for k in ("optris", "y16")),
         *((f"{k}:/no", "/no does not exist; plug the dev") for k in ("optris", "pyrometer", "y16", "lepton")),
         ("realsense:?size=1x1", "size '1x1' .* is unknown; use 848x480"),
         ("realsense:?preset=best", "preset 'best' .* is unknown; use default"),
-        ("realsense:?laser=361", "laser '361' .* is not a number from 0 to 360"),
+        ("realsense:?laser=361", "laser '361' .* is impossible; give a number from 0 to 360"),
         ("kinect2:1?mode=1", "unknown option 'mode'; its options: mirror, turn"),
         ("y16:/dev/video77?scale=0.01", "only one of scale and offset; give both, or none for counts"),
-        ("y16:/dev/video77?width=0", "width '0' .* is not a number from 1"),
+        ("y16:/dev/video77?width=0", "width '0' .* is impossible; give a number from 1"),
         ("y16:/dev/video77?mode=1", "its options: height, mirror, offset, rate, scale, turn, width"),
     ],
 )

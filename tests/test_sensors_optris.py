@@ -150,7 +150,7 @@ def test_a_scene_that_stays_flat_is_no_flag_and_a_frozen_image_is_one():
 
 def test_a_camera_in_another_mode_is_named():
     camera = VirtualOptris(LAYOUTS["128hz"], SCENE)
-    with pytest.raises(DeviceError, match=r"gives \(164, 120\), not \(760, 480\) words; choose its mode"):
+    with pytest.raises(DeviceError, match=r"sends images of 164x120 words, not 760x480; choose its mode"):
         Optris(camera.node, LAYOUTS["128hz-bispectral"])
     camera.unplug()
     with pytest.raises(DeviceNotFoundError, match="does not exist; plug the device in"):

@@ -241,17 +241,19 @@ def test_a_dataset_names_its_cast_and_only_measures(annotate_cloud, tmp_path):
     for frame in Dataset.open(data):
         assert bodies_in(Dataset.open(data), frame) == set(blended_bodies("standing", JUDGE, 0, 0))
     done = annotate_cloud("train", data, "--out", tmp_path / "run")
-    assert_refused(done, data, "only measures")
+    assert_refused(done, data, "reserved for measuring")
     with pytest.raises(SystemExit) as ended:
         check_inputs([data])
     assert "\n" not in str(ended.value) and "judge" in str(ended.value)
     predicted = tmp_path / "predicted"
     assert annotate_cloud("predict", data, "--out", predicted).code == 0
-    assert_refused(annotate_cloud("train", predicted, "--out", tmp_path / "run"), predicted, "only measures")
+    assert_refused(
+        annotate_cloud("train", predicted, "--out", tmp_path / "run"), predicted, "reserved for measuring"
+    )
     exported, read = tmp_path / "exported", tmp_path / "read"
     assert annotate_cloud("export", predicted, exported, "--format", "mmseg").code == 0
     assert annotate_cloud("import", exported, read).code == 0
-    assert_refused(annotate_cloud("train", read, "--out", tmp_path / "run"), read, "only measures")
+    assert_refused(annotate_cloud("train", read, "--out", tmp_path / "run"), read, "reserved for measuring")
     assert not (tmp_path / "run").exists()
 
 
@@ -266,13 +268,13 @@ def test_a_recording_names_its_cast_and_only_measures(annotate_cloud, tmp_path):
     assert LabelSet.open(labels).info["cast"] == "judge"
     for path in (truth, labels):
         done = annotate_cloud("train", path, "--out", tmp_path / "run")
-        assert_refused(done, path, "only measures")
+        assert_refused(done, path, "reserved for measuring")
     done = annotate_cloud("train-labels", session, session, "--out", tmp_path / "run")
-    assert_refused(done, truth, "only measures")
+    assert_refused(done, truth, "reserved for measuring")
     plain = make(tmp_path / "plain", LabelSet.open(truth).intrinsics, list(LabelSet.open(truth)))
     given = ("--truth", plain.path, "--truth", plain.path)
     done = annotate_cloud("train-labels", session, session, *given, "--out", tmp_path / "run")
-    assert_refused(done, session, "only measures")
+    assert_refused(done, session, "reserved for measuring")
     assert not (tmp_path / "run").exists()
 
 

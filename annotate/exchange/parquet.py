@@ -123,7 +123,9 @@ def _frames(file: Path) -> Iterator[FrameLabels]:
             # Group by group: one pass over the file would keep everything in memory.
             for group in range(parquet.num_row_groups):
                 if parquet.metadata.row_group(group).total_byte_size > MAX_GROUP_BYTES:
-                    raise FormatError(f"{file} has a row group above {MAX_GROUP_BYTES} bytes; split it")
+                    raise FormatError(
+                        f"{file} has a row group over {MAX_GROUP_BYTES} bytes; write it in smaller ones"
+                    )
                 for batch in parquet.iter_batches(ROWS_A_GROUP, [group], ["id", *IMAGES, "annotation"]):
                     yield from map(_frame, batch.to_pylist())
     except (*MALFORMED, pa.ArrowException) as error:

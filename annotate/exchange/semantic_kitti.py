@@ -70,10 +70,14 @@ def _frame(folder: Path, number: str, frame_id: str, file: Path, companion: Comp
             f"{file}: {len(labels)} labels, {len(points) // 4} points, {len(pixels)} pixels of "
             f"{width}x{height}; restore them from a copy"
         )
-    if ((labels & 0xFFFF) > 255).any() or ((labels >> 16) > 255).any():
-        raise FormatError(f"{file} holds labels beyond 255; give part ids")
+    ids = np.stack([labels & 0xFFFF, labels >> 16])
+    if (ids > 255).any():
+        raise FormatError(
+            f"{file} holds part ids up to {ids[0].max()} and track ids up to {ids[1].max()}; give both "
+            "up to 255"
+        )
     images = np.zeros((3, height * width), np.uint16)
-    images[:, pixels] = mm_from_metres(points[::4]), labels & 0xFFFF, labels >> 16
+    images[:, pixels] = mm_from_metres(points[::4]), *ids
     depth_mm, parts, persons = images.reshape(3, height, width)
     return companion.labels(frame_id, depth_mm, parts.astype(np.uint8), persons.astype(np.uint8))
 

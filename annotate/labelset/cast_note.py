@@ -23,4 +23,7 @@ def cast_of(info: Mapping[str, Any]) -> str:
 def check_trainable(path: Path, info: Mapping[str, Any]) -> None:
     """Raise CloudError for a manifest or metadata of another cast than the training cast."""
     if (cast := cast_of(info)) != TRAINING:
-        raise CloudError(f"{path} has the cast {cast}, which only measures; train on the cast {TRAINING}")
+        raise CloudError(
+            f"{path} shows people of --cast {cast}, reserved for measuring; train on people of "
+            f"--cast {TRAINING}"
+        )

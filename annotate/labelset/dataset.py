@@ -78,7 +78,7 @@ def entries_of(path: Path) -> Iterator[Entry]:
 def _opened(path: Path, offset: int = 0) -> Iterator[tarfile.TarFile]:
     try:
         if path.stat().st_size > MAX_SHARD_BYTES:
-            raise FormatError(f"shard {path} is larger than {MAX_SHARD_BYTES} bytes; split it")
+            raise FormatError(f"shard {path} is larger than {MAX_SHARD_BYTES} bytes; generate it again")
         with path.open("rb") as file:
             file.seek(offset)
             with tarfile.open(fileobj=file, mode="r:") as tar:
@@ -149,8 +149,10 @@ class Dataset:
         data = read_bounded(manifest, MAX_MANIFEST_BYTES)
         try:
             info = json.loads(data)
-            if info.pop("schema") != SCHEMA:
-                raise FormatError(f"{manifest} is not of schema {SCHEMA}; generate the dataset again")
+            if (held := info.pop("schema")) != SCHEMA:
+                raise FormatError(
+                    f"{manifest} has schema {held!r:.9}, not {SCHEMA}; generate the dataset again"
+                )
             shards = tuple((str(s["file"]), str(s["sha256"])) for s in info.pop("shards"))
             info["images"] = int(info["images"])
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:

@@ -157,7 +157,7 @@ class Journal:
         except FileNotFoundError:
             return
         except OSError as error:
-            raise FormatError(f"{self.path} cannot be read ({error.strerror}); check it") from error
+            raise FormatError(f"{self.path} cannot be read ({error.strerror}); {REMEDY}") from error
 
 
 def _write(file: int, data: bytes, offset: int) -> None:

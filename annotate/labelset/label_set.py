@@ -188,9 +188,9 @@ class LabelSet:
 
     def status(self, frame_id: str, original: bool = False) -> Status:
         """Read a frame's status alone. Raises FormatError."""
-        status = _load(self._file(frame_id, "json", ORIGINAL if original else FRAMES)).get("status")
-        if status not in get_args(Status):
-            raise FormatError(f"{self._file(frame_id, 'json')} has an unknown status; restore it from a copy")
+        file = self._file(frame_id, "json", ORIGINAL if original else FRAMES)
+        if (status := _load(file).get("status")) not in get_args(Status):
+            raise FormatError(f"{file} has the unknown status {str(status)[:20]!r}; restore it from a copy")
         return cast(Status, status)
 
     def probabilities(self, frame_id: str) -> Probabilities | None:

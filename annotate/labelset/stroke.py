@@ -60,7 +60,7 @@ class Gesture:
         if self.kind not in get_args(GestureKind):
             raise FormatError(f"gesture {str(self.kind)[:40]!r} is unknown; use {get_args(GestureKind)}")
         if not all(type(n) in (int, float) and 0 <= n < 1e9 for n in numbers):
-            raise FormatError(f"gesture {self.kind} counts something else than integers from 0")
+            raise FormatError(f"gesture {self.kind} has counts {str(numbers)[:60]}, not numbers from 0")
 
 
 KEY = Gesture("key", keys=1)
@@ -93,7 +93,7 @@ class Stroke:
             raise FormatError(f"part id {str(self.part)[:40]} is unknown; use 0 to 11, or 255 for undefined")
         texts = (self.frame_id, self.who, self.when, self.reason)
         if not all(isinstance(text, str) for text in texts):
-            raise FormatError("its name, time or reason is not a string")
+            raise FormatError(f"frame_id, who, when and reason are {str(texts)[:80]}, not strings")
         if not isinstance(self.seconds, dict) or not all(
             kind in get_args(Activity) and type(s) in (int, float) and 0 <= s < 1e9
             for kind, s in self.seconds.items()

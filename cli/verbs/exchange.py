@@ -181,7 +181,7 @@ def _without_broken_color(faults: Counter[str], frame: "RigFrame") -> "RigFrame"
     try:
         size_of_encoded(frame.color_encoded)
     except FormatError as error:
-        faults["no image" if str(error) == "none" else str(error)] += 1
+        faults[str(error)] += 1
         return replace(frame, color_encoded=None)
     return frame
 

@@ -113,7 +113,9 @@ def _array(file: "h5py.File", name: str, shape: tuple[int, ...] | None, kinds: s
     if data.chunks:
         data.id.chunk_iter(lambda chunk: sizes.append(chunk.size))
     if max(sizes) > MAX_CHUNK_BYTES or data.dtype.itemsize > MAX_ITEM_BYTES:
-        raise FormatError(f"{where} has blocks of {max(sizes)} bytes; give at most {MAX_CHUNK_BYTES}")
+        raise FormatError(
+            f"{where} has blocks of {max(sizes)} bytes, over {MAX_CHUNK_BYTES}; download it again"
+        )
     return data
 
 

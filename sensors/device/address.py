@@ -55,7 +55,9 @@ class Address:
         except ValueError:
             value = float("nan")
         if not low <= value <= high:
-            raise DeviceError(f"{key} {text!r} of {self.text!r} is not a number from {low:g} to {high:g}")
+            raise DeviceError(
+                f"{key} {text!r} of {self.text!r} is impossible; give a number from {low:g} to {high:g}"
+            )
         return value
 
     def given_integer(self, key: str, low: int, high: int) -> int | None:

@@ -42,7 +42,9 @@ def built_shim() -> Path:
 def _libfreenect2() -> list[str]:
     """Return the compiler's flags for libfreenect2 by pkg-config, with the library's folder."""
     if which("pkg-config") is None:
-        raise DeviceNotFoundError("libfreenect2 cannot be looked up; apt install pkg-config")
+        raise DeviceNotFoundError(
+            "pkg-config, which finds libfreenect2, is not installed; apt install pkg-config"
+        )
     command = ["pkg-config", "--cflags", "--libs", "freenect2 >= 0.2"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:

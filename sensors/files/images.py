@@ -40,12 +40,13 @@ def encoded_size(encoded: bytes) -> tuple[int, int]:
 def size_of_encoded(encoded: bytes) -> tuple[int, int]:
     """Return (width, height) of a complete JPEG or PNG.
 
-    Raises FormatError with the text "none" for other data, and with "cut off" for a truncated image.
+    Raises FormatError with the text "not a JPEG or PNG" for other data, and with "cut off" for a truncated
+    image.
     """
     try:
         size = encoded_size(encoded)
     except FormatError as error:
-        raise FormatError("none") from error
+        raise FormatError("not a JPEG or PNG") from error
     end = _ENDS[encoded.startswith(JPEG_MAGIC[:2])]
     if encoded.rfind(end, max(0, len(encoded) - _PADDING_BYTES)) < 0:
         raise FormatError("cut off")

@@ -55,7 +55,7 @@ def _fault(value: Value, calibration: RigCalibration) -> str:
 
 def _misshapen(image: NDArray[np.generic], dtype: np.dtype[np.generic], camera: Intrinsics | None) -> str:
     if image.ndim != 2 or image.dtype != dtype or not image.size:
-        return "none"
+        return f"{image.dtype} {image.shape} instead of {dtype} (height, width)"
     return _of_size(image.shape[1], image.shape[0], camera)
 
 

@@ -97,7 +97,9 @@ class LiveRig:
         def begin() -> None:
             if self.frames.ended:
                 why = self.error or "closed"
-                raise CloudError(f"{self.name} has stopped, there is nothing to record: {why}")
+                raise CloudError(
+                    f"{self.name} has stopped, there is nothing to record ({why}); start the command again"
+                )
             self._recorder.begin(path, subject, overwrite, infrared)
 
         self._in_thread(begin)

@@ -61,7 +61,7 @@ def open_device(address: str, frames: Iterable[RigFrame] = ()) -> Device:
 def check_kind(address: Address) -> None:
     """Raise DeviceError for an address of an unknown kind."""
     if address.virtual and address.kind not in TWINS:
-        raise DeviceError(f"{address.text!r} has no virtual twin; use virtual: with {', '.join(TWINS)}")
+        raise DeviceError(f"{address.text!r} has no virtual device; use virtual: with {', '.join(TWINS)}")
     if not address.virtual and address.kind not in OPENERS:
         raise DeviceError(
             f"{address.text!r} is of an unknown kind; use {', '.join(OPENERS)}, or virtual:KIND"

@@ -53,7 +53,9 @@ class Playback:
 
     def mark(self, text: str) -> None:
         """Raise CloudError, because a played source takes no events."""
-        raise CloudError(f"{self.name} is played back: {text!r} cannot be marked in it")
+        raise CloudError(
+            f"{self.name} is played back, so {text!r} cannot be marked; mark events while a rig records"
+        )
 
     def health(self) -> Health:
         """Return the rate of the frames."""

@@ -47,7 +47,7 @@ class RecordingRig:
                     f"rig {self.name!r}: latency_ms names {address!r}, not one of its devices; correct it"
                 )
             if not 0 <= latency_ms <= MAX_LATENCY_MS:
-                raise DeviceError(f"latency_ms {latency_ms} of {address!r} is not a number from 0 to 1000")
+                raise DeviceError(f"latency_ms of {address!r} is {latency_ms}; give a number from 0 to 1000")
 
 
 def load_rig(path: Path) -> RecordingRig:

@@ -162,7 +162,9 @@ class _Scan:
         channel, _, arrival_ns, stamp_ns = MESSAGE.unpack_from(data[span.start : span.end][: MESSAGE.size])
         self.count += 1
         if self.count > MAX_MESSAGES:
-            raise FormatError(f"{self._name} holds more than {MAX_MESSAGES} messages; split it")
+            raise FormatError(
+                f"{self._name} holds more than {MAX_MESSAGES} messages; record shorter sessions"
+            )
         topic, start = self._topics.get(channel), span.start + MESSAGE.size
         if topic in self.places:
             if stamp_ns >= 1 << 63 or arrival_ns >= 1 << 63:

@@ -67,7 +67,9 @@ class Session(FrameSource):
             contents = read_contents(path)
         except CloudError as error:
             if is_being_recorded(path):
-                raise RecordingError(f"{path} is being recorded; read it after its first frame") from error
+                raise RecordingError(
+                    f"{path} is being recorded and has no frame yet; open it again in a second"
+                ) from error
             raise
         self.path = path
         self.metadata = {**contents.metadata}

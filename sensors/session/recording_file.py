@@ -76,7 +76,7 @@ def check_ended(file: BinaryIO) -> None:
     recorded.
     """
     if not _locked(file, fcntl.LOCK_SH):
-        raise RecordingError(f"{file.name} is being recorded; the recording still runs: end it first")
+        raise RecordingError(f"{file.name} is being recorded; end the recording first")
 
 
 def _locked(file: BinaryIO, kind: int) -> bool:

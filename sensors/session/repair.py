@@ -137,7 +137,7 @@ def _opened(source: Path) -> BinaryIO:
     try:
         check_ended(file)
         if not source.exists():
-            raise RecordingError(f"{source} has just been completed: it is {final_of(source)} now")
+            raise RecordingError(f"{source} was completed meanwhile; use {final_of(source)}")
     except BaseException:
         file.close()
         raise
@@ -277,7 +277,7 @@ class Copier:
         channel, topic = self._channels[message.channel_id], self._topics[message.channel_id]
         self.messages += 1
         if self.messages > MAX_MESSAGES:
-            raise FormatError(f"the session holds more than {MAX_MESSAGES} messages; split it")
+            raise FormatError(f"the session holds more than {MAX_MESSAGES} messages; record shorter sessions")
         self._writer.add_message(
             channel, message.log_time, message.data, message.publish_time, message.sequence
         )

@@ -29,7 +29,7 @@ class FrameLoop:
     def __init__(self, frames: Iterable[RigFrame]) -> None:
         shown = tuple(islice(frames, LONGEST))
         if not shown:
-            raise DeviceError("the twin's source has no frames; give a session or the virtual rig")
+            raise DeviceError("the virtual devices have no frames to show; give a session, or leave it out")
         self._starts_s, self._period_s = _times_s([frame.stamp_ns for frame in shown])
         self._depth = [frame.depth_mm for frame in shown]
         self._infrared = _filled([frame.infrared for frame in shown])
@@ -58,7 +58,9 @@ class FrameLoop:
 
     def _at(self, images: list[T], seconds: float, name: str) -> T:
         if not images:
-            raise DeviceError(f"the twin's source has no {name} images; give one that has")
+            raise DeviceError(
+                f"the virtual devices have no {name} images to show; give a session that has some"
+            )
         in_loop_s = (seconds + ROUNDING_S) % self._period_s
         return images[int(np.searchsorted(self._starts_s, in_loop_s, "right")) - 1]
 

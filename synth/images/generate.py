@@ -84,7 +84,7 @@ def make_shard(order: Order, shard: int) -> bytes:
     """
     if (here := _versions()) != order.versions:
         raise CloudError(
-            f"a worker has {here}, the order {order.versions}; install the same versions everywhere"
+            f"a worker has {here}, the command {order.versions}; install the same versions everywhere"
         )
     return encode_shard(sample(order.preset, order.seed, i) for i in order.frames(shard))
 

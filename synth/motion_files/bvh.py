@@ -63,8 +63,8 @@ def read_bvh(path: Path) -> tuple[Markers, MarkerSet]:
         text = parse_bvh(data)
         if len(text.rows) * len(text.bones) > MAX_CENTRES:
             raise FormatError(
-                f"{len(text.rows)} frames of {len(text.bones)} joints, over {MAX_CENTRES} joint "
-                "positions; cut the motion"
+                f"the motion has {len(text.rows)} frames of {len(text.bones)} joints; cut it to at most "
+                f"{MAX_CENTRES} joint positions in all"
             )
         return _markers(text)
     except (ValueError, IndexError) as error:
@@ -221,7 +221,7 @@ def _motion(text: str, columns: int, assumed: list[str]) -> tuple[Float64, float
         raise FormatError("no number of frames and frame time; copy it again")
     stated, seconds = int(head[1]), float(head[2])
     if not 1e-4 <= seconds <= 1:
-        raise FormatError(f"frame time {seconds}; give seconds from 0.0001 to 1")
+        raise FormatError(f"the frame time is {seconds}; give seconds from 0.0001 to 1")
     body = text[head.end() :]
     numbers = np.fromstring(body, sep=" ")
     whole = stated if numbers.size == stated * columns else _whole_rows(body, numbers.size, columns)
