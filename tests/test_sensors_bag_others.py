@@ -1,7 +1,7 @@
 """Bags as other programs write them: cameras, clocks, names and encodings that ours never have.
 
 Truth is a smooth depth image, written anew by rosbags or mcap, compared bit for bit. Each kind was met in a
-project named in ``docs/bags.md``, or in a driver's source.
+project named in the tests, or in a driver's source.
 """
 
 import json

@@ -2,7 +2,7 @@
 
 To add a format, write a module with a writer and a reader of frames; ``image_pairs`` is the shortest example.
 Then add its line to ``FORMATS``, from which commands, tests and the window take it. Name it in the help of
-``export`` and, twice, in ``docs/formats.md``. Each format also stores depth. The file ``annotate-cloud.json``
+``export`` and in ``docs/formats.md``. Each format also stores depth. The file ``annotate-cloud.json``
 beside the format's own files holds the camera, and each frame's subject, status and notes.
 """
 
