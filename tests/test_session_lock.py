@@ -46,7 +46,7 @@ def recorder(tmp_path):
 
 def test_nothing_that_is_run_during_a_recording_harms_it(annotate_cloud, tmp_path, recorder):
     path, partial = tmp_path / "take.mcap", tmp_path / "take.mcap.partial"
-    assert_refused(annotate_cloud("repair", path), "is being recorded", "end it first")
+    assert_refused(annotate_cloud("repair", path), "is being recorded; end the recording first")
     assert_refused(annotate_cloud("repair", partial, "--out", tmp_path / "out.mcap"), "is being recorded")
     info = annotate_cloud("info", path, "--json").result
     assert (info["frames"], info["being_recorded"]) == (10, True)
@@ -139,6 +139,6 @@ def test_a_recording_that_is_completed_as_its_repair_begins_is_left_alone(tmp_pa
     monkeypatch.setattr(
         sensors.session.repair, "check_ended", lambda file: (check(file), partial.rename(path))
     )
-    with pytest.raises(CloudError, match="just been completed"):
+    with pytest.raises(CloudError, match=r"was completed meanwhile; use .*take\.mcap$"):
         repair(partial)
     assert path.read_bytes() == whole and len(list(tmp_path.iterdir())) == 1
