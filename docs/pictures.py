@@ -11,6 +11,7 @@ from annotate.cloud.fuse import Fuser
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import SuitLabeller
 from annotate.parts import palette_rgb
+from annotate.scheme.regions import PAPER_PARTS
 from annotate.segmentation.suit_network import shipped_suit_network
 from eval.network.onnx_network import OnnxNetwork
 from eval.report.gallery import cloud_picture, make_frame
@@ -57,7 +58,7 @@ def difficulties_picture() -> NDArray[np.uint8]:
         color = frame.decode_color()
         assert color is not None and frame.thermal_c is not None
         depth_m = np.where(frame.depth_mm > 0, frame.depth_mm / 1000, np.nan)
-        parts = palette_rgb()[known.parts]
+        parts = palette_rgb()[PAPER_PARTS[known.regions]]
         parts[known.persons > 1] = OTHERS_RGB
         views = (
             color,

@@ -153,7 +153,7 @@ def test_a_rig_of_the_judging_cast_records_its_people(scene):
     assert rig.name == f"virtual-judge-{scene}-normal-3" and rig.suit is suit_of(JUDGE, 3)
     assert set(known.bodies) <= {body.name for body in judge_bodies()}
     assert known.bodies == episode.blended_bodies(JUDGE, 3, 0)
-    assert np.count_nonzero((known.parts > 0) & (known.parts < 12)) > 500
+    assert np.count_nonzero((known.regions > 0) & (known.regions < 25)) > 500
     place = located(scene, JUDGE)(np.random.default_rng(1))
     assert place.room != PLAIN_ROOM and (type(place.furniture) in OWN or scene == "floor")
 

@@ -5,7 +5,8 @@ import pytest
 
 from annotate.cloud.fuse import Fuser
 from annotate.labelset.label_set import LabelSet, validate
-from annotate.parts import N_CLASSES, UNDEFINED
+from annotate.parts import UNDEFINED
+from annotate.scheme.regions import N_REGIONS
 from annotate.suit.palette import DEFAULT_SUIT, chromaticity
 from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
 from sensors.errors import CloudError
@@ -40,18 +41,18 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(shot, rig_sessi
         assert (a.index, a.stamp_ns, a.color_encoded) == (b.index, b.stamp_ns, b.color_encoded)
         np.testing.assert_array_equal(a.depth_mm, b.depth_mm)
         np.testing.assert_array_equal(a.thermal_c, b.thermal_c)
-        np.testing.assert_array_equal(known_a.parts, known_b.parts)
+        np.testing.assert_array_equal(known_a.regions, known_b.regions)
         np.testing.assert_array_equal(known_a.joints_m, known_b.joints_m)
     assert not np.array_equal(Session(rig_session).frame(0).depth_mm, shot["clean"][0][0].depth_mm)
 
 
 def test_truth_has_parts_only_where_there_is_depth_and_is_undefined_only_with_noise(shot):
-    assert not any((known.parts == UNDEFINED).any() for _, known in shot["clean"])
+    assert not any((known.regions == UNDEFINED).any() for _, known in shot["clean"])
     for frames in shot.values():
         for frame, known in frames:
-            assert known.parts.shape == frame.depth_mm.shape == KINECT2_DEPTH.shape
-            assert not known.parts[frame.depth_mm == 0].any()
-            assert ((known.parts < N_CLASSES) | (known.parts == UNDEFINED)).all()
+            assert known.regions.shape == frame.depth_mm.shape == KINECT2_DEPTH.shape
+            assert not known.regions[frame.depth_mm == 0].any()
+            assert ((known.regions <= N_REGIONS) | (known.regions == UNDEFINED)).all()
             labelled = truth_labels(frame, known)
             assert not labelled.parts[labelled.depth_mm == 0].any()
 
@@ -60,8 +61,8 @@ def test_people_are_whole_and_of_human_size(shot):
     camera = RIG_CALIBRATION.depth
     for frames in shot.values():
         for frame, known in frames:
-            person = (known.parts > 0) & (known.parts < UNDEFINED)
-            assert len(np.unique(known.parts[person])) >= 9
+            person = (known.regions > 0) & (known.regions < UNDEFINED)
+            assert len(np.unique(known.regions[person])) >= 9
             meters = frame.depth_mm[person] / 1000
             assert 0.2 < (meters**2).sum() / (camera.fx * camera.fy) < 2
             assert 1 < np.median(meters) < 4
@@ -96,7 +97,7 @@ def test_the_colour_camera_sees_the_suit_where_depth_sees_the_part(shot):
 
 def test_joints_lie_in_the_image_near_their_person(shot):
     for frame, known in shot["clean"]:
-        v, u = np.nonzero(known.parts)
+        v, u = np.nonzero(known.regions)
         pixels = project(KINECT2_DEPTH, known.joints_m)
         low, high = np.array([u.min(), v.min()]) - 60, np.array([u.max(), v.max()]) + 60
         assert ((pixels > low) & (pixels < high)).all()
@@ -105,7 +106,7 @@ def test_joints_lie_in_the_image_near_their_person(shot):
 
 def test_harder_is_noisier(shot):
     roughness_mm = {
-        name: np.mean([roughness(f.depth_mm, k.parts) for f, k in frames]) for name, frames in shot.items()
+        name: np.mean([roughness(f.depth_mm, k.regions) for f, k in frames]) for name, frames in shot.items()
     }
     assert roughness_mm["clean"] < roughness_mm["normal"] < roughness_mm["hard"]
 
@@ -156,7 +157,7 @@ def test_what_is_recorded_is_what_was_shot(rig_session):
 @pytest.mark.parametrize("scene", ["chair", "bed", "floor"])
 def test_every_scene_shows_a_person(scene):
     frame, known = next(VirtualRig(1, 1, "clean", 3, RigOptions(scene, draft=True)).with_truth())
-    assert ((known.parts > 0) & (known.parts < N_CLASSES)).sum() > 3000
+    assert ((known.regions > 0) & (known.regions <= N_REGIONS)).sum() > 3000
     assert set(known.hard) <= {"motion blur", "out of view"}
     assert (frame.depth_mm > 0).mean() > 0.7
 
@@ -210,8 +211,8 @@ def test_a_reading_is_whose_surface_it_lies_on():
     parts, persons = whose_readings(ZBuffer(depth_m, face), tags, Reading(depth_mm, face), noise)
     for v, u in np.ndindex(face.shape):
         tag = naive_tag(tags, face, exact, depth_mm, (v, u))
-        person = 1 if 0 < tag < N_CLASSES else 2 * (tag == Surface.OTHER_PERSON)
-        part = tag if tag == UNDEFINED or tag < N_CLASSES else 0
+        person = 1 if 0 < tag <= N_REGIONS else 2 * (tag == Surface.OTHER_PERSON)
+        part = tag if tag == UNDEFINED or tag <= N_REGIONS else 0
         assert (parts[v, u], persons[v, u]) == (part, person), (v, u)
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from annotate.parts import N_CLASSES, PART_ID
+from annotate.parts import PART_ID
+from annotate.scheme.regions import N_REGIONS, PAPER_PARTS
 from annotate.suit.palette import DEFAULT_SUIT
 from synth.body.body import shipped_bodies
 from synth.body.skeleton import JOINT_ID
@@ -52,7 +53,7 @@ def test_a_stay_is_the_same_twice_and_its_arrays_fit(scene):
         assert cast.faces.max() == len(a.vertices_m) - 1
         assert (np.isfinite(a.celsius) & (a.celsius > 5) & (a.celsius < 90)).all()
         assert ((cast.dark >= 0) & (cast.dark <= 1)).all()
-        own = cast.tags < N_CLASSES
+        own = cast.tags <= N_REGIONS
         assert cast.faces[own].max() < cast.subject <= cast.people
         assert cast.faces[cast.tags == Surface.OTHER_PERSON].max(initial=cast.subject) < cast.people
 
@@ -90,7 +91,7 @@ def test_blankets_lie_over_the_legs(scene, people):
     legs = [PART_ID[f"{s}_{p}"] for s in ("left", "right") for p in ("upper_leg", "lower_leg")]
     for tableau in moments:
         cloth = vertices_of(cast, tableau, Surface.BLANKET)
-        leg = vertices_of(cast, tableau, *legs)
+        leg = vertices_of(cast, tableau, *np.flatnonzero(np.isin(PAPER_PARTS, legs)))
         low, high = cloth[:, :2].min(axis=0), cloth[:, :2].max(axis=0)
         covered = leg[((leg[:, :2] > low) & (leg[:, :2] < high)).all(axis=1)]
         assert len(covered) > 200
@@ -142,7 +143,7 @@ def test_the_seat_is_warm_where_somebody_sits_and_the_room_even_when_clean():
     warm, cold = next(hard.states()), next(clean.states())
     seat_c = warm.celsius[hard.scene.tags == Surface.SOFA]
     assert seat_c.max() > hard.scene.room_c + 5 and np.median(seat_c) < hard.scene.room_c + 2
-    lifeless = clean.scene.tags >= N_CLASSES
+    lifeless = clean.scene.tags > N_REGIONS
     assert set(cold.celsius[lifeless]) == {clean.scene.room_c}
 
 
@@ -179,5 +180,5 @@ def test_a_loose_suit_changes_the_persons_shape_and_nothing_else_about_the_stay(
     own = slice(0, tight.scene.subject)
     off = np.linalg.norm(slim.vertices_m[own] - wide.vertices_m[own], axis=1)
     assert np.quantile(off, 0.9) > 0.004 and off.max() < 0.3
-    own = tight.scene.tags < N_CLASSES
+    own = tight.scene.tags <= N_REGIONS
     assert wide.celsius[own].mean() < slim.celsius[own].mean()

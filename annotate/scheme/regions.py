@@ -9,10 +9,11 @@ from enum import IntEnum
 import numpy as np
 
 from annotate.array_types import UInt8
+from annotate.parts import PART_ID
 
 
 class Region(IntEnum):
-    """Region of the body by its id in label images and networks; 0 is no region."""
+    """Region of the body by its id in label images and networks; 0 = background."""
 
     HEAD = 1
     NECK = 2
@@ -54,6 +55,21 @@ class Region(IntEnum):
 
 N_REGIONS = len(Region)
 
+_PAPER = {"neck": "head", "chest": "torso", "belly": "torso", "lower_belly": "torso", "shoulder": "torso"}
+_PAPER |= {"hand": "forearm", "fingers": "forearm", "foot": "lower_leg", "toes": "lower_leg"}
+
+
+def _paper_part(region: Region) -> int:
+    side, _, rest = region.label.partition("_")
+    sided = side in ("left", "right")
+    name = _PAPER.get(rest if sided else region.label, rest if sided else region.label)
+    return PART_ID[f"{side}_{name}" if f"{side}_{name}" in PART_ID else name]
+
+
+PAPER_PARTS = np.arange(256, dtype=np.uint8)
+"""Part id (256,) of the paper by region id; other ids stay."""
+PAPER_PARTS[: N_REGIONS + 1] = [0, *(_paper_part(region) for region in Region)]
+
 _CHAINS = (
     ("HEAD", "NECK", "CHEST", "BELLY", "LOWER_BELLY", "HIP"),
     *(
@@ -69,7 +85,6 @@ _CHAINS = (
                 f"{side}_FINGERS",
             ),
             ("HIP", f"{side}_UPPER_LEG", f"{side}_LOWER_LEG", f"{side}_FOOT", f"{side}_TOES"),
-            ("CHEST", f"{side}_UPPER_ARM"),
             ("NECK", f"{side}_SHOULDER"),
         )
     ),

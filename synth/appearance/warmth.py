@@ -99,9 +99,13 @@ class BodyWarmth:
         return np.asarray(self._apart + touch * np.maximum(CONTACT_C - self._apart, 0.0), np.float64)
 
 
+_DRAWN = 32  # random numbers of a room's surfaces; another count changes every recording of a seed
+
+
 def surface_temperatures(tags: Int32, room_c: float, spread: float, rng: np.random.Generator) -> Float64:
     """Draw the temperature (F,) of the faces of objects by tag; spread: factor on the deviations."""
-    table = np.full(max(Surface) + 1, room_c) + 0.3 * spread * rng.normal(size=max(Surface) + 1)
+    table = np.full(max(Surface) + 1, room_c)
+    table[-_DRAWN:] += 0.3 * spread * rng.normal(size=_DRAWN)
     for surface, (celsius, deviation) in SURFACE_C.items():
         table[surface] = celsius + spread * deviation * float(rng.normal())
     return np.asarray(table[tags], np.float64)

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from annotate.array_types import Float32, Float64, Int32, UInt8
+from synth.body.atlas_border import regions_of_faces
 from synth.body.body import Body
 
 
@@ -41,6 +43,13 @@ class Dressed:
     faces: Int32
     face_parts: UInt8
     dark: Float32
+
+    @cached_property
+    def face_regions(self) -> UInt8:
+        """Return the region id (F',) of each face; clothes have the regions of the body beneath."""
+        at_rest = self.drape(self.body.vertices_m, self.body.joints_m)
+        middles = at_rest[self.faces].mean(axis=1, dtype=np.float64)
+        return regions_of_faces(self.face_parts, middles, self.body.joints_m)
 
     def drape(self, vertices_m: Float32, joints_m: Float64) -> Float32:
         """Return the vertices (V', 3) of the posed body (V, 3), then of the pieces, world, metres."""

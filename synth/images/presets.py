@@ -12,6 +12,7 @@ import numpy as np
 from annotate.array_types import Bool, Float64, Index, Int32, UInt8, UInt16
 from annotate.crop import Crop, crop_around, window_of
 from annotate.frame_labels import FrameLabels
+from annotate.scheme.regions import PAPER_PARTS
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
 from synth.body.crowd import crowd_of, suit_wearers
@@ -98,7 +99,7 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
         inside = float(inside_image(joints, sensor.camera).mean())
         if not _shows(view) or inside < preset.joints:
             continue
-        mask = view.parts > 0
+        mask = view.regions > 0
         if rng.random() < preset.cut and np.count_nonzero(holed := cut(mask, rng)) >= MIN_PIXELS:
             mask = holed
         crop = crop_around(mask)
@@ -112,13 +113,17 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
         "posture": posture_class(*scene.activities),
         "crop": [crop.top + view.corner[0], crop.left + view.corner[1], crop.side],
         **_geometry(scene, shot, joints),
-        "visible": _rounded(visibility(np.where(mask, view.parts, np.uint8(0)), view.whole)),
+        "visible": _rounded(
+            visibility(PAPER_PARTS[np.where(mask, view.regions, np.uint8(0))], PAPER_PARTS[view.whole])
+        ),
         "occluders": things,
-        "cut": round(1 - np.count_nonzero(mask) / np.count_nonzero(view.parts), 3),
+        "cut": round(1 - np.count_nonzero(mask) / np.count_nonzero(view.regions), 3),
     }
     if preset.described:
         notes |= _description(scene, joints, view, sensor, inside) | shown.notes
-    return FrameLabels(f"{index:08d}", depth, labels, subject=person.subject, status="truth", notes=notes)
+    return FrameLabels(
+        f"{index:08d}", depth, PAPER_PARTS[labels], subject=person.subject, status="truth", notes=notes
+    )
 
 
 def _rounded(values: Float64) -> list[float]:
@@ -164,7 +169,7 @@ def _rendered(
 
 
 def _shows(view: PersonView) -> bool:
-    seen = np.count_nonzero(view.parts)
+    seen = np.count_nonzero(view.regions)
     return bool(seen >= max(MIN_PIXELS, MIN_VISIBLE * np.count_nonzero(view.whole)))
 
 
@@ -173,7 +178,7 @@ def _read(
 ) -> tuple[UInt16, UInt8]:
     clean = CleanDepth(view.camera, view.depth_m, view.dark, crop.reads(mask.shape), mask)
     reading = sensor.read(clean, rng)
-    return _cropped(*reading, view.parts, *crop.pixels())
+    return _cropped(*reading, view.regions, *crop.pixels())
 
 
 @numba.njit(cache=True)
@@ -219,7 +224,7 @@ def _description(
     rows that show the person. beyond: share of joints outside the image. intrinsics: width, height, fx, fy,
     cx, cy of the whole image, undistorted.
     """
-    rows, _ = window_of(view.parts > 0)
+    rows, _ = window_of(view.regions > 0)
     c = sensor.camera
     return {
         "facing_deg": round(facing_deg(joints_m * 1000, ("hip",)), 1),

@@ -23,14 +23,14 @@ class PersonView:
     """Window (h, w) of the depth image around the person, without noise.
 
     camera: pinhole of the window. corner: (top, left) in the whole image. depth_m: along z, NaN without a
-    hit. parts: ids, 0 outside the person. whole: parts without occlusion by objects. dark: absorbed share of
-    infrared.
+    hit. regions: ids of ``Region``, 0 outside the person. whole: regions without occlusion by objects. dark:
+    absorbed share of infrared.
     """
 
     camera: Intrinsics
     corner: tuple[int, int]
     depth_m: Float32
-    parts: UInt8
+    regions: UInt8
     whole: UInt8
     dark: Float32
 
@@ -46,29 +46,29 @@ def render_view(
     camera, corner = _window(points, whole_image)
     person = rasterize(camera, points, who.faces, closed=True)
     others = rasterize(camera, _to_camera(camera_from_world, around.vertices_m), around.faces)
-    layers = _layers(person.depth_m, person.face, others.depth_m, who.face_parts, who.dark)
+    layers = _layers(person.depth_m, person.face, others.depth_m, who.face_regions, who.dark)
     return PersonView(camera, corner, *layers)
 
 
 @numba.njit(cache=True)
 def _layers(
-    depth: Float32, face: Int32, other: Float32, face_parts: UInt8, face_dark: Float32
+    depth: Float32, face: Int32, other: Float32, face_regions: UInt8, face_dark: Float32
 ) -> tuple[Float32, UInt8, UInt8, Float32]:
-    """Return depth, visible parts, unoccluded parts and darkness (h, w).
+    """Return depth, visible regions, unoccluded regions and darkness (h, w).
 
     depth, face: z-buffer of the person; other: depth of other objects. Darkness: absorbed share of infrared.
     """
     height, width = depth.shape
     nearest, dark = other.copy(), np.zeros((height, width), np.float32)
-    parts, whole = np.zeros((height, width), np.uint8), np.zeros((height, width), np.uint8)
+    regions, whole = np.zeros((height, width), np.uint8), np.zeros((height, width), np.uint8)
     for v in range(height):
         for u in range(width):
             f = face[v, u]
             if f >= 0:
-                whole[v, u] = face_parts[f]
+                whole[v, u] = face_regions[f]
                 if not other[v, u] < depth[v, u]:
-                    nearest[v, u], parts[v, u], dark[v, u] = depth[v, u], face_parts[f], face_dark[f]
-    return nearest, parts, whole, dark
+                    nearest[v, u], regions[v, u], dark[v, u] = depth[v, u], face_regions[f], face_dark[f]
+    return nearest, regions, whole, dark
 
 
 def visibility(parts: UInt8, whole: UInt8) -> Float64:

@@ -16,6 +16,7 @@ from sensors.rig.rig_calibration import Pose
 from synth.appearance.outfit import Outfit, dress, dress_plainly
 from synth.appearance.photograph import Setting, set_up
 from synth.appearance.warmth import BodyWarmth, Clothing, surface_temperatures
+from synth.body.atlas_border import face_regions
 from synth.body.body import Body, blend, hair_faces
 from synth.body.crowd import suit_wearers
 from synth.clothes.dress import cut_loose
@@ -54,9 +55,9 @@ class Scene:
     """Properties of a scene that are constant during an episode.
 
     bodies: names, of which the subject is a blend.
-    faces: int32 (F, 3). tags: int32 (F,) part ids of the subject, ``Surface`` elsewhere. outfits: of subject
-    and visitor. subject, people: number of the subject's vertices, and of both people's. dark: float32 (F +
-    1,) absorbed share of infrared, last for no face.
+    faces: int32 (F, 3). tags: int32 (F,) region ids of the subject, ``Surface`` elsewhere. outfits: of
+    subject and visitor. subject, people: number of the subject's vertices, and of both people's. dark:
+    float32 (F + 1,) absorbed share of infrared, last for no face.
     """
 
     name: str
@@ -212,7 +213,7 @@ class Episode:
         self, name: str, outfits: list[Outfit], setting: Setting, camera_from_world: Pose, clothing: Clothing
     ) -> Scene:
         bodies = [self._skin, self._visitor_skin][: len(outfits)]
-        meshes = [Mesh(self._body.vertices_m, self._body.faces, self._body.face_parts.astype(np.int32))]
+        meshes = [Mesh(self._body.vertices_m, self._body.faces, face_regions(self._skin).astype(np.int32))]
         meshes += [tagged(b.vertices_m, b.faces, Surface.OTHER_PERSON) for b in bodies[1:]]
         subject, people = len(self._body.vertices_m), sum(len(mesh.vertices_m) for mesh in meshes)
         meshes += [c.mesh for c in self._cushions] + [t.mesh for t in self._things] + [self._fixed]

@@ -9,6 +9,7 @@ from annotate.array_types import Bool, Float64, Int32, UInt8
 from annotate.cloud.fuse import undistortion_index
 from annotate.frame_labels import FrameLabels
 from annotate.parts import N_CLASSES, UNDEFINED
+from annotate.scheme.regions import N_REGIONS, PAPER_PARTS
 from annotate.suit.palette import MIN_CHROMA_DISTANCE, chromaticity
 from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.camera import Intrinsics, project
@@ -38,12 +39,13 @@ COLD = 0.5  # share of the way to cold hands and feet
 class Truth:
     """Truth of a frame.
 
-    parts, persons: uint8 (h, w) of the raw depth image, as in ``FrameLabels``. joints_m: (J, 3), depth
+    regions: uint8 (h, w) of the raw depth image, ids of ``Region``, 0 elsewhere, 255 where several surfaces
+    mix. persons: uint8 (h, w), as in ``FrameLabels``. joints_m: (J, 3), depth
     camera. bodies: names, of which the subject is a blend. hard: causes of difficulty. drift_c: temperature
     error common to all pixels. spot_c: a pyrometer's reading, or NaN.
     """
 
-    parts: UInt8
+    regions: UInt8
     persons: UInt8
     joints_m: Float64
     subject: str
@@ -54,17 +56,17 @@ class Truth:
 
 
 def whose_readings(seen: ZBuffer, tags: Int32, reading: Reading, sensor: Sensor) -> tuple[UInt8, UInt8]:
-    """Return parts and persons (h, w) of the measured surfaces, from the faces' tags (F,)."""
+    """Return regions and persons (h, w) of the measured surfaces, from the faces' tags (F,)."""
     tag = np.append(tags, 0)[seen.face]
     if isinstance(sensor, TimeOfFlight):
         _follow_edges(tag, seen, reading.depth_mm, sensor)
     else:
         tag = tag.ravel()[reading.source]
-    parts = np.where((tag > 0) & (tag < N_CLASSES), tag, 0).astype(np.uint8)
-    persons = (parts > 0) + np.uint8(2) * (tag == Surface.OTHER_PERSON)
-    parts[tag < 0] = UNDEFINED
-    parts[reading.depth_mm == 0] = persons[reading.depth_mm == 0] = 0
-    return parts, persons.astype(np.uint8)
+    regions = np.where((tag > 0) & (tag <= N_REGIONS), tag, 0).astype(np.uint8)
+    persons = (regions > 0) + np.uint8(2) * (tag == Surface.OTHER_PERSON)
+    regions[tag < 0] = UNDEFINED
+    regions[reading.depth_mm == 0] = persons[reading.depth_mm == 0] = 0
+    return regions, persons.astype(np.uint8)
 
 
 def _follow_edges(tag: Int32, seen: ZBuffer, depth_mm: NDArray[np.uint16], sensor: TimeOfFlight) -> None:
@@ -86,15 +88,15 @@ def _follow_edges(tag: Int32, seen: ZBuffer, depth_mm: NDArray[np.uint16], senso
 def truth_labels(frame: RigFrame, truth: Truth, camera: Intrinsics = KINECT2_DEPTH) -> FrameLabels:
     """Return the true labels of the undistorted depth image; the undistortion is the one of fusion."""
     source = undistortion_index(camera)
-    depth_mm, parts, persons = (
+    depth_mm, regions, persons = (
         np.where(source >= 0, image.ravel()[source], 0)
-        for image in (frame.depth_mm, truth.parts, truth.persons)
+        for image in (frame.depth_mm, truth.regions, truth.persons)
     )
     notes = {"joints_mm": np.rint(truth.joints_m * 1000).astype(int).tolist(), "hard": list(truth.hard)}
     return FrameLabels(
         f"{frame.index:06d}",
         depth_mm.astype(np.uint16),
-        parts.astype(np.uint8),
+        PAPER_PARTS[regions],
         subject=truth.subject,
         status="truth",
         notes=notes,
@@ -110,7 +112,7 @@ def scene_hardships(
     """
     tags, celsius = np.append(scene.tags, 0)[seen.face], np.append(state.celsius, -100.0)[seen.face]
     warm = (celsius > BODY_WARM_C[0]) & (celsius < BODY_WARM_C[1])
-    own, whole = (tags > 0) & (tags < N_CLASSES), alone.face >= 0
+    own, whole = (tags > 0) & (tags <= N_REGIONS), alone.face >= 0
     pixels = project(camera, scene.camera_from_world.apply(state.joints_m))
     inside = ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(axis=1)
     causes = {

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from annotate.array_types import Float32, Float64, Int32
-from annotate.parts import N_CLASSES
+from annotate.scheme.regions import N_REGIONS
 from annotate.suit.palette import Suit
 from sensors.errors import CloudError
 from sensors.recording.rig_templates import REFERENCE
@@ -173,14 +173,14 @@ class VirtualRig(FrameSource):
             if not closed:
                 temperatures = thermograph(warm, noise, drift_c, rng)
         frame = RigFrame(index, round(time_s * 1e9), reading.depth_mm, color, temperatures)
-        parts, persons = whose_readings(seen, scene.tags, reading, cameras.depth)
-        alone = self._depth.render(in_depth[: scene.subject], scene.faces[scene.tags < N_CLASSES])
+        regions, persons = whose_readings(seen, scene.tags, reading, cameras.depth)
+        alone = self._depth.render(in_depth[: scene.subject], scene.faces[scene.tags <= N_REGIONS])
         hard = scene_hardships(scene, state, seen, alone, self.calibration.depth)
         speed = np.quantile(np.linalg.norm(velocity[: scene.subject], axis=1), FASTEST)
         hard += camera_hardships(float(speed), cameras.color.state or RESTING, drift_c)
         hard += [FLAG_CLOSED] * (temperatures is None)
         joints = scene.camera_from_world.apply(state.joints_m)
-        return frame, Truth(parts, persons, joints, scene.name, scene.bodies, tuple(hard), drift_c, spot_c)
+        return frame, Truth(regions, persons, joints, scene.name, scene.bodies, tuple(hard), drift_c, spot_c)
 
     def _see_distance(self, in_depth: Float64, faces: Int32, sensor: Sensor) -> ZBuffer:
         """Return depth and faces of the depth image without noise. in_depth: vertices in the depth camera's

@@ -19,12 +19,12 @@ from synth.surface.rasterize import Mesh, box, merge, sheet
 Side = Literal["top", "front"]  # side of a box: upwards, or towards -y
 
 
-# Tags of rendered faces other than body parts (body faces carry their part id, 1 to 11).
+# Tags of rendered faces of things; faces of a body carry their region id (``annotate.scheme.regions``).
 Surface = IntEnum(
     "Surface",
     "FLOOR WALL SOFA BED TABLE RADIATOR MUG HAIR LAPTOP KEYBOARD SCREEN WINDOW SUNLIT BLANKET PILLOW "
     "OTHER_PERSON",
-    start=16,
+    start=32,
 )
 # Looks and temperatures (``synth/data/surfaces.toml``).
 SURFACES: dict[Surface, dict[str, Any]] = {
