@@ -1,4 +1,4 @@
-"""Clean-up of labels: fill holes, remove islands, list the parts that a selection touches."""
+"""Clean-up of part labels: fill holes, remove islands, list the parts beside a selection."""
 
 import cv2
 import numpy as np
@@ -18,8 +18,8 @@ _INDEX = np.searchsorted(_LABELS, np.arange(256))
 def filled(parts: UInt8, depth_mm: UInt16, part: int) -> UInt8:
     """Return labels uint8 (h, w) with the holes of one part filled.
 
-    A hole is at most MOST_HOLE_PX connected pixels at the part's depth, bordered by the part and by pixels
-    without depth, mostly by the part.
+    A hole is at most ``MOST_HOLE_PX`` connected pixels of other labels at the part's depth, off the image's
+    border. Only the part and pixels without depth surround it, mostly the part.
     """
     valid = depth_mm > 0
     mask = valid & (parts == part)
@@ -48,10 +48,10 @@ def filled(parts: UInt8, depth_mm: UInt16, part: int) -> UInt8:
 
 
 def without_islands(parts: UInt8, depth_mm: UInt16) -> UInt8:
-    """Give the small islands of every body part in labels uint8 (h, w) to a neighbour.
+    """Return labels uint8 (h, w) with the small islands of every body part relabelled.
 
-    An island is a piece under ``LEAST_PIECE_PX`` pixels, not its part's largest. It takes the label that it
-    touches most at its depth, or background.
+    An island is a piece under ``LEAST_PIECE_PX`` pixels, except the largest piece of its part. It takes the
+    label that it touches most at its depth; if none, background.
     """
     depth_m = depth_mm.astype(np.float32) / np.float32(1000)
     flat_m = depth_m.ravel()
@@ -79,9 +79,10 @@ def without_islands(parts: UInt8, depth_mm: UInt16) -> UInt8:
 
 
 def neighbours(parts: UInt8, pixels: Int64) -> list[int]:
-    """Return the labels beside flat ``pixels``: longest contact first, then by anatomy, background last.
+    """Return the labels that flat indices ``pixels`` may change to: touching parts, longest contact first,
+    then parts joined by anatomy, then background.
 
-    The pixels' own commonest part and undefined are left out.
+    The pixels' most frequent label and undefined are left out.
     """
     if not len(pixels):
         return []
@@ -99,7 +100,7 @@ def neighbours(parts: UInt8, pixels: Int64) -> list[int]:
 
 def _islands(parts: UInt8, depth_m: Float32, among: list[int]) -> tuple[Int32, int]:
     """Return the ids of small islands, int32 (h, w) from 1, 0 elsewhere, and the highest id plus 1. among:
-    parts to search.
+    part ids to search.
     """
     islands, count = np.zeros(parts.shape, np.int32), 1
     for part in among:
@@ -117,8 +118,8 @@ def _islands(parts: UInt8, depth_m: Float32, among: list[int]) -> tuple[Int32, i
 
 
 def _beside(pixels: Int64, shape: tuple[int, ...], reach: int) -> list[Int64]:
-    """Return the flat neighbours (n,) of flat pixels, an array for each offset up to ``reach``; clipped at
-    the border.
+    """Return the neighbours of flat indices ``pixels`` (n,) as flat indices, one array (n,) for each offset
+    up to ``reach``; clipped at the border.
     """
     v, u = np.divmod(pixels, shape[1])
     steps = range(-reach, reach + 1)

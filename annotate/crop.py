@@ -1,4 +1,4 @@
-"""Crop of a depth image to the person's square, the network's input: 212 x 212, depth in [0, 1]."""
+"""Crop of a depth image to the square around a person; network input of 212 x 212 pixels, depth in [0, 1]."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -27,7 +27,7 @@ class Crop:
     side: int
 
     def cut(self, image: NDArray[Any], fill: int | float, size: int = SIZE) -> NDArray[Any]:
-        """Return the square's pixels (size, size, ...) by nearest neighbour; ``fill`` outside the image."""
+        """Return the square resampled to (size, size, ...) by nearest pixel; ``fill`` outside the image."""
         v, u = self.pixels(size)
         v_in, u_in = (v >= 0) & (v < image.shape[0]), (u >= 0) & (u < image.shape[1])
         result = np.full((size, size, *image.shape[2:]), fill, image.dtype)
@@ -39,7 +39,7 @@ class Crop:
         return result
 
     def reads(self, shape: tuple[int, ...], size: int = SIZE) -> Bool:
-        """Return flags (h, w) of the pixels of an image that ``cut`` samples. shape: of the image."""
+        """Return flags (h, w), True for the image pixels that ``cut`` samples. shape: of the image."""
         v_read, u_read = np.zeros(shape[0], np.bool_), np.zeros(shape[1], np.bool_)
         for read, start in ((v_read, self.top), (u_read, self.left)):
             source = self._source(start, size)
@@ -47,8 +47,8 @@ class Crop:
         return v_read[:, None] & u_read
 
     def pixels(self, size: int = SIZE) -> tuple[Index, Index]:
-        """Return the image row and column (size,) of each row and column of the patch; some may lie outside
-        the image.
+        """Return the image rows (size,) and columns (size,) that ``cut`` samples; some may lie outside the
+        image.
         """
         return self._source(self.top, size), self._source(self.left, size)
 
@@ -56,8 +56,8 @@ class Crop:
         return start + (np.arange(size) * self.side + self.side // 2) // size
 
     def paste(self, patch: NDArray[Any], shape: tuple[int, int], fill: int | float) -> NDArray[Any]:
-        """Return an image (h, w, ...) with a patch (size, size, ...) enlarged into the square; inverse of
-        ``cut``.
+        """Return an image (h, w, ...), ``fill`` outside the square, with a patch (size, size, ...) resampled
+        into the square; inverse of ``cut``.
         """
         result = np.full((*shape, *patch.shape[2:]), fill, patch.dtype)
         (rows, row), (columns, column) = (
@@ -70,22 +70,24 @@ class Crop:
     def _within(self, start: int, length: int, size: int) -> tuple[slice, Index]:
         """Return the slice of an image axis that the square covers, and the patch index of each pixel in it.
 
-        start: first pixel of the square on this axis. length: of the axis. size: side of the patch.
+        start: first pixel of the square on this axis. length: pixels of the axis. size: side of the patch.
         """
         first, end = max(start, 0), max(0, start, min(start + self.side, length))
         return slice(first, end), ((np.arange(first, end) - start) * size + size // 2) // self.side
 
     def camera(self, camera: Intrinsics, size: int = SIZE) -> Intrinsics:
-        """Return the pinhole camera of the images of ``cut``; camera: undistorted, of the whole image."""
+        """Return the pinhole camera of the square that ``cut`` returns. camera: undistorted, of the whole
+        image.
+        """
         scale = size / self.side
         cx, cy = ((c + 0.5) * scale - 0.5 for c in (camera.cx - self.left, camera.cy - self.top))
         return Intrinsics(size, size, camera.fx * scale, camera.fy * scale, cx, cy)
 
 
 def crop_from_note(note: object, name: str) -> Crop:
-    """Return the square of a frame's note ``name``, [top, left, side] in whole pixels.
+    """Return the square in a frame's note ``name``: [top, left, side], integer pixels.
 
-    Raises FormatError for a malformed note, and for a square far beyond every image.
+    Raises FormatError for a malformed note, and for a square far outside any image.
     """
     if (
         not isinstance(note, list)
@@ -101,7 +103,7 @@ def crop_from_note(note: object, name: str) -> Crop:
 
 
 def window_of(mask: Bool, margin_px: int = 0) -> tuple[slice, slice]:
-    """Return the slices of a mask's (h, w) rows and columns, with a margin; empty for an empty mask.
+    """Return the slices of rows and columns that bound a mask (h, w), with a margin; empty for an empty mask.
 
     Slices may pass the bottom and right of the image.
     """
@@ -113,7 +115,8 @@ def window_of(mask: Bool, margin_px: int = 0) -> tuple[slice, slice]:
 
 
 def crop_around(mask: Bool, margin: float = MARGIN) -> Crop:
-    """Return the square around a person's mask (h, w). margin: free border as a share of its extent.
+    """Return the square around a person's mask (h, w). margin: free border on each side, share of the
+    person's larger extent.
 
     Raises CloudError on an empty mask.
     """
@@ -126,7 +129,8 @@ def crop_around(mask: Bool, margin: float = MARGIN) -> Crop:
 
 
 def network_crop(mask: Bool) -> Crop:
-    """Return a person's square for a network; an image of the network's size is returned whole.
+    """Return the square around a person's mask (h, w) for a network; the whole image if it has the network's
+    size.
 
     Raises CloudError on an empty mask.
     """
@@ -134,7 +138,10 @@ def network_crop(mask: Bool) -> Crop:
 
 
 def normalize(depth_mm: UInt16, mask: Bool) -> Float32:
-    """Scale depth uint16 (h, w) to float32 in [0, 1] on a person's pixels, 0 elsewhere."""
+    """Scale depth uint16 (h, w) to float32 in [0, 1] on a person's mask, 0 elsewhere.
+
+    The person's median depth becomes 0.5; 1 corresponds to ``RANGE_MM``.
+    """
     person = mask & (depth_mm > 0)
     if not person.any():
         return np.zeros(depth_mm.shape, np.float32)
@@ -144,12 +151,12 @@ def normalize(depth_mm: UInt16, mask: Bool) -> Float32:
 
 
 def person_of(parts: UInt8) -> Bool:
-    """Return flags (h, w) of a person's pixels, the undefined ones included."""
+    """Return the mask (h, w) of all pixels that are not background, the undefined ones included."""
     return np.asarray(parts != BACKGROUND, np.bool_)
 
 
 def nearest_seen(seen: Bool) -> Index:
-    """Return for each pixel (h, w) the flat index of the nearest pixel in ``seen``."""
+    """Return for each pixel (h, w) the flat index of the nearest True pixel of ``seen`` (h, w)."""
     if not seen.any():
         return np.arange(seen.size).reshape(seen.shape)
     import cv2  # here, because info and refusals do not need it

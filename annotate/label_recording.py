@@ -1,4 +1,6 @@
-"""Label the frames of a recording: fuse each, detect its persons, label its parts, and store the result."""
+"""Label the frames of a recording: fuse each frame to a cloud, detect its persons, label their parts, store
+the result.
+"""
 
 import shutil
 from collections import deque
@@ -37,7 +39,7 @@ DETECTORS, AHEAD = 2, 3  # threads; frames read before their turn; untuned, for 
 
 
 class DepthCloud(Protocol):
-    """Whole or coarse cloud of an undistorted depth image (h, w)."""
+    """Full or coarse cloud of an undistorted depth image (h, w)."""
 
     @property
     def depth_mm(self) -> UInt16: ...
@@ -49,7 +51,7 @@ S = TypeVar("S")
 
 
 class FrameFuser(Protocol[C_co]):
-    """Fusion of frames to clouds: ``Fuser`` or ``CoarseFuser``."""
+    """Fusion of a frame's images to a cloud: ``Fuser`` or ``CoarseFuser``."""
 
     @property
     def calibration(self) -> RigCalibration: ...
@@ -62,7 +64,7 @@ class FrameFuser(Protocol[C_co]):
 class Labeller(Protocol[C, S]):
     """Steps that label a frame. ``detect`` does all work that needs no other frame.
 
-    ``label`` takes the labels of the previous frame as stored; None at first and after a failed frame.
+    ``label`` takes the stored labels of the previous frame; None at first and after a failed frame.
     """
 
     def fuser(self, calibration: RigCalibration) -> FrameFuser[C]: ...
@@ -73,23 +75,23 @@ class Labeller(Protocol[C, S]):
 def label_cloud(
     labeller: Labeller[C, S], cloud: C, before: FrameLabels | None
 ) -> tuple[Segmentation, PersonMask]:
-    """Label one cloud. before: labels of the previous frame, or None."""
+    """Return the segmentation and mask of a cloud's subject. before: labels of the previous frame."""
     return labeller.label(labeller.detect(cloud), before)
 
 
 @dataclass(frozen=True)
 class Run:
-    """Label set of a run over a source. failed: (frame id, reason) of frames without labels."""
+    """Result of labelling a source. failed: (frame id, reason) of frames without labels."""
 
     labels: LabelSet
     failed: tuple[tuple[str, str], ...]
 
     def review_order(self) -> list[str]:
-        """Return the frame ids, the least certain first."""
+        """Return the frame ids, the lowest mean confidence first."""
         return sorted(self.labels.frame_ids, key=lambda i: float(self.labels.notes(i).get("confidence", 0.0)))
 
     def remarks(self) -> dict[str, list[str]]:
-        """Return the notes on omissions and defects, each with the ids of its frames."""
+        """Return each warning with the ids of its frames."""
         remarks: dict[str, list[str]] = {}
         for frame_id in self.labels.frame_ids:
             for note in self.labels.notes(frame_id)["notes"]:
@@ -100,7 +102,7 @@ class Run:
 @dataclass(frozen=True)
 class SuitDetection:
     """Cloud of a frame with its persons. likely: the subject, detected in this frame alone. seen: network
-    input of the likely subject; None without a suit.
+    input of the likely subject; None without a suit or a trusted subject.
     """
 
     cloud: ThermalCloud
@@ -109,7 +111,7 @@ class SuitDetection:
     seen: View | None
 
     def view(self, person: PersonMask) -> View | None:
-        """Return the network input of a trusted person; None where its colours are unreadable."""
+        """Return the network input of a trusted subject; None with too few readable colours."""
         # The network distinguishes the subject from other persons, not these from one another.
         own, likely = (np.minimum(one.persons, 2) for one in (person, self.likely))
         if self.likely.trusted and np.array_equal(own, likely):
@@ -131,11 +133,11 @@ class SuitLabeller:
     single_pass: bool = False
 
     def fuser(self, calibration: RigCalibration) -> Fuser:
-        """Return the fusion of whole clouds."""
+        """Return the fusion to full clouds."""
         return Fuser(calibration)
 
     def detect(self, cloud: ThermalCloud) -> SuitDetection:
-        """Detect the persons of a cloud."""
+        """Detect the persons of a cloud, from this frame alone."""
         # The suit network redraws the outline, so one pass of the person network suffices.
         passes = self.suit is not None
         persons = PersonDetection(CoarseCloud.of(cloud), self.window_c, self.suit, single_pass=passes)
@@ -146,7 +148,7 @@ class SuitLabeller:
     def label(
         self, detection: SuitDetection, before: FrameLabels | None = None
     ) -> tuple[Segmentation, PersonMask]:
-        """Label the subject of a frame."""
+        """Return the segmentation and mask of a frame's subject. before: labels of the previous frame."""
         person = detection.persons.person(before)
         if not person.trusted:
             return unlabelled(person.mask), person
@@ -160,7 +162,7 @@ class SuitLabeller:
 def label_source(
     source: FrameSource, labeller: SuitLabeller, out: Path, progress: Callable[[int], None]
 ) -> Run:
-    """Label every frame of ``source`` into the label set ``out``; arguments and errors of ``run``."""
+    """Label every frame of ``source`` into the label set ``out``; arguments and errors as in ``run``."""
     suit, window_c = labeller.suit, labeller.window_c
     step = {
         "suit": suit_to_toml(suit) if suit else None,
@@ -177,12 +179,12 @@ def run(
     labeller: Labeller[C, S],
     progress: Callable[[int], None],
 ) -> Run:
-    """Label every frame of a source into ``out``; an interrupted run is resumed, with the same bytes as
-    without a break.
+    """Label every frame of a source into the label set ``out``; continue an interrupted run, with the same
+    bytes as an uninterrupted one.
 
-    progress: called with 1 for each frame that is stored or has failed. Raises ExistsError when ``out`` is
-    not the beginning of this run, and ClaimedError while another process writes it. When every frame fails,
-    removes ``out`` and raises CloudError.
+    steps: settings by step, stored in ``out``. progress: called with 1 for each frame that is stored or has
+    failed. Raises ExistsError when ``out`` is of another source or settings, and ClaimedError while another
+    process writes it. When every frame fails, removes ``out`` and raises CloudError.
     """
     fuser = labeller.fuser(source.calibration)
     info = {"source": source.name, "calibration": calibration_to_json(source.calibration), "steps": steps}
@@ -246,8 +248,8 @@ def _id(index: int) -> str:
 
 
 class _Fused(NamedTuple, Generic[S]):
-    """Fused frame. detection: None where its labels are already stored. left_out: notes on missing
-    streams.
+    """Depth image and detection of a frame. detection: None where labels are already stored. left_out: notes
+    on missing streams.
     """
 
     depth_mm: UInt16
@@ -258,7 +260,7 @@ class _Fused(NamedTuple, Generic[S]):
 def _fused_ahead(
     source: FrameSource, fuse: Callable[[RigFrame], _Fused[S]]
 ) -> Iterator[tuple[str, Future[_Fused[S]]]]:
-    """Yield the frames of a source; some of them are read and fused in advance."""
+    """Yield the id and the pending result of each frame of a source; some are read and fused in advance."""
     frames = iter(source)
     with ThreadPoolExecutor(1, "read") as reader, ThreadPoolExecutor(DETECTORS, "fuse") as detectors:
 
@@ -287,7 +289,7 @@ def check_same(labels: LabelSet, frame_id: str, depth_mm: UInt16) -> FrameLabels
 
 
 def finished(labels: LabelSet, failed: list[tuple[str, str]]) -> Run:
-    """Return a run; when all frames failed, remove the label set and raise CloudError."""
+    """Return the result of a run; if every frame failed, remove the label set and raise CloudError."""
     if failed and not len(labels):
         shutil.rmtree(labels.path)
         raise CloudError(
@@ -297,7 +299,7 @@ def finished(labels: LabelSet, failed: list[tuple[str, str]]) -> Run:
 
 
 def notes_of(result: Segmentation, remarks: Sequence[str] = ()) -> dict[str, Any]:
-    """Return a frame's notes: mean confidence on the person, remarks, crop of stored probabilities."""
+    """Return a frame's notes: mean confidence on the person, remarks, crop of probabilities, bearing."""
     on_person = result.confidence[result.parts != BACKGROUND]
     return {
         "confidence": round(float(on_person.mean()), 4) if on_person.size else 0.0,

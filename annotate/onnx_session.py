@@ -11,9 +11,10 @@ _NOWHERE = "/dev/null/no-external-data"
 
 
 def onnx_session(file: bytes) -> Network:
-    """Load the network of a file, for any number of threads, without executing code from the file.
+    """Load the network of an ONNX file's bytes without executing code from it. Any number of threads may run
+    it.
 
-    Raises ONNX Runtime's errors, which share no public base, if the file holds no valid ONNX network.
+    Raises ONNX Runtime's errors, which share no base class, if the bytes hold no valid ONNX network.
     """
     import onnxruntime  # 0.1 s
 

@@ -16,7 +16,7 @@ N_CLASSES = 12
 
 @dataclass(frozen=True)
 class Part:
-    """Class of a label image."""
+    """Class of a label image: a body part or the background."""
 
     id: int
     name: str
@@ -65,12 +65,12 @@ TWIN_PARTS = swap_left_right(np.arange(N_CLASSES, dtype=np.uint8))
 
 
 def on_body(labels: UInt8) -> Bool:
-    """Return flags of labels that are a body part, not background or undefined; any shape."""
+    """Return flags, True where a label (any shape) is a body part, not background or undefined."""
     return np.asarray((labels != BACKGROUND) & (labels != UNDEFINED))
 
 
 def palette_rgb() -> UInt8:
-    """Return colours uint8 (256, 3) by id; undefined is grey, unused ids black."""
+    """Return RGB colours uint8 (256, 3) by part id; undefined is grey, unused ids black."""
     palette = np.zeros((256, 3), np.uint8)
     for part in PARTS:
         palette[part.id] = part.rgb

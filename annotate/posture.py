@@ -1,3 +1,3 @@
-"""Posture classes of the network, by index."""
+"""Posture classes, in the order of the network's outputs."""
 
 POSTURES = ("standing", "sitting", "lying", "crouching", "kneeling", "on all fours")

@@ -1,1 +1,1 @@
-"""Palette of the colour-coded clothing, its colours in a frame's illuminant, and its estimation."""
+"""Palette of the colour-coded suit, its colours in a frame's illuminant, and the estimation of both."""

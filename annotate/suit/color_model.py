@@ -1,4 +1,4 @@
-"""Colour model of a suit under the illuminant of one frame, and the likelihood of colours under its parts.
+"""Colour model of a suit under the illuminant of one frame, and the likelihood of colours under each part.
 
 The illuminant multiplies red, green and blue each by a gain (von Kries); exposure leaves the chromaticity
 unchanged. Expectation maximisation fits the two gains and each swatch's shift (wear, reflections) and spread,
@@ -40,10 +40,10 @@ class ColorModel:
     """Chromaticities of a suit's K swatches (cloth colours) in the illuminant of one frame.
 
     palette: (K, 2), chromaticities in white light. shift: (K, 2), estimated offset that remains after the
-    diagonal illuminant gains ``log_gain``. unknown: (K, 2, 2), covariance of ``shift``. variance: (K,),
-    spread of a swatch's colours along one axis. wears: bool (K, 11), True for parts that show the swatch.
-    bare: bool (K,), True for a swatch that is skin or hair, not cloth. log_gain: (2,), natural logarithms of
-    the red and blue gains relative to green.
+    diagonal illuminant gains ``log_gain``. unknown: (K, 2, 2), covariance of ``shift``. variance: (K,), of a
+    swatch's colours along each axis. wears: bool (K, 11), True for parts that show the swatch. bare: bool
+    (K,), True for a swatch that is skin or hair, not cloth. log_gain: (2,), natural logarithms of the red and
+    blue gains relative to green.
     """
 
     palette: Float64
@@ -70,14 +70,14 @@ class ColorModel:
     def match(self, chroma: Float64, noise: Float64) -> Float32:
         """Return the log likelihood (K, n) of colours under each swatch.
 
-        Scaled to 0 at the centre of a swatch with standard deviation SIGMA. chroma: (n, 2). noise: (n,),
+        The centre of a cloth swatch with standard deviation ``SIGMA`` has 0. chroma: (n, 2). noise: (n,),
         standard deviations of the chromaticities.
         """
         swatches = _Swatches(self.lit + self.shift, self.variance, self.unknown, self._cost)
         return _match(chroma, noise, swatches)
 
     def match_under(self, log_gains: Float64, chroma: Float64, noise: Float64) -> Float32:
-        """Return ``match`` (L, K, n) for the unfitted model under each of L log gains (L, 2)."""
+        """Return ``match`` (L, K, n) of the unfitted model under each of L log gains (L, 2)."""
         lit, white = _lit(self.palette, log_gains)
         fading, count = white - lit, len(log_gains)
         middle, unknown = (lit + FADE * fading).reshape(-1, 2), _strays(fading).reshape(-1, 2, 2)
@@ -111,15 +111,17 @@ class ColorModel:
 
 
 def _lit(palette: Float64, log_gain: Float64) -> tuple[Float64, Float64]:
-    """Return a palette (K, 2) under log gains (..., 2) as (..., K, 2), and white as (..., 1, 2)."""
+    """Return the chromaticities (..., K, 2) of a palette (K, 2), and (..., 1, 2) of white, under log gains
+    (..., 2).
+    """
     white = np.exp(log_gain[..., [0, 0, 1]] * (1, 0, 1))[..., None, :]
     rgb = np.column_stack([palette, 1 - palette.sum(axis=1)]) * white
     return rgb[..., :2] / rgb.sum(axis=-1, keepdims=True), white[..., :2] / white.sum(axis=-1, keepdims=True)
 
 
 class _Swatches(NamedTuple):
-    """Normal distributions of K swatches. middle: (K, 2). unknown: (K, 2, 2), covariance of ``middle``. cost:
-    (K,), subtracted from the log density.
+    """Normal distributions of K swatches. middle: (K, 2). variance: (K,). unknown: (K, 2, 2), covariance of
+    ``middle``. cost: (K,), subtracted from the log density.
     """
 
     middle: Float64
@@ -129,7 +131,9 @@ class _Swatches(NamedTuple):
 
 
 def _match(chroma: Float64, noise: Float64, swatches: _Swatches) -> Float32:
-    """Return the log density (K, n) of swatches minus their cost, as ``ColorModel.match``."""
+    """Return the log density (K, n) of colours (n, 2) under swatches, less the swatches' cost; see
+    ``ColorModel.match``.
+    """
     middle, variance, unknown, cost = swatches
     of_colors = chroma[:, 0], chroma[:, 1], noise**2
     of_swatches = *middle.T, variance + unknown[:, 0, 0], unknown[:, 0, 1], variance + unknown[:, 1, 1]
@@ -142,6 +146,8 @@ def _match(chroma: Float64, noise: Float64, swatches: _Swatches) -> Float32:
 def _away(colors: Float32, swatches: Float32) -> tuple[Float32, Float32]:
     """Return squared Mahalanobis distances (K, n) of n colours from K swatches, and determinants (K, n) of
     the covariances.
+
+    colors: (3, n), chromaticity and noise variance. swatches: (5, K), mean and covariance xx, xy, yy.
     """
     shape = swatches.shape[1], colors.shape[1]
     away, area = np.empty(shape, np.float32), np.empty(shape, np.float32)
@@ -156,7 +162,8 @@ def _away(colors: Float32, swatches: Float32) -> tuple[Float32, Float32]:
 
 
 def readable(rgb: UInt8, seen: Bool) -> Bool:
-    """Return flags (n,) of colours uint8 (n, 3) that are valid, not too dark and not clipped.
+    """Return flags (n,), True for colours uint8 (n, 3) that are valid, not too dark, and clipped in one
+    channel at most.
 
     seen: bool (n,), True for a valid colour.
     """
@@ -274,6 +281,8 @@ def fit_illuminant(suit: Suit, rgb: UInt8, belief: Float64 | None = None) -> Col
 
 
 def _score(match: Float32, prior: Float32, illuminants: Float64) -> Float64:
-    """Return the log likelihood (L,) of illuminants (L, 2); match: (L, K, n), prior: (K, n)."""
+    """Return the unnormalised log posterior (L,) of illuminants (L, 2), log gains; match: (L, K, n), prior:
+    (K, n).
+    """
     mixed = np.log((np.exp(match) * prior).sum(axis=1) + STRAY).sum(axis=1)
     return np.asarray(mixed - 0.5 * np.square((illuminants - GAIN) / GAIN_SIGMA).sum(axis=1))

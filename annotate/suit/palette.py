@@ -1,6 +1,6 @@
 """Palette of the colour-coded suit: the colours of each part, as a TOML file.
 
-A file names every part once, with all its colours except bare skin::
+The file's table ``[colors]`` lists every part's colours as "#rrggbb", except bare skin.
 """
 
 import json
@@ -51,7 +51,7 @@ class Suit:
         return tuple((a, b) for a in ids for b in ids if a < b and self._covers(near, a, b))
 
     def _covers(self, near: Bool, a: int, b: int) -> bool:
-        """Return whether each swatch of part ``a`` is near a swatch of part ``b``. near: bool (K, K)."""
+        """Return whether each swatch of one part is near a swatch of the other. near: bool (K, K)."""
         both = near[np.ix_(self.parts == a, self.parts == b)]
         return bool(both.any(axis=1).all() or both.any(axis=0).all())
 
@@ -82,13 +82,13 @@ def _linear(rgb: NDArray[Any]) -> Float64:
 
 
 def load_suit(path: Path) -> Suit:
-    """Read a palette. Raises CloudError naming the part or value that is wrong."""
+    """Read a palette file. Raises CloudError naming the part or value that is wrong."""
     fields = read_toml(path, MAX_TOML_BYTES, "give a palette file (TOML)", CloudError)
     return _suit(fields, f"suit {path}", path.stem)
 
 
 def suit_from_toml(text: str, what: str) -> Suit:
-    """Read a palette from the text of ``suit_to_toml``. what: its origin in error messages. Raises CloudError
+    """Read a palette from the text of ``suit_to_toml``. what: name of the text in errors. Raises CloudError
     as ``load_suit``.
     """
     try:
@@ -121,7 +121,7 @@ def _swatch(what: str, part: str, color: object) -> tuple[int, tuple[int, ...]]:
 
 
 def suit_to_toml(suit: Suit) -> str:
-    """Write a palette as TOML text; inverse of ``load_suit``."""
+    """Return a palette as TOML text; inverse of ``suit_from_toml``."""
     # A JSON string is a TOML string, except that TOML forbids DEL.
     name = json.dumps(suit.name, ensure_ascii=False).replace("\x7f", "\\u007f")
     lines = [f"name = {name}", "[colors]"]

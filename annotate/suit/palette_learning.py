@@ -29,7 +29,7 @@ LEAST_PATCH = 0.002  # share of the photograph below which a spot is noise
 
 
 def corrected_frames(labels: LabelSet) -> list[str]:
-    """Return the ids of the frames with checked labels. Raises CloudError without any."""
+    """Return the ids of the frames with corrected labels. Raises CloudError without any."""
     ids = [i for i in labels.frame_ids if labels.read(i).status != "auto"]
     if not ids:
         raise CloudError(
@@ -42,7 +42,7 @@ def corrected_frames(labels: LabelSet) -> list[str]:
 def clouds_with(
     labels: LabelSet, frame_ids: list[str], source: FrameSource
 ) -> Iterator[tuple[ThermalCloud, FrameLabels]]:
-    """Yield clouds and labels of a source's frames ``frame_ids``.
+    """Yield the cloud and labels of each frame in ``frame_ids``, sorted by id.
 
     Raises CloudError when the source or the labels lack a frame.
     """
@@ -141,7 +141,7 @@ def _main_colors(rgb: UInt8) -> list[tuple[int, ...]]:
 
 
 def _typical(rgb: UInt8) -> tuple[int, ...]:
-    """Return the median chromaticity of colours (n, 3), at their upper brightness, as sRGB."""
+    """Return the sRGB colour with the median chromaticity and upper brightness of colours (n, 3)."""
     x, y = np.median(chromaticity(rgb), axis=0)
     shares = np.maximum([x, y, 1 - x - y], 0)
     level = np.quantile(rgb.max(axis=1), 0.9)
@@ -149,7 +149,9 @@ def _typical(rgb: UInt8) -> tuple[int, ...]:
 
 
 def _row_by_row(stats: NDArray[Any]) -> list[int]:
-    """Return patch indices in reading order; a row ends where the next patch starts below its middle."""
+    """Return patch indices in reading order; a row ends where the next patch starts below its middle. stats:
+    (n, 5), OpenCV's component statistics.
+    """
     top, height = stats[:, cv2.CC_STAT_TOP], stats[:, cv2.CC_STAT_HEIGHT]
     middle, row = top + height / 2, np.zeros(len(stats), int)
     order = np.argsort(middle)
@@ -158,7 +160,9 @@ def _row_by_row(stats: NDArray[Any]) -> list[int]:
 
 
 def _read(path: Path) -> UInt8:
-    """Read a photograph uint8 (h, w, 3), at most 1,000 pixels a side, turned by its EXIF orientation."""
+    """Read a photograph uint8 (h, w, 3), reduced to at most 1,000 pixels a side, turned by its EXIF
+    orientation.
+    """
     try:
         with Image.open(path, formats=("JPEG", "PNG")) as image:
             image.thumbnail((1000, 1000))
