@@ -1,9 +1,8 @@
 """Shift of the thermal image relative to the depth image, in a frame and over a session (calibration drift).
 
-At a person's silhouette depth and temperature jump together. Temperatures of points inside and outside of
-depth jumps are compared under a grid of shifts. The shift with the largest contrast is the error of the
-calibration. A parabola refines the peak of a session's mean contrasts. Constants are untuned unless a source
-is given.
+At a person's silhouette depth and temperature jump together. The temperatures just inside and just outside of
+depth jumps are compared under a grid of shifts. The shift with the largest contrast is the calibration error.
+A parabola refines the peak of a session's mean contrasts. Constants are untuned unless a source is given.
 """
 
 from collections.abc import Iterable
@@ -36,9 +35,9 @@ TOLERABLE_DEG = 0.5  # drift that fusion and extraction tolerate: a pixel of a P
 
 @dataclass(frozen=True)
 class ThermalDrift:
-    """Shift (right, down) of the thermal image relative to the depth image, in depth pixels.
+    """Shift (right, down) of the thermal image relative to the depth image, in depth pixels, over a session.
 
-    sd_px: standard deviations over groups of frames. degrees: angle of the shift in the depth camera. frames:
+    sd_px: standard errors, from groups of frames. degrees: angle of the shift in the depth camera. frames:
     number of frames with enough silhouettes.
     """
 
@@ -54,7 +53,7 @@ class ThermalDrift:
 
 
 def degrees(shift_px: tuple[float, float], camera: Intrinsics) -> float:
-    """Return the angle of a shift (right, down) over a depth camera's image."""
+    """Return the angle in degrees of a shift (right, down) in pixels of a depth camera's image."""
     return float(np.degrees(np.arctan2(np.hypot(*shift_px), camera.fx)))
 
 
@@ -75,15 +74,16 @@ def contrasts(cloud: ThermalCloud, window_c: tuple[float, float], warm: Bool) ->
 
 
 def warm_contrasts(cloud: ThermalCloud) -> Float64 | None:
-    """Return the contrasts at silhouettes of all objects as warm as a person."""
+    """Return ``contrasts`` at the silhouettes of all objects as warm as a person."""
     window = find_window(cloud, cloud.valid) or WINDOW_C
     return contrasts(cloud, window, cloud.valid & is_warm(cloud.temperature_c, window))
 
 
 def misplacement_px(surface: Float64) -> tuple[float, float] | None:
-    """Return the shift (right, down) that contrasts (n, n) reveal as a calibration error, or None.
+    """Return the shift (right, down) with the highest contrast (n, n); None below the limits of a calibration
+    error.
 
-    Only large shifts count, because the long edges of a bed resemble a person's silhouette.
+    Small shifts do not count, because the long edges of a bed resemble a person's silhouette.
     """
     gain = surface.max() - surface[len(surface) // 2, len(surface) // 2]
     shift_px = peak_px(surface)
@@ -91,7 +91,8 @@ def misplacement_px(surface: Float64) -> tuple[float, float] | None:
 
 
 def is_warmer(warmth: Float32, persons: Bool, shift_px: tuple[float, float]) -> bool:
-    """Return whether a shift raises the mean warmth (h, w) on persons (h, w); True if the warmth is unknown.
+    """Return whether a shift (right, down) raises the mean warmth (h, w) on persons (h, w); True if it is
+    unknown.
 
     If the warmth does not rise, the contrast comes from furniture.
     """
@@ -136,14 +137,18 @@ def peak_px(surface: Float64) -> tuple[float, float]:
 
 
 def _vertex(three: Float64) -> float:
-    """Return the position of the maximum of a parabola through values at -1, 0, 1; 0 at the border."""
+    """Return the offset from the middle to the maximum of a parabola through three values; 0 without both
+    neighbours or a maximum.
+    """
     if len(three) < 3 or (bend := three[0] - 2 * three[1] + three[2]) >= 0:
         return 0.0
     return float(0.5 * (three[0] - three[2]) / bend)
 
 
 def _sides(depth_m: Float32, around: Bool) -> tuple[Int64, Int64]:
-    """Return pixels [v, u] (n, 2) just inside and just outside of depth jumps; the nearer side is inside."""
+    """Return pixels [v, u] (n, 2) on the near side (inside) and on the far side of depth jumps. around: bool
+    (h, w), pixels to search.
+    """
     insides, outsides = [], []
     slices: tuple[Any, ...] = (np.s_[:-2], np.s_[2:]), (np.s_[:, :-2], np.s_[:, 2:])
     for axis, (before, after) in enumerate(slices):
@@ -161,7 +166,9 @@ def _sides(depth_m: Float32, around: Bool) -> tuple[Int64, Int64]:
 
 @njit(cache=True, nogil=True)
 def _contrasts(warmth: Float32, inside: Int64, outside: Int64, shifts: Int64) -> Float64:
-    """Return mean warmth inside minus outside (n, n), by shifts down (rows) and right (columns)."""
+    """Return mean warmth inside minus outside (n, n), by shifts down (rows) and right (columns); 0 with too
+    few readings.
+    """
     height, width = warmth.shape
     contrast = np.zeros((shifts.size, shifts.size))
     for i in range(shifts.size):

@@ -1,7 +1,7 @@
 """Person detection in one frame, and the mask of its subject with track ids.
 
-Nishi & Miura 2017, section 4.2.1, take every point of 25 to 35 degrees Celsius. Here each frame has its own
-temperature range, and a network weighs warmth and shape.
+Nishi & Miura 2017, section 4.2.1, take every point of 25 to 35 degrees Celsius as the person. Here each frame
+has its own temperature range, and a network weighs warmth and shape.
 """
 
 from collections.abc import Sequence
@@ -52,9 +52,9 @@ class PersonDetection:
     """Persons of one frame, detected in the coarse cloud, independent of other frames.
 
     window_c: lowest and highest surface temperature of a person; None = from the frame. Without pixels in
-    this range no person is found. suit: suit of the subject, which distinguishes it from others. everybody:
-    label all persons; the earlier subject keeps number 1, and no clear subject is required. single_pass:
-    skip the flipped image (``find_people``).
+    this range no person is found. suit: suit of the subject, which distinguishes the subject from others.
+    everybody: label all persons; the earlier subject keeps id 1, and no clear subject is required.
+    single_pass: as in ``find_people``.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class PersonDetection:
 
     @cached_property
     def _loose(self) -> Bool:
-        """Return flags (h, w) of points off the room's planes, because a sunlit wall is not a person."""
+        """Return flags (h, w) of points off the room's planes; a sunlit wall is as warm as a person."""
         points_m = self._coarse.points_m
         return self._coarse.valid & (distance_m(self.planes, points_m) > TOLERANCE * points_m[..., 2])
 
@@ -109,7 +109,7 @@ class PersonDetection:
         )
 
     def person(self, before: FrameLabels | None = None) -> PersonMask:
-        """Return the subject, given the labels of the previous frame.
+        """Return the subject's mask, given the labels of the previous frame.
 
         Without a person the mask is empty and a note gives the reason.
         """
@@ -118,7 +118,7 @@ class PersonDetection:
         return replace(found, mask=persons == 1, persons=persons)
 
     def _person(self, before: FrameLabels | None) -> PersonMask:
-        """Return the subject in the coarse cloud; before: coarse labels."""
+        """Return the subject's mask in the coarse cloud. before: coarse labels."""
         ranked = self._ranked(before)
         scores, persons = [score for score, _ in ranked], [person for _, person in ranked]
         found = self._numbered(persons, before)
@@ -148,12 +148,12 @@ class PersonDetection:
 
     @cached_property
     def _cloths(self) -> list[float]:
-        """Return the number of the suit's cloths that each person shows; 1 without a suit."""
+        """Return ``cloths_shown`` for each person; 1 without a suit."""
         suit = self._suit if self._coarse.color_valid.any() else None
         return [cloths_shown(suit, self._coarse, one.mask) if suit else 1.0 for one in self._persons]
 
     def _numbered(self, persons: Sequence[Person], before: FrameLabels | None) -> PersonMask:
-        """Return masks and track ids of persons, the subject first."""
+        """Return the mask of persons (subject first) by track id."""
         numbers, tracks = assign_track_ids(persons, before, subject_first=not self._everybody)
         whose = np.zeros(self._coarse.valid.shape, np.uint8)
         for person, number in zip(reversed(persons), reversed(numbers), strict=True):
@@ -162,7 +162,7 @@ class PersonDetection:
 
     @cached_property
     def share(self) -> Float32:
-        """Return each pixel's position (h, w) between surrounding (0) and person temperature (1), or NaN."""
+        """Return the temperature (h, w) relative to local background (0) and local person (1), or NaN."""
         if not self._warm.any():
             return np.full(self.cloud.depth_mm.shape, np.nan, np.float32)
         middle_m = float(np.median(self._coarse.points_m[..., 2][self._warm]))

@@ -1,6 +1,6 @@
-"""Person detection in a cloud: a small network gives each pixel log odds and a vote for its person's middle.
+"""Person detection in a cloud: a small network gives each pixel log odds and a vote for its person's centre.
 
-Its input is depth and, if recorded, warmth, resampled to one focal length. Pixels whose votes meet are one
+Its input is depth and, if recorded, warmth, resampled to one focal length. Pixels with nearby votes form one
 person, so people who touch stay apart. Training: `annotate/person/finder.md`. Constants are untuned unless a
 source is given.
 """
@@ -38,7 +38,9 @@ MOST_PERSONS = 255  # in a frame, because an image of persons is 8-bit
 
 @dataclass(frozen=True)
 class Person:
-    """Detected person: mask (h, w), visible surface, mean of the points (3,) in the depth camera's frame."""
+    """Detected person: mask (h, w), area of the visible surface, mean point (3,) in the depth
+    camera's frame.
+    """
 
     mask: Bool
     area_m2: float
@@ -48,8 +50,8 @@ class Person:
 def find_people(cloud: ThermalCloud, warmth: Float32, *, single_pass: bool = False) -> list[Person]:
     """Detect all people of a cloud, in no order.
 
-    warmth: (h, w), share of the way from the room's temperature to a person's; NaN = no reading. single_pass:
-    skip the flipped image, which halves the time.
+    warmth: (h, w), 0 at the room's temperature, 1 at a person's; NaN = no reading. single_pass: skip the
+    flipped image, which halves the time.
     """
     v, u = map(_grid, cloud.depth_mm.shape, (cloud.camera.fy, cloud.camera.fx))
     rows, columns = (np.rint(grid).astype(np.intp) for grid in (v, u))
@@ -81,7 +83,7 @@ def _person(cloud: ThermalCloud, mask: Bool) -> Person:
 
 
 def _grid(side: int, focal_px: float) -> Float64:
-    """Return the pixels (n,) along an image's side that resample its focal length to ``FOCAL_PX``."""
+    """Return the coordinates (n,) along an image's side that resample its focal length to ``FOCAL_PX``."""
     step = max(focal_px / FOCAL_PX, 1.0)
     count = max(1, round(side / step))
     return np.asarray(((np.arange(count) + 0.5) * step - 0.5).clip(0, side - 1), np.float64)
@@ -92,10 +94,11 @@ def _spacing(grid: Float64) -> float:
 
 
 def network_input(depth_m: Float32, warmth: Float32) -> Float32:
-    """Return the input (24, h / 2, w / 2) for depth (h, w) in metres, 0 = no reading; h, w even.
+    """Return the input (24, h / 2, w / 2) for depth (h, w) in metres, 0 = no reading, and warmth (h, w); h, w
+    even.
 
-    Six channels, each split into four images of every second pixel (space to depth). The channels are: valid,
-    log depth, log depth minus its mean in a wide and in a narrow window, thermal reading, warmth.
+    Six channels, each split into four images of every second pixel (space to depth). The channels are: depth
+    is valid, log depth, log depth minus its mean in a wide and in a narrow window, warmth is valid, warmth.
     """
     valid = (depth_m > 0).astype(np.float32)
     log = np.where(depth_m > 0, np.log(np.maximum(depth_m, 0.1)), 0).astype(np.float32)
@@ -120,7 +123,7 @@ def _found(points_m: Float32, warmth: Float32, single_pass: bool = False) -> tup
     """Return the log odds (h, w) that points (h, w, 3) are on a person, and votes (h', w', 3) of every second
     point.
 
-    A vote is the estimated middle of the point's person. single_pass: skip the flipped image.
+    A vote is the estimated centre of the point's person, metres. single_pass: skip the flipped image.
     """
     height, width = points_m.shape[:2]
     more = ((0, -height % MULTIPLE), (0, -width % MULTIPLE))
@@ -143,8 +146,8 @@ def _found(points_m: Float32, warmth: Float32, single_pass: bool = False) -> tup
 
 
 def _by_votes(votes_m: Float32, surface_m2: Float32, odds: Float32) -> UInt8:
-    """Return the person number (n,) of pixels, 0 = no person, from their votes (n, 3), surfaces (n,) and log
-    odds (n,).
+    """Return the person number (n,) of pixels, 0 = no person, from their votes (n, 3), surface areas (n,) and
+    log odds (n,).
     """
     step = 1 + len(votes_m) // MOST_VOTES
     some, weight = votes_m[::step], surface_m2[::step] * step
@@ -167,7 +170,7 @@ def _by_votes(votes_m: Float32, surface_m2: Float32, odds: Float32) -> UInt8:
 @njit(cache=True, nogil=True)
 def _leaders(votes: Float32, weight: Float32) -> Index:
     """Return for each vote the index (n,) of the nearest vote of higher density within ``MIDDLES_M``; its own
-    index for a peak.
+    index at a density peak.
     """
     density, leader = np.zeros(len(votes), np.float32), np.arange(len(votes))
     for i in range(len(votes)):
@@ -190,7 +193,9 @@ def _leaders(votes: Float32, weight: Float32) -> Index:
 
 
 class _Small(NamedTuple):
-    """Small image: metres, log odds and person (h', w') at pixels (rows, columns) of the whole image."""
+    """Resampled image: metres, log odds and person number (h', w') at pixels (rows, columns) of the whole
+    image.
+    """
 
     depth_m: Float32
     odds: Float32
@@ -201,8 +206,8 @@ class _Small(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _enlarged(points_m: Float32, small: _Small) -> UInt8:
-    """Return the person number (h, w) of a cloud's points (h, w, 3), from small-image neighbours on the same
-    surface first.
+    """Return the person number (h, w) of points (h, w, 3), from the neighbours in the resampled image, mainly
+    those on the same surface.
     """
     small_m, odds, whose, rows, columns = small
     height, width = points_m.shape[:2]

@@ -24,7 +24,7 @@ TRIALS, MOST_PLANES = 40, 16  # points tried as the next plane; bound for rough 
 class Plane:
     """Plane normal . p = offset_m for points p in metres, depth camera's frame.
 
-    normal: float32 (3,), unit, towards the camera. area_m2: area of its visible surface.
+    normal: float32 (3,), unit, towards the camera. area_m2: visible area of the plane.
     """
 
     normal: Float32
@@ -33,7 +33,7 @@ class Plane:
 
 
 def find_planes(cloud: ThermalCloud) -> tuple[Plane, ...]:
-    """Find planes of at least ``MIN_PLANE_M2``, ``MOST_PLANES`` at most, the largest first.
+    """Return planes of at least ``MIN_PLANE_M2``, at most ``MOST_PLANES``, roughly the largest first.
 
     One-point RANSAC (a point with its normal is a plane), then least squares on the inliers. Deterministic.
     """
@@ -65,7 +65,10 @@ def distance_m(planes: Sequence[Plane], points_m: Float32) -> Float32:
 
 
 def _fitted(lines: Float32, pixel_m2: Float32, start: int) -> tuple[Plane, Bool]:
-    """Fit a plane by least squares around a start point; return it and flags (n,) of its points."""
+    """Return a plane fitted by least squares around a start point, and flags (n,) of its points.
+
+    lines: (6, n), points and normals. pixel_m2: (n,), area of each point. start: index of a point.
+    """
     normal = np.ascontiguousarray(lines[3:, start])
     plane = Plane(normal, float(normal @ lines[:3, start]), 0.0)
     on = _on(plane, lines)
@@ -93,7 +96,7 @@ def _on(plane: Plane, lines: Float32) -> Bool:
 
 @njit(cache=True, nogil=True)
 def _nearest_m(points_m: Float32, planes: Float32) -> Float32:
-    """Return the metres (h, w) to the nearest of planes (k, 4), normals and offsets."""
+    """Return the metres (h, w) from points (h, w, 3) to the nearest of planes (k, 4), normals and offsets."""
     found_m: Float32 = np.full(points_m.shape[:2], np.float32(np.inf))
     for v in range(found_m.shape[0]):
         for k in range(len(planes)):
@@ -108,7 +111,9 @@ def _nearest_m(points_m: Float32, planes: Float32) -> Float32:
 
 @njit(cache=True, nogil=True)
 def _best(lines: Float32, tried: Index) -> int:
-    """Return the candidate point, among indices (k,), with the most surface on its plane."""
+    """Return the index, among indices (k,), of the point whose own plane covers the largest area. lines: (6,
+    n), points and normals.
+    """
     x, y, z, right, down, ahead = lines
     weight = np.rint(100 * z**2).astype(np.int64)  # whole numbers add up in any order
     best, most = 0, np.int64(-1)
@@ -127,7 +132,9 @@ def _best(lines: Float32, tried: Index) -> int:
 
 @njit(cache=True, nogil=True)
 def _normals(depth_m: Float32, lens: Float64, rows: Index, columns: Index) -> Float32:
-    """Return unit normals (n, 3) of the surface at pixels, towards the camera; NaN with few readings."""
+    """Return unit normals (n, 3) of the surface at pixels, towards the camera; NaN with few readings. lens:
+    fx, fy, cx, cy.
+    """
     fx, fy, cx, cy = lens
     height, width = depth_m.shape
     normals = np.full((rows.size, 3), np.float32(np.nan))

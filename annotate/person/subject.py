@@ -24,8 +24,8 @@ EDGE_PX = 4  # width of an image's rim; EDGE_PX^2 pixels on a rim count as cut t
 def cloths_shown(suit: Suit, cloud: ThermalCloud, person: Bool) -> float:
     """Return the effective number of the suit's cloths in a person's colours (mask (h, w)), minus one.
 
-    It is the exponential of the mutual information of colour and swatch in the best illuminant: high for a
-    suit, low for clothes and things, 0 for colours lost in noise.
+    The number is the exponential of the mutual information of colour and swatch in the best illuminant. It is
+    high for a suit, low for other clothes and things, 0 for colours lost in noise.
     """
     mask = person & cloud.valid
     rgb = cloud.color_rgb[mask]
@@ -40,12 +40,13 @@ def cloths_shown(suit: Suit, cloud: ThermalCloud, person: Bool) -> float:
 
 
 def _entropy(share: Float64) -> Float64:
-    """Return the entropy (...) in nats of shares (K, ...)."""
+    """Return the entropy (...) in nats of probabilities (K, ...)."""
     return np.asarray(-(share * np.log(np.maximum(share, np.finfo(np.float64).tiny))).sum(axis=0))
 
 
 def subject_score(person: Person, before: FrameLabels | None, shown: float = 1.0) -> float:
-    """Return a person's score in m2 as the subject, by surface, place, previous subject and suit.
+    """Return a person's score as the subject: visible area in m2, weighted by place, previous subject and
+    suit.
 
     shown: number of the suit's cloths on the person, from ``cloths_shown``; 1 without a suit.
     """
@@ -57,12 +58,14 @@ def subject_score(person: Person, before: FrameLabels | None, shown: float = 1.0
 
 
 def persons_before(before: FrameLabels) -> UInt8:
-    """Return the persons uint8 (h, w) of a frame's labels: 0 = no person, 1 the subject."""
+    """Return the persons uint8 (h, w) of a frame's labels: 0 = no person, 1 the subject, others by
+    track id.
+    """
     return np.asarray(before.parts != BACKGROUND, np.uint8) if before.persons is None else before.persons
 
 
 def crowd_warnings(scores: Sequence[float]) -> list[str]:
-    """Return a warning if no person of three or more has a clearly best score. scores: best first."""
+    """Return a warning if none of three or more persons has a clearly best score. scores: best first."""
     if len(scores) < 3 or scores[0] >= CLEAR_LEAD * scores[1]:
         return []
     return [
@@ -72,7 +75,7 @@ def crowd_warnings(scores: Sequence[float]) -> list[str]:
 
 
 def cut_borders(mask: Bool) -> list[str]:
-    """Return the borders of the image that cut a person's mask (h, w)."""
+    """Return the names of the image borders that cut a person's mask (h, w)."""
     first, last = slice(EDGE_PX), slice(-EDGE_PX, None)
     strips = {"left": mask[:, first], "right": mask[:, last], "top": mask[first], "bottom": mask[last]}
     return [name for name, strip in strips.items() if np.count_nonzero(strip) >= EDGE_PX**2]

@@ -16,8 +16,8 @@ def assign_track_ids(
 ) -> tuple[list[int], list[list[int]]]:
     """Return the track id of each person of a frame, from 1 on, and all tracks so far.
 
-    A track is [id, x, y, z]: the centre when last detected, millimetres, depth camera. before: labels of the
-    previous frame. subject_first: the first person gets id 1.
+    A track is [id, x, y, z]: the person's centre when last detected, millimetres, depth camera's frame.
+    before: labels of the previous frame. subject_first: the first person gets id 1.
     """
     tracks = {number: at_mm for number, *at_mm in before.notes.get("people", ())} if before else {}
     middles_mm = [np.rint(person.centre_m * 1000).astype(int).tolist() for person in people]

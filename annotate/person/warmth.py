@@ -1,4 +1,4 @@
-"""Warmth (h, w) of each pixel: 0 at the room's temperature, 1 at a person's.
+"""Warmth (h, w) of each pixel: temperature scaled to 0 at the room's, 1 at a person's.
 
 Temperatures are in degrees Celsius. Constants are untuned unless a source is given.
 """
@@ -20,7 +20,7 @@ LEAST_CONTRAST_C = 1.0  # between person and background; noise and unevenness ar
 def warmth(celsius: Float32, window_c: tuple[float, float]) -> Float32:
     """Return the warmth (h, w) of temperatures (h, w), NaN = no reading.
 
-    window_c: a person's least and most, of ``find_window``.
+    window_c: a person's lowest and highest temperature, from ``find_window``.
     """
     low_c, hottest_c = window_c
     person_c = hottest_c - ABOVE_C
@@ -35,12 +35,12 @@ def is_warm(celsius: Float32, window_c: tuple[float, float]) -> Bool:
 
 
 def find_window(cloud: ThermalCloud, loose: Bool) -> tuple[float, float] | None:
-    """Return the lowest and highest temperature of a person in this frame, in degrees Celsius.
+    """Return the lowest and highest temperature of a person in this frame; None if no loose surface is warm
+    enough.
 
     loose: bool (h, w), pixels not on a plane of the room. The room's temperature is the mode over all pixels,
     weighted by surface area. The person's temperature is the mode over loose pixels warmer than the room. The
-    window starts halfway between both, as the paper's 25 degrees for a room of 20 and a person of 30. Returns
-    None where no loose pixel is warm enough.
+    lower end is halfway between both, as the paper's 25 degrees for a room of 20 and a person of 30.
     """
     known = cloud.valid & np.isfinite(cloud.temperature_c)
     if not known.any():
@@ -68,11 +68,10 @@ def _mode(celsius: Float32, weight: Float32) -> float:
 
 
 def warmth_share(celsius: Float32, warm: Bool, window_c: tuple[float, float], size_px: int) -> Float32:
-    """Return each pixel's position (h, w) between local background (0) and local person (1); NaN = no
-    reading.
+    """Return the temperature (h, w) relative to local background (0) and local person (1); NaN = no reading.
 
-    warm: bool (h, w). window_c: lowest and highest temperature of a person. Both ends are means over windows
-    of ``size_px`` pixels, because rooms and clothes are uneven.
+    warm: bool (h, w), pixels of a person's temperature. window_c: lowest and highest temperature of a person.
+    Both references are means over windows of ``size_px`` pixels, because rooms and clothes are uneven.
     """
     cold = np.isfinite(celsius) & ~warm & (celsius < window_c[1])
     background_c = _local_mean(celsius, cold, size_px)
@@ -81,7 +80,9 @@ def warmth_share(celsius: Float32, warm: Bool, window_c: tuple[float, float], si
 
 
 def _local_mean(values: Float32, mask: Bool, size: int) -> Float32:
-    """Return the mean (h, w) of masked pixels in a square window, or of all masked pixels."""
+    """Return the mean (h, w) of masked pixels in a square window; of all masked pixels where the window has
+    none.
+    """
     kept, window, border = np.where(mask, values, np.float32(0)), (size, size), cv2.BORDER_CONSTANT
     total, count = (
         cv2.boxFilter(plane, cv2.CV_32F, window, normalize=False, borderType=border)
