@@ -1,1 +1,1 @@
-"""Thermal-coloured clouds of frames, and neighbourhoods of their points."""
+"""Point clouds of frames with colour and temperature, and neighbourhoods of their points."""

@@ -1,5 +1,4 @@
-"""Coarse cloud of a frame, thinned by a stride of about 2: a quarter of the work where no fine outline is
-needed.
+"""Coarse cloud of a frame: one point for each square of about 2 x 2 pixels, where no fine outline is needed.
 
 The first pixel with a reading represents its square. Labels of the coarse cloud are transferred back to the
 whole image by depth: a pixel takes the label of the nearest point around it on its surface.
@@ -27,8 +26,12 @@ SAME_SURFACE = 0.01  # share of the depth that counts as a pixel's distance; twi
 class CoarseCloud:
     """Coarse cloud of a frame, with the image that it was thinned from.
 
-    camera: undistorted, of the whole image. depth_mm: the whole image, uint16 (h, w). cloud: of
-    (h // stride, w // stride) points. pixel: flat index of each point's pixel in the whole image, -1 = none.
+    camera: undistorted, of the whole image. depth_mm: the whole image, uint16 (h, w). cloud: of (h
+
+    stride, w
+
+    stride) points. pixel: flat index of each point's pixel in the whole image, -1 = none. stride: pixels per
+    point along a side.
     """
 
     camera: Intrinsics
@@ -39,7 +42,7 @@ class CoarseCloud:
 
     @classmethod
     def of(cls, whole: ThermalCloud) -> "CoarseCloud":
-        """Return a whole cloud thinned by the stride that its focal length allows."""
+        """Return a full cloud thinned by the stride that its focal length allows."""
         stride = stride_of(whole.camera)
         pixel = _chosen(whole.depth_mm, stride)
         rows, columns = (stride * np.arange(side) for side in pixel.shape)

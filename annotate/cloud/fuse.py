@@ -1,7 +1,7 @@
 """Fusion of simultaneous depth, colour and temperature images to an organised cloud.
 
-A point takes the colour and temperature of its pixel only if it is visible to that camera
-(``annotate.cloud.visibility``). So a person's heat is not copied onto the wall behind.
+A point takes colour and temperature only from a camera that it is visible to (``annotate.cloud.visibility``).
+So a person's heat is not copied onto the wall behind the person.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -23,7 +23,7 @@ BESIDE = 2  # threads that look up temperatures; untuned, for two cores
 
 
 def undistortion_index(camera: Intrinsics) -> Int32:
-    """Return the flat index int32 (h, w) of each undistorted pixel's source, -1 outside.
+    """Return the flat index int32 (h, w) of each undistorted pixel's pixel in the sensor's image, -1 outside.
 
     Bit for bit as libfreenect2 (``Registration::apply``): nearest neighbour in float32. x + 0.5 is truncated,
     so positions up to 1.5 pixels left of or above the image count as its first column or row.
@@ -46,7 +46,7 @@ def undistortion_index(camera: Intrinsics) -> Int32:
 
 
 def shifted(depth_mm: UInt16, shift_mm: float) -> UInt16:
-    """Add a calibration's depth shift, rounded to whole millimetres; readings out of range become 0."""
+    """Return depth with a calibration's shift added, in whole millimetres; readings out of range become 0."""
     whole = round(shift_mm)
     if not whole:
         return depth_mm
@@ -115,7 +115,7 @@ def _colors(view: PointView, depth_m: Float32, color_rgb: UInt8) -> tuple[UInt8,
 
 
 def _temperatures(view: PointView, depth_m: Float32, thermal_c: Float32) -> Float32:
-    """Return temperatures (h, w) of points with depths (h, w), NaN out of view."""
+    """Return temperatures (h, w) of points with depths (h, w), NaN out of view or without a reading."""
     projection = view.project(depth_m)
     nearest = view.zbuffer(projection)
     front, known = view.front(nearest), np.isfinite(thermal_c)
@@ -172,8 +172,11 @@ def _nearest(projection: Projection, seen: Bool, image: UInt8) -> UInt8:
 
 @njit(cache=True, nogil=True)
 def _bilinear(projection: Projection, slack_m: Float32, sight: Float32) -> Float32:
-    """Return the bilinear mean (h, w) of an image, over pixels with a reading that show the point's own
-    surface alone.
+    """Return the bilinear mean (h, w) of temperatures, over pixels that show the point's own surface alone;
+    NaN without any.
+
+    sight: (h' + 2, w' + 2, 3), each pixel's z-buffer (inf = no reading), its minimum over the window, and
+    temperature.
     """
     column, row, ahead = projection
     values = np.full(ahead.shape, np.float32(np.nan))

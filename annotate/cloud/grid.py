@@ -1,7 +1,7 @@
 """Graph of a depth image's pixels, with neighbours joined along surfaces.
 
-Two pixels at most two apart are joined if their depths differ by less than a share of the nearer one. Two
-apart, because half of the pixels on dark hair and cloth lack a reading. Site percolation needs 0.59 of them
+Pixels at most two rows and columns apart are joined if their depths differ by at most ``JUMP``. The reach is
+two, because half of the pixels on dark hair and cloth lack a reading. Site percolation needs a share of 0.59
 with 4 neighbours, 0.41 with 8, 0.17 with 24.
 """
 
@@ -17,14 +17,13 @@ ALL_NEIGHBOURS = np.array([(v, u) for v in range(-2, 3) for u in range(-2, 3) if
 
 
 def grown(mask: Bool, reach_px: float) -> Bool:
-    """Grow a mask (h, w) by ``reach_px`` pixels to every side, by a square."""
+    """Dilate a mask (h, w) by ``reach_px`` pixels to every side, with a square."""
     side = 2 * round(reach_px) + 1
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0, np.bool_)
 
 
 def components(mask: Bool, depth_m: Float32) -> tuple[Int32, int]:
-    """Return ids int32 (h, w) of a mask's connected components, from 1, split at depth jumps, and their
-    number.
+    """Return ids int32 (h, w) of a mask's components, from 1, split at depth jumps, and their number.
 
     depth_m: float32 (h, w), positive on the mask (bool (h, w)).
     """
@@ -42,7 +41,7 @@ def _find(parent: Int32, i: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _components(mask: Bool, depth: Float32, jump: np.float32) -> tuple[Int32, int]:
-    """Label components as ``components`` does, by union-find over the earlier neighbours."""
+    """Compute ``components`` by union-find over the earlier neighbours."""
     height, width = mask.shape
     parent = np.arange(height * width).astype(np.int32)
     for v in range(height):

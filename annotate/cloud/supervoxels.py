@@ -20,8 +20,8 @@ SPATIAL_WEIGHT, NORMAL_WEIGHT = 0.4, 1.0  # in PCL's distance: of place / ``seed
 class Supervoxels:
     """Small pieces of surface with similar position, normal and colour.
 
-    ids: int32 (n,), below count, -1 for points without a reading; every id is used. edges: int32 (e, 2),
-    pairs of touching supervoxels, low id first, sorted.
+    ids: int32 (n,), 0 to count - 1, all used; -1 for points without a reading. edges: int32 (e, 2), pairs of
+    touching supervoxels, low id first, sorted.
     """
 
     ids: Int32
@@ -50,8 +50,8 @@ def supervoxels(
     """Compute the supervoxels of a cloud by VCCS (Papon et al., CVPR 2013) without camera transform.
 
     points_m: float32 (n, 3). colors_rgb: uint8 (n, 3). seed_m: distance between seeds, more than VOXEL_M.
-    color_weight: of the colour term in PCL's distance, for channels divided by 255. Points that VCCS leaves
-    out join the nearest supervoxel within seed_m; islands farther off become supervoxels.
+    color_weight: weight of the colour term in PCL's distance, channels divided by 255. Points that VCCS
+    leaves out join the nearest supervoxel within seed_m; islands farther off become supervoxels.
     """
     finite = np.asarray(np.isfinite(points_m).all(axis=1))
     points = points_m[finite].astype(np.float32, copy=False)

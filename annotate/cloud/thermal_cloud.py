@@ -70,7 +70,8 @@ class ThermalCloud:
 
     @classmethod
     def from_open3d(cls, cloud: PointCloud, camera: Intrinsics) -> "ThermalCloud":
-        """Invert ``to_open3d``, also for a selection of the points; other pixels have no reading.
+        """Return the cloud that ``to_open3d`` converted, or a selection of its points; other pixels have no
+        reading.
 
         camera: the undistorted depth camera, in whose frame positions must be. Raises FormatError for a
         missing attribute, or pixel indices that are not unique or not of this camera.

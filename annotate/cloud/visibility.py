@@ -1,6 +1,6 @@
 """Visibility of the depth camera's points in another camera, by projection and z-buffer.
 
-A point is occluded if the z-buffer around its pixel holds a point nearer by more than its slack. All
+A point is occluded if the z-buffer around its pixel holds a point nearer by more than the slack. All
 arithmetic is float32, accurate to a few ten-thousandths of a pixel, so that it vectorises.
 """
 
@@ -26,9 +26,9 @@ NOWHERE = np.float32(np.nan)
 
 
 class Projection(NamedTuple):
-    """Columns, rows (h, w) of points in another camera's image, and metres (h, w) ahead of the camera.
+    """Columns and rows (h, w) of points in another camera's image, and depth (h, w) in that camera, metres.
 
-    ahead_m: NaN for points without depth, behind the camera or outside its image.
+    ahead_m: the depth; NaN for points without a reading, behind the camera or outside its image.
     """
 
     column: Float32
@@ -70,7 +70,7 @@ class PointView:
 
     @staticmethod
     def of_thermal(depth: Intrinsics, thermal: Intrinsics, thermal_from_depth: Pose) -> "PointView":
-        """Return the view of a thermal camera; its slope reach is the window and half a pixel."""
+        """Return the view of a thermal camera; its slope reach is half the window's width."""
         reach = (THERMAL_HALF_WINDOW + 0.5) * depth.fx / thermal.fx
         half_window = THERMAL_HALF_WINDOW, THERMAL_HALF_WINDOW
         return PointView(thermal, *_turned(depth, thermal_from_depth), half_window, THERMAL_TOLERANCE, reach)
@@ -92,9 +92,9 @@ class PointView:
         return _slack(ahead_m, np.float32(self.tolerance), np.float32(self.slope_reach))
 
     def zbuffer(self, projection: Projection) -> Float32:
-        """Return the least metres ahead (h', w') of the points on each pixel; inf without any.
+        """Return the depth (h', w') in metres of the nearest point on each pixel; inf without any.
 
-        The next call in the calling thread, or ``visible``, overwrites the buffer.
+        The calling thread's next ``zbuffer`` or ``visible`` overwrites the result.
         """
         nearest = self._buffer(0)
         _fill_zbuffer(projection, nearest, _steps(0))
@@ -140,7 +140,7 @@ def _turned(depth: Intrinsics, pose: Pose) -> tuple[Float32, Float32]:
 def nearest_pixel(coordinate: np.float32) -> np.uint32:
     """Return the index of the pixel at a coordinate of at least -0.5.
 
-    Unsigned, so that no kernel checks for negative indices.
+    The index is unsigned, so that no kernel checks for negative ones.
     """
     return np.uint32(coordinate + HALF)
 
@@ -149,7 +149,7 @@ def nearest_pixel(coordinate: np.float32) -> np.uint32:
 def _project(
     depth_m: Float32, turned: Float32, translation_m: Float32, lens: Float32, size: tuple[np.float32, ...]
 ) -> tuple[Float32, Float32, Float32]:
-    """Project flat depths (n,); return columns, rows and metres ahead (n,)."""
+    """Project flat depths (n,); return columns, rows and metres ahead (n,). turned: (3, n), rays."""
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = lens
     t_x, t_y, t_z = translation_m
     rays_x, rays_y, rays_z = turned[0], turned[1], turned[2]
@@ -172,7 +172,7 @@ def _project(
 
 @njit(cache=True, nogil=True)
 def _slack(ahead_m: Float32, tolerance: np.float32, slope_reach: np.float32) -> Float32:
-    """Return flat ``PointView.slack_m`` of distances."""
+    """Return ``PointView.slack_m`` of distances (h, w)."""
     slack = tolerance * ahead_m
     for v in range(1, ahead_m.shape[0] - 1):
         above, row, below = ahead_m[v - 1], ahead_m[v], ahead_m[v + 1]
@@ -185,14 +185,14 @@ def _slack(ahead_m: Float32, tolerance: np.float32, slope_reach: np.float32) -> 
 
 
 def _steps(half: int) -> tuple[np.uint32, ...]:
-    """Return the offsets from -half to half; a tuple, so that its length is known to the compiler."""
+    """Return the offsets 0 to 2 * half; a tuple, so that its length is known to the compiler."""
     return tuple(np.uint32(step) for step in range(2 * half + 1))
 
 
 @njit(cache=True, nogil=True)
 def _fill_zbuffer(projection: Projection, nearest: Float32, rows: tuple[np.uint32, ...]) -> None:
-    """Fill ``nearest`` with the least metres ahead of each pixel, over the given row offsets of its
-    window.
+    """Fill ``nearest`` with the depth of the nearest point on each pixel. rows: offsets at which a point is
+    entered.
     """
     column, row, ahead = projection
     nearest[:] = np.float32(np.inf)
@@ -209,7 +209,7 @@ def _fill_zbuffer(projection: Projection, nearest: Float32, rows: tuple[np.uint3
 def _visible(
     projection: Projection, tall: Float32, columns: tuple[np.uint32, ...], rows: np.uint32, slack_m: Float32
 ) -> Bool:
-    """Return bool (h, w): True for points that no nearer point hides, as ``PointView.visible``.
+    """Return flags (h, w) of points that no nearer point hides, as ``PointView.visible``.
 
     tall: z-buffer (h' + 2 * rows, w'), already the minimum over the window's rows. columns: offsets of the
     window's columns. slack_m: (h, w), depth difference that does not hide.

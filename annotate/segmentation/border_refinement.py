@@ -22,11 +22,13 @@ ROUNDS = 4
 def refine_borders(
     cloud: ThermalCloud, where: Rectangle, chance: Float32, illuminant: ColorModel | None
 ) -> tuple[UInt8, Float32]:
-    """Label the pixels of a rectangle; return class uint8 (h, w) and the network's probability (h, w).
+    """Label the pixels of a rectangle; return class uint8 (h, w) and the network's probability (h, w) of that
+    class.
 
     chance: float32 (13, h, w), class probabilities of the network. illuminant: the suit's colours in the
     frame's illuminant; None = no suit. The colour likelihood of background and other person is the mean over
-    the parts. Solved by iterated conditional modes (Besag 1986).
+    the parts. Neighbours on a surface favour equal classes; solved by iterated conditional modes (Besag
+    1986).
     """
     undecided = cloud.valid[where] & (chance[0] < SURELY_ROOM)
     own = chance[:, undecided]
@@ -58,8 +60,8 @@ def _by_color(
 
 @njit(cache=True, nogil=True)
 def _modes(scores: Float32, depth_m: Float32, index: Int32) -> UInt8:
-    """Return classes (n,) by iterated conditional modes. index: (h, w), row of each pixel in ``scores`` (n,
-    k), -1 elsewhere.
+    """Return classes (n,) by iterated conditional modes from ``scores`` (n, k). index: (h, w), each pixel's
+    row in ``scores``, -1 = none.
     """
     height, width = index.shape
     chosen, total = np.empty(len(scores), np.uint8), np.empty(scores.shape[1], np.float32)

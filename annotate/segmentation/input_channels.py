@@ -47,20 +47,20 @@ CHANNELS = ("flags", "before", *RANGES, *LIKELIHOODS)
 
 
 class Rectangle(NamedTuple):
-    """Rows and columns of an image."""
+    """Rectangle of an image, as slices of rows and columns."""
 
     rows: slice
     columns: slice
 
     def part(self, inner: "Rectangle") -> "Rectangle":
-        """Return a rectangle given relative to this one, in pixels of the image."""
+        """Return ``inner``, given relative to this rectangle, in pixels of the image."""
         sides = ((out.start, own) for out, own in zip(self, inner, strict=True))
         return Rectangle(*(slice(start + own.start, start + own.stop) for start, own in sides))
 
 
 class Room(Protocol):
-    """Room of a frame. share: (h, w), position between background temperature (0) and person
-    temperature (1).
+    """Planes and temperatures of a frame. share: (h, w), temperature relative to local background (0) and
+    person (1). window_c: lowest and highest temperature of a person.
     """
 
     @property
@@ -72,7 +72,9 @@ class Room(Protocol):
 
 
 def rectangle(cloud: ThermalCloud, subject: Bool) -> tuple[Rectangle, float]:
-    """Return the rectangle around a subject's coarse mask (h, w), not empty, and its pixels per metre."""
+    """Return the rectangle around a subject's coarse mask (h, w), not empty, and the pixels per metre at its
+    depth.
+    """
     pixels_per_m = cloud.camera.fx / float(np.median(cloud.points_m[..., 2][subject]))
     margin, arm = round(MARGIN_M * pixels_per_m), round(ARM_M * pixels_per_m)
     sides = []
@@ -117,7 +119,7 @@ def channels(cloud: ThermalCloud, room: Room, person: PersonMask, where: Rectang
 
 
 def with_before(planes: UInt8, before: FrameLabels, where: Rectangle) -> UInt8:
-    """Return the channels (24, h, w) with the parts of the previous frame."""
+    """Return channels (24, h, w) with the parts of the previous frame in channel ``before``."""
     made = planes.copy()
     made[CHANNELS.index("before")] = before.parts[where]
     return made
@@ -140,7 +142,9 @@ def with_likelihoods(planes: UInt8, rgb: UInt8, illuminant: ColorModel, among: B
 
 
 def _around_m(z: Float32, near: Bool) -> Float32:
-    """Return the mean depth (h, w) of the ``near`` pixels around each pixel, in metres."""
+    """Return the mean depth (h, w), metres, of the ``near`` pixels (bool (h, w)) in a window around each
+    pixel.
+    """
     total, count = (
         cv2.blur(np.where(near, plane, np.float32(0)), (LOCAL_PX, LOCAL_PX)) for plane in (z, np.ones_like(z))
     )
@@ -190,7 +194,7 @@ def _put(made: UInt8, places: Index, values: UInt8) -> None:
 
 @njit(cache=True, nogil=True)
 def network_input(planes: UInt8) -> Float32:
-    """Expand channels (24, h, w) to the network's input float32 (38, h, w); flags and parts become one-hot
+    """Return the network's input float32 (38, h, w) for channels (24, h, w); flags and parts become one-hot
     planes.
 
     Unknown values are 0: temperature without a reading, unreadable colour.

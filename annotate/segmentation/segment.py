@@ -68,14 +68,16 @@ class View(NamedTuple):
     kept: ColorModel | None = None
 
     def after(self, before: FrameLabels | None, suit: Suit) -> "View":
-        """Return the view with labels and illuminant of the previous frame, if any."""
+        """Return the view with the labels and illuminant of the previous frame, if any."""
         if before is None:
             return self
         planes = with_before(self.planes, before, self.where)
         return self._replace(planes=planes, kept=_kept(suit, before))
 
     def step(self, sample_m: float) -> int:
-        """Return the sampling step in pixels that corresponds to at least ``sample_m`` metres."""
+        """Return the sampling step in pixels: at least ``sample_m`` metres, at most ``MOST_SAMPLES`` samples
+        a side.
+        """
         longest = max(self.planes.shape[1:])
         return max(1, round(sample_m * self.pixels_per_m), -(-int(longest) // MOST_SAMPLES))
 
@@ -95,7 +97,7 @@ def view_of(cloud: ThermalCloud, detection: PersonDetection, person: PersonMask)
 
 
 def _kept(suit: Suit, before: FrameLabels) -> ColorModel | None:
-    """Return the suit's colours in the illuminant noted in a frame, if valid."""
+    """Return the suit's colours in the illuminant of a frame's notes, if valid."""
     gains = before.notes.get(ILLUMINANT)
     if not isinstance(gains, list) or [type(gain) for gain in gains] != [float, float]:
         return None
@@ -104,7 +106,7 @@ def _kept(suit: Suit, before: FrameLabels) -> ColorModel | None:
 
 @dataclass(frozen=True)
 class SuitSegmenter:
-    """Segmentation of people in one suit. single_pass: without the fine pass, for live pictures."""
+    """Segmentation of people who wear a given suit. single_pass: without the fine pass, for live pictures."""
 
     suit: Suit
     network: SuitNetwork
@@ -113,7 +115,7 @@ class SuitSegmenter:
     def segment(
         self, cloud: ThermalCloud, view: View | None, person: PersonMask, before: FrameLabels | None
     ) -> tuple[Segmentation, PersonMask]:
-        """Label a person, and return the mask that follows from the labels.
+        """Return the segmentation of a subject, and the person mask adapted to it.
 
         before: labels of the previous frame. Without readable colours (``view`` None) all points stay
         undefined, and a note gives the reason.
@@ -139,8 +141,8 @@ class SuitSegmenter:
 def fine_pass(
     cloud: ThermalCloud, view: View, near: Rectangle, illuminant: ColorModel | None, network: SuitNetwork
 ) -> tuple[Rectangle, UInt8, Float32]:
-    """Label every pixel of ``near`` in a view; return its rectangle, the class (h, w) and its probability (h,
-    w).
+    """Label every pixel of ``near`` in a view; return its rectangle in the image, class (h, w) and
+    probability (h, w) of that class.
 
     illuminant: the suit's colours in the frame's illuminant; None = no suit.
     """
@@ -172,11 +174,11 @@ def _single_pass(
 
 
 def coarse_pass(view: View, suit: Suit, network: SuitNetwork) -> tuple[Rectangle, ColorModel]:
-    """Return the rectangle of the parts in a view, with a margin, and the suit's colours in their illuminant.
+    """Return the rectangle of the parts in a view, with a margin, and the suit's colours in the frame's
+    illuminant.
 
-    The previous illuminant is kept under a condition: the parts found with it give nearly the same
-    illuminant, and their colours match the suit. Otherwise the parts are found in the illuminant that fits
-    all colours of the mask.
+    The previous illuminant is kept if the parts found with it give nearly the same illuminant and their
+    colours match the suit. Otherwise the illuminant is first fitted to all colours of the mask.
     """
     if view.kept is not None:
         near, rgb, belief = _find_parts(view, view.kept, ROUGH_M, network)
@@ -193,9 +195,10 @@ def coarse_pass(view: View, suit: Suit, network: SuitNetwork) -> tuple[Rectangle
 def _find_parts(
     view: View, illuminant: ColorModel, sample_m: float, network: SuitNetwork
 ) -> tuple[Rectangle, UInt8, Float64]:
-    """Return the rectangle of the parts in one sampled image, and the colours and beliefs of their samples.
+    """Return the rectangle of the parts, and the colours (n, 3) and part probabilities (n, 11) of their
+    samples.
 
-    The rectangle is the whole view if no part is found.
+    One network pass on sampled pixels finds them. The rectangle is the whole view if no part is found.
     """
     step = view.step(sample_m)
     some = slice(None, None, step), slice(None, None, step)
@@ -213,7 +216,7 @@ def _find_parts(
 
 
 def _grown(seen: Bool, step: int, margin: int, side: int) -> slice:
-    """Return the pixels from the first to the last true sample (n,), with a margin at both ends.
+    """Return the slice of pixels from the first to the last True sample (n,), with a margin at both ends.
 
     step: pixels per sample. side: length of the image's side.
     """
@@ -222,7 +225,7 @@ def _grown(seen: Bool, step: int, margin: int, side: int) -> slice:
 
 
 def diagnosis(rgb: UInt8, seen: Bool) -> tuple[str, ...]:
-    """Return a note on the colours' defect and its remedy, or ().
+    """Return a note on a defect of the person's colours and its remedy, or ().
 
     rgb: uint8 (n, 3), colours of the person. seen: bool (n,), points visible to the colour camera.
     """

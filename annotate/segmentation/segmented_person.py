@@ -16,7 +16,7 @@ class Segmentation:
     """Parts uint8 (h, w) over the depth image, and their confidence float32 (h, w), 0 outside the person.
 
     notes: for the reviewer. probabilities: of all classes, if they are to be stored. illuminant: the suit's
-    colours in the frame's illuminant. bearing: joints, facing and posture, as a frame's note.
+    colours in the frame's illuminant. bearing: joints, facing and posture, as the frame's note.
     """
 
     parts: UInt8

@@ -24,9 +24,9 @@ _FIELDS: dict[str, list[tuple[str, int, str, bool]]] = {
 
 
 def split_network(file: bytes) -> tuple[bytes, bytes, str]:
-    """Return the ONNX files of both halves, and the name of the features between them.
+    """Return the ONNX files of both halves, and the name of the feature tensor between them.
 
-    Raises ValueError for a file without an ONNX network, or a network without enlarged features.
+    Raises ValueError for a file without an ONNX network, or a network without upsampled features.
     """
     try:
         model = _model().FromString(file)

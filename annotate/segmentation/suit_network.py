@@ -28,7 +28,7 @@ REMEDY = "give a file that `annotate-cloud train-labels` wrote"
 
 
 class SuitNetwork:
-    """Trained network. sha256: of its file. Safe to call from several threads.
+    """Trained suit segmentation network. sha256: hash of its file. Several threads may call it.
 
     Raises FormatError for a file of another network.
     """
@@ -53,7 +53,8 @@ class SuitNetwork:
         self._around, self._fine = onnx_session(first), onnx_session(second)
 
     def probabilities(self, planes: UInt8, step: int, near: Rectangle | None = None) -> Float32:
-        """Return class probabilities (13, h, w) of a rectangle of channels (24, h', w'). near: None = all.
+        """Return class probabilities (13, h, w) of the rectangle ``near`` of channels (24, h', w'). near:
+        None = all.
 
         The network runs on images of every ``step``-th pixel. Each pixel belongs to one of these images and
         keeps its own depth, colour and temperature. Context features are computed for one image only, and
@@ -77,14 +78,14 @@ class SuitNetwork:
         return _softmax(found[:, *inner])
 
     def _of_all(self, planes: UInt8) -> Float32:
-        """Return the features (k, h / 4, w / 4) of the first half for a whole image, padded at the end."""
+        """Return the encoder's features (k, h / 4, w / 4) of a whole image, padded at the end."""
         height, width = planes.shape[1:]
         padded = np.pad(planes, ((0, 0), (0, -height % MULTIPLE), (0, -width % MULTIPLE)))
         found: Float32 = self._around.run(None, {INPUT: network_input(padded)[None]})[0][0]
         return found
 
     def _of_own(self, planes: UInt8, around: Float32) -> Float32:
-        """Return the scores (13, h, w) of the second half for channels (24, h, w). around: features (k, h /
+        """Return the decoder's scores (13, h, w) for channels (24, h, w). around: features (k, h /
         4, w / 4).
         """
         given = {INPUT: network_input(planes)[None], self._context: around[None]}
@@ -96,7 +97,7 @@ class SuitNetwork:
 
 @cache
 def shipped_suit_network() -> SuitNetwork:
-    """Load the network of the package."""
+    """Load the network that the package contains, once."""
     return SuitNetwork(SHIPPED_SUIT_NETWORK)
 
 
@@ -110,7 +111,7 @@ def flipped(planes: UInt8) -> UInt8:
 
 
 def flip_averaged(network: SuitNetwork, planes: UInt8, step: int, near: Rectangle) -> Float32:
-    """Return the mean of the probabilities of channels and of their flipped copy (docs/adr/0026)."""
+    """Return the mean probabilities (13, h, w) of channels and of their flipped copy (docs/adr/0026)."""
     # Context is sampled every ``step`` columns; the padding makes a flip keep the phase.
     if more := (1 - planes.shape[2]) % step:
         planes = np.pad(planes, ((0, 0), (0, 0), (0, more)))
