@@ -8,21 +8,26 @@ import shutil
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
 from conftest import tree
 from typer.main import get_command
 
+import cli.rig_devices
 import eval.fine_tuning.fine_tune
 import eval.fine_tuning.run
 import synth.images.workers
+import synth.rig.film
+import synth.rig.virtual_rig
 from annotate.correction.correction import Correction
 from cli.main import app
 from eval.training.segmentation.augmentation import Sampling
 from sensors.session.reader import Session
 from synth.images.workers import Workers
 from synth.rig.simulate import suit_path, truth_path
+from synth.rig.virtual_rig import RigOptions
 
 ROOT = Path(__file__).parent.parent
 PAGES = ["README.md", *(f"docs/{p.name}" for p in sorted((ROOT / "docs").glob("*.md")))]
@@ -43,7 +48,8 @@ ELSEWHERE = {
 """Commands that are tested elsewhere, by their start."""
 SIZES = {
     "simulate board.mcap": {"--frames": "12"},
-    "simulate": {"--frames": "8", "--subjects": "4", "--seed": "6"},
+    "simulate people.mcap": {"--frames": "8", "--subjects": "4", "--seed": "6"},
+    "simulate": {"--frames": "4", "--subjects": "4", "--seed": "6"},
     "synth generate": {"--count": "4", "--workers": "1", "--scheduler": ""},
     "train sitting": {"--epochs": "1", "--network": "compact-small"},
     "train": {"--epochs": "1"},
@@ -158,6 +164,9 @@ def test_the_commands_of_a_page_run_in_order(
     prepare(page, tmp_path, rig_session, my_folder)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("eval.training.segmentation.train.SAMPLING", Sampling(0.012, 32))
+    monkeypatch.setattr(cli.rig_devices, "VIRTUAL_FRAMES", 3)
+    for module in (synth.rig.virtual_rig, synth.rig.film):
+        monkeypatch.setattr(module, "RigOptions", partial(RigOptions, draft=True))
     if page != "docs/cluster.md":
         monkeypatch.setattr(synth.images.workers, "processes", here)
     for command in commands_of(page):
