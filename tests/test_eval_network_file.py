@@ -3,6 +3,7 @@
 import json
 import os
 import pickle
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -39,11 +40,25 @@ def test_absent_weights_and_pipes_are_refused_at_once(tmp_path):
 KINDS = "full", "float16 inside", "float16 throughout", "dynamic", "static"
 
 
-def converted(folder: Path, kind: str) -> Path:
-    """The shipped network in full precision, and as ONNX Runtime's own tools convert that."""
+@pytest.fixture(scope="module")
+def full(tmp_path_factory) -> Path:
+    """Return the shipped network in full precision."""
+    pytest.importorskip("onnx")
+    path = tmp_path_factory.mktemp("full") / "full.onnx"
+    export_network(load_weights(SHIPPED_WEIGHTS.with_suffix(".safetensors"))[0].float(), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def expected() -> np.ndarray:
+    """Return the shipped network's probabilities of two crops."""
+    return OnnxNetwork().probabilities(crops_of(2))
+
+
+def converted(full: Path, folder: Path, kind: str) -> Path:
+    """Return the network in full precision, or as ONNX Runtime's own tools convert that network."""
     onnx, quantization = pytest.importorskip("onnx"), pytest.importorskip("onnxruntime.quantization")
-    full, out = folder / "full.onnx", folder / "n.onnx"
-    export_network(load_weights(SHIPPED_WEIGHTS.with_suffix(".safetensors"))[0].float(), full)
+    out = folder / "n.onnx"
     if kind == "full":
         return full
     if kind.startswith("float16"):
@@ -67,17 +82,16 @@ def converted(folder: Path, kind: str) -> Path:
     return out
 
 
+@cache
 def crops_of(n: int) -> np.ndarray:
     """Crops as in training (n, 212, 212)."""
     return np.stack([to_crop(sample(PRESETS["sitting-train"], 0, 16 * i))[0] for i in range(n)])
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_quantised_and_half_precision_exports_label_as_the_shipped_one(tmp_path, kind):
+def test_quantised_and_half_precision_exports_label_as_the_shipped_one(full, expected, tmp_path, kind):
     crops = crops_of(2)
-    expected, found = (
-        n.probabilities(crops) for n in (OnnxNetwork(), OnnxNetwork(converted(tmp_path, kind)))
-    )
+    found = OnnxNetwork(converted(full, tmp_path, kind)).probabilities(crops)
     assert found.dtype == np.float32 and found.shape == expected.shape
     same = (found.argmax(1) == expected.argmax(1))[crops > 0].mean()
     assert same > (0.9 if kind in ("dynamic", "static") else 0.99), same
