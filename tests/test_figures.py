@@ -4,6 +4,7 @@ import json
 import math
 import re
 import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +13,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
+from eval.network.predict_source import predict_source
 from eval.scores.confusion import mean_recall
 from sensors.errors import CloudError
+from sensors.importers.open_source import open_source
 from synth.images.generate import Order, generate
 from synth.images.presets import preset_named
 from tools.figures import network, run
@@ -161,9 +164,9 @@ def test_the_same_recordings_move_by_a_paired_test():
     rng, chance, seen = np.random.default_rng(1), 0, 0
     for _ in range(400):
         people = rng.normal(0.9, 0.05, 8)[np.arange(40) % 8]
-        old = of_values(people.tolist(), PEOPLE, average)
+        old = of_values(people, PEOPLE, average, 200)
         own = rng.normal(0, 0.005, 8)[np.arange(40) % 8]
-        same, worse = (of_values((people + own - lost).tolist(), PEOPLE, average) for lost in (0.0, 0.01))
+        same, worse = (of_values(people + own - lost, PEOPLE, average, 200) for lost in (0.0, 0.01))
         chance += moved(old, same, ".9f", True)
         seen += moved(old, worse, ".9f", True)
         assert not moved(old, worse, ".9f", False)
@@ -178,8 +181,8 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
         numbers = np.repeat(rng.normal(0, 1, 20), 8) + rng.normal(0, 0.5, 160)
         above = np.stack([numbers > 0, np.ones(160)], axis=-1).astype(np.int64)
         found = {
-            "mean": of_values(numbers, subjects, average),
-            "median": of_values(numbers, subjects, median),
+            "mean": of_values(numbers, subjects, average, 200),
+            "median": of_values(numbers, subjects, median, 200),
             "share": over_people(above, subjects, ratio),
         }
         for name, figure in found.items():
@@ -187,10 +190,19 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     assert all(0.92 < count / 400 <= 0.99 for count in held.values()), held
 
 
+@given(st.lists(st.integers(0, 9), min_size=1, max_size=9), st.integers(0, 99))
+def test_statistics_of_copies_are_the_statistics_of_the_repeated_values(values, seed):
+    copies = np.random.default_rng(seed).integers(0, 4, (5, len(values))) + (np.arange(len(values)) == 0)
+    numbers = np.array(values, float)
+    repeated = [np.repeat(numbers, row) for row in copies]
+    np.testing.assert_allclose(median(numbers, copies), [np.median(row) for row in repeated])
+    np.testing.assert_allclose(average(numbers, copies), [np.mean(row) for row in repeated])
+
+
 def test_a_person_has_no_interval_and_people_without_an_error_have_the_rule_of_three():
     right = np.ones((12, 2), np.int64)
-    assert over_people(right, ["anna"] * 12, ratio) == Figure(1.0)
-    assert of_values([1.0, 2.0], ["anna"] * 2, average) == Figure(1.5)
+    for lone in (over_people(right, ["anna"] * 12, ratio), of_values([1.0, 1.0], ["anna"] * 2, average)):
+        assert (lone.value, lone.certain, lone.without) == (1.0, True, ())
     four = over_people(right, list("abcd") * 3, ratio)
     assert four[:3] == (1.0, 0.25, 1.0) and four.without == (1.0,) * 4
     assert of_values([1.6] * 8, list("abcd") * 2, median).certain
@@ -246,10 +258,15 @@ def test_a_posture_counts_where_another_was_possible(images):
 
 @pytest.mark.skipif(not real_people.PEOPLE.is_dir(), reason="recordings of real people are absent")
 def test_real_people_are_counted_as_their_own_score_does(tmp_path):
-    take = real_people.PEOPLE / "takes" / "a22_s1_t1"
-    found = real_people.measure_people(take, OnnxNetwork(SHIPPED_WEIGHTS))
-    labels = network.predict_take(take, tmp_path) if hasattr(network, "predict_take") else None
-    assert labels is None and set(found.subjects) == {"s1"}
+    take, net = real_people.PEOPLE / "takes" / "a22_s1_t1", OnnxNetwork(SHIPPED_WEIGHTS)
+    found = real_people.measure_people(take, net)
+    labels = predict_source(open_source(take), net, tmp_path / "p", lambda n: None).labels
+    command = [sys.executable, real_people.PEOPLE / "score.py", labels.path, take]
+    scored = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+    counts = found.joints.sum(0)
+    assert set(found.subjects) == {"s1"} and counts[:, 0].sum() == scored["joints"]
+    assert round(float(real_people.mean_hit_rate(counts)), 4) == scored["mean_hit_rate"]
+    assert round(float(real_people.swap_rate(counts)), 4) == scored["swap_rate"]
 
 
 def test_the_documentation_holds_the_figures_that_were_kept(tmp_path):

@@ -7,7 +7,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from scipy.stats import t
 
-from annotate.array_types import Bool, Float64, Int64
+from annotate.array_types import Float64, Int64
 from eval.scores import intervals
 
 
@@ -92,35 +92,48 @@ def without_each(sums: Int64, score: Callable[[Int64], Float64]) -> tuple[float,
     return tuple(np.asarray(score(sums.sum(0) - sums), np.float64).tolist())
 
 
-def of_values(
-    values: Sequence[float], subjects: Sequence[str], statistic: Callable[[Float64], float]
-) -> Figure:
-    """Return a statistic of the frames' values (F,), with Student's interval over people (jackknife).
+Statistic: TypeAlias = Callable[[Float64, Int64], Float64]
+"""Function of values (F,) and of numbers of copies (R, F) of each, to numbers (R,)."""
 
-    One person, or people without whom nothing changes, give no interval.
+
+def of_values(
+    values: Sequence[float],
+    subjects: Sequence[str],
+    statistic: Statistic,
+    resamples: int = intervals.RESAMPLES,
+) -> Figure:
+    """Return a statistic of the frames' values (F,), with its interval over people.
+
+    The interval is Student's, from a bootstrap of people. One person, or people who do not differ, give no
+    interval.
     """
     numbers, people = np.asarray(values, np.float64), _people(subjects)
-    found = statistic(numbers)
-    without = tuple(statistic(numbers[others]) for others in _others(people))
-    half = _half_width(without)
-    return Figure(found, found - half, found + half, without) if half > 0 else Figure(found, without=without)
+    n = int(people.max()) + 1
+    found = float(statistic(numbers, np.ones((1, len(numbers)), np.int64))[0])
+    if n < 2:
+        return Figure(found)
+    rng = np.random.default_rng(intervals.SEED)
+    drawn = rng.multinomial(n, np.full(n, 1 / n), size=resamples)
+    error = intervals.standard_error(statistic(numbers, drawn[:, people]), n)
+    half = float(error * intervals.quantile(n - 1))
+    without = tuple(statistic(numbers, (1 - np.eye(n, dtype=np.int64))[:, people]).tolist())
+    differ = half > intervals.ROUNDING * max(1.0, abs(found))
+    return Figure(found, found - half, found + half, without) if differ else Figure(found, without=without)
 
 
-def average(values: Float64) -> float:
-    """Return the mean as a float."""
-    return float(np.mean(values))
+def average(values: Float64, copies: Int64) -> Float64:
+    """Return the means (R,) of values (F,) with copies (R, F) of each."""
+    return np.asarray(copies @ values / copies.sum(1), np.float64)
 
 
-def median(values: Float64) -> float:
-    """Return the median as a float."""
-    return float(np.median(values))
+def median(values: Float64, copies: Int64) -> Float64:
+    """Return the medians (R,) of values (F,) with copies (R, F) of each."""
+    order = np.argsort(values, kind="stable")
+    up_to = np.cumsum(copies[:, order], axis=1)
+    half = up_to[:, -1:] / 2
+    middle = ((up_to >= half).argmax(1), (up_to > half).argmax(1))
+    return np.asarray(np.mean([values[order][index] for index in middle], axis=0), np.float64)
 
 
 def _people(subjects: Sequence[str]) -> Int64:
     return np.unique(intervals.persons_of(subjects), return_inverse=True)[1].astype(np.int64)
-
-
-def _others(people: Int64) -> list[Bool]:
-    """Return the flags (F,) of the frames without each person; [] for one person."""
-    numbers = np.unique(people)
-    return [people != number for number in numbers] if len(numbers) > 1 else []

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from annotate.array_types import Float64
 from annotate.correction.correction import Correction
 from annotate.effort.annotator import AGREEMENT, WHO, Annotator, correct_set
 from annotate.label_recording import Run, SuitLabeller, label_source
@@ -30,7 +29,17 @@ from sensors.session.reader import Session
 from synth.data_files import JUDGE
 from synth.rig.simulate import simulate, truth_path
 from synth.rig.virtual_rig import RigOptions, VirtualRig
-from tools.figures.figure import Figure, Rows, average, median, of_values, over_people, ratio, without_each
+from tools.figures.figure import (
+    Figure,
+    Rows,
+    Statistic,
+    average,
+    median,
+    of_values,
+    over_people,
+    ratio,
+    without_each,
+)
 from tools.figures.parallel import each
 from tools.measure import ablation, pyrometer
 from tools.measure.labels import reliability
@@ -133,7 +142,7 @@ def timed(work: Callable[[Callable[[int], None]], Run]) -> tuple[LabelSet, float
     """Return a run's labels and its CPU seconds a frame (all threads; median of blocks of 20)."""
     ends: list[float] = []
     run = work(lambda n: ends.append(process_time()))
-    return run.labels, median(np.diff(ends[20::20]) / 20)
+    return run.labels, float(np.median(np.diff(ends[20::20])) / 20)
 
 
 def cameras(seed: int) -> Rows:
@@ -197,7 +206,7 @@ def drift(seed: int) -> Rows:
     found = each(_drift, jobs, (f"recording {number + 1}" for number in range(DRIFTS)))
     off, ious = ([(str(number), row) for number, one in enumerate(found) for row in one[k]] for k in range(2))
 
-    def figure(rows: list[tuple[str, list[float]]], k: int, statistic: Callable[[Float64], float]) -> Figure:
+    def figure(rows: list[tuple[str, list[float]]], k: int, statistic: Statistic) -> Figure:
         return of_values([row[k] for _, row in rows], [number for number, _ in rows], statistic)
 
     return {

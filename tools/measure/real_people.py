@@ -21,6 +21,7 @@ from eval.network.body_state import BodyState
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict_source import predict_source
 from eval.scores.confusion import present_mean, ratio
+from sensors.files.natural_order import in_order
 from sensors.importers.open_source import open_source
 from synth.body.skeleton import JOINT_ID
 from synth.images.standing_statistics import facing_deg
@@ -84,7 +85,7 @@ def measure_people(folder: Path, network: OnnxNetwork) -> People:
     """Measure a network on a folder of real people, whose frames are named ACTION_SUBJECT_..."""
     joints = json.loads((folder / "joints.json").read_text())
     camera = json.loads((folder / "intrinsics.json").read_text())
-    names = sorted(joints)
+    names = in_order(joints)  # as the folder is imported
     with tempfile.TemporaryDirectory() as out:
         labels = predict_source(open_source(folder), network, Path(out) / "p", lambda n: None).labels
         counts = joint_counts(labels, [joints[name] for name in names])
