@@ -79,8 +79,8 @@ def without_islands(parts: UInt8, depth_mm: UInt16) -> UInt8:
 
 
 def neighbours(parts: UInt8, pixels: Int64) -> list[int]:
-    """Return the labels that flat indices ``pixels`` may change to: touching parts, longest contact first,
-    then parts joined by anatomy, then background.
+    """Return the labels to offer for flat indices ``pixels``: touching parts, longest contact first, then
+    parts joined by anatomy, then background.
 
     The pixels' most frequent label and undefined are left out.
     """

@@ -140,7 +140,7 @@ def network_crop(mask: Bool) -> Crop:
 def normalize(depth_mm: UInt16, mask: Bool) -> Float32:
     """Scale depth uint16 (h, w) to float32 in [0, 1] on a person's mask, 0 elsewhere.
 
-    The person's median depth becomes 0.5; 1 corresponds to ``RANGE_MM``.
+    The person's median depth becomes 0.5; the range spans ``RANGE_MM``.
     """
     person = mask & (depth_mm > 0)
     if not person.any():

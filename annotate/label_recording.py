@@ -75,7 +75,7 @@ class Labeller(Protocol[C, S]):
 def label_cloud(
     labeller: Labeller[C, S], cloud: C, before: FrameLabels | None
 ) -> tuple[Segmentation, PersonMask]:
-    """Return the segmentation and mask of a cloud's subject. before: labels of the previous frame."""
+    """Return the segmentation and mask of a cloud's subject; before: previous labels."""
     return labeller.label(labeller.detect(cloud), before)
 
 
@@ -148,7 +148,7 @@ class SuitLabeller:
     def label(
         self, detection: SuitDetection, before: FrameLabels | None = None
     ) -> tuple[Segmentation, PersonMask]:
-        """Return the segmentation and mask of a frame's subject. before: labels of the previous frame."""
+        """Return the segmentation and mask of a frame's subject; before: previous labels."""
         person = detection.persons.person(before)
         if not person.trusted:
             return unlabelled(person.mask), person
@@ -179,8 +179,8 @@ def run(
     labeller: Labeller[C, S],
     progress: Callable[[int], None],
 ) -> Run:
-    """Label every frame of a source into the label set ``out``; continue an interrupted run, with the same
-    bytes as an uninterrupted one.
+    """Label every frame of a source into the label set ``out``; continue an interrupted run, with the bytes
+    of an uninterrupted one.
 
     steps: settings by step, stored in ``out``. progress: called with 1 for each frame that is stored or has
     failed. Raises ExistsError when ``out`` is of another source or settings, and ClaimedError while another
@@ -248,8 +248,8 @@ def _id(index: int) -> str:
 
 
 class _Fused(NamedTuple, Generic[S]):
-    """Depth image and detection of a frame. detection: None where labels are already stored. left_out: notes
-    on missing streams.
+    """Depth image and detection of a frame. detection: None with stored labels. left_out: notes on missing
+    streams.
     """
 
     depth_mm: UInt16

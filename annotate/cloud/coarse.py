@@ -26,12 +26,9 @@ SAME_SURFACE = 0.01  # share of the depth that counts as a pixel's distance; twi
 class CoarseCloud:
     """Coarse cloud of a frame, with the image that it was thinned from.
 
-    camera: undistorted, of the whole image. depth_mm: the whole image, uint16 (h, w). cloud: of (h
-
-    stride, w
-
-    stride) points. pixel: flat index of each point's pixel in the whole image, -1 = none. stride: pixels per
-    point along a side.
+    camera: undistorted, of the whole image. depth_mm: the whole image, uint16 (h, w). cloud: of
+    (h // stride, w // stride) points. pixel: flat index of each point's pixel in the whole image, -1 = none.
+    stride: pixels per point along a side.
     """
 
     camera: Intrinsics

@@ -175,8 +175,7 @@ def _bilinear(projection: Projection, slack_m: Float32, sight: Float32) -> Float
     """Return the bilinear mean (h, w) of temperatures, over pixels that show the point's own surface alone;
     NaN without any.
 
-    sight: (h' + 2, w' + 2, 3), each pixel's z-buffer (inf = no reading), its minimum over the window, and
-    temperature.
+    sight: (h' + 2, w' + 2, 3), z-buffer (inf = no reading), its minimum in the window, temperature.
     """
     column, row, ahead = projection
     values = np.full(ahead.shape, np.float32(np.nan))

@@ -109,8 +109,8 @@ class PointView:
     def visible(self, projection: Projection) -> Bool:
         """Return flags (h, w) of points not behind ``front`` by more than ``slack_m``.
 
-        The window's rows are applied when points are entered, its columns on look-up. So pixels without
-        points cost nothing.
+        The window's rows are applied when points are entered, its columns on look-up, to skip pixels without
+        points.
         """
         rows, columns = self.half_window
         tall = self._buffer(rows)

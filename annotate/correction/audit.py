@@ -20,8 +20,8 @@ _NAMES = {**{part.id: part.name for part in PARTS}, UNDEFINED: "undefined"}
 
 @dataclass(frozen=True)
 class PartWork:
-    """Work on one part: number of strokes, their active seconds, and numbers of pixels that the final part
-    gained and lost.
+    """Work on one part: number of strokes, their active seconds, and numbers of pixels that the part gained
+    and lost in the final labels.
     """
 
     strokes: int
@@ -36,8 +36,8 @@ class PersonWork:
 
     first, last: times of the work, ISO 8601 UTC, "" if unknown. frames, accepted: numbers of edited frames
     and of accepted frames. accepted_untouched: share of accepted frames with unchanged first labels.
-    seconds_median, seconds_p90: active seconds per frame. seconds: active seconds by kind. changed: share of
-    the body's pixels whose final part differs from the labels before all people's work. parts: by name.
+    seconds_median, seconds_p90: active seconds per frame. seconds: active seconds by activity. changed: share
+    of body pixels that the person changed last, unless they regained their first part. parts: by name.
     """
 
     who: str
@@ -97,7 +97,7 @@ class _Visit:
 
 
 def audit(labels: LabelSet, journal: Journal) -> Audit:
-    """Audit a label set. Raises FormatError when the journal or a frame is corrupt."""
+    """Return the work of each person on a label set. Raises FormatError for a corrupt journal or frame."""
     visits: defaultdict[str, list[_Visit]] = defaultdict(list)
     rejected, course = {}, []
     for frame_id in in_order(set(labels.frame_ids) & set(journal.frame_ids)):

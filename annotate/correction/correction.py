@@ -31,8 +31,8 @@ class RestorableError(FormatError):
 class Correction:
     """Correction of one label set by one person; a context manager that saves and releases the set.
 
-    A stroke is on disk when an editor's operation returns. If the disk refuses it, the operation raises
-    NotSavedError after it took effect; the next stroke writes refused ones again.
+    A stroke is on disk when an editor's operation returns. If the disk refuses the stroke, the operation
+    raises NotSavedError after its effect in memory; the next stroke writes refused ones again.
     """
 
     def __init__(self, labels: LabelSet, who: str, claim: Claim | None, clock: Callable[[], float]) -> None:
@@ -120,7 +120,9 @@ class Correction:
         return editor
 
     def begin(self, frame: FrameLabels) -> Editor:
-        """Return an editor of a frame just read; other edited frames stay open until ``leave_others``."""
+        """Return an editor of a frame from ``frame``; other edited frames stay open until
+        ``leave_others``.
+        """
         self._refuse_read_only()
         frame_id = frame.frame_id
         if frame_id in self._opened:
@@ -164,7 +166,7 @@ class Correction:
         del self._opened[frame_id]
 
     def now(self) -> str:
-        """Return the clock as ISO 8601 in UTC."""
+        """Return the clock's time as ISO 8601 in UTC."""
         return ActiveTime(self._clock).now()
 
     def flush(self) -> None:
@@ -272,7 +274,7 @@ class Correction:
         return strokes[included:]
 
     def _with_history(self, frame: FrameLabels) -> FrameLabels:
-        """Return the frame; in a copy of a set without its journal, the history of the frame starts empty."""
+        """Return the frame; in a copy of a set without its journal, remove the note ``journal``."""
         if frame.notes.get("journal") and not self.journal.strokes(frame.frame_id):
             frame = replace(frame, notes={k: v for k, v in frame.notes.items() if k != "journal"})
             with _saving(self.labels.path):

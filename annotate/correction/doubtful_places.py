@@ -33,8 +33,8 @@ def doubts(
 ) -> list[Doubt]:
     """Return the doubtful places of a frame, most expected wrong pixels first.
 
-    frame: as labelled automatically. parts: uint8 (h, w), current labels. other: uint8 (h, w) of a set to
-    compare, or None. strokes: in effect; pixels of strokes are not doubtful.
+    frame: as labelled automatically. parts: uint8 (h, w), current labels. other: uint8 (h, w), parts in
+    another set, or None. strokes: in effect; their pixels are doubtful only as islands.
     """
     untouched = np.ones(parts.size, np.bool_)
     for stroke in strokes:

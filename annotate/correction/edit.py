@@ -35,7 +35,9 @@ def steady_time() -> float:
 
 
 class ActiveTime:
-    """Active time by activity: sums of the gaps between a person's events. clock: seconds since the epoch."""
+    """Active time by activity: sum of gaps up to ``IDLE_S`` between a person's events. clock: seconds since
+    the epoch.
+    """
 
     def __init__(self, clock: Callable[[], float] = steady_time) -> None:
         self.clock = clock
@@ -55,7 +57,7 @@ class ActiveTime:
         return {kind: round(seconds, 3) for kind, seconds in taken.items()}
 
     def now(self) -> str:
-        """Return the clock as ISO 8601 in UTC."""
+        """Return the clock's time as ISO 8601 in UTC."""
         return datetime.fromtimestamp(self.clock(), UTC).isoformat(timespec="milliseconds")
 
 
@@ -206,7 +208,7 @@ class Editor:
         return np.asarray(allowed)
 
     def _flat(self, pixels: NDArray[np.generic]) -> Int64:
-        """Return sorted flat indices without repetitions."""
+        """Return flat indices, sorted and unique, of ``pixels``."""
         pixels = np.asarray(pixels)
         if pixels.dtype == np.bool_:
             self._same_shape(pixels)

@@ -1,8 +1,8 @@
 """Relabelling: untouched frames get the labels of a fine-tuned network, as one step of the journal.
 
 Every such frame gets one entry ``relabel`` that names the step; all entries of a step are written together.
-Taking a step back is a step of the same kind. A frame with a person's work, even undone, is never changed. A
-step keeps its confidences in ``learnt/``.
+Taking a step back writes a step of the same kind. A frame with a person's work, even undone, is never
+changed. A step keeps its confidences in ``learnt/``.
 """
 
 from collections.abc import Sequence
@@ -48,13 +48,13 @@ class Relabelled:
 
 
 def untouched(correction: Correction) -> list[str]:
-    """Return the ids of the frames without any stroke or verdict of a person, even undone."""
+    """Return the ids of the automatic frames without any stroke or verdict of a person, even undone."""
     free = [i for i in correction.labels.frame_ids if correction.state(i) == "auto"]
     return [i for i in free if not any(stroke.by_person for stroke in correction.journal.strokes(i))]
 
 
 def relabel(correction: Correction, learnt: LabelSet) -> Relabelled:
-    """Give untouched frames their labels in another set of the same recording.
+    """Give untouched frames their labels from another set of the same recording.
 
     Frames that the set lacks, or has with another depth image, stay as they are. Raises CloudError for a set
     of another camera, NotSavedError, and as ``Correction.frame`` does.

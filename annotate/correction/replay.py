@@ -43,7 +43,7 @@ def replayed(labels: LabelSet, journal: Journal, frame_id: str) -> FrameLabels:
 def after(frame: FrameLabels, strokes: Sequence[Stroke], exact: bool = False) -> FrameLabels:
     """Return a frame after more entries. Raises FormatError for entries that do not fit the frame.
 
-    exact: each entry must meet the labels on which it was made.
+    exact: raise also where an entry was made on other labels.
     """
     parts = frame.parts.copy()
     for stroke in strokes:
@@ -60,7 +60,7 @@ def after(frame: FrameLabels, strokes: Sequence[Stroke], exact: bool = False) ->
 
 
 def begun_from(frame: FrameLabels, strokes: Sequence[Stroke]) -> FrameLabels:
-    """Return the labels from which the first person started, after any relabelling. frame: first labels."""
+    """Return the labels after any relabelling, on which people's work began. frame: first labels."""
     return after(frame, [stroke for stroke in strokes if stroke.operation == "relabel"], exact=True)
 
 
@@ -122,7 +122,7 @@ def rejection(strokes: Sequence[Stroke]) -> str | None:
 
 
 def _notes_of(strokes: Sequence[Stroke], state: State) -> dict[str, Any]:
-    """Return a frame's notes on the work. journal: number of entries that the labels include."""
+    """Return a frame's notes on the work; ``journal`` is the number of entries."""
     operations = Counter(stroke.operation for stroke in strokes if stroke.operation != "leave")
     step = step_of(strokes)
     return {

@@ -52,7 +52,7 @@ class Progress:
 
 
 def review_queue(correction: Correction) -> list[Queued]:
-    """Return the frames whose last verdict is another person's and no review, the most urgent first."""
+    """Return the frames that wait for a reviewer (``is_queued``), the most urgent first."""
     queue = [
         Queued(i, *_why(correction.journal.strokes(i), confidence_of(correction, i)))
         for i in correction.labels.frame_ids
@@ -62,9 +62,7 @@ def review_queue(correction: Correction) -> list[Queued]:
 
 
 def is_queued(correction: Correction, frame_id: str) -> bool:
-    """Return whether a frame waits for a reviewer: its last verdict is another person's, without
-    agreement.
-    """
+    """Return whether a frame is accepted or rejected, but not by this person, and no one has agreed."""
     if correction.state(frame_id) not in ("accepted", "rejected"):
         return False
     standing = verdicts(correction.journal.strokes(frame_id))
@@ -72,7 +70,7 @@ def is_queued(correction: Correction, frame_id: str) -> bool:
 
 
 def teaching_order(correction: Correction) -> list[str]:
-    """Return the untouched frames in the order in which correcting them helps a fine-tuning most.
+    """Return the untouched frames in the order in which correcting them helps fine-tuning most.
 
     The first has the lowest confidence. Each next one is the least confident frame near the frame that is
     farthest in time from all corrected and earlier ones.

@@ -29,9 +29,9 @@ COLOR_WEIGHT = 4.0  # 20 clicks correct 40 % of the wrong pixels, with 1 36 % (h
 class ScreenPoints:
     """Screen positions of the points of a cloud, computed once for every camera move.
 
-    xy_px: float32 (n, 2), screen position of each pixel's point, y down; NaN = not on the screen.
-    distance_m: float32 (n,), from the eye. size_px: (width, height) of the screen. cell_px: at least twice
-    the distance of neighbouring points on the screen, or points behind show through.
+    xy_px: float32 (n, 2), screen position of each pixel's point, y down; NaN = not on the screen. distance_m:
+    float32 (n,), from the eye. size_px: (width, height) of the screen. cell_px: at least twice the distance
+    of neighbouring points on the screen; in smaller cells, hidden points show through.
     """
 
     xy_px: Float32
@@ -58,13 +58,15 @@ class ScreenPoints:
 
     @cached_property
     def cells(self) -> Int64:
-        """Return the flat index (m,) of the screen cell of each of ``pixels``."""
+        """Return the flat screen pixel (m,) under each of ``pixels``."""
         xy = self.xy_px[self.pixels].astype(np.int64)
         return xy[:, 1] * self.size_px[0] + xy[:, 0]
 
     @cached_property
     def front(self) -> Bool:
-        """Return bool (n,), True for points that no nearer point of their cell hides, by more than BEHIND."""
+        """Return flags (n,), True for points at most ``BEHIND`` farther than the nearest point of
+        their cell.
+        """
         xy = self.xy_px[self.pixels].astype(np.int64) // self.cell_px
         across = self.size_px[0] // self.cell_px + 1
         cell = xy[:, 1] * across + xy[:, 0]
@@ -153,7 +155,7 @@ def supervoxel(ids: Int32, parts: UInt8, pixel: int) -> Int64:
 
 
 def patch(parts: UInt8, depth_mm: UInt16, pixel: int) -> Int64:
-    """Return the connected surface of one part under a pixel; empty without depth."""
+    """Return the connected surface of one part around a pixel; empty without depth."""
     depth_m = depth_mm.astype(np.float32) / np.float32(1000)
     labels, _ = components((parts == parts.flat[pixel]) & (depth_mm > 0), depth_m)
     return np.flatnonzero(labels == labels.flat[pixel]) if labels.flat[pixel] else np.empty(0, np.int64)

@@ -25,7 +25,7 @@ MAX_IMAGES = 2_000_000  # of an export searched for a name; untuned
 class AnnotatedImage(NamedTuple):
     """Image of an annotation file.
 
-    masks: function that returns the masks for a depth image of a shape, later ones on top.
+    masks: function from the depth image's shape to the masks, later ones on top.
     """
 
     file: Path
@@ -61,7 +61,7 @@ def write_image(out: Path, frame: FrameLabels) -> str:
 
 
 def check_size(stated: tuple[object, object], shape: tuple[int, int]) -> None:
-    """Raise FormatError if the stated (height, width), when given, is not the depth image's."""
+    """Raise FormatError if (height, width), where stated, is not the depth image's."""
     height, width = (float(str(side)) if side else 0.0 for side in stated)
     if height and width and (height, width) != shape:
         raise FormatError(

@@ -52,7 +52,7 @@ BOX_TOLERANCE_PX = 1.5  # between a stated box and its mask, because programs ro
 
 
 def write_coco(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
-    """Write frames in this format into an empty folder."""
+    """Write frames as COCO into an empty folder."""
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
     for frame in frames:
@@ -89,7 +89,7 @@ def _box(pixels: Bool) -> list[int]:
 
 
 def annotation_files(source: Path) -> list[Path]:
-    """Return the annotation files of a folder under the first of the known names."""
+    """Return the annotation files of a folder, by the first of the known name patterns with a match."""
     for pattern in LAYOUTS:
         files = natsorted(file for file in source.glob(pattern) if file.is_file())
         if pattern == LAYOUTS[-1]:
@@ -100,8 +100,8 @@ def annotation_files(source: Path) -> list[Path]:
 
 
 def read_coco(source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """Read masks as run lengths, compressed or not, and polygons. Raises FormatError for malformed
-    annotations or images.
+    """Yield the frames of a folder; masks are run lengths, compressed or not, or polygons. Raises FormatError
+    for malformed annotations or images.
     """
     files = [companion.annotations] if companion.annotations else annotation_files(source)
     images = [image for file in files for image in _images(source, file, companion)]
@@ -224,7 +224,7 @@ def rle_to_string(runs: list[int]) -> str:
 
 
 def rle_from_string(text: str) -> list[int]:
-    """Invert ``rle_to_string``. Raises FormatError for a malformed text."""
+    """Return the run lengths of a text of ``rle_to_string``. Raises FormatError for a malformed text."""
     runs: list[int] = []
     value = shift = 0
     for character in text:

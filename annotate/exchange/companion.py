@@ -1,6 +1,6 @@
 """Companion file ``annotate-cloud.json``: camera, subjects, statuses and notes beside exported images.
 
-Other tools ignore it. A folder of another tool without it needs ``intrinsics.json``.
+Other tools ignore the file. A folder without the file needs ``intrinsics.json``.
 """
 
 import json
@@ -31,7 +31,7 @@ MAX_TEXT_BYTES = 1_000_000_000  # largest JSON or XML file of an export; a frame
 
 @dataclass
 class Companion:
-    """Camera of a folder, and by frame id the fields that its images lack.
+    """Camera of a folder, and by frame id the fields that its images cannot hold.
 
     remarks: omissions and assumptions of a reader, with counts. annotations: the one annotation file to read;
     None = the folder's. cast: name of the set of synthetic people.
@@ -56,7 +56,7 @@ class Companion:
         }
 
     def save(self, folder: Path) -> None:
-        """Write the file, and the intrinsics alone beside it."""
+        """Write the companion file, and the camera alone as ``intrinsics.json``."""
         content = {"schema": SCHEMA, **cast_note(self.cast), "intrinsics": asdict(self.intrinsics)}
         content["frames"] = self.frames
         (folder / COMPANION).write_text(json.dumps(content, indent=1) + "\n", encoding="ascii")

@@ -42,7 +42,7 @@ NUMBER = (
 
 
 def write_cvat(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
-    """Write frames in this format into an empty folder."""
+    """Write frames as CVAT for images 1.1 into an empty folder."""
     with (out / ANNOTATIONS).open("w", encoding="ascii") as xml:
         xml.write('<?xml version="1.0" encoding="utf-8"?>\n<annotations>\n <version>1.1</version>\n')
         xml.write(f" <meta><task><labels>{''.join(_labels())}</labels></task></meta>\n")
@@ -75,8 +75,8 @@ def _mask_xml(mask: Mask) -> str:
 
 
 def read_cvat(source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """Read masks and polygons; the inverse of ``write_cvat``. Raises FormatError for malformed annotations or
-    images.
+    """Yield the frames of a folder; shapes are masks or polygons. Raises FormatError for malformed
+    annotations or images.
     """
     file = companion.annotations or source / ANNOTATIONS
     try:

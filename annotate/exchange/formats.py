@@ -1,9 +1,9 @@
 """Formats of label sets, with export and import.
 
 To add a format, write a module with a writer and a reader of frames; ``image_pairs`` is the shortest example.
-Then add its line to ``FORMATS``, from which commands, tests and the window take it. Name it in the help of
-``export`` and in ``docs/formats.md``. Each format also stores depth. The file ``annotate-cloud.json``
-beside the format's own files holds the camera, and each frame's subject, status and notes.
+Then add its line to ``FORMATS``, from which commands, tests and the GUI take it. Name it in the help of
+``export`` and in ``docs/formats.md``. Each format also stores depth. The file ``annotate-cloud.json`` beside
+the format's own files holds the camera, and each frame's subject, status and notes.
 """
 
 from collections.abc import Callable, Iterator
@@ -33,7 +33,7 @@ from sensors.rig.camera import Intrinsics
 class Format:
     """Format of label sets.
 
-    title: name for the window. write: function that writes frames of one camera into an empty folder.
+    title: name in the GUI. write: function that writes frames of one camera into an empty folder.
     read: function that yields the frames of a folder, built by ``companion.labels``.
     recognise: function that returns whether a folder has this format.
     lacks: fields of FrameLabels that the format cannot hold; all others must round-trip bit for bit.
@@ -81,10 +81,11 @@ FORMATS = {
 def export_labels(
     labels: LabelSet, out: Path, name: str, advance: Callable[[int], None], *, overwrite: bool = False
 ) -> tuple[str, ...]:
-    """Write a label set in a format; return the fields that the format cannot hold.
+    """Write a label set in a format; return the names of the fields that are lost.
 
-    ``out`` is created when it is complete. Raises FormatError for an unknown format or an invalid label set.
-    Raises ExistsError where ``out`` exists, unless an export made it and ``overwrite`` is True.
+    ``out`` appears only when complete. advance: called with 1 for each frame. Raises FormatError for an
+    unknown format or an invalid label set, ExistsError where ``out`` exists, unless an export made it and
+    ``overwrite`` is True.
     """
     if name not in FORMATS:
         raise FormatError(f"format {name[:40]!r} is unknown; use {', '.join(FORMATS)}")
@@ -107,7 +108,7 @@ def export_labels(
 
 
 def recognise(source: Path) -> str | None:
-    """Return the name of the format of a folder, or None."""
+    """Return the name of a folder's format, or None."""
     if not source.is_dir():
         return None
     return next((name for name, format_ in FORMATS.items() if format_.recognise(source)), None)
@@ -131,8 +132,8 @@ def import_labels(
 ) -> Imported:
     """Read another tool's folder, archive (.zip) or annotation file into a new label set.
 
-    ``out`` is created when it is complete. intrinsics: JSON file of the depth camera; None = the folder's.
-    Raises FormatError, also where no frame has a body part, CalibrationError, ExistsError.
+    ``out`` appears only when complete. intrinsics: JSON file of the depth camera; None = the folder's. Raises
+    FormatError, also where no frame has a body part, CalibrationError, ExistsError.
     """
     with unpacked(source) as (folder, annotations):
         by_suffix = {".json": "coco", ".xml": "cvat"}

@@ -26,7 +26,7 @@ MMSEG: Folders = ("img_dir", "ann_dir")
 
 
 def write_pairs(folders: Folders, frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
-    """Write frames in this format into an empty folder."""
+    """Write frames as image pairs into an empty folder."""
     for name in folders:
         (out / name).mkdir()
     for frame in frames:
@@ -38,8 +38,8 @@ def write_pairs(folders: Folders, frames: Iterator[FrameLabels], camera: Intrins
 
 
 def read_pairs(folders: Folders, source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """Invert ``write_pairs``; splits (train, val, ...) become one set. Raises FormatError for a missing or
-    broken image.
+    """Yield the frames of image pairs; splits (train, val, ...) become one set. Raises FormatError for a
+    missing or broken image.
     """
     splits = natsorted(folder.name for folder in (source / folders[1]).iterdir() if folder.is_dir()) or [""]
     for split in splits:

@@ -37,8 +37,8 @@ PLY_NAMES = {kind: name for name, kind in reversed(TYPES.items())}
 class CloudFile:
     """File format of clouds.
 
-    label_type: dtype of labels and person numbers. colors: function that returns its fields for colours uint8
-    (n, 3). write: function of records, shape and sensor pose that returns the file.
+    label_type: dtype of labels and person numbers. colors: function from colours uint8 (n, 3) to the format's
+    fields. write: function from records, shape and sensor pose to the file's bytes.
     """
 
     suffix: str
@@ -99,14 +99,14 @@ PLY = CloudFile(".ply", "u1", _separate, write_ply, read_ply)
 
 
 def write_clouds(kind: CloudFile, frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
-    """Write one file per frame into an empty folder."""
+    """Write one cloud file per frame into an empty folder."""
     for frame in frames:
         content = kind.write(_records(frame, camera, kind), frame.parts.shape, None)
         (out / f"{frame.frame_id}{kind.suffix}").write_bytes(content)
 
 
 def read_clouds(kind: CloudFile, source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """Invert ``write_clouds``. Raises FormatError."""
+    """Yield the frames of files of ``write_clouds``. Raises FormatError."""
     for name, file in frame_files(source, kind.suffix):
         yield _frame(name, file, kind, companion)
 

@@ -40,7 +40,8 @@ def export_points(
 ) -> PointLabels:
     """Write the points of the cloud at ``path`` with their labels into ``out``, a file per frame.
 
-    ``out`` appears when it is complete. Raises FormatError for labels of another cloud, ExistsError.
+    name: format. ``out`` appears only when complete. Raises FormatError for labels of another cloud,
+    ExistsError.
     """
     kind, companion, frames = CLOUD_FORMATS[name], Companion(labels.intrinsics), list(labels)
     companion.cast = cast_of(labels.info)

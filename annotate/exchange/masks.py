@@ -68,8 +68,8 @@ def runs_of(flat: Bool) -> list[int]:
 
 
 def mask_from_runs(runs: list[int], size: int) -> Bool:
-    """Invert ``runs_of`` for a mask of ``size`` pixels. Raises FormatError where the runs do not add up to
-    it.
+    """Return the mask (size,) of the run lengths of ``runs_of``. Raises FormatError where their sum is not
+    ``size``.
     """
     lengths = np.array(runs, np.int64)
     if (lengths < 0).any() or (lengths > size).any() or int(lengths.sum()) != size:

@@ -32,7 +32,7 @@ Pyarrow = Any
 
 
 def write_parquet(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
-    """Write frames in this format into an empty folder."""
+    """Write frames as Parquet files into an empty folder."""
     pa = _pyarrow()
     (out / DATA).mkdir()
     schema = _schema(camera)
@@ -53,13 +53,15 @@ def is_parquet(source: Path) -> bool:
 
 
 def camera_of_parquet(source: Path, intrinsics: Path | None = None) -> Companion:
-    """Return the camera of Parquet files, or the folder's companion. Raises FormatError, CalibrationError."""
+    """Return the camera of Parquet files; without one, ``load_companion``. Raises FormatError,
+    CalibrationError.
+    """
     camera = _camera(_files(source)[0])
     return Companion(camera) if camera else load_companion(source, intrinsics)
 
 
 def read_parquet(source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """Invert ``write_parquet``; the companion is not needed. Raises FormatError."""
+    """Yield the frames of Parquet files; ``companion`` is not used. Raises FormatError."""
     for file in _files(source):
         yield from _frames(file)
 
@@ -133,7 +135,7 @@ def _frames(file: Path) -> Iterator[FrameLabels]:
 
 
 def _frame(row: dict[str, Any]) -> FrameLabels:
-    """Decode a row. Raises one of MALFORMED."""
+    """Return the frame of a row. Raises one of ``MALFORMED``."""
     data = {name: None if row[name] is None else row[name]["bytes"] for name in IMAGES}
     rest = json.loads(row["annotation"])
     if data["image"] is None or data["label"] is None or not isinstance(rest, dict):

@@ -27,7 +27,7 @@ POINTS, LABELS, INDEX, CONFIG = "velodyne", "labels", "index", "semantic-kitti.y
 
 
 def write_kitti(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
-    """Write frames in this format into an empty folder."""
+    """Write frames as a SemanticKITTI sequence into an empty folder."""
     for name in (POINTS, LABELS, INDEX):
         (out / SEQUENCE / name).mkdir(parents=True)
     for number, frame in enumerate(frames):
@@ -44,7 +44,7 @@ def write_kitti(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) ->
 
 
 def read_kitti(source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """Invert ``write_kitti``. Raises FormatError, also for lidar scans, which have no index."""
+    """Yield the frames of ``write_kitti``. Raises FormatError, also for lidar scans, which have no index."""
     folder, names = source / SEQUENCE, list(companion.frames)
     if not (folder / INDEX).is_dir():
         raise FormatError(f"{folder} has no {INDEX} of a depth image; give a folder that export wrote")

@@ -1,4 +1,4 @@
-"""Export of another tool, opened as a folder; it is a folder, an archive (.zip), or an annotation file."""
+"""Export of another tool (folder, archive .zip, or annotation file), opened as a folder."""
 
 import shutil
 import zlib
@@ -28,7 +28,7 @@ class Export(NamedTuple):
 
 @contextmanager
 def unpacked(source: Path) -> Iterator[Export]:
-    """Yield an export; the folder of an archive is temporary. Raises FormatError."""
+    """Yield an export as a folder, temporary for an archive. Raises FormatError."""
     if source.is_file() and is_zipfile(source):
         with TemporaryDirectory() as name, _named(source, name):
             yield Export(_extracted(source, Path(name)))

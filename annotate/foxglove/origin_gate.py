@@ -21,7 +21,7 @@ REFUSED = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n
 
 
 def hidden_address() -> str:
-    """Return a random loopback address, which a page cannot find by a port scan."""
+    """Return a random loopback address, too hard to find by a web page's port scan."""
     return "127." + ".".join(str(1 + secrets.randbelow(254)) for _ in range(3))
 
 

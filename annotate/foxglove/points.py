@@ -22,7 +22,7 @@ PART_POINT = np.dtype([*_PLACE, *_COLOR, ("part", "u1")])
 
 
 def heat_points(cloud: ThermalCloud, stamp_ns: int) -> PointCloud:
-    """Return all valid points as HEAT_POINT, in the order of pixels."""
+    """Return all valid points as ``HEAT_POINT`` records, in pixel order."""
     celsius = cloud.temperature_c[cloud.valid]
     points = _points(cloud, HEAT_POINT, heat_rgb(celsius, ROOM_RGB).astype(np.uint8))
     points["temperature"] = celsius
@@ -30,7 +30,7 @@ def heat_points(cloud: ThermalCloud, stamp_ns: int) -> PointCloud:
 
 
 def part_points(cloud: ThermalCloud, parts: UInt8, stamp_ns: int) -> PointCloud:
-    """Return all valid points as PART_POINT, in the order of pixels. parts: uint8 (h, w)."""
+    """Return all valid points as ``PART_POINT`` records with part ids (h, w), in pixel order."""
     palette = palette_rgb()
     palette[BACKGROUND] = ROOM_RGB
     ids = parts[cloud.valid]

@@ -100,7 +100,9 @@ def _thermal(shown: Shown) -> Message | None:
 
 
 def _heat(shown: Shown) -> Message | None:
-    """Return the temperatures as a colour image, because Foxglove's 16-bit greys show a room as one grey."""
+    """Return the temperatures as a colour image, because Foxglove's 16-bit greys hardly differ
+    within a room.
+    """
     if shown.thermal_c is None:
         return None
     rgb = heat_rgb(shown.thermal_c.reshape(-1), ROOM_RGB).astype("u1").reshape(*shown.thermal_c.shape, 3)

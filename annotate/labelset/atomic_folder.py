@@ -14,10 +14,10 @@ from sensors.files.atomic import is_taken, sweep, temporary_of
 
 
 def check_replaceable(out: Path, marker: str, *inputs: Path) -> None:
-    """Check that ``out`` may be removed for a new result: it holds ``marker``, or nothing.
+    """Check that ``out`` may be removed for a new result: it holds the file ``marker``, or nothing.
 
-    Raises ExistsError for a folder of another origin, with one of its ``inputs`` or with corrections;
-    ClaimedError while another process writes it.
+    Raises ExistsError for a folder of another origin, or with an input or corrections inside; ClaimedError
+    while another process writes it.
     """
     with claimed_to_replace(out, marker, *inputs):
         pass
@@ -25,9 +25,7 @@ def check_replaceable(out: Path, marker: str, *inputs: Path) -> None:
 
 @contextmanager
 def claimed_to_replace(out: Path, marker: str, *inputs: Path) -> Iterator[None]:
-    """Hold the claim (writer's lock) on a folder that is about to be replaced. Raises as
-    ``check_replaceable``.
-    """
+    """Hold the claim (writer's lock) on a folder to be replaced. Raises as ``check_replaceable``."""
     for path in inputs:
         if path.resolve().is_relative_to(out.resolve()):
             raise ExistsError(f"{out} holds the input {path}; choose another folder for the result")
@@ -53,7 +51,7 @@ def remove(out: Path, marker: str, *inputs: Path) -> None:
 
 @contextmanager
 def appearing(out: Path, marker: str, *inputs: Path, overwrite: bool) -> Iterator[Path]:
-    """Yield a temporary folder beside ``out`` that takes its name on success and is removed on any error.
+    """Yield a temporary folder beside ``out``, renamed to ``out`` on success and removed on any error.
 
     Holds the claim on a replaced folder throughout. Raises ExistsError when ``out`` exists without
     ``overwrite``, and as ``check_replaceable``.

@@ -1,4 +1,6 @@
-"""Cast (set of synthetic people) in a manifest, and the refusal to train on a cast reserved for measuring."""
+"""Cast (set of synthetic people) in a manifest, and the refusal to train on a cast reserved for
+evaluation.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -23,7 +23,7 @@ class ClaimedError(CloudError):
 
 
 class Claim:
-    """Lock for writing a label set, a dataset or a training, held while its process lives.
+    """Lock for writing a label set, a dataset or a training run, held while its process lives.
 
     The kernel locks ``claim.json``, so a killed process leaves no claim. The file's content names the owner.
     """
@@ -35,7 +35,7 @@ class Claim:
     def take(cls, folder: Path, who: str) -> Self:
         """Claim ``folder`` for ``who``, and remove files that killed processes left in it.
 
-        Raises ClaimedError naming the owner when it is taken, CloudError when the folder cannot be written.
+        Raises ClaimedError naming the owner when the folder is taken, CloudError when it cannot be written.
         """
         path = folder / CLAIM
         lock = UnixFileLock(path, timeout=0, thread_local=False, mode=0o644, fallback_to_soft=False)
@@ -73,7 +73,7 @@ class Claim:
 
 
 def login() -> str:
-    """Return the login name of the system's user."""
+    """Return the login name of the current user."""
     try:
         return getpass.getuser()
     except (OSError, KeyError):

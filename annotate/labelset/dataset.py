@@ -68,7 +68,9 @@ def read_shard(path: Path, offset: int = 0) -> Iterator[FrameLabels]:
 
 
 def entries_of(path: Path) -> Iterator[Entry]:
-    """Yield the places of a shard's frames without decoding them. Raises FormatError as ``read_shard``."""
+    """Yield the ``Entry`` of each frame of a shard, without decoding. Raises FormatError as
+    ``read_shard``.
+    """
     with _opened(path) as tar:
         for members in _frames(path, tar):
             yield Entry(_key(members), path.name, members[0].offset)
@@ -88,7 +90,7 @@ def _opened(path: Path, offset: int = 0) -> Iterator[tarfile.TarFile]:
 
 
 def _frames(path: Path, tar: tarfile.TarFile) -> Iterator[list[tarfile.TarInfo]]:
-    """Yield the files of each frame."""
+    """Yield the tar members of each frame."""
     members: list[tarfile.TarInfo] = []
     for member in iter(tar.next, None):
         # A negative size would lead in circles.
@@ -128,8 +130,8 @@ def _decoded(path: Path, tar: tarfile.TarFile, members: list[tarfile.TarInfo]) -
 class Dataset:
     """Folder of shards.
 
-    shards: (file name, sha256) in order; info: the manifest's other entries. intrinsics: camera in the middle
-    of the whole image; each crop's position is in its frame's notes. whole_image: camera of synthetic images.
+    shards: (file name, sha256) in order; info: the manifest's other entries. whole_image: camera of the
+    synthetic images. intrinsics: camera of a crop in their middle; each frame's notes hold its crop.
     """
 
     path: Path
@@ -142,7 +144,9 @@ class Dataset:
 
     @staticmethod
     def open(path: Path) -> "Dataset":
-        """Read the manifest. Raises FormatError when it is absent or corrupt, or shards are missing."""
+        """Open a dataset. Raises FormatError when its manifest is absent or corrupt, or shards are
+        missing.
+        """
         manifest = path / MANIFEST
         if not manifest.is_file():
             raise FormatError(f"{path} is not a finished dataset (it has no {MANIFEST}); generate it again")
@@ -179,13 +183,13 @@ class Dataset:
             yield from read_shard(self.path / name)
 
     def entries(self) -> Iterator[Entry]:
-        """Yield the places of the frames. Raises FormatError for a broken shard."""
+        """Yield the ``Entry`` of each frame. Raises FormatError for a broken shard."""
         for name, _ in self.shards:
             yield from entries_of(self.path / name)
 
     def load(self, entry: Entry, persons: bool = True) -> FrameLabels:
-        """Read the frame of an entry; datasets have no persons' numbers. Raises FormatError where it is
-        broken.
+        """Read the frame of an entry; datasets hold no persons' images. Raises FormatError for a broken
+        shard.
         """
         return next(read_shard(self.path / entry.shard, entry.offset))
 

@@ -1,6 +1,6 @@
 """Depth, part, confidence and probability images as PNG bytes, bounded and checked on reading.
 
-cv2 and Pillow are imported where used, because ``info`` and refusals do not need them.
+cv2 and Pillow are imported where used, because commands such as ``info`` do not need them.
 """
 
 import io
@@ -40,7 +40,7 @@ def read_image(file: Path, decode: Callable[[bytes], V]) -> V:
 def decode_depth(data: bytes) -> UInt16:
     """Decode a 16-bit greyscale PNG to uint16 (h, w) millimetres. Raises FormatError.
 
-    The last image is cached, because labels and their truth have the same depth image.
+    The last image is cached, because labels and their ground truth have the same depth image.
     """
     return _depth_in(data).copy()
 
@@ -56,17 +56,17 @@ def encode_confidence(confidence: Float32) -> bytes:
 
 
 def decode_confidence(data: bytes) -> Float32:
-    """Invert ``encode_confidence``. Raises FormatError."""
+    """Decode a PNG of ``encode_confidence`` to float32 (h, w). Raises FormatError."""
     return decode_grey(data, np.uint8, "confidence").astype(np.float32) / np.float32(255)
 
 
 def stored_confidence(confidence: Float32) -> Float32:
-    """Return confidence (h, w) rounded as it is stored."""
+    """Return confidence (h, w) rounded to steps of 1/255, as stored."""
     return _steps(confidence).astype(np.float32) / np.float32(255)
 
 
 def _steps(confidence: Float32) -> UInt8:
-    """Return confidence (h, w) in steps of 1/255, ten times as fast as numpy."""
+    """Return confidence (h, w) as bytes, ten times as fast as numpy."""
     import cv2
 
     return np.asarray(cv2.convertScaleAbs(np.maximum(confidence, 0, dtype=np.float32), alpha=255), np.uint8)
@@ -142,7 +142,7 @@ class Probabilities:
     planes: Float32
 
     def note(self) -> dict[str, list[int]]:
-        """Return the frame's note on the position of the crop."""
+        """Return the note that stores the crop's position with the frame."""
         return {NOTE: [self.crop.top, self.crop.left, self.crop.side]}
 
 
@@ -155,7 +155,7 @@ def encode_probabilities(probabilities: Probabilities) -> bytes:
 
 
 def decode_probabilities(data: bytes, notes: dict[str, Any]) -> Probabilities:
-    """Invert ``encode_probabilities``; notes: the frame's. Raises FormatError."""
+    """Decode a PNG of ``encode_probabilities``; notes: the frame's, with the crop. Raises FormatError."""
     if png_shape(data, "probability") != (N_CLASSES * SIZE, SIZE):
         raise FormatError(f"probability PNG is not {N_CLASSES * SIZE} x {SIZE} pixels; predict again")
     stored = decode_grey(data, np.uint8, "probability").reshape(N_CLASSES, SIZE, SIZE)

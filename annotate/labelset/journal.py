@@ -1,4 +1,6 @@
-"""Journal of a label set: every stroke is a line, which is on disk before the next stroke begins."""
+"""Journal of a label set: each stroke (a person's action) is a line, on disk before the next stroke
+begins.
+"""
 
 import os
 import stat

@@ -45,7 +45,7 @@ Decode = Callable[[bytes], NDArray[T]]
 class LabelSet:
     """Label set on disk. Every write is atomic; a frame exists once its JSON does.
 
-    intrinsics: undistorted depth camera of all frames. info: manifest, with source, steps and versions.
+    intrinsics: undistorted depth camera of all frames. info: manifest, with source and steps.
     """
 
     def __init__(self, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> None:
@@ -137,11 +137,11 @@ class LabelSet:
 
     @property
     def identity(self) -> dict[str, str]:
-        """Return an empty dict, because corrections change a label set."""
+        """Return an empty dict, because corrections change a label set's hash."""
         return {}
 
     def entries(self) -> Iterator[Entry]:
-        """Yield the places of the frames."""
+        """Yield the ``Entry`` of each frame."""
         return map(Entry, self.frame_ids)
 
     def load(self, entry: Entry, persons: bool = True) -> FrameLabels:
@@ -171,7 +171,7 @@ class LabelSet:
         return self._image(frame_id, "parts.png", images.decode_parts)
 
     def confidence(self, frame_id: str, step: str = "") -> Float32 | None:
-        """Return the confidence (h, w) of a fine-tuning step's labels, or of the first labels, or None."""
+        """Return the confidence (h, w) of a fine-tuning step's labels ("" = the first labels), or None."""
         if not step:
             return self._optional_image(frame_id, "confidence.png", images.decode_confidence)
         return self._optional_image(frame_id, _of_step(step), images.decode_confidence, LEARNT)
@@ -336,7 +336,7 @@ def _load(path: Path) -> dict[str, Any]:
 
 
 def label_sets_in(folder: Path) -> list[Path]:
-    """Return the label sets directly inside a folder, as ``label`` and ``predict`` of a folder write them."""
+    """Return the label sets directly inside a folder."""
     return paths_in_order(manifest.parent for manifest in folder.glob(f"*/{MANIFEST}"))
 
 

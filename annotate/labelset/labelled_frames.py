@@ -1,4 +1,4 @@
-"""Labelled frames of a folder, label set or dataset, and the camera of their pixels."""
+"""Labelled frames of a label set or dataset, and the camera of their pixels."""
 
 from pathlib import Path
 from typing import TypeAlias
@@ -45,7 +45,7 @@ def camera_of(frames: LabelledFrames, frame: FrameLabels) -> Intrinsics:
 
 
 def pinhole_of(frame: FrameLabels, camera: Intrinsics) -> Intrinsics:
-    """Return the pinhole of a frame's own pixels; camera: of the whole image. Raises FormatError for a
+    """Return the pinhole camera of a frame's own pixels; camera: of the whole image. Raises FormatError for a
     malformed note ``crop``.
     """
     if "crop" not in frame.notes:

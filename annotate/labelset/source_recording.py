@@ -1,4 +1,4 @@
-"""Recording of a label set: search for its file, and fusion of its frames with the labels."""
+"""Recording of a label set: search for its file, and fusion of recorded frames with their labels."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -29,8 +29,8 @@ class Fused(NamedTuple):
 class Recorded:
     """Frames of a label set with the colours and temperatures of its recording.
 
-    session: of any kind that ``open_source`` reads; None = depth alone. Raises FormatError for a recording
-    with another image size than the labels.
+    session: path that ``open_source`` reads; None = depth alone. Raises FormatError for a recording with
+    another image size than the labels.
     """
 
     def __init__(self, labels: LabelSet, session: Path | None) -> None:
@@ -55,7 +55,9 @@ class Recorded:
         return tuple(sorted(self._source.events)) if self._source else ()
 
     def fused(self, labels: FrameLabels) -> Fused:
-        """Fuse a labelled frame; unreadable parts of the recording are left out with a remark."""
+        """Fuse a labelled frame; if the recorded frame is unreadable or another one, depth alone, with a
+        remark.
+        """
         why = ""
         if self._source is not None:
             try:
@@ -80,7 +82,7 @@ def recording_entry(path: Path | None) -> dict[str, Any]:
 def find_session(labels: LabelSet) -> Path | None:
     """Return the recording beside the label set, or None.
 
-    It has the manifest's name and size; else the manifest's SHA-256; else the name of the source or of the
+    Matched by the manifest's name and size, else by its SHA-256, else by the name of the source or of the
     set.
     """
     folder, entry = labels.path.resolve().parent, labels.info.get(RECORDING)
@@ -103,8 +105,8 @@ def _is_plain(name: str) -> bool:
 
 
 def _by_checksum(labels: LabelSet, folder: Path, size: int | None) -> Path | None:
-    """Return the session of a folder with the manifest's SHA-256; only files of equal size or name are
-    hashed.
+    """Return the session of a folder with the manifest's SHA-256; only files of equal size, name and
+    calibration are hashed.
     """
     wanted = labels.info.get("sha256")
     if not isinstance(wanted, str):

@@ -1,4 +1,4 @@
-"""Stroke: one entry of the journal, stored as its difference to the labels of one frame."""
+"""Stroke: one action on one frame, an entry of the journal, stored as the changed pixels."""
 
 import json
 from dataclasses import asdict, dataclass, field
@@ -154,7 +154,7 @@ class Stroke:
 
 
 def is_part(part: int) -> bool:
-    """Return whether a number is a valid label: a part id, background, or 255."""
+    """Return whether a number is a valid label: part id, background, or 255 (undefined)."""
     return 0 <= part < N_CLASSES or part == UNDEFINED
 
 
@@ -174,14 +174,14 @@ def difference(pixels: Int64, old: UInt8, new: UInt8) -> Int64:
 
 
 def to_line(stroke: Stroke) -> bytes:
-    """Return one line of JSON with its newline."""
+    """Return a stroke as a line of JSON with its newline."""
     fields = {name: getattr(stroke, name) for name in Stroke.__dataclass_fields__}
     fields |= {"how": asdict(stroke.how), "runs": stroke.runs.ravel().tolist()}
     return json.dumps(fields, allow_nan=False, separators=(",", ":")).encode() + b"\n"
 
 
 def from_line(line: bytes) -> Stroke:
-    """Invert ``to_line``. Raises FormatError."""
+    """Parse a line of ``to_line``. Raises FormatError."""
     try:
         fields = json.loads(line)
     except (ValueError, RecursionError) as error:

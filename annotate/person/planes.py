@@ -65,9 +65,9 @@ def distance_m(planes: Sequence[Plane], points_m: Float32) -> Float32:
 
 
 def _fitted(lines: Float32, pixel_m2: Float32, start: int) -> tuple[Plane, Bool]:
-    """Return a plane fitted by least squares around a start point, and flags (n,) of its points.
+    """Return a plane fitted by least squares around a point, and flags (n,) of its points.
 
-    lines: (6, n), points and normals. pixel_m2: (n,), area of each point. start: index of a point.
+    lines: (6, n), points and normals. pixel_m2: (n,), areas. start: index of the point.
     """
     normal = np.ascontiguousarray(lines[3:, start])
     plane = Plane(normal, float(normal @ lines[:3, start]), 0.0)

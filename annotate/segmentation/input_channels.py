@@ -59,8 +59,8 @@ class Rectangle(NamedTuple):
 
 
 class Room(Protocol):
-    """Planes and temperatures of a frame. share: (h, w), temperature relative to local background (0) and
-    person (1). window_c: lowest and highest temperature of a person.
+    """Planes and temperatures of a frame, e.g. ``PersonDetection``. share: (h, w), temperature relative to
+    background (0) and person (1).
     """
 
     @property

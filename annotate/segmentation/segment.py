@@ -195,10 +195,10 @@ def coarse_pass(view: View, suit: Suit, network: SuitNetwork) -> tuple[Rectangle
 def _find_parts(
     view: View, illuminant: ColorModel, sample_m: float, network: SuitNetwork
 ) -> tuple[Rectangle, UInt8, Float64]:
-    """Return the rectangle of the parts, and the colours (n, 3) and part probabilities (n, 11) of their
-    samples.
+    """Return the rectangle of the parts in one sampled image, and colours (n, 3) and part probabilities (n,
+    11) of their samples.
 
-    One network pass on sampled pixels finds them. The rectangle is the whole view if no part is found.
+    The rectangle is the whole view if no part is found.
     """
     step = view.step(sample_m)
     some = slice(None, None, step), slice(None, None, step)

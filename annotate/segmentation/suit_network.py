@@ -56,9 +56,8 @@ class SuitNetwork:
         """Return class probabilities (13, h, w) of the rectangle ``near`` of channels (24, h', w'). near:
         None = all.
 
-        The network runs on images of every ``step``-th pixel. Each pixel belongs to one of these images and
-        keeps its own depth, colour and temperature. Context features are computed for one image only, and
-        interpolated for the others.
+        The network runs on images of every ``step``-th pixel, so that each pixel is in one image. Context
+        features are computed for one image only, and interpolated for the others.
         """
         near = near or Rectangle(*(slice(0, side) for side in planes.shape[1:]))
         place = PLACE * step

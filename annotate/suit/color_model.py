@@ -147,7 +147,7 @@ def _away(colors: Float32, swatches: Float32) -> tuple[Float32, Float32]:
     """Return squared Mahalanobis distances (K, n) of n colours from K swatches, and determinants (K, n) of
     the covariances.
 
-    colors: (3, n), chromaticity and noise variance. swatches: (5, K), mean and covariance xx, xy, yy.
+    colors: (3, n), chromaticity and noise variance. swatches: (5, K), mean and xx, xy, yy.
     """
     shape = swatches.shape[1], colors.shape[1]
     away, area = np.empty(shape, np.float32), np.empty(shape, np.float32)
