@@ -67,12 +67,12 @@ class View(NamedTuple):
     colors: UInt8
     kept: ColorModel | None = None
 
-    def after(self, before: FrameLabels | None, suit: Suit) -> "View":
+    def after(self, before: FrameLabels | None, suit: Suit | None) -> "View":
         """Return the view with the labels and illuminant of the previous frame, if any."""
         if before is None:
             return self
         planes = with_before(self.planes, before, self.where)
-        return self._replace(planes=planes, kept=_kept(suit, before))
+        return self._replace(planes=planes, kept=_kept(suit, before) if suit is not None else None)
 
     def step(self, sample_m: float) -> int:
         """Return the sampling step in pixels: at least ``sample_m`` metres, at most ``MOST_SAMPLES`` samples
@@ -106,9 +106,12 @@ def _kept(suit: Suit, before: FrameLabels) -> ColorModel | None:
 
 @dataclass(frozen=True)
 class SuitSegmenter:
-    """Segmentation of people who wear a given suit. single_pass: without the fine pass, for live pictures."""
+    """Segmentation of people who wear a given suit. single_pass: without the fine pass, for live pictures.
 
-    suit: Suit
+    suit: None = segment without the suit's colours, by all other inputs.
+    """
+
+    suit: Suit | None
     network: SuitNetwork
     single_pass: bool = False
 
@@ -125,7 +128,11 @@ class SuitSegmenter:
         if view is None:
             return unlabelled(mask, *notes), person
         view = view.after(before, self.suit)
-        near, illuminant = coarse_pass(view, self.suit, self.network)
+        illuminant: ColorModel | None = None
+        if self.suit is None:
+            near, _, _ = _find_parts(view, None, SAMPLE_M, self.network)
+        else:
+            near, illuminant = coarse_pass(view, self.suit, self.network)
         label = _single_pass if self.single_pass else fine_pass
         where, named, sure = label(cloud, view, near, illuminant, self.network)
         own = (named != BACKGROUND) & (named != OTHER_PERSON)
@@ -155,13 +162,15 @@ def fine_pass(
 
 
 def _single_pass(
-    cloud: ThermalCloud, view: View, near: Rectangle, illuminant: ColorModel, network: SuitNetwork
+    cloud: ThermalCloud, view: View, near: Rectangle, illuminant: ColorModel | None, network: SuitNetwork
 ) -> tuple[Rectangle, UInt8, Float32]:
     """Label sampled pixels like ``fine_pass``; other pixels take the nearest sample on their surface."""
     step = view.step(SAMPLE_M)
     some = slice(None, None, step), slice(None, None, step)
     samples = Rectangle(*(slice(own.start // step, -(-own.stop // step)) for own in near))
-    planes = with_likelihoods(view.planes[:, *some], view.rgb[some], illuminant)
+    planes = view.planes[:, *some]
+    if illuminant is not None:
+        planes = with_likelihoods(planes, view.rgb[some], illuminant)
     chance = network.probabilities(planes, 1, samples)
     near = Rectangle(*(slice(own.start - own.start % step, own.stop) for own in near))
     where = view.where.part(near)
@@ -193,7 +202,7 @@ def coarse_pass(view: View, suit: Suit, network: SuitNetwork) -> tuple[Rectangle
 
 
 def _find_parts(
-    view: View, illuminant: ColorModel, sample_m: float, network: SuitNetwork
+    view: View, illuminant: ColorModel | None, sample_m: float, network: SuitNetwork
 ) -> tuple[Rectangle, UInt8, Float64]:
     """Return the rectangle of the parts in one sampled image, and colours (n, 3) and part probabilities (n,
     11) of their samples.
@@ -203,7 +212,9 @@ def _find_parts(
     step = view.step(sample_m)
     some = slice(None, None, step), slice(None, None, step)
     planes, rgb = view.planes[:, *some], view.rgb[some]
-    chance = network.probabilities(with_likelihoods(planes, rgb, illuminant), 1)
+    if illuminant is not None:
+        planes = with_likelihoods(planes, rgb, illuminant)
+    chance = network.probabilities(planes, 1)
     own = ((planes[0] & VALID) > 0) & (chance[0] + chance[OTHER_PERSON] < 0.5)
     shape, margin = view.rgb.shape[:2], round(ROUGH_MARGIN_M * view.pixels_per_m)
     near = Rectangle(*(slice(0, side) for side in shape))
