@@ -12,17 +12,29 @@ from annotate.frame_labels import FrameLabels
 from annotate.label_recording import SuitLabeller, label_source, labels_of
 from annotate.parts import N_CLASSES
 from annotate.person import extract
+from annotate.person.finder import find_people
 from annotate.person.planes import Plane
 from annotate.segmentation.input_channels import CHANNELS
-from annotate.segmentation.suit_network import SuitNetwork
 from annotate.suit.palette import DEFAULT_SUIT, Suit
 from sensors.session.reader import Session
 from synth.appearance.random_suit import random_suit
+from tools.figures.figure import Figure
+from tools.figures.inputs import COLUMNS, SUBJECTS, conclusion, worth
 from tools.measure import ablation
-from tools.measure.ablation import COLOR, CUTS, Cut, LabellerWithout, label_without, labelled, row
+from tools.measure.ablation import (
+    CHANNELS_CUT,
+    COLOR,
+    CUTS,
+    SECONDS,
+    SUIT,
+    Cut,
+    LabellerWithout,
+    label_without,
+    labelled,
+    row,
+)
 
 WHOLE = ("suit", "color", "temperature", "planes", "before")
-CHANNEL_ROWS = [name for name, cut in CUTS.items() if not cut.inputs and not cut.window_c]
 
 
 @pytest.fixture(scope="module")
@@ -99,6 +111,34 @@ def test_without_colour_labels_do_not_depend_on_the_suit(clouds):
     assert equal(images(World(clouds), CUTS[COLOR]), images(World(clouds, random_suit(11)), CUTS[COLOR]))
 
 
+def test_the_subject_of_two_persons_is_chosen_without_the_suit_that_is_cut(clouds, monkeypatch):
+    def find_halves(cloud, warmth, single_pass):
+        (person,) = find_people(cloud, warmth, single_pass=single_pass)
+        top, end = np.flatnonzero(person.mask.any(axis=1))[[0, -1]]
+        upper = np.arange(len(person.mask))[:, None] < (top + end) // 2
+        return [replace(person, mask=person.mask & side) for side in (upper, ~upper)]
+
+    asked = []
+    monkeypatch.setattr(extract, "find_people", find_halves)
+    monkeypatch.setattr(extract, "cloths_shown", lambda suit, cloud, mask: asked.append(suit) or 1.0)
+    images(World(clouds), CUTS[SUIT])
+    images(World(clouds), CUTS[COLOR])
+    assert not asked
+    images(World(clouds), Cut())
+    assert asked
+
+
+def test_the_conclusion_lists_the_changes_beyond_chance_alone():
+    lost, kept = Figure(-0.04, -0.06, -0.02), Figure(0.5, -0.1, 1.1)
+    heads = COLUMNS.keys()
+    assert worth(dict.fromkeys(heads, lost), "hard").startswith("0.040 of mean recall, 0.040 of boundary F")
+    slower = dict.fromkeys(heads, kept) | {f"{SECONDS}, `hard`": Figure(2.0, 1.0, 3.0)}
+    assert worth(slower, "hard") == "2.0 s of the annotator"
+    assert worth(slower, "normal") == "nothing beyond chance"
+    said = conclusion({name: dict.fromkeys(heads, lost) for name in SUBJECTS})
+    assert len(said.splitlines()) == len(SUBJECTS)
+
+
 def test_labels_without_a_cut_are_those_of_label(clouds, rig_session, rig_labels, tmp_path):
     session, frames = Session(rig_session), rig_labels.frame_ids
     for cut, labeller in (
@@ -112,10 +152,10 @@ def test_labels_without_a_cut_are_those_of_label(clouds, rig_session, rig_labels
             assert equal([one.parts, one.persons], [other.parts, other.persons]) and one.notes == other.notes
 
 
-@pytest.mark.parametrize("name", CHANNEL_ROWS)
+@pytest.mark.parametrize("name", CHANNELS_CUT)
 def test_labels_do_not_depend_on_a_channel_that_is_cut(name, clouds, monkeypatch):
-    silence, rng = CUTS[name].silence, np.random.default_rng(2)
-    whole = images(World(clouds), CUTS[name])
+    silence, rng = CHANNELS_CUT[name].silence, np.random.default_rng(2)
+    whole = images(World(clouds), CHANNELS_CUT[name])
     silenced = ablation.Silence.over
 
     def wild(own, planes):
@@ -127,12 +167,12 @@ def test_labels_do_not_depend_on_a_channel_that_is_cut(name, clouds, monkeypatch
         return silenced(own, other)
 
     monkeypatch.setattr(ablation.Silence, "over", wild)
-    assert equal(whole, images(World(clouds), CUTS[name]))
+    assert equal(whole, images(World(clouds), CHANNELS_CUT[name]))
     assert not equal(whole, images(World(clouds), Cut()))
 
 
 def test_every_channel_has_a_row():
-    own = {channel for cut in CUTS.values() for channel in cut.silence.channels}
+    own = {channel for cut in CHANNELS_CUT.values() for channel in cut.silence.channels}
     by_input = {"flags", "before", "off_plane", "share", "celsius"}
     assert own | by_input | set(CHANNELS[-13:]) == set(CHANNELS) and not own & by_input
 
@@ -143,7 +183,3 @@ def test_without_a_difference_the_interval_of_a_row_is_empty(rig_session):
     assert cells[0] == "nothing" and len(cells) == 5
     assert all(cell.endswith("]") and "+0.0" in cell for cell in cells[1:])
     assert len(whole.seconds) == 2  # the last frame of each person
-
-
-def test_labels_need_the_network_given(clouds):
-    assert isinstance(LabellerWithout(DEFAULT_SUIT).network, SuitNetwork)

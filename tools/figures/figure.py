@@ -32,7 +32,8 @@ class Figure(NamedTuple):
         if math.isnan(self.value):
             return "-"
         value, low, high = (format(number, spec).replace("%", " %") for number in self[:3])
-        return value if self.certain else f"{value} ({low.removesuffix(' %')}\u2013{high})"
+        between = " to " if self.low < 0 else "\u2013"  # no dash beside a minus
+        return value if self.certain else f"{value} ({low.removesuffix(' %')}{between}{high})"
 
 
 Rows: TypeAlias = Mapping[str, Mapping[str, Figure]]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from sensors.files.atomic import write_bytes
 from tools.figures.figure import Rows
+from tools.figures.inputs import conclusion
 from tools.figures.table import ROOT, Measured, Table, changes, load, origin
 
 KINDS = {
@@ -16,6 +17,8 @@ KINDS = {
 MARK = re.compile(r"(<!-- figures: (?P<name>[\w-]+) -->\n).*?(<!-- end of figures -->)", re.S)
 SOURCES, MOVED = "sources", "moved"
 # Marks of the table of tables, and of the figures that moved.
+CONCLUSIONS = {"inputs-conclusion": ("inputs", conclusion)}
+"""Tables with the functions that put their rows into words, by mark."""
 
 
 def spliced(text: str, block_of: Callable[[str], str | None]) -> str:
@@ -98,6 +101,9 @@ def write_pages(tables: list[Table], root: Path = ROOT) -> list[Path]:
             return sources_block(tables, measured)
         if name == MOVED:
             return moved_block(tables, measured)
+        if name in CONCLUSIONS:
+            of, words = CONCLUSIONS[name]
+            return words(measured[of].rows) if of in measured else None
         return table_block(known[name], measured[name]) if name in measured else None
 
     written = []

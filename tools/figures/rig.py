@@ -41,7 +41,7 @@ from tools.figures.figure import (
     without_each,
 )
 from tools.figures.parallel import each
-from tools.measure import ablation, pyrometer
+from tools.measure import pyrometer
 from tools.measure.labels import reliability
 
 SCENES, DIFFICULTIES = ("sofa", "chair", "bed", "floor"), ("normal", "hard")
@@ -222,15 +222,3 @@ def drift(seed: int) -> Rows:
 
 def _drift(job: tuple[int, int]) -> tuple[list[list[float]], list[list[float]]]:
     return pyrometer.measure(*job)
-
-
-def inputs(seed: int) -> Rows:
-    """Measure the suit network without each of its inputs: 24 frames of eight people."""
-    rows: dict[str, dict[str, Figure]] = {}
-    for number, difficulty in enumerate(DIFFICULTIES):
-        rig = VirtualRig(24, PEOPLE, difficulty, seed + number, RigOptions(cast=JUDGE))
-        with simulated(rig) as (folder, _, _):
-            for name, found in ablation.measured(folder / "session.mcap"):
-                seconds = of_values(found.seconds.tolist(), found.scored.subjects, average)
-                rows[f"`{difficulty}`: {name}"] = figures_of(found.scored) | {"annotator, s": seconds}
-    return rows

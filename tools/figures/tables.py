@@ -1,6 +1,6 @@
 """Tables that ``make figures`` measures, in this order."""
 
-from tools.figures import network, rig
+from tools.figures import inputs, network, rig
 from tools.figures.table import Table
 from tools.measure import real_people
 
@@ -85,10 +85,11 @@ TABLES = (
     Table(
         name="inputs",
         kind="virtual",
-        about=f"the suit network without each input, three frames a difficulty of each of {EIGHT}",
+        about=f"three frames a difficulty of each of {EIGHT} "
+        "First row: scores; other rows: paired changes. Annotator: simulated, last frame of each person.",
         shared=RIG_SHARED,
         pages=("docs/ablation.md",),
-        columns=PLACES | {"annotator, s": ".1f"},
-        measure=rig.inputs,
+        columns=inputs.COLUMNS,
+        measure=inputs.inputs,
     ),
 )

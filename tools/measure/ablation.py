@@ -17,7 +17,7 @@ that give channels stay. The simulated annotator uses depth and labels, no colou
 
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -178,14 +178,17 @@ CUTS = {
     DEPTH_ALONE: Cut(("color", "temperature")),
     PLANES: Cut(("planes",)),
     BEFORE: Cut(("before",)),
+    "temperature window of each frame": Cut(window_c=WINDOW_C),
+}
+"""Cuts of inputs by row of the table."""
+CHANNELS_CUT = {
     "channels shade and hue": Cut(silence=Silence(("shade", "red", "green"))),
     "channel of colours in the room": Cut(silence=Silence(("room",))),
     "channel of depth in the person": Cut(silence=Silence(("depth",))),
     "channel of depth in 31 pixels": Cut(silence=Silence(("local",))),
     "flags of the coarse outline": Cut(silence=Silence(flags=SUBJECT | OTHER)),
-    "temperature window of each frame": Cut(window_c=WINDOW_C),
 }
-"""Cuts by row of the table."""
+"""Cuts of channels by row."""
 PREDICT, REFINED = "`predict`", "`predict`, refined"
 
 
@@ -226,7 +229,7 @@ def labelled(path: Path, work: Work) -> Found:
         truth, done = LabelSet.open(truth_path(path)), work(Session(path), Path(folder) / "l")
         for frame_id, why in done.failed:
             print(f"frame {frame_id}: {why}", file=sys.stderr)
-        scored, annotator = compare_sets(done.labels, truth), Annotator()
+        scored, annotator = compare_sets(done.labels, truth, workers=1), Annotator()
         last = sorted(dict(zip(scored.subjects, scored.frame_ids, strict=True)).values())
         with Correction.open(done.labels.path, WHO, clock=annotator.clock) as correction:
             efforts = list(correct_set(correction, truth, annotator, lambda frame_id: None, last))
@@ -264,10 +267,10 @@ def row(name: str, whole: Found, without: Found) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def measured(path: Path) -> Iterator[tuple[str, Found]]:
+def measured(path: Path, cuts: Mapping[str, Cut] = CUTS) -> Iterator[tuple[str, Found]]:
     """Yield name and measurement of each row, with all inputs first and ``predict`` last."""
     yield ALL, labelled(path, label_without(path, Cut()))
-    for name, cut in CUTS.items():
+    for name, cut in cuts.items():
         yield name, labelled(path, label_without(path, cut))
     yield PREDICT, labelled(path, predict(DEFAULT))
     yield REFINED, labelled(path, predict(PredictOptions(refiners=[shipped_refinement_network()])))
@@ -275,7 +278,7 @@ def measured(path: Path) -> Iterator[tuple[str, Found]]:
 
 def print_table(path: Path) -> None:
     """Print a session's table."""
-    rows = measured(path)
+    rows = measured(path, CUTS | CHANNELS_CUT)
     _, whole = next(rows)
     print(f"{path.stem}: {len(whole.scored.frame_ids)} frames of {whole.scored.n_subjects} people\n")
     print(f"| without | {' | '.join(heading for heading, _ in SHOWN.values())} | {SECONDS} |")

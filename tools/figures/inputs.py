@@ -1,0 +1,82 @@
+"""Suit network without each input: table of changes, and their conclusion in words."""
+
+from collections.abc import Mapping
+
+from synth.data_files import JUDGE
+from synth.rig.virtual_rig import RigOptions, VirtualRig
+from tools.figures.figure import Figure, Rows
+from tools.figures.parallel import each
+from tools.figures.rig import DIFFICULTIES, PEOPLE, simulated
+from tools.measure import ablation
+from tools.measure.ablation import SECONDS, SHOWN, Found, changes
+
+FRAMES = 24  # of a recording
+SPECS = {SHOWN[score][0]: ".3f" for score in ("mean_recall", "boundary_f")} | {SECONDS: ".1f"}
+"""Formats of the measures, by heading."""
+COLUMNS = {f"{heading}, `{of}`": spec for heading, spec in SPECS.items() for of in DIFFICULTIES}
+NETWORKS = f"{ablation.DEPTH_ALONE}: change from `predict`"
+SUBJECTS = {
+    ablation.SUIT: "The suit's colours are worth",
+    ablation.COLOR: "All colour, with the suit, is worth",
+    ablation.TEMPERATURE: "Temperature is worth",
+    ablation.PLANES: "The planes of the room are worth",
+    ablation.BEFORE: "Tracking (the labels of the frame before) is worth",
+    ablation.REFINED: "The suit network is ahead of `predict`, refined, by",
+    NETWORKS: "By depth alone, `predict` is ahead of the suit network by",
+}
+"""Beginning of the sentence on a row."""
+
+
+def inputs(seed: int) -> Rows:
+    """Measure the suit network without each of its inputs: 24 frames of eight people a difficulty."""
+    jobs = [(difficulty, seed + number) for number, difficulty in enumerate(DIFFICULTIES)]
+    rows: dict[str, dict[str, Figure]] = {}
+    for found in each(_recording, jobs, DIFFICULTIES):
+        rows = {name: rows.get(name, {}) | row for name, row in found.items()}
+    return rows
+
+
+def _recording(job: tuple[str, int]) -> dict[str, dict[str, Figure]]:
+    difficulty, seed = job
+    with simulated(VirtualRig(FRAMES, PEOPLE, difficulty, seed, RigOptions(cast=JUDGE))) as (folder, _, _):
+        return rows_of(dict(ablation.measured(folder / "session.mcap")), difficulty)
+
+
+def rows_of(found: Mapping[str, Found], difficulty: str) -> dict[str, dict[str, Figure]]:
+    """Return the scores with all inputs, and each row's changes with paired intervals over people."""
+    whole = found[ablation.ALL]
+    scores = {heading: Figure(float(whole.scored.scores[score])) for score, (heading, _) in SHOWN.items()}
+    rows = {name: _changes(whole, without) for name, without in found.items()}
+    rows[ablation.ALL] = scores | {SECONDS: Figure(whole.mean_s)}
+    rows[NETWORKS] = _changes(found[ablation.PREDICT], found[ablation.DEPTH_ALONE])
+    return {
+        name: {f"{heading}, `{difficulty}`": row[heading] for heading in SPECS} for name, row in rows.items()
+    }
+
+
+def _changes(whole: Found, without: Found) -> dict[str, Figure]:
+    return {heading: Figure(*three) for heading, three in changes(whole, without).items()}
+
+
+def conclusion(rows: Rows) -> str:
+    """Return a sentence on each input's worth, from the changes that differ from 0 by more than chance."""
+    return "\n".join(
+        f"- {subject}: {'; '.join(f'at `{of}` {worth(rows[name], of)}' for of in DIFFICULTIES)}."
+        for name, subject in SUBJECTS.items()
+    )
+
+
+def worth(row: Mapping[str, Figure], difficulty: str) -> str:
+    """Return the losses of a row in words; a gain has a minus."""
+    said = []
+    for heading, spec in SPECS.items():
+        change = row[f"{heading}, `{difficulty}`"]
+        if change.low <= 0 <= change.high:
+            continue
+        value = format(change.value if heading == SECONDS else -change.value, spec)
+        said.append(f"{value} s of the annotator" if heading == SECONDS else f"{value} of {_short(heading)}")
+    return ", ".join(said) or "nothing beyond chance"
+
+
+def _short(heading: str) -> str:
+    return heading.split(",")[0]
