@@ -14,7 +14,8 @@ FRAMES = 24  # of a recording
 SPECS = {SHOWN[score][0]: ".3f" for score in ("mean_recall", "boundary_f")} | {SECONDS: ".1f"}
 """Formats of the measures, by heading."""
 COLUMNS = {f"{heading}, `{of}`": spec for heading, spec in SPECS.items() for of in DIFFICULTIES}
-NETWORKS = f"{ablation.DEPTH_ALONE}: change from `predict`"
+NETWORKS = {name: f"{name}: change from `predict`" for name in (ablation.SUIT, ablation.DEPTH_ALONE)}
+"""Rows of the suit network without an input, compared with the depth network on the same frames."""
 SUBJECTS = {
     ablation.SUIT: "The suit's colours are worth",
     ablation.COLOR: "All colour, with the suit, is worth",
@@ -22,7 +23,8 @@ SUBJECTS = {
     ablation.PLANES: "The planes of the room are worth",
     ablation.BEFORE: "Tracking (the labels of the frame before) is worth",
     ablation.REFINED: "The suit network is ahead of `predict`, refined, by",
-    NETWORKS: "By depth alone, `predict` is ahead of the suit network by",
+    NETWORKS[ablation.SUIT]: "Without the suit's colours, the suit network is behind `predict` by",
+    NETWORKS[ablation.DEPTH_ALONE]: "By depth alone, the suit network is behind `predict` by",
 }
 """Beginning of the sentence on a row."""
 
@@ -48,7 +50,8 @@ def rows_of(found: Mapping[str, Found], difficulty: str) -> dict[str, dict[str, 
     scores = {heading: Figure(float(whole.scored.scores[score])) for score, (heading, _) in SHOWN.items()}
     rows = {name: _changes(whole, without) for name, without in found.items()}
     rows[ablation.ALL] = scores | {SECONDS: Figure(whole.mean_s)}
-    rows[NETWORKS] = _changes(found[ablation.PREDICT], found[ablation.DEPTH_ALONE])
+    for name, title in NETWORKS.items():
+        rows[title] = _changes(found[ablation.PREDICT], found[name])
     return {
         name: {f"{heading}, `{difficulty}`": row[heading] for heading in SPECS} for name, row in rows.items()
     }
