@@ -12,12 +12,12 @@ EVERYWHERE: Box = np.s_[:, :]
 
 
 class Agreement:
-    """Truth to compare labels with, pixel by pixel.
+    """Comparison of labels with a truth, pixel by pixel.
 
     Pixels count where truth or labels name a part, unless the truth is undefined there. A pixel is right
     where both are equal. A pixel is also right beside a border: within ``tolerance_px`` (Chebyshev) the truth
-    has the labelled part and the labels have the true part. So a missing part is wrong, however thin. truth:
-    uint8 (h, w). valid: bool (h, w), pixels with depth; only these count as neighbours.
+    has the labelled part and the labels have the true part. Therefore a part that the labels lack is wrong,
+    however thin. truth: uint8 (h, w). valid: bool (h, w), pixels with depth; only these count as neighbours.
     """
 
     def __init__(self, truth: UInt8, valid: Bool, tolerance_px: int = 0) -> None:
@@ -27,7 +27,7 @@ class Agreement:
             self._beside[part] = self._dilated(valid & (truth == part))
 
     def wrong(self, parts: UInt8, box: Box = EVERYWHERE) -> Bool:
-        """Return the wrong pixels (h, w) of labels, inside a box of the image."""
+        """Return the mask of the wrong pixels of labels (h, w). box: part of the image that is returned."""
         truth, labels = self.truth[box], parts[box]
         wrong: Bool = self._counted(parts, box) & (labels != truth)
         if not self._reach_px or not wrong.any():
@@ -43,7 +43,7 @@ class Agreement:
         return wrong
 
     def gains(self, before: UInt8, pixels: Int64, after: UInt8) -> NDArray[np.int8]:
-        """Return a map (h, w) of a change: 1 where labels become right, -1 where they become wrong, else 0.
+        """Return the gain (h, w) of a change: 1 where labels become right, -1 where wrong, else 0.
 
         before: labels (h, w). pixels, after: flat indices (n,) and the parts (n,) that the change gives.
         """
@@ -73,8 +73,9 @@ class Agreement:
         return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)
 
     def _around(self, pixels: Int64) -> Box:
-        """Return the box of all pixels whose correctness a change of these pixels can affect, with their
-        neighbours.
+        """Return the box of all pixels that a change of ``pixels`` (flat indices) can make right or wrong.
+
+        The box includes the neighbours on which their correctness depends.
         """
         v, u = np.divmod(pixels, self.truth.shape[1])
         margin = 2 * self._reach_px

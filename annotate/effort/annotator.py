@@ -66,7 +66,7 @@ class Effort:
 
 
 class _Option(NamedTuple):
-    """Possible repair, with the number of pixels that it corrects and the seconds that it takes."""
+    """Repair that can be chosen, with its gain in right pixels and its duration in seconds."""
 
     repair: Repair
     gain: int
@@ -77,7 +77,8 @@ class Annotator:
     """Simulated person at the window.
 
     goal: agreement at which the annotator accepts. tolerance_px: tolerance at borders, as in ``Agreement``.
-    at_once: number of patches of one part that need one mental preparation (``keystrokes``).
+    at_once: greatest number of patches of one part that are repaired after one mental preparation
+    (``keystrokes``).
     """
 
     def __init__(self, goal: float = AGREEMENT, tolerance_px: int = TOLERANCE_PX, at_once: int = 1) -> None:
@@ -112,7 +113,11 @@ class Annotator:
         editor.judge("accept")
 
     def _choose(self, view: View, tried: set[object]) -> Repair | None:
-        """Return the repair that corrects most pixels per second; pixels beyond the goal do not count."""
+        """Return the repair that corrects most pixels per second; None at the goal or without repairs.
+
+        Pixels corrected beyond the goal do not count. tried: identities of failed repairs, which are left
+        out.
+        """
         parts, agreement = view.editor.parts, view.agreement
         needed = int(agreement.wrong(parts).sum()) - (1 - self.goal) * agreement.counted(parts)
         if needed <= 0:
@@ -127,7 +132,10 @@ class Annotator:
         return None
 
     def _options(self, found: list[Patch], view: View, tried: set[object]) -> Iterator[_Option]:
-        """Yield every untried repair of these patches, alone and joined with others of the same part."""
+        """Yield every untried repair of these patches, alone and joined with others of the same part.
+
+        Repairs of the whole frame follow.
+        """
         best: dict[int, list[tuple[float, Repair]]] = defaultdict(list)
         for patch in found:
             untried = (repair for repair in repairs(patch, view) if repair.identity not in tried)
@@ -151,7 +159,7 @@ class Annotator:
         return _Option(repair, gain, moves_s(repair.moves, self._tools))
 
     def _carry_out(self, view: View, repair: Repair, rng: np.random.Generator) -> int:
-        """Make a repair; return the number of its strokes."""
+        """Make a repair with random errors of the hand; return the number of its strokes."""
         editor, strokes = view.editor, 0
         self._spend(editor, "looking", MENTAL_S)
         for move in repair.moves:
@@ -205,7 +213,7 @@ def correct_set(
 
 
 def _apply(view: View, move: Move, corners: Float64 | None, how: Gesture) -> Stroke | None:
-    """Apply a move with the editor. corners: (k, 2) as (u, v), as drawn, or None."""
+    """Apply a move with the editor; return None if nothing changed. corners: (k, 2) as (u, v), as drawn."""
     editor, part = view.editor, move.part
     if move.operation == "swap_left_right":
         return editor.swap_left_right(move.pairs, how)

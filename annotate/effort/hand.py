@@ -16,7 +16,7 @@ BRUSHES_PX = (3.0, 6.0, 10.0)  # radii in image pixels, as ``gui.commands`` at t
 
 @dataclass(frozen=True)
 class Hand:
-    """Drawing hand.
+    """Accuracy and zoom of a drawing hand.
 
     sd_px: standard deviation of the error in image pixels. slack_px: distance outside the patch at which the
     hand aims. notches: notches of the mouse wheel by which the view is zoomed in first.
@@ -79,5 +79,5 @@ def drawn(corners: Float64, hand: Hand, rng: np.random.Generator) -> Float64:
 
 
 def length_px(corners: Float64, closed: bool) -> float:
-    """Return the length of the line through corners (k, 2)."""
+    """Return the length of the line through corners (k, 2). closed: add the line from last to first."""
     return float(cv2.arcLength(corners.astype(np.float32)[:, None], closed)) if len(corners) > 1 else 0.0

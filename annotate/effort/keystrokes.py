@@ -1,8 +1,8 @@
-"""Time of a person's work by the keystroke-level model, with a law for drawing.
+"""Time of a person's work by the keystroke-level model, with the steering law for drawing.
 
 Operators and times: Card, Moran & Newell, The Psychology of Human-Computer Interaction, 1983, chapter 8. Keys
-lie under the left hand while the right one holds the mouse (``gui.keys``), so the model's homing time is 0.
-Mental preparation is counted before each repaired patch, and once at the end. Source: Kieras, Using the
+lie under the left hand while the right one holds the mouse (``gui.state.keys``), so the model's homing time
+is 0. Mental preparation is counted before each repaired patch, and once at the end. Source: Kieras, Using the
 keystroke-level model to estimate execution times, 2001. ``Annotator(at_once=4)`` counts one preparation for
 up to four patches of one part (Cowan, The magical number 4, 2001). docs/adr/0009 gives both results.
 """
@@ -55,8 +55,9 @@ class Tools:
 
 
 def gesture(move: Move, corners: Float64 | None, keys: int) -> Gesture:
-    """Return the journal gesture of a move. keys: number of keys for the settings. corners: (k, 2) as drawn;
-    None = clicks.
+    """Return the gesture of a move, as the journal stores it.
+
+    corners: (k, 2) as drawn; None = clicks. keys: number of keys for the settings.
     """
     keys += move.keys + (move.only is not None)
     if corners is not None:

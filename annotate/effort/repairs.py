@@ -30,7 +30,8 @@ NEAR_PX = 60  # largest extent of a patch for which zooming in is worth while
 class Patch:
     """Connected wrong pixels with one true part.
 
-    mask: bool (h, w). was: label of most of them. wrong: number of them outside the tolerance.
+    mask: bool (h, w). part: the true part. was: most frequent label of the pixels. wrong: number of pixels
+    outside the tolerance.
     """
 
     mask: Bool
@@ -41,7 +42,7 @@ class Patch:
 
 @dataclass(frozen=True)
 class Move:
-    """One action.
+    """One action of the annotator in the window.
 
     part: part to assign, or None. corners: (k, 2) as (u, v), drawn by ``hand``. pixel: flat index under the
     pointer. only: the one part to replace. keep_outline: True if background stays. pairs: pairs of parts to
@@ -71,7 +72,7 @@ class Move:
 
 @dataclass(frozen=True)
 class Repair:
-    """Moves in order, and their intended result: flat pixels (n,) and their new parts (n,)."""
+    """Sequence of moves, and their intended result: flat pixels (n,) and their new parts (n,)."""
 
     moves: tuple[Move, ...]
     pixels: Int64
@@ -92,9 +93,9 @@ def in_one_go(several: Sequence[Repair]) -> Repair:
 
 @dataclass(frozen=True)
 class View:
-    """View of a frame under correction.
+    """Frame under correction, with the data from which repairs are computed.
 
-    supervoxels: int32 (h, w), -1 = none. imagined: random numbers for the expected errors of the hand.
+    supervoxels: int32 (h, w), -1 = none. imagined: random generator of the hand's expected errors.
     """
 
     editor: Editor
@@ -104,7 +105,7 @@ class View:
     imagined: np.random.Generator
 
     def chosen(self, move: Move, corners: Float64 | None) -> Int64:
-        """Return the flat pixels (n,) that a move selects, drawn along ``corners``."""
+        """Return the flat pixels (n,) that a move selects. corners: (k, 2) of its drawn line, or None."""
         parts = self.editor.parts
         if corners is not None:
             on_screen = (corners + 0.5) * SCALE
@@ -122,9 +123,7 @@ class View:
 
 
 def patches(parts: UInt8, agreement: Agreement) -> list[Patch]:
-    """Return the wrong patches of labels (h, w), the largest first. Pixels without depth do not divide a
-    patch.
-    """
+    """Return the wrong patches of labels (h, w), largest first; gaps of two pixels do not divide a patch."""
     wrong, truth = agreement.wrong(parts), agreement.truth
     found = []
     for part in np.unique(truth[wrong]).tolist():
@@ -166,7 +165,7 @@ def repairs_of_frame(view: View, wanted: set[int]) -> Iterator[Repair]:
 
 
 def _drawings(patch: Patch, view: View) -> Iterator[Move]:
-    """Yield lassos along the patch and around it, and brush strokes."""
+    """Yield lassos along the patch's border or loosely around it, and brush strokes."""
     parts, part = view.editor.parts, patch.part
     free = ~view.editor.valid | ((parts == part) & (view.agreement.truth == part)) | patch.mask
     careful = hand.outline(patch.mask, free, CAREFUL)
@@ -189,7 +188,7 @@ def _drawings(patch: Patch, view: View) -> Iterator[Move]:
 
 
 def _clicks(patch: Patch, view: View) -> Iterator[Move]:
-    """Yield clicks on supervoxels, the most useful first."""
+    """Yield clicks on supervoxels that touch the patch, the largest gain in right pixels first."""
     parts, ids = view.editor.parts, view.supervoxels
     key = np.where(ids >= 0, ids * 256 + parts.astype(np.int32), -1).ravel()
     inside = np.flatnonzero(patch.mask & (ids >= 0))
@@ -203,15 +202,16 @@ def _clicks(patch: Patch, view: View) -> Iterator[Move]:
 
 
 def _growings(patch: Patch, view: View) -> Iterator[Move]:
-    """Yield repairs by one click on a supervoxel, and further clicks that grow the selection."""
+    """Yield clicks on the best supervoxel, followed by one to four clicks that grow the selection."""
     for start in list(_clicks(patch, view))[:1]:
         for clicks in range(2, 2 + MOST_GROWING):
             yield Move("paint", "grow", patch.part, pixel=start.pixel, clicks=clicks)
 
 
 def _of_piece(patch: Patch, view: View) -> Iterator[Repair]:
-    """Yield two repairs of a whole piece: move the piece under the pointer to its neighbour, or turn its
-    whole part into the true part.
+    """Yield repairs of the whole connected piece that holds the patch.
+
+    The piece is assigned to its neighbour, or its whole part is turned into the true part.
     """
     parts, at = view.editor.parts, int(np.flatnonzero(patch.mask & (view.editor.parts == patch.was))[0])
     if patch.was not in {p.id for p in BODY_PARTS}:
@@ -226,7 +226,7 @@ def _of_piece(patch: Patch, view: View) -> Iterator[Repair]:
 
 
 def _painting(view: View, moves: tuple[Move, ...]) -> Repair:
-    """Return the repair that paints by moves, drawn with the expected error of the hand."""
+    """Return the repair that paints with these moves, whose lines have the hand's expected errors."""
     lines = [m.corners if m.corners is None else drawn(m.corners, m.hand, view.imagined) for m in moves]
     pixels = np.unique(np.concatenate([view.chosen(*each) for each in zip(moves, lines, strict=True)]))
     editor, move = view.editor, moves[0]

@@ -14,7 +14,7 @@ AGAIN_S = 10.0  # s between two searches for the pyrometer's spot in the image; 
 
 
 class DriftWatch:
-    """Correction of temperatures, active once the pyrometer's spot in the image is known."""
+    """Corrector of live temperatures by the pyrometer, active once its spot in the thermal image is known."""
 
     def __init__(self, calibration: RigCalibration) -> None:
         self._reference = ThermalReference(calibration.thermal.fx) if calibration.thermal else None
@@ -22,7 +22,10 @@ class DriftWatch:
         self._added_s = self._located_s = -np.inf
 
     def corrected(self, synced: SyncedFrame, frame: RigFrame) -> RigFrame:
-        """Return the frame with corrected temperatures, or unchanged. Call in the order of arrival."""
+        """Return the frame with corrected temperatures; unchanged while the spot is unknown.
+
+        Call in the order of arrival, because the correction uses the readings so far.
+        """
         reference, now_s = self._reference, synced.arrival_ns * 1e-9
         if reference is None or frame.thermal_c is None:
             return frame

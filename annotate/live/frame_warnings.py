@@ -29,7 +29,7 @@ EVERY_NS, FRAMES = 500_000_000, 8  # ns between two checks of the alignment, and
 
 
 def person_warnings(cloud: ThermalCloud, person: Bool) -> Iterator[LiveWarning]:
-    """Yield warnings about the lighting of a person and the person's position. person: mask (h, w)."""
+    """Yield warnings about a person who is badly lit, cut off or too far away. person: mask (h, w)."""
     if np.count_nonzero(person) < LEAST_PIXELS:
         return
     yield from _light(cloud, person)
@@ -90,9 +90,7 @@ def color_warning(cloud: ThermalCloud, person: Bool, model: ColorModel) -> LiveW
 
 
 def _apart(chroma: Float64, variance: Float64) -> Float64:
-    """Return distances (K, K) between colours (K, 2), divided by the standard deviation of their
-    difference.
-    """
+    """Return the distances (K, K) between colours (K, 2), in standard deviations of their difference."""
     away = np.linalg.norm(chroma[:, None] - chroma[None], axis=-1)
     return np.asarray(away / np.sqrt(variance[:, None] + variance[None]))
 
@@ -114,8 +112,9 @@ def _light(cloud: ThermalCloud, person: Bool) -> Iterator[LiveWarning]:
 
 
 class ShiftWatch:
-    """Check of the running thermal camera's alignment over the last frames
-    (``annotate.person.alignment``).
+    """Detector of a thermal camera that has moved, by its alignment over the last frames.
+
+    Source of the alignment: ``annotate.person.alignment``.
     """
 
     def __init__(self) -> None:
@@ -124,7 +123,10 @@ class ShiftWatch:
         self._warning: LiveWarning | None = None
 
     def warning(self, cloud: ThermalCloud, person: Bool, now_ns: int) -> LiveWarning | None:
-        """Return the warning as of the last checked frame. person: mask (h, w)."""
+        """Return the warning of the last check, or None; first check this frame if a check is due.
+
+        person: mask (h, w). now_ns: arrival of the frame.
+        """
         if now_ns - self._checked_ns >= EVERY_NS and np.isfinite(cloud.temperature_c).any():
             self._checked_ns = now_ns
             surface = warm_contrasts(cloud)

@@ -24,9 +24,9 @@ from sensors.rig.rig_calibration import RigCalibration
 class BodyPose:
     """Joints, facing and posture of the labelled person, in the frame of the undistorted depth camera.
 
-    joints_m: (J, 3). bones: pairs of joint indices. facing_deg: azimuth of the camera about the trunk, 0 in
-    front of the chest, 90 on the person's left. posture: one of ``annotate.posture.POSTURES``. *_sure:
-    probabilities.
+    names: of the joints. joints_m: (J, 3). bones: pairs of joint indices. facing_deg: azimuth of the camera
+    about the trunk, 0 in front of the chest, 90 on the person's left. posture: one of
+    ``annotate.posture.POSTURES``. facing_sure, posture_sure: probabilities.
     """
 
     names: tuple[str, ...]
@@ -42,8 +42,8 @@ class BodyPose:
 class Labelling:
     """Functions of the live pipeline.
 
-    label: labels a cloud, given the previous labels, as ``label_cloud``. body_pose: returns the pose of the
-    labelled person, or None.
+    label: labels a cloud, given the previous labels or None, as ``label_cloud``. body_pose: returns the pose
+    of the labelled person, or None.
     """
 
     label: Callable[[ThermalCloud, FrameLabels | None], tuple[Segmentation, PersonMask]]
@@ -54,8 +54,8 @@ class Labelling:
 class LiveFrame:
     """Labelled frame of a running rig.
 
-    synced: its images. labels: of the cloud's undistorted depth image. latency_ms: from the arrival of the
-    depth image to the end of labelling.
+    synced: the rig's images. labels: of the cloud's undistorted depth image. latency_ms: from the arrival of
+    the depth image to the end of labelling.
     """
 
     synced: SyncedFrame
@@ -68,7 +68,7 @@ class LiveFrame:
 
 
 class Rig(Protocol):
-    """Protocol of ``LiveRig`` and ``Playback``."""
+    """Protocol of a running rig: ``LiveRig`` of devices, or ``Playback`` of a recording."""
 
     name: str
     calibration: RigCalibration

@@ -1,6 +1,6 @@
 """Live pipeline: threads that take turns to fuse and label the latest frame of a rig.
 
-Frames are not queued: a free thread takes the latest frame. A displayed frame is older than the rig's by one
+Frames are not queued: a free thread takes the latest frame. So a displayed frame lags behind the rig by one
 labelling and one frame period at most.
 """
 
@@ -48,10 +48,11 @@ class _Fused:
 
 
 class LivePipeline:
-    """Labelled frames of a started rig, from ``start`` to ``close``. The caller closes the rig.
+    """Pipeline that labels a started rig's frames, from ``start`` to ``close``. The caller closes the rig.
 
     frames: queue of the latest labelled frames, for any number of readers. latencies_ms: of the last frames.
-    warned: latest text of each kind of warning so far. warnings: active ones. error: reason of the end.
+    warned: latest text of each kind of warning so far. warnings: active ones. error: error that ended a
+    thread, or None.
     """
 
     def __init__(self, rig: Rig, labelling: Labelling) -> None:
@@ -74,7 +75,7 @@ class LivePipeline:
         self._working = len(self._threads)
 
     def start(self) -> None:
-        """Begin to label."""
+        """Start the threads."""
         for thread in self._threads:
             thread.start()
 
@@ -86,7 +87,7 @@ class LivePipeline:
                 thread.join()
 
     def _work(self) -> None:
-        """Label frames in one of the threads."""
+        """Label frames until the pipeline is closed or the rig ends; each thread runs this."""
         try:
             while not self._stop.is_set():
                 taken = self._take()
@@ -106,10 +107,10 @@ class LivePipeline:
                     self.frames.end()
 
     def _take(self) -> tuple[SyncedFrame, RigFrame, list[str]] | None:
-        """Return the latest frame that no thread has taken, calibrated, and notes on its missing parts.
+        """Return the latest frame that no thread has taken, raw and calibrated, and notes on missing parts.
 
-        Waits so that frames start at even intervals and are shown evenly. None without a new frame for some
-        time.
+        Waits first, so that frames start at even intervals and are shown evenly. Returns None if no new frame
+        comes within ``WAIT_S``.
         """
         with self._taking:
             self._stop.wait(max(0.0, self._next_s - time.monotonic()))
@@ -132,7 +133,7 @@ class LivePipeline:
             return _Fused(synced, cloud, left_out, str(error))
 
     def _label(self, fused: _Fused) -> None:
-        """Label a frame after the last shown labels, and publish it; warn if labelling fails."""
+        """Label a frame, given the last shown labels, and publish it; warn if labelling fails."""
         synced, cloud = fused.synced, fused.cloud
         try:
             result, person = self._labelling.label(cloud, self._before)

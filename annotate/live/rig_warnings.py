@@ -73,7 +73,7 @@ def _of_streams(health: Health) -> Iterator[LiveWarning]:
 
 
 def _of_stream(stream: str, state: StreamHealth, health: Health) -> tuple[Kind, str, str] | None:
-    """Return kind, fault and remedy of a stream, None without a fault."""
+    """Return the warning's kind, the fault and the remedy of a stream; None without a fault."""
     nominal_hz = state.nominal_hz
     if _is_silent(state):
         if health.flag_closed_s and stream == "thermal":

@@ -77,8 +77,9 @@ class _SentTexts:
 
 
 def shown_of(frame: LiveFrame, calibration: RigCalibration, texts: list[str]) -> Shown:
-    """Return a live frame for Foxglove, stamped by the host's clock. texts: events and warnings since the
-    last frame.
+    """Return a live frame in the form that Foxglove displays, stamped by the host's clock.
+
+    texts: events and warnings since the last frame.
     """
     recorded, stamp_ns, pose = frame.synced.frame, frame.synced.host_ns, frame.body_pose
     joints_mm = dict(zip(pose.names, (1000 * pose.joints_m).tolist(), strict=True)) if pose else None
