@@ -34,8 +34,9 @@ def run_window(
 ) -> dict[str, int]:
     """Open the correction window on a label set until it is closed; return the number of frames by state.
 
-    session, other: recording and set to compare, if any. learn: command for fine-tuning. The set is released
-    in any case. Raises CloudError where session, the other set, settings or screen cannot be used.
+    session, other: recording and label set to compare, if any. learn: command for fine-tuning. The label
+    set's lock is released in any case. Raises CloudError where session, the other set, settings or screen
+    cannot be used.
     """
     try:
         settings = load_settings(settings_path().expanduser())

@@ -12,7 +12,7 @@ from sensors.errors import CloudError
 
 @dataclass(frozen=True)
 class Task:
-    """Work in a thread, then ``then`` with its result, or ``failed``, on the window's thread.
+    """Work for another thread. ``then`` gets its result, ``failed`` its error, both in the window's thread.
 
     text: description of the task. failed: None for the window's default error display.
     """
@@ -24,7 +24,7 @@ class Task:
 
 
 class Background(QObject):
-    """Thread for tasks. busy: text of the running task, "" for none. The window never waits for a task."""
+    """Thread for tasks. busy: text of the running task, "" for none. The window stays usable meanwhile."""
 
     _finished = Signal()
 
@@ -37,7 +37,7 @@ class Background(QObject):
         self._finished.connect(self._finish, Qt.ConnectionType.QueuedConnection)
 
     def run(self, task: Task, failed: Callable[[CloudError], None], idle: Callable[[], None]) -> None:
-        """Begin a task. failed: for a task without its own. idle: called at the end in any case."""
+        """Begin a task. failed: used for a task without its own. idle: called when the task has ended."""
         assert not self.busy, f"{self.busy} goes on"
         self.busy = task.text
         future = self._pool.submit(task.work)

@@ -86,7 +86,7 @@ def _made(window: CorrectionWindow, command: Command, run: Callable[..., None]) 
 
 
 def _check(window: CorrectionWindow) -> None:
-    """Update the check marks of the menu entries that are on or off."""
+    """Update the check marks of the menu entries that can be on or off."""
     options, display = window.options, window.edits.display
     on = {options.tool, *(name for name in SWITCHES if getattr(options, name)), f"from_{window.edits.giver}"}
     states = {"onion": display.onion, "solo": display.alone, "peek": window.views.peeking}
@@ -185,7 +185,7 @@ def _at_pointer(window: CorrectionWindow, name: str) -> Outcome | None:
 
 
 def _arm(window: CorrectionWindow, name: str) -> None:
-    """Make a command wait for the next click, which gives its place."""
+    """Make a command wait for the next click, which gives the place to act on."""
     window.views.cancel()
     window.options.once = name
     window.refresh()
@@ -262,7 +262,7 @@ def _over_colouring(window: CorrectionWindow, changed: Callable[[Look], Look]) -
 
 
 def _front_view(window: CorrectionWindow) -> None:
-    """Show the person from the depth camera."""
+    """Show the person from the depth camera's viewpoint."""
     window.views.cloud.look_ahead()
     window.views.depth.fit()
 

@@ -17,7 +17,7 @@ TIMEOUT_S = 60
 
 
 def displays() -> list[str]:
-    """Return the environment's variables that name a screen. Raises CloudError where none is set."""
+    """Return the names of set environment variables that name a screen. Raises CloudError without any."""
     names = [name for name in SCREENS if os.environ.get(name)]
     if not names:
         raise CloudError(
@@ -28,7 +28,7 @@ def displays() -> list[str]:
 
 
 def check_screen() -> None:
-    """Check that a window can be shown. Raises CloudError with the remedy."""
+    """Check that a window can be shown. Raises CloudError, which names the remedy, if not."""
     names = displays()
     # -P: no module of the folder in which the user stands.
     command = [sys.executable, "-P", "-m", "annotate.gui.display"]

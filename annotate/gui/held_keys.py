@@ -22,8 +22,8 @@ class KeyRepeatFilter(QObject):
     """Filter of the presses that repeat a held key.
 
     X11 repeats a held key as a release and a press of the same millisecond. A busy machine reads the two
-    events apart, so Qt takes the second for a press. Events without a time pass. repeated: number of a key
-    whose repetition was dropped.
+    events apart, so Qt takes the second for a press. Events without a time are not filtered. repeated: signal
+    with the Qt key whose repetition was filtered out.
     """
 
     repeated = Signal(int)
@@ -35,7 +35,7 @@ class KeyRepeatFilter(QObject):
         window.windowHandle().installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802
-        """Return whether the event is filtered out (Qt's hook)."""
+        """Filter out a repetition; return whether the event was one (Qt's hook)."""
         if not isinstance(event, QKeyEvent):
             return False
         at = (event.key(), event.timestamp())
@@ -50,11 +50,11 @@ class KeyRepeatFilter(QObject):
 
 
 class HeldKeys(QObject):
-    """Handler of held keys in a window: keys of a begun polygon, Shift and Ctrl, and the key that hides part
-    colours.
+    """Handler of keys that act while they are held or while a polygon is drawn.
 
-    peek_key: set with the commands. said: signal with an outcome to show. changed: signal that other
-    modifiers are held.
+    These are the keys of a polygon, Shift and Ctrl, and the key that hides part colours. peek_key: the last
+    of these, set with the commands. said: signal with an outcome to show. changed: signal that the held
+    modifiers changed.
     """
 
     said = Signal(object)
@@ -69,7 +69,7 @@ class HeldKeys(QObject):
 
     @property
     def _layer(self) -> DrawingLayer | None:
-        """Return the layer on which a shape is being drawn."""
+        """Return the layer on which a shape is being drawn, or None."""
         return next((view.layer for view in self._views if view.layer.drawing), None)
 
     @property
@@ -92,12 +92,12 @@ class HeldKeys(QObject):
         return Outcome("Corner removed" if self._polygon.remove_corner() else "Polygon dropped")
 
     def repeated(self, key: int) -> None:
-        """Handle a key that is still held although its release came (``KeyRepeatFilter``)."""
+        """Keep hiding the part colours if ``key`` hides them: it is still held although its release came."""
         if key == self.peek_key:
             self.peek_due.stop()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802
-        """Return whether the event is filtered out (Qt's hook)."""
+        """Handle held keys; return whether the event is filtered out (Qt's hook)."""
         if event.type() == QEvent.Type.WindowDeactivate:
             self._hold(Qt.KeyboardModifier.NoModifier)
         elif isinstance(event, QKeyEvent) and event.key() in POLYGON_KEYS and (polygon := self._polygon):

@@ -36,9 +36,10 @@ class LearnCommand:
 
 
 class Learner(QObject):
-    """One fine-tuning process at a time, killed with the window; the next one resumes from its files.
+    """Runner of one fine-tuning process at a time.
 
-    command: None where the program that opened the window cannot fine-tune.
+    The process is killed with the window; the next process resumes from its files. command: None where the
+    program that opened the window cannot fine-tune.
     """
 
     def __init__(self, window: CorrectionWindow, command: LearnCommand | None) -> None:
@@ -77,7 +78,7 @@ class Learner(QObject):
         return None
 
     def unlearn(self) -> None:
-        """Take back the labels of the last fine-tuning, in all frames without later work of a person."""
+        """Restore the labels from before the last fine-tuning, in frames without later work of a person."""
 
         def words(done: Relabelled | None) -> str:
             return done.text_of_taking_back if done else "No learning is left to take back"
@@ -132,7 +133,10 @@ class Learner(QObject):
         )
 
     def _take(self, busy: str, change: Change, words: Callable[[Relabelled | None], str]) -> None:
-        """Change labels in the background, then reload the open frame; if the window is busy, do so later."""
+        """Change labels in the background, then reload the open frame; if the window is busy, do so later.
+
+        busy: text to show meanwhile. words: function that returns the text of the outcome.
+        """
         window = self._window
         if window.background.busy or window.held.shape:
             QTimer.singleShot(AGAIN_MS, self, partial(self._take, busy, change, words))

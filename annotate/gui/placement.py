@@ -18,7 +18,10 @@ LOOKS = {"cloud": Look(), "depth": Look("colour", tint=TINTS[1])}
 
 
 class Placement(QObject):
-    """Placement of a window, restored from stored settings at once and stored by ``remember``."""
+    """Position and size of a window, and settings of its views and tools.
+
+    The stored ones are restored at once, and ``remember`` stores the current ones.
+    """
 
     def __init__(self, window: QMainWindow, memory: Memory, views: ViewPair, panes: Panes) -> None:
         super().__init__(window)
@@ -38,7 +41,7 @@ class Placement(QObject):
         window.installEventFilter(self)
 
     def remember(self) -> None:
-        """Store the placement."""
+        """Store position, size and settings."""
         memory = self._memory
         memory.put("geometry", self._window.saveGeometry())
         memory.put("tool", self._views.options.tool)

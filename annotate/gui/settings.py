@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 class Memory:
-    """Stored settings. path: of the ini file, None for nowhere. Invalid values count as missing."""
+    """Stored settings. path: of the ini file, None to store nothing. Invalid values count as missing."""
 
     def __init__(self, path: Path | None) -> None:
         self._file = QSettings(str(path), QSettings.Format.IniFormat) if path else None

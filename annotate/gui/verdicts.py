@@ -20,7 +20,7 @@ class Verdicts:
         return self._window.correction.state(self._window.frame_id) == "rejected"
 
     def accept(self) -> Outcome | None:
-        """Accept the frame or agree with its verdict, and open the next; a rejection stays."""
+        """Accept the frame, or agree with its verdict, and open the next; a rejected frame stays rejected."""
         window = self._window
         if window.correction.read_only:
             return self._go_on(Outcome("Read-only"))

@@ -155,8 +155,9 @@ class CorrectionWindow(QMainWindow):
         return then()
 
     def show_anew(self, read: FrameRead, done: Outcome) -> Outcome:
-        """Reload the open frame and all pictures after labels changed. read: the frame. done: outcome to
-        show.
+        """Reload the open frame and all pictures after labels changed; return ``done``, the outcome to show.
+
+        read: the open frame, read again.
         """
         self.edits.open(self.frames.begin(read))
         self.panels.strip.model_.forget()
@@ -184,12 +185,12 @@ class CorrectionWindow(QMainWindow):
     # Work beside the window
 
     def busy(self, task: Task) -> None:
-        """Run a task in the background; until it ends, commands that change anything are refused."""
+        """Run a task in the background; commands that change anything are refused until it ends."""
         self.background.run(task, lambda error: self.say(Outcome(str(error), "bad")), self._idle)
         self.busy_due.start()
 
     def _idle(self) -> None:
-        """Close the window if its close waited for a background task."""
+        """Close the window if its closing waited for a background task."""
         if self._closing and not self.background.busy:
             self.close()
 
@@ -296,7 +297,7 @@ class CorrectionWindow(QMainWindow):
         self.views.show_hovered(view, view.layer.place)
 
     def at_pixel(self, name: str, pixel: int | None) -> Outcome:
-        """Run a command that needs a place, at a pixel."""
+        """Run a command that acts on a place, at a pixel."""
         edits = self.edits
         actions = {
             "swap": edits.swap,
@@ -310,12 +311,12 @@ class CorrectionWindow(QMainWindow):
         return done
 
     def mark(self, activity: Activity) -> None:
-        """Count the time since the last event for an activity."""
+        """Count the time since the last event as spent on an activity."""
         if editor := self.edits.frame.editor:
             editor.time.mark(activity)
 
     def closeEvent(self, event: QCloseEvent) -> None:  # noqa: N802
-        """Close the window when all is saved; it stays open otherwise (Qt's hook).
+        """Save and close; keep the window open if saving fails and the user wants no losses (Qt's hook).
 
         Background work ends first, because it may write to the label set.
         """

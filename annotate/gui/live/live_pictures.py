@@ -49,5 +49,5 @@ def live_scene(frame: LiveFrame) -> FrameScene:
 
 
 def _image(colors: Float32, shape: tuple[int, ...]) -> UInt8:
-    """Return colours (h * w, 3) as a picture (h, w, 3)."""
+    """Return colours (h * w, 3), 0 to 255, as a picture uint8 (h, w, 3). shape: (h, w)."""
     return np.ascontiguousarray(colors.astype(np.uint8).reshape(*shape, 3))

@@ -37,7 +37,7 @@ class Tile(QWidget):
         self.update()
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
-        """Handle Qt's event."""
+        """Draw picture, title, joints and facing (Qt's hook)."""
         painter = QPainter(self)
         painter.fillRect(self.rect(), QColor(self.theme.ground))
         if self._rgb is not None:
@@ -64,7 +64,7 @@ class Tile(QWidget):
             painter.drawEllipse(place, JOINT_PX, JOINT_PX)
 
     def _draw_dial(self, painter: QPainter, body_pose: BodyPose) -> None:
-        """Draw the facing from above: the arrow points from the chest; down is towards the camera."""
+        """Draw a dial with the facing from above: an arrow out of the chest; down is towards the camera."""
         margin = DIAL_PX + DIAL_MARGIN_PX
         middle = QPointF(self.width() - margin, margin)
         painter.setBrush(QColor(0, 0, 0, 120))

@@ -65,7 +65,7 @@ COMMANDS = (
 
 
 def takes(first: Path | None, now: Callable[[], datetime] = datetime.now) -> Iterator[Path]:
-    """Yield sessions to record to: ``first``, then free names with -2, -3, ...
+    """Yield paths of sessions to record to: ``first``, then free names with -2, -3, ...
 
     first: None names each session by the time of its start.
     """
@@ -81,10 +81,10 @@ def takes(first: Path | None, now: Callable[[], datetime] = datetime.now) -> Ite
 
 
 class LiveWindow(QMainWindow):
-    """Window of a running pipeline's latest frame.
+    """Window that shows the latest frame of a running pipeline.
 
-    takes: sessions to record to. shown: number of displayed frames. subject: name of the person, "" if
-    unknown. Closing the window ends a recording; the caller closes pipeline and rig.
+    takes: paths of sessions to record to. shown: number of displayed frames. subject: name of the person, ""
+    if unknown. Closing the window ends a recording; the caller closes pipeline and rig.
     """
 
     def __init__(
@@ -247,7 +247,7 @@ class LiveWindow(QMainWindow):
         self._act(self._end if rig.health().recording else self._begin)
 
     def mark(self) -> None:
-        """Ask for a text, and add it as an event to the rig's events and the recording."""
+        """Ask for a text, and add it as an event to the rig and to a running recording."""
         if text := self._entered("Mark an event", "What happens now?"):
             self._act(partial(self._mark, text))
 
@@ -303,7 +303,7 @@ class LiveWindow(QMainWindow):
         return text.strip() if given else ""
 
     def closeEvent(self, event: QCloseEvent) -> None:  # noqa: N802
-        """Handle Qt's event."""
+        """End the recording, and close (Qt's hook)."""
         self._timer.stop()
         self._act(self._end)
         if self.cloud_view is not None:

@@ -204,7 +204,7 @@ class ToolColumn(QScrollArea):
         self.setWidget(inner)
 
     def show_state(self, options: StrokeOptions, enabled: Mapping[str, bool], theme: Theme) -> None:
-        """Update which buttons are on, and which commands are enabled."""
+        """Update which tool buttons are pressed, and which commands are enabled."""
         on = {options.once or options.tool, *(name for name in SWITCHES if getattr(options, name))}
         ratio = self.devicePixelRatioF()
         for name, item in self.buttons.items():

@@ -199,7 +199,7 @@ class FrameStrip(QListView):
         self.clicked.connect(lambda index: self.opened.emit(index.data()))
 
     def set_theme(self, theme: Theme) -> None:
-        """Draw in other colours."""
+        """Draw the strip in the colours of a theme."""
         self._cell.theme = theme
         self.viewport().update()
 

@@ -50,7 +50,10 @@ class Panels(QWidget):
         self.strip.set_theme(theme)
 
     def show_edits(self, edits: EditController, theme: Theme, doubt: str, enabled: dict[str, bool]) -> None:
-        """Update all panels. doubt: description of the frame's most doubtful place. enabled: by command."""
+        """Update all panels.
+
+        doubt: description of the frame's most doubtful place. enabled: by command, True if it can be used.
+        """
         self.palette_.show_edits(edits, theme)
         if enabled:
             self.tools.show_state(self._views.options, enabled, theme)

@@ -69,7 +69,7 @@ class Panes(QSplitter):
             view.fit()
 
     def remember(self, memory: Memory) -> None:
-        """Store the arrangement; sizes of the side column only after the user changed them."""
+        """Store the arrangement, but sizes of the side column only if the user changed them."""
         memory.put("swapped", self.swapped)
         memory.put("panes", self.saveState())
         memory.put("side", self._side.saveState() if self._moved else "")

@@ -83,8 +83,9 @@ class Drawing:
         return select.polygon(view, self.outline_px(), self.through)
 
     def scaled(self, left_px: float, top_px: float, scale: float) -> "Drawing":
-        """Return the shape in the coordinates of a zoomed image: origin at (left, top), ``scale`` pixels as
-        one.
+        """Return the shape in the pixels of a zoomed image.
+
+        left_px, top_px: position of the image's corner. scale: size of an image pixel in logical pixels.
         """
         points = [((x - left_px) / scale, (y - top_px) / scale) for x, y in self.points_px]
         return replace(self, start_px=points[0], radius_px=self.radius_px / scale, points_px=points)

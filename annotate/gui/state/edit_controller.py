@@ -39,7 +39,10 @@ class _Preview:
 
 @dataclass(frozen=True)
 class _Grown:
-    """Piece painted last, which the next click grows. part: its new part. parts: labels (h, w) before."""
+    """Piece that was painted last, and which the next click enlarges.
+
+    part: its new part. parts: labels (h, w) before it was painted.
+    """
 
     part: int
     pixels: Int64
@@ -152,7 +155,7 @@ class EditController:
         return self._outcome(stroke, self._why_nothing(pixels, taken, drawing))
 
     def piece(self, pixel: int | None, drawing: Drawing) -> Outcome:
-        """Assign the chosen part to the supervoxel under a click; a second click there grows it."""
+        """Assign the chosen part to the supervoxel under a click; a second click there enlarges the piece."""
         self.editor()
         if pixel is None:
             return Outcome("No point lies here: click on the body", "warn")
@@ -188,7 +191,7 @@ class EditController:
         return self.editor().replace("paint", parts, None, how)
 
     def _grows(self, pixel: int) -> _Grown | None:
-        """Return the last painted piece if a click on this pixel grows it."""
+        """Return the last painted piece if a click on this pixel enlarges it."""
         grown = self._grown
         return grown if grown and grown.part == self.part and pixel in grown.pixels else None
 
@@ -206,7 +209,7 @@ class EditController:
     # Keys for the place under the pointer
 
     def swap(self, pixel: int | None) -> Outcome:
-        """Exchange left and right of the limb under the pointer."""
+        """Exchange left and right of the arms or legs, of which one is under the pointer."""
         part = BACKGROUND if pixel is None else int(self.parts.flat[pixel])
         pairs = next((limb for limb in (ARMS, LEGS) if part in np.ravel(limb)), None)
         if pairs is None:
@@ -224,7 +227,7 @@ class EditController:
         return self._outcome(stroke, "It touches no other part")
 
     def merge(self, pixel: int | None) -> Outcome:
-        """Turn the part under the pointer into the chosen one."""
+        """Assign the chosen part to all pixels of the part under the pointer."""
         source = BACKGROUND if pixel is None else int(self.parts.flat[pixel])
         if source in (BACKGROUND, self.part):
             return Outcome(f"Point at the part that should become {title(self.part)}", "warn")
@@ -307,8 +310,9 @@ class EditController:
         return Outcome(text, "warn", np.union1d(dropped, pixels))
 
     def _outcome(self, stroke: Stroke | None, nothing: str, limb: str = "") -> Outcome:
-        """Return the outcome of an operation, and drop an outdated preview. nothing: text for no change.
-        limb: of a swap.
+        """Return the outcome of an operation, and drop an outdated preview.
+
+        nothing: text for an operation that changed nothing. limb: name of the limb, for a swap.
         """
         if stroke is None:
             return Outcome(nothing, "warn")

@@ -40,7 +40,10 @@ FrameRead = tuple[FrameScene, UInt8 | None]
 
 
 class FrameOrder:
-    """Frames of one set in the order of work. frame_ids: shown frames. reasons: by frame, for reviewers."""
+    """Frames of one set in the order of work.
+
+    frame_ids: shown frames. reasons: of the review of each frame.
+    """
 
     def __init__(self, correction: Correction, reader: SceneReader) -> None:
         self.correction = correction
@@ -54,7 +57,7 @@ class FrameOrder:
         self._confidence: dict[str, float | None] = {}
 
     def arrange(self, order: Order, kept: Filter, frame_id: str = "") -> None:
-        """Choose an order and a filter; the open frame, if any, is shown in any case."""
+        """Choose an order and a filter. frame_id: the open frame, which is shown in any case, or ""."""
         self.order, self.filter = order, kept
         found = [i for i in self.all_ids if i == frame_id or self.passes(i)]
         if order == "review":
@@ -75,8 +78,8 @@ class FrameOrder:
     def begin_first(self, restored: Callable[[str, CloudError], bool]) -> OpenFrame:
         """Open the first readable frame; frames that wait for work come first.
 
-        restored: function that asks and returns whether a broken frame was rebuilt. Raises the first error,
-        and CloudError for an empty set.
+        restored: function that offers to rebuild a broken frame and returns whether it was rebuilt. Raises
+        the first error, and CloudError for an empty set.
         """
         error = CloudError(f"{self.correction.labels.path} holds no frames; label a recording first")
         for n, frame_id in enumerate(sorted(self.frame_ids, key=lambda i: not self.waits(i))):
@@ -126,7 +129,7 @@ class FrameOrder:
     def begin(self, read: FrameRead) -> OpenFrame:
         """Open a frame that was just read, and start to read the frames that follow.
 
-        Frames edited before stay open: ``Correction.leave_others``. Raises CloudError.
+        Frames that were edited earlier stay open until ``Correction.leave_others``. Raises CloudError.
         """
         scene, before = read
         frame_id = scene.labels.frame_id
@@ -155,14 +158,14 @@ class FrameOrder:
         return self.correction.state(frame_id) in UNFINISHED
 
     def all_done(self) -> str:
-        """Return a sentence on the frames left when no shown frame waits."""
+        """Return a sentence for the case that no shown frame waits: whether other frames are unfinished."""
         if self.order == "review":
             return "Nothing is left to review"
         left = any(self.waits(i) for i in self.all_ids)
         return "No unfinished frame among those shown" if left else "No unfinished frames left"
 
     def forget(self) -> None:
-        """Read every frame again, because labels changed in the background."""
+        """Forget all frames read so far, because labels changed in the background."""
         self._scenes.clear()
         self._confidence.clear()
 
@@ -181,7 +184,7 @@ class FrameOrder:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def _want(self, frame_ids: Iterable[str]) -> None:
-        """Start to read frames, and drop the least recently used ones from memory."""
+        """Start to read frames that are not in memory, and drop the least recently used ones from it."""
         for frame_id in frame_ids:
             known = self._scenes.pop(frame_id, None)
             entries = self._entries(frame_id)

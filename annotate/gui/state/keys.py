@@ -124,9 +124,9 @@ COMMANDS: tuple[Command, ...] = (
 
 
 def derived(commands: tuple[Command, ...]) -> tuple[Command, ...]:
-    """Return the commands that lock or fade a part, for each part with a single key.
+    """Return the commands that lock and fade each part.
 
-    Their keys are Shift and Alt with the part's key.
+    Their keys are Shift and Alt with the part's key, or none if the part's key has modifiers itself.
     """
     keys = {command.name: command.key for command in commands}
     made = []

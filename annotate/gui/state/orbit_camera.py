@@ -72,9 +72,7 @@ class Orbit:
         )
 
     def ray(self, right_px: float, down_px: float, height_px: int) -> Float64:
-        """Return the point (3,) under an offset from the middle of a view, as far from the eye as the target
-        is.
-        """
+        """Return the point (3,) that a view shows at an offset from its middle, in the target's plane."""
         right, down, _ = self.axes
         metre_per_px = self.distance_m / self.focal_px(height_px)
         return np.asarray(np.array(self.target_m) + metre_per_px * (right_px * right + down_px * down))

@@ -61,9 +61,7 @@ class FrameScene:
 
 
 class SceneReader:
-    """Reader of scenes of a set under correction, for any thread. has_recording: True if scenes have
-    colours.
-    """
+    """Reader of a set's scenes, for any thread. has_recording: True if scenes have a recording's colours."""
 
     def __init__(
         self, correction: Correction, session: Path | None = None, other: LabelSet | None = None
@@ -113,7 +111,7 @@ class SceneReader:
 def levels(
     labels: FrameLabels, other: UInt8 | None, room_points: int = ROOM_POINTS
 ) -> tuple[Bool, Int64, int]:
-    """Return flags (h * w,) of pixels that are all drawn, thinned other pixels (k,), and their step.
+    """Return the pixels to draw: flags (h * w,) near the person, thinned others (k,), and their step.
 
     room_points: approximate number of the thinned pixels.
     """
@@ -132,7 +130,7 @@ def levels(
 
 
 def shade_of(cloud: ThermalCloud) -> Float32:
-    """Return the cosine (h * w,) between surface and line of sight, because points are drawn unlit."""
+    """Return the shade (h * w,) of unlit points: cosine between surface normal and line of sight."""
     smooth = cv2.medianBlur(cloud.depth_mm, 5).astype(np.float32) / np.float32(1000)
     # d(point)/du = z' * ray + z * d(ray)/du: the slope per metre of surface is z' * f / z.
     along_u, along_v = (cv2.Sobel(smooth, cv2.CV_32F, *d, ksize=3) / 8 for d in ((1, 0), (0, 1)))

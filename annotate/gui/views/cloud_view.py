@@ -43,7 +43,7 @@ class Points:
         self.actor.ForceOpaqueOn()
 
     def load(self, pixels: Int64, points_m: Float32, rgb: UInt8) -> None:
-        """Show other pixels (n,) at ``points_m`` (n, 3) in colours (n, 3)."""
+        """Replace the points by the pixels (n,) at ``points_m`` (n, 3) in colours (n, 3)."""
         self.pixels = pixels
         self._row = np.full(int(pixels.max(initial=-1)) + 1, -1, np.int32)
         self._row[pixels] = np.arange(len(pixels), dtype=np.int32)
@@ -96,7 +96,7 @@ class CloudView(QWidget):
         self._still.timeout.connect(lambda: self._set_moving(False))
 
     def end(self) -> None:
-        """End drawing, and release all graphics while they exist.
+        """End drawing, and release all graphics before the window is deleted.
 
         pyvistaqt refers to the surface that it draws on. After the end of the window, Qt's binding would take
         another object at the same address for that surface.

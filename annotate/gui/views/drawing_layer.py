@@ -155,7 +155,7 @@ class DrawingLayer(QWidget):
         return True
 
     def eventFilter(self, view: QObject, event: QEvent) -> bool:  # noqa: N802
-        """Return whether the event is filtered out (Qt's hook)."""
+        """Draw with the mouse over the view; return whether the event is filtered out (Qt's hook)."""
         kind = event.type()
         if kind == QEvent.Type.Resize:
             self.resize(self._view.size())
@@ -233,7 +233,10 @@ def samples(event: QMouseEvent) -> bool:
 
 
 def _stroke(painter: QPainter, draw: Callable[[], None]) -> None:
-    """Draw a white line on a black one, visible on any background, filled with the painter's brush."""
+    """Call ``draw`` with a black pen, then with a thinner white one, visible on any background.
+
+    The painter's brush fills the shape.
+    """
     brush = painter.brush()
     painter.setPen(QPen(QColor(0, 0, 0, 200), 4))
     draw()

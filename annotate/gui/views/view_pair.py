@@ -125,7 +125,7 @@ class ViewPair(QObject):
         return sum(view.layer.cancel() for view in self) > 0 or bool(once)
 
     def hover_again(self) -> None:
-        """Update the marks under the pointer, after labels or the tool changed."""
+        """Update the marks under the pointer, because labels or the tool changed."""
         for view in self:
             if view.layer.place is not None and not view.layer.drawing:
                 self.show_hovered(view, view.layer.place)

@@ -121,9 +121,7 @@ def button(text: str) -> QToolButton:
 def draw_card(
     painter: QPainter, place: QRectF, theme: Theme, chosen: bool, stripe: QColor | None = None
 ) -> None:
-    """Draw a raised area with round corners, with an accent if it is chosen. stripe: colour of a stripe at
-    its left.
-    """
+    """Draw a raised area with round corners, with an accent if it is chosen. stripe: colour of its edge."""
     painter.setRenderHints(QPainter.RenderHint.Antialiasing | QPainter.RenderHint.SmoothPixmapTransform)
     path = QPainterPath()
     path.addRoundedRect(place, 8, 8)

@@ -87,7 +87,7 @@ def ask_export(parent: QWidget, formats: Mapping[str, str]) -> tuple[str, Path] 
 
 
 def restored(correction: Correction, frame_id: str, error: CloudError, parent: QWidget | None) -> bool:
-    """Rebuild a broken frame if that is possible and the user agrees; return True if it was rebuilt."""
+    """Rebuild a broken frame if that is possible and the user agrees; return whether it was rebuilt."""
     if not isinstance(error, RestorableError) or correction.read_only:
         return False
     text = (
@@ -101,9 +101,7 @@ def restored(correction: Correction, frame_id: str, error: CloudError, parent: Q
 
 
 def ask_retry(parent: QWidget | None, error: str, strokes: int) -> bool:
-    """Ask whether to write strokes again now that the disk refused; return False to wait for the next
-    stroke.
-    """
+    """Ask whether to write strokes again after the disk refused; return False to wait for the next stroke."""
     text = (
         f"{error}\n\n{strokes_text(strokes)} kept in this window; nothing is lost while it is open. "
         "Free some space, then try again; or go on: every stroke tries again."
