@@ -131,9 +131,9 @@ def test_the_subject_of_two_persons_is_chosen_without_the_suit_that_is_cut(cloud
 def test_the_conclusion_lists_the_changes_beyond_chance_alone():
     lost, kept = Figure(-0.04, -0.06, -0.02), Figure(0.5, -0.1, 1.1)
     heads = COLUMNS.keys()
-    assert worth(dict.fromkeys(heads, lost), "hard").startswith("0.040 of mean recall, 0.040 of boundary F")
+    assert worth(dict.fromkeys(heads, lost), "hard") == "0.040 of mean recall, -0.0 s a frame"
     slower = dict.fromkeys(heads, kept) | {f"{SECONDS}, `hard`": Figure(2.0, 1.0, 3.0)}
-    assert worth(slower, "hard") == "2.0 s of the annotator"
+    assert worth(slower, "hard") == "2.0 s a frame"
     assert worth(slower, "normal") == "nothing beyond chance"
     said = conclusion({name: dict.fromkeys(heads, lost) for name in SUBJECTS})
     assert len(said.splitlines()) == len(SUBJECTS)
@@ -152,7 +152,7 @@ def test_labels_without_a_cut_are_those_of_label(clouds, rig_session, rig_labels
             assert equal([one.parts, one.persons], [other.parts, other.persons]) and one.notes == other.notes
 
 
-@pytest.mark.parametrize("name", CHANNELS_CUT)
+@pytest.mark.parametrize("name", [name for name, cut in CHANNELS_CUT.items() if not cut.window_c])
 def test_labels_do_not_depend_on_a_channel_that_is_cut(name, clouds, monkeypatch):
     silence, rng = CHANNELS_CUT[name].silence, np.random.default_rng(2)
     whole = images(World(clouds), CHANNELS_CUT[name])

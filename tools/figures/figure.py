@@ -32,7 +32,7 @@ class Figure(NamedTuple):
         if math.isnan(self.value):
             return "-"
         value, low, high = (format(number, spec).replace("%", " %") for number in self[:3])
-        between = " to " if self.low < 0 else "\u2013"  # no dash beside a minus
+        between = "\u2026" if self.low < 0 else "\u2013"  # no dash beside a minus
         return value if self.certain else f"{value} ({low.removesuffix(' %')}{between}{high})"
 
 

@@ -11,22 +11,21 @@ from tools.measure import ablation
 from tools.measure.ablation import SECONDS, SHOWN, Found, changes
 
 FRAMES = 24  # of a recording
-SPECS = {SHOWN[score][0]: ".3f" for score in ("mean_recall", "boundary_f")} | {SECONDS: ".1f"}
+SPECS = {SHOWN["mean_recall"][0]: ".3f", SECONDS: ".1f"}
 """Formats of the measures, by heading."""
 COLUMNS = {f"{heading}, `{of}`": spec for heading, spec in SPECS.items() for of in DIFFICULTIES}
 NETWORKS = {name: f"{name}: change from `predict`" for name in (ablation.SUIT, ablation.DEPTH_ALONE)}
 """Rows of the suit network without an input, compared with the depth network on the same frames."""
 SUBJECTS = {
     ablation.SUIT: "The suit's colours are worth",
-    ablation.COLOR: "All colour, with the suit, is worth",
     ablation.TEMPERATURE: "Temperature is worth",
     ablation.PLANES: "The planes of the room are worth",
     ablation.BEFORE: "Tracking (the labels of the frame before) is worth",
     ablation.REFINED: "The suit network is ahead of `predict`, refined, by",
     NETWORKS[ablation.SUIT]: "Without the suit's colours, the suit network is behind `predict` by",
-    NETWORKS[ablation.DEPTH_ALONE]: "By depth alone, the suit network is behind `predict` by",
 }
 """Beginning of the sentence on a row."""
+NOTHING = "nothing beyond chance"
 
 
 def inputs(seed: int) -> Rows:
@@ -63,10 +62,12 @@ def _changes(whole: Found, without: Found) -> dict[str, Figure]:
 
 def conclusion(rows: Rows) -> str:
     """Return a sentence on each input's worth, from the changes that differ from 0 by more than chance."""
-    return "\n".join(
-        f"- {subject}: {'; '.join(f'at `{of}` {worth(rows[name], of)}' for of in DIFFICULTIES)}."
-        for name, subject in SUBJECTS.items()
-    )
+    lines = []
+    for name, subject in SUBJECTS.items():
+        said = {of: worth(rows[name], of) for of in DIFFICULTIES}
+        parts = [f"at `{of}` {words}" for of, words in said.items()]
+        lines.append(f"- {subject}: {NOTHING if set(said.values()) == {NOTHING} else '; '.join(parts)}.")
+    return "\n".join(lines)
 
 
 def worth(row: Mapping[str, Figure], difficulty: str) -> str:
@@ -77,9 +78,5 @@ def worth(row: Mapping[str, Figure], difficulty: str) -> str:
         if change.low <= 0 <= change.high:
             continue
         value = format(change.value if heading == SECONDS else -change.value, spec)
-        said.append(f"{value} s of the annotator" if heading == SECONDS else f"{value} of {_short(heading)}")
-    return ", ".join(said) or "nothing beyond chance"
-
-
-def _short(heading: str) -> str:
-    return heading.split(",")[0]
+        said.append(f"{value} s a frame" if heading == SECONDS else f"{value} of {heading}")
+    return ", ".join(said) or NOTHING

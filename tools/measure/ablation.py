@@ -178,17 +178,17 @@ CUTS = {
     DEPTH_ALONE: Cut(("color", "temperature")),
     PLANES: Cut(("planes",)),
     BEFORE: Cut(("before",)),
-    "temperature window of each frame": Cut(window_c=WINDOW_C),
 }
 """Cuts of inputs by row of the table."""
 CHANNELS_CUT = {
+    "temperature window of each frame": Cut(window_c=WINDOW_C),
     "channels shade and hue": Cut(silence=Silence(("shade", "red", "green"))),
     "channel of colours in the room": Cut(silence=Silence(("room",))),
     "channel of depth in the person": Cut(silence=Silence(("depth",))),
     "channel of depth in 31 pixels": Cut(silence=Silence(("local",))),
     "flags of the coarse outline": Cut(silence=Silence(flags=SUBJECT | OTHER)),
 }
-"""Cuts of channels by row."""
+"""Cuts of channels by row, and the paper's temperature window."""
 PREDICT, REFINED = "`predict`", "`predict`, refined"
 
 
