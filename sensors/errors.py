@@ -19,36 +19,36 @@ class CloudError(Exception):
 
 
 class FormatError(CloudError):
-    """Data from outside is corrupt, truncated, of impossible size or of another format."""
+    """Error of outside data that are corrupt, truncated, of impossible size or of another format."""
 
 
 class CalibrationError(CloudError):
-    """Calibration is missing or contradicts its images."""
+    """Error of a calibration that is missing or contradicts its images."""
 
 
 class ExistsError(CloudError):
-    """A result exists already."""
+    """Error of a result that exists already."""
 
 
 class DeviceError(CloudError):
-    """A device fails."""
+    """Error of a device."""
 
 
 class DeviceNotFoundError(DeviceError):
-    """The device or the library that drives it is missing."""
+    """Error of a missing device, or of a missing library that drives it."""
 
 
 class DeviceAccessError(DeviceError):
-    """The system's permissions refuse the device to this user."""
+    """Error of a device that the system's permissions refuse to this user."""
 
 
 class DeviceBusyError(DeviceError):
-    """The device is open elsewhere."""
+    """Error of a device that is open elsewhere."""
 
 
 class DeviceLostError(DeviceError):
-    """The device was unplugged, or stopped answering for good."""
+    """Error of a device that was unplugged, or stopped answering for good."""
 
 
 class DeviceFaultError(DeviceError):
-    """The device breaks its protocol; the next reading may be sound."""
+    """Error of a device that breaks its protocol; the next reading may be sound."""

@@ -45,7 +45,10 @@ class Deviations(NamedTuple):
 
 
 class Residuals(NamedTuple):
-    """One camera's residuals. view: (n,) frame index; px: (n, 2) place; error_px: (n, 2) seen - predicted."""
+    """Residuals of one camera.
+
+    view: (n,) frame index. px: (n, 2) observed places. error_px: (n, 2) observed minus predicted.
+    """
 
     view: NDArray[np.int64]
     px: Array
@@ -53,7 +56,7 @@ class Residuals(NamedTuple):
 
     @property
     def rms_px(self) -> float:
-        """Return the root mean square distance of seen from predicted places, in pixels."""
+        """Return the root mean square distance between observed and predicted places, in pixels."""
         return float(np.sqrt(np.square(self.error_px).sum(axis=1).mean()))
 
 
@@ -73,7 +76,7 @@ class Adjusted(NamedTuple):
 
 
 def adjust(views: list[PlateView], plate: HolePlate, guess: RigCalibration) -> Adjusted:
-    """Solve intrinsics and poses of all cameras with the plate in their images.
+    """Compute the intrinsics and poses of all cameras from views of the plate.
 
     guess: image sizes and the depth camera's rough intrinsics. Raises CalibrationError when too few views
     show the plate to the depth camera, or to another camera together with it.
@@ -286,7 +289,7 @@ class _Problem:
         return replace(self, seen=seen, left_out=tuple(np.array(self.indices)[bad].tolist()))
 
     def result(self, x: Array, guess: dict[str, Intrinsics], views: int) -> Adjusted:
-        """Return the rig of a solution, with its standard deviations."""
+        """Return the calibration of a solution, with its standard deviations."""
         lenses, poses, shift_mm, _ = self._unpacked(x)
         _, pose_sd, shift_sd_mm, _ = self._unpacked(self._deviations(x))
         cameras: dict[str, Any] = {

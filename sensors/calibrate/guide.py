@@ -72,7 +72,7 @@ class PlateSetup:
         return PlateSetup(plate, guess, near_m, far_m, float(aside), float(below))
 
     def pose(self, placement: Placement) -> Pose:
-        """Return depth_from_plate of a placement."""
+        """Return the pose depth_from_plate of a placement."""
         z = self.far_m - 0.1 * (self.far_m - self.near_m) if placement.far else self.near_m
         z += 0.05 * (self.far_m - self.near_m)
         center = np.array([placement.right * self.aside * z, placement.down * self.below * z, z])
@@ -80,7 +80,7 @@ class PlateSetup:
         return Pose(rotation, center - rotation @ self.middle)
 
     def pose_of(self, view: PlateView) -> Pose:
-        """Return depth_from_plate of a view; the depth camera must have found the plate."""
+        """Return the pose depth_from_plate of a view; the depth camera must have found the plate."""
         return plate_pose(view.centers_px["depth"], self.plate, self.guess.depth)
 
     def placement_of(self, view: PlateView) -> Placement:
@@ -102,8 +102,8 @@ class PlateSetup:
 class Guidance:
     """State of the views so far.
 
-    seen: placements of the views; wanted: next placement, None when done. found: current calibration, None
-    with too few views; good: True if the calibration is reliable.
+    seen: placements of the views. wanted: next placement, None when done. found: current calibration, None
+    with too few views. good: True if the calibration is reliable.
     """
 
     seen: tuple[Placement, ...]

@@ -72,7 +72,7 @@ def with_all_cameras(guess: RigCalibration, frame: RigFrame) -> RigCalibration:
 
 
 def plate_pose(centers_px: Array, plate: HolePlate, camera: Intrinsics) -> Pose:
-    """Return camera_from_plate from one image's hole centres (n, 2) (OpenCV's iterative PnP)."""
+    """Return the pose camera_from_plate from one image's hole centres (n, 2) (OpenCV's iterative PnP)."""
     board = np.c_[plate.centers_m, np.zeros(len(centers_px))]
     _, turn, shift = cv2.solvePnP(board, centers_px, camera.matrix, np.array(camera.distortion))
     return Pose(Rotation.from_rotvec(turn.ravel()).as_matrix(), np.asarray(shift, np.float64).ravel())

@@ -1,4 +1,4 @@
-"""Verdict on a calibration: whether it is reliable, and which views to record otherwise."""
+"""Verdict on a calibration: whether it is reliable, and which views to add if it is not."""
 
 from typing import NamedTuple
 

@@ -21,10 +21,10 @@ _PLAIN, _RATIONAL, _MOST = 5, 8, 14  # numbers of the polynomial, rational and t
 
 
 class Window(NamedTuple):
-    """Region of the calibrated sensor that an image shows, with binning: one pixel per block, from (left,
-    top) on.
+    """Region of the calibrated sensor that an image shows, with binning.
 
-    size: (width, height) of the image in its own pixels.
+    left, top: corner of the region. block_x, block_y: sensor pixels per image pixel. size: (width, height) of
+    the image in its own pixels.
     """
 
     left: int
@@ -57,11 +57,12 @@ def describes(message: Decoded, size: tuple[int, int]) -> bool:
 def intrinsics_from(
     message: Decoded, rectified: bool, name: str, size: tuple[int, int] | None = None
 ) -> Intrinsics:
-    """Return the camera of a CameraInfo or CameraCalibration, or of its rectified image.
+    """Return the camera of a CameraInfo or CameraCalibration.
 
-    size: (width, height) of the image; None = the message's. Binning and region of interest that give this
-    size are applied as ``image_geometry::PinholeCameraModel::fromCameraInfo`` does. Raises CalibrationError,
-    which names the topic ``name``.
+    rectified: True for the camera of the rectified image. size: (width, height) of the image; None = the
+    message's. Binning and region of interest that give this size are applied as
+    ``image_geometry::PinholeCameraModel::fromCameraInfo`` does. Raises CalibrationError, which names the
+    topic ``name``.
     """
     # ROS 1 and Foxglove write large letters, ROS 2 small ones.
     fields = (getattr(message, letter if hasattr(message, letter) else letter.upper()) for letter in "dkp")

@@ -1,4 +1,4 @@
-"""Check of cameras: impossible focal lengths, centres and lenses are refused.
+"""Check of cameras: impossible focal lengths, principal points and lenses are refused.
 
 Every importer checks its cameras here. The bounds are wide: they stop numbers of another unit (millimetres,
 shares of the image, thousandths), not unusual cameras. Constants are untuned unless a source is given.
@@ -49,13 +49,13 @@ def check_camera(camera: Intrinsics, where: str) -> Intrinsics:
 
 
 def is_centred(centre: tuple[float, float], shape: tuple[int, ...]) -> bool:
-    """Return whether a camera's centre (cx, cy) lies near the middle of an image (h, w)."""
+    """Return whether a camera's principal point (cx, cy) lies near the middle of an image (h, w)."""
     offsets = (length / side - 0.5 for length, side in zip(centre, shape[::-1], strict=True))
     return max(map(abs, offsets)) <= CENTRED
 
 
 def check_rig(calibration: RigCalibration, where: str) -> RigCalibration:
-    """Return the calibration. Raises CalibrationError where ``check_camera`` refuses a camera."""
+    """Return the calibration unchanged. Raises CalibrationError where ``check_camera`` refuses a camera."""
     for name, camera in vars(calibration).items():
         if isinstance(camera, Intrinsics):
             check_camera(camera, f"{where}, {name} camera")

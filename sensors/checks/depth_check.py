@@ -122,7 +122,7 @@ def judge_depth(
 
 
 def _thinned(image: Image) -> Image:
-    """Return every n-th row of an image; neighbours along a row stay neighbours."""
+    """Return evenly spaced rows of a large image; neighbours along a row stay neighbours."""
     return image[:: max(1, image.size // MOST_PIXELS)] if image.ndim == 2 else image
 
 

@@ -51,8 +51,9 @@ def range_of(values: NDArray[np.float64], unit_mm: float) -> Range:
 
 
 def impossible(found: Range, times: float = 1.0) -> str:
-    """Return the reason why a range is impossible for a scene with people, or "". times: factor on the
-    bounds.
+    """Return the reason why a range is impossible for a scene with people, or "".
+
+    times: factor on the bounds of the least and the median depth.
     """
     if found.near > NEAREST_M * times:
         return f"nothing is nearer than {metres(found.near)}"

@@ -30,7 +30,7 @@ class Mounting(Turn):
     """Rotation and mirroring that make a device's images upright."""
 
     def value(self, value: Value) -> Value:
-        """Return a reading with upright images."""
+        """Return a device's value with its images upright."""
         match value:
             case DepthImage(depth_mm, infrared):
                 return DepthImage(self.image(depth_mm), None if infrared is None else self.image(infrared))

@@ -32,7 +32,7 @@ class Flag(Enum):
 class DepthImage:
     """Depth uint16 (h, w) in millimetres along z, distorted, 0 = no reading.
 
-    Infrared amplitude uint16 (h, w).
+    infrared: amplitude uint16 (h, w), or None.
     """
 
     stream: ClassVar[str] = "depth"

@@ -17,7 +17,7 @@ DEPTH_CAMERA_RATES_HZ = {DepthImage.stream: DEPTH_RATE_HZ, ColorImage.stream: DE
 
 
 class StreamingCamera(ABC):
-    """Base class of a ``Device`` for one library of a maker.
+    """Base class of a ``Device`` that is driven by its maker's library.
 
     silence_s: seconds without any image after which the device counts as lost.
     """
@@ -33,7 +33,7 @@ class StreamingCamera(ABC):
 
     @abstractmethod
     def _begin(self) -> RigCalibration | None:
-        """Begin to stream, and return the factory's calibration of a depth camera."""
+        """Begin to stream, and return a depth camera's factory calibration."""
 
     @abstractmethod
     def _receive(self, timeout_s: float) -> None:

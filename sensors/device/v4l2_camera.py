@@ -22,8 +22,9 @@ CaptureKind = Any  # the class ``cv2.VideoCapture``, or a fake kernel
 
 @dataclass(frozen=True)
 class V4l2Node:
-    """Device node. serial: of its camera, "" if unknown. kind: class that captures, ``cv2.VideoCapture`` or a
-    twin.
+    """Device node of a camera. serial: "" if unknown.
+
+    kind: class that captures, ``cv2.VideoCapture`` or its software twin.
     """
 
     path: Path

@@ -97,7 +97,7 @@ def load_k4a() -> CDLL:
 
 
 def bundled(pattern: str) -> Path | None:
-    """Return the path of a library inside the wheel, beside its package."""
+    """Return the path of a library that the installed wheel brings; None without the wheel or the library."""
     spec = find_spec("pyk4a")
     if spec is None or spec.origin is None:
         return None
@@ -118,7 +118,7 @@ class Camera:
         return read_text(lambda *buffer: self._k4a.k4a_device_get_serialnum(self._handle, *buffer)).decode()
 
     def start(self) -> None:
-        """Begin to stream narrow depth and 1080p JPEG at 30 images a second."""
+        """Begin to stream depth of the narrow field of view and 1080p JPEG at 30 images a second."""
         wanted = Configuration(COLOR_MJPG, COLOR_1080P, NARROW_UNBINNED, FPS_30)
         if self._k4a.k4a_device_start_cameras(self._handle, byref(wanted)):
             raise DeviceError("the Azure Kinect does not start; use a USB 3 port and plug in its power")

@@ -60,9 +60,9 @@ PROTOTYPES: dict[str, Any] = {
 
 
 class DirectLibrary(SimpleNamespace):
-    """C function pointers of ``PROTOTYPES`` by name, of the vendor's library or of a twin.
+    """C function pointers of ``PROTOTYPES`` by name, of the vendor's library or of its software twin.
 
-    in_use: the library has its single camera open.
+    in_use: True while the library has its single camera open.
     """
 
     in_use = False
@@ -165,7 +165,7 @@ def celsius_of(values: NDArray[np.uint16]) -> NDArray[np.float32]:
 
 
 def flag_of(state: int) -> Flag:
-    """Return the library's flag state; an undefined state is an error."""
+    """Return the library's flag state; ``Flag.ERROR`` for an undefined state."""
     return Flag(state) if state in {flag.value for flag in Flag} else Flag.ERROR
 
 

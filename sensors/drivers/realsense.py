@@ -54,10 +54,9 @@ class Settings:
 
 
 class RealSense(StreamingCamera):
-    """The RealSense with this serial number, or the only one, stamped by its own clock. Raises DeviceError if
-    it cannot be opened.
+    """The RealSense with this serial number, or the only one, stamped by its own clock.
 
-    context: ``pyrealsense2.context()`` or a twin.
+    context: ``pyrealsense2.context()`` or its software twin. Raises DeviceError if it cannot be opened.
     """
 
     silence_s = 5.0  # the SDK itself notices an unplugged camera

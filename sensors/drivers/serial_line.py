@@ -47,8 +47,9 @@ class SerialLine:
         self._disturbed = True
 
     def request(self, command: bytes, length: int) -> bytes:
-        """Send a command and return the reply of ``length`` bytes. Raises DeviceFaultError for fewer,
-        DeviceLostError.
+        """Send a command and return the reply of ``length`` bytes.
+
+        Raises DeviceFaultError for a shorter reply, DeviceLostError once the device is gone.
         """
         self.send(command)
         reply = self.receive(length, REPLY_S)

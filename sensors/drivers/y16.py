@@ -26,13 +26,13 @@ BOSON_KELVIN = 0.01
 
 @dataclass(frozen=True)
 class Radiometry:
-    """Celsius = scale * word + offset_c."""
+    """Scale and offset of thermal words: Celsius = scale * word + offset_c."""
 
     scale: float
     offset_c: float = ABSOLUTE_ZERO_C
 
     def celsius(self, words: NDArray[np.uint16], name: str) -> NDArray[np.float32]:
-        """Return float32 (h, w).
+        """Return the temperatures float32 (h, w) of words (h, w), in Celsius.
 
         Raises DeviceFaultError with ``name`` for words that are not temperatures.
         """
@@ -62,7 +62,7 @@ def check_temperatures(celsius: NDArray[np.float32], words: NDArray[np.uint16], 
 
 @dataclass(frozen=True)
 class WordMode:
-    """Mode of a camera.
+    """Mode of a camera of 16-bit words.
 
     kind, options: of its address. sizes: possible (width, height). radiometry: None for raw counts. remedy:
     text of the error for a camera without any of the sizes.

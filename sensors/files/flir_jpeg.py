@@ -49,7 +49,7 @@ class _Record(NamedTuple):
     order: str
 
     def numbers(self, layout: str, at: int) -> tuple[float, ...]:
-        """Return numbers of a ``struct`` layout. Raises struct.error beyond the record's end."""
+        """Return numbers of a ``struct`` layout at an offset. Raises struct.error beyond the record's end."""
         return struct.unpack_from(self.order + layout, self.data, at)
 
     def size(self) -> tuple[int, int]:

@@ -223,8 +223,9 @@ def _cameras(path: Path, first: Path, color: Files, thermal: Files, declared: Pa
 
 
 def _aligned(name: str, images: Files, found: FoundIntrinsics) -> tuple[list[str], bool]:
-    """Return a note on the images' size, and True if they have the size of depth and so are aligned
-    with it.
+    """Return a note on the images, and True if they are aligned with depth.
+
+    Images of the size of depth images count as aligned.
     """
     if name == "colour" and found.aligned:
         return [f"{name} assumed to be aligned with depth, as Open3D's recorder saves it"], True

@@ -83,7 +83,8 @@ class Opener(NamedTuple):
 def open_source(path: Path, options: ImportOptions = AS_STATED) -> "FrameSource":
     """Open the ``FrameSource`` at ``path``, as its user declares it.
 
-    Raises FormatError for anything else, CalibrationError for impossible cameras, and the errors of sources.
+    Raises FormatError for unknown kinds of files, CalibrationError for impossible cameras, and the errors of
+    sources.
     """
     opener = opener_at(path, options)
     if options.topics and not opener.topics:
@@ -139,7 +140,7 @@ def _is_range(note: str) -> bool:
 def opener_at(path: Path, options: ImportOptions = AS_STATED) -> Opener:
     """Return the opener of the ``FrameSource`` at ``path``, without reading the source.
 
-    Files are recognised by their first bytes, clouds by their name. Raises FormatError for anything else.
+    Files are recognised by their first bytes, clouds by their name. Raises FormatError for unknown kinds.
     """
     path = recording_at(path)
     if path.name == BAG_METADATA and path.is_file():

@@ -80,7 +80,10 @@ class Intake:
         self._woken.set()
 
     def drain(self) -> list[Arrived | Event]:
-        """Return all readings and events until now; the queues of fast devices may never be empty."""
+        """Return all readings and events that had come before the call.
+
+        Later ones wait, because the queues of fast devices may never be empty.
+        """
         drained: list[Arrived | Event] = []
         for address, queue in self._queues.items():
             for _ in range(queue.qsize()):

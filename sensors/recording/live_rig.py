@@ -30,7 +30,7 @@ _freezing = set["LiveRig"]()  # running rigs: see ``LiveRig.start``
 
 
 class LiveRig:
-    """Started devices, read by one thread from ``start`` to ``close``.
+    """Rig of started devices, read by one thread from ``start`` to ``close``.
 
     Only that thread writes, because signals do not interrupt it. reopen: function that opens and starts a
     lost device. frames: queue of the latest frame, which ends with the rig. events: the last events with

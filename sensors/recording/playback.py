@@ -16,7 +16,7 @@ LONGEST_S = 1.0  # s; longest pause between two frames, as longer gaps separate 
 
 
 class Playback:
-    """A source played at its own pace by a thread, with the interface of a ``LiveRig``.
+    """Source of frames played at its own pace by a thread, with the interface of a ``LiveRig``.
 
     events: of the session so far, with running numbers.
     """
@@ -58,7 +58,7 @@ class Playback:
         )
 
     def health(self) -> Health:
-        """Return the rate of the frames."""
+        """Return a state that holds only the number and rate of the frames."""
         count, running_s = self.frames.count, time.monotonic() - self._started_s
         return Health({"depth": StreamHealth(0.0, count / max(running_s, 1e-9), silent_s=0.0, count=count)})
 

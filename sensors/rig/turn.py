@@ -38,7 +38,7 @@ class Turn:
         return camera
 
     def calibration(self, factory: RigCalibration) -> RigCalibration:
-        """Return the calibration of a depth camera in this mounting, with or without colour."""
+        """Return a depth camera's calibration in this mounting; colour is mirrored, but not rotated."""
         depth = self.camera(factory.depth)
         if factory.color is None or factory.color_from_depth is None:
             return replace(factory, depth=depth)

@@ -185,7 +185,7 @@ def unpacked(chunk: McapRecord) -> bytes:
 
 @contextmanager
 def damage(name: str, offset: int) -> Iterator[None]:
-    """Raise FormatError for the errors of a corrupt record."""
+    """Convert the errors of a corrupt record to FormatError, with file and offset."""
     try:
         yield
     except BROKEN as error:

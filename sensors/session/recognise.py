@@ -72,7 +72,7 @@ def _stated(summary: Summary) -> tuple[set[str], bool]:
 
 
 def _searched(file: BinaryIO) -> tuple[set[str], bool]:
-    """Return the same as ``_stated`` by the records, up to the first proof of a session."""
+    """Return the result of ``_stated`` from the file's records, up to the first proof of a session."""
     schemas: dict[int, str] = {}
     topics: set[str] = set()
     for offset in record_offsets(file):

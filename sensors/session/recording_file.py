@@ -16,7 +16,7 @@ PATIENCE_S, PAUSE_S = 1.0, 0.01  # a writer waits for programs that check the lo
 
 
 class RecordingError(CloudError):
-    """The recording is still being written."""
+    """Error of a recording that is still being written."""
 
 
 def partial_of(path: Path) -> Path:

@@ -127,7 +127,10 @@ def repair(path: Path, out: Path | None = None, *, overwrite: bool = False) -> R
 
 
 def _opened(source: Path) -> BinaryIO:
-    """Open a session and lock it against writers until it is closed. Raises RecordingError while they run."""
+    """Open a session and lock it against writers until it is closed.
+
+    Raises FormatError where it cannot be read, RecordingError while it is being recorded.
+    """
     try:
         file = source.open("rb")
     except OSError as error:
@@ -250,7 +253,7 @@ class Copier:
                 self.nameless += 1
 
     def add_beside(self, record: McapRecord, index: StoredIndex | None) -> None:
-        """Copy metadata or an attachment, except the index and its contents."""
+        """Copy metadata or an attachment, except the index, and metadata that the index contains."""
         match record:
             case Metadata() if index is None or record.name != METADATA:
                 self._writer.add_metadata(record.name, record.metadata)

@@ -20,7 +20,7 @@ ROUNDING_S = 1e-6  # s; rounding between stamps and the schedule
 
 
 class FrameLoop:
-    """The first frames of a source, repeated. Raises DeviceError for an empty source.
+    """Loop over the first frames of a source. Raises DeviceError for an empty source.
 
     A frame lasts from its stamp to the next, or 1/30 s if stamps do not rise. A frame without colour or
     temperatures repeats the frame before.
@@ -37,7 +37,7 @@ class FrameLoop:
         self._thermal = [_thermal(celsius) for celsius in _filled([frame.thermal_c for frame in shown])]
 
     def depth(self, seconds: float) -> NDArray[np.uint16]:
-        """Return millimetres (h, w), ``seconds`` after the start."""
+        """Return the depth image (h, w) in millimetres, ``seconds`` after the start."""
         return self._at(self._depth, seconds, "depth")
 
     def infrared(self, seconds: float) -> NDArray[np.uint16] | None:
@@ -45,14 +45,13 @@ class FrameLoop:
         return self._at(self._infrared, seconds, "infrared") if self._infrared else None
 
     def color(self, seconds: float) -> bytes:
-        """Return the encoded image, ``seconds`` after the start. Raises DeviceError if the source has
-        none.
-        """
+        """Return the encoded colour image, ``seconds`` after the start. Raises DeviceError without any."""
         return self._at(self._color, seconds, "colour")
 
     def thermal(self, seconds: float) -> NDArray[np.float32]:
-        """Return Celsius (120, 160) without gaps, ``seconds`` after the start. Raises DeviceError if the
-        source has none.
+        """Return the thermal image (120, 160) in Celsius, without gaps, ``seconds`` after the start.
+
+        Raises DeviceError if the source has none.
         """
         return self._at(self._thermal, seconds, "thermal")
 

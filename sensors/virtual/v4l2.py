@@ -56,7 +56,7 @@ class FakeCamera(ABC):
         self.node.path.unlink(missing_ok=True)
 
     def __call__(self, filename: str, apiPreference: int) -> "FakeCapture":  # noqa: N803
-        """Open the camera."""
+        """Open the camera, as the constructor of ``cv2.VideoCapture`` does."""
         return FakeCapture(self)
 
     def waitAny(self, streams: Sequence[Any], timeoutNs: int) -> tuple[bool, list[int]]:  # noqa: N802, N803

@@ -44,10 +44,10 @@ class Message(NamedTuple):
 
 @dataclass
 class Topic:
-    """One topic's messages, all of one kind and encoding, in the order in which they were received.
+    """Messages of one topic, all of one kind and encoding, in the order in which they were received.
 
-    empty: number of images without pixels, which are left out. ``len``, ``read`` and ``timeline`` count in
-    the order of times.
+    empty: number of images without pixels, which are left out. ``len`` and ``read`` count images in the order
+    of ``timeline``, which leaves out repeated ones.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Topic:
         return len(self.timeline.times_ns) if self.kind in PICTURES else len(self.messages)
 
     def read(self, index: int) -> Decoded:
-        """Read a message. Raises FormatError where it is damaged."""
+        """Decode a message. Raises FormatError where it is damaged."""
         at = int(self.timeline.recorded[index]) if self.kind in PICTURES else index
         return decode(self.kind, self.encoding, self._bytes(at))
 
@@ -126,9 +126,9 @@ def index_topics(files: list[BagFile]) -> dict[str, Topic]:
 
 
 def _clock_was_set_back(messages: list[Message]) -> bool:
-    """Return whether the recorder's clock stepped back; then the file's order is the order of recording.
+    """Return whether the recorder's clock stepped back, so that the file's order is the order of reception.
 
-    A file without such a step was written in another order than it was received.
+    Receive times that fall more often, or by less, mean that the file was written in another order.
     """
     steps_ns = np.diff(np.array([message.received_ns for message in messages], np.int64))
     falls_ns = -steps_ns[steps_ns < 0]

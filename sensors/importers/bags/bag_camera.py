@@ -75,10 +75,10 @@ class BagCameras:
         return Found(RigCalibration(lens), tuple(notes), unit_mm)
 
     def _lens(self, stream: Stream, otherwise: str = "") -> tuple[Intrinsics, str]:
-        """Return the lens of an image topic, and the topic that describes it.
+        """Return the lens of an image topic, and the camera topic that states the lens.
 
-        otherwise: alternative remedy in the error. Raises CalibrationError where none describes it at its
-        size.
+        otherwise: alternative remedy in the error. Raises CalibrationError where no topic states it at the
+        images' size.
         """
         size, near = picture_size(stream.first), described_by(stream.name, set(self._infos))
         candidates = [*near, *self._of_frame(stream)]
@@ -125,9 +125,9 @@ class BagCameras:
         return [name] if not stream.frame or not frames[name] or is_aligned(stream.name) else []
 
     def _pose(self, depth: Stream, color: Stream, same_info: bool) -> tuple[Pose, str]:
-        """Return color_from_depth by the frames, or by the first transforms between them; and a note on its
-        origin.
+        """Return the pose color_from_depth, and a note on its origin.
 
+        The pose is the identity for a shared frame, else follows the first transforms between the frames.
         same_info: True if one message describes both topics at one size; without transforms they are then one
         camera. Raises CalibrationError where nothing joins the two.
         """
@@ -160,7 +160,7 @@ def described_by(picture: str, cameras: set[str]) -> list[str]:
 
 
 def path_between(links: dict[tuple[str, str], Pose], depth: str, color: str) -> Pose | None:
-    """Return color_from_depth along the tree of frames, or None where nothing joins the two.
+    """Return the pose color_from_depth along the tree of frames, or None where nothing joins the two.
 
     links: parent_from_child by (parent, child).
     """

@@ -21,7 +21,7 @@ _ROS1 = b"#ROSBAG "  # begin of a ROS 1 bag of any version
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a folder holds a ROS 2 bag, or whether an MCAP file with topics is not a session.
+    """Return True for the folder of a ROS 2 bag, and for an MCAP file with topics that is not a session.
 
     Raises FormatError for a folder of sessions.
     """
@@ -151,7 +151,7 @@ def _head(path: Path) -> bytes:
 
 @contextmanager
 def damaged(path: Path) -> Iterator[None]:
-    """Raise FormatError for all that rosbags, SQLite and unpackers raise at a damaged file."""
+    """Convert all errors that rosbags, SQLite and unpackers raise at a damaged file to FormatError."""
     try:
         yield
     except CloudError:

@@ -48,7 +48,7 @@ class Stream:
 
 
 class CameraRecording(FrameSource):
-    """A recording of an SDK as a ``FrameSource``. A subclass finds images and cameras in its messages.
+    """Recording of a maker's SDK as a ``FrameSource``. A subclass finds images and cameras in its messages.
 
     notes: missing and assumed data. Raises FormatError, and CalibrationError where nothing describes the
     depth camera.
@@ -98,7 +98,7 @@ class CameraRecording(FrameSource):
 
     @abstractmethod
     def _color_from_depth(self) -> Pose | None:
-        """Return the factory's pose. Raises CalibrationError where it is damaged."""
+        """Return the factory's pose color_from_depth or None. Raises CalibrationError where it is damaged."""
 
     def _stamps_ns(self, name: str) -> NDArray[np.int64]:
         """Return the camera's times (n,) of a stream."""

@@ -72,7 +72,10 @@ class OrbbecRecording(CameraRecording):
         return intrinsics_from_rational((width, height), matrix, np.array([k1, k2, p1, p2, k3, k4, k5, k6]))
 
     def _color_from_depth(self) -> Pose | None:
-        """Return color_from_depth. Raises CalibrationError for the zeros that a file without a pose holds."""
+        """Return the pose color_from_depth.
+
+        Raises CalibrationError for the zeros that a file without a pose holds.
+        """
         profile = self._profiles.get(DEPTH)
         if not profile:
             return None

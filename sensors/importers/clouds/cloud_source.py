@@ -104,8 +104,9 @@ class CloudFile(FrameSource):
 
 
 def _finite_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points (n, 3) with NaN for points at the origin, not finite, or STRAY from the middle of the
-    cloud.
+    """Return points (n, 3) with NaN for useless ones.
+
+    These are at the origin, not finite, or more than ``STRAY`` units from the middle of the cloud.
     """
     with np.errstate(invalid="ignore", over="ignore"):
         points[~np.isfinite(points).all(axis=1) | ~points.any(axis=1)] = np.nan

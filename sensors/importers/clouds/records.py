@@ -89,7 +89,7 @@ def grid_of(width: int, height: int, points: int) -> tuple[int, int] | None:
 
 @contextmanager
 def opened_cloud(path: Path, kind: str) -> Iterator[BinaryIO]:
-    """Open a cloud file; raise FormatError for all errors that a malformed one causes."""
+    """Open a cloud file for a context; errors that a malformed file causes there become FormatError."""
     try:
         with path.open("rb") as file:
             yield file
