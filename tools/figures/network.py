@@ -3,11 +3,15 @@
 import tempfile
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from eval.compare.compare import Comparison, compare_sets
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
+from eval.network.predict import predict_frames
 from eval.scores.confusion import left_right_swap_rate, mean_recall
 from synth.data_files import JUDGE
 from synth.images.generate import Order, generate
@@ -25,9 +29,8 @@ LEAST = 50  # images of a group that gets a row, and of a posture that posture i
 
 def synthetic(seed: int) -> Rows:
     """Measure the shipped network by preset and kind of image; each preset has its own seed."""
-    jobs = [(name, count, seed + number) for number, (name, count) in enumerate(SETS.items())]
     rows: dict[str, dict[str, Figure]] = {}
-    for (name, _, _), tallies in zip(jobs, each(_tallies, jobs, SETS), strict=True):
+    for name, (tallies, _) in judged(seed).items():
         has_postures = several_postures(tallies["all"])
         rows[f"`{name}`"] = scores(tallies["all"], has_postures)
         if preset_named(name).described:
@@ -38,13 +41,29 @@ def synthetic(seed: int) -> Rows:
     return rows
 
 
-def _tallies(job: tuple[str, int, int]) -> dict[str, Tally]:
-    """Generate images of a preset of the judging cast, and count them by group."""
+class Judged(NamedTuple):
+    """Counts of a preset's images by group, and their comparison with the truth."""
+
+    tallies: dict[str, Tally]
+    compared: Comparison
+
+
+@lru_cache(maxsize=1)
+def judged(seed: int) -> dict[str, Judged]:
+    """Return the measures of the shipped network by preset; two tables of one run share them."""
+    jobs = [(name, count, seed + number) for number, (name, count) in enumerate(SETS.items())]
+    return dict(zip(SETS, each(_judged, jobs, SETS), strict=True))
+
+
+def _judged(job: tuple[str, int, int]) -> Judged:
+    """Generate images of a preset of the judging cast, and measure them."""
     name, count, seed = job
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as thread:
         out, workers = Path(folder) / "d", Workers(thread, 1)
-        generate(Order(preset_named(name, JUDGE), count, seed), out, workers, lambda n: None)
-        return dict(measured(OnnxNetwork(SHIPPED_WEIGHTS), out))
+        made = generate(Order(preset_named(name, JUDGE), count, seed), out, workers, lambda n: None)
+        network = OnnxNetwork(SHIPPED_WEIGHTS)
+        labels = predict_frames(made.dataset, network, Path(folder) / "p", lambda n: None).labels
+        return Judged(dict(measured(network, out)), compare_sets(labels, made.dataset, workers=1))
 
 
 def several_postures(tally: Tally) -> bool:
@@ -82,14 +101,20 @@ TAKES, FRAMES = "all takes", "single frames of 27 actions"
 
 def real(seed: int) -> Rows:
     """Measure the shipped network on real people, by take and together; the seed is not used."""
-    network, takes, frames = OnnxNetwork(SHIPPED_WEIGHTS), {}, {}
-    for folder in real_people.folders():
-        found = real_people.measure_people(folder, network)
+    takes, frames = {}, {}
+    for folder, found in people().items():
         action, *who = folder.name.split("_")
         (takes if who else frames)[f"{ACTIONS[action]} (`{folder.name}`)" if who else FRAMES] = found
     first, *others = takes.values()
     together = {TAKES: sum(others, first)}
     return {name: _row(found) for name, found in (frames | together | takes).items()}
+
+
+@lru_cache(maxsize=1)
+def people() -> dict[Path, real_people.People]:
+    """Return the measures of the shipped network by folder of real people; two tables share them."""
+    network = OnnxNetwork(SHIPPED_WEIGHTS)
+    return {folder: real_people.measure_people(folder, network) for folder in real_people.folders()}
 
 
 def _row(found: real_people.People) -> dict[str, Figure]:

@@ -11,6 +11,7 @@ from tools.figures.table import ROOT, Measured, Table, changes, load, origin
 
 KINDS = {
     "real": "Recordings of real people",
+    "mixed": "Recordings of real people, virtual rig, synthetic images",
     "virtual": "Virtual rig",
     "synthetic": "Synthetic images",
 }

@@ -4,7 +4,7 @@ import math
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import lru_cache, partial
 from itertools import product
 from pathlib import Path
 from time import process_time
@@ -23,6 +23,7 @@ from eval.network.predict_source import predict_source
 from eval.network.refine import shipped_refinement_network
 from eval.scores.counts import FrameCounts
 from eval.scores.intervals import UNKNOWN
+from eval.scores.joint_scores import JointErrors
 from eval.scores.scores import scores_of
 from sensors.recording.rig_templates import TEMPLATES
 from sensors.session.reader import Session
@@ -106,16 +107,25 @@ def recordings(seed: int) -> list[Recording]:
 
 def labels(seed: int) -> Rows:
     """Measure labels by the suit and by the refined network, in each scene and difficulty."""
+    found = measured_recordings(seed).items()
+    return {f"{one.name}: {name}": row for one, (rows, _) in found for name, row in rows.items()}
+
+
+class Labelled(NamedTuple):
+    """Rows of a recording, and the errors of the network's joints."""
+
+    rows: dict[str, dict[str, Figure]]
+    joints: JointErrors
+
+
+@lru_cache(maxsize=1)
+def measured_recordings(seed: int) -> dict[Recording, Labelled]:
+    """Return the measures of each recording; two tables of one run share them."""
     jobs = recordings(seed)
-    found = each(labelled, jobs, (job.name for job in jobs))
-    return {
-        f"{job.name}: {name}": row
-        for job, rows in zip(jobs, found, strict=True)
-        for name, row in rows.items()
-    }
+    return dict(zip(jobs, each(labelled, jobs, (job.name for job in jobs)), strict=True))
 
 
-def labelled(recording: Recording) -> dict[str, dict[str, Figure]]:
+def labelled(recording: Recording) -> Labelled:
     """Measure a recording's labels; on the sofa also the labels of the network alone, and the confidence."""
     rig = recording.rig
     with simulated(rig) as (folder, session, truth):
@@ -128,14 +138,17 @@ def labelled(recording: Recording) -> dict[str, dict[str, Figure]]:
         if recording.scene != FULLY_MEASURED:
             del works["network"]
         found = {name: timed(partial(work, folder / name)) for name, work in works.items()}
+        compared = {name: compare_sets(made, truth, workers=1) for name, (made, _) in found.items()}
         rows = {
-            name: figures_of(compare_sets(made, truth, workers=1)) | {"CPU seconds a frame": Figure(seconds)}
-            for name, (made, seconds) in found.items()
+            name: figures_of(compared[name]) | {"CPU seconds a frame": Figure(seconds)}
+            for name, (_, seconds) in found.items()
         }
+        joints = compared["network, refined"].joints
+        assert joints is not None
         if recording.scene == FULLY_MEASURED:
             sure = reliability(found["suit"][0], truth, session)
             rows["suit"] |= {"calibration error": Figure(sure.ece), "found first": Figure(sure.found_first)}
-    return rows
+    return Labelled(rows, joints)
 
 
 def timed(work: Callable[[Callable[[int], None]], Run]) -> tuple[LabelSet, float]:

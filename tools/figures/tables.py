@@ -1,6 +1,6 @@
 """Tables that ``make figures`` measures, in this order."""
 
-from tools.figures import inputs, network, rig
+from tools.figures import inputs, joints, network, rig
 from tools.figures.table import Table
 from tools.measure import real_people
 
@@ -13,6 +13,16 @@ RIG_SHARED = (
     "clothes, suits, poses, furniture or rooms."
 )
 EIGHT = "eight people of the judging cast; intervals over people."
+
+JOINTS = (
+    "joints of `predict`, judging cast, without alignment, inside the image unless outside is said; a joint "
+    "that is not given is within no distance; visible: the pixel shows the body at the joint; intervals over "
+    "people."
+)
+JOINTS_SHARED = (
+    "Training and test share the simulator, sensors, viewpoints and bags; not bodies, poses or rooms."
+)
+JOINT_COLUMNS = {"images": ".0f", "error, mm": ".1f", "within 100 mm": ".3f", "within 50 mm": ".3f"}
 
 TABLES = (
     Table(
@@ -28,6 +38,27 @@ TABLES = (
         measure=network.real,
         seeded=False,
         needs=real_people.PEOPLE,
+    ),
+    Table(
+        name="joints",
+        kind="mixed",
+        about=f"{JOINTS} Rig: 40 frames of each of eight people. Real people: four, Kinect v1, cut out, "
+        "against the sensor's tracker, which gives no visibility; offsets are medians of the three others.",
+        shared=JOINTS_SHARED,
+        pages=("README.md",),
+        columns=JOINT_COLUMNS | {f"{seen}, mm": ".1f" for seen in ("visible", "hidden", "outside")},
+        measure=joints.by_set,
+        needs=real_people.PEOPLE,
+    ),
+    Table(
+        name="joints-by",
+        kind="mixed",
+        about=f"{JOINTS} The presets together, and the recordings of the rig together; left and right sides "
+        "together.",
+        shared=JOINTS_SHARED,
+        pages=("docs/figures.md",),
+        columns=JOINT_COLUMNS,
+        measure=joints.by_group,
     ),
     Table(
         name="labels",

@@ -10,7 +10,7 @@ import runpy
 import sys
 import tempfile
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,25 +21,42 @@ from eval.network.body_state import BodyState
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict_source import predict_source
 from eval.scores.confusion import present_mean, ratio
+from eval.scores.joints import IN_SKELETON, JOINT_NAMES, N_JOINTS
 from sensors.files.natural_order import in_order
 from sensors.importers.open_source import open_source
 from synth.body.skeleton import JOINT_ID
 from synth.images.standing_statistics import facing_deg
 
 PEOPLE = Path(__file__).resolve().parents[3] / "shared" / "data" / "real_people"
-TRACKED = {"neck": 1, "pelvis": 3, "left_shoulder": 4, "right_shoulder": 8, "left_hip": 12, "right_hip": 16}
-"""Index in ``joints.json`` of the joints that give a facing."""
+TRACKED = {"head": 0, "neck": 1, "pelvis": 3} | {
+    f"{side}_{kind}": first + number
+    for first, side, kinds in (
+        (4, "left", ("shoulder", "elbow", "wrist")),
+        (8, "right", ("shoulder", "elbow", "wrist")),
+        (12, "left", ("hip", "knee", "ankle")),
+        (16, "right", ("hip", "knee", "ankle")),
+    )
+    for number, kind in enumerate(kinds)
+}
+"""Index in ``joints.json`` of the tracker's joint nearest to each of the network's: its hip is our pelvis."""
 NEAR_DEG = 30.0
 NEAR_PX = 3.0  # a tracker's joint on the other side is tolerated so near to its own side
 
 
-def tracked_facing_deg(joints: dict[str, list], camera: dict[str, float]) -> float:
-    """Return the facing by a tracker's joints of one frame: pixels ``uv`` and depths ``z_mm``."""
+def tracked_joints_mm(joints: dict[str, list], camera: dict[str, float]) -> Float64:
+    """Return a tracker's joints (15, 3) of one frame, depth camera, millimetres.
+
+    joints: pixels ``uv`` and depths ``z_mm``.
+    """
     (u, v), z = np.array(joints["uv"], float).T, np.array(joints["z_mm"], float)
     mm = np.column_stack([(u - camera["cx"]) / camera["fx"] * z, (v - camera["cy"]) / camera["fy"] * z, z])
+    return np.asarray(mm[[TRACKED[name] for name in JOINT_NAMES]])
+
+
+def tracked_facing_deg(joints_mm: Float64) -> float:
+    """Return the facing by a tracker's joints (15, 3)."""
     placed = np.full((len(JOINT_ID), 3), np.nan)
-    for name, index in TRACKED.items():
-        placed[JOINT_ID[name]] = mm[index]
+    placed[IN_SKELETON] = joints_mm
     return facing_deg(placed)
 
 
@@ -50,12 +67,14 @@ class People:
     subjects: of each frame. joints: int64 (F, 20, 4), counts by joint: where the depth shows the joint, hits,
     joints on the other side, and joints more than ``NEAR_PX`` on the other side. off_deg: error of
     the facing by frame; 180 without a facing. postures: detected posture by frame, "none" without one.
+    apart_mm: vectors (F, 15, 3) from the tracker's joints to the network's, depth camera; infinite without.
     """
 
     subjects: tuple[str, ...]
     joints: Int64
     off_deg: Float64
     postures: tuple[str, ...]
+    apart_mm: Float64
 
     def __add__(self, other: "People") -> "People":
         return People(
@@ -63,7 +82,19 @@ class People:
             np.concatenate([self.joints, other.joints]),
             np.concatenate([self.off_deg, other.off_deg]),
             self.postures + other.postures,
+            np.concatenate([self.apart_mm, other.apart_mm]),
         )
+
+    def without_offsets(self) -> "People":
+        """Return the same without one constant offset of each joint, by which a tracker's joints differ.
+
+        The offset of a person's joint is the median of the other people's vectors.
+        """
+        who, own_mm = np.array(self.subjects), self.apart_mm.copy()
+        for person in set(self.subjects):
+            others = self.apart_mm[who != person]
+            own_mm[who == person] -= np.nanmedian(np.where(np.isfinite(others), others, np.nan), axis=0)
+        return replace(self, apart_mm=own_mm)
 
 
 def mean_hit_rate(counts: Int64) -> Float64:
@@ -91,16 +122,20 @@ def measure_people(folder: Path, network: OnnxNetwork) -> People:
         counts = joint_counts(labels, [joints[name] for name in names])
         notes = [labels.notes(frame_id).get("bearing") for frame_id in labels.frame_ids]
     states = [BodyState.from_note(note) for note in notes]
-    off = []
-    for name, state in zip(names, states, strict=True):
-        turned = 180.0 if state is None else state.facing_deg - tracked_facing_deg(joints[name], camera)
+    off, apart_mm = [], np.full((len(names), N_JOINTS, 3), np.inf)
+    for i, (name, state) in enumerate(zip(names, states, strict=True)):
+        tracked_mm = tracked_joints_mm(joints[name], camera)
+        turned = 180.0 if state is None else state.facing_deg - tracked_facing_deg(tracked_mm)
         off.append(abs((turned + 180) % 360 - 180))
+        if state is not None:
+            apart_mm[i] = state.joints_mm(labels.whole_image) - tracked_mm
     of_take = folder.name if folder.parent.name == "takes" else ""
     return People(
         tuple((of_take or name).split("_")[1] for name in names),
         counts,
         np.array(off),
         tuple("none" if state is None else state.name for state in states),
+        apart_mm,
     )
 
 
