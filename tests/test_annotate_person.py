@@ -19,7 +19,7 @@ from annotate.suit.palette import DEFAULT_SUIT
 from sensors.importers.clouds.cloud_source import CloudFile
 from sensors.rig.camera import rays
 from synth.rig.truth import truth_labels
-from synth.rig.virtual_rig import VirtualRig
+from synth.rig.virtual_rig import RigOptions, VirtualRig
 from tests.helpers.furnished_room import CAMERA, celsius_of, cloud_of, seen
 
 
@@ -156,7 +156,7 @@ def test_the_mask_is_a_subset_of_the_valid_pixels(seed, warm, holes):
 
 
 def test_on_the_virtual_rig_the_person_is_found_where_the_fixed_window_fails():
-    rig = VirtualRig(2, 2, "normal", 104)
+    rig = VirtualRig(2, 2, "normal", 104, RigOptions(draft=True))
     fuser = Fuser(rig.calibration)
     for frame, truth in rig.with_truth():
         labels = truth_labels(frame, truth)

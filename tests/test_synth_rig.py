@@ -28,16 +28,19 @@ FLAG_SEED = 21
 """The flag of this normal rig closes over its second frame."""
 
 
+def rig_of(difficulty: str) -> VirtualRig:
+    """Return a rig of two subjects; only tests of the clean rig read colour, so the other rigs are drafts."""
+    return VirtualRig(2, 2, difficulty, 11, RigOptions(draft=difficulty != "clean"))
+
+
 @pytest.fixture(scope="module")
 def shot() -> dict[str, list[tuple[RigFrame, Truth]]]:
     """One frame of each of two subjects, at every difficulty."""
-    return {name: list(VirtualRig(2, 2, name, 11).with_truth()) for name in DIFFICULTIES}
+    return {name: list(rig_of(name).with_truth()) for name in DIFFICULTIES}
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_does_not(shot, rig_session):
-    for (a, known_a), (b, known_b) in zip(
-        VirtualRig(2, 2, "normal", 11).with_truth(), shot["normal"], strict=True
-    ):
+    for (a, known_a), (b, known_b) in zip(rig_of("normal").with_truth(), shot["normal"], strict=True):
         assert (a.index, a.stamp_ns, a.color_encoded) == (b.index, b.stamp_ns, b.color_encoded)
         np.testing.assert_array_equal(a.depth_mm, b.depth_mm)
         np.testing.assert_array_equal(a.thermal_c, b.thermal_c)
@@ -70,8 +73,8 @@ def test_people_are_whole_and_of_human_size(shot):
 
 def test_the_person_is_within_the_temperature_window_and_little_else_is(shot):
     """Nishi & Miura 2017, section 4.2.1: 25 to 35 degrees Celsius. Away from silhouettes, which mix."""
-    fuser = Fuser(RIG_CALIBRATION)
     for name in ("clean", "normal"):
+        fuser = Fuser(rig_of(name).calibration)
         for frame, known in shot[name]:
             labelled = truth_labels(frame, known)
             cloud = fuser.fuse_frame(frame)
