@@ -195,7 +195,7 @@ def _effort(job: tuple[str, int]) -> dict[str, Figure]:
         annotator = Annotator()
         with Correction.open(found.path, WHO, clock=annotator.clock) as correction:
             done = list(correct_set(correction, truth, annotator, lambda i: None))
-    people = [truth.read(one.corrected.frame_id).subject or UNKNOWN for one in done]
+        people = [truth.read(one.corrected.frame_id).subject or UNKNOWN for one in done]
     seconds = [one.seconds for one in done]
 
     def share(flags: Iterable[bool]) -> Figure:
