@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from cli import benchmark
+from cli import benchmark, scheme
 from cli.verbs import (
     calibration,
     demo,
@@ -35,6 +35,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.add_typer(labelling.suit_app, name="suit", rich_help_panel="Labels")
+app.add_typer(scheme.app, name="scheme", rich_help_panel="Labels")
 app.add_typer(synthesis.app, name="synth", rich_help_panel="Synthetic people")
 app.add_typer(benchmark.app, name="benchmark", rich_help_panel="Networks and results")
 VERBS = {

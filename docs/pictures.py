@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from annotate.cloud.fuse import Fuser
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import SuitLabeller
-from annotate.parts import palette_rgb
-from annotate.scheme.regions import PAPER_PARTS
+from annotate.parts import PAPER_PARTS, palette_rgb
 from annotate.segmentation.suit_network import shipped_suit_network
 from eval.network.onnx_network import OnnxNetwork
 from eval.report.gallery import cloud_picture, make_frame

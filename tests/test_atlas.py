@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from annotate.parts import BODY_PARTS, LEFT_RIGHT
-from annotate.scheme.regions import PAPER_PARTS, REGION_NEIGHBOURS, Region, swap_regions
+from annotate.parts import BODY_PARTS, LEFT_RIGHT, PAPER_PARTS
+from annotate.scheme.regions import REGION_NEIGHBOURS, Region, swap_regions
 from synth.body.atlas_border import face_regions
 from synth.body.body import reference_body, shipped_bodies
 from synth.body.crowd import crowd_of

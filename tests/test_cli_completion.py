@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from annotate.exchange.formats import FORMATS
+from annotate.scheme.scheme_file import SHIPPED
 from cli.main import app
 from synth.images.presets import PRESETS
 from synth.rig.difficulty import DIFFICULTIES
@@ -46,6 +47,7 @@ def offered(shell: str, line: str) -> str:
         ("annotate-cloud synth generate --preset ", list(PRESETS)),
         ("annotate-cloud train data --network ", ["compact", "paper", "smp"]),
         ("annotate-cloud label a.mcap --su", ["--suit"]),
+        ("annotate-cloud scheme show ", list(SHIPPED)),
     ],
 )
 def test_verbs_options_and_names_are_offered(shell, line, wanted):

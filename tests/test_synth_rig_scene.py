@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from annotate.parts import PART_ID
-from annotate.scheme.regions import N_REGIONS, PAPER_PARTS
+from annotate.parts import PAPER_PARTS, PART_ID
+from annotate.scheme.regions import N_REGIONS
 from annotate.suit.palette import DEFAULT_SUIT
 from synth.body.body import shipped_bodies
 from synth.body.skeleton import JOINT_ID

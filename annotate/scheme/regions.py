@@ -9,7 +9,6 @@ from enum import IntEnum
 import numpy as np
 
 from annotate.array_types import UInt8
-from annotate.parts import PART_ID
 
 
 class Region(IntEnum):
@@ -54,21 +53,6 @@ class Region(IntEnum):
 
 
 N_REGIONS = len(Region)
-
-_PAPER = {"neck": "head", "chest": "torso", "belly": "torso", "lower_belly": "torso", "shoulder": "torso"}
-_PAPER |= {"hand": "forearm", "fingers": "forearm", "foot": "lower_leg", "toes": "lower_leg"}
-
-
-def _paper_part(region: Region) -> int:
-    side, _, rest = region.label.partition("_")
-    sided = side in ("left", "right")
-    name = _PAPER.get(rest if sided else region.label, rest if sided else region.label)
-    return PART_ID[f"{side}_{name}" if f"{side}_{name}" in PART_ID else name]
-
-
-PAPER_PARTS = np.arange(256, dtype=np.uint8)
-"""Part id (256,) of the paper by region id; other ids stay."""
-PAPER_PARTS[: N_REGIONS + 1] = [0, *(_paper_part(region) for region in Region)]
 
 _CHAINS = (
     ("HEAD", "NECK", "CHEST", "BELLY", "LOWER_BELLY", "HIP"),

@@ -12,7 +12,7 @@ import numpy as np
 from annotate.array_types import Bool, Float64, Index, Int32, UInt8, UInt16
 from annotate.crop import Crop, crop_around, window_of
 from annotate.frame_labels import FrameLabels
-from annotate.scheme.regions import PAPER_PARTS
+from annotate.parts import PAPER_PARTS
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
 from synth.body.crowd import crowd_of, suit_wearers

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from annotate.array_types import Bool, Float64, Int32, UInt8
 from annotate.cloud.fuse import undistortion_index
 from annotate.frame_labels import FrameLabels
-from annotate.parts import N_CLASSES, UNDEFINED
-from annotate.scheme.regions import N_REGIONS, PAPER_PARTS
+from annotate.parts import N_CLASSES, PAPER_PARTS, UNDEFINED
+from annotate.scheme.regions import N_REGIONS
 from annotate.suit.palette import MIN_CHROMA_DISTANCE, chromaticity
 from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.camera import Intrinsics, project

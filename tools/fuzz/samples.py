@@ -18,6 +18,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset import dataset, label_set
 from annotate.labelset.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, sha256
 from annotate.labelset.label_set import LabelSet
+from annotate.scheme.scheme_file import load_scheme, read_scheme, scheme_to_toml
 from annotate.suit.palette import DEFAULT_SUIT, load_suit, suit_to_toml
 from eval.compare.compare import compare_sets
 from eval.compare.results import Result, load_result, save_result
@@ -273,6 +274,7 @@ TABLE = {
     "joints": ("j.npz", _joints, read_joint_file),
     "motion": ("m.npz", _motion, load_motion),
     "marker-set": ("m.toml", lambda path: path.write_text(MARKER_SET), load_marker_set),
+    "scheme": ("s.toml", lambda path: path.write_text(scheme_to_toml(load_scheme("paper"))), read_scheme),
     "suit": ("suit.toml", lambda path: path.write_text(suit_to_toml(DEFAULT_SUIT)), load_suit),
     "rig": ("rig.toml", _rig, load_rig),
     "calibration": ("c.json", lambda path: save_calibration(path, RIG), load_calibration),

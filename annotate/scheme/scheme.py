@@ -1,0 +1,150 @@
+"""Scheme: the parts of label images. A part is a union of regions of the body, or a thing beside the body."""
+
+import itertools
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from annotate.array_types import UInt8
+from annotate.scheme.regions import REGION_NEIGHBOURS, Region
+
+BACKGROUND, UNDEFINED = 0, 255
+MAX_PARTS = 254  # ids 1 to 254 of 8-bit label images; 0 and 255 are background and undefined
+
+IdPair = frozenset[int]
+
+
+@dataclass(frozen=True)
+class Part:
+    """Part of a scheme. A free part, a thing, has no regions.
+
+    id: 1 to 254, the value in label images. name: in files. title: for people. rgb: 8-bit sRGB. key: in the
+    correction window, or "".
+    """
+
+    id: int
+    name: str
+    title: str
+    rgb: tuple[int, int, int]
+    key: str = ""
+    regions: frozenset[Region] = frozenset()
+
+    @property
+    def is_free(self) -> bool:
+        """Return whether the part is a thing and no part of the body."""
+        return not self.regions
+
+    @property
+    def mirrored(self) -> frozenset[Region]:
+        """Return the regions on the other side; regions in the middle stay."""
+        return frozenset(region.twin for region in self.regions)
+
+
+BACKGROUND_PART = Part(BACKGROUND, "background", "Background", (24, 24, 28), "X")
+UNDEFINED_RGB = (128, 128, 128)  # 8-bit sRGB of undefined pixels in pictures
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """Scheme of parts, sorted by id; the background is in every scheme and not in ``parts``.
+
+    twins: pairs of ids, left and right. neighbours: pairs of ids of parts that touch. ``scheme_of`` derives
+    twins and neighbours from regions.
+    """
+
+    name: str
+    parts: tuple[Part, ...]
+    twins: tuple[tuple[int, int], ...]
+    neighbours: frozenset[IdPair]
+
+    background: ClassVar[int] = BACKGROUND
+    undefined: ClassVar[int] = UNDEFINED
+
+    @cached_property
+    def part_id(self) -> dict[str, int]:
+        """Return ids by name, the background's included."""
+        return {part.name: part.id for part in (BACKGROUND_PART, *self.parts)}
+
+    @cached_property
+    def n_classes(self) -> int:
+        """Return the length of an array indexed by part id: the highest id and the background."""
+        return 1 + max((part.id for part in self.parts), default=0)
+
+    @cached_property
+    def table(self) -> UInt8:
+        """Return part ids uint8 (256,) by region id.
+
+        0 is background; ids without a region become undefined.
+        """
+        table = np.full(256, UNDEFINED, np.uint8)
+        table[BACKGROUND] = BACKGROUND
+        for part in self.parts:
+            table[list(part.regions)] = part.id
+        return table
+
+    @cached_property
+    def twin_table(self) -> UInt8:
+        """Return uint8 (256,): the id on the other side, by id; a part in the middle is its own twin."""
+        table = np.arange(256, dtype=np.uint8)
+        for left, right in self.twins:
+            table[left], table[right] = right, left
+        return table
+
+    def swap_left_right(self, labels: UInt8) -> UInt8:
+        """Exchange left and right parts in labels uint8 of any shape."""
+        return self.twin_table[labels]
+
+    def palette_rgb(self) -> UInt8:
+        """Return colours uint8 (256, 3) by id; undefined is grey, unused ids black."""
+        palette = np.zeros((256, 3), np.uint8)
+        for part in (BACKGROUND_PART, *self.parts):
+            palette[part.id] = part.rgb
+        palette[UNDEFINED] = UNDEFINED_RGB
+        return palette
+
+
+def scheme_of(
+    name: str,
+    parts: Iterable[Part],
+    twins: Iterable[tuple[int, int]] = (),
+    neighbours: Iterable[IdPair] = (),
+) -> Scheme:
+    """Return the scheme of parts with distinct ids.
+
+    twins, neighbours: pairs of ids to add to the pairs that follow from regions, such as pairs of free parts.
+    """
+    by_id = tuple(sorted(parts, key=lambda part: part.id))
+    all_twins = sorted({*derived_twins(by_id), *twins})
+    return Scheme(name, by_id, tuple(all_twins), derived_neighbours(by_id) | frozenset(neighbours))
+
+
+def derived_twins(parts: Iterable[Part]) -> tuple[tuple[int, int], ...]:
+    """Return pairs of ids, left and right, of parts whose regions mirror each other."""
+    body = [part for part in parts if not part.is_free]
+    by_regions = {part.regions: part for part in body}
+    pairs = set[tuple[int, int]]()
+    for part in body:
+        twin = by_regions.get(part.mirrored)
+        if twin is not None and twin.id != part.id:
+            left, right = sorted((part, twin), key=lambda one: (side_of(one), one.id))
+            pairs.add((left.id, right.id))
+    return tuple(sorted(pairs))
+
+
+def side_of(part: Part) -> int:
+    """Return regions on the right minus regions on the left: below 0 is a part of the left side."""
+    labels = [region.label for region in part.regions]
+    return sum(one.startswith("right_") - one.startswith("left_") for one in labels)
+
+
+def derived_neighbours(parts: Iterable[Part]) -> frozenset[IdPair]:
+    """Return pairs of ids of parts with neighbouring regions."""
+    touching = {pair for one in REGION_NEIGHBOURS for pair in itertools.permutations(one)}
+    return frozenset(
+        frozenset((one.id, other.id))
+        for one, other in itertools.combinations(parts, 2)
+        if not touching.isdisjoint(itertools.product(one.regions, other.regions))
+    )
