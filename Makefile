@@ -14,7 +14,7 @@ BIN := $(VENV)/bin
 TRY := $(VENV)/.try
 READY := $(VENV)/.ready
 TRIED := synth,report
-EXTRAS := $(TRIED),bodies,rig,clouds,train,gui,benchmark,cluster,exchange,foxglove,realsense,kinect,orbbec,docs,dev
+EXTRAS := $(TRIED),bodies,rig,clouds,train,gui,benchmark,colour,cluster,exchange,foxglove,realsense,kinect,orbbec,docs,dev
 
 # Python keeps what it has compiled, whatever the caller's environment wants: it saves every process of a test that.
 export PYTHONDONTWRITEBYTECODE :=
