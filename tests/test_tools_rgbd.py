@@ -1,0 +1,119 @@
+"""RGB-D recordings: the measures agree with an outside judge's; a colour network's models and geometry."""
+
+import json
+import runpy
+import shutil
+import zipfile
+from collections import Counter
+
+import cv2
+import numpy as np
+import pytest
+
+from eval.network.joint_files import write_joints
+from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
+from eval.network.predict_source import predict_source
+from sensors.errors import CalibrationError, FormatError
+from sensors.importers.open_source import open_source
+from sensors.rig.camera import Intrinsics
+from tools.measure import colour_people, rgbd
+
+CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+
+
+def standing(x: float = 30.0) -> np.ndarray:
+    """A person (33, 3) who faces the camera, all landmarks visible."""
+    person = np.tile([x, 10.0, 1.0], (33, 1))
+    for joint, y in enumerate((14, 20, 26), start=5):
+        person[2 * joint + 1 : 2 * joint + 3, :2] = (x + 4, y), (x - 4, y)
+    for joint, y in enumerate((28, 36, 44)):
+        person[2 * joint + 23 : 2 * joint + 25, :2] = (x + 3, y), (x - 3, y)
+    return person
+
+
+def found(person: np.ndarray, z: float = 2000.0) -> rgbd.Found:
+    at = np.full((15, 3), np.nan)
+    at[rgbd.AS_JOINTS] = np.column_stack([person[rgbd.JUDGED, :2], np.full(len(rgbd.JUDGED), z)])
+    return rgbd.Found(at, 0.0, "standing")
+
+
+@pytest.mark.parametrize(("folder", "frames"), [("sofa", 5), ("upper_body", 2), ("nobody", 4)])
+def test_measures_are_those_of_the_recordings_own_judge(shared_data, tmp_path, folder, frames):
+    whole, some = shared_data / "rgbd" / folder, tmp_path / folder
+    (some / "depth").mkdir(parents=True)
+    shutil.copy(whole / "intrinsics.json", some)
+    names = [path.stem for path in sorted((whole / "depth").iterdir())[::10][:frames]]
+    for name in names:
+        shutil.copy(whole / "depth" / f"{name}.png", some / "depth" / f"{names.index(name):06d}.png")
+    truth = whole / "people.json"
+    people = json.loads(truth.read_text()) if truth.exists() else {name: [] for name in names}
+    if any(people.values()):
+        (some / "people.json").write_text(json.dumps({f"{i:06d}": people[n] for i, n in enumerate(names)}))
+    options = rgbd.READINGS["`predict --everybody`"]()
+    network = OnnxNetwork(SHIPPED_WEIGHTS)
+    labels = predict_source(open_source(some), network, tmp_path / "p", lambda n: None, options).labels
+    write_joints(labels, tmp_path / "joints.jsonl")
+    score = runpy.run_path(str(shared_data / "rgbd" / "score.py"))["main"]
+    expected = score(labels.path, some, tmp_path / "joints.jsonl")
+    judged = [list(map(np.array, people[name])) for name in names]
+    frames = rgbd.found_by_network(labels, len(names))
+    n = sum(rgbd.tally_of(labels.whole_image, judged, frames).counts, Counter())
+    for name in ("people", "lost", "joints", "phantoms"):
+        assert n[name] == expected[name]
+    for name in ("right", "unlabelled", "other_side", "other_side_far"):
+        assert round(n[name] / max(n["joints"], 1), 4) == expected[name]
+    for theirs, own in (("within_10", "near"), ("within_20", "wide")):
+        assert round(n[own] / max(n["seen"], 1), 4) == expected[theirs]
+
+
+def test_a_person_in_place_is_right_and_another_one_is_a_phantom():
+    person, depth, tally = standing(), np.full((48, 64), 1900, np.uint16), rgbd.Tally(CAMERA)
+    tally.add([person], rgbd.Seen(depth, None, [found(standing(57)), found(person)]))
+    assert tally.counts[0] == {
+        **{"frames": 1, "seen": 13, "near": 13, "wide": 13, "faced": 1, "facing": 1},
+        **{"matched": 1, "standing": 1, "phantoms": 1},
+    }
+    np.testing.assert_allclose(tally.across_mm, 0)
+    np.testing.assert_allclose(tally.behind_mm, 100)
+    moved = rgbd.Tally(CAMERA)
+    moved.add(
+        [person], rgbd.Seen(depth, None, [found(person + np.array([2, 0, 0]))])
+    )  # a seventh of the trunk
+    assert (moved.counts[0]["near"], moved.counts[0]["wide"]) == (0, 13)
+    np.testing.assert_allclose(moved.across_mm, 2 * 1900 / 60)
+
+
+def test_a_crop_is_mapped_there_and_back():
+    crop = (40.0, 30.0, 20.0, 0.5)
+    corners = np.column_stack([[[-0.5, -0.5], [255.5, -0.5], [127.5, 127.5]], np.ones(3)])
+    at = corners @ colour_people.placement(crop, 256).T + 0.5
+    np.testing.assert_allclose(at[2], crop[:2])
+    np.testing.assert_allclose(np.linalg.norm(at[1] - at[0]), crop[2])
+    rim = at[2] + 4 * np.array([np.sin(0.5), -np.cos(0.5)])
+    np.testing.assert_allclose(colour_people.upright(at[2], rim), (40, 30, 2 * 1.25 * 4, 0.5))
+    assert colour_people.anchors().shape == (2254, 2)
+
+
+def test_heat_moves_a_landmark_to_its_centroid():
+    heat = np.zeros((64, 64, 2), np.float32)
+    heat[20, 31:33, 0] = 0.9
+    at = np.array([[30.2 / 64, 21.9 / 64], [0.5, 0.5]])
+    np.testing.assert_allclose(colour_people.refined(at, heat), [[31.5 / 64, 20 / 64], [0.5, 0.5]])
+
+
+def test_other_models_and_unregistered_colour_are_refused(tmp_path):
+    with zipfile.ZipFile(tmp_path / "other.whl", "w") as wheel:
+        wheel.writestr(f"mediapipe/{colour_people.DETECTOR}", b"another")
+    for models, match in ((tmp_path / "other.whl", "SHA-256"), (tmp_path, "no such file")):
+        with pytest.raises(FormatError, match=match):
+            colour_people.model_bytes(models, colour_people.DETECTOR)
+    for folder, shape in (("depth", (48, 64)), ("color", (24, 32, 3))):
+        (tmp_path / folder).mkdir()
+        cv2.imwrite(
+            str(tmp_path / folder / "0.png"), np.zeros(shape, np.uint16 if folder == "depth" else np.uint8)
+        )
+    with pytest.raises(CalibrationError, match="register colour to depth"):
+        colour_people.make_people(tmp_path, None)
+    (tmp_path / "color" / "0.png").unlink()
+    with pytest.raises(FormatError, match="has no image"):
+        colour_people.make_people(tmp_path, None)
