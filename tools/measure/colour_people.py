@@ -44,7 +44,7 @@ WIDENED = (1.5, 2.0)  # further sides of a detection's crop: finds people with h
 SURER = 0.9  # least score in such a crop: fewer false alarms; by 20 frames with and 10 without a person
 WINDOW = 3  # cells about a landmark whose heat refines it
 SURE = 0.7  # least visibility of compared landmarks, as in the recordings' score.py
-BODY = slice(11, N_LANDMARKS)  # landmarks without those of the face
+BODY = slice(11, N_LANDMARKS)  # landmarks without the face
 COLOURS = (".jpg", ".jpeg", ".png")
 
 Crop = tuple[float, float, float, float]
@@ -192,7 +192,7 @@ def upright(centre: Float64, rim: Float64) -> Crop:
 
 
 def placement(crop: Crop, px: int) -> Float64:
-    """Return the affine map (2, 3) from pixel centres of a crop's image to those of the whole image."""
+    """Return the affine map (2, 3) from a crop's pixel centres to those in the whole image."""
     x, y, side, lean = crop
     turn = np.array([[np.cos(lean), -np.sin(lean)], [np.sin(lean), np.cos(lean)]]) * side / px
     return np.column_stack([turn, np.array([x, y]) - 0.5 - turn @ np.full(2, (px - 1) / 2)])
