@@ -112,10 +112,14 @@ def _array(file: "h5py.File", name: str, shape: tuple[int, ...] | None, kinds: s
     sizes = [data.dtype.itemsize * math.prod(data.chunks or (1,))]
     if data.chunks:
         data.id.chunk_iter(lambda chunk: sizes.append(chunk.size))
-    if max(sizes) > MAX_CHUNK_BYTES or data.dtype.itemsize > MAX_ITEM_BYTES:
-        raise FormatError(
-            f"{where} has blocks of {max(sizes)} bytes, over {MAX_CHUNK_BYTES}; download it again"
-        )
+    for what, size, most in (
+        ("values", data.dtype.itemsize, MAX_ITEM_BYTES),
+        ("blocks", max(sizes), MAX_CHUNK_BYTES),
+    ):
+        if size > most:
+            raise FormatError(
+                f"{where} has {what} of {size} bytes; give at most {most}, as ITOP publishes it"
+            )
     return data
 
 
