@@ -1,8 +1,8 @@
 """Graph of a depth image's pixels, with neighbours joined along surfaces.
 
 Pixels at most two rows and columns apart are joined if their depths differ by at most ``JUMP``. The reach is
-two, because half of the pixels on dark hair and cloth lack a reading. Site percolation needs a share of 0.59
-with 4 neighbours, 0.41 with 8, 0.17 with 24.
+two, because half of the pixels on dark hair and cloth lack a reading. Site percolation needs 0.59 of the
+pixels with 4 neighbours, 0.41 with 8, 0.17 with 24.
 """
 
 import cv2

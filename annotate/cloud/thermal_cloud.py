@@ -19,7 +19,7 @@ class ThermalCloud:
 
     camera: the undistorted depth camera, of shape (h, w). depth_mm: uint16 (h, w), 0 = no reading. points_m:
     float32 (h, w, 3), depth camera's frame, NaN = no reading. color_rgb: uint8 (h, w, 3), 0 where not
-    color_valid (h, w). temperature_c: float32 (h, w), NaN out of view.
+    color_valid (h, w). temperature_c: float32 (h, w), NaN = no reading.
 
     Raises FormatError for arrays that do not match the camera's shape.
     """

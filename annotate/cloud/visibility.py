@@ -107,11 +107,7 @@ class PointView:
         return np.asarray(cv2.erode(nearest, window), np.float32)
 
     def visible(self, projection: Projection) -> Bool:
-        """Return flags (h, w) of points not behind ``front`` by more than ``slack_m``.
-
-        The window's rows are applied when points are entered, its columns on look-up, to skip pixels without
-        points.
-        """
+        """Return flags (h, w) of points not behind ``front`` by more than ``slack_m``."""
         rows, columns = self.half_window
         tall = self._buffer(rows)
         _fill_zbuffer(projection, tall, _steps(rows))

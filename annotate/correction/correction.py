@@ -50,7 +50,7 @@ class Correction:
     ) -> Self:
         """Open the label set at ``path`` with all earlier corrections.
 
-        who: "" for the system's user. Raises FormatError for a corrupt set or journal, and CloudError for a
+        who: "" for the current user. Raises FormatError for a corrupt set or journal, and CloudError for a
         set that cannot be written to. Raises ClaimedError with the name of another person who corrects the
         set.
         """

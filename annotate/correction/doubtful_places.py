@@ -18,7 +18,7 @@ LEAST_PX = 15  # of a doubtful place: smaller ones are within the borders' toler
 
 @dataclass(frozen=True)
 class Doubt:
-    """Place with probably wrong labels. pixels: flat indices (n,), connected. middle: the pixel in the
+    """Place with probably wrong labels. pixels: flat indices (n,), connected. middle: the index in the
     middle. weight: expected number of wrong pixels.
     """
 

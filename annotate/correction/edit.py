@@ -151,7 +151,7 @@ class Editor:
         return self._again("redo", self.history.undone, how)
 
     def judge(self, verdict: Verdict, reason: str = "", how: Gesture = KEY) -> Stroke:
-        """Give a verdict. Raises CloudError for a rejection without reason."""
+        """Record a verdict. Raises CloudError for a rejection without reason."""
         if verdict == "reject" and not reason.strip():
             raise CloudError("the rejection has no reason; write the reason in a few words")
         return self._do(verdict, _NONE, None, how, " ".join(reason.split()))

@@ -1,7 +1,6 @@
 """Selection of pixels by a gesture: by shapes drawn on a view of the cloud, or by pieces of its surface.
 
-All selections are flat indices (n,) into the depth image. No GUI here. Constants are untuned unless a source
-is given.
+All selections are flat indices (n,) into the depth image. Constants are untuned unless a source is given.
 """
 
 from dataclasses import dataclass

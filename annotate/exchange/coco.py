@@ -140,7 +140,7 @@ def _images(source: Path, file: Path, companion: Companion) -> list[AnnotatedIma
 
 
 def _key(number: object) -> str:
-    """Return an id as text; 1.0, as pandas writes whole numbers, is 1."""
+    """Return an id as text; 1.0, as pandas writes whole numbers, becomes "1"."""
     return str(int(number) if isinstance(number, float) and number.is_integer() else number)
 
 

@@ -1,10 +1,10 @@
-"""Pairs of depth and label images: the paper's layout, and MMSegmentation's, which differ in names only.
+"""Pairs of depth and label images: layouts of Nishi & Miura 2017 and of MMSegmentation, with other names.
 
     depth/ID.png      img_dir/ID.png     16-bit depth in millimetres
     label/ID.png      ann_dir/ID.png     8-bit palette PNG of part ids, 255 = undefined (mmseg's ignore_index)
 
 MMSegmentation: docs, "Add new dataset by reorganising data to folders"; load 16-bit images with
-``LoadImageFromFile(color_type="unchanged")``. Its class names and palette are in ``metainfo.json``.
+``LoadImageFromFile(color_type="unchanged")``. The class names and palette are in ``metainfo.json``.
 """
 
 import json

@@ -2,8 +2,8 @@
 
 Every pixel is a point, row by row, in the camera frame in metres, NaN without depth. Fields: ``label`` (part
 id), ``rgb`` or ``red green blue`` (the part's colour), and ``confidence`` and ``person`` if the label set has
-them. PCL reads the PCD as PointXYZRGBL. Labels of a PLY have 8 bits, because Open3D does not read the 32 that
-PCL wants. Formats: PCL's "The PCD file format", 0.7; Turk's PLY, 1.0 (grid as ``obj_info num_cols``,
+them. PCL reads the PCD as PointXYZRGBL. Labels of a PLY have 8 bits, because Open3D does not read PCL's
+32-bit labels. Formats: PCL's "The PCD file format", 0.7; Turk's PLY, 1.0 (grid as ``obj_info num_cols``,
 ``num_rows``).
 """
 
@@ -71,7 +71,7 @@ def write_pcd(records: Records, shape: Shape, viewpoint: Pose | None = None) -> 
 def write_ply(records: Records, shape: Shape, _: Pose | None = None) -> bytes:
     """Return a binary PLY of vertices in a grid of ``shape``: (h, w), or (1, n) without.
 
-    The format has no viewpoint, and no fields of several values or of 8-byte whole numbers.
+    Left out, because PLY has none: viewpoint, fields of several values, 8-byte integers.
     """
     kinds = {name: records.dtype[name].str[1:] for name in records.dtype.names or ()}
     names = [name for name, kind in kinds.items() if not records.dtype[name].subdtype and kind in PLY_NAMES]

@@ -1,4 +1,4 @@
-"""Labels for the points of the cloud file that was labelled, in its own order and coordinates.
+"""Labels for the points of the cloud file that was labelled, in the file's order and coordinates.
 
 A cloud is labelled as a depth image. The field ``label`` of a point is the part of the pixel that shows it,
 or UNDEFINED for hidden points. All other fields are copied.

@@ -44,7 +44,7 @@ def masks_of(frame: FrameLabels) -> Iterator[Mask]:
 def images_from(masks: Iterable[Mask], shape: tuple[int, int]) -> tuple[UInt8, UInt8]:
     """Return parts and persons (h, w) of masks; later masks win. Raises FormatError for an unknown name.
 
-    Names ignore letter case; spaces and hyphens are underscores.
+    Names ignore letter case; spaces and hyphens count as underscores.
     """
     parts, persons = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
     for mask in masks:

@@ -44,7 +44,9 @@ def write_kitti(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) ->
 
 
 def read_kitti(source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """Yield the frames of ``write_kitti``. Raises FormatError, also for lidar scans, which have no index."""
+    """Yield the frames of a folder of ``write_kitti``. Raises FormatError, also for lidar scans, which have
+    no index.
+    """
     folder, names = source / SEQUENCE, list(companion.frames)
     if not (folder / INDEX).is_dir():
         raise FormatError(f"{folder} has no {INDEX} of a depth image; give a folder that export wrote")

@@ -20,8 +20,8 @@ Joints = Callable[[FrameLabels], Mapping[str, Sequence[float]] | None]  # (x, y,
 
 @dataclass(frozen=True)
 class FoxgloveSource:
-    """Label set to export. session: recording for colours, temperatures, poses, events and stamps; None = 30
-    frames a second.
+    """Label set to export. session: recording for colours, temperatures, poses, events and stamps; None =
+    depth alone, 30 frames a second.
     """
 
     labels: LabelSet

@@ -39,7 +39,7 @@ def nothing_changed(path: Path) -> Iterator[None]:
 
 
 class Journal:
-    """Append-only file of strokes. Only one process may append (``claim``); any may read.
+    """Append-only file of strokes. Only the process with the ``Claim`` may append; any may read.
 
     A line is complete with its newline. Bytes after the last newline are from a crash: they are ignored, and
     removed by the next append.

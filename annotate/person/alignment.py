@@ -48,7 +48,7 @@ class ThermalDrift:
 
     @property
     def is_tolerable(self) -> bool:
-        """Return whether the calibration is still usable."""
+        """Return whether the angle is at most ``TOLERABLE_DEG``."""
         return self.degrees <= TOLERABLE_DEG
 
 
@@ -91,10 +91,10 @@ def misplacement_px(surface: Float64) -> tuple[float, float] | None:
 
 
 def is_warmer(warmth: Float32, persons: Bool, shift_px: tuple[float, float]) -> bool:
-    """Return whether a shift (right, down) raises the mean warmth (h, w) on persons (h, w); True if it is
-    unknown.
+    """Return whether a shift (right, down) raises the mean warmth (h, w) on persons (h, w); True without
+    warmth.
 
-    If the warmth does not rise, the contrast comes from furniture.
+    Otherwise the contrast comes from furniture.
     """
     moved = np.roll(warmth, [-round(px) for px in shift_px[::-1]], axis=(0, 1))
     gain = (moved - warmth)[persons & np.isfinite(warmth)]

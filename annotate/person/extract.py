@@ -29,10 +29,9 @@ LOCAL_M = 0.3  # to each side, within which temperatures are compared; untuned
 class PersonMask:
     """Pixels (h, w) of the subject in the undistorted depth image, all with a reading.
 
-    method: "depth" where the frame has no temperature. persons: uint8 (h, w), 0 = no person, 1 the subject, 2
-    and on others by track id. tracks: as ``assign_track_ids`` returns them. notes: for the user, e.g. the
-    reason for an empty mask. trusted: False for an unreliable frame; a note then names the stream and the
-    remedy.
+    method: "depth" where the frame has no temperature. persons: uint8 (h, w), 0 = no person, 1 the subject,
+    others by track id. tracks: as ``assign_track_ids`` returns them. notes: for the user, e.g. the reason for
+    an empty mask. trusted: False for an unreliable frame; a note then names the stream and the remedy.
     """
 
     mask: Bool
@@ -153,7 +152,7 @@ class PersonDetection:
         return [cloths_shown(suit, self._coarse, one.mask) if suit else 1.0 for one in self._persons]
 
     def _numbered(self, persons: Sequence[Person], before: FrameLabels | None) -> PersonMask:
-        """Return the mask of persons (subject first) by track id."""
+        """Return the person mask of ``persons``, the subject first, with track ids."""
         numbers, tracks = assign_track_ids(persons, before, subject_first=not self._everybody)
         whose = np.zeros(self._coarse.valid.shape, np.uint8)
         for person, number in zip(reversed(persons), reversed(numbers), strict=True):

@@ -27,8 +27,7 @@ def refine_borders(
 
     chance: float32 (13, h, w), class probabilities of the network. illuminant: the suit's colours in the
     frame's illuminant; None = no suit. The colour likelihood of background and other person is the mean over
-    the parts. Neighbours on a surface favour equal classes; solved by iterated conditional modes (Besag
-    1986).
+    the parts. Solved with neighbours on a surface by iterated conditional modes (Besag 1986).
     """
     undecided = cloud.valid[where] & (chance[0] < SURELY_ROOM)
     own = chance[:, undecided]

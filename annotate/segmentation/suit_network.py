@@ -56,7 +56,7 @@ class SuitNetwork:
         """Return class probabilities (13, h, w) of the rectangle ``near`` of channels (24, h', w'). near:
         None = all.
 
-        The network runs on images of every ``step``-th pixel, so that each pixel is in one image. Context
+        The network runs on the images of every ``step``-th pixel, which together hold all pixels. Context
         features are computed for one image only, and interpolated for the others.
         """
         near = near or Rectangle(*(slice(0, side) for side in planes.shape[1:]))

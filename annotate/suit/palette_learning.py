@@ -150,7 +150,7 @@ def _typical(rgb: UInt8) -> tuple[int, ...]:
 
 def _row_by_row(stats: NDArray[Any]) -> list[int]:
     """Return patch indices in reading order; a row ends where the next patch starts below its middle. stats:
-    of OpenCV.
+    (n, 5), OpenCV's.
     """
     top, height = stats[:, cv2.CC_STAT_TOP], stats[:, cv2.CC_STAT_HEIGHT]
     middle, row = top + height / 2, np.zeros(len(stats), int)
