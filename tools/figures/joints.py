@@ -84,7 +84,7 @@ def both_sides(group: str) -> tuple[str, ...]:
 
 
 def of_people(people: People) -> dict[str, Figure]:
-    """Return the row of real people. Their joints have no visibility, because a tracker's are no truth."""
+    """Return the row of real people. Their joints have no visibility, because a tracker does not give it."""
     errors_mm = np.linalg.norm(people.apart_mm, axis=-1)
     found = row(JointErrors(errors_mm, np.full(errors_mm.shape, VISIBLE, np.uint8), people.subjects))
     return {name: figure for name, figure in found.items() if not name.startswith(VISIBILITIES)}
