@@ -1,1 +1,1 @@
-"""Colour and warmth of people and rooms."""
+"""Colour, light and surface temperature of synthetic people and rooms."""

@@ -33,12 +33,12 @@ RAW_TOP = 16000  # white of the raw image, with reserve for white balance
 
 @dataclass(frozen=True)
 class CameraFaults:
-    """Faults of a colour camera.
+    """Faults of a colour camera; 0 switches a fault off.
 
     noise: factor on shot and read noise. blur_px: standard deviation of the lens blur. exposure_sd,
-    balance_sd: standard deviations of the logarithmic drift of exposure, and of red and blue. balanced: share
-    of a colour cast that white balance corrects. vignette: share of light lost in the corners. offset_s:
-    greatest time between depth and colour. shutter: factor on the motion blur.
+    balance_sd: standard deviations of the logarithmic drift of exposure, and of the red and blue gains.
+    balanced: share of a colour cast that white balance corrects. vignette: share of light lost in the
+    corners. offset_s: greatest time between depth and colour image. shutter: factor on the motion blur.
     """
 
     noise: float = 0.0
@@ -53,8 +53,9 @@ class CameraFaults:
 
 @dataclass(frozen=True)
 class CameraState:
-    """State of exposure and white-balance control: factor on light, factors (3,) of white balance, drift
-    (3,).
+    """State of automatic exposure and white balance.
+
+    exposure: factor on light. balance, drift: (3,), by red, green, blue and by red, exposure, blue.
     """
 
     exposure: float
@@ -68,7 +69,7 @@ class CameraState:
 
     @property
     def gain(self) -> float:
-        """Return the gain that supplies the exposure beyond the exposure time."""
+        """Return the sensor gain, a factor of 1 or more, that replaces exposure time beyond its maximum."""
         return self.exposure * BRIGHT_S / self.exposure_s
 
 
@@ -87,7 +88,7 @@ def metered(light: Float32) -> Float64:
 def adjusted(
     state: CameraState, mean_rgb: Float64, faults: CameraFaults, rng: np.random.Generator
 ) -> CameraState:
-    """Return the control state one frame later, adjusted to a mean light (3,) with lag and drift."""
+    """Return the control state one frame later, moved towards a mean light (3,) with lag and drift."""
     if faults.balanced == faults.exposure_sd == 0 or not (mean_rgb > 0).all():
         return state
     wander = rng.normal(size=3)
@@ -103,7 +104,7 @@ def adjusted(
 
 
 def first_state(mean_rgb: Float64, faults: CameraFaults, rng: np.random.Generator) -> CameraState:
-    """Return the control state after it has settled at a mean light (3,)."""
+    """Return the control state of a camera that has settled at a mean light (3,)."""
     state = RESTING
     for _ in range(12):
         state = adjusted(state, mean_rgb, faults, rng)
@@ -111,16 +112,17 @@ def first_state(mean_rgb: Float64, faults: CameraFaults, rng: np.random.Generato
 
 
 def flow_px(camera: Intrinsics, points_m: Float64, velocity_m_s: Float64, seconds: float) -> Float32:
-    """Return the image motion (V, 2) of points (V, 3), camera frame, during an exposure, pixels."""
+    """Return the image motion (V, 2), pixels, of points (V, 3), camera frame, during an exposure."""
     ends = [points_m + sign * seconds / 2 * velocity_m_s for sign in (-1, 1)]
     pixels = [end[:, :2] / np.maximum(end[:, 2:], 0.05) for end in ends]
     return np.asarray((pixels[1] - pixels[0]) * (camera.fx, camera.fy), np.float32)
 
 
 def smear(light: Float32, face: Int32, flow_by_face: Float32) -> Float32:
-    """Return light (h, w, 3) blurred along the motion of the faces; flow_by_face: (F + 1, 2) px, last 0.
+    """Return light (h, w, 3) with the motion blur of moving faces.
 
-    The blur also spreads over still pixels beside a moving surface (McGuire et al. 2012).
+    flow_by_face: (F + 1, 2) px; the last row, without a face, is 0. The blur also spreads over still pixels
+    beside a moving surface (McGuire et al. 2012).
     """
     top = float(np.abs(flow_by_face).max(initial=0))
     if top < VISIBLE_PX:
@@ -141,8 +143,8 @@ def smear(light: Float32, face: Int32, flow_by_face: Float32) -> Float32:
 
 @numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _gather(light: Float32, flow: Float32, moves: Float32) -> Float32:
-    """Return the mean light (h, w, 3) along each pixel's motion; a still pixel averages moving pixels
-    only.
+    """Return the mean light (h, w, 3) along each pixel's motion; a still pixel takes in only light of moving
+    pixels.
     """
     height, width, _ = light.shape
     result = light.copy()
@@ -187,7 +189,9 @@ def develop(light: Float32, state: CameraState, faults: CameraFaults, rng: np.ra
 def _expose(
     light: Float32, grain: Float32, balance: Float64, optics: tuple[float, float, float, float]
 ) -> NDArray[np.uint16]:
-    """Return the balanced raw mosaic (h, w), RGGB; optics: exposure, vignette, full well, noise."""
+    """Return the raw Bayer mosaic (h, w), RGGB, after white balance; optics: exposure, vignette, full well,
+    noise.
+    """
     exposure, vignette, well, noise = optics
     height, width, _ = light.shape
     raw = np.empty((height, width), np.uint16)

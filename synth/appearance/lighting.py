@@ -67,7 +67,7 @@ _KINDS = (
 
 
 def light_room(spread: LightSpread, rng: np.random.Generator) -> Lighting:
-    """Draw the lamps of a room: a window, a ceiling lamp and a standing lamp, or some of these."""
+    """Draw up to three lamps of a room: a window, a ceiling lamp and a standing lamp."""
     count = rng.integers(spread.lamps[0], spread.lamps[1] + 1)
     on = sorted(rng.choice(len(_KINDS), count, replace=False))
     level = spread.level[0] * np.exp(spread.level[1] * rng.normal())
@@ -94,7 +94,9 @@ def _stratified(rng: np.random.Generator) -> Float64:
 
 
 def white_rgb(kelvin: float) -> Float64:
-    """Return the linear sRGB (3,) of a black body, mean 1 (Kim et al. 2002, US patent 7024034)."""
+    """Return the linear sRGB (3,), mean 1, of a black body of ``kelvin`` (Kim et al. 2002, US patent
+    7024034).
+    """
     t = 1000.0 / np.clip(kelvin, 1667.0, 25000.0)
     if kelvin < 4000:
         x = -0.2661239 * t**3 - 0.2343589 * t**2 + 0.8776956 * t + 0.179910
@@ -114,7 +116,7 @@ def white_rgb(kelvin: float) -> Float64:
 
 
 def illuminate(surfaces: Surfaces, scene: Mesh, lighting: Lighting) -> Float32:
-    """Return the linear light (h, w, 3) on the surface of every pixel, with shadows of the scene."""
+    """Return the linear light (h, w, 3) that each pixel's surface reflects, with shadows of the scene."""
     places = [*lighting.place_m.reshape(-1, 3)]
     if lighting.sky == 0 and not places:
         return np.asarray(surfaces.albedo * lighting.ambient.astype(np.float32), np.float32)
@@ -135,7 +137,9 @@ def illuminate(surfaces: Surfaces, scene: Mesh, lighting: Lighting) -> Float32:
 
 
 class _Lamps(NamedTuple):
-    """Lamps for kernels: centres (L, 3), squared sizes (L,), power (L, 3), ambient (3,), sky's share."""
+    """Lamps for kernels: centre (L, 3), squared size (L,), power (L, 3); ambient light (3,), its share from
+    above.
+    """
 
     centre: Float32
     size2: Float32
@@ -145,7 +149,9 @@ class _Lamps(NamedTuple):
 
 
 def _lit(surfaces: Surfaces, scene: Mesh, places_m: Float64) -> Float32:
-    """Return the visible share (h/4, w/4, N) of N light points (N, 3), at every fourth pixel's surface."""
+    """Return the share (h/4, w/4, N), in [0, 1], of light from N points (N, 3) that reaches every fourth
+    pixel.
+    """
     point, normal = (a[::STRIDE, ::STRIDE] for a in (surfaces.point_m, surfaces.normal))
     # A convex room does not shadow itself.
     casts = ~np.isin(scene.tags, (Surface.FLOOR, Surface.WALL))
@@ -162,9 +168,7 @@ def _lit(surfaces: Surfaces, scene: Mesh, places_m: Float64) -> Float32:
 def _look_up(
     point: Float32, normal: Float32, pose: tuple[Float64, Float64], depth: Float32, lit: Float32
 ) -> None:
-    """Write the share of light that reaches points, by bilinear look-up in a shadow map; 0 behind its
-    surface.
-    """
+    """Write into ``lit`` the share of light that reaches points, by bilinear look-up in a shadow map."""
     (r, t), centre = pose, (MAP_PX - 1) / 2
     for v in range(lit.shape[0]):
         for u in range(lit.shape[1]):
@@ -189,7 +193,7 @@ def _look_up(
 
 @numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _shine(surfaces: Surfaces, shadow: Float32, lamps: _Lamps, light: Float32) -> None:
-    """Add up the Lambertian light of lamps and walls in the array ``light``."""
+    """Write the Lambertian light of lamps and walls, times albedo, into ``light`` (h, w, 3)."""
     albedo, normal, point = surfaces
     height, width, _ = albedo.shape
     rows, columns, n = shadow.shape
@@ -216,9 +220,9 @@ def _shine(surfaces: Surfaces, shadow: Float32, lamps: _Lamps, light: Float32) -
 def _between(
     point: Float32, shadow: Float32, pixel: tuple[int, int], cell: tuple[int, int, int, int], open_: Float32
 ) -> None:
-    """Write the unshadowed shares of a pixel into ``open_``.
+    """Write the share of each lamp's light that reaches a pixel into ``open_``.
 
-    They are interpolated from the four corners of its cell; corners on the pixel's surface weigh most.
+    The shares are interpolated from the four corners of the pixel's cell; corners on its surface weigh most.
     """
     (v, u), (j, i, below, right) = pixel, cell
     b, a = (v - j * STRIDE) / STRIDE, (u - i * STRIDE) / STRIDE
@@ -240,8 +244,8 @@ def _between(
 
 @numba.njit(cache=True, fastmath=EXACT, inline="always")
 def _falling(at: Float32, normal: Float32, open_: Float32, lit_by: _Lamps) -> tuple[float, float, float]:
-    """Return the irradiance (3,) at a surface point. open_: unshadowed share of each lamp and, last, of the
-    walls.
+    """Return the irradiance (red, green, blue) at a surface point. open_: share of light that arrives from
+    each lamp and, last, from the walls.
     """
     lamps, size2, power, ambient, sky = lit_by
     last = len(open_) - 1

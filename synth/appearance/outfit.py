@@ -36,10 +36,10 @@ FOLDING = ("elbow", "knee", "hip", "shoulder")
 class Wear:
     """Deviations of a worn suit from its palette; untuned.
 
-    seam_sd_m: of a seam from the part's border. fold_m: height of folds at a joint. hue_sd_deg, lightness_sd:
-    deviations of a cloth in CIELAB. fade: greatest lost share of chroma. patch: strength of uneven wear
-    within a cloth. alike: share by which one pair of cloths is made similar. hood_down: share of people with
-    bare hair. bare: whether hands and feet are bare.
+    seam_sd_m: standard deviation of a seam from the border of parts. fold_m: height of folds at a joint.
+    hue_sd_deg, lightness_sd: deviations of a cloth in CIELAB. fade: greatest lost share of chroma. patch:
+    strength of uneven wear within a cloth. alike: share of the difference removed between the colours of one
+    pair of cloths. hood_down: share of people with bare hair. bare: whether hands and feet are bare.
     """
 
     seam_sd_m: float = 0.0
@@ -57,8 +57,9 @@ class Wear:
 class Outfit:
     """Colours and folds of a dressed body.
 
-    zone_rgb: linear (15, 3). fields_m: (V, 14), see ``SEAMS``. folds_m: (V,) height of folds. rest_m: (V, 3),
-    coordinates at which noise is sampled, different for each person.
+    zone_rgb: linear (15, 3), by zone. fields_m: (V, 14), one column for each of ``SEAMS``, then for hand,
+    foot, face and hairline. folds_m: (V,) height of folds. rest_m: (V, 3), coordinates at which noise is
+    sampled, different for each person.
     """
 
     face_parts: UInt8
@@ -70,7 +71,7 @@ class Outfit:
     patch: float
 
     def face_rgb(self, faces: Int32) -> Float64:
-        """Return the linear colour (F, 3) at the centres of the body's faces, seams without noise."""
+        """Return the linear colour (F, 3) at the centres of the body's faces; seams are without noise."""
         fields = self.fields_m[faces].mean(axis=1)
         zone = self.face_parts.copy()
         zone[np.isin(zone, (5, 6)) & (fields[:, HAND] > 0)] = SKIN
@@ -81,7 +82,7 @@ class Outfit:
 
 
 def dress(body: Body, suit: Suit, wear: Wear, rng: np.random.Generator, cast: Cast = TRAINING) -> Outfit:
-    """Dress a body in the worn suit, with random skin colour, and colours of hair and shoes of a cast."""
+    """Return a body's outfit: the worn suit, a random skin colour, and a cast's colours of hair and shoes."""
     zone_rgb = _zones(_worn(suit, wear, rng), rng, cast)
     fields = _fields(body, rng.normal(0, (0.012, 0.015)))
     if rng.random() < wear.hood_down:
@@ -92,7 +93,9 @@ def dress(body: Body, suit: Suit, wear: Wear, rng: np.random.Generator, cast: Ca
 
 
 def dress_plainly(body: Body, wear: Wear, rng: np.random.Generator, cast: Cast = TRAINING) -> Outfit:
-    """Dress a body in shirt and trousers in colours of a cast, with a bare head and long or short sleeves."""
+    """Return a body's outfit of shirt and trousers in a cast's colours, with bare head, long or short
+    sleeves.
+    """
     shirt, trousers = (rng.choice(_colors(cast, what)) for what in ("shirt", "trousers"))
     cloth = np.zeros((N_CLASSES, 3))
     cloth[:] = shirt + rng.normal(0, 6, 3)
@@ -129,7 +132,7 @@ def _zones(cloth_rgb: Float64, rng: np.random.Generator, cast: Cast) -> Float64:
 
 
 def _worn(suit: Suit, wear: Wear, rng: np.random.Generator) -> Float64:
-    """Return the sRGB colours (12, 3) of every part's cloth after wear, from each part's first swatch."""
+    """Return the sRGB colours (12, 3), by part, of cloth after wear, from each part's first swatch."""
     swatches = np.stack([suit.colors_rgb[suit.parts == part][0] for part in range(1, N_CLASSES)])
     lab = np.asarray(rgb2lab(swatches / 255.0), np.float64)
     hue, faded, lighter = (rng.normal(size=11), rng.uniform(size=11), rng.normal(size=11))
@@ -148,7 +151,7 @@ def _worn(suit: Suit, wear: Wear, rng: np.random.Generator) -> Float64:
 def _fields(body: Body, shift_m: Float64) -> Float64:
     """Return the fields (V, 14): distances beyond ten seams, beyond wrists and ankles, into face and hair.
 
-    shift_m: (2,) length of sleeve and trouser leg beyond the joint.
+    shift_m: (2,) lengths of sleeve and trouser leg beyond wrist and ankle.
     """
     fields = np.zeros((len(body.vertices_m), N_FIELDS))
     for n, pair in enumerate(SEAMS):
@@ -167,7 +170,10 @@ def _fields(body: Body, shift_m: Float64) -> Float64:
 
 
 def _beyond(points: Float64, at: dict[str, Float64], side: NDArray[np.int_], near: str, end: str) -> Float64:
-    """Return the distance (V,) of points along a limb beyond its joint ``end``, each on its own side."""
+    """Return how far (V,), metres, points (V, 3) lie beyond joint ``end`` along a limb.
+
+    near: the limb's previous joint. side: (V,) 0 for the left limb, 1 for the right.
+    """
     level = []
     for name in ("left", "right"):
         joint, before = at[f"{name}_{end}"], at[f"{name}_{near}"]
@@ -194,7 +200,7 @@ def _seam_field(body: Body, pair: tuple[int, int]) -> Float64:
 
 
 def _bending(body: Body) -> Float64:
-    """Return the strength of folds (V,): 1 at a bending joint, at least 0.25."""
+    """Return the strength of folds (V,): 1 at a bending joint, 0.25 far from all."""
     joints = body.joints_m[[i for name, i in JOINT_ID.items() if name.endswith((*FOLDING, "spine_lower"))]]
     away = cKDTree(joints).query(body.vertices_m)[0]
     return np.asarray(0.25 + 0.75 * np.exp(-((away / FOLD_REACH_M) ** 2)))

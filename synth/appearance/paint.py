@@ -1,4 +1,4 @@
-"""Colour and normal of the surface at every pixel, without light."""
+"""Albedo, normal and position of the surface at every pixel, without light."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -45,8 +45,8 @@ _SKIN_GRAIN, _HAIR_GRAIN = 0.03, 0.2  # deviations of brightness; untuned
 
 
 def _part_seams() -> tuple[Int32, Float64]:
-    """Return for each part its seams and the parts beyond them (12, 4, 2), -1 for none, and signs of the
-    fields (12, 4).
+    """Return two tables by part: seams, and the parts beyond them (12, 4, 2), -1 for none; signs (12, 4) of
+    the fields.
     """
     seams = np.full((N_CLASSES, 4, 2), -1, np.int32)
     sign = np.ones((N_CLASSES, 4))
@@ -63,8 +63,9 @@ _OnFace = tuple[int, Triple, Triple]
 
 
 class Surfaces(NamedTuple):
-    """Images (h, w, 3) of the visible surfaces: albedo, linear, 0 without a hit; normal and point_m,
-    world.
+    """Images (h, w, 3) of the visible surfaces, 0 without a hit.
+
+    albedo: linear. normal, point_m: world frame.
     """
 
     albedo: Float32
@@ -73,8 +74,9 @@ class Surfaces(NamedTuple):
 
 
 class RoomColors(NamedTuple):
-    """Linear colours (T, 3) of furniture by tag. grain: (T, 3), contrast of the pattern, and its cells per
-    metre across and along y.
+    """Linear colours (T, 3) of furniture by tag.
+
+    grain: (T, 3), contrast of the pattern, cells per metre along x and z, and along y.
     """
 
     rgb: Float64
@@ -100,9 +102,9 @@ class _Shell(NamedTuple):
 
 
 class _Clothes(NamedTuple):
-    """Outfits of all wearers: arrays by face (F,), by vertex (V,) and by wearer.
+    """Outfits of all n wearers: arrays by face (F,), by vertex (V,) and by wearer.
 
-    By wearer are the zone colours (n, 15, 3) and the wear (n, 2).
+    By wearer are the zone colours (n, 15, 3) and the wear (n, 2): ``seam_sd_m``, ``patch``.
     """
 
     wearer: Int64
@@ -121,7 +123,8 @@ def paint(
     outfits: Sequence[Outfit],
     room: RoomColors,
 ) -> Surfaces:
-    """Return colours and smooth normals of a pinhole render of ``scene`` (world frame).
+    """Return albedo, smooth normals and positions of the surfaces in a pinhole render of ``scene`` (world
+    frame).
 
     camera: pinhole and camera_from_world. The scene begins with the faces and vertices of the outfits.
     """
@@ -147,7 +150,9 @@ def paint(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _normals(vertices: Float32, faces: Int32, smooth: int) -> tuple[Float32, Float32]:
-    """Return unit normals (F, 3) of faces, and sums (V, 3) at vertices over the first ``smooth`` faces."""
+    """Return unit normals (F, 3) of faces, and at vertices (V, 3) unnormalised sums over the first ``smooth``
+    faces.
+    """
     flat, rounded = np.empty((len(faces), 3), np.float32), np.zeros(vertices.shape, np.float32)
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -248,7 +253,7 @@ def _clothed(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _zone(fields: Float32, faces: Int32, place: tuple[int, Triple], part: int, stray: float) -> int:
-    """Return the zone at a point of a face. stray: metres by which noise moves the seams."""
+    """Return the zone at a point of a face. stray: offset in metres, from noise, added to the fields."""
     (f, share), zone = place, part
     for k in range(4):
         seam = _PART_SEAMS[part, k, 0]
@@ -268,7 +273,7 @@ def _zone(fields: Float32, faces: Int32, place: tuple[int, Triple], part: int, s
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _folded(n: Triple, cloth: tuple[Float32, Float32, Int32, Float32, Float32], place: _OnFace) -> Triple:
-    """Return a normal tilted by the gradient of folds, which are noise over the rest pose."""
+    """Return the normal ``n`` tilted by the slope of folds, whose heights are noise over the rest pose."""
     (vertices, rest, faces, folds, tile), (f, share, q) = cloth, place
     a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
     height = share[0] * folds[a] + share[1] * folds[b] + share[2] * folds[c]
@@ -292,7 +297,7 @@ def _folded(n: Triple, cloth: tuple[Float32, Float32, Int32, Float32, Float32], 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _rise(tile: Float32, q: Triple, here: float, edge: Triple) -> float:
-    """Return the slope of folds (height 1) along an edge of the rest pose. here: height at its start."""
+    """Return the slope of folds of height 1 at rest point ``q`` along an edge. here: noise at ``q``."""
     step = _FOLD_STEP_M / (np.sqrt(dot(edge, edge)) + 1e-9)
     there = _ridge(tile, (q[0] + step * edge[0], q[1] + step * edge[1], q[2] + step * edge[2]))
     slope: float = (there - here) / step

@@ -37,8 +37,8 @@ from synth.surface.rasterize import Mesh, face_means, rasterize
 
 @dataclass(frozen=True)
 class ColorDifficulty:
-    """Difficulty of colour images. light: None is even white. equal: probability that an object has a colour
-    of the suit.
+    """Difficulty of colour images. light: None is even white light. equal: probability that an object has a
+    colour of the suit.
     """
 
     wear: Wear
@@ -59,7 +59,7 @@ COLORFUL = (Surface.SOFA, Surface.MUG, Surface.BED, Surface.BLANKET, Surface.PIL
 
 
 def plain_room(cast: Cast = TRAINING) -> RoomColors:
-    """Return even colours, without grain, of the things in a cast's rooms."""
+    """Return one plain colour, without grain, for each thing in a cast's rooms."""
     chosen = {Surface[name.upper()]: np.array(entry["rgb"]) for name, entry in _own_colors(cast).items()}
     return _room(chosen, with_grain=False)
 
@@ -69,7 +69,7 @@ def _own_colors(cast: Cast) -> dict[str, dict[str, Any]]:
 
 
 def paint_room(suit_rgb: UInt8, equal: float, rng: np.random.Generator, cast: Cast = TRAINING) -> RoomColors:
-    """Draw common colours of the things in a cast's rooms.
+    """Draw common colours and patterns of the things in a cast's rooms.
 
     equal: probability that a thing has one of the suit's colours (K, 3) instead.
     """
@@ -101,7 +101,7 @@ def _room(chosen: dict[Surface, NDArray[np.generic]], with_grain: bool) -> RoomC
 
 @dataclass(frozen=True)
 class Setting:
-    """Colours and lamps of a room in one episode, and the time of colour images after depth."""
+    """Colours and lamps of a room in one episode; offset_s: time from depth image to colour image."""
 
     room: RoomColors
     lighting: Lighting
@@ -123,8 +123,8 @@ def set_up(color: ColorDifficulty, suit: Suit, rng: np.random.Generator, cast: C
 class ColorCamera:
     """Colour camera whose exposure and white balance adapt to the scenes.
 
-    pinhole: rendered wide camera; maps: of cv2.remap from it. state: exposure and white balance at the latest
-    photograph.
+    pinhole: wide camera that is rendered; maps: ``cv2.remap`` coordinates from its image to the lens's.
+    state: exposure and white balance at the latest photograph.
     """
 
     def __init__(
@@ -170,7 +170,7 @@ class ColorCamera:
         return encode(develop(image, state, self.faults, rng))
 
     def _flow(self, points_m: Float64, faces: Int32, velocity_m_s: Float64, seconds: float) -> Float32:
-        """Return the image motion (F + 1, 2) of every face during an exposure, pixels; last 0."""
+        """Return the image motion (F + 1, 2), pixels, of every face during an exposure; the last row is 0."""
         turned = velocity_m_s @ self.color_from_world.rotation.T
         by_vertex = flow_px(self.pinhole, points_m, turned, seconds)
         return np.concatenate([face_means(by_vertex, faces), np.zeros((1, 2), np.float32)])

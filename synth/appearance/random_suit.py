@@ -1,4 +1,4 @@
-"""Random colour-coded suits, to train and test on new palettes, and the suits of each cast (set of synthetic
+"""Suits: random palettes, to train and test on new colours, and the suits of each cast (set of synthetic
 people). Constants are untuned.
 """
 
@@ -22,7 +22,7 @@ DOMAIN = {TRAINING: 40, JUDGE: 41}  # key of the random stream
 
 @cache
 def judge_suits() -> tuple[Suit, ...]:
-    """Return the judging cast's palettes, ``synth/data/judge/suits``."""
+    """Return the suits of the judging cast, from ``synth/data/judge/suits``."""
     return tuple(load_suit(path) for path in sorted(shipped("judge", "suits").glob("*.toml")))
 
 
@@ -36,7 +36,7 @@ def suit_of(cast: Cast, seed: int) -> Suit:
 
 
 def random_suit(seed: int, cast: Cast = TRAINING) -> Suit:
-    """Return a cast's palette of 8 to 11 cloths; neighbouring parts have different cloths."""
+    """Return a suit whose random palette has 8 to 11 cloths; neighbouring parts have different cloths."""
     rng = np.random.default_rng((seed, DOMAIN[cast]))
     count = int(rng.integers(COLORS[0], COLORS[1] + 1))
     colors = _cloths(count, float(rng.uniform(*APART)), rng)
@@ -52,9 +52,7 @@ def random_suit(seed: int, cast: Cast = TRAINING) -> Suit:
 
 
 def _cloths(count: int, apart: float, rng: np.random.Generator) -> UInt8:
-    """Draw colours (count, 3) with a least distance in chromaticity; the distance is halved until they
-    fit.
-    """
+    """Draw colours (count, 3) at least ``apart`` in chromaticity; ``apart`` is halved until they fit."""
     found: list[Float64] = [np.full(3, rng.uniform(90, 220))] if rng.random() < GREY else []
     tries = 0
     while len(found) < count:

@@ -41,7 +41,7 @@ SURFACE_C = {surface: entry["celsius"] for surface, entry in SURFACES.items() if
 class Clothing:
     """Personal differences of surface temperature.
 
-    offset_c: of all cloth. patch_c: standard deviation of warm and cold patches. cold_feet, cold_hands:
+    offset_c: shift of all cloth. patch_c: standard deviation of warm and cold patches. cold_feet, cold_hands:
     position between normal (0) and cold (1) temperature. cold_sleeves: ids of parts with loose cloth.
     """
 
@@ -53,7 +53,7 @@ class Clothing:
 
     @staticmethod
     def sample(rng: np.random.Generator, strength: float) -> "Clothing":
-        """Draw a person's differences. strength: factor on their size, as ``Difficulty.warmth``."""
+        """Draw a person's differences. strength: factor on their size, ``Difficulty.warmth``."""
         limbs = [PART_ID[f"{side}_{limb}"] for side in ("left", "right") for limb in ("forearm", "lower_leg")]
         loose = tuple(part for part in limbs if rng.random() < 0.05 * strength**2)
         return Clothing(
@@ -66,9 +66,7 @@ class Clothing:
 
 
 class BodyWarmth:
-    """Surface temperature of a person; limbs that touched stay warm for a while. worn: the body in loose
-    clothes.
-    """
+    """Surface temperature of a person; touched limbs stay warm for a while. worn: body in loose clothes."""
 
     def __init__(
         self,
@@ -86,7 +84,7 @@ class BodyWarmth:
         self._limbs = _limb_vertices(body)
 
     def update(self, vertices_m: Float32, pressed: Bool, seconds: float) -> None:
-        """Advance the temperatures by some seconds in one pose (V, 3). pressed: (V,), vertices on
+        """Advance the temperatures by ``seconds`` in one pose (V, 3). pressed: (V,) flags of vertices on
         furniture.
         """
         touched = pressed | _touching(vertices_m, self._limbs)
@@ -94,7 +92,7 @@ class BodyWarmth:
         self._touch += (touched - self._touch) * (1 - np.exp(-seconds / lag_s))
 
     def celsius(self) -> Float64:
-        """Return the temperature (F,) of every face."""
+        """Return the temperature (F,) of every face, degrees Celsius."""
         touch = face_means(self._touch, self._body.faces)
         return np.asarray(self._apart + touch * np.maximum(CONTACT_C - self._apart, 0.0), np.float64)
 
@@ -103,7 +101,9 @@ _DRAWN = 32  # random numbers of a room's surfaces; another count changes every 
 
 
 def surface_temperatures(tags: Int32, room_c: float, spread: float, rng: np.random.Generator) -> Float64:
-    """Draw the temperature (F,) of the faces of objects by tag; spread: factor on the deviations."""
+    """Draw the temperature (F,), degrees Celsius, of faces of objects by tag; spread: factor on the
+    deviations.
+    """
     table = np.full(max(Surface) + 1, room_c)
     table[-_DRAWN:] += 0.3 * spread * rng.normal(size=_DRAWN)
     for surface, (celsius, deviation) in SURFACE_C.items():
@@ -112,7 +112,7 @@ def surface_temperatures(tags: Int32, room_c: float, spread: float, rng: np.rand
 
 
 def _apart(body: Body, clothing: Clothing, room_c: float, rng: np.random.Generator) -> Float64:
-    """Return the temperature (F,) of faces that nothing touches."""
+    """Return the temperature (F,), degrees Celsius, of a body's faces where nothing touches them."""
     by_part = np.zeros(N_CLASSES)
     for part in BODY_PARTS:
         celsius = PART_C[part.name.removeprefix("left_").removeprefix("right_")]
@@ -135,7 +135,7 @@ def _apart(body: Body, clothing: Clothing, room_c: float, rng: np.random.Generat
 
 
 def _looseness(body: Body, worn: Body) -> Float64:
-    """Return the looseness (F,) of cloth, in [0, 1], corrected for the height of shoes."""
+    """Return the looseness (F,) of cloth in [0, 1]: its distance to the skin, less the height of shoes."""
     lift = worn.joints_m[0] - body.joints_m[0]
     off_m = np.linalg.norm(worn.vertices_m - body.vertices_m - lift, axis=1)
     return np.asarray(face_means(np.clip(off_m / LOOSE_M, 0, 1), body.faces), np.float64)
@@ -163,7 +163,7 @@ def _limb_vertices(body: Body) -> list[tuple[Int64, Int64]]:
 
 
 def _touching(vertices_m: Float32, pairs: list[tuple[Int64, Int64]]) -> Bool:
-    """Return flags (V,) of vertices near the other set of their pair."""
+    """Return flags (V,) of the vertices that touch the other set of their pair."""
     touched = np.zeros(len(vertices_m), np.bool_)
     for one, other in pairs:
         a, b = vertices_m[one], vertices_m[other]
@@ -177,7 +177,7 @@ def _touching(vertices_m: Float32, pairs: list[tuple[Int64, Int64]]) -> Bool:
 
 
 def _beside(points_m: Float32, others_m: Float32) -> Bool:
-    """Return flags (N,) of points within reach of the bounding box of other points (M, 3)."""
+    """Return flags (N,) of points within ``CONTACT_M`` of the bounding box of other points (M, 3)."""
     near: Bool = (points_m > others_m.min(axis=0) - CONTACT_M) & (points_m < others_m.max(axis=0) + CONTACT_M)
     x, y, z = near.T  # in a third of the time that ``all`` takes
     return np.asarray(x & y & z, np.bool_)

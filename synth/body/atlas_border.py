@@ -33,7 +33,7 @@ _PALM, _SOLE = 0.56, 0.73
 
 
 class _Division(NamedTuple):
-    """Part of the paper whose faces beyond a border belong to another region."""
+    """Division of one of the paper's parts: faces flagged in ``beyond`` (F,) belong to ``region``."""
 
     part: str
     region: Region
@@ -92,7 +92,7 @@ def _beyond(points: Points, border_m: Float64, normal: Float64 | tuple[float, fl
 
 
 def _end(points: Points, own: Bool, along: Float64, share: float) -> Bool:
-    """Return flags (F,) of own faces in the last ``1 - share`` of their extent along a direction."""
+    """Return flags (F,) of those ``own`` faces that lie beyond a share of their extent along a direction."""
     if not own.any():
         return own
     place = points @ along

@@ -84,7 +84,7 @@ class Body:
 
     @property
     def weight_kg(self) -> float:
-        """Return the body's weight: enclosed volume times a body's density."""
+        """Return the body's weight: enclosed volume times the density of the human body."""
         return volume_m3(self.vertices_m, self.faces) * DENSITY_KG_M3
 
     @property
@@ -111,9 +111,10 @@ def volume_m3(vertices_m: FloatArray, faces: Int32) -> float:
 
 
 def pose(body: Body, posture: Posture, only: Int64 | None = None) -> tuple[Float32, Float64]:
-    """Skin a body by linear blending: vertices float32 (V, 3) and joints (J, 3), world, metres.
+    """Return vertices float32 (V, 3) and joints (J, 3) of a posed body (linear blend skinning), world,
+    metres.
 
-    only: indices (n,) of the wanted vertices, for (n, 3) of them; default all.
+    only: indices (n,) of the vertices to return; default all.
     """
     matrices, joints = _matrices(posture.angles_rad, posture.pelvis_m, body.joints_m, _aligned(body))
     own = slice(None) if only is None else only
@@ -185,7 +186,7 @@ def reference_body() -> Body:
 
 
 def blend(a: Body, b: Body, share: float) -> Body:
-    """Interpolate two naked bodies of one topology, with the parts of ``a``; share in [0, 1]."""
+    """Interpolate two naked bodies of one topology, with the parts of ``a``; share of ``b`` in [0, 1]."""
     return replace(
         a,
         vertices_m=np.float32(1 - share) * a.vertices_m + np.float32(share) * b.vertices_m,

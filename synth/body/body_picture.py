@@ -27,7 +27,7 @@ _COLOURS = np.array([part.rgb for part in PARTS], np.float32)
 
 @dataclass(frozen=True)
 class Canvas:
-    """Picture (h, w, 3), rendered ``_FINER`` times too large, of a person turned by an azimuth."""
+    """Picture (h, w, 3) of a person turned by an azimuth, ``_FINER`` times too large for anti-aliasing."""
 
     image: UInt8
     azimuth_rad: float
@@ -39,7 +39,7 @@ class Canvas:
         return Intrinsics(width=width, height=height, fx=focal, fy=focal, cx=width / 2, cy=height / 2)
 
     def seen(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return world points (n, 3) in the camera's frame."""
+        """Return the coordinates (n, 3) of world points (n, 3) in the camera frame."""
         x, y, z = points_m.astype(np.float64).T
         s, c = np.sin(self.azimuth_rad), np.cos(self.azimuth_rad)
         return np.stack([c * x + s * y, FLOOR_SHARE * SPAN_M - z, AWAY_M - s * x + c * y], axis=1)
@@ -76,7 +76,7 @@ def draw_body(body: Body, vertices_m: Float32, azimuth_rad: float, tile: tuple[i
 
 
 def picture(bodies: Sequence[Body]) -> UInt8:
-    """Draw up to ``MOST_BODIES`` bodies at rest, in front and back view, with their measures."""
+    """Return an image of up to ``MOST_BODIES`` bodies at rest, from front and back, with their measures."""
     shown = bodies[:MOST_BODIES]
     rows = []
     for first in range(0, len(shown), _ROW):

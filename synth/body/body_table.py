@@ -18,7 +18,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 @dataclass(frozen=True)
 class BodySize:
-    """Wanted measures of a body. Raises CloudError for an impossible file name or size."""
+    """Requested measures of a body; its name becomes a file name. Raises CloudError for impossible values."""
 
     name: str
     height_cm: float
@@ -60,7 +60,7 @@ PAPER_BODIES = tuple(
 def read_sizes(path: Path) -> tuple[BodySize, ...]:
     """Read a CSV with columns name, height_cm, weight_kg, waist_breadth_cm.
 
-    Raises CloudError for anything else, for two bodies of one name, and for none or too many.
+    Raises CloudError for another file, for two bodies of one name, and for none or more than ``MOST_BODIES``.
     """
     columns = ",".join(("name", *MEASURES))
     try:
@@ -83,7 +83,7 @@ def read_sizes(path: Path) -> tuple[BodySize, ...]:
 
 
 def describe(body: "Body", size: BodySize | None) -> dict[str, str | float]:
-    """Return a body's measures, and the requested measures as ``asked_*``."""
+    """Return a table row of a body's measures, and of the requested measures as ``asked_*``."""
     row: dict[str, str | float] = {"model": body.name}
     row |= {measure: round(getattr(body, measure), 2) for measure in MEASURES}
     if size is not None:

@@ -76,7 +76,7 @@ def base_mesh_m(body: Body) -> Float32:
 
 
 def covered_skin(body: Body, hidden: Bool) -> Bool:
-    """Return flags (V,) of a body's vertices from flags (19158,) of hm08's.
+    """Return flags (V,) of a body's hidden vertices from flags (19158,) of hm08's hidden vertices.
 
     A vertex added by cutting faces at part borders is flagged where all its neighbours are.
     """

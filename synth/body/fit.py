@@ -36,7 +36,7 @@ class BodyModel:
         self.waist = np.array(anny.Anthropometry(self._model).waist_vertex_indices, np.int32)
 
     def shape(self, phenotype: Float64) -> tuple[Float64, Float64]:
-        """Return vertices (V, 3) and bone heads (B, 3), metres, of phenotypes (6,) in [0, 1]."""
+        """Return vertices (V, 3) and bone heads (B, 3), metres, of a body with phenotypes (6,) in [0, 1]."""
         model = self._model
         with self._torch.no_grad():
             numbers = (self._torch.tensor([v], dtype=model.dtype) for v in phenotype)
@@ -53,7 +53,7 @@ class BodyModel:
         return vertices.numpy().astype(np.float64), heads.numpy().astype(np.float64)
 
     def measure(self, phenotype: Float64) -> Float64:
-        """Return height cm, weight kg, waist breadth cm."""
+        """Return height in cm, weight in kg and waist breadth in cm (3,) of phenotypes (6,)."""
         vertices, _ = self.shape(phenotype)
         height, breadth = np.ptp(vertices[:, 2]), np.ptp(vertices[self.waist, 0])
         return np.array([100 * height, DENSITY_KG_M3 * volume_m3(vertices, self.faces), 100 * breadth])
@@ -67,7 +67,9 @@ class BodyModel:
 
     @cached_property
     def _influences(self) -> tuple[UInt8, Float32]:
-        """Return the strongest joints and weights of every vertex of the cut skin, equal for all bodies."""
+        """Return joints and weights of the strongest influences on every vertex of the cut skin, equal for
+        all bodies.
+        """
         by_joint = self._skin.recipe @ self._weights_by_joint(self._skin.recipe.shape[1])
         bones = np.argsort(-by_joint, axis=1, kind="stable")[:, :BONES_PER_VERTEX]
         weights = np.take_along_axis(by_joint, bones, axis=1)
@@ -76,8 +78,8 @@ class BodyModel:
 
     @cached_property
     def _skin(self) -> PartSkin:
-        """Return the average body's skin, cut along part borders; all bodies reuse it, so that any two
-        blend.
+        """Return the average body's skin, cut along part borders; all bodies share its topology, so that any
+        two can be blended.
         """
         vertices, joints = self._standing(AVERAGE)
         return cut_into_parts(vertices, self.faces, joints, self._weights_by_joint(len(vertices)))

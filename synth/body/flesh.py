@@ -45,10 +45,11 @@ N_STATIONS = max(chain.stop for chain in CHAINS.values())
 
 
 class Flesh(NamedTuple):
-    """Constant data of a body's flesh, for every posture (a named tuple, which compiled code takes).
+    """Flesh of a body, the same in every posture; a named tuple because compiled code takes it.
 
     rest_joints_m, aligned: arguments of ``kinematics``. centres_m: (S, 3) stations at rest; radii_m: (S,);
-    joints: (S,) the joint that each station follows. trunk: indices of the vertices of pelvis and spine.
+    joints: (S,) the joint that each station follows. trunk: indices of the vertices that a seat or bed
+    carries.
     """
 
     rest_joints_m: Float64
@@ -88,8 +89,8 @@ def flesh_of(body: Body) -> Flesh:
 
 
 def _carried(body: Body, owned: list[Int64]) -> Int64:
-    """Return the vertices that first touch a seat or bed: pelvis, spine, buttocks, bulk of the shoulders.
-    owned: vertices of each joint.
+    """Return indices of the vertices that first touch a seat or bed: pelvis, spine, buttocks, bulk of the
+    shoulders. owned: vertices of each joint.
     """
     parts = [owned[j] for name, j in JOINT_ID.items() if j <= JOINT_ID["spine_upper"] or "clavicle" in name]
     for side in ("left", "right"):
@@ -104,7 +105,7 @@ _FRONT = np.array([0.0, -1.0, 0.0])
 
 
 def _half(own: Float32, start: Float64, along: Float64, towards: Float64) -> Float32:
-    """Return the vertices of a hand or foot on one side of its long axis."""
+    """Return the vertices of a hand or foot on the side ``towards`` of its long axis."""
     line = along.astype(np.float32)
     off = own - start.astype(np.float32)
     off -= (off @ line)[:, None] * line
@@ -114,7 +115,9 @@ def _half(own: Float32, start: Float64, along: Float64, towards: Float64) -> Flo
 
 
 def _limb(body: Body, owned: list[Int64], limb: str, side: str) -> tuple[Float32, Float64]:
-    """Return the vertices (n, 3) of a limb or its half, and the first and last station (2, 3) of its axis."""
+    """Return the vertices (n, 3) of a limb, hand or foot half, and the first and last station (2, 3) of its
+    axis.
+    """
     _, origin, end = _LIMBS[limb]
     joint = JOINT_ID[f"{side}_{origin}"]
     own, start = body.vertices_m[owned[joint]], body.joints_m[joint]
@@ -168,7 +171,9 @@ def _fit_head(body: Body, owned: list[Int64], centres: Float64, radii: Float64, 
 
 
 def _vertices_of_joints(body: Body) -> list[Int64]:
-    """Return for each joint the vertices that it moves most, without the dense rows on part borders."""
+    """Return for each joint the indices of vertices that it moves most, without the dense rows on part
+    borders.
+    """
     parts, corners = body.vertex_parts, body.faces.ravel()
     inner = parts > 0
     inner[corners[parts[corners] != np.repeat(body.face_parts, 3)]] = False
@@ -178,7 +183,7 @@ def _vertices_of_joints(body: Body) -> list[Int64]:
 
 @numba.njit(cache=True, fastmath=True)
 def _fit_chain(own: Float32, axis: Float64, centres: Float64, radii: Float64) -> None:
-    """Write the centre and mean radius of the vertices (n, 3) around each station of an axis."""
+    """Write the centre and mean radius, at each station of an axis, of the vertices (n, 3) around it."""
     n = len(radii)
     along = axis[1] - axis[0]
     length = np.sqrt((along**2).sum())

@@ -26,7 +26,7 @@ class FootGoal(NamedTuple):
 
 
 class _Limb(NamedTuple):
-    """Posture whose ``angles_rad`` are changed when a limb bends. first: the limb's shoulder or hip."""
+    """Posture, bent in place by changing ``angles_rad``. first: the bent limb's shoulder or hip."""
 
     angles_rad: Float64
     pelvis_m: Float64
@@ -113,8 +113,8 @@ def _place_hand(limb: _Limb, target_m: Float64, swivel_rad: float) -> None:
 
 @numba.njit(cache=True)
 def _bend(limb: _Limb, frames: Float64, line: Float64, hinge: Float64) -> None:
-    """Turn shoulder and elbow so that the wrist lies along ``line`` (3,) from the shoulder. hinge: elbow
-    axis.
+    """Turn shoulder and elbow so that the wrist reaches the end of ``line`` (3,), from the shoulder. hinge:
+    elbow axis.
     """
     along = line / np.linalg.norm(line)
     flexion, at_shoulder = _triangle(limb, line)
@@ -154,7 +154,7 @@ def _plant(limb: _Limb, goal: FootGoal) -> float:
 
 @numba.njit(cache=True)
 def _triangle(limb: _Limb, line: Float64) -> tuple[float, float]:
-    """Return the bend of the middle joint, and the angle between line and first bone (law of cosines)."""
+    """Return the middle joint's flexion, and the angle of first bone and line (law of cosines), rad."""
     rest, first = limb.rest_joints_m, limb.first
     upper = np.linalg.norm(rest[first + 1] - rest[first])
     lower = np.linalg.norm(rest[first + 2] - rest[first + 1])
@@ -190,7 +190,7 @@ def _about(axis: Float64, angle: float, vector: Float64) -> Float64:
 
 @numba.njit(cache=True)
 def _euler_inside(rotation: Float64, signs: Float64, limits_rad: Float64) -> Float64:
-    """Return the XYZ angle triple of a rotation, of the two possible, that exceeds the limits least."""
+    """Return the XYZ angle triple of a rotation, which has two, that exceeds the limits least."""
     best, least = np.zeros(3), np.inf
     y = np.arcsin(min(max(rotation[0, 2], -1.0), 1.0))
     x, z = np.arctan2(-rotation[1, 2], rotation[2, 2]), np.arctan2(-rotation[0, 1], rotation[0, 0])

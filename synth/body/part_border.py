@@ -148,7 +148,9 @@ def _roughly(faces: Int32, by_joint: Float32) -> UInt8:
 
 
 def _cut(skin: PartSkin, vertices_m: Float64, border: Border) -> PartSkin:
-    """Split the faces of the border's two parts where its level is zero, and assign the parts."""
+    """Return the skin with faces of the border's two parts split where its level is zero, and assigned to
+    parts.
+    """
     points = skin.recipe @ vertices_m
     ours = np.isin(skin.face_parts, (border.before, border.beyond))
     inside = np.ones(len(points), bool)
@@ -178,7 +180,7 @@ def _cut(skin: PartSkin, vertices_m: Float64, border: Border) -> PartSkin:
 
 
 def _zero(level: Level, start: Float64, end: Float64) -> Float64:
-    """Return the position (n,) between points (n, 3), as a share, at which the level is zero."""
+    """Return the share (n,) of the way from start to end points (n, 3) at which the level is zero."""
     low, high = np.zeros(len(start)), np.ones(len(start))
     first = level(start) > 0
     for _ in range(_BISECTIONS):
@@ -192,7 +194,7 @@ def _split(faces: Int32, edges: Int64, points: Float64) -> tuple[Int32, Int64]:
     """Split faces at new vertices on some edges; return the faces, and for each the index of its old face.
 
     edges: (n, 2) sorted rows, low vertex first; their new vertices are the last n of the points. A face has
-    at most two of them.
+    at most two such edges.
     """
     n = len(points)
     keys = edges[:, 0].astype(np.int64) * n + edges[:, 1]
@@ -218,8 +220,8 @@ def _split(faces: Int32, edges: Int64, points: Float64) -> tuple[Int32, Int64]:
 
 
 def _turned(faces: Int32, new: Int64, chosen: Int64, first: Int64) -> tuple[Int64, ...]:
-    """Return the corners of faces, starting at corner ``first``, and the new vertices on their first and last
-    edges.
+    """Return the corners of the ``chosen`` faces from corner ``first`` on, and the new vertices on their
+    first and last edges.
     """
     turn = (first[:, None] + np.arange(3)) % 3
     a, b, c = np.take_along_axis(faces[chosen].astype(np.int64), turn, axis=1).T

@@ -104,7 +104,7 @@ class Posture:
 
     @staticmethod
     def zero() -> "Posture":
-        """Return anatomical zero with the pelvis at the origin."""
+        """Return the posture of anatomical zero with the pelvis at the origin."""
         return Posture(np.zeros((N_JOINTS, 3)), np.zeros(3))
 
 
@@ -153,7 +153,7 @@ def forward(posture: Posture, rest_joints_m: Float64, aligned: Float64) -> tuple
 def kinematics(
     angles_rad: Float64, pelvis_m: Float64, rest_joints_m: Float64, aligned: Float64
 ) -> tuple[Float64, Float64, Float64]:
-    """Return axes, frames and positions, as compiled ``forward`` that compiled code can call.
+    """Return axes, and frames and positions as ``forward`` does, for calls from compiled code.
 
     axes (J, 3, 3): row a of a joint is the world axis of its angle a, which turns the whole chain beyond the
     joint.

@@ -1,1 +1,1 @@
-"""Models of depth and thermal cameras: noise, lenses."""
+"""Models of depth and thermal cameras: noise, faults, lenses."""

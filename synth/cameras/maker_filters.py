@@ -1,4 +1,4 @@
-"""Depth camera whose images the maker's software has filtered."""
+"""Depth camera with the maker's filters, which leave little noise and no holes."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -33,7 +33,7 @@ class Filtered:
 
     @staticmethod
     def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "Filtered":
-        """Draw the parameters of one camera of a model in ``sensors.toml``."""
+        """Draw the parameters of one camera of the model ``entry`` in ``sensors.toml``."""
         return Filtered(strength(rng, 2.0), int(rng.integers(1, 4)), drawn_camera(entry, rng), entry["model"])
 
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:

@@ -39,7 +39,7 @@ def multipath_m(camera: Intrinsics, depth_m: Float32, reflectance: float, stride
 
 
 def _normals(points: Float32) -> Float32:
-    """Return unit normals (h, w, 3) towards the camera; NaN beside NaN."""
+    """Return unit normals (h, w, 3) towards the camera; NaN beside NaN points."""
     normal = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0))
     normal /= np.linalg.norm(normal, axis=2, keepdims=True) + np.float32(1e-12)
     normal *= -np.sign((normal * points).sum(axis=2, keepdims=True))

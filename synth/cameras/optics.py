@@ -53,7 +53,7 @@ class Lens:
         return rasterize(self.pinhole, points.astype(np.float32), faces)
 
     def render(self, points: Float64, faces: Int32) -> ZBuffer:
-        """Render the image through the lens, by nearest pinhole pixels."""
+        """Return the depth and faces of a mesh seen through the lens, from the nearest pinhole pixels."""
         wide = self.render_pinhole(points, faces)
         u, v = (np.rint(m).astype(np.intp) for m in self.maps)
         depth_m, face = wide.depth_m[v, u], wide.face[v, u]
@@ -65,8 +65,8 @@ lens_of = lru_cache(maxsize=6)(Lens)  # because a colour camera's map takes a qu
 
 
 def _undistort_fast(camera: Intrinsics, distorted: Float64) -> tuple[Float64, Bool]:
-    """Return the inverse (..., 2) of the lens model by fixed-point iteration, to 0.01 px, and flags of pixels
-    without one.
+    """Return undistorted points (..., 2) to 0.01 px, by fixed-point iteration, and flags of points beyond the
+    lens model's range.
     """
     radius = np.linspace(0, WIDEST, 1000)
     radial = replace(camera, p1=0.0, p2=0.0)
@@ -86,9 +86,9 @@ _distorted = numba.njit(cache=True)(_at_point)
 
 @numba.njit(cache=True)
 def _step(lens: Distortion, distorted: Float64, ideal: Float64, far: Bool, widest: float) -> float:
-    """Update ``ideal`` (h, w, 2) by one iteration and return the largest change.
+    """Update undistorted points ``ideal`` (h, w, 2) by one iteration and return the largest change.
 
-    far: (h, w), pixels beyond the model's range, which stay at radius ``widest``.
+    far: (h, w), points beyond the model's range, which stay at radius ``widest``.
     """
     most = 0.0
     for v in range(len(ideal)):

@@ -1,6 +1,4 @@
-"""Random numbers of a pixel: hashes of a key and the pixel's position. Blocks are squares of 2^``log2``
-pixels a side.
-"""
+"""Random numbers of pixels: hashes of key and position. Blocks are squares of 2^``log2`` pixels a side."""
 
 from functools import cache
 
@@ -32,7 +30,7 @@ def share_of(bits: np.uint64) -> np.float32:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def chance_of(normal: np.float32) -> np.float32:
-    """Return the normal distribution function to 0.01 (logistic, Bowling et al. 2009)."""
+    """Return the value of the normal distribution function to 0.01 (logistic, Bowling et al. 2009)."""
     return np.float32(np.float32(1) / (np.float32(1) + np.exp(np.float32(-1.702) * normal)))
 
 
@@ -44,8 +42,8 @@ def block_bits(key: np.uint64, v: int, u: int, log2: int) -> np.uint64:
 
 @cache
 def ramps(log2: int) -> Float32:
-    """Return the bilinear weights (side, side, 4) of a block's four corners at its pixels, scaled to unit
-    variance of the sum.
+    """Return the bilinear weights (side, side, 4) of a block's corners at its pixels; the weighted sum has
+    unit variance.
     """
     x = (np.arange(2**log2) + 0.5) / 2**log2
     ends = np.stack([1 - x, x], axis=1)
@@ -56,7 +54,7 @@ def ramps(log2: int) -> Float32:
 
 @numba.njit(cache=True)
 def lattice(key: np.uint64, height: int, width: int, log2: int, normals: Float32) -> Float32:
-    """Return a normal random number for every corner of the blocks of an image (height, width).
+    """Return a normal random number for every corner of the blocks (rows, columns) of an image.
 
     normals: table ``NORMALS``.
     """
@@ -71,7 +69,7 @@ def lattice(key: np.uint64, height: int, width: int, log2: int, normals: Float32
 def smooth(corners: Float32, weights: Float32, v: int, u: int, log2: int) -> np.float32:
     """Return smooth (value) noise with a normal distribution at pixel (v, u).
 
-    corners: random numbers, as ``lattice`` returns them.
+    corners: from ``lattice``. weights: from ``ramps``.
     """
     i, j, side = v >> log2, u >> log2, (1 << log2) - 1
     weight = weights[v & side, u & side]

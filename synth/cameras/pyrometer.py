@@ -15,7 +15,7 @@ STEP_C = 0.1  # resolution of an Optris CT (data sheet)
 
 @dataclass(frozen=True)
 class Pyrometer:
-    """Pyrometer's spot in the thermal image, in pixels, and the constant error of the device, in kelvin."""
+    """Spot of a pyrometer in the thermal image, in pixels; off_c: constant error of the device, in kelvin."""
 
     column: float
     row: float
@@ -24,14 +24,14 @@ class Pyrometer:
 
     @staticmethod
     def drawn(thermal: Intrinsics, rng: np.random.Generator) -> "Pyrometer":
-        """Draw a pyrometer mounted by hand beside a thermal camera."""
+        """Draw the spot and error of a pyrometer mounted by hand beside a thermal camera."""
         height, width = thermal.shape
         aside = rng.normal(0, ASIDE, 2).clip(-2 * ASIDE, 2 * ASIDE)
         column, row = (0.5 + aside[0]) * width, (0.5 + aside[1]) * height
         return Pyrometer(column, row, thermal.fx * SPOT_RAD, float(rng.normal(0, UNIT_C)))
 
     def read_c(self, true_c: Float32, rng: np.random.Generator) -> float:
-        """Return the reading for true temperatures (h, w) of the thermal image, degrees Celsius."""
+        """Return the reading, degrees Celsius, for true temperatures (h, w) of the thermal image."""
         row, column = np.indices(true_c.shape)
         inside = np.hypot(row - self.row, column - self.column) <= self.diameter_px / 2
         mean_c = float(true_c[inside].mean()) + self.off_c + rng.normal(0, NOISE_C)

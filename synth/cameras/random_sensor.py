@@ -1,4 +1,4 @@
-"""Random depth sensor, by the shares in ``synth/data/sensors.toml``."""
+"""Random depth sensor, drawn by the frequencies in ``synth/data/sensors.toml``."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,4 +1,4 @@
-"""Surface relief around a pixel: steep surfaces, and strips that are hidden from a second viewpoint."""
+"""Effects of the surface around a pixel: steep surfaces, and strips hidden from a second viewpoint."""
 
 import numba
 import numpy as np
@@ -15,10 +15,11 @@ SHADOW_PX = 24  # widest shadow: of 1 m and 2.2 m from a Kinect v1; untuned
 
 @numba.njit(cache=True, fastmath=EXACT)
 def grazed(depth: Float32, pinhole: Float32, y: int, x: int) -> Number:
-    """Return the probability of no match on a steep surface: (1 - 4 cos^2)^4, 0 up to 60 degrees of
+    """Return the probability that a steep surface gives no match: (1 - 4 cos^2)^4, 0 up to 60 degrees of
     incidence.
 
-    The formula is untuned; structured light gets noisy at 60 and lost at 70 to 80 (Nguyen et al. 2012).
+    The formula is untuned; structured light gets noisy at 60 and lost at 70 to 80 degrees (Nguyen et al.
+    2012).
     """
     height, width = depth.shape
     fx, fy, cx, cy = pinhole
@@ -46,7 +47,7 @@ def _slope(before: Number, here: Number, behind: Number) -> Number:
 def shadowed(depth: Float32, nearness: Float32, y: int, x: int, parallax: Number) -> bool:
     """Return True if a nearer surface hides a pixel from a second camera or projector in the same row.
 
-    nearness: as in ``Pixels``. parallax: focal length in pixels times baseline in m; negative to the left.
+    nearness: of ``Pixels``. parallax: focal length in pixels times baseline in m, positive to the right.
     """
     z, right, width = depth[y, x], parallax > 0, abs(parallax)
     reach = min(int(width * (nearness[y] - np.float32(1) / z)), SHADOW_PX)

@@ -16,16 +16,18 @@ CENTRE_SD = 0.012  # of the principal point, share of the width; Kinect v2: 254 
 
 
 class Reading(NamedTuple):
-    """Depth (h, w) of a window, 0 without a reading.
+    """Depth (h, w) of a window of the image, millimetres, 0 without a reading.
 
-    source: flat index of the clean image's pixel whose surface was measured, or ``NOTHING``.
+    source: (h, w) flat index of the clean pixel whose surface was measured, or ``NOTHING``.
     """
 
     depth_mm: UInt16
     source: Int32
 
     def carry(self, image: UInt8) -> UInt8:
-        """Return the values of a clean image (h, w) at the measured surfaces, 0 without a reading."""
+        """Return the values of a clean image (h, w) at the surfaces that each pixel measured, 0 without a
+        reading.
+        """
         return np.where(self.source >= 0, image.ravel()[self.source], np.uint8(0))
 
 
@@ -34,8 +36,8 @@ class CleanDepth:
     """Depth image (h, w) without faults, and the pixels to measure.
 
     window: pinhole camera of the image. depth_m: metres along z, NaN without a hit. dark: absorbed share of
-    infrared. only: pixels to measure. person: mask of the only person to measure, whose silhouette may grow.
-    None means all.
+    infrared. only: mask of pixels to measure, None for all. person: mask of the only person to measure, whose
+    silhouette may grow, None for every surface.
     """
 
     window: Intrinsics
@@ -57,8 +59,8 @@ class CleanDepth:
         return near if self.only is None else near & self.only
 
     def shown(self, least_px: int = 1) -> Bool:
-        """Return the mask (h, w) of measurable surfaces: the person, opened by squares of ``least_px``
-        pixels.
+        """Return the mask (h, w) of measurable surfaces: the person, without limbs narrower than
+        ``least_px``.
         """
         if self.person is None:
             return np.ones(self.depth_m.shape, np.bool_)
@@ -69,7 +71,7 @@ class CleanDepth:
         return cv2.dilate(fits, square, anchor=last).view(np.bool_)
 
     def blank(self) -> Reading:
-        """Return an image (h, w) without readings."""
+        """Return a reading (h, w) of nothing at every pixel."""
         shape = self.depth_m.shape
         return Reading(np.zeros(shape, np.uint16), np.full(shape, NOTHING, np.int32))
 
@@ -87,8 +89,8 @@ class CleanDepth:
 
 
 class Pixels(NamedTuple):
-    """Arrays (h, w) of a clean image for compiled kernels. nearness (h,): 1 / least depth of a row. pinhole
-    (4,): fx, fy, cx, cy.
+    """Arrays (h, w) of a clean image for compiled kernels. nearness (h,): 1 / least depth of each row.
+    pinhole (4,): fx, fy, cx, cy.
     """
 
     depth: Float32
@@ -112,8 +114,8 @@ class Sensor(Protocol):
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
         """Return the reading of a clean depth image.
 
-        A pixel's random numbers are hashes of its position and one number from ``rng``, so they do not depend
-        on other pixels.
+        A pixel's random numbers are hashes of its position and one number from ``rng``, so the numbers do not
+        depend on other pixels.
         """
         ...
 
@@ -124,7 +126,7 @@ def key_of(rng: np.random.Generator) -> np.uint64:
 
 
 def drawn_camera(entry: dict[str, Any], rng: np.random.Generator) -> Intrinsics:
-    """Draw the camera intrinsics of a model in ``sensors.toml``."""
+    """Draw the camera intrinsics of the model ``entry`` in ``sensors.toml``."""
     width, height = entry["size"]
     focal = float(rng.uniform(*entry["focal_px"]))
     cx, cy = ((side - 1) / 2 + width * rng.normal(0, CENTRE_SD) for side in (width, height))

@@ -31,7 +31,7 @@ MATCH_LOG2, WAVE_LOG2 = 2, 4  # sizes of matching windows, and of waves and patc
 class Stereo:
     """Stereo depth camera; 0 switches a fault off.
 
-    noise_px, wave_px: standard deviations of the disparity in a matching window and a wide region.
+    noise_px, wave_px: standard deviations of disparity noise over a matching window and over a wide region.
     fattened_px: growth of silhouettes. steps: disparity steps per pixel, 0 = continuous. shadow: empty share
     of the strip hidden from the second camera, ``baseline_m`` to the right. grazing, dark: share lost at 90
     degrees of incidence, and on absorbing surfaces. patches: share lost in patches without texture.
@@ -52,7 +52,7 @@ class Stereo:
 
     @staticmethod
     def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "Stereo":
-        """Draw the parameters of one camera of a model in ``sensors.toml``; every fault can be 0."""
+        """Draw the parameters of a camera of the model ``entry`` in ``sensors.toml``; any fault can be 0."""
         return Stereo(
             noise_px=strength(rng, 0.12),
             wave_px=strength(rng, 0.12),
@@ -68,7 +68,7 @@ class Stereo:
         )
 
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
-        """Return a reading; the band at the left image border outside the second camera's view is empty."""
+        """Return the reading of a clean image; the left band outside the second camera's view is empty."""
         reading, pixels = clean.blank(), clean.pixels(REACH_PX)
         depth, parallax = pixels.depth, clean.window.fx * self.baseline_m
         side = 2 * REACH_PX + 1
@@ -91,7 +91,7 @@ def _read(
     noise_tables: tuple[Float32, Float32, Float32, Float32],
     reading: Reading,
 ) -> None:
-    """Write the reading.
+    """Write depth and sources to ``reading``.
 
     noise_tables: nearest depth in reach, ``NORMALS``, weights of windows and waves.
     """

@@ -49,7 +49,7 @@ class StructuredLight:
 
     @staticmethod
     def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "StructuredLight":
-        """Draw the parameters of one camera of a model in ``sensors.toml``."""
+        """Draw the parameters of one camera of the model ``entry`` in ``sensors.toml``."""
         camera = drawn_camera(entry, rng)
         fine = camera.width // 320
         mirror = -1 if rng.random() < 0.5 else 1
@@ -71,8 +71,8 @@ class StructuredLight:
         )
 
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
-        """Return a reading, as ``Sensor.read``; person and background are mixed only with
-        ``clean.person``.
+        """Return the reading of a clean image, as ``Sensor.read``; person and background are confused only
+        with ``clean.person``.
         """
         reading = clean.blank()
         parallax = clean.window.fx * self.baseline_m * self.shadow
@@ -90,7 +90,7 @@ class StructuredLight:
 def _read(
     pixels: Pixels, strengths: Float32, noise: tuple[np.uint64, int, Float32, Float32], reading: Reading
 ) -> None:
-    """Write the reading. noise: key, block size, ``NORMALS`` and weights of windows."""
+    """Write depth and sources to ``reading``. noise: key, block size (log2), ``NORMALS``, window weights."""
     depth, dark, wanted, shown, nearness, pinhole = pixels
     (key, block_log2, normals, weights), (depth_mm, source) = noise, reading
     height, width = depth.shape
@@ -131,7 +131,9 @@ def _read(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _rim(depth: Float32, v: int, u: int, grown: int) -> tuple[int, int]:
-    """Return the pixel whose surface is measured at (v, u), after growing or shrinking silhouettes."""
+    """Return the pixel whose surface is measured at (v, u) if silhouettes grow by ``grown`` pixels (negative:
+    shrink).
+    """
     z, y, x = depth[v, u], v, u
     if grown == 0:
         return y, x
@@ -147,9 +149,10 @@ def _rim(depth: Float32, v: int, u: int, grown: int) -> tuple[int, int]:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _melted(depth: Float32, shown: Bool, pixel: tuple[int, int], reach: int, grows: bool) -> tuple[int, int]:
-    """Return the pixel whose label a pixel takes, where person and background of similar depth are confused.
+    """Return the pixel whose label ``pixel`` takes, where person and background of similar depth are
+    confused.
 
-    grows: True if the person takes background pixels; False for the reverse, then the row is -1.
+    grows: True if the person takes background pixels; False for the reverse, where a row of -1 is background.
     """
     y, x = pixel
     if shown[y, x] == grows:

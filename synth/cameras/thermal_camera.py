@@ -19,8 +19,9 @@ DRIFT_PERIODS_S = (45.0, 90.0, 240.0)  # untuned
 class ThermalNoise:
     """Faults of a thermal camera; 0 or False switches a fault off.
 
-    netd_c: noise-equivalent temperature difference. blur_px: standard deviation. drift_c: greatest error
-    common to all pixels. lag_s: time constant of the pixels. late_s: greatest delay to the depth image.
+    netd_c: noise-equivalent temperature difference. blur_px: standard deviation of the blur. drift_c:
+    greatest error common to all pixels. flag: True if the flag closes at times. lag_s: time constant of the
+    pixels. late_s: greatest delay to the depth image.
     """
 
     netd_c: float = 0.08
@@ -33,9 +34,9 @@ class ThermalNoise:
     late_s: float = 0.0
 
     def delays_s(self, rng: np.random.Generator) -> list[float]:
-        """Draw time delays, relative to the depth image, of the scenes whose mean the thermal image shows.
+        """Draw the times, relative to the depth image, of the scenes whose mean the thermal image shows.
 
-        The delays are quantiles of an exponential response.
+        Without lag there is one; else the times are quantiles of an exponential response.
         """
         late_s = rng.uniform(-self.late_s, self.late_s) if self.late_s > 0 else 0.0
         if self.lag_s == 0:
@@ -45,7 +46,7 @@ class ThermalNoise:
 
 
 class ThermalState:
-    """State of the camera over a recording: drift and flag."""
+    """State of a thermal camera over a recording: drift and flag."""
 
     def __init__(self, noise: ThermalNoise, rng: np.random.Generator) -> None:
         self.noise = noise
@@ -59,7 +60,7 @@ class ThermalState:
         return float(self.noise.drift_c * waves.mean())
 
     def flag_closed(self, time_s: float) -> bool:
-        """Return True if the flag is closed at a time >= 0."""
+        """Return True if the flag is closed at a time of at least 0 s."""
         if not self.noise.flag:
             return False
         while self._closes_s[-1] <= time_s:
@@ -69,22 +70,18 @@ class ThermalState:
 
 
 def warmth_seen(seen: ZBuffer, celsius: Float64, ambient_c: float) -> Float32:
-    """Return the temperatures (h, w) of a render; celsius: (F,) of the faces."""
+    """Return the temperatures (h, w) of a render's pixels; celsius: (F,) of the faces."""
     return np.append(celsius, ambient_c).astype(np.float32)[seen.face]
 
 
 def through_lens(warm: Float32, lens: Lens) -> Float32:
-    """Return a supersampled pinhole image resampled to the camera's pixels (h, w); silhouette pixels are
-    mixtures.
-    """
+    """Return a supersampled pinhole image resampled to the camera's pixels (h, w); silhouettes are mixed."""
     fine = cv2.remap(warm, *lens.maps, interpolation=cv2.INTER_NEAREST)
     return np.asarray(cv2.resize(fine, lens.camera.shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
 
 
 def thermograph(image: Float32, noise: ThermalNoise, drift_c: float, rng: np.random.Generator) -> Float32:
-    """Return temperatures (h, w) with blur, noise and drift added, degrees Celsius. image: true
-    temperatures.
-    """
+    """Return the thermal image (h, w) of true temperatures, degrees Celsius, with blur, noise and drift."""
     if noise.blur_px > 0:
         image = np.asarray(cv2.GaussianBlur(image, (0, 0), noise.blur_px), np.float32)
     grain = rng.standard_normal(image.shape, dtype=np.float32) * np.float32(noise.netd_c)

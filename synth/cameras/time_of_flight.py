@@ -27,8 +27,8 @@ class TimeOfFlight:
 
     axial: factor on the noise of Fankhauser 2015. flying: share of silhouette pixels that mix foreground and
     background. rejected: share of mixed pixels without a reading. grazing, dark: share lost at 90 degrees of
-    incidence, and on hair. lateral_px: jitter of edges. offset_mm, scale: constant depth error of the device.
-    patches: share lost in the middle of patches of 2^patch_log2 pixels.
+    incidence, and on absorbing surfaces. lateral_px: jitter of edges. offset_mm, scale: constant depth error
+    of the device. patches: share lost in the middle of patches of 2^patch_log2 pixels a side.
     """
 
     axial: float = 1.0
@@ -61,7 +61,7 @@ class TimeOfFlight:
 
     @staticmethod
     def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "TimeOfFlight":
-        """Draw the parameters of one camera of a model in ``sensors.toml``; every fault can be 0.
+        """Draw the parameters of one camera of the model ``entry`` in ``sensors.toml``; every fault can be 0.
 
         Hair loses readings in few images, and patches of any surface in more images, so that holes do not
         identify hair.
@@ -84,8 +84,8 @@ class TimeOfFlight:
 
     @staticmethod
     def azure_kinect(rng: np.random.Generator, entry: dict[str, Any]) -> "TimeOfFlight":
-        """Draw an Azure Kinect or Orbbec Femto: a third of a Kinect v2's noise, no jitter at edges, few mixed
-        pixels.
+        """Draw an Azure Kinect or Orbbec Femto: a third of a Kinect v2's noise, half its jitter at edges, few
+        mixed pixels.
         """
         drawn = TimeOfFlight.sample(rng, entry)
         flying = 1.0 if rng.random() < 0.5 else drawn.flying
@@ -117,7 +117,7 @@ def axial_sigma_mm(depth_m: Number, incidence_rad: Number) -> Number:
 def _read(
     pixels: Pixels, strengths: Float32, noise: tuple[np.uint64, int, Float32, Float32], reading: Reading
 ) -> None:
-    """Write the reading. noise: key, size of patches, ``NORMALS`` and weights of patches."""
+    """Write depth and sources into ``reading``. noise: key, patch size (log2), ``NORMALS``, patch weights."""
     depth, dark, wanted, shown, _, pinhole = pixels
     (key, log2, normals, weights), (depth_mm, source) = noise, reading
     height, width = depth.shape
@@ -169,7 +169,7 @@ def _read(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _around(depth: Float32, y: int, x: int) -> tuple[Number, Number, Number, Number]:
-    """Return least and greatest of the 3x3 neighbours, and Sobel slopes along u and v, m a pixel."""
+    """Return the least and greatest of 3x3 depths, and Sobel slopes along u and v, metres per pixel."""
     above, below = max(y - 1, 0), min(y + 1, depth.shape[0] - 1)
     left, right = max(x - 1, 0), min(x + 1, depth.shape[1] - 1)
     a, b, c = depth[above, left], depth[above, x], depth[above, right]
@@ -184,7 +184,7 @@ def _around(depth: Float32, y: int, x: int) -> tuple[Number, Number, Number, Num
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _incidence(pinhole: Float32, pixel: tuple[int, int], z: Number, z_u: Number, z_v: Number) -> Number:
-    """Return the angle of viewing ray and surface normal from depth and its slopes, radians."""
+    """Return the angle, radians, between viewing ray and surface normal, from depth and its slopes."""
     (v, u), (fx, fy, cx, cy) = pixel, pinhole
     x, y = (np.float32(u) - cx) / fx, (np.float32(v) - cy) / fy
     # Normal of the surface (x z, y z, z), up to a positive factor.

@@ -1,6 +1,4 @@
-"""Parameters of clothes, drawn from the ranges in the ``clothes.toml`` of a cast (set of synthetic
-people).
-"""
+"""Parameters of clothes, drawn from ranges in ``clothes.toml`` of a cast (set of synthetic people)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -13,9 +11,7 @@ from synth.data_files import TRAINING, Cast, table_of
 
 @dataclass(frozen=True)
 class Worn:
-    """Parameters of a garment, explained in the data file; lengths in mm, positions in coordinates of the
-    skin map.
-    """
+    """Parameters of a garment, explained in ``clothes.toml``; lengths in mm, positions of ``SkinMap``."""
 
     dark: float
 
@@ -53,9 +49,7 @@ class Trousers(Worn):
 
 @dataclass(frozen=True)
 class Skirt(Worn):
-    """Parameters of a garment around both legs: a skirt, or the lower half of a coat, a dress, a long
-    shirt.
-    """
+    """Parameters of a garment around both legs: a skirt, or the lower half of a coat, dress or long shirt."""
 
     waist: float
     hem: float
@@ -86,7 +80,7 @@ class Hair(Worn):
 
 @dataclass(frozen=True)
 class Attire:
-    """Clothes of a person. names: entries of the data file; bag: "" for none."""
+    """Clothes of a person. names: their entries in ``clothes.toml``; bag: "" for none."""
 
     names: tuple[str, ...]
     hair: Hair
@@ -101,7 +95,7 @@ BAGS = ("backpack", "shoulder_bag")
 
 
 def draw_attire(rng: np.random.Generator, bags: bool = True, cast: Cast = TRAINING) -> Attire:
-    """Draw a person's clothes, hair and, with ``bags``, perhaps a bag."""
+    """Draw a person's clothes and hair and, if ``bags``, sometimes a bag."""
     known = table_of(cast, "clothes")
     style = _by_share(known["styles"], rng)
     worn = {kind: str(rng.choice(known["styles"][style][kind])) for kind in ("tops", "bottoms", "shoes")}

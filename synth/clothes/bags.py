@@ -19,9 +19,9 @@ SHOULDER_BAG_M = ((0.08, 0.16), (0.24, 0.38), (0.20, 0.34))
 
 @dataclass(frozen=True, eq=False)
 class Bag:
-    """Stiff bag that follows three sets of vertices, the anchors: left, right and below.
+    """Stiff bag that follows three sets of vertices of the trunk, the anchors: left, right and below.
 
-    nodes_m: (v, 3) to the left, back and up from the middle of the first two anchors.
+    nodes_m: (v, 3) coordinates left, back and up, from the middle of the left and right anchors.
     """
 
     anchors: tuple[Int32, Int32, Int32]
@@ -31,7 +31,7 @@ class Bag:
     dark: Float32
 
     def place(self, vertices_m: Float32, joints_m: Float64) -> Float32:
-        """Return the vertices (v, 3) on a posed body (V, 3), world, metres."""
+        """Return the bag's vertices (v, 3) on a posed body (V, 3), world, metres."""
         origin, axes = _frame(vertices_m, self.anchors)
         return (origin + self.nodes_m @ axes).astype(np.float32)
 
@@ -51,7 +51,7 @@ def backpack(naked: Body, worn: Body, places: SkinMap, dark: float, rng: np.rand
 
 
 def shoulder_bag(naked: Body, worn: Body, places: SkinMap, dark: float, rng: np.random.Generator) -> Bag:
-    """Return a bag at the back of one hip of the body ``worn``."""
+    """Return a bag behind one hip of the body ``worn``; naked: the same body without clothes."""
     size = np.array([rng.uniform(*span) for span in SHOULDER_BAG_M])
     sign = 1.0 if rng.random() < 0.5 else -1.0
     trunk, x = places.limb == Limb.TRUNK, naked.vertices_m[:, 0]

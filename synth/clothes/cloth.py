@@ -1,4 +1,4 @@
-"""Cloth on skin: its normals and folds."""
+"""Cloth on skin: normals, folds and room in the armpits."""
 
 import numba
 import numpy as np
@@ -72,7 +72,7 @@ def _to_unit(vectors: Float32) -> None:
 
 
 def fold_heights(vertices_m: Float32, rng: np.random.Generator) -> Float32:
-    """Return smooth noise (V,) of a normal distribution over the skin at rest, for vertical folds."""
+    """Return smooth normally distributed noise (V,) over vertices at rest, stretched to vertical folds."""
     across = wavelength_cells(rng.uniform(0.07, 0.16))
     stretch = np.array([across, across, across / rng.uniform(1.0, 2.5)], np.float32)
     return _noise(noise_tile(), vertices_m, stretch, rng.uniform(0, 64, 3).astype(np.float32))
@@ -92,8 +92,8 @@ def _noise(tile: Float32, vertices: Float32, scale: Float32, shift: Float32) -> 
 
 
 def hold_apart(body: Body, places: SkinMap, normals: Float32, off_m: Float32) -> Float32:
-    """Return displacements (V, 3) shortened in the armpits, so that cloth does not intersect itself at
-    rest.
+    """Return displacements ``off_m`` (V, 3), shortened in the armpits so that cloth does not intersect
+    itself.
     """
     result = off_m.copy()
     high = (places.level > 0.3) & (places.level < 0.98)

@@ -19,7 +19,7 @@ LONG = 1.5  # end of a suit's sleeves and trousers: beyond the middle of forearm
 
 
 def naked(body: Body) -> Dressed:
-    """Return the body without clothes; its hair absorbs infrared."""
+    """Return the body without clothes; the hair absorbs infrared."""
     return assembled(body, hair_faces(body).astype(np.float32))
 
 
@@ -29,7 +29,7 @@ def dress(body: Body, rng: np.random.Generator, cast: Cast = TRAINING) -> Dresse
 
 
 def put_down(dressed: Dressed) -> Dressed:
-    """Return the person without a bag, or the same object if the person has none."""
+    """Return the dressed person without a bag, or the same object if the person has none."""
     pieces = [piece for piece in dressed.pieces if not isinstance(piece, Bag)]
     if len(pieces) == len(dressed.pieces):
         return dressed
@@ -46,7 +46,7 @@ def cut_loose(body: Body, rng: np.random.Generator, cast: Cast = TRAINING) -> Bo
 
 
 def dress_in(body: Body, attire: Attire, rng: np.random.Generator) -> Dressed:
-    """Return a body in clothes with random folds."""
+    """Return a body in the clothes of ``attire``, with random folds."""
     fitting = Fitting.of(body, rng)
     if attire.trousers:
         put_on_trousers(fitting, attire.trousers)

@@ -61,7 +61,7 @@ class Dressed:
 def assembled(
     body: Body, dark: Float32, pieces: Sequence[Piece] = (), clothes: Sequence[str] = ()
 ) -> Dressed:
-    """Return the dressed person of a displaced body. dark: (F,), absorbed share of infrared."""
+    """Return the dressed person of a displaced body and pieces. dark: (F,), absorbed share of infrared."""
     faces, first = [body.faces], len(body.vertices_m)
     for piece in pieces:
         faces.append(piece.faces + np.int32(first))

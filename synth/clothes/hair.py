@@ -52,7 +52,7 @@ def _head(body: Body, limb: UInt8) -> _Head:
 
 
 def put_on_hair(fitting: Fitting, hair: Hair) -> None:
-    """Displace the head's skin under hair or a hat; add long hair on nape and back."""
+    """Add the displacements of hair, a cap or a hat to the fitting, with long hair on nape and back."""
     head = _head(fitting.body, fitting.places.limb)
     level = fitting.places.level[head.own]
     above = np.where(head.skull, np.clip(head.over_brow_m / np.float32(0.012), 0, 1), 0)
@@ -87,7 +87,7 @@ def _fall(head: _Head, mask: Float32) -> Float32:
 
 
 def _bun(head: _Head, bulge_m: float, tilt_rad: float) -> Float32:
-    """Return displacements (n, 3) of a half sphere at the back of the head, tilted up."""
+    """Return displacements (n, 3) of a half sphere at the back of the head, raised by ``tilt_rad``."""
     place = np.array([0, np.cos(tilt_rad), np.sin(tilt_rad)], np.float32)
     angle = np.arccos(np.clip(head.out @ place, -1, 1))
     height = bulge_m * np.sqrt(np.clip(1 - (angle / BUN_RAD) ** 2, 0, 1))

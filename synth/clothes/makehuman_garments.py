@@ -45,7 +45,7 @@ class Garment:
     hidden: Bool
 
     def place(self, base_m: Float32) -> Float32:
-        """Return the vertices (n, 3) on hm08's vertices (19158, 3) of a body at rest, metres."""
+        """Return the garment's vertices (n, 3), metres, on a body at rest with hm08's vertices (19158, 3)."""
         pairs = base_m[self.spans[:, :2].astype(int)]
         # The file's x, y, z are the body's x, z, -y.
         axes = np.array([0, 2, 1])
@@ -56,7 +56,7 @@ class Garment:
 
 
 def read_garments(folder: Path) -> tuple[Garment, ...]:
-    """Read every ``.mhclo`` file of a folder and its subfolders. Raises CloudError without any."""
+    """Read every ``.mhclo`` file of a folder and its subfolders. Raises CloudError if there is none."""
     paths = sorted(folder.rglob("*.mhclo"))
     if not paths:
         raise CloudError(f"{folder} has no .mhclo garment; give a folder of MakeHuman's clothes")
@@ -102,7 +102,7 @@ def _parse(path: Path, lines: list[str]) -> Garment:
 
 
 def _hidden(words: list[list[str]]) -> Bool:
-    """Return the flags (19158,) of ``delete_verts``: numbers, and ranges as FIRST - LAST."""
+    """Return flags (19158,) of the vertices under ``delete_verts``: numbers, and ranges as FIRST - LAST."""
     hidden = np.zeros(BASE_VERTICES, np.bool_)
     start = next((i + 1 for i, row in enumerate(words) if row[0] == "delete_verts"), len(words))
     tokens = [t for row in takewhile(lambda row: row[0].isdigit(), words[start:]) for t in row]
@@ -128,7 +128,7 @@ def _faces(path: Path, n_vertices: int) -> Int32:
 
 
 def kind_of(garment: Garment, body: Body) -> str:
-    """Return the kind, a key of ``WORN``, by the heights that the garment covers on a body."""
+    """Return the garment's kind, a key of ``WORN``, from its greatest height on a body."""
     z = garment.place(base_mesh_m(body))[:, 2]
     if z.max() < SHOE_M:
         return "shoes"
@@ -136,7 +136,7 @@ def kind_of(garment: Garment, body: Body) -> str:
 
 
 def choose(garments: tuple[Garment, ...], body: Body, rng: np.random.Generator) -> list[Garment]:
-    """Draw at most one garment of each kind."""
+    """Draw at most one garment of each kind, with the probabilities ``WORN``."""
     kinds = [kind_of(garment, body) for garment in garments]
     chosen = []
     for kind in WORN:
@@ -147,7 +147,7 @@ def choose(garments: tuple[Garment, ...], body: Body, rng: np.random.Generator) 
 
 
 def wear(body: Body, garments: list[Garment]) -> Dressed:
-    """Return a body in garments; their vertices and two-sided faces come after the body's own.
+    """Return a body in garments; garment vertices and two-sided faces come after the body's own.
 
     Garments take skinning weights and parts of the nearest skin.
     """
@@ -188,7 +188,7 @@ def wear(body: Body, garments: list[Garment]) -> Dressed:
 
 
 def _inwards(body: Body, hidden: Bool) -> Float32:
-    """Return the rest vertices (V, 3), covered ones moved inwards along their normals."""
+    """Return the rest vertices (V, 3); those under a garment are moved inwards along their normals."""
     covered = covered_skin(body, hidden)
     return np.where(
         covered[:, None], body.vertices_m - np.float32(DRAWN_IN_M) * smooth_normals(body), body.vertices_m

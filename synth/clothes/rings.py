@@ -1,7 +1,7 @@
 """Rings of cloth around both legs of a posed body.
 
-A ring runs around both legs at one height of the rest pose, like a belt around two wheels. It stays outside
-the posed flesh and hangs from the widest place above. Constants are untuned.
+A ring runs around both legs at one height of the rest pose, like a belt around two wheels. The ring stays
+outside the posed flesh and hangs from the widest place above. Constants are untuned.
 """
 
 from typing import NamedTuple
@@ -34,9 +34,9 @@ CLEAR_M = 0.008  # from cloth to flesh, because chords would cut into it
 class Carrier(NamedTuple):
     """Vertices of a body that carry cloth.
 
-    held: (n,) vertices of trunk and legs; ring: (n,) ring index, with a fraction; left: (n,) 1 for the left
-    half, 0 for the right. arms: (m,) vertices that press cloth. hips: ring index of the hip joints, with a
-    fraction.
+    held: (n,) vertices of trunk and legs; ring: (n,) their ring index, with a fraction; left: (n,) 1 in the
+    left half, 0 in the right. arms: (m,) vertices that press cloth. hips: ring index of the hip joints, with
+    a fraction.
     """
 
     held: Int32
@@ -99,9 +99,9 @@ def _triple(vector: Float64) -> Triple:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _frames(middles: Float64, pelvis: Triple, hips: float) -> Float64:
-    """Return unit vectors (R, 2, 2, 3) by ring and leg: across, away from the other leg, and to the front.
+    """Return unit vectors (R, 2, 2, 3) by ring and leg: away from the other leg, and to the front.
 
-    They span the ring's plane, which is perpendicular to the pelvis above and to the leg below.
+    The two vectors span the ring's plane, perpendicular to the pelvis above and to the leg below.
     """
     rings = len(middles)
     frames = np.empty((rings, 2, 2, 3))
@@ -145,7 +145,7 @@ def _turned(vector: Triple, source: Triple, target: Triple) -> Triple:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _in_ring(point: Triple, side: int, middles: Float64, frames: Float64) -> tuple[float, float]:
-    """Return the ring position (node index with a fraction) of a point of a leg, and the cloth radius that
+    """Return a leg point's position in the ring (node index with a fraction), and the cloth radius that
     contains it.
 
     The radius also keeps the chord to the next ring outside the point.
@@ -211,8 +211,8 @@ def _spread(radii: Float32) -> Float32:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _hanging(flesh: Float32, ease: Float32, flare: float, frames: Float64) -> Float32:
-    """Return the radii (R, NODES) of the cloth, which hangs from the widest place above. ease: distance from
-    the flesh.
+    """Return the radii (R, NODES) of cloth that hangs from the widest place above. ease: distance from the
+    flesh.
     """
     rings = len(flesh)
     radii = flesh + ease
@@ -260,8 +260,8 @@ def _outwards(j: int, frames: Float64) -> Triple:
 def _give_way(
     radii: Float32, flesh: Float32, body: tuple[Float32, Int32], middles: Float64, frames: Float64
 ) -> None:
-    """Press the cloth under hands and forearms down to the flesh, in place. body: vertices, and indices of
-    the arms.
+    """Press the cloth under hands and forearms towards the flesh, in place. body: vertices, indices of the
+    arms.
     """
     rings, (vertices, arms) = len(radii), body
     for n in range(len(arms)):
@@ -287,7 +287,7 @@ def _give_way(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _nodes(radii: Float32, middles: Float64, frames: Float64) -> Float32:
-    """Return the vertices of the outside, of the inside of the hem, and of the closing lids.
+    """Return the vertices of the cloth's outside, of the inside of the hem, and of the closing lids.
 
     The lower lid lies near the hem, so that it stays hidden when legs are spread.
     """

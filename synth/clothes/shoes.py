@@ -17,7 +17,7 @@ TOES = 2  # spanned sectors, to hide gaps between toes
 
 
 def put_on_shoes(fitting: Fitting, shoes: Shoes) -> None:
-    """Cover the feet, and the shanks up to the shaft's end."""
+    """Add shoes to the fitting: over the feet, and over the lower legs up to the shaft's end."""
     legs = np.isin(fitting.places.limb, LEGS)
     shaft = np.where(legs, between(fitting.places.along, shoes.shaft, 9), 0).astype(np.float32)
     for side in ("left", "right"):

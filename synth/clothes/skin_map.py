@@ -45,8 +45,8 @@ class SkinMap(NamedTuple):
 
     limb: limb of the joint with the largest weight. along: 0 at shoulder or hip, 1 at elbow or knee, 2 at
     wrist or ankle; on the trunk equal to level. level: height, 0 at the hips, 1 at the neck. limbs:
-    cylindrical about the bones of arms and legs, elsewhere about the trunk. trunk: cylindrical about the
-    trunk, for all vertices.
+    cylindrical about the bones of arms and legs, elsewhere as trunk. trunk: cylindrical about the trunk, for
+    all vertices.
     """
 
     limb: UInt8

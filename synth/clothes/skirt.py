@@ -36,7 +36,7 @@ class HangingSkirt:
     dark: Float32
 
     def place(self, vertices_m: Float32, joints_m: Float64) -> Float32:
-        """Return the vertices (v, 3), as ``Piece.place``."""
+        """Return the skirt's vertices (v, 3), as ``Piece.place``."""
         down = _down(joints_m, self.upright)
         return hung(vertices_m, down, self.carrier, self.ease_m, self.flare)
 
@@ -44,7 +44,7 @@ class HangingSkirt:
 def hang_skirt(
     naked: Body, worn: Body, places: SkinMap, skirt: Skirt, rng: np.random.Generator
 ) -> HangingSkirt:
-    """Return a skirt about the body ``worn``; naked: the same body without clothes; places: its skin's."""
+    """Return a skirt on the body ``worn``; naked: the body without clothes; places: its coordinates."""
     top, hem = _heights(naked, skirt)
     rings = max(4, round((top - hem) / RING_M) + 1)
     step = (top - hem) / (rings - 1)
@@ -59,7 +59,7 @@ def hang_skirt(
 
 
 def _carrier(body: Body, places: SkinMap, top: float, step: float, rings: int) -> Carrier:
-    """Return the carrier of rings with a spacing of ``step`` metres, downwards from the height ``top``."""
+    """Return the carrier of rings that lie ``step`` metres apart, downwards from the height ``top``."""
     ring = (np.float32(top) - body.vertices_m[:, 2]) / np.float32(step)
     feet = np.isin(body.strongest_joints, (JOINT_ID["left_ankle"], JOINT_ID["right_ankle"]))
     about = np.isin(places.limb, (Limb.TRUNK, *LEGS)) & ~feet
@@ -72,7 +72,7 @@ def _carrier(body: Body, places: SkinMap, top: float, step: float, rings: int) -
 def _down(joints_m: Float64, upright: tuple[float, float]) -> Triple:
     """Return the pelvis' downward direction for joints (J, 3).
 
-    upright: weights of the line from spine to hips and of the line across it, forwards.
+    upright: weights of the line from spine to hips, and of its perpendicular, forwards.
     """
     left, right, spine = (joints_m[JOINT_ID[n]] for n in ("left_hip", "right_hip", "spine_lower"))
     line = (left + right) / 2 - spine
@@ -81,7 +81,7 @@ def _down(joints_m: Float64, upright: tuple[float, float]) -> Triple:
 
 
 def _upright(rest_joints_m: Float64) -> tuple[float, float]:
-    """Return the weights with which ``_down`` of a body at rest is vertical."""
+    """Return the weights with which ``_down`` is vertical for a body at rest."""
     axes = np.array([_down(rest_joints_m, shares) for shares in ((1.0, 0.0), (0.0, 1.0))])
     along, across = np.linalg.lstsq(axes.T, np.array([0.0, 0.0, -1.0]), rcond=None)[0]
     return float(along), float(across)
@@ -136,7 +136,7 @@ def _faces(rings: int) -> Int32:
 
 
 def _parts_beneath(body: Body, at_rest: Float32, faces: Int32) -> UInt8:
-    """Return the body part (F,) that each face of the skirt covers at rest.
+    """Return the body part (F,) under each face of the skirt at rest.
 
     The two triangles of a quad get the same part.
     """

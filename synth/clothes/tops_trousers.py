@@ -37,14 +37,14 @@ class Fitting:
 
     @classmethod
     def of(cls, body: Body, rng: np.random.Generator) -> "Fitting":
-        """Return the fitting of a naked body, without displacements."""
+        """Return the fitting of a naked body, with displacements of 0."""
         n = len(body.vertices_m)
         ease, hang, dark = (np.zeros(shape, np.float32) for shape in (n, (n, 3), n))
         folds = fold_heights(body.vertices_m, rng)
         return cls(body, skin_map(body), smooth_normals(body), folds, ease, hang, dark)
 
     def lay(self, mask: Float32, ease_mm: Float32 | float, folds_mm: float, dark: float) -> None:
-        """Add cloth of thickness ``ease_mm`` with folds, weighted by a mask (V,) in [0, 1]. dark: absorbed
+        """Add cloth of ``ease_mm`` thickness with folds, weighted by a mask (V,) in [0, 1]. dark: absorbed
         share of infrared.
         """
         off = np.asarray(ease_mm + folds_mm * self.folds, np.float32)
@@ -52,14 +52,14 @@ class Fitting:
         self.dark[mask > 0.5] = dark
 
     def let_hang(self, mask: Float32, slack: Float32, out: Float32) -> None:
-        """Move skin along ``out``, away from the limb's axis, to a hanging tube of cloth.
+        """Add displacements along ``out`` (V, 3), away from the limb's axis, to a hanging tube of cloth.
 
         slack: (V,), distance of the skin from the tube. mask: (V,), weights.
         """
         self.hang_m[:] += (mask * np.minimum(slack, np.float32(SLACK_LIMIT_M)))[:, None] * out
 
     def dressed_body(self) -> Body:
-        """Return the body whose skin is cloth, soles at z = 0."""
+        """Return the body whose skin is the cloth, soles at z = 0."""
         off = self.ease_m[:, None] * self.normals + self.hang_m
         off = hold_apart(self.body, self.places, self.normals, off)
         skin = self._apart(off)
@@ -69,7 +69,7 @@ class Fitting:
         return replace(self.body, vertices_m=skin + up, joints_m=joints, firm_m=firm + up)
 
     def _apart(self, off_m: Float32) -> Float32:
-        """Return displaced vertices (V, 3); cloth of a leg does not cross the middle plane."""
+        """Return vertices displaced by ``off_m`` (V, 3); cloth of a leg does not cross the middle plane."""
         vertices = self.body.vertices_m + off_m
         legs = np.isin(self.places.limb, LEGS)
         side = np.where(self.places.limb == Limb.LEFT_LEG, np.float32(1), np.float32(-1))
@@ -97,7 +97,7 @@ def ramp(along: Float32, start: float, end: float) -> Float32:
 
 
 def put_on_top(fitting: Fitting, top: Top) -> None:
-    """Cover trunk and arms."""
+    """Add the top to the fitting, on trunk and arms."""
     places = fitting.places
     arms = np.isin(places.limb, ARMS)
     trunk = (places.limb == Limb.TRUNK) | np.isin(places.limb, LEGS)
@@ -135,7 +135,7 @@ def _sleeves(fitting: Fitting, top: Top, arms: Bool) -> None:
 
 
 def put_on_trousers(fitting: Fitting, worn: Trousers) -> None:
-    """Cover hips and legs."""
+    """Add the trousers to the fitting, on hips and legs."""
     places = fitting.places
     legs = np.isin(places.limb, LEGS)
     seat = np.where(places.limb == Limb.TRUNK, between(places.level, -9, worn.waist), 0)
@@ -156,8 +156,8 @@ def put_on_trousers(fitting: Fitting, worn: Trousers) -> None:
 
 
 def _inner(places: SkinMap, left: Limb) -> Float32:
-    """Return a weight (V,): 1 where a limb's skin faces the middle plane, 0 elsewhere. left: the left limb of
-    the pair.
+    """Return a weight (V,): 1 where a limb's skin faces the other limb of its pair, 0 where it faces away.
+    left: the left limb.
     """
     side = np.where(places.limb == left, np.float32(-1), np.float32(1))
     return np.asarray(np.clip(side * places.limbs.out[:, 0], 0, 1))

@@ -14,7 +14,7 @@ Places = tuple[Float32, Float32, Float32]
 
 @numba.njit(cache=True, fastmath=EXACT)
 def slack_m(places: Places, source: Bool, give: float, spans: int = 0) -> Float32:
-    """Return the distance (V,) of the vertices from a hanging tube around the vertices ``source``.
+    """Return the distance (V,) of the vertices from a hanging tube around the vertices flagged in ``source``.
 
     give: narrowing of the tube per metre downwards; 0 hangs straight from the widest place, 2 follows the
     limb. spans: sectors on either side that the tube bridges.
@@ -45,7 +45,7 @@ def slack_m(places: Places, source: Bool, give: float, spans: int = 0) -> Float3
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _widest(places: Places, source: Bool, start: float, rings: int) -> Float32:
-    """Return the greatest distance (rings, SECTORS) from the axis of the body vertices near each grid node.
+    """Return the greatest distance (rings, SECTORS) of ``source`` vertices near each grid node from the axis.
 
     A sector without vertices gets the greater distance of its two neighbours.
     """
