@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 import pyvista as pv
 from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtWidgets import QApplication
 
 from annotate.gui.state.keys import Settings
+from annotate.gui.widgets.theme import style_sheet
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import BACKGROUND, PART_ID
 from tests.helpers.gui_driver import ALT, CTRL, SHIFT, Driver
@@ -223,6 +225,7 @@ def test_orders_help_colourings_and_themes(at_window):
     for _ in range(3):
         at_window.key("colouring")
         at_window.key("theme")
+        assert QApplication.instance().styleSheet() == style_sheet(at_window.window.theme)
     at_window.key("front_view")
 
 
