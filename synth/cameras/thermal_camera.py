@@ -34,9 +34,9 @@ class ThermalNoise:
     late_s: float = 0.0
 
     def delays_s(self, rng: np.random.Generator) -> list[float]:
-        """Draw the times, relative to the depth image, of the scenes whose mean the thermal image shows.
+        """Draw the ages, seconds before the depth image, of the scenes whose mean the thermal image shows.
 
-        Without lag there is one; else the times are quantiles of an exponential response.
+        The ages are quantiles of an exponential response.
         """
         late_s = rng.uniform(-self.late_s, self.late_s) if self.late_s > 0 else 0.0
         if self.lag_s == 0:

@@ -37,8 +37,8 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class Range:
-    """Percentiles of a quantity, in its unit: ``OWN`` for the dataset, ``REAL`` for the recording if
-    known.
+    """Percentiles of a quantity, in its unit: ``own`` (``OWN``) of the dataset, ``real`` (``REAL``) of the
+    recording, if any.
     """
 
     figure: Quantity
@@ -47,7 +47,7 @@ class Range:
 
     @property
     def inside(self) -> bool | None:
-        """Return True if the recording's range lies within the dataset's; None if it is unknown."""
+        """Return True if the recording's range lies within the dataset's; None without a recording."""
         if self.real is None:
             return None
         return bool(self.own[0] <= self.real[0] and self.real[2] <= self.own[2])

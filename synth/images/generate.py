@@ -138,7 +138,7 @@ def _make(
 
 
 def _begin(order: Order, out: Path) -> None:
-    """Write the order file, or check that a half-finished folder has the same one."""
+    """Write the order file, or check that a half-finished folder holds the same order. Raises ExistsError."""
     started = out / ORDER
     text = (json.dumps(order.manifest(), sort_keys=True) + "\n").encode()
     if is_taken(out):

@@ -114,6 +114,6 @@ def _pair(bodies: tuple[Body, ...], rng: np.random.Generator) -> tuple[int, int]
 
 
 def blended(bodies: tuple[Body, ...], rng: np.random.Generator) -> tuple[str, str]:
-    """Return the names of the two bodies that a sampler of people blends with the same generator."""
+    """Return the names of the two bodies that ``_between`` blends with a generator in the same state."""
     i, j = _pair(bodies, rng)
     return bodies[i].name, bodies[j].name

@@ -54,7 +54,7 @@ class CastSceneSampler(Protocol):
     """Sampler of scenes with a cast's poses and furniture."""
 
     def __call__(self, rng: np.random.Generator, body: Body, cast: Cast = ...) -> PosedScene:
-        """Draw a scene."""
+        """Draw a scene with a body and a cast's poses and furniture."""
 
 
 def sitting(rng: np.random.Generator, body: Body, cast: Cast = TRAINING) -> PosedScene:

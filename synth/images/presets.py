@@ -49,9 +49,10 @@ class Preset:
     """Kind of dataset, by name.
 
     count: images by default. stream: number of the random stream, unique. joints: least share of joints
-    inside the image. each: successive images of one person, views: of one pose, because drawing a person is
-    slow. occluders, cut: share of images with things in front of the person, and with holes in the person's
-    mask. described: True if notes describe person and sensor. cast: of people, clothes and furniture.
+    inside the image. each, views: number of successive images of one person, and of one pose, because drawing
+    a person is slow. occluders, cut: share of images with things in front of the person, and with holes in
+    the person's mask. described: True if notes describe person and sensor. cast: of people, clothes and
+    furniture.
     """
 
     name: str
@@ -77,11 +78,11 @@ class Preset:
 def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
     """Return image ``index`` of a preset: the person's crop, 212 x 212, depth in millimetres, and parts.
 
-    The frame has the following notes. activity: the nearer of two; posture: None between two. crop: (top,
-    left, side) in the image. joints_mm: camera frame. camera: azimuth_deg from the front of sofa, bed or
-    pelvis, height_m, distance_m. visible: share left by furniture, occluders and holes in the mask, of the
-    person and by part. occluders: number. cut: share of pixels that the holes took. Notes of ``_description``
-    are added.
+    The frame has the following notes. activity: the nearer of two; posture: None if the two differ in it.
+    crop: (top, left, side) in the image. joints_mm: camera frame. camera: azimuth_deg from the front of sofa,
+    bed or pelvis, height_m, distance_m. visible: share left by furniture, occluders and holes in the mask, of
+    the person and by part. occluders: number. cut: share of pixels that the holes took. Notes of
+    ``_description`` are added.
     """
     rng = np.random.default_rng((preset.stream, seed, index))
     person = _person(preset.people, preset.stream, seed, index // preset.each)
@@ -138,7 +139,7 @@ def _person(people: PersonSampler, stream: int, seed: int, number: int) -> Perso
 @lru_cache(maxsize=4)
 def _shared_scene(preset: Preset, seed: int, first: int, attempt: int) -> PosedScene:
     """Return the scene that ``preset.views`` images share, from index ``first`` on. attempt: number of the
-    attempt.
+    retry.
     """
     person = _person(preset.people, preset.stream, seed, first // preset.each)
     return preset.scene(np.random.default_rng((preset.stream, seed, first, 2, attempt)), person.dressed.body)
@@ -237,9 +238,7 @@ def _description(
 
 
 class FreshKinect2(TimeOfFlight):
-    """Kinect v2 of the paper's presets: its faults are drawn again for each image; labels stay at their clean
-    pixels.
-    """
+    """Kinect v2 of the paper's presets: faults are drawn for each image; each pixel keeps its clean label."""
 
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
         """Return the depth reading of a clean image, as ``Sensor.read``."""

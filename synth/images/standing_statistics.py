@@ -11,7 +11,7 @@ _SIDES = ("left", "right")
 
 
 def ankles_m(joints_mm: Float64) -> float:
-    """Return the distance of the ankles, metres; NaN if a knee is bent by ``STRAIGHT_DEG`` or more."""
+    """Return the distance between the ankles, metres; NaN if a knee is bent by ``STRAIGHT_DEG`` or more."""
     for side in _SIDES:
         thigh, shank = _bone(joints_mm, f"{side}_hip", f"{side}_knee", f"{side}_ankle")
         if not _angle_deg(thigh, shank) < STRAIGHT_DEG:
@@ -21,14 +21,14 @@ def ankles_m(joints_mm: Float64) -> float:
 
 
 def arms_deg(joints_mm: Float64) -> Float64:
-    """Return the angles (2,) of left and right upper arm with the line from neck to pelvis."""
+    """Return the angles (2,), degrees, of left and right upper arm with the line from neck to pelvis."""
     (trunk,) = _bone(joints_mm, "neck", "pelvis")
     arms = [_bone(joints_mm, f"{side}_shoulder", f"{side}_elbow")[0] for side in _SIDES]
     return np.array([_angle_deg(arm, trunk) for arm in arms])
 
 
 def facing_deg(joints_mm: Float64, across: tuple[str, ...] = ("shoulder", "hip")) -> float:
-    """Return the azimuth of the camera about the trunk: 0 in front of the chest, 90 on the person's left.
+    """Return the camera's azimuth about the trunk, degrees: 0 in front of the chest, 90 on the person's left.
 
     joints_mm: camera frame. across: pairs of joints that give the direction from right to left.
     """

@@ -108,7 +108,7 @@ def _move(vertices: Float32, rotation: Float32, translation: Float32) -> Float32
 
 
 def _window(points_m: Float32, whole_image: Intrinsics) -> tuple[Intrinsics, tuple[int, int]]:
-    """Return camera and corner (top, left) of the points' window of the image."""
+    """Return pinhole and corner (top, left) of the window of the image that contains the points (N, 3)."""
     x0, y0, x1, y1 = _slopes(points_m)
     c = whole_image
     left, right = _clip(c.fx * x0 + c.cx, c.fx * x1 + c.cx, c.width)
@@ -147,7 +147,7 @@ def occluder(eye_m: Float64, seen_m: Float64, rng: np.random.Generator) -> Mesh:
 
 
 def cut(person: Bool, rng: np.random.Generator) -> Bool:
-    """Return a person's mask (h, w) without one to three ellipses.
+    """Return a person's mask (h, w) without one to three random ellipses.
 
     Extraction by temperature leaves such holes (Nishi & Miura 2017, Fig. 12).
     """

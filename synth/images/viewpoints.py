@@ -46,7 +46,7 @@ EVERY = 19  # stride of the skin's vertices by which a view is planned
 
 
 def unplanned(place: PlaceSampler) -> Viewpoint:
-    """Return a viewpoint at a drawn position with a random roll, independent of the image."""
+    """Return a sampler of viewpoints: places from ``place``, random roll, regardless of the image."""
 
     def view(rng: np.random.Generator, vertices_m: Float32, joints_m: Float64, camera: Intrinsics) -> Shot:
         eye, target = place(rng, joints_m.mean(axis=0))
@@ -56,21 +56,19 @@ def unplanned(place: PlaceSampler) -> Viewpoint:
 
 
 def frontal_place(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64]:
-    """Draw eye and target within 65 degrees of the front, with the eye from chest to head height of a
-    robot.
-    """
+    """Draw eye and target (3,) within 65 degrees of the front, the eye at a robot's chest to head height."""
     azimuth, distance, height = np.radians(rng.uniform(-65, 65)), rng.uniform(1.3, 3.0), rng.uniform(0.6, 1.7)
     return beside(centre_m, azimuth, distance, height), centre_m + rng.normal(0, (0.12, 0.12, 0.10))
 
 
 def surrounding_place(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64]:
-    """Draw eye and target anywhere around an upright person."""
+    """Draw eye and target (3,) anywhere around an upright person."""
     azimuth, distance, height = rng.uniform(-np.pi, np.pi), rng.uniform(1.4, 3.5), rng.uniform(0.6, 1.8)
     return beside(centre_m, azimuth, distance, height), centre_m + rng.normal(0, (0.12, 0.12, 0.10))
 
 
 def overhead_place(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64]:
-    """Draw eye and target anywhere around a lying person, from bumper to ceiling height, as in the paper."""
+    """Draw eye and target (3,) around a lying person, from bumper to ceiling height, as in the paper."""
     azimuth = rng.uniform(-np.pi, np.pi)
     level = rng.choice((0.7, 1.1, 1.5, 2.1)) + rng.uniform(-0.2, 0.2)
     distance = rng.uniform(1.2, 2.6)
@@ -80,7 +78,7 @@ def overhead_place(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64
 
 @dataclass(frozen=True)
 class PlannedViewpoint:
-    """Viewpoint chosen by the resulting image: whole people of any size, some cut by the borders.
+    """Sampler of viewpoints chosen by the image: whole people of any size, some cut by the borders.
 
     front, side: shares of views within 45 degrees of the front, and from 45 to 135. over_m: least height of
     the camera above the person's middle.
@@ -124,7 +122,7 @@ class PlannedViewpoint:
 
 @numba.njit(cache=True)
 def _eye(middle: Float64, azimuth: float, distance: float, height: float) -> Float64:
-    """Return a camera position (3,) at a distance from a middle (3,), at the wanted height if possible; see
+    """Return a camera position (3,) at a distance from a point (3,), at the wanted height if possible; see
     ``beside``.
     """
     sine = min(max((height - middle[2]) / distance, STEEPEST[0]), STEEPEST[1])

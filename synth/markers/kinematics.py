@@ -205,7 +205,9 @@ def turn(w: Float64, rotation: Float64) -> None:
 
 
 class Derivative(NamedTuple):
-    """Derivative (3, K) of one marker with respect to K variables, listed in ``variables`` (V,)."""
+    """Derivative (3, K) of one marker in K variables: the first K columns; ``variables`` (V,) lists their
+    indices.
+    """
 
     columns: Float64
     variables: Int64
@@ -213,8 +215,8 @@ class Derivative(NamedTuple):
 
 @numba.njit(cache=True)
 def derive(tree: Tree, j: int, placed: tuple[Float64, Float64], at: Float64, into: Derivative) -> int:
-    """Write the derivative of a marker at joint ``j`` and return K. placed: axes and joints. at: marker's
-    position.
+    """Write the derivative of a marker at joint ``j``; return the number K of variables. placed: axes and
+    joints. at: marker's position.
     """
     axes, joints = placed
     columns, index = into
@@ -248,7 +250,7 @@ def marker_at(frames: Float64, joints: Float64, subject: Subject, m: int, at: Fl
 
 @numba.njit(cache=True)
 def _factor(h: Float64) -> None:
-    """Factorise (Cholesky) in place.
+    """Factorise a positive definite matrix in place (Cholesky).
 
     At this size this is faster than LAPACK, whose threads compete for the cores.
     """

@@ -106,7 +106,7 @@ class Motion:
         return leg_length_m(self.bones_m)
 
     def posture(self, frame: int, body: Body) -> Posture:
-        """Return one frame on a body: the same angles, the pelvis' path scaled to the length of its legs.
+        """Return a frame's posture on a body: the same angles, the pelvis' path scaled to the body's legs.
 
         The height over the floor is as inaccurate as recorded; ``synth.motion`` puts feet on the floor and
         separates limbs.
@@ -136,7 +136,7 @@ def save_motion(path: Path, motion: Motion, *, overwrite: bool = False) -> None:
 
 
 def load_motion(path: Path) -> Motion:
-    """Read a motion. Raises FormatError for another, damaged or too large file."""
+    """Read a motion. Raises FormatError for another kind of file, a damaged or a too large one."""
     arrays = load_arrays(path, MAX_BYTES, REMEDY)
     try:
         if int(arrays["version"]) != VERSION:

@@ -75,7 +75,7 @@ def zero_bones(rest_joints_m: Float64) -> Float64:
 
 
 def posture_prior(rest_deg: float, hold_deg: float) -> Prior:
-    """Return a prior with standard deviations ``rest_deg`` from zero and ``hold_deg`` from a joint's
+    """Return a prior with standard deviations ``rest_deg`` from anatomical zero and ``hold_deg`` from the
     start.
     """
     spread = np.full((N_JOINTS, 3), rest_deg)
@@ -186,7 +186,7 @@ def _spans_a_plane(points_m: Float64) -> bool:
 def fit_from_nothing(
     subject: Subject, observed_m: Float64, weights: Float64, prior: Prior
 ) -> tuple[State, float]:
-    """Return the best posture of one frame over all first guesses, and its cost."""
+    """Return one frame's best posture among fits from all first guesses, and its cost."""
     clean, starts = np.nan_to_num(observed_m), start_states(subject, observed_m)
     lenient = Observed(clean, weights, LENIENT_M)
     rough = [fit_posture(start, subject, lenient, prior, steps=40) for start in starts]
@@ -227,7 +227,7 @@ def fit_shape(
 
 
 def bones_of_leg(leg_m: float) -> Float64:
-    """Return the bones (J, 3) of a person with a leg length, in the proportions of the reference body."""
+    """Return the bones (J, 3) of a person with legs of ``leg_m``, in the reference body's proportions."""
     bones = zero_bones(reference_body().joints_m)
     return np.asarray(leg_m / leg_length_m(bones) * bones)
 

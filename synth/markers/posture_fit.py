@@ -149,7 +149,9 @@ def _cost(problem: _Problem, state: State, start: _Start, placed: tuple[Float64,
 def _normal(
     problem: _Problem, state: State, start: _Start, placed: tuple[Float64, Float64], system: _System
 ) -> None:
-    """Write the normal equations of the cost; angles whose step exceeds their limit are removed."""
+    """Write the normal equations of the cost into ``system``; angles whose step exceeds their limit are
+    removed.
+    """
     tree, subject, target, prior = problem
     (frames, joints), (h, g) = placed, system
     n = len(tree.parents)

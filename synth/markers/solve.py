@@ -86,9 +86,7 @@ def places_m(markers: Markers, static: Markers | None = None, markerset: MarkerS
 def _trials(
     markers: Markers, static: Markers | None, markerset: MarkerSet
 ) -> tuple[KnownMarkers, KnownMarkers | None]:
-    """Return the known markers of recording and static trial; the vertical axis comes from the standing
-    person.
-    """
+    """Return the known markers of recording and static trial; the static trial gives the vertical axis."""
     if static is None:
         return known_markers(markers, markerset), None
     standing = known_markers(static, markerset, standing=True)
@@ -139,7 +137,7 @@ def _same(a: Float64, b: Float64) -> bool:
 
 def _steady_person(frames: Float64, markerset: MarkerSet) -> tuple[Subject, MarkerSet, list[str]]:
     """Return the person, the marker set with less weight on markers that slide on their bones, and sentences
-    on these.
+    on these markers.
     """
     lines: list[str] = []
     person, off_m = _person(frames, markerset)

@@ -67,7 +67,8 @@ def motion_files(path: Path) -> list[Path]:
 
 
 def read_motions(path: Path) -> dict[str, "Motion"]:
-    """Return the motions of a file by name; takes have their own names, and markers are solved.
+    """Return the motions of a file by name: of each take, or the only one; joint angles are solved from
+    markers.
 
     Raises CloudError for another kind of file.
     """
@@ -89,7 +90,7 @@ def read_motions(path: Path) -> dict[str, "Motion"]:
 
 
 def read_take(path: Path, take: str | None) -> tuple[str, "Motion"]:
-    """Return name and motion of a file's take.
+    """Return name and motion of a take in a file.
 
     take: None if the file has only one. Raises CloudError for several takes without a name, and for an
     unknown name.

@@ -37,7 +37,7 @@ def stand(body: Body, grounded: Grounded, frame: int) -> Posed:
     """Pose a body as in one frame, over the origin and facing -y: vertices float32 (V, 3), joints (J, 3),
     metres.
 
-    Feet that stand in the motion stand on the floor. Airborne feet are at the same height, scaled to the
+    Feet that stand in the motion stand on the floor. Airborne feet have their recorded height, scaled to the
     body's legs. Limbs do not touch each other or the floor.
     """
     turn = -heading_rad(grounded.angles_rad[frame, 0])
@@ -46,8 +46,9 @@ def stand(body: Body, grounded: Grounded, frame: int) -> Posed:
 
 
 def cleared(body: Body, posture: Posture, wanted_m: Float64, solids: list[Solid]) -> Posture:
-    """Return a posture of ``standing`` without collisions, with its lowest point at the least of the heights
-    ``wanted_m``.
+    """Return a posture without collisions, its lowest point at the least of the heights ``wanted_m``.
+
+    posture, wanted_m: results of ``standing``.
     """
     low = wanted_m.min()
     airborne = np.array([0.0, 0.0, low])
@@ -85,9 +86,7 @@ def _feet(body: Body) -> list[Int64]:
 
 
 def take_seat(body: Body, grounded: Grounded, frame: int, seat: Seat) -> tuple[Posed, Seat]:
-    """Pose a body as in a seated frame, like ``stand``; also return its seat, at the height of the motion's
-    seat.
-    """
+    """Pose a body as in a seated frame, like ``stand``; also return the seat, as high as in the motion."""
     trunk = flesh_of(body).trunk
     posture, wanted = standing(body, grounded, frame, -heading_rad(grounded.angles_rad[frame, 0]))
     vertices, joints = pose(body, posture)
@@ -135,7 +134,7 @@ def _leaning(posture: Posture, back_rad: float) -> Posture:
 
 
 def standing(body: Body, grounded: Grounded, frame: int, turn_rad: float) -> tuple[Posture, Float64]:
-    """Return a frame's posture with the pelvis over the origin, before limbs are separated, and heights (3,).
+    """Return a frame's posture, pelvis over the origin, limbs not yet separated, and heights (3,).
 
     Heights over the floor of left foot, right foot and all else. turn_rad: rotation about the vertical.
     """
@@ -179,14 +178,14 @@ def _near(wanted_m: Float64) -> Float64:
 
 
 def hovering(clear_m: Float64) -> Float64:
-    """Return heights; heights of some millimetres become 0, because recorded standing feet are never
-    still.
+    """Return the heights, lowered to about 0 if they are some millimetres, because recorded standing feet are
+    never still.
     """
     return np.asarray(clear_m * (1 - np.exp(-clear_m / HOVER_M)))
 
 
 def feet_to(flesh: Flesh, posture: Posture, wanted_m: Float64) -> Posture:
-    """Return the posture with hips and knees bent so that the feet have their heights.
+    """Return the posture with hips and knees bent so that the feet reach their heights.
 
     wanted_m: (3,) height of left foot, right foot and all else over the floor.
     """
@@ -198,7 +197,7 @@ def feet_to(flesh: Flesh, posture: Posture, wanted_m: Float64) -> Posture:
 
 
 def _bent(flesh: Flesh, posture: Posture, wanted_m: Float64) -> Posture:
-    """Return the posture with legs bent or stretched so that feet near the floor have their heights."""
+    """Return the posture with legs bent or stretched so that feet near the floor reach their heights."""
     bent = Posture(posture.angles_rad.copy(), posture.pelvis_m)
     near = _near(wanted_m)
     goal = (1 - near) * _lowest(flesh, bent) + near * wanted_m

@@ -236,7 +236,7 @@ def _motion(text: str, columns: int, assumed: list[str]) -> tuple[Float64, float
 
 
 def _whole_rows(body: str, numbers: int, columns: int) -> int:
-    """Return the number of rows, of which the last may be truncated; 0 for rows of other lengths."""
+    """Return the number of whole rows; 0 unless each row has ``columns`` numbers, the last perhaps fewer."""
     lengths = [len(line.split()) for line in body.splitlines() if line.strip()]
     alike = all(length == columns for length in lengths[:-1]) and sum(lengths) == numbers
     return numbers // columns if lengths and alike and lengths[-1] <= columns else 0

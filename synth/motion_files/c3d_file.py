@@ -119,16 +119,16 @@ class _File:
         return float(_floats(self.data[at : at + 4], self.processor)[0])
 
     def numbers(self, name: str) -> list[float]:
-        """Return the first number of each value of a parameter."""
+        """Return the first number of each entry of a parameter, which a file may hold several times."""
         return [value.numbers[0] for value in self.parameters.get(name, []) if value.numbers]
 
     def wide_number(self, name: str) -> list[float]:
-        """Return the numbers of a parameter that is written as two words, the lower one first."""
+        """Return the numbers of a parameter that is written as two words, the lower one first, by entry."""
         values = [value.numbers for value in self.parameters.get(name, [])]
         return [v[0] + 65536 * v[1] if len(v) == 2 else v[0] for v in values if v]
 
     def texts(self, name: str) -> list[str]:
-        """Return the texts of a parameter; of several values, the one with most names."""
+        """Return the texts of a parameter; of several entries, the one with most names."""
         found = [value.texts for value in self.parameters.get(name, [])]
         return max(found, key=lambda texts: len(set(texts) - {""}), default=[])
 

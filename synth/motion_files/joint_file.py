@@ -1,6 +1,6 @@
 """Files of joints: takes of joint positions in one ``.npz``, or the rotations of an AMASS file.
 
-AMASS holds only rotations; bone lengths would follow from SMPL's body model, whose licence forbids to ship
+AMASS holds only rotations; bone lengths would follow from SMPL's body model, whose licence forbids shipping
 it. All rotations are about the axes of one T-pose. So they can drive any body with SMPL's joints in a T-pose,
 here the reference body of this project.
 """

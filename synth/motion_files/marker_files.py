@@ -106,7 +106,7 @@ def _read_trc(path: Path) -> Markers:
 
 
 def _parse_trc(lines: Iterable[str]) -> Markers:
-    """Read TRC lines of Motion Analysis, Vicon, OpenSim, Pose2Sim and pyomeca, also with defects.
+    """Read TRC lines of Motion Analysis, Vicon, OpenSim, Pose2Sim and pyomeca, also defective ones.
 
     Cells are separated by tabs, commas, semicolons or blanks. A marker's name is over the first of its three
     columns, so a missing name does not shift the others.

@@ -207,7 +207,7 @@ def _picked(markers: Markers, markerset: MarkerSet) -> tuple[Float64, tuple[str,
 def _other_people(
     labels: Sequence[str], places: Sequence[int | None], frames: Int64
 ) -> tuple[set[int], tuple[str, ...]]:
-    """Return the columns of all people but the one seen most, and a sentence on them. frames: number of
+    """Return the columns of all people except the one seen most, and a sentence on them. frames: number of
     frames of each column.
     """
     people: dict[str, dict[int, int]] = {}
@@ -290,9 +290,7 @@ def without_prefix(labels: Sequence[str], ending: str = "") -> list[str]:
 
 
 def _shared(labels: Sequence[str], ending: str) -> str:
-    """Return the longest common beginning of at least the share ``SHARED`` of the labels that may be a
-    prefix, or "".
-    """
+    """Return the longest prefix that at least the share ``SHARED`` of the labels have in common, or ""."""
     beginning, most = "", max(2, SHARED * len(labels))
     while True:
         following = Counter(

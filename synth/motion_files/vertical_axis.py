@@ -50,7 +50,7 @@ FOOT_M = 0.05  # least distance of two places that show a foot's direction
 
 class Upward(NamedTuple):
     """Stated vertical direction. axis: one of ``AXES`` or ""; by: source of the statement; usual: direction
-    of such files.
+    in most files of that kind.
     """
 
     axis: str = ""
@@ -272,7 +272,7 @@ def feet_ahead(positions_m: Float64, joint: Int64, at_m: Float64) -> Float64:
     """Return a measure (2 F,) of how far both feet point forwards, NaN where not seen; positive in every
     posture.
 
-    It is the triple product of the directions from right to left, up the shank and along the foot.
+    The measure is the triple product of the directions from right to left, up the shank and along the foot.
     """
     names = np.array([JOINTS[int(j)].name for j in joint])
     side = np.where(np.char.startswith(names, "left_hip"), 1, 0) - np.char.startswith(names, "right_hip")

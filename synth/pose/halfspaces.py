@@ -1,8 +1,8 @@
 """Half-space constraints that a posture violates: flesh in flesh, flesh in furniture, joints away from
 targets.
 
-Each is a row of ``Rows``: a point that has to move along a normal by a depth, perhaps relative to a second
-point.
+Each constraint is a row of ``Rows``: a point that has to move along a normal by a depth, perhaps relative to
+a second point.
 """
 
 from typing import NamedTuple
@@ -22,7 +22,7 @@ _LAST_FIXED = 4  # joints up to the neck rest already; none of their limbs can g
 
 
 class Rows(NamedTuple):
-    """Half-spaces (a named tuple, which compiled code takes): the first n rows count.
+    """Half-spaces (a named tuple because compiled code takes it): the first n rows count.
 
     normals: (n, 3); depths_m: (n,); points: (n, 2, 3), world; movers: (n, 2) the joint each point follows.
     """
@@ -126,8 +126,9 @@ def add_flesh(rows: Rows, n: int, pairs: Pairs, flesh: Flesh, stations: Float64)
 
 @numba.njit(cache=True, fastmath=True)
 def _deepest(s: int, lo: int, hi: int, flesh: Flesh, stations: Float64) -> tuple[float, int, float]:
-    """Return the penetration depth of station s into the chain lo..hi, the station there, and the share to
-    the next.
+    """Return the greatest depth of station s in the chain lo..hi, and its place in the chain.
+
+    The place is the station before it, and the share of the way to the next station.
     """
     radii = flesh.radii_m
     px, py, pz = stations[s]

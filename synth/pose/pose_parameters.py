@@ -133,7 +133,7 @@ def pose_families(file: str, cast: Cast = TRAINING) -> dict[str, PoseFamily]:
 
 
 def mirrored(spreads: Spreads) -> Spreads:
-    """Return the distributions with left and right exchanged."""
+    """Return the distributions of pose parameters with left and right exchanged."""
     other = {"left": "right", "right": "left"}
     result = {}
     for name, (mean, deviation) in spreads.items():
@@ -145,7 +145,7 @@ def mirrored(spreads: Spreads) -> Spreads:
 
 
 def _spreads(entry: dict[str, list[float]]) -> Spreads:
-    """Read a table, ``both_NAME`` as left_NAME and right_NAME."""
+    """Read a table of distributions; ``both_NAME`` stands for left_NAME and right_NAME."""
     result: Spreads = {}
     for name, (mean, deviation) in entry.items():
         spread = (float(mean), float(deviation))

@@ -150,7 +150,7 @@ def _carriers(support: Bed | Ground) -> list[Solid]:
 
 
 def _place(support: Bed | Ground, moment: Moment, joints: Float64) -> Float64:
-    """Return the pelvis' position (3,) with any height: the head lies near the support's upper end."""
+    """Return the pelvis' position (3,), at height 0, with the head near the support's upper end."""
     half = support.length / 2 - HEAD_FROM_EDGE_M
     spine = joints[JOINT_ID["head"]] - joints[JOINT_ID["pelvis"]]
     along = half - float(np.hypot(spine[0], spine[1])) - moment["along"]

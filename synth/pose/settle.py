@@ -40,7 +40,7 @@ def _ancestors() -> Bool:
 
 
 def _pairs() -> Int64:
-    """Return pairs of chains (n, 4): stations lo..hi of one, lo..hi of another."""
+    """Return the pairs of chains that may touch (n, 4): stations lo..hi of one, lo..hi of another."""
     rows = []
     for side, other, rules in (
         ("left", "right", "on_each_side"),

@@ -42,7 +42,7 @@ class Stood(NamedTuple):
 
 
 def stand(body: Body, how: Standing) -> Stood:
-    """Pose a standing body on the floor, its pelvis facing -y, its feet around the origin."""
+    """Foot on the floor: position (3,) of its ankle when flat, yaw, and angle by which the heel is raised."""
     vertices, joints = pose(body, stood(body, how))
     up = np.array([0.0, 0.0, -FLOOR.give_m - float(vertices[:, 2].min())])
     vertices, joints = vertices + up.astype(np.float32), joints + up
@@ -88,7 +88,7 @@ def _gives() -> Float64:
 
 @dataclass(frozen=True)
 class _Stander:
-    """Posing of a standing body, scaled relative to 1.70 m."""
+    """Procedure that poses a standing body; scale: its size relative to 1.70 m."""
 
     flesh: Flesh
     how: Standing

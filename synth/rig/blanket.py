@@ -81,7 +81,7 @@ def _drape(under_m: Float32, x: Float64, y: Float64, base_m: Float64) -> Float32
 
 
 def _hang(cloth_m: Float32, hem_m: float) -> Float32:
-    """Return cloth (n, m, 3) that hangs straight down from the foremost support to its hem."""
+    """Return cloth (n, m, 3) that hangs straight down from the foremost support to the height ``hem_m``."""
     n, m = cloth_m.shape[:2]
     carried = cloth_m[..., 2] > hem_m + THICK_M + CARRIED_M
     first = np.where(carried.any(axis=1), carried.argmax(axis=1), m - 1)

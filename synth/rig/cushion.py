@@ -73,16 +73,16 @@ class Cushion:
         return np.concatenate([self._body.vertices_m, nodes.reshape(-1, 3)]).astype(np.float32)
 
     def warm(self, dent_m: Float64, seconds: float) -> None:
-        """Warm the touched nodes and cool the others."""
+        """Update ``heat`` after some seconds: touched nodes warm, the others cool."""
         touched = dent_m > CLEARANCE_M / 2
         lag_s = np.where(touched, WARMING_S, COOLING_S)
         self.heat += (touched - self.heat) * (1 - np.exp(-seconds / lag_s))
 
     def leave_warm(self, dent_m: Float64, heat: float) -> None:
-        """Set the heat in [0, 1] of a seat that a person has just left."""
+        """Raise the heat of dented nodes to at least ``heat``, in [0, 1], as on a seat that was just left."""
         self.heat = np.maximum(self.heat, heat * (dent_m > CLEARANCE_M / 2))
 
     def celsius(self, room_c: float) -> Float64:
-        """Return the temperature (F,) of every face of ``mesh``."""
+        """Return the temperature (F,), degrees Celsius, of every face of ``mesh``."""
         heat = np.concatenate([np.zeros(8), cv2.GaussianBlur(self.heat, (0, 0), 1.0).ravel()])
         return np.asarray(room_c + (CONTACT_C - room_c) * face_means(heat, self.mesh.faces), np.float64)

@@ -170,9 +170,7 @@ class Episode:
         return SceneState(whole, whole, joints, celsius)
 
     def _press(self, person_m: Float32, seconds: float) -> list[Float64]:
-        """Advance seat and person by some seconds in one posture, which warms them; return the dents of the
-        cushions.
-        """
+        """Warm seat and person by some seconds in one posture; return the dents of the cushions."""
         points = np.concatenate([person_m, face_means(person_m, self._body.faces)])
         dents = [cushion.press(points) for cushion in self._cushions]
         if self._difficulty.warmth > 0:

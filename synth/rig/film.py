@@ -35,7 +35,7 @@ class PlayedActivity:
     performance: Performance
 
     def draw(self, rng: np.random.Generator) -> Moment:
-        """Draw a frame."""
+        """Draw the pose parameter of a random frame."""
         return {"frame": float(rng.integers(len(self.performance.postures)))}
 
     def stream(self, rng: np.random.Generator, frames_per_second: float) -> Iterator[Moment]:
@@ -47,7 +47,7 @@ class PlayedActivity:
             frame += 1
 
     def pose(self, body: Body, moment: Moment) -> Posed:
-        """Pose the performer in a frame."""
+        """Return the performer's vertices and joints in a frame."""
         return pose(body, self.performance.postures[int(moment["frame"])])
 
 

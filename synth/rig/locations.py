@@ -45,8 +45,9 @@ class Activity(Protocol):
 
 @dataclass(frozen=True)
 class Location:
-    """Furniture or bare floor in a room, with a robot in front; world frame, metres. wall_y: of the wall
-    behind."""
+    """Furniture or bare floor in a room, with a robot in front; world frame, metres. wall_y: y of the wall
+    behind.
+    """
 
     furniture: Furniture
     wall_y: float
@@ -122,7 +123,7 @@ SCENES: dict[str, Callable[[np.random.Generator, Cast], Location]] = {
 
 
 def located(scene: str, cast: Cast = TRAINING) -> Callable[[np.random.Generator], Location]:
-    """Return the sampler of a scene's places, with a cast's furniture, poses and rooms."""
+    """Return the sampler of a scene's locations, with a cast's furniture, poses and rooms."""
 
     def draw(rng: np.random.Generator) -> Location:
         place = SCENES[scene](rng, cast)

@@ -42,7 +42,7 @@ class Thing:
     where: ThingPose | None = None
 
     def vertices(self, person_m: Float32, joints_m: Float64) -> Float32:
-        """Return the vertices for a posed person."""
+        """Return the object's vertices for a posed person, world, metres."""
         return self.mesh.vertices_m if self.where is None else self.where(person_m, joints_m)
 
 

@@ -66,7 +66,7 @@ class PlateViews(FrameSource):
         return self._shoot(index, self._pose(rng), index in self._bad, rng)
 
     def held(self, index: int, depth_from_plate: Pose) -> RigFrame:
-        """Return a view of the plate at a pose; in a share ``bad_share`` of the views it moves between
+        """Return a view of the plate at a pose; in a share ``bad_share`` of views the plate moves between
         exposures.
         """
         rng = np.random.default_rng((self.seed, 3, index))

@@ -86,7 +86,7 @@ def _follow_edges(tag: Int32, seen: ZBuffer, depth_mm: NDArray[np.uint16], senso
 
 
 def truth_labels(frame: RigFrame, truth: Truth, camera: Intrinsics = KINECT2_DEPTH) -> FrameLabels:
-    """Return the true labels of the undistorted depth image; the undistortion is the one of fusion."""
+    """Return the true labels of the depth image, undistorted as in fusion."""
     source = undistortion_index(camera)
     depth_mm, regions, persons = (
         np.where(source >= 0, image.ravel()[source], 0)

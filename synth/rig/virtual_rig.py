@@ -195,8 +195,8 @@ class VirtualRig(FrameSource):
         return ZBuffer(seen.depth_m + longer_m, seen.face)
 
     def _warmth(self, scene: Scene, state: SceneState, velocity: Float64, delays_s: list[float]) -> Float32:
-        """Return the mean of the temperature images at each delay before now, in the thermal camera's wide
-        pinhole.
+        """Return the mean of temperature images, each as old as one of the delays, in the thermal camera's
+        wide pinhole.
         """
         pose = self._thermal_from_depth @ scene.camera_from_world
         images = []

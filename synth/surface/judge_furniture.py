@@ -51,7 +51,7 @@ class Wheel(Solid):
 
 @dataclass(frozen=True)
 class CornerSofa(Sofa):
-    """Sofa with a chaise longue at one end and an arm at the other; side: its sign is the chaise's."""
+    """Sofa with a chaise longue at one end and an arm at the other; side: sign of the chaise's x."""
 
     chaise: float = 0.8
     side: float = 1.0
@@ -239,7 +239,7 @@ class DoubleBed(Bed):
 
 @dataclass(frozen=True)
 class DayBed(Bed):
-    """Narrow bed with a panel along one side; side: its sign is the panel's."""
+    """Narrow bed with a panel along one side; side: sign of the panel's x."""
 
     panel: float = 0.2
     side: float = 1.0

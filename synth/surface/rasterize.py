@@ -84,7 +84,7 @@ def _rasterize(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _project(vertices: Float32, pinhole: _Pinhole) -> Float32:
-    """Return pixel coordinates and nearness 1/z (V, 3); nearness 0 in front of the near plane."""
+    """Return pixel coordinates and nearness 1/z (V, 3); nearness 0 for vertices not beyond the near plane."""
     fx, fy, cx, cy = pinhole
     points = np.empty((len(vertices), 3), np.float32)
     for i in range(len(vertices)):
@@ -98,7 +98,7 @@ def _project(vertices: Float32, pinhole: _Pinhole) -> Float32:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _candidates(points: Float32, faces: Int32, width: int, height: int, closed: bool) -> Int32:
-    """Return the faces whose bounding box holds a pixel centre; branch-free because most hold none."""
+    """Return the faces whose bounding box holds a pixel centre; branch-free because most faces hold none."""
     kept = np.empty(len(faces), np.int32)
     right, bottom = np.float32(width - 1), np.float32(height - 1)
     n = 0

@@ -27,7 +27,7 @@ class Room:
     pillar: tuple[float, float, float, float] | None = None
 
     def mesh(self, back_y: float) -> Mesh:
-        """Return floor, walls and fixtures; sheets nearer than a camera's range are not drawn."""
+        """Return floor, walls and fixtures. back_y: y of the wall behind the person."""
         depth = np.array([0, back_y - self.front_y, 0])
         width, up = np.array([self.right_x - self.left_x, 0, 0]), np.array([0, 0, self.height])
         corner = np.array([self.left_x, self.front_y, 0])
