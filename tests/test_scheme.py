@@ -106,9 +106,12 @@ def test_tables_follow_from_the_regions(scheme):
     }
 
 
-def test_left_is_first_in_twins():
+@pytest.mark.parametrize("last", [0, 100])
+def test_left_is_first_in_twins(last):
+    """Ids count up, or down from ``last``, so that the right has the lower id."""
     for name in SHIPPED:
-        scheme = load_scheme(name)
+        scheme = scheme_of(name, [replace(p, id=abs(last - p.id)) for p in load_scheme(name).parts])
+        assert len(scheme.twins) == len(load_scheme(name).twins)
         parts = {part.id: part for part in scheme.parts}
         for left, right in scheme.twins:
             assert parts[left].name == parts[right].name.replace("right", "left")
