@@ -33,7 +33,7 @@ RAW_TOP = 16000  # white of the raw image, with reserve for white balance
 
 @dataclass(frozen=True)
 class CameraFaults:
-    """Faults of a colour camera; 0 switches a fault off.
+    """Faults of a colour camera.
 
     noise: factor on shot and read noise. blur_px: standard deviation of the lens blur. exposure_sd,
     balance_sd: standard deviations of the logarithmic drift of exposure, and of the red and blue gains.
@@ -55,7 +55,7 @@ class CameraFaults:
 class CameraState:
     """State of automatic exposure and white balance.
 
-    exposure: factor on light. balance, drift: (3,), by red, green, blue and by red, exposure, blue.
+    exposure: factor on light. balance: (3,) factors on red, green, blue. drift: (3,) of red, exposure, blue.
     """
 
     exposure: float
@@ -69,7 +69,7 @@ class CameraState:
 
     @property
     def gain(self) -> float:
-        """Return the sensor gain, a factor of 1 or more, that replaces exposure time beyond its maximum."""
+        """Return the sensor gain that makes up for the limit of the exposure time."""
         return self.exposure * BRIGHT_S / self.exposure_s
 
 

@@ -66,7 +66,7 @@ class Clothing:
 
 
 class BodyWarmth:
-    """Surface temperature of a person; touched limbs stay warm for a while. worn: body in loose clothes."""
+    """Surface temperature of a person; limbs that touch stay warm for a while. worn: body in loose cloth."""
 
     def __init__(
         self,

@@ -67,8 +67,8 @@ class BodyModel:
 
     @cached_property
     def _influences(self) -> tuple[UInt8, Float32]:
-        """Return joints and weights of the strongest influences on every vertex of the cut skin, equal for
-        all bodies.
+        """Return the strongest influences on each vertex of the cut skin, joints and weights, equal for all
+        bodies.
         """
         by_joint = self._skin.recipe @ self._weights_by_joint(self._skin.recipe.shape[1])
         bones = np.argsort(-by_joint, axis=1, kind="stable")[:, :BONES_PER_VERTEX]

@@ -115,7 +115,7 @@ def _half(own: Float32, start: Float64, along: Float64, towards: Float64) -> Flo
 
 
 def _limb(body: Body, owned: list[Int64], limb: str, side: str) -> tuple[Float32, Float64]:
-    """Return the vertices (n, 3) of a limb, hand or foot half, and the first and last station (2, 3) of its
+    """Return the vertices (n, 3) of a limb, or half a hand or foot, and the two end stations (2, 3) of its
     axis.
     """
     _, origin, end = _LIMBS[limb]

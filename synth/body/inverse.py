@@ -1,4 +1,4 @@
-"""Inverse kinematics of two-bone limbs: arms that reach a target, legs that stand on one."""
+"""Inverse kinematics of two-bone limbs: arms that reach a target, legs that stand on a target."""
 
 from typing import NamedTuple
 
@@ -113,8 +113,8 @@ def _place_hand(limb: _Limb, target_m: Float64, swivel_rad: float) -> None:
 
 @numba.njit(cache=True)
 def _bend(limb: _Limb, frames: Float64, line: Float64, hinge: Float64) -> None:
-    """Turn shoulder and elbow so that the wrist reaches the end of ``line`` (3,), from the shoulder. hinge:
-    elbow axis.
+    """Turn shoulder and elbow so that the wrist reaches the end of ``line`` (3,), which starts at the
+    shoulder. hinge: elbow axis.
     """
     along = line / np.linalg.norm(line)
     flexion, at_shoulder = _triangle(limb, line)
@@ -190,7 +190,7 @@ def _about(axis: Float64, angle: float, vector: Float64) -> Float64:
 
 @numba.njit(cache=True)
 def _euler_inside(rotation: Float64, signs: Float64, limits_rad: Float64) -> Float64:
-    """Return the XYZ angle triple of a rotation, which has two, that exceeds the limits least."""
+    """Return, of a rotation's two XYZ angle triples, the triple that exceeds the limits least."""
     best, least = np.zeros(3), np.inf
     y = np.arcsin(min(max(rotation[0, 2], -1.0), 1.0))
     x, z = np.arctan2(-rotation[1, 2], rotation[2, 2]), np.arctan2(-rotation[0, 1], rotation[0, 0])

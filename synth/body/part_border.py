@@ -75,7 +75,7 @@ def cut_into_parts(vertices_m: Float64, faces: Int32, joints_m: Float64, by_join
 def borders(vertices_m: Float64, joints_m: Float64) -> tuple[Border, ...]:
     """Return the ten borders of a body at rest.
 
-    They follow from the joints (J, 3) and the lowest skin vertex in the middle plane.
+    The borders follow from the joints (J, 3) and the lowest skin vertex in the middle plane.
     """
     at = {name: joints_m[i] for name, i in JOINT_ID.items()}
     up = np.array([0.0, 0.0, 1.0])

@@ -31,7 +31,7 @@ class Joint:
 
     @property
     def kind(self) -> str:
-        """Return the name without the side, a key of ``synth/data/joints.toml``."""
+        """Return the joint's name without the side, a key of ``synth/data/joints.toml``."""
         return self.name.removeprefix("left_").removeprefix("right_")
 
 

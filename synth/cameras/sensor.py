@@ -71,7 +71,7 @@ class CleanDepth:
         return cv2.dilate(fits, square, anchor=last).view(np.bool_)
 
     def blank(self) -> Reading:
-        """Return a reading (h, w) of nothing at every pixel."""
+        """Return a reading (h, w) without a measurement at any pixel."""
         shape = self.depth_m.shape
         return Reading(np.zeros(shape, np.uint16), np.full(shape, NOTHING, np.int32))
 

@@ -128,7 +128,7 @@ def _faces(path: Path, n_vertices: int) -> Int32:
 
 
 def kind_of(garment: Garment, body: Body) -> str:
-    """Return the garment's kind, a key of ``WORN``, from its greatest height on a body."""
+    """Return the kind of a garment, a key of ``WORN``, from the garment's greatest height on a body."""
     z = garment.place(base_mesh_m(body))[:, 2]
     if z.max() < SHOE_M:
         return "shoes"

@@ -44,7 +44,7 @@ class HangingSkirt:
 def hang_skirt(
     naked: Body, worn: Body, places: SkinMap, skirt: Skirt, rng: np.random.Generator
 ) -> HangingSkirt:
-    """Return a skirt on the body ``worn``; naked: the body without clothes; places: its coordinates."""
+    """Return a skirt on the body ``worn``; naked: body without clothes; places: ``SkinMap`` of the body."""
     top, hem = _heights(naked, skirt)
     rings = max(4, round((top - hem) / RING_M) + 1)
     step = (top - hem) / (rings - 1)
