@@ -75,7 +75,7 @@ def warmth_seen(seen: ZBuffer, celsius: Float64, ambient_c: float) -> Float32:
 
 
 def through_lens(warm: Float32, lens: Lens) -> Float32:
-    """Return a supersampled pinhole image resampled to the camera's pixels (h, w); edge pixels are mixtures."""
+    """Return a supersampled pinhole image resampled to the camera's pixels (h, w); edge pixels are mixed."""
     fine = cv2.remap(warm, *lens.maps, interpolation=cv2.INTER_NEAREST)
     return np.asarray(cv2.resize(fine, lens.camera.shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
 
