@@ -118,8 +118,10 @@ def of_values(
     error = intervals.standard_error(statistic(numbers, drawn[:, people]), n)
     half = float(error * intervals.quantile(n - 1))
     without = tuple(statistic(numbers, (1 - np.eye(n, dtype=np.int64))[:, people]).tolist())
-    differ = half > intervals.ROUNDING * max(1.0, abs(found))
-    return Figure(found, found - half, found + half, without) if differ else Figure(found, without=without)
+    if half <= intervals.ROUNDING * max(1.0, abs(found)):
+        return Figure(found, without=without)
+    least = min(0.0, float(numbers.min()))  # errors and times are never negative
+    return Figure(found, max(least, found - half), found + half, without)
 
 
 def average(values: Float64, copies: Int64) -> Float64:
