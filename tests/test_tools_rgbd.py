@@ -17,6 +17,7 @@ from sensors.errors import CalibrationError, FormatError
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics
 from tools.measure import colour_people, rgbd
+from tools.measure.rgbd_tally import AS_JOINTS, JUDGED, Found, Seen, Tally
 
 CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 
@@ -31,10 +32,10 @@ def standing(x: float = 30.0) -> np.ndarray:
     return person
 
 
-def found(person: np.ndarray, z: float = 2000.0) -> rgbd.Found:
+def found(person: np.ndarray) -> Found:
     at = np.full((15, 3), np.nan)
-    at[rgbd.AS_JOINTS] = np.column_stack([person[rgbd.JUDGED, :2], np.full(len(rgbd.JUDGED), z)])
-    return rgbd.Found(at, 0.0, "standing")
+    at[AS_JOINTS] = person[JUDGED] * (1, 1, 0) + (0, 0, 2000)
+    return Found(at, 0.0, "standing")
 
 
 @pytest.mark.parametrize(("folder", "frames"), [("sofa", 5), ("upper_body", 2), ("nobody", 4)])
@@ -58,8 +59,7 @@ def test_measures_are_those_of_the_recordings_own_judge(shared_data, tmp_path, f
     judged = [list(map(np.array, people[name])) for name in names]
     frames = rgbd.found_by_network(labels, len(names))
     n = sum(rgbd.tally_of(labels.whole_image, judged, frames).counts, Counter())
-    for name in ("people", "lost", "joints", "phantoms"):
-        assert n[name] == expected[name]
+    assert all(n[name] == expected[name] for name in ("people", "lost", "joints", "phantoms"))
     for name in ("right", "unlabelled", "other_side", "other_side_far"):
         assert round(n[name] / max(n["joints"], 1), 4) == expected[name]
     for theirs, own in (("within_10", "near"), ("within_20", "wide")):
@@ -67,18 +67,23 @@ def test_measures_are_those_of_the_recordings_own_judge(shared_data, tmp_path, f
 
 
 def test_a_person_in_place_is_right_and_another_one_is_a_phantom():
-    person, depth, tally = standing(), np.full((48, 64), 1900, np.uint16), rgbd.Tally(CAMERA)
-    tally.add([person], rgbd.Seen(depth, None, [found(standing(57)), found(person)]))
+    person, depth, tally = standing(), np.full((48, 64), 1900, np.uint16), Tally(CAMERA)
+    tally.add([person], Seen(depth, None, [found(standing(57)), found(person)]))
     assert tally.counts[0] == {
         **{"frames": 1, "seen": 13, "near": 13, "wide": 13, "faced": 1, "facing": 1},
         **{"matched": 1, "standing": 1, "phantoms": 1},
     }
     np.testing.assert_allclose(tally.across_mm, 0)
     np.testing.assert_allclose(tally.behind_mm, 100)
-    moved = rgbd.Tally(CAMERA)
-    moved.add(
-        [person], rgbd.Seen(depth, None, [found(person + np.array([2, 0, 0]))])
-    )  # a seventh of the trunk
+    for names in ("a", "abcde"):
+        row = rgbd.figures(dict.fromkeys(names, tally), "any")
+        assert (row["within a tenth"].value, row["phantoms a frame"].value, row["behind, mm"].value) == (
+            1,
+            1,
+            100,
+        )
+    moved = Tally(CAMERA)
+    moved.add([person], Seen(depth, None, [found(person + np.array([2, 0, 0]))]))  # a seventh of the trunk
     assert (moved.counts[0]["near"], moved.counts[0]["wide"]) == (0, 13)
     np.testing.assert_allclose(moved.across_mm, 2 * 1900 / 60)
 
@@ -95,9 +100,8 @@ def test_a_crop_is_mapped_there_and_back():
 
 
 def test_heat_moves_a_landmark_to_its_centroid():
-    heat = np.zeros((64, 64, 2), np.float32)
+    heat, at = np.zeros((64, 64, 2), np.float32), np.array([[30.2 / 64, 21.9 / 64], [0.5, 0.5]])
     heat[20, 31:33, 0] = 0.9
-    at = np.array([[30.2 / 64, 21.9 / 64], [0.5, 0.5]])
     np.testing.assert_allclose(colour_people.refined(at, heat), [[31.5 / 64, 20 / 64], [0.5, 0.5]])
 
 
@@ -109,11 +113,8 @@ def test_other_models_and_unregistered_colour_are_refused(tmp_path):
             colour_people.model_bytes(models, colour_people.DETECTOR)
     for folder, shape in (("depth", (48, 64)), ("color", (24, 32, 3))):
         (tmp_path / folder).mkdir()
-        cv2.imwrite(
-            str(tmp_path / folder / "0.png"), np.zeros(shape, np.uint16 if folder == "depth" else np.uint8)
-        )
-    with pytest.raises(CalibrationError, match="register colour to depth"):
-        colour_people.make_people(tmp_path, None)
-    (tmp_path / "color" / "0.png").unlink()
-    with pytest.raises(FormatError, match="has no image"):
-        colour_people.make_people(tmp_path, None)
+        cv2.imwrite(str(tmp_path / folder / "0.png"), np.zeros(shape, np.uint8))
+    for error, match in ((CalibrationError, "register colour to depth"), (FormatError, "has no image")):
+        with pytest.raises(error, match=match):
+            colour_people.make_people(tmp_path, None)
+        (tmp_path / "color" / "0.png").unlink(missing_ok=True)
