@@ -24,9 +24,10 @@ TRUE_NAMES = (*JOINT_NAMES, *STANDS_FOR, TORSO)
 
 @dataclass(frozen=True, eq=False)
 class BenchmarkSet:
-    """Recording with true joints (F, J, 3), metres, frame of the depth camera; NaN for unknown joints.
+    """Recording with true joints (F, J, 3), metres in depth-camera coordinates; NaN for unknown joints.
 
-    joints: J names of ``TRUE_NAMES``. visible: bool (F, J), joints that the frame shows. subjects: F names.
+    joints: their J names, from ``TRUE_NAMES``. visible: bool (F, J), joints that the frame shows. subjects: F
+    names.
     """
 
     source: FrameSource
@@ -36,8 +37,9 @@ class BenchmarkSet:
     subjects: tuple[str, ...]
 
     def precision(self, labels: LabelSet) -> tuple[MeanPrecision, MeanPrecision, int]:
-        """Return the precision of all joints and of the visible ones, and the number of frames without a
-        person.
+        """Return the precision of a label set's joints: over all true joints, and over the visible ones.
+
+        The third value is the number of frames with true joints but without a labelled person.
         """
         predicted_m, nobody = np.full(self.true_m.shape, np.nan), np.ones(len(self.true_m), np.bool_)
         for frame_id in labels.frame_ids:
@@ -54,8 +56,9 @@ class BenchmarkSet:
 
 
 def as_named(found_m: Float64, names: Sequence[str]) -> Float64:
-    """Return a network's joints (15, 3) as the joints (J, 3) called ``names``; the torso is the middle of
-    neck and hips.
+    """Return the joints (J, 3) called ``names`` from a network's joints (15, 3).
+
+    Wrists stand for hands, ankles for feet; the torso is the middle of neck and hips.
     """
     hips = (found_m[JOINT["left_hip"]] + found_m[JOINT["right_hip"]]) / 2
     torso = (found_m[JOINT["neck"]] + hips) / 2

@@ -38,12 +38,12 @@ MAX_ITEM_BYTES = 64  # of a number or an id; ITOP's ids have 8
 
 
 def paths_of(folder: Path, view: str) -> tuple[Path, Path]:
-    """Return the paths of a view's images and labels."""
+    """Return the paths of the depth images and of the labels of a view, "side" or "top"."""
     return folder / f"ITOP_{view}_test_depth_map.h5", folder / f"ITOP_{view}_test_labels.h5"
 
 
 def read_itop(folder: Path, view: str) -> BenchmarkSet:
-    """Read the labels of a view's valid test frames, and open its images.
+    """Return a view's valid test frames with their true joints; images are read when used.
 
     Raises FormatError where a file is not in ITOP's layout.
     """
@@ -65,7 +65,7 @@ def read_itop(folder: Path, view: str) -> BenchmarkSet:
 
 
 class ItopFrames(FrameSource):
-    """Chosen images of a checked depth file as a source of frames. chosen: their indices (F,), rising."""
+    """Frame source over a checked file of ITOP's depth images. chosen: ascending image indices (F,)."""
 
     notes = ("no colour images", "no thermal images")
 
@@ -97,8 +97,10 @@ def _opened(path: Path) -> "Iterator[h5py.File]":
 
 
 def _array(file: "h5py.File", name: str, shape: tuple[int, ...] | None, kinds: str) -> "h5py.Dataset":
-    """Return a dataset, unread; kinds: numpy's letters of its possible types, shape: None = (n,). Raises
-    FormatError for a missing or other dataset.
+    """Return the dataset ``name`` without reading its values.
+
+    shape: required, None = (n,) for any n. kinds: permitted type codes, as in ``numpy.dtype.kind``. Raises
+    FormatError for a dataset that is missing, different or too large.
     """
     import h5py
 
@@ -124,7 +126,7 @@ def _array(file: "h5py.File", name: str, shape: tuple[int, ...] | None, kinds: s
 
 
 def _ids(file: "h5py.File") -> list[str]:
-    """Return the ids of all frames. Raises FormatError for too many or malformed ones."""
+    """Return the ids of all frames. Raises FormatError for too many or malformed ids."""
     data = _array(file, "id", None, "SO")
     ids = []
     for i in range(len(data)):

@@ -19,9 +19,9 @@ MAX_BYTES = 256_000_000  # of a file, read whole; 100,000 frames have 80 MB
 def read_joint_truth(source: FrameSource, path: Path) -> BenchmarkSet:
     """Read the true joints of a recording's frames.
 
-    A line has ``frame``, the number of the frame from 0, and ``joints_mm``: name to x, y, z in millimetres,
-    frame of the undistorted depth camera. It may have ``subject``, and ``hidden``: names of hidden joints.
-    Lines of a ``person`` other than 1 are left out. Raises FormatError for malformed lines.
+    A line has ``frame``, the number of the frame from 0, and ``joints_mm``: name to x, y, z, millimetres in
+    coordinates of the undistorted depth camera. It may have ``subject``, and ``hidden``: names of hidden
+    joints. Lines of a ``person`` other than 1 are left out. Raises FormatError for malformed lines.
     """
     names, remedy = TRUE_NAMES, "give lines as predict --joints writes them"
     true_m = np.full((len(source), len(names), 3), np.nan)

@@ -22,9 +22,11 @@ REACH_M = 0.1  # m; a nearer joint is a hit; Haque et al. 2016
 
 @dataclass(frozen=True, eq=False)
 class MeanPrecision:
-    """Precision (J,) of the joints, NaN for uncounted ones; their mean, and its 95 % interval over people.
+    """Precision (J,) of each joint, NaN for joints not counted; their mean, and its 95 % interval over
+    people.
 
-    people: known ones. note: a reason to doubt the interval, or "".
+    frames, people: numbers of counted frames and of people with a known name. note: a reason to doubt the
+    interval, or "".
     """
 
     by_joint: Scores
@@ -35,7 +37,7 @@ class MeanPrecision:
     note: str
 
     def to_json(self, joints: Sequence[str]) -> dict[str, Any]:
-        """Return the figures as JSON; None for unknown ones."""
+        """Return mean, interval, counts and each joint's precision as JSON; None for unknown values."""
         known = [value if np.isfinite(value) else None for value in (*self.by_joint.tolist(), *self.ci95)]
         counts = {"frames": self.frames, "people": self.people, "ci_note": self.note}
         return counts | {
@@ -46,14 +48,18 @@ class MeanPrecision:
 
 
 def joint_hits(predicted_m: Float64, true_m: Float64) -> Bool:
-    """Return hits (F, J) of predicted joints (F, J, 3), metres; False for a NaN."""
+    """Return True (F, J) for predicted joints nearer than 10 cm to the true joints; a NaN gives False.
+
+    Both arguments: (F, J, 3), metres.
+    """
     return np.asarray(np.linalg.norm(predicted_m - true_m, axis=-1) < REACH_M)
 
 
 def mean_precision(hits: Bool, counted: Bool, subjects: Sequence[str]) -> MeanPrecision:
-    """Return the mean precision over frames; both arrays (F, J), subjects (F,).
+    """Return each joint's precision over frames, and the mean over joints.
 
-    The interval draws whole people. Raises CloudError where no joint counts.
+    hits, counted: (F, J); joints not counted are left out. subjects: (F,). The interval is a bootstrap over
+    people. Raises CloudError where no joint counts.
     """
     rows = np.flatnonzero(counted.any(axis=1))
     people = [subjects[row] for row in rows.tolist()]
@@ -70,7 +76,7 @@ def mean_precision(hits: Bool, counted: Bool, subjects: Sequence[str]) -> MeanPr
 
 
 def _by_joint(sums: Int64) -> Scores:
-    """Return precisions (..., J) of hits and counted frames (..., 2 J)."""
+    """Return precisions (..., J) from J numbers of hits, followed by J numbers of counted frames (..., 2 J)."""
     return ratio(*np.split(sums, 2, axis=-1))
 
 

@@ -7,7 +7,9 @@ KINDS = ("head", "neck", "shoulder", "elbow", "hand", "torso", "hip", "knee", "f
 
 
 class Published(NamedTuple):
-    """Figures of a method. side, top: means of the views. joints: of the side view, by ``KINDS``."""
+    """Published precision of a method. side, top: means of the views; None = not published. joints: of the
+    side view, by ``KINDS``.
+    """
 
     method: str
     paper: str

@@ -58,17 +58,17 @@ class Comparison:
 
     @property
     def matrices(self) -> Counts:
-        """Confusion matrices of the frames, int64 (F, 12, 12)."""
+        """Confusion matrix of each frame, int32 (F, 12, 12), rows are the truth."""
         return self.counts.confusion
 
     @property
     def confusion(self) -> Counts:
-        """Confusion matrix of the whole set, int64 (12, 12)."""
+        """Confusion matrix of the whole set, int64 (12, 12), rows are the truth."""
         return self.total.confusion
 
     @cached_property
     def total(self) -> FrameCounts:
-        """Counts of the whole set."""
+        """Counts summed over all frames."""
         return self.counts.total()
 
     @cached_property
@@ -78,12 +78,12 @@ class Comparison:
 
     @cached_property
     def by_cluster(self) -> Counts:
-        """Counts (C, K) of the clusters that a bootstrap draws."""
+        """Counts (C, K) summed by cluster, the unit that the bootstrap draws: a subject, or a frame."""
         return intervals.cluster_sums(self.counts.flat, intervals.clusters_of(self.subjects))
 
     @cached_property
     def behind(self) -> dict[str, Int64]:
-        """Number of clusters (...) with each score."""
+        """Number of clusters (...) in which each score is defined, by name."""
         behind: dict[str, Int64] = {}
         for rows in blocks(len(self.by_cluster)):
             for name, score in scores_of(FrameCounts(self.by_cluster[rows])).items():
@@ -92,12 +92,12 @@ class Comparison:
 
     @cached_property
     def resampled(self) -> dict[str, Scores]:
-        """Scores of each bootstrap resample (R, ...)."""
+        """Scores (R, ...) of R bootstrap resamples, by name."""
         return scores_of(FrameCounts(intervals.resampled_sums(self.by_cluster)))
 
     @cached_property
     def ci95(self) -> dict[str, Float64]:
-        """95 % interval (2, ...) of each score; NaN for a score of one subject."""
+        """95 % interval (2, ...) of each score, by name; NaN for a score that only one cluster has."""
         return {
             name: intervals.interval(self.scores[name], values, self.behind[name])
             for name, values in self.resampled.items()
@@ -115,14 +115,14 @@ class Comparison:
 
     @property
     def undefined_shares(self) -> dict[str, float]:
-        """Shares of the pixels undefined in the truth, and in the prediction only."""
+        """Shares of all pixels that are undefined in the truth, and in the prediction only."""
         ignored, unnamed, pixels = self.total.undefined
         shares = confusion.ratio(np.array([ignored, unnamed]), np.array([pixels, pixels]))
         return {"truth": float(shares[0]), "predicted": float(shares[1])}
 
     @property
     def hashes(self) -> dict[str, str]:
-        """SHA-256 of all frames' digests of depth, truth and prediction."""
+        """SHA-256 of all frames' digests: of the depth images, the true and the predicted labels."""
         return {
             name: hashlib.sha256("".join(of_frames).encode()).hexdigest()
             for name, of_frames in zip(Digests._fields, zip(*self.digests, strict=True), strict=True)
@@ -146,7 +146,9 @@ class Comparison:
         return bool(self.total.reliability.any())
 
     def only(self, frames: Index) -> Self:
-        """Return the comparison of some frames (n,), in this order. Raises CloudError without frames."""
+        """Return the comparison of the frames at indices (n,), in this order. Raises CloudError without
+        frames.
+        """
         if np.array_equal(frames, np.arange(len(self.frame_ids))):
             return self
         names = ("frame_ids", "subjects", "traits", "digests")
@@ -160,7 +162,7 @@ class Comparison:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON of `diff`; null: a part that no frame shows."""
+        """Return the summary scores as JSON, the output of `diff`; null for a part that no frame shows."""
         return {
             "frames": len(self.frame_ids),
             **{name: named(name, self.scores[name]) for name in SUMMARY},
@@ -168,7 +170,7 @@ class Comparison:
         }
 
     def to_evaluation_json(self) -> dict[str, Any]:
-        """Return the JSON of `evaluate`."""
+        """Return all scores, intervals and counts as JSON, the output of `evaluate`."""
         return {
             "frames": len(self.frame_ids),
             "subjects": self.n_subjects,
@@ -198,9 +200,9 @@ def compare_sets(
 ) -> Comparison:
     """Compare every frame of the truth with the prediction of the same id.
 
-    Predicted frames without a truth are counted only. advance: called with a number of finished frames.
-    workers: processes; by default all cores for large sets. Raises CloudError for a frame that is missing or
-    has another depth image, FormatError for a corrupt frame.
+    Predicted frames without a truth are counted but not compared. advance: called with a number of finished
+    frames. workers: processes; by default all cores for large sets. Raises CloudError for a frame that is
+    missing or has another depth image, FormatError for a corrupt frame.
     """
     pairs, extra = pair_up(predicted, truth)
     counts, joints = np.empty((len(pairs), WIDTH), np.int32), np.empty((len(pairs), N_JOINTS))

@@ -50,7 +50,9 @@ def _curve(counts: Counts) -> dict[str, Any]:
 
 
 class Suspect(NamedTuple):
-    """Part of a frame's truth; quality: mean probability of the label over its pixels."""
+    """True part of a frame that may be mislabelled. quality: mean predicted probability of its label, over
+    its pixels.
+    """
 
     frame_id: str
     part_id: int
@@ -59,10 +61,11 @@ class Suspect(NamedTuple):
 
 
 def suspicious(comparison: Comparison, worst: int = SHOWN) -> list[Suspect]:
-    """Return the parts of all frames with the least quality, the worst first; empty without confidence.
+    """Return the ``worst`` true parts of lowest quality over all frames, lowest first; empty without
+    confidence.
 
-    Source: Lad & Mueller, arXiv 2307.05080. A low quality means that label and prediction disagree;
-    either can be wrong.
+    Source: Lad & Mueller, arXiv 2307.05080. A low quality means that label and prediction disagree; either
+    can be wrong.
     """
     counts = comparison.counts.label_quality[:, [part.id for part in BODY_PARTS]]
     pixels = counts[..., 1]

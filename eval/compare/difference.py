@@ -22,9 +22,10 @@ MIN_SUBJECTS = 6  # fewer give no two-sided Wilcoxon p below 5 %
 class Difference:
     """Scores of A minus B by name, with 95 % intervals (2, ...) by Student's t over subjects.
 
-    paired: True for the shared frames of both, False for different frames. frames, subjects: of A and of B.
-    wilcoxon_p: two-sided, on the subjects' mean recall and mIoU; None if unpaired or with too few subjects.
-    joints: of the network's joints; None where A or B has none. note: reasons to doubt the difference.
+    paired: True if A and B are compared on the frames they share, False if on different frames. frames,
+    subjects: numbers in A and in B. wilcoxon_p: two-sided, on the subjects' mean recall and mIoU; None if
+    unpaired or with too few subjects. joints: of the network's joints; None where A or B has none. note:
+    reasons to doubt the difference.
     """
 
     a: str
@@ -39,7 +40,7 @@ class Difference:
     note: str
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON of `compare`; null: a score that A or B lacks."""
+        """Return the JSON of `compare`; null for a score that A or B lacks."""
         return {
             "a": self.a,
             "b": self.b,
@@ -55,7 +56,10 @@ class Difference:
 
 
 def difference(a: Result, b: Result) -> Difference:
-    """Return A minus B over the shared frames (same id and depth), or over all frames without any."""
+    """Return the scores of A minus B over their shared frames (same id and depth).
+
+    Without shared frames, all frames of A are compared with all of B, as different samples.
+    """
     at_b = {key: i for i, key in enumerate(_keys(b.comparison))}
     shared = [(i, at_b[key]) for i, key in enumerate(_keys(a.comparison)) if key in at_b]
     if not shared:

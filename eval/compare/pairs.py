@@ -26,14 +26,14 @@ WORTH_WORKERS = 400  # frames from which worker processes save time; untuned
 
 
 class Pair(NamedTuple):
-    """Entries of a frame's prediction and truth."""
+    """Index entries of a frame in the predicted set and in the true set."""
 
     predicted: Entry
     truth: Entry
 
 
 class Digests(NamedTuple):
-    """Hashes (64 bit, hex) of a frame's images, which identify the frame."""
+    """Hashes (64 bit, hex) of a frame's depth image and label images, to recognise the frame."""
 
     depth: str
     truth: str
@@ -57,7 +57,7 @@ class Counted(NamedTuple):
 
 
 def pair_up(predicted: LabelledFrames, truth: LabelledFrames) -> tuple[list[Pair], int]:
-    """Return each frame of the truth with its prediction, and the number of other predictions.
+    """Return each frame of the truth paired with its prediction, and the number of unpaired predictions.
 
     Raises CloudError for a truth without frames and for a missing prediction, because leaving out failures
     would raise the score. Raises FormatError for a repeated frame or an unreadable dataset.
@@ -86,7 +86,7 @@ def _entries(frames: LabelledFrames) -> dict[str, Entry]:
 def count_pairs(
     predicted: LabelledFrames, truth: LabelledFrames, pairs: Sequence[Pair], workers: int | None = None
 ) -> Iterator[Counted]:
-    """Yield the counts of every pair, in order; arguments and errors of ``compare_sets``."""
+    """Yield the comparison of every pair, in order; arguments and errors as in ``compare_sets``."""
     if workers is None:
         workers = len(os.sched_getaffinity(0)) if len(pairs) >= WORTH_WORKERS else 1
     chunks = [pairs[i : i + CHUNK] for i in range(0, len(pairs), CHUNK)]
@@ -103,7 +103,7 @@ def _count_chunk(predicted: LabelledFrames, truth: LabelledFrames, pairs: Sequen
 
 
 def count_frame(predicted: FrameLabels, truth: FrameLabels, frames: LabelledFrames) -> Counted:
-    """Count one frame; frames: the truth's, for the camera.
+    """Return the comparison of one frame. frames: set of the truth, which gives the camera.
 
     Raises CloudError for labels of different depth images, FormatError for malformed notes.
     """

@@ -1,4 +1,4 @@
-"""The paper's results by part id (background is 0, but the last row of the paper's tables).
+"""Confusion matrices published in the paper, indexed by part id: background is first, in the paper last.
 
 Source: Nishi and Miura, Pattern Recognition 71 (2017), doi 10.1016/j.patcog.2017.06.006, Tables 2 and 3. Rows
 are shares of the true part, rounded to two decimals.
@@ -14,7 +14,7 @@ CITATION = "Nishi & Miura, Pattern Recognition 71 (2017), doi:10.1016/j.patcog.2
 
 
 class Reported(NamedTuple):
-    """A table, float64 (12, 12), with numbers of frames and people; None: not printed."""
+    """Published confusion matrix, float64 (12, 12), with numbers of frames and people; None: not printed."""
 
     title: str
     table: Float64
@@ -23,7 +23,7 @@ class Reported(NamedTuple):
 
     @property
     def mean_recall(self) -> float:
-        """Mean of the diagonal over the body parts."""
+        """Mean of the diagonal over the body parts, without background."""
         return float(np.diagonal(self.table)[1:].mean())
 
 

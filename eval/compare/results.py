@@ -33,7 +33,7 @@ DIGESTS = Digests._fields
 
 @dataclass(frozen=True)
 class Result:
-    """Comparison with a title; facts: command, hashes, paths of the sets."""
+    """Comparison with a title. facts: text by name, e.g. command, hashes, paths of the sets."""
 
     title: str
     comparison: Comparison
@@ -80,7 +80,7 @@ def _arrays(result: Result) -> dict[str, NDArray[Any]]:
 
 
 def check_results(*paths: Path) -> None:
-    """Check that files are results, by their arrays. Raises FormatError for the first file that is not."""
+    """Check that files contain the arrays of a result. Raises FormatError for the first file without them."""
     for path in paths:
         if missing := {"counts", "texts"} - set(array_sizes(path, REMEDY)):
             raise FormatError(f"{path} is not a result (it lacks {sorted(missing)[0]!r}); {REMEDY}")
@@ -135,7 +135,7 @@ def _check(array: NDArray[Any], kind: type[np.generic], shape: tuple[int, ...]) 
 
 
 def _text(value: object) -> str:
-    """Return interned text. Raises ValueError for half a surrogate pair."""
+    """Return a value as interned text. Raises ValueError for half a surrogate pair."""
     text = str(value)
     text.encode()
     return intern(text)

@@ -1,4 +1,7 @@
-"""Fine-tuning for people without a suit, on depth and the first labels (docs/adr/0025)."""
+"""Fine-tuning of the refinement network, for people without a suit (docs/adr/0025).
+
+Its input is depth and the first labels.
+"""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -46,7 +49,10 @@ class DepthFineTuner(FineTuner):
 
 
 def depth_example(first: FrameLabels, parts: UInt8, camera: Intrinsics) -> Example | None:
-    """Return the example of a frame with true parts (h, w), as for ``refine``; None without a person."""
+    """Return a training example of a frame: the input of ``refine``, and the true parts (h, w) as target.
+
+    None if the first labels show no person.
+    """
     found = depth_view(first, camera)
     if found is None:
         return None

@@ -1,4 +1,4 @@
-"""Fine-tuning for people in a suit, on corrected labels and the recording they were made from."""
+"""Fine-tuning of the suit network on corrected labels and the recording from which the labels were made."""
 
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
@@ -52,8 +52,10 @@ class SuitFineTuner(FineTuner):
         self._ids, self._examples = set(labels.frame_ids), dict[str, Example]()
 
     def examples(self, frames: Sequence[CorrectedFrame], progress: Progress) -> list[Example]:
-        """Return the training examples of frames; each has the first labels of the previous frame as
-        input.
+        """Return the training examples of frames.
+
+        The input of each contains the first labels of the previous frame. Raises CloudError without a usable
+        frame.
         """
         ids = {frame.first.frame_id: frame.corrected for frame in frames}
         if new := ids.keys() - self._examples.keys():
@@ -83,8 +85,9 @@ class SuitFineTuner(FineTuner):
         return {"label": suit_step(self._labels) | {"weights_sha256": SuitNetwork(weights).sha256}}
 
     def labels(self, correction: Correction, weights: Path) -> Iterator[FrameLabels]:
-        """Yield labels of the untouched frames; each has the current labels of the previous frame as
-        input.
+        """Yield new labels of the untouched frames.
+
+        The input of each frame contains the current labels of the previous frame.
         """
         labeller = SuitLabeller(self._suit, SuitNetwork(weights))
         made: FrameLabels | None = None
@@ -109,7 +112,7 @@ class SuitFineTuner(FineTuner):
         return earlier if earlier in self._ids and earlier != frame_id else None
 
     def _detections(self, wanted: Collection[str]) -> Iterator[tuple[str, SuitDetection]]:
-        """Yield the wanted frames by id, in the recording's order.
+        """Yield id and suit detection of each wanted frame, in the recording's order.
 
         Raises CloudError if the labels were made on another recording.
         """

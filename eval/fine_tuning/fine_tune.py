@@ -54,16 +54,17 @@ class FineTuned:
 
 
 def fine_tuner_of(labels: LabelSet, session: Path | None, start: Path | None) -> FineTuner:
-    """Return the fine-tuner of a label set: by its suit, or by depth and the first labels.
+    """Return the fine-tuner for a label set: of the suit network for labels by a suit, else of the refinement
+    network.
 
-    session: recording of labels of a suit; None = the one beside them. start: weights to start from; None =
+    session: recording of labels by a suit; None = the one beside them. start: weights to start from; None =
     the shipped ones. Raises CloudError where one of them is missing or does not fit.
     """
     return SuitFineTuner(labels, session, start) if suit_step(labels) else DepthFineTuner(labels, start)
 
 
 def check_folder(out: Path) -> None:
-    """Raise ExistsError for a folder that is not of a fine-tuning."""
+    """Raise ExistsError for an existing folder that no fine-tuning wrote."""
     if is_taken(out) and not ((out / RECORD).is_file() or (out / RUN).is_dir()):
         raise ExistsError(f"{out} was not made by this command (it has no {RECORD}); choose another folder")
 
@@ -106,7 +107,7 @@ def _measure(tuner: FineTuner, held: Sequence[CorrectedFrame], trial: Path) -> t
 
 
 def _label(path: Path, tuner: FineTuner, out: Path, progress: Progress) -> None:
-    """Label the untouched frames of the set at ``path``, and write them as a new set."""
+    """Label the untouched frames of the set at ``path`` by the new network, and write them as a new set."""
     with (
         Correction.open(path, read_only=True) as correction,
         appearing(out / LABELS, MANIFEST, path, overwrite=True) as folder,

@@ -32,7 +32,7 @@ SEED = 0  # of the samples; the same corrections give the same network
 
 
 class FineTuner(ABC):
-    """Segmentation network that is fine-tuned on corrections of labels that it made.
+    """Segmentation network that is fine-tuned on corrections of the labels that it predicted.
 
     start: weights (.onnx) in full precision. degrade: as in ``Sampling``. Raises FormatError if ``start``
     holds no weights of a suit network.
@@ -44,25 +44,25 @@ class FineTuner(ABC):
 
     @abstractmethod
     def examples(self, frames: Sequence[CorrectedFrame], progress: Progress) -> list[Example]:
-        """Return the examples of corrected frames."""
+        """Return the training examples of corrected frames."""
 
     @abstractmethod
     def parts(self, frames: Sequence[CorrectedFrame], weights: Path) -> list[UInt8]:
-        """Return parts (h, w) of frames by saved weights, to replace the first labels."""
+        """Return parts (h, w) of frames, predicted with saved weights, in place of the first labels."""
 
     @abstractmethod
     def step(self, weights: Path) -> dict[str, Any]:
-        """Return the manifest entry about saved weights."""
+        """Return the label set's manifest entry that names the saved weights."""
 
     @abstractmethod
     def labels(self, correction: Correction, weights: Path) -> Iterator[FrameLabels]:
-        """Yield labels of the untouched frames by saved weights."""
+        """Yield labels of the untouched frames, predicted with saved weights."""
 
     def train(self, frames: Sequence[CorrectedFrame], more: bool, run: Path, progress: Progress) -> None:
         """Train on corrected frames.
 
-        more: True for the longer training on all frames, which follows a training on some. run: folder of
-        checkpoints, to resume from.
+        more: True for the shorter training on all frames, which continues the training on some. run: folder
+        of checkpoints, to resume from.
         """
         torch.set_num_threads(1)
         examples = self.examples(frames, progress)

@@ -21,10 +21,10 @@ HELD_OUT = 4  # one of this many corrected frames, or people, is held out; untun
 
 @dataclass(frozen=True)
 class CorrectedFrame:
-    """Finished frame.
+    """Frame that a person has accepted or reviewed.
 
     first: its labels before any correction. corrected: current labels. place: index in the set. bodies: of
-    its person, as of ``eval.training.shared_bodies``.
+    its person, as from ``eval.training.shared_bodies``.
     """
 
     first: FrameLabels
@@ -36,7 +36,7 @@ class CorrectedFrame:
 def corrected_frames(path: Path) -> list[CorrectedFrame]:
     """Return the accepted and reviewed frames of a label set, in order.
 
-    Raises CloudError where they are too few, or where all persons are labelled.
+    Raises CloudError where the frames are too few, or where all persons of a frame are labelled.
     """
     with Correction.open(path, read_only=True) as correction:
         labels = correction.labels
@@ -63,9 +63,9 @@ def _shows_parts(frame: CorrectedFrame) -> bool:
 def split_frames(frames: Sequence[CorrectedFrame]) -> tuple[list[CorrectedFrame], list[CorrectedFrame]]:
     """Return frames to train on, and at least one frame to measure on.
 
-    From ``HELD_OUT`` people on, the frames to measure on are all frames of some people; a blend of two bodies
-    belongs to both. With fewer people the frames to measure on follow each other, as far in time from the
-    rest as possible. Reason: neighbouring frames show nearly the same picture.
+    With ``HELD_OUT`` people or more, all frames of some people are measured on; a blend of two bodies belongs
+    to both. With fewer people, consecutive frames are measured on, as far in time from the rest as possible,
+    because neighbouring frames show nearly the same picture.
     """
     people = _people(frames)
     if len(people) >= HELD_OUT:
@@ -81,7 +81,7 @@ def split_frames(frames: Sequence[CorrectedFrame]) -> tuple[list[CorrectedFrame]
 
 
 def _people(frames: Sequence[CorrectedFrame]) -> list[frozenset[str]]:
-    """Return disjoint sets of bodies, such that all bodies of a frame are in one set; the set with the fewest
+    """Return disjoint sets of bodies, where all bodies of a frame are in one set; the set with the fewest
     frames is last.
     """
     groups: list[frozenset[str]] = []
@@ -95,7 +95,7 @@ def _people(frames: Sequence[CorrectedFrame]) -> list[frozenset[str]]:
 def _mean_gap(places: Int64, first: int, count: int) -> float:
     """Return the mean distance of a block of frames from the nearest frame outside, in frames.
 
-    places: (n,), frame numbers in the set, sorted. The block is ``places[first : first + count]``.
+    places: (n,), ascending frame numbers in the set. The block is ``places[first : first + count]``.
     """
     inside = places[first : first + count]
     others = np.concatenate([places[:first], places[first + count :]])

@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 
 class NetworkOutput(NamedTuple):
-    """Class scores (B, 12, h, w) of a batch of crops; of some networks also facing, posture and joints.
+    """Class scores (B, 12, h, w) of a batch of crops; from some networks also facing, posture and joints.
 
     facing: (B, 2), cosine and sine of the camera's azimuth about the trunk, 0 in front of the chest, positive
     on the person's left; the length is the certainty. posture: (B, P), scores by ``POSTURES``. joints: (B,
@@ -22,14 +22,14 @@ class NetworkOutput(NamedTuple):
 
 
 def convolution(c_in: int, c_out: int, side: int = 3, pad: int = 1, stride: int = 1) -> nn.Sequential:
-    """Return a convolution, batch normalisation and a rectifier."""
+    """Return layers: convolution (side x side), batch normalisation, ReLU."""
     return nn.Sequential(
         nn.Conv2d(c_in, c_out, side, stride, pad, bias=False), nn.BatchNorm2d(c_out), nn.ReLU(inplace=True)
     )
 
 
 def self_attention(projected: Tensor, shape: torch.Size, heads: int) -> Tensor:
-    """Return multi-head attention (B, N, C) of joined queries, keys and values (B, N, 3 C).
+    """Return multi-head attention of shape (B, N, C) from joined queries, keys and values (B, N, 3 C).
 
     Plain operations are used, because N is small and the exported graph stays simple. Source: Vaswani et al.
     2017.

@@ -1,4 +1,4 @@
-"""Body state of a person by a network: facing, posture and joints."""
+"""Body state of a person as a network gives it: facing, posture and joints."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,9 +18,9 @@ class BodyState:
     """Facing, posture and joints of the person in one depth image.
 
     facing_deg: azimuth of the camera about the trunk, 0 in front of the chest, 90 on the person's left.
-    facing_sure: [0, 1], 0 where every azimuth is as likely. posture: probabilities (P,) by ``POSTURES``.
+    facing_sure: [0, 1], 0 where all azimuths are equally likely. posture: probabilities (P,) by ``POSTURES``.
     joints_px: float64 (15, 3) by ``JOINT_NAMES``: column and row in the depth image, depth in millimetres.
-    support: "floor", "furniture", or "" where the frame does not show it (``support.py``).
+    support: "floor", "furniture", or "" where the frame does not show the support (``support.py``).
     """
 
     facing_deg: float
@@ -49,7 +49,7 @@ class BodyState:
 
     @property
     def facing(self) -> Float64:
-        """Return cosine and sine of the azimuth (2,), of length ``facing_sure``."""
+        """Return cosine and sine of the azimuth (2,), times ``facing_sure``."""
         azimuth = np.radians(self.facing_deg)
         return self.facing_sure * np.array([np.cos(azimuth), np.sin(azimuth)])
 
@@ -71,12 +71,12 @@ class BodyState:
         return replace(self, facing_deg=float(self.facing_deg % 360 - 180), joints_px=self.joints_px[TWIN])
 
     def joints_mm(self, camera: Intrinsics) -> Float64:
-        """Return joints (15, 3), frame of the undistorted depth camera, millimetres."""
+        """Return joints (15, 3), millimetres in coordinates of the undistorted depth camera."""
         u, v, z = self.joints_px.T
         return np.column_stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z])
 
     def note(self) -> dict[str, Any]:
-        """Return the state as a frame's note ``bearing``."""
+        """Return the state as JSON values, a frame's note ``bearing``."""
         return {
             "facing_deg": round(self.facing_deg, 1),
             "facing_sure": round(self.facing_sure, 3),
@@ -88,7 +88,7 @@ class BodyState:
 
     @classmethod
     def from_note(cls, note: object) -> "BodyState | None":
-        """Return the state in a note; None for any other value, or other joints or postures."""
+        """Return the state in a note; None for a malformed note or another number of joints or postures."""
         try:
             posture = np.array(note["postures"], np.float32)  # type: ignore[index]
             joints = np.array(note["joints_px"], np.float64)  # type: ignore[index]
@@ -104,7 +104,7 @@ class BodyState:
 
 
 def body_state_notes(notes: dict[str, Any]) -> dict[int, Any]:
-    """Return the notes ``bearing`` of a frame's persons by number: 1 is the subject.
+    """Return the notes ``bearing`` of a frame's persons by person number: 1 is the subject.
 
     The entry ``others`` of the subject's note holds all others.
     """
@@ -115,6 +115,6 @@ def body_state_notes(notes: dict[str, Any]) -> dict[int, Any]:
 
 
 def joint_row(joints_mm: Float64) -> dict[str, list[float]]:
-    """Return joints (15, 3) by their names, millimetres to a tenth."""
+    """Return joints (15, 3) by their names, millimetres rounded to a tenth."""
     rounded = np.round(joints_mm, 1).tolist()
     return dict(zip(JOINT_NAMES, rounded, strict=True))

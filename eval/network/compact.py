@@ -23,7 +23,9 @@ TURNING = 64  # width of the layer between joints and facing
 
 @dataclass(frozen=True)
 class CompactConfig:
-    """Channels after the stem and after each halving; attention layers at the coarsest level."""
+    """Numbers of channels after the stem and after each halving; number of attention layers at the coarsest
+    level.
+    """
 
     widths: tuple[int, ...] = (16, 32, 64, 128, 192)
     layers: int = 4
@@ -136,7 +138,8 @@ def _scores(kinds: Tensor, side: Tensor) -> Tensor:
 
 
 def _located(places: Tensor) -> Tensor:
-    """Return joints (B, J, 3) from maps (B, 2 J, h, w): the mean place of each softmax, and the depth there.
+    """Return joints (B, J, 3) from J heat maps and J depth maps (B, 2 J, h, w): mean position of each
+    softmax, and the depth there.
 
     Source: Sun et al. 2018, Integral Human Pose Regression.
     """

@@ -28,8 +28,8 @@ def write_joints(labels: LabelledFrames, path: Path) -> int:
     """Write one row for each person with a body state; return the number of rows.
 
     Columns: frame; person, 1 = subject; facing_deg, facing_sure, posture, posture_sure, support as in
-    ``BodyState``; joints in millimetres, frame of the undistorted depth camera (x right, y down, z forward).
-    Raises CloudError as ``check_kind`` does.
+    ``BodyState``; joints in millimetres, coordinates of the undistorted depth camera (x right, y down, z
+    forward). Raises CloudError as ``check_kind`` does.
     """
     check_kind(path)
     rows = list(_rows(labels))
@@ -42,10 +42,10 @@ def write_joints(labels: LabelledFrames, path: Path) -> int:
 
 
 def noted_joints(labels: LabelledFrames, frame: FrameLabels) -> dict[str, list[float]] | None:
-    """Return a frame's joints by name, depth camera, millimetres: the network's, else the true ones, else
-    None.
+    """Return a frame's joints by name, millimetres in depth-camera coordinates: the network's if any, else
+    the true ones.
 
-    Raises FormatError if the true joints in the frame's notes are malformed.
+    None without either. Raises FormatError if the true joints in the frame's notes are malformed.
     """
     state = BodyState.from_note(frame.notes.get("bearing"))
     if state is not None:

@@ -1,4 +1,4 @@
-"""Networks by their configuration: build, describe as JSON, read back."""
+"""Networks by their configuration: build, describe as JSON, restore from JSON."""
 
 import re
 from dataclasses import asdict
@@ -36,8 +36,8 @@ def described(config: NetworkConfig) -> dict[str, Any]:
 
 
 def config_from(description: dict[str, Any]) -> NetworkConfig:
-    """Return the configuration that `described` gave. Raises FormatError for a description of no known
-    network.
+    """Return the configuration from its description by `described`. Raises FormatError for any other
+    description.
     """
     try:
         match description:
@@ -67,8 +67,9 @@ def _widths(values: object) -> tuple[int, ...]:
 
 
 def _encoder(name: str) -> str:
-    """Return the name of a built-in encoder; names such as ``tu-hf_hub:`` are refused because they
-    download.
+    """Return an encoder's name after a check.
+
+    Raises ValueError for names such as ``tu-hf_hub:``, because these download files.
     """
     if not re.fullmatch("[A-Za-z0-9_-]{1,100}", name):
         raise ValueError(f"encoder {name[:60]!r}; give a name of letters, digits, - and _")

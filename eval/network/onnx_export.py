@@ -15,7 +15,7 @@ LEAST_HALVED = 1024  # numbers of a tensor from which half precision makes the f
 
 
 class _Probabilities(nn.Module):
-    """Network with probabilities instead of scores; a pixel without depth is background.
+    """Network that outputs probabilities instead of scores; a pixel without depth is background.
 
     Facing, probabilities of postures and joints follow if the network has them.
     """
@@ -45,7 +45,8 @@ class _Probabilities(nn.Module):
 def export_network(network: nn.Module, path: Path, temperature: float = 1.0) -> None:
     """Write a network as ONNX: ``depth`` (B, 1, 212, 212) -> ``probability`` (B, 12, 212, 212).
 
-    Outputs ``facing``, ``posture`` and ``joints`` are as in `NetworkOutput`. temperature: divides the scores.
+    Further outputs ``facing`` and ``joints`` are as in `NetworkOutput`, ``posture`` as probabilities.
+    temperature: divides the scores.
     """
     whole = _Probabilities(network.cpu(), temperature).eval()
     example = torch.rand(1, 1, SIZE, SIZE)
@@ -72,7 +73,9 @@ def _write(
     axes: dict[str, dict[int, str]],
     mode: torch.onnx.TrainingMode = torch.onnx.TrainingMode.EVAL,
 ) -> None:
-    """Write a network as ONNX. axes: dimensions of variable size, by the names of inputs and outputs."""
+    """Write a network as ONNX. axes: dimensions of variable size, by the name of the input, then of the
+    outputs.
+    """
     given, *outputs = axes
     with replacing(path) as temporary, warnings.catch_warnings():
         # The newer exporter needs another package, onnxscript.

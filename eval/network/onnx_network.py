@@ -87,7 +87,9 @@ class OnnxNetwork:
         return self.outputs(crops)[0]
 
     def outputs(self, crops: Float32) -> list[Float32]:
-        """Return class probabilities, and facing, posture and joints if the network gives them."""
+        """Return class probabilities of normalised crops (B, 212, 212), then facing, posture and joints if
+        the network gives them.
+        """
         if not self._flip:
             return self._each(crops)
         pairs = (np.split(output, 2) for output in self._each(np.concatenate([crops, crops[..., ::-1]])))
@@ -142,7 +144,7 @@ class OnnxNetwork:
 
 
 def _pasted(crop: Crop, seen: Bool, planes: Float32, mask: Bool) -> tuple[UInt8, Float32]:
-    """Return parts and confidence of the pixels of a mask (h, w).
+    """Return parts and confidence, both (h, w), of a mask's pixels from the crop's probabilities.
 
     seen: pixels of the crop with depth. planes: (12, 212, 212). Background is not a candidate, because the
     mask already separates the person.

@@ -32,8 +32,9 @@ class PredictOptions:
 
     probabilities: keep the probabilities of all classes. everybody: label all persons, not the subject alone.
     window_c: lowest and highest temperature of persons. room_refiner: network that refines labels where a
-    frame shows the room, and deletes no sure part. refiners: networks that then refine all labels, one after
-    the other, and may delete. The last three apply to recordings, the batch size to label sets.
+    frame shows the room, and deletes no sure part (``keep_sure_parts``). refiners: networks that then refine
+    all labels, one after the other, and may delete. everybody, window_c and room_refiner affect recordings
+    only; batch, frames at once, label sets only.
     """
 
     probabilities: bool = False
@@ -75,7 +76,7 @@ def predict_frames(
     progress: Callable[[int], None],
     options: PredictOptions = DEFAULT,
 ) -> Run:
-    """Label the persons of a label set or a dataset by the network, and resume an interrupted run.
+    """Label the persons of a label set or a dataset with the network; resume an interrupted run.
 
     Unreadable frames are left out and listed. Raises ExistsError where ``out`` holds another run,
     ClaimedError while it is in use, CloudError without a usable frame, FormatError for a damaged dataset.

@@ -31,7 +31,7 @@ def predict_source(
     progress: Callable[[int], None],
     options: PredictOptions = DEFAULT,
 ) -> Run:
-    """Label the person of every frame of a source by the network, and resume an interrupted run.
+    """Label the person of every frame of a source with the network; resume an interrupted run.
 
     Raises the errors of ``label_recording.run``.
     """
@@ -60,7 +60,10 @@ class NetworkLabeller:
     def label(
         self, detection: "NetworkDetection", before: FrameLabels | None
     ) -> tuple[Segmentation, PersonMask]:
-        """Return labels of a frame, refined by the options' networks, and its mask."""
+        """Return a frame's labels, refined by the options' networks, and its person mask.
+
+        before: labels of the previous frame.
+        """
         found, person = detection.labels(before)
         if not self.options.all_refiners or not person.mask.any() or not person.trusted:
             return found, person
@@ -92,7 +95,7 @@ class NetworkDetection:
                 self._labelled(person, number)
 
     def labels(self, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
-        """Return labels of the frame and its mask; before: labels of the previous frame."""
+        """Return the frame's labels and its person mask. before: labels of the previous frame."""
         person = self._persons.person(before)
         if not person.trusted:
             return unlabelled(person.mask), person
@@ -130,7 +133,7 @@ class NetworkDetection:
 
 
 def _shows_room(depth_mm: UInt16, person: Bool) -> bool:
-    """Return whether a depth image (h, w) shows more than its person (h, w), unlike a cut-out one."""
+    """Return True if a depth image (h, w) shows a room around its person (h, w)."""
     return int(np.count_nonzero(depth_mm)) > 2 * int(np.count_nonzero(person))
 
 

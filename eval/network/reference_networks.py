@@ -1,4 +1,4 @@
-"""Reference networks: the paper's FCN as far as it can be rebuilt, and U-Nets of a library."""
+"""Reference networks: the paper's FCN as far as it can be rebuilt, U-Nets of segmentation-models-pytorch."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ SMP_STRIDE = 32  # sides are multiples of this, because the library's encoders h
 
 @dataclass(frozen=True)
 class PaperConfig:
-    """Channels of the first stage and of the two layers that replace the dense ones.
+    """Numbers of channels: of the first stage, and of the two convolutions in place of VGG's dense layers.
 
     Defaults are the published widths; a quarter of them, (16, 1024), can be trained on a CPU.
     """
@@ -90,7 +90,7 @@ def _initialise(layer: nn.Module) -> None:
 
 
 def _bilinear(c_in: int, c_out: int) -> Tensor:
-    """Return weights (c_in, c_out, 4, 4) that double a map by interpolation.
+    """Return weights (c_in, c_out, 4, 4) of a deconvolution that doubles a map's size by interpolation.
 
     With c_in != c_out the channels are mixed at random; the mix is small, so that untrained scores are near
     0.
@@ -102,8 +102,8 @@ def _bilinear(c_in: int, c_out: int) -> Tensor:
 
 @dataclass(frozen=True)
 class SmpConfig:
-    """Configuration of a U-Net of segmentation-models-pytorch: encoder name, and channels of the decoder
-    stages.
+    """Encoder name and numbers of channels of the decoder's stages, for a U-Net of
+    segmentation-models-pytorch.
     """
 
     encoder: str = "tu-mobilenetv4_conv_small"

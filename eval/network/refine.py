@@ -1,4 +1,4 @@
-"""Refinement of a network's labels by a segmentation network that was trained for it.
+"""Refinement of a network's labels by a second network, trained for this.
 
 Like the suit network it takes depth and the room's planes (floor, walls). The first labels of the frame
 replace the labels of the previous frame; colour and temperature are left out (docs/adr/0025).
@@ -35,12 +35,12 @@ NEAR_M = 0.1  # around the first labels, in which pixels are refined; untuned
 
 @cache
 def shipped_refinement_network() -> SuitNetwork:
-    """Return the refinement network of the package."""
+    """Return the refinement network that ships with the package."""
     return SuitNetwork(SHIPPED_REFINEMENT_NETWORK)
 
 
 class DepthRoom(NamedTuple):
-    """Room of a frame by depth alone, as `annotate.segmentation.input_channels.Room`."""
+    """Planes found from depth alone, without temperatures; an `annotate.segmentation.input_channels.Room`."""
 
     planes: tuple[Plane, ...]
     share: Float32
@@ -55,7 +55,8 @@ def camera_in(labels: LabelledFrames, first: FrameLabels) -> Intrinsics:
 def depth_view(
     first: FrameLabels, camera: Intrinsics, planes: tuple[Plane, ...] | None = None
 ) -> tuple[ThermalCloud, View] | None:
-    """Return a frame's cloud and the network input for the person in its first labels; None without a person.
+    """Return a frame's cloud and the network input around the person in its first labels; None without a
+    person.
 
     planes: of the room; None = find them here.
     """
@@ -101,7 +102,7 @@ def refine(
 
 
 def _near(view: View) -> Rectangle:
-    """Return the rectangle of a view, as rows and columns, around the person in the first labels."""
+    """Return the rows and columns of a view near the person in the first labels."""
     own, margin = (view.planes[0] & SUBJECT) > 0, round(NEAR_M * view.pixels_per_m)
     ends = (np.flatnonzero(own.any(axis=1 - axis))[[0, -1]] for axis in (0, 1))
     sides = zip(ends, own.shape, strict=True)

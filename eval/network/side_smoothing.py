@@ -28,7 +28,7 @@ LIMBS = {
 
 
 def smooth_sides(labelled: Segmentation, before: FrameLabels | None, number: int = 1) -> Segmentation:
-    """Return a person's labels with left and right as in the previous frames.
+    """Return a person's labels with left and right consistent with the previous frames.
 
     number: person id. Sides are exchanged where the facings of all earlier frames outweigh this frame. The
     note ``bearing`` gets ``faced``: the sum (2,) of the network's facings so far, so that a wrong start is
@@ -63,7 +63,9 @@ def _exchanged(labelled: Segmentation) -> Segmentation:
 
 
 def _faced(before: FrameLabels, number: int) -> Float64:
-    """Return the sum (2,) of a person's facings over the earlier frames; 0 without any. number: person id."""
+    """Return the decayed sum (2,) of a person's facings over the earlier frames; 0 without any. number:
+    person id.
+    """
     note = body_state_notes(before.notes).get(number)
     faced = np.array(note.get("faced", ()) if isinstance(note, dict) else (), np.float64)
     return faced if faced.shape == (2,) and np.isfinite(faced).all() else np.zeros(2)
@@ -76,9 +78,9 @@ def _off_deg(state: BodyState, faced: Float64) -> float:
 
 
 def sided_by_parts(state: BodyState, parts: UInt8) -> BodyState:
-    """Return the state, sides exchanged where most joints lie on parts (h, w) of the other side.
+    """Return the state, with sides exchanged where most joints lie on parts (h, w) of the other side.
 
-    Parts from a suit have reliable sides, parts from a network may not.
+    Use it with parts from a suit, because the sides of a network's parts may be wrong.
     """
     own = other = 0
     for joint, limbs in LIMBS.items():

@@ -41,7 +41,8 @@ def support_of(posture: str, parts: UInt8, points_m: Float32, floor: Plane | Non
 
 
 def exclude_standing(state: BodyState, camera: Intrinsics, floor: Plane | None) -> BodyState:
-    """Return a state without "standing" where the hips are too low, as with legs below a blanket.
+    """Return a state with probability 0 of "standing" where the hips are too low, e.g. with legs below a
+    blanket.
 
     camera: the undistorted depth camera. floor: result of ``floor_of``; None leaves the state unchanged.
     """
@@ -56,7 +57,7 @@ def exclude_standing(state: BodyState, camera: Intrinsics, floor: Plane | None) 
 
 
 def floor_of(planes: Sequence[Plane], points_m: Float32) -> Plane | None:
-    """Return the largest upward plane with no points beneath; points_m: (h, w, 3), NaN = no reading."""
+    """Return the largest upward plane with almost no points below; points_m: (h, w, 3), NaN = no reading."""
     some = points_m[::2, ::2].reshape(-1, 3)
     some = some[np.isfinite(some[:, 2])]
     upward = [plane for plane in planes if -plane.normal[1] > MOST_TILT]

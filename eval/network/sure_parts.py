@@ -1,4 +1,4 @@
-"""Parts of which a network's first labels are sure, kept from deletion by a refinement."""
+"""Protection of confidently labelled parts from deletion by a refinement."""
 
 from dataclasses import replace
 
@@ -17,8 +17,8 @@ def keep_sure_parts(first: FrameLabels, refined: FrameLabels) -> FrameLabels:
     """Return refined labels in which no sure part of the first labels is deleted.
 
     A part is sure if it covers ``LEAST_SHARE`` of the person or more with a mean confidence over ``SURE``.
-    Where a refinement deletes more than ``MOST_DELETED`` of it, the deleted pixels keep their first labels
-    and confidences. A refinement that saw only other rooms deletes whole legs on a sofa otherwise.
+    Where a refinement deletes more than ``MOST_DELETED`` of a sure part, the deleted pixels keep their first
+    labels and confidences. Otherwise a network trained in other rooms deletes whole legs on a sofa.
     """
     if first.confidence is None or refined.confidence is None:
         return refined

@@ -62,7 +62,7 @@ def _check_size(path: Path, config: NetworkConfig, tensors: dict[str, Tensor]) -
 
 
 def check_fits(path: Path, model: nn.Module, tensors: dict[str, Tensor]) -> None:
-    """Raise FormatError with the first tensor that is missing, unexpected or of another shape."""
+    """Raise FormatError that names the first tensor that is missing, unexpected or of another shape."""
     expected = model.state_dict()
     for name in sorted(expected.keys() | tensors.keys()):
         theirs, ours = (tuple(t[name].shape) if name in t else None for t in (tensors, expected))
