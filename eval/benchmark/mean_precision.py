@@ -76,7 +76,7 @@ def mean_precision(hits: Bool, counted: Bool, subjects: Sequence[str]) -> MeanPr
 
 
 def _by_joint(sums: Int64) -> Scores:
-    """Return precisions (..., J) from J numbers of hits, followed by J numbers of counted frames (..., 2 J)."""
+    """Return precisions (..., J) from J numbers of hits, then J numbers of counted frames (..., 2 J)."""
     return ratio(*np.split(sums, 2, axis=-1))
 
 
