@@ -129,7 +129,7 @@ def labelled(recording: Recording) -> Labelled:
     """Measure a recording's labels; on the sofa also the labels of the network alone, and the confidence."""
     rig = recording.rig
     with simulated(rig) as (folder, session, truth):
-        refined = PredictOptions(refiners=[shipped_refinement_network()])
+        refined = PredictOptions(room_refiner=shipped_refinement_network())
         works = {
             "suit": lambda out, at: label_source(session, SuitLabeller(rig.suit), out, at),
             "network": lambda out, at: predict_source(session, OnnxNetwork(), out, at),

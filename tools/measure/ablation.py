@@ -273,7 +273,7 @@ def measured(path: Path, cuts: Mapping[str, Cut] = CUTS) -> Iterator[tuple[str, 
     for name, cut in cuts.items():
         yield name, labelled(path, label_without(path, cut))
     yield PREDICT, labelled(path, predict(DEFAULT))
-    yield REFINED, labelled(path, predict(PredictOptions(refiners=[shipped_refinement_network()])))
+    yield REFINED, labelled(path, predict(PredictOptions(room_refiner=shipped_refinement_network())))
 
 
 def print_table(path: Path) -> None:
