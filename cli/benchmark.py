@@ -53,7 +53,7 @@ def joints(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Measure the network on any recording with true joints, as lines of ``predict --joints``."""
+    """Measure the network on any recording with true joints, in a file as `predict --joints` writes it."""
     from eval.benchmark.joint_truth import JOINTS_FILE, read_joint_truth
     from sensors.importers.open_source import doubts_of, open_source
 
@@ -70,7 +70,7 @@ def joints(
 def _measured(
     given: "BenchmarkSet", out: Path, weights: Path | None, overwrite: bool, view: str
 ) -> tuple[dict[str, Any], str]:
-    """Predict a set into ``out`` as ``predict`` does; return its precision as JSON and as tables.
+    """Label a benchmark set into ``out`` as ``predict`` does; return its precision as JSON and as tables.
 
     view: of ITOP, for published figures; or "".
     """

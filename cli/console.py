@@ -79,7 +79,7 @@ def _lines(title: str, total: int | None) -> Callable[[int], None]:
 
 
 def cell(value: object, unit: str = "") -> str:
-    """Return a value for people: numbers to three digits, then the unit; None and NaN as a dash."""
+    """Return a value as readable text: numbers to three digits, then the unit; None and NaN as a dash."""
     match value:
         case None:
             return "-"
@@ -128,7 +128,7 @@ def facts(values: Mapping[str, object]) -> str:
 def event_lines(events: Mapping[str, int]) -> list[str]:
     """Return a line for each text, and one line for all lost images of a stream.
 
-    events: number of each text of a recording.
+    events: number of occurrences of each text in a recording.
     """
     lines, gaps, lost, slow = list[str](), Counter[str](), Counter[str](), Counter[str]()
     for text, times in events.items():
@@ -148,7 +148,7 @@ def event_lines(events: Mapping[str, int]) -> list[str]:
 
 
 def provenance() -> dict[str, str]:
-    """Return the running command and the version, for files that name their origin."""
+    """Return the running command and the version, for files that record their origin."""
     from importlib.metadata import version
 
     return {"command": shlex.join(["annotate-cloud", *sys.argv[1:]]), "version": version("annotate-cloud")}
@@ -179,7 +179,7 @@ def finish_run(result: dict[str, Any], run: "Run", as_json: bool, text: str) -> 
 
 
 def check_room(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
-    """Raise ExistsError unless a folder is new, holds ``marker``, or may be replaced."""
+    """Raise ExistsError unless a folder is new, contains the file ``marker``, or may be replaced."""
     from annotate.labelset.atomic_folder import check_replaceable
 
     if overwrite and out.exists():

@@ -1,4 +1,4 @@
-"""Optional parts of the package: pip install 'annotate-cloud[NAME]'."""
+"""Optional packages (extras): pip install 'annotate-cloud[NAME]'."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,7 +30,7 @@ COSTS = {
 
 @contextmanager
 def needing(*extras: str) -> Iterator[None]:
-    """Return a context for imports of packages that extras install.
+    """Return a context for imports of packages that belong to extras.
 
     Raises CloudError that names the extras if an import fails.
     """

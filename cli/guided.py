@@ -31,7 +31,7 @@ MOST_BLIND = 30  # frames without infrared, which a camera's first frames may la
 
 @dataclass(frozen=True)
 class Guided:
-    """Source of views: a rig file or addresses, recorded to the session ``board``; else the session
+    """Views of the hole plate, from a rig file or addresses and recorded to ``board``, or from session
     ``board``.
 
     picture: PNG of the wanted view.

@@ -1,4 +1,4 @@
-"""The verb ``live``: a rig or a played session, labelled as it runs, in the window or as JSON lines."""
+"""The verb ``live``: a rig or a played session, labelled live, in a window or as JSON lines."""
 
 import json as json_text
 import math
@@ -58,7 +58,7 @@ class LiveOptions:
 
 
 def watch(open_source: Callable[[], Rig], options: LiveOptions) -> None:
-    """Label a rig and show it in the window or as lines."""
+    """Label the frames of a rig and show them in the window or as lines."""
     with (
         interrupted_by_signals(),
         serving(options.port) as stream,
@@ -81,7 +81,7 @@ def _print_lines(running: Rig, options: LiveOptions, ending: Ending, stream: Str
 
 @contextmanager
 def serving(port: int | None) -> Iterator[Stream]:
-    """Run a server for Foxglove, which takes its port before a rig is opened; None = no server."""
+    """Run a server for Foxglove, which takes its port before a rig is opened; port None = no server."""
     if port is None:
         yield nullcontext
         return
@@ -165,9 +165,10 @@ def print_joints(frame: LiveFrame) -> None:
 
 
 def labelling_by(suit: Suit | None) -> Labelling:
-    """Return labelling by a suit or the shipped network, which always gives joints, facing and posture.
+    """Return the labelling by a suit, or by the shipped network without one.
 
-    The network runs without test-time augmentation, because latency matters more (docs/adr/0024).
+    The network always gives joints, facing and posture. It runs without test-time augmentation, because
+    latency matters more (docs/adr/0024).
     """
     network = OnnxNetwork(flip=False)
     if suit is None:

@@ -65,7 +65,7 @@ CONTINUED = ("label", "predict", "train", "learn", "synth generate", "benchmark 
 
 
 def main() -> None:
-    """Run the command; exit with 0 done, 1 a user's error in one line, 2 wrong usage, 3 done in part."""
+    """Run the command. Exit codes: 0 done, 1 an error in one line, 2 wrong usage, 3 done in part."""
     # Child processes import nothing from the current folder, because it may be another person's.
     os.environ["PYTHONSAFEPATH"] = "1"
     try:
@@ -95,7 +95,7 @@ def main() -> None:
 
 
 def _interrupted(words: list[str]) -> str:
-    """Return the message of an interrupted command, given its words."""
+    """Return the message for an interrupted command, given its arguments."""
     if " ".join(words[:1]) in CONTINUED or " ".join(words[:2]) in CONTINUED:
         kept = ", without --overwrite," if "--overwrite" in words else ""
         return f"interrupted; run the same command again{kept} to continue"

@@ -70,7 +70,7 @@ class Shown:
 
 
 def open_rig(rig: Path | None, device: list[str] | None, plate: "HolePlate | None" = None) -> LiveRig:
-    """Open a rig and start its devices. plate: in view of virtual cameras, None = a person.
+    """Open a rig and start its devices. plate: hole plate in view of virtual cameras, None = a person.
 
     Raises DeviceError, CalibrationError.
     """
@@ -93,7 +93,7 @@ def check_one_source(**given: object) -> None:
 
 
 def rig_of(rig: Path | None, device: list[str] | None) -> RecordingRig:
-    """Return the rig of a file or of addresses; open nothing. Raises DeviceError and CalibrationError as
+    """Return the rig of a file or of addresses without opening it. Raises DeviceError and CalibrationError as
     ``load_rig``.
     """
     check_one_source(rig=rig, device=device)

@@ -1,4 +1,4 @@
-"""Verbs on schemes of parts: scheme list, show, new, colours, check."""
+"""Verbs on part schemes (the parts of label images): scheme list, show, new, colours, check."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -85,7 +85,7 @@ def new(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Write a copy of a scheme as the start of your own."""
+    """Write a copy of a scheme, as the start of a new scheme."""
     from annotate.scheme.scheme_file import check_scheme_name, load_scheme, scheme_to_toml
 
     check_free(file, overwrite)
@@ -106,7 +106,7 @@ def colours(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Propose colours for parts that have none or are too near another part, for colour-blind eyes too."""
+    """Propose colours where parts have none or look too similar, also to colour-blind people."""
     from annotate.scheme.colours import with_proposed_colors
     from annotate.scheme.scheme_file import read_draft, scheme_to_toml
 

@@ -14,7 +14,7 @@ OF_PARTS = {"recall": "Recall", "iou": "IoU"}
 
 
 def scores_text(comparison: Comparison, *, intervals: bool) -> str:
-    """Return tables of a comparison's scores: of the whole set with known joints, and by part.
+    """Return tables of a comparison's scores: of the whole set, by part, and of joints if any.
 
     intervals: with 95 % intervals in brackets, which take some seconds.
     """
@@ -42,7 +42,7 @@ def scores_text(comparison: Comparison, *, intervals: bool) -> str:
 
 
 def difference_text(found: Difference) -> str:
-    """Return tables of A minus B: of the whole sets with Wilcoxon's p, and of each part."""
+    """Return tables of A minus B: of the whole sets with Wilcoxon's p, by part, and of joints if any."""
     p = {name: "-" if value is None else f"{value:.3f}" for name, value in found.wilcoxon_p.items()}
     of = {name: estimate(found, name) for name in SUMMARY}
     whole = [

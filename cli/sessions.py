@@ -1,7 +1,7 @@
 """A verb applied to every session of a folder: one after another here, or in parallel on a dask cluster.
 
-Workers read and write the same paths as the command. A task resumes after a killed one, and its bytes do not
-depend on the machine.
+Workers read and write the same paths as the command. A task resumes after a killed one, and its output does
+not depend on the machine.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -125,7 +125,9 @@ def _decisive() -> dict[str, str]:
 
 
 def _checked(wanted: dict[str, str], work: Callable[..., T], *job: object) -> T:
-    """Return a job's outcome. Raises CloudError on a worker of other versions, whose bytes might differ."""
+    """Return a job's outcome. Raises CloudError if the worker's versions differ, because its output might
+    differ.
+    """
     if (here := _decisive()) != wanted:
         raise CloudError(f"a worker has {here}, the command {wanted}; install the same versions everywhere")
     return work(*job)
@@ -167,7 +169,7 @@ def label_each(
 def finish_each(
     rows: Mapping[str, Mapping[str, Any]], failed: Mapping[str, str], json: bool, out: Path | None
 ) -> None:
-    """Print a row a session; exit with 3 if a session or a frame failed. Raises CloudError if all failed."""
+    """Print a row per session; exit with 3 if a session or frame failed. Raises CloudError if all failed."""
     say(*(f"{name}: {why}" for name, why in failed.items()))
     if not rows:
         raise CloudError(f"none of the {len(failed)} sessions could be done; the lines above say why")

@@ -81,7 +81,7 @@ def calibrate(
 
 
 def _guide(guided: "Guided", plate: "HolePlate") -> "Adjusted":
-    """Calibrate with guidance, after a check of the rig and of the session to record."""
+    """Check the rig and the session to record, then calibrate with guidance."""
     from cli.rig_devices import rig_of
 
     if guided.rig is not None or guided.device:

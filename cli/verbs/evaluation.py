@@ -88,7 +88,7 @@ def _jobs(
 
 
 def _is_older(result: Path, *sets: Path) -> bool:
-    """Return whether a label set has changed since a result: replaced files change the folder's time."""
+    """Return True if a label set has changed since a result: replaced files change the folder's time."""
     folders = [folder for path in sets for folder in (path, path / "frames") if folder.is_dir()]
     changed_ns = max(folder.stat().st_mtime_ns for folder in folders)
     return result.exists() and result.stat().st_mtime_ns < changed_ns
@@ -110,7 +110,7 @@ def _evaluate_one(job: _Job) -> dict[str, Any]:
 
 
 def _save(job: _Job, predicted: "LabelledFrames", truth: "LabelledFrames", comparison: "Comparison") -> None:
-    """Write a result with the facts that repeat it."""
+    """Write a result with the facts needed to reproduce it."""
     from eval.compare.results import Result, save_result
 
     assert job.out is not None
@@ -134,7 +134,7 @@ def compare(
     b: Annotated[Path, Argument(help="Result to compare with the first.")],
     json: Json = False,
 ) -> None:
-    """Show by how much result A is better than result B, and how certain that is."""
+    """Show the differences of scores between results A and B, with 95 % intervals."""
     check_there(a, b)
     from eval.compare.results import check_results, load_result
 

@@ -24,7 +24,7 @@ FOXGLOVE = "foxglove"
 
 @dataclass(frozen=True)
 class Output:
-    """A verb's output. path: file or folder to write."""
+    """Output of a verb. path: file or folder to write."""
 
     path: Path
     overwrite: bool
@@ -36,7 +36,7 @@ class Output:
 
 
 def formats() -> list[str]:
-    """Return the names of the formats of labels."""
+    """Return the names of the label formats to export."""
     from annotate.exchange.formats import FORMATS
 
     return [*FORMATS, FOXGLOVE]

@@ -48,7 +48,7 @@ def info(path: Held, json: Json = False) -> None:
 
 
 def validate(path: Held, json: Json = False) -> None:
-    """Check every frame, print doubts about depth; exit with 1 on a problem."""
+    """Check every frame; print warnings about depth; exit with 1 on a problem."""
     from annotate.labelset import dataset
     from annotate.labelset import label_set as store
 
@@ -101,7 +101,7 @@ def _source(path: Path) -> Contents:
 
 
 def _recording(session: "Session") -> dict[str, Any]:
-    """Return duration, state, events and pyrometer of a session, for people."""
+    """Return duration, state, events and pyrometer of a session, as readable values."""
     import numpy as np
 
     from sensors.session.messages import DEPTH
@@ -238,7 +238,7 @@ def _labels(labels: "LabelSet") -> Contents:
 
 
 def _counted(labels: "LabelSet", journal: "Journal") -> tuple[dict[str, int], dict[str, int]]:
-    """Return the number of frames by state, and of pixels by part."""
+    """Return numbers of frames by state, and of pixels by part."""
     import numpy as np
 
     from annotate.correction.replay import STATE_NAMES, state_of

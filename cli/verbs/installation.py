@@ -69,7 +69,7 @@ def _extra(extra: str, needed: "list[Requirement]") -> Finding:
 
 
 def _problem(requirement: "Requirement") -> str:
-    """Return the problem of a package, or ""."""
+    """Return the fault of a required package, or ""."""
     from importlib.metadata import PackageNotFoundError, version
 
     try:
@@ -109,7 +109,7 @@ def _screen() -> Finding:
 
 
 def _tried(check: Callable[[], object], name: str, found: str, cost: str) -> Finding:
-    """Return the finding of a check: its error is split at the semicolon into fault and remedy.
+    """Run a check and return its finding; an error is split at the semicolon into fault and remedy.
 
     found: text if the check passes.
     """

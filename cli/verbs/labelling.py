@@ -146,7 +146,7 @@ def learn(
 class PredictChoices:
     """Options of ``predict``. Raises BadParameter for options that exclude each other.
 
-    again: refine labels by the depth of the room; None = of recordings alone. learnt: further refinement
+    again: refine labels by the depth of the room; None = only for recordings. learnt: further refinement
     network.
     """
 

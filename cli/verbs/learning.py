@@ -1,4 +1,4 @@
-"""The verb that adapts a network to the corrections of the label set that it labelled."""
+"""The verb ``learn``: fine-tune a network on the corrections of labels that the network predicted."""
 
 import os
 import time
@@ -30,8 +30,9 @@ def learn(
 ) -> None:
     """Fine-tune on corrected frames, then label the untouched frames. Needs the extra 'train'.
 
-    With a suit, the suit network is fine-tuned; without one, the network for depth and first labels. At low
-    priority on one core. If the set is open in a window, the window takes over the new labels.
+    With a suit, the suit network is fine-tuned; without one, the network that refines labels by depth. The
+    command runs at low priority on one core. If the set is open in a window, the window takes over the new
+    labels.
     """
     from annotate.labelset.label_set import LabelSet
 
@@ -63,8 +64,8 @@ def learn(
 
 
 def _taken_over(labels: Path, learnt: Path) -> dict[str, Any]:
-    """Give an unopened label set the new labels, as one step of its journal; return the result as JSON
-    values.
+    """Write new labels into a label set as one step of its journal; return JSON values, none if the set is
+    open elsewhere.
     """
     from annotate.correction.correction import Correction
     from annotate.correction.relabel import relabel

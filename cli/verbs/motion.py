@@ -1,4 +1,4 @@
-"""The verb ``solve``: markers to joint angles; facts of a motion for ``info``."""
+"""The verb ``solve``: joint angles from markers; summary of a motion for ``info``."""
 
 import time
 from dataclasses import replace
@@ -37,7 +37,7 @@ def solve(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Turn recorded markers into joint angles that can move any body."""
+    """Compute joint angles from recorded markers; the angles can move any body."""
     from synth.markers.motion_file import save_motion
     from synth.markers.solve import places_m
     from synth.markers.solve import solve as solve_markers
@@ -66,7 +66,7 @@ def solve(
 
 
 def _finish(motion: "Motion", rate: float, out: Path, json: bool) -> None:
-    """Print how well a motion explains its markers. rate: frames a second."""
+    """Print the distances between a motion and its markers. rate: frames a second."""
     report, of_markers = motion.report, _per_marker(motion.report)
     result = {
         "frames": len(motion),

@@ -160,7 +160,7 @@ def repair(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Write a whole session with every readable frame of a damaged session; keep the damaged session."""
+    """Copy every readable frame of a damaged session into a new session; keep the damaged session."""
     from sensors.session.recording_file import recording_at
     from sensors.session.repair import repair as repair_session
 
@@ -172,7 +172,7 @@ def repair(
 
 
 def _repaired_text(done: "Repaired", source: Path) -> str:
-    """Return a sentence about kept and lost frames and the source."""
+    """Return a sentence about kept and lost frames and the damaged file."""
     text = f"{done.path} is whole, with {_count(done.frames, 'frame')}"
     if not done.changed:
         return text + "; nothing to repair"

@@ -22,19 +22,19 @@ RANDOM = "random"  # in place of a palette file: a suit drawn by the seed
 
 
 def scenes() -> list[str]:
-    """Return the scenes of the virtual rig, and the plate."""
+    """Return the names of the virtual rig's scenes, and of the hole plate."""
     from synth.rig.locations import SCENES
 
     return [*SCENES, PLATE]
 
 
 def difficulties() -> list[str]:
-    """Return the difficulties of the virtual rig."""
+    """Return the names of the virtual rig's difficulties."""
     return list(table("difficulties"))
 
 
 def casts() -> list[str]:
-    """Return the casts of synthetic people."""
+    """Return the names of the casts (sets of synthetic people)."""
     return list(CASTS)
 
 
@@ -119,7 +119,7 @@ def record_rig(title: str, rig: "VirtualRig | FilmRig", out: Path, overwrite: bo
 
 
 def _palette(suit: str | None, seed: int, cast: Cast) -> "Suit | None":
-    """Return the palette of a file, or a palette drawn by the seed; None for the cast's own."""
+    """Return the palette of a file, or a palette drawn by the seed; None for the palette of the cast."""
     from annotate.suit.palette import load_suit
     from synth.appearance.random_suit import random_suit
 

@@ -36,7 +36,7 @@ app = typer.Typer(help="Synthetic bodies and datasets of depth images.", no_args
 
 
 def presets() -> list[str]:
-    """Return the presets of `synth generate`."""
+    """Return the names of the presets of `synth generate`."""
     from synth.images.presets import PRESETS
 
     return list(PRESETS)
@@ -104,7 +104,7 @@ def _bake(names: list[str], sizes: "Sequence[BodySize | None]", seed: int) -> "l
 def _preset(name: str | None, motion: Path | None, garments: Path | None, cast: Cast) -> "Preset":
     """Return the preset of a name or a motion; dressed in the garments of a folder, if any.
 
-    Raises CloudError for a cast with motions or garments, because these are not the judging cast's.
+    Raises CloudError for the judging cast with motions or garments, because these are of the training cast.
     """
     from synth.images.presets import dressed_from, preset_named, preset_of
     from synth.motion.library import motion_files, read_repertoire
@@ -219,7 +219,7 @@ def page(
     beside: Beside = None,
     json: Json = False,
 ) -> None:
-    """Draw the page of a dataset again, beside a recording of real people."""
+    """Draw the page of a dataset again, compared with a recording of real people."""
     from annotate.labelset.dataset import ORDER, Dataset
 
     with needing("synth"):

@@ -67,7 +67,7 @@ class _Choices:
 
     @property
     def weights(self) -> Path | None:
-        """Return the file to start from."""
+        """Return the weights file to start from, if any."""
         if self.init != SHIPPED:
             return self.init
         from eval.network.onnx_network import SHIPPED_WEIGHTS
@@ -157,7 +157,7 @@ def _left_out(split: "CalibrationSplit", hold_out: list[str]) -> tuple[str, ...]
 
 
 def _finish(written: dict[str, Any], epochs: "Sequence[Epoch]", started: float, json: bool) -> None:
-    """Print the course of a training. started: reading of ``time.monotonic`` at its start."""
+    """Print the results of a training. started: reading of ``time.monotonic`` at its start."""
     history, loss = [asdict(epoch) for epoch in epochs], epochs[-1].loss
     seconds = round(time.monotonic() - started, 1)
     result = written | {"epochs": len(history), "loss": loss, "history": history, "seconds": seconds}
@@ -235,7 +235,7 @@ def _config(network: NetworkName) -> "NetworkConfig":
 def _crops(
     data: list[Path], tests: list[Path], hold_out: frozenset[str], images: int
 ) -> "tuple[CalibrationSplit, Crops | None]":
-    """Return images to train on, to calibrate on and to measure on, if any; the three share none."""
+    """Return images to train on, to calibrate on, and to measure on if any; the three share no image."""
     from eval.training.calibration_split import calibration_split
     from eval.training.crops import load_crops
 

@@ -39,7 +39,7 @@ class BenchmarkSet:
     def precision(self, labels: LabelSet) -> tuple[MeanPrecision, MeanPrecision, int]:
         """Return the precision of a label set's joints: over all true joints, and over the visible ones.
 
-        The third value is the number of frames with true joints but without a labelled person.
+        Third: number of frames with true joints but without a labelled person.
         """
         predicted_m, nobody = np.full(self.true_m.shape, np.nan), np.ones(len(self.true_m), np.bool_)
         for frame_id in labels.frame_ids:

@@ -38,7 +38,7 @@ MAX_ITEM_BYTES = 64  # of a number or an id; ITOP's ids have 8
 
 
 def paths_of(folder: Path, view: str) -> tuple[Path, Path]:
-    """Return the paths of the depth images and of the labels of a view, "side" or "top"."""
+    """Return the paths of a view's depth images and labels. view: "side" or "top"."""
     return folder / f"ITOP_{view}_test_depth_map.h5", folder / f"ITOP_{view}_test_labels.h5"
 
 
@@ -99,8 +99,8 @@ def _opened(path: Path) -> "Iterator[h5py.File]":
 def _array(file: "h5py.File", name: str, shape: tuple[int, ...] | None, kinds: str) -> "h5py.Dataset":
     """Return the dataset ``name`` without reading its values.
 
-    shape: required, None = (n,) for any n. kinds: permitted type codes, as in ``numpy.dtype.kind``. Raises
-    FormatError for a dataset that is missing, different or too large.
+    shape: required, None = (n,). kinds: permitted codes of ``numpy.dtype.kind``. Raises FormatError for a
+    missing, different or too large dataset.
     """
     import h5py
 

@@ -25,8 +25,7 @@ class MeanPrecision:
     """Precision (J,) of each joint, NaN for joints not counted; their mean, and its 95 % interval over
     people.
 
-    frames, people: numbers of counted frames and of people with a known name. note: a reason to doubt the
-    interval, or "".
+    people: number of known people. note: a reason to doubt the interval, or "".
     """
 
     by_joint: Scores
@@ -37,7 +36,7 @@ class MeanPrecision:
     note: str
 
     def to_json(self, joints: Sequence[str]) -> dict[str, Any]:
-        """Return mean, interval, counts and each joint's precision as JSON; None for unknown values."""
+        """Return precisions, interval and counts as JSON; None for unknown values."""
         known = [value if np.isfinite(value) else None for value in (*self.by_joint.tolist(), *self.ci95)]
         counts = {"frames": self.frames, "people": self.people, "ci_note": self.note}
         return counts | {
@@ -48,7 +47,7 @@ class MeanPrecision:
 
 
 def joint_hits(predicted_m: Float64, true_m: Float64) -> Bool:
-    """Return True (F, J) for predicted joints nearer than 10 cm to the true joints; a NaN gives False.
+    """Return hits (F, J): predicted joints nearer than 10 cm to the true ones; False for a NaN.
 
     Both arguments: (F, J, 3), metres.
     """
@@ -58,8 +57,8 @@ def joint_hits(predicted_m: Float64, true_m: Float64) -> Bool:
 def mean_precision(hits: Bool, counted: Bool, subjects: Sequence[str]) -> MeanPrecision:
     """Return each joint's precision over frames, and the mean over joints.
 
-    hits, counted: (F, J); joints not counted are left out. subjects: (F,). The interval is a bootstrap over
-    people. Raises CloudError where no joint counts.
+    hits, counted: (F, J). subjects: (F,). The interval is a bootstrap over people. Raises CloudError where no
+    joint counts.
     """
     rows = np.flatnonzero(counted.any(axis=1))
     people = [subjects[row] for row in rows.tolist()]

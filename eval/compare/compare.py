@@ -63,7 +63,7 @@ class Comparison:
 
     @property
     def confusion(self) -> Counts:
-        """Confusion matrix of the whole set, int64 (12, 12), rows are the truth."""
+        """Confusion matrix of the whole set, int64 (12, 12)."""
         return self.total.confusion
 
     @cached_property
@@ -122,7 +122,7 @@ class Comparison:
 
     @property
     def hashes(self) -> dict[str, str]:
-        """SHA-256 of all frames' digests: of the depth images, the true and the predicted labels."""
+        """SHA-256 of all frames' digests: of depth, truth and prediction."""
         return {
             name: hashlib.sha256("".join(of_frames).encode()).hexdigest()
             for name, of_frames in zip(Digests._fields, zip(*self.digests, strict=True), strict=True)
@@ -170,7 +170,7 @@ class Comparison:
         }
 
     def to_evaluation_json(self) -> dict[str, Any]:
-        """Return all scores, intervals and counts as JSON, the output of `evaluate`."""
+        """Return all scores as JSON, the output of `evaluate`."""
         return {
             "frames": len(self.frame_ids),
             "subjects": self.n_subjects,

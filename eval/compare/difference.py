@@ -56,10 +56,7 @@ class Difference:
 
 
 def difference(a: Result, b: Result) -> Difference:
-    """Return the scores of A minus B over their shared frames (same id and depth).
-
-    Without shared frames, all frames of A are compared with all of B, as different samples.
-    """
+    """Return A minus B over the shared frames (same id and depth), or else over all frames as two samples."""
     at_b = {key: i for i, key in enumerate(_keys(b.comparison))}
     shared = [(i, at_b[key]) for i, key in enumerate(_keys(a.comparison)) if key in at_b]
     if not shared:

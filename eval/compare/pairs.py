@@ -26,7 +26,7 @@ WORTH_WORKERS = 400  # frames from which worker processes save time; untuned
 
 
 class Pair(NamedTuple):
-    """Index entries of a frame in the predicted set and in the true set."""
+    """Entries of a frame in the predicted and in the true set."""
 
     predicted: Entry
     truth: Entry
@@ -103,7 +103,7 @@ def _count_chunk(predicted: LabelledFrames, truth: LabelledFrames, pairs: Sequen
 
 
 def count_frame(predicted: FrameLabels, truth: FrameLabels, frames: LabelledFrames) -> Counted:
-    """Return the comparison of one frame. frames: set of the truth, which gives the camera.
+    """Return the comparison of one frame. frames: the true set, which gives the camera.
 
     Raises CloudError for labels of different depth images, FormatError for malformed notes.
     """

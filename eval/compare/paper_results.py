@@ -23,7 +23,7 @@ class Reported(NamedTuple):
 
     @property
     def mean_recall(self) -> float:
-        """Mean of the diagonal over the body parts, without background."""
+        """Mean of the diagonal over the body parts."""
         return float(np.diagonal(self.table)[1:].mean())
 
 

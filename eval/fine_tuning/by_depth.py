@@ -1,7 +1,4 @@
-"""Fine-tuning of the refinement network, for people without a suit (docs/adr/0025).
-
-Its input is depth and the first labels.
-"""
+"""Fine-tuning of the refinement network on depth and first labels, without a suit (docs/adr/0025)."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -49,10 +46,7 @@ class DepthFineTuner(FineTuner):
 
 
 def depth_example(first: FrameLabels, parts: UInt8, camera: Intrinsics) -> Example | None:
-    """Return a training example of a frame: the input of ``refine``, and the true parts (h, w) as target.
-
-    None if the first labels show no person.
-    """
+    """Return a training example: input of ``refine``, target the true parts (h, w); None without a person."""
     found = depth_view(first, camera)
     if found is None:
         return None

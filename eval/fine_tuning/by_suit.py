@@ -52,11 +52,7 @@ class SuitFineTuner(FineTuner):
         self._ids, self._examples = set(labels.frame_ids), dict[str, Example]()
 
     def examples(self, frames: Sequence[CorrectedFrame], progress: Progress) -> list[Example]:
-        """Return the training examples of frames.
-
-        The input of each contains the first labels of the previous frame. Raises CloudError without a usable
-        frame.
-        """
+        """Return the training examples of frames; each input contains the previous frame's first labels."""
         ids = {frame.first.frame_id: frame.corrected for frame in frames}
         if new := ids.keys() - self._examples.keys():
             with progress("read the recording, frames", len(new)) as advance:
@@ -85,10 +81,7 @@ class SuitFineTuner(FineTuner):
         return {"label": suit_step(self._labels) | {"weights_sha256": SuitNetwork(weights).sha256}}
 
     def labels(self, correction: Correction, weights: Path) -> Iterator[FrameLabels]:
-        """Yield new labels of the untouched frames.
-
-        The input of each frame contains the current labels of the previous frame.
-        """
+        """Yield new labels of untouched frames; each input contains the previous frame's current labels."""
         labeller = SuitLabeller(self._suit, SuitNetwork(weights))
         made: FrameLabels | None = None
         for frame_id, detection in self._detections(untouched(correction)):

@@ -60,10 +60,7 @@ class NetworkLabeller:
     def label(
         self, detection: "NetworkDetection", before: FrameLabels | None
     ) -> tuple[Segmentation, PersonMask]:
-        """Return a frame's labels, refined by the options' networks, and its person mask.
-
-        before: labels of the previous frame.
-        """
+        """Return a frame's refined labels and person mask. before: labels of the previous frame."""
         found, person = detection.labels(before)
         if not self.options.all_refiners or not person.mask.any() or not person.trusted:
             return found, person

@@ -80,7 +80,7 @@ def _off_deg(state: BodyState, faced: Float64) -> float:
 def sided_by_parts(state: BodyState, parts: UInt8) -> BodyState:
     """Return the state, with sides exchanged where most joints lie on parts (h, w) of the other side.
 
-    Use it with parts from a suit, because the sides of a network's parts may be wrong.
+    Parts from a suit have reliable sides, parts from a network may not.
     """
     own = other = 0
     for joint, limbs in LIMBS.items():

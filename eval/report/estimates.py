@@ -48,7 +48,7 @@ class Estimate:
 
     @property
     def bounded(self) -> bool:
-        """True with an interval."""
+        """True if the score has an interval."""
         return not (np.isnan(self.low) or np.isnan(self.high))
 
 
@@ -81,7 +81,7 @@ def printed(name: str, found: Estimate, sign: str = "") -> str:
 
 
 def joint_estimate(scored: JointEstimates | JointDifference, name: str, group: str) -> Estimate:
-    """Return a score of the joints of a group by its name."""
+    """Return a score, by its name, of a group of joints."""
     i = GROUPS.index(group)
     return Estimate(float(scored.scores[name][i]), *map(float, scored.ci95[name][:, i]))
 
@@ -100,5 +100,5 @@ def row_shares(matrix: Int64) -> Float64:
 
 
 def in_shown_order(table: Float64) -> Float64:
-    """Return a table (12, 12) by part id in the order of the paper's tables."""
+    """Return a table (12, 12) by part id, reordered as the paper's tables."""
     return table[np.ix_(SHOWN_ORDER, SHOWN_ORDER)]

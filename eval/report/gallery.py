@@ -123,7 +123,7 @@ def cloud_picture(cloud: ThermalCloud, person: Bool, crop: Crop) -> Image:
 
 @dataclass(frozen=True)
 class Scene:
-    """Points of a frame. points_mm: int16 (n, 3), depth-camera frame minus the person's middle.
+    """Point cloud of a frame. points_mm: int16 (n, 3), depth-camera axes, origin at the person's middle.
 
     colors: values (n,) by name: part ids of "truth" and "predicted", index in ``ERROR_KINDS`` of "error",
     float "temperature_c", NaN if unknown.
@@ -169,7 +169,9 @@ def points_of(frame: FrameLabels, camera: Intrinsics) -> Float32:
 
 
 def _chosen(points: Float32, person: Bool) -> Index:
-    """Return evenly thinned pixels: of the person, and of the surroundings within `SCENE_AROUND_M`."""
+    """Return indices of evenly thinned pixels: of the person, and of the surroundings within
+    `SCENE_AROUND_M`.
+    """
     body = np.flatnonzero(person)
     if not body.size:
         return body

@@ -1,4 +1,4 @@
-"""Material of a report, gathered from files. Constants are untuned."""
+"""Content of a report, gathered from files. Constants are untuned."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -51,7 +51,7 @@ class ShownSet:
 
 @dataclass(frozen=True)
 class Sources:
-    """Files of a report.
+    """Inputs of a report.
 
     results: the first is the baseline. ceiling: one person's corrections against another's. sessions:
     recordings of the labels. trainings: folders of `train`. audited: corrected label sets. shown: label sets
@@ -116,13 +116,13 @@ class Clouds:
         return cloud if np.array_equal(cloud.depth_mm, frame.depth_mm) else None
 
     def image(self, source: str, frame: FrameLabels, person: Bool, crop: Crop) -> Image | None:
-        """Return the image of a frame's cloud."""
+        """Return the image of a frame's cloud; None without a cloud."""
         cloud = self.of(source, frame)
         return None if cloud is None else cloud_picture(cloud, person, crop)
 
 
 def gather(sources: Sources) -> Material:
-    """Return the material of a report.
+    """Return the content of a report.
 
     A result whose label sets were moved has no images. Raises FormatError for a corrupt file, CloudError for
     labels that changed after the evaluation.

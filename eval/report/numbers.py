@@ -114,7 +114,7 @@ def difference_table(found: Sequence[Difference]) -> pd.DataFrame:
 
 
 def group_tables(results: Sequence[Result]) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield mean recall by each trait that differs between frames or results."""
+    """Yield title and table of mean recall by each trait that differs between frames or results."""
     by_result = [groups(r.comparison.subjects, r.comparison.traits) for r in results]
     for kind, title in KIND_TITLES.items():
         counts = Counter[str]()
@@ -143,7 +143,7 @@ def _place(value: str) -> tuple[bool, float]:
 
 
 def error_table(results: Sequence[Result]) -> pd.DataFrame:
-    """Return the kinds of errors, one column a result."""
+    """Return the rates of each kind of error, one column per result."""
     columns = {}
     for result in results:
         c = result.comparison
@@ -183,7 +183,7 @@ def joint_table(results: Sequence[Result]) -> pd.DataFrame:
 
 
 def joint_group_tables(results: Sequence[Result]) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield the scores of the joints inside the image, by each trait of ``JOINT_KINDS``."""
+    """Yield title and table of the scores of joints inside the image, by each trait of ``JOINT_KINDS``."""
     for kind in JOINT_KINDS:
         rows = []
         for result in results:
@@ -205,7 +205,7 @@ def joint_group_tables(results: Sequence[Result]) -> Iterator[tuple[str, pd.Data
 
 
 def frame_table(results: Sequence[Result]) -> pd.DataFrame:
-    """Return the worst frames of every result."""
+    """Return the frames of lowest mIoU of every result."""
     rows = []
     for result in results:
         c = result.comparison

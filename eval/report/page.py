@@ -1,4 +1,4 @@
-"""Write the report: one HTML file that opens offline, on a screen or on paper, and tables beside it."""
+"""The report: one HTML file that opens offline, on a screen or on paper, and tables beside it."""
 
 import base64
 import hashlib
@@ -70,7 +70,7 @@ def write_report(path: Path, material: Material, overwrite: bool = False) -> lis
 
 
 def free_outputs(path: Path, overwrite: bool) -> list[Path]:
-    """Return the files of a page's path, the page last.
+    """Return the paths of the page's files, the page last.
 
     Raises ExistsError if one exists and ``overwrite`` is not set, CloudError for a table's suffix.
     """
@@ -83,7 +83,7 @@ def free_outputs(path: Path, overwrite: bool) -> list[Path]:
 
 
 def render(material: Material) -> str:
-    """Return the page; the same material gives the same bytes."""
+    """Return the page as HTML; the same material gives the same bytes."""
     shown = {f"s{i}": section for i, section in enumerate(sections(material))}
     drawn = {
         f"{name}-{k}": figure
@@ -124,7 +124,7 @@ def embedded(drawn: Mapping[str, go.Figure]) -> str:
 
 
 def sections(material: Material) -> Iterator[Section]:
-    """Yield the sections that the material fills, in the order of the page."""
+    """Yield the page's sections, in order; sections without content are left out."""
     results, found, ceiling = material.results, material.differences, material.ceiling
     yield Section(
         "Headline",

@@ -24,8 +24,8 @@ _EPOCH = re.compile(r"epoch-(\d{1,9})\.parts\.png")
 
 @dataclass(frozen=True)
 class Training:
-    """Course of one training. points: images seen, mean loss. epochs: number, loss, mean recall, mIoU,
-    seconds so far.
+    """Course of a training. points: (n, 2), images seen, mean loss. epochs: (n, 5), number, loss, mean
+    recall, mIoU, seconds so far.
 
     Scores are NaN if not measured. pictures: a frame's depth, labels at some epochs and truth, RGB (h, w, 3).
     """
@@ -60,7 +60,7 @@ def _rows(entries: list[dict[str, Any]], names: tuple[str, ...]) -> Float64:
 
 
 def _pictures(folder: Path) -> dict[str, Image]:
-    """Return depth, labels at up to `PICTURES` epochs, truth."""
+    """Return images by title: depth, labels at up to `PICTURES` epochs, truth."""
     found = {int(m[1]): p for p in folder.glob("epoch-*.parts.png") if (m := _EPOCH.fullmatch(p.name))}
     if not found:
         return {}

@@ -34,8 +34,8 @@ class Augmentation:
     mirror: exchange left and right. place: zoom, shift, and move and stretch depth. turn: rotate in the image
     plane. noise: add sensor noise, and flying pixels at silhouettes. holes: remove depth at pixels and
     patches. occluders: put objects in front of the person, or a blanket on the person. cuts: remove parts of
-    the person as a failing extraction does (see the module). borders: cut the person at an image border.
-    extras: add furniture that the extraction keeps by mistake.
+    the person as a failing extraction does. borders: cut the person at an image border. extras: add furniture
+    that the extraction keeps by mistake.
     """
 
     mirror: bool = True
@@ -55,7 +55,7 @@ Example = tuple[Float32, UInt8, Float32]
 
 
 def augment(example: Example, how: Augmentation, rng: np.random.Generator) -> Example:
-    """Return a copy of a crop with random faults.
+    """Return a randomly changed copy of a crop.
 
     A removed pixel has depth 0 and is background; an added pixel has depth and is background. After a cut,
     the crop is fitted to the rest of the person, as around a real extraction.
@@ -95,7 +95,7 @@ def _masked(kept: Bool, depth: Float32, parts: UInt8) -> Image:
 
 
 def _incomplete(depth: Float32, parts: UInt8, how: Augmentation, rng: np.random.Generator) -> Image:
-    """Hide and cut parts of a person; return the crop unchanged where too little is left."""
+    """Return a crop with parts of the person hidden and cut, or unchanged where too little would be left."""
     least, whole = MIN_LEFT, (depth, parts)
     if how.occluders:
         if rng.random() < BLANKETS:
@@ -111,7 +111,7 @@ def _incomplete(depth: Float32, parts: UInt8, how: Augmentation, rng: np.random.
 
 
 def _uncut(person: Bool, how: Augmentation, rng: np.random.Generator) -> Bool:
-    """Return the pixels (h, w) of a person that occluders and a failing extraction leave."""
+    """Return the person's pixels (h, w) that are left by occluders and a failing extraction."""
     from synth.images.view import cut
 
     kept = person
@@ -130,7 +130,7 @@ def _uncut(person: Bool, how: Augmentation, rng: np.random.Generator) -> Bool:
 
 
 def _warm_enough(person: Bool, rng: np.random.Generator) -> Bool:
-    """Return the person's pixels (h, w) without the coldest patches, which cover up to 30 % of the person.
+    """Return the person's pixels (h, w) without random cold patches, which cover up to 30 % of the person.
 
     Patches stand for wet or thick clothes and cold limbs.
     """

@@ -53,7 +53,7 @@ def _in_crop(frames: LabelledFrames, frame: FrameLabels, joints_mm: Float64) -> 
 
 
 def swap_sides(row: Float32) -> Float32:
-    """Return a row of targets with left and right exchanged; joints keep their columns."""
+    """Return a row of targets with left and right exchanged; the joints' image columns are not mirrored."""
     other = row.copy()
     other[1] = -row[1]
     other[JOINTS] = row[JOINTS].reshape(N_JOINTS, 3)[TWIN].ravel()
@@ -61,7 +61,9 @@ def swap_sides(row: Float32) -> Float32:
 
 
 def move_joints(row: Float32, crop_from_source: Float64, size: int = SIZE) -> Float32:
-    """Return a row of targets, its joints moved by an affine map (2, 3) of pixels; size: side of the crop."""
+    """Return a row of targets, its joints moved by an affine map (2, 3) of pixels. size: side of the crop,
+    px.
+    """
     other = row.copy()
     joints = other[JOINTS].reshape(N_JOINTS, 3)
     pixels = joints[:, :2] * size - 0.5

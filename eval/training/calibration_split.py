@@ -1,4 +1,4 @@
-"""Images that a training leaves out, to fit the temperature of its confidences on.
+"""Images held out from a training, to fit the softmax temperature that calibrates the confidences.
 
 Constants are untuned.
 """
@@ -20,8 +20,8 @@ NAMED = 5  # bodies that a note names
 class CalibrationSplit:
     """Crops to train on and crops to calibrate on, which share no image.
 
-    calibrated: None where there are too few images. bodies: left out with every image that shares one; empty
-    where single images of the trained people were left out.
+    calibrated: None where there are too few images. bodies: held out with every image that shares one; empty
+    where single images of the trained people were held out.
     """
 
     trained: Crops
@@ -46,7 +46,7 @@ class CalibrationSplit:
 
 
 def calibration_split(crops: Crops) -> CalibrationSplit:
-    """Leave out a twentieth of the bodies, or of the images where there are few bodies."""
+    """Return crops with a twentieth held out: of the bodies, or of the images where bodies are few."""
     names = natsorted(set().union(*crops.bodies))
     chosen: tuple[str, ...] = ()
     left_out = np.ones(len(crops), np.bool_)
@@ -63,6 +63,6 @@ def calibration_split(crops: Crops) -> CalibrationSplit:
 
 
 def _spread(count: int) -> list[int]:
-    """Return evenly spread indices of the left-out share of ``count`` items."""
+    """Return evenly spread indices of the share ``SHARE`` of ``count`` items."""
     n = max(1, round(count * SHARE))
     return [int((i + 0.5) * count / n) for i in range(n)]

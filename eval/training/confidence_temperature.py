@@ -19,8 +19,8 @@ def fitted_temperature(model: nn.Module, crops: Crops, batch: int = 32) -> float
 
 
 def temperature_of(scores: Tensor, target: Tensor) -> float:
-    """Return the softmax temperature with the least cross entropy of scores (V, N, K) and classes (N,); 1
-    without any.
+    """Return the softmax temperature with the least cross entropy of scores (V, N, K) and classes (N,); 1 if
+    N = 0.
 
     The probabilities of V views are averaged. Found by bisection of the slope. Source: Guo et al. 2017, On
     Calibration of Modern Neural Networks.

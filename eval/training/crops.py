@@ -43,7 +43,7 @@ class Crops:
 
     packed: bytes in an unlinked temporary file, deleted with the process. places: int64 (N, 3), offsets of
     the start of a crop's depth, its end, and the end of its parts. wholes: float32 (N, ROW), targets of
-    ``eval.training.body_targets``. crc32: checksum of these crops. bodies: (N,) of each person, as of
+    ``eval.training.body_targets``. crc32: checksum of these crops. bodies: (N,), of each crop's person, by
     ``eval.training.shared_bodies``.
     """
 
@@ -60,7 +60,7 @@ class Crops:
         crops: Iterable[tuple[UInt16, UInt8, Float32]],
         bodies: Sequence[frozenset[str]] | None = None,
     ) -> "Crops":
-        """Keep crops: depth uint16 (h, w) in 1 / 65535 of its range, parts uint8 (h, w), targets (ROW,).
+        """Compress crops: depth uint16 (h, w) in 1 / 65535 of its range, parts uint8 (h, w), targets (ROW,).
 
         bodies: of each crop, a list that may grow with ``crops``; None = unknown. Raises CloudError without
         any crop, OSError on a full disk.
@@ -128,14 +128,14 @@ class Crops:
         )
 
     def showing(self, bodies: Collection[str]) -> Bool:
-        """Return flags (N,) of the crops of people who have one of some bodies."""
+        """Return True (N,) for each crop whose person has one of ``bodies``."""
         return np.array([not own.isdisjoint(bodies) for own in self.bodies], np.bool_)
 
 
 def load_crops(
     sources: list[Path], without: frozenset[str] = frozenset(), only: frozenset[str] | None = None
 ) -> Crops:
-    """Read label sets and datasets.
+    """Return the persons' crops of label sets and datasets.
 
     without: subjects or bodies to leave out, with every image that shares a body with them. only: subjects or
     bodies to read; None = all. Frames without a labelled part are left out. Raises CloudError where no frame

@@ -71,7 +71,7 @@ class BatchOrder:
         return self.images // self.step_images
 
     def after(self, step: int) -> Iterator[list[Turn]]:
-        """Yield this process's share of each batch from a step on."""
+        """Yield this process's share of each batch from a step on, as pairs (epoch, index of a crop)."""
         for epoch in range(step // self.epoch_steps, self.epochs):
             order = stream(self.seed, "order", epoch).permutation(self.images)
             first = step % self.epoch_steps if epoch == step // self.epoch_steps else 0
@@ -81,7 +81,7 @@ class BatchOrder:
 
 
 def batches(images: Images, order: BatchOrder, step: int, workers: int = 0) -> Iterator[Batch]:
-    """Yield the batches from a step on; worker processes make them ahead."""
+    """Yield the batches from a step on; worker processes prepare batches in advance."""
     if workers:
         check_semaphores()
     pinned = torch.cuda.is_available()
@@ -90,7 +90,7 @@ def batches(images: Images, order: BatchOrder, step: int, workers: int = 0) -> I
 
 @contextmanager
 def workers_watched() -> Iterator[None]:
-    """Raise CloudError where a worker process is killed, instead of torch's errors.
+    """Turn torch's errors about a killed worker process into CloudError.
 
     torch raises its error in a signal handler, at any point of the training. Reading a batch at that time
     ends in a pipe error.

@@ -44,7 +44,7 @@ def random_shapes(person: Bool, count: int, half_px: tuple[float, float], rng: n
 
 
 def blanket_band(parts: UInt8, rng: np.random.Generator) -> Bool:
-    """Return a band (h, w) from about the hip to the shins or beyond the feet; empty without legs."""
+    """Return a mask (h, w) from about the hip to the shins or beyond the feet; empty without legs."""
     trunk, legs = (np.argwhere(np.isin(parts, ids)) for ids in (TRUNK, LEGS))
     if not len(trunk) or not len(legs):
         return np.zeros(parts.shape, np.bool_)
@@ -57,10 +57,10 @@ def blanket_band(parts: UInt8, rng: np.random.Generator) -> Bool:
 
 
 def add_blanket(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple[Float32, UInt8]:
-    """Lay a blanket over the person from the trunk down, with folds; it spans between the legs and hangs
-    beyond.
+    """Return a crop with a folded blanket over the person from the trunk down.
 
-    Patches of a blanket, or a whole blanket, have no depth, as where an extraction removes it.
+    The blanket spans between the legs and hangs beyond. Patches or all of it have no depth, as where an
+    extraction removes it.
     """
     under = (depth > 0) & np.isin(parts, UNDER)
     band = blanket_band(parts, rng)
@@ -82,7 +82,9 @@ def add_blanket(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple
 
 
 def add_board(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple[Float32, UInt8]:
-    """Put a flat board or disc in front: a screen on the lap, a cushion, a tray, a table's edge."""
+    """Return a crop with a flat board or disc in front: a screen on the lap, a cushion, a tray, a table's
+    edge.
+    """
     person = depth > 0
     if not person.any():
         return depth, parts
@@ -104,7 +106,7 @@ def add_board(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple[F
 def _in_front(
     crop: tuple[Float32, UInt8], surface: Float32, kept: Bool, rng: np.random.Generator
 ) -> tuple[Float32, UInt8]:
-    """Put a surface (h, w), infinite outside its outline, in front of a crop.
+    """Return a crop with a surface (h, w) in front of it; the surface is infinite outside its outline.
 
     kept: bool (h, w); other pixels of the surface have no depth.
     """
@@ -116,9 +118,7 @@ def _in_front(
 
 
 def sensor_noise(depth: Float32, rng: np.random.Generator) -> tuple[Float32, Bool]:
-    """Return noise (h, w) and lost pixels like the person's, because a network could detect a smooth
-    occluder.
-    """
+    """Return noise and lost pixels (h, w) like the person's, because smooth occluders could be detected."""
     person = (depth > 0).astype(np.uint8)
     inner = cv2.erode(person, np.ones((3, 3), np.uint8)) > 0
     closed = cv2.erode(cv2.morphologyEx(person, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)), np.ones((5, 5)))
@@ -129,7 +129,7 @@ def sensor_noise(depth: Float32, rng: np.random.Generator) -> tuple[Float32, Boo
 
 
 def _folds(shape: tuple[int, ...], rng: np.random.Generator) -> Float32:
-    """Return waves (h, w) of up to 15 mm, long in one direction."""
+    """Return waves (h, w) of depth, up to 15 mm, long in one direction."""
     long, short = int(rng.integers(2, 5)), int(rng.integers(5, 16))
     coarse = rng.standard_normal((long, short), np.float32)
     waves = cv2.resize(coarse if rng.random() < 0.7 else coarse.T, shape[::-1], interpolation=cv2.INTER_CUBIC)

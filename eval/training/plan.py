@@ -31,8 +31,8 @@ class ModernRecipe:
 
     balance: exponent; a class weighs (its share of the pixels) ** -balance. facing, posture, joints: weights
     in the loss, beside 1 for the parts. clip: largest norm of a gradient. averaged: decay of the weights'
-    moving average. coarse: first share of the training, on images with ``COARSE`` times the side, twice as
-    fast. statistics: True to update batch-normalisation statistics.
+    moving average. coarse: share of the training, at its start, on images of ``COARSE`` times the side, which
+    is twice as fast. statistics: True to update batch-normalisation statistics.
     """
 
     batch: int = 32
@@ -70,7 +70,7 @@ Recipe = ModernRecipe | PaperRecipe
 
 @dataclass(frozen=True)
 class Plan:
-    """Settings of a training without its data.
+    """Settings of a training, except its data.
 
     precision: number format of the forward pass. epochs: passes over all images. minutes: length by the clock
     instead; the result then depends on the machine's speed.
@@ -123,7 +123,7 @@ def best_precision() -> Precision:
 
 
 def at_resolution(recipe: Recipe, depth: Tensor, parts: Tensor, share: float) -> tuple[Tensor, Tensor]:
-    """Return depth (B, 1, h, w) and parts (B, h, w), coarse in the first share of the training."""
+    """Return depth (B, 1, h, w) and parts (B, h, w), subsampled in the first share of the training."""
     if share >= recipe.coarse:
         return depth, parts
     side = depth.shape[-1]

@@ -12,7 +12,7 @@ from torch.nn.parallel import DistributedDataParallel
 
 @dataclass(frozen=True)
 class ProcessGroup:
-    """Rank of this process, number of all, and the device of this one."""
+    """Rank of this process, number of all processes (``world``), and device of this process."""
 
     rank: int
     world: int
@@ -21,7 +21,7 @@ class ProcessGroup:
     @staticmethod
     @contextmanager
     def join() -> Iterator["ProcessGroup"]:
-        """Join the processes that torchrun's environment names, a GPU each if any; leave at the end."""
+        """Join the processes that torchrun's environment names, each on a GPU if any; leave at the end."""
         gpu = torch.cuda.is_available()
         world = int(os.environ.get("WORLD_SIZE", "1"))
         local = int(os.environ.get("LOCAL_RANK", "0"))
@@ -48,11 +48,11 @@ class ProcessGroup:
             distributed.barrier()
 
     def total(self, value: Tensor) -> Tensor:
-        """Return the sum over all processes, without a gradient."""
+        """Return the sum of ``value`` over all processes, without a gradient."""
         return _all_sum(value.detach()) if self.world > 1 else value.detach()
 
     def by_the_first(self, seconds: float) -> float:
-        """Return the seconds of the first process, because all processes must end at the same step."""
+        """Return ``seconds`` of the first process, because all processes must end at the same step."""
         return float(self.total(torch.tensor(seconds if self.first else 0.0, dtype=torch.float64)))
 
     def together(self, model: nn.Module) -> nn.Module:

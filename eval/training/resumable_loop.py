@@ -44,7 +44,7 @@ class Epoch:
 
 @dataclass
 class Progress:
-    """Progress of a training: steps, losses that are not yet in `points` and `epochs`, seconds."""
+    """Progress of a training: steps, losses not yet in `points` and `epochs`, seconds."""
 
     step: int = 0
     since_point: list[float] = field(default_factory=list)
@@ -218,7 +218,7 @@ def fit(
     watch: Callable[[int, float], None],
     group: ProcessGroup = ALONE,
 ) -> nn.Module:
-    """Train a state to its end and return the moving average.
+    """Train a state to the end of its schedule; return the moving average.
 
     checkpoint: file of the state, written regularly and at the end; load it first to resume. watch: called
     after each step with its number and its loss. Raises CloudError where the loss is not finite.

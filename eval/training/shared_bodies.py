@@ -36,7 +36,7 @@ def held_out(sources: Iterable[LabelledFrames], names: Collection[str]) -> froze
 
 
 def _of_image(info: Mapping[str, Any], frame: FrameLabels) -> frozenset[str]:
-    """Return the two bodies of a preset's image, drawn again from the dataset's order; none if unknown."""
+    """Return the two bodies of a preset's image, recomputed from the dataset's seed; empty if unknown."""
     name, seed, cast = info.get("preset"), info.get("seed"), info.get("cast", TRAINING)
     if not isinstance(name, str) or not isinstance(seed, int) or cast not in CASTS:
         return frozenset()
@@ -50,7 +50,7 @@ def _of_image(info: Mapping[str, Any], frame: FrameLabels) -> frozenset[str]:
 
 
 def _of_rig(info: Mapping[str, Any], subject: str) -> frozenset[str]:
-    """Return the bodies of a virtual rig's subject, drawn again from its seed; none if unknown."""
+    """Return the bodies of a virtual rig's subject, recomputed from the rig's seed; empty if unknown."""
     source, person = _RIG.fullmatch(str(info.get("source", ""))), _SUBJECT.fullmatch(subject)
     if source is None or person is None:
         return frozenset()

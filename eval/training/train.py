@@ -219,8 +219,8 @@ class _NetworkTraining:
 
 
 def work_left(out: Path, plan: Plan, crops: Crops) -> tuple[int, str]:
-    """Return the rest of a training in ``out`` and its unit: images, or seconds where the clock ends the
-    training.
+    """Return the remaining work of a training in ``out`` and its unit: images, or seconds if the clock ends
+    it.
     """
     path = out / CHECKPOINT
     progress = load_progress(path) if path.is_file() else Progress()

@@ -60,7 +60,7 @@ def store_scenes(folder: Path, seed: int) -> None:
 
 
 def load_scenes(folder: Path) -> SceneImages:
-    """Return all stored images."""
+    """Return all images that ``store_scenes`` wrote."""
     return SceneImages(*(_loaded(sorted(folder.glob(f"{kind}_*.npz"))) for kind in ("rig", "room")))
 
 
@@ -85,7 +85,7 @@ def _image_of(scene: Scene) -> Image:
 
 
 def draw_batch(images: SceneImages, size: int, rng: np.random.Generator) -> Batch:
-    """Draw a batch of augmented images, every second one of the rig."""
+    """Return a batch of random, augmented images, every second one from the virtual rig."""
     kinds = [kind for kind in images if kind]
     drawn = (kinds[i % len(kinds)] for i in range(size))
     made = [_example(kind[int(rng.integers(len(kind)))], rng) for kind in drawn]
@@ -93,7 +93,7 @@ def draw_batch(images: SceneImages, size: int, rng: np.random.Generator) -> Batc
 
 
 def _example(image: Image, rng: np.random.Generator) -> Batch:
-    """Return one image as a batch without its first axis."""
+    """Return an augmented image with its targets, as a `Batch` without its first axis."""
     depth_mm, felt, whose = image
     warmth = felt.astype(np.float32)
     if not np.isfinite(warmth).any() and rng.random() < FEELABLE:
@@ -109,7 +109,7 @@ def _example(image: Image, rng: np.random.Generator) -> Batch:
 def _moved(
     depth_mm: UInt16, warmth: Float32, persons: UInt8, rng: np.random.Generator
 ) -> tuple[Float32, Float32, UInt8]:
-    """Return depth in metres, warmth and people after zoom, turn, shift, flip and a change of all sizes."""
+    """Return depth in metres, warmth and people after random zoom, turn, shift, flip and change of size."""
     nearer = np.exp(rng.uniform(0, MOST_NEARER)) if rng.random() < NEARER else 1.0
     zoom, turn = nearer * np.exp(rng.uniform(-0.22, 0.22)), np.radians(rng.normal(0, 5))
     c, s, mirror = np.cos(turn) / zoom, np.sin(turn) / zoom, rng.choice((-1, 1))

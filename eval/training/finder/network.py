@@ -116,7 +116,7 @@ class FinderTraining:
         return loss, loss.item()
 
     def record(self, state: State, loss: float) -> bool:
-        """Return False: no step asks for a save, because ``fit`` saves the state by the clock."""
+        """Return False, because ``fit`` saves the state by the clock."""
         return False
 
 

@@ -18,10 +18,9 @@ CLEAR_M, IN_THE_WAY = 0.45, 0.12  # distance from people and the way to them; sh
 def surroundings(
     rng: np.random.Generator, eye_m: Float64, middle_m: Float64, *, may_be_none: bool
 ) -> list[Mesh]:
-    """Return meshes of a random room around a camera's eye (3,) and a person's middle (3,), world frame,
-    metres.
+    """Return meshes of a random room around a camera (3,) and a person's middle (3,), world frame, metres.
 
-    may_be_none: allow an empty room without any mesh.
+    may_be_none: allow an empty list.
     """
     if rng.random() < EMPTY and may_be_none:
         return []

@@ -53,7 +53,7 @@ class Scene(NamedTuple):
 
 
 def rig_scenes(number: int) -> Iterator[Scene]:
-    """Yield the frames of a recording that the suit network is trained on."""
+    """Yield the frames of training recording ``number`` of the suit network."""
     rig = training_rig(number)
     fuser = Fuser(rig.calibration)
     for frame, known in rig.with_truth():
@@ -63,7 +63,7 @@ def rig_scenes(number: int) -> Iterator[Scene]:
 
 
 def room_scenes(seed: int) -> Iterator[Scene]:
-    """Yield some random rooms with the same few people."""
+    """Yield random rooms; the same few people recur in them."""
     rng, bodies = np.random.default_rng((seed, 62)), crowd()
     people = []
     for _ in range(ACQUAINTED):
@@ -74,7 +74,7 @@ def room_scenes(seed: int) -> Iterator[Scene]:
 
 
 def _room(rng: np.random.Generator, people: list[Dressed]) -> Scene:
-    """Return one room with all these people in it."""
+    """Return the scene of a random room with all of ``people`` in it."""
     meshes, dark = [], []
     for number, person in enumerate(people):
         at = _place(rng) if number else np.zeros(3)
@@ -102,13 +102,13 @@ def _room(rng: np.random.Generator, people: list[Dressed]) -> Scene:
 
 
 def _place(rng: np.random.Generator) -> Float64:
-    """Return a random place for a further person; the first person is at the origin."""
+    """Return a random place (3,), metres, for a further person; the first person is at the origin."""
     span = BESIDE_M if rng.random() < BESIDE else APART_M
     return beside(np.zeros(3), rng.uniform(-np.pi, np.pi), rng.uniform(*span), 0.0)
 
 
 def _posed(rng: np.random.Generator, person: Dressed) -> tuple[Float32, list[Mesh]]:
-    """Return vertices (V, 3) of a person in a random posture at the origin, and furniture and bags."""
+    """Return vertices (V, 3) of a person in a random posture at the origin; meshes of furniture and bags."""
     body, kind = person.body, rng.random()
     things: list[Mesh] = []
     if kind < STANDING:

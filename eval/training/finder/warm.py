@@ -28,7 +28,7 @@ def random_warmth(depth_mm: UInt16, persons: UInt8, rng: np.random.Generator) ->
 
 
 def _hidden(depth_mm: UInt16, rng: np.random.Generator) -> Bool:
-    """Return strips (h, w) beside silhouettes, on one side, up to five pixels wide."""
+    """Return a mask (h, w) of strips beside silhouettes, on one side, up to five pixels wide."""
     hidden, width = np.zeros(depth_mm.shape, np.bool_), int(rng.integers(6))
     if width:
         left, right = depth_mm[:, :-width].astype(np.float32), depth_mm[:, width:]

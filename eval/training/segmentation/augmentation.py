@@ -65,7 +65,7 @@ def draw_sample(example: Example, how: Sampling, rng: np.random.Generator) -> Sa
 
 
 def sample_as_labelled(example: Example, sample_m: float) -> Sample:
-    """Return the samples of a frame as labelling takes them, the sides padded to multiples of 16."""
+    """Return a whole frame, sampled as in labelling; the sides are padded to multiples of 16."""
     step = max(1, round(sample_m / example.pixel_m))
     planes, target = example.planes[:, ::step, ::step], example.target[::step, ::step]
     more = [(0, -side % MULTIPLE) for side in target.shape]
@@ -84,7 +84,7 @@ def flip(sample: Sample) -> Sample:
 
 
 def take(example: Example, rows: Index, columns: Index) -> Sample:
-    """Return the pixels of an example at rows and columns (h, w); 0 outside."""
+    """Return the pixels of an example at rows and columns (h, w); 0 outside the example."""
     height, width = example.target.shape
     inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
     flat = np.where(inside, rows * width + columns, 0)
@@ -119,8 +119,9 @@ def _places(example: Example, how: Sampling, rng: np.random.Generator) -> tuple[
 
 
 def degrade(planes: UInt8, rng: np.random.Generator) -> None:
-    """Change channels (24, s, s) in place like faults of cameras, suits and earlier frames; depth and place
-    stay.
+    """Change channels (24, s, s) in place, as by faults of cameras, suits and earlier labels.
+
+    The channels of depth and place stay.
     """
     _degrade_before(planes[BEFORE], rng)
     if rng.random() < 0.06:  # an illuminant that cannot be fitted

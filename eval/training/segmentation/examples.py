@@ -53,7 +53,7 @@ class Example(NamedTuple):
 def example_of(
     cloud: ThermalCloud, truth: FrameLabels, before: FrameLabels | None, suit: Suit, *, rough: bool
 ) -> Example | None:
-    """Return the training example of a frame as labelling processes it; None where labelling skips the suit.
+    """Return the training example of a frame as labelling processes it; None where labelling skips the frame.
 
     rough: fit the illuminant to all colours, as labelling does first, not to the parts.
     """
@@ -70,7 +70,7 @@ def detected_example(
 ) -> Example | None:
     """Return the training example of a frame after person detection; None where labelling skips the frame.
 
-    network: network whose parts give the illuminant; None = use all colours.
+    network: its parts give the illuminant; None = use all colours.
     """
     cloud, person = detection.cloud, detection.persons.person(before)
     view = detection.view(person) if person.trusted else None
@@ -116,8 +116,8 @@ class Recording:
     def examples(self) -> Iterator[Example | None]:
         """Yield the example of every frame in turn; None for automatic labels and unusable frames.
 
-        The labels before are in the label set, checked or not. Raises CloudError for the labels of
-        another recording.
+        The previous frame's labels come from the label set, corrected or not. Raises CloudError for the
+        labels of another recording.
         """
         fuser, before, kept = Fuser(self.source.calibration), None, set(self.labels.frame_ids)
         for frame in self.source:

@@ -1,4 +1,4 @@
-"""The suit network in torch, and its file, which stores the network's tensors and so can be read back."""
+"""The suit network in torch: architecture, export to ONNX, and loading from that file."""
 
 from importlib.resources import files
 from itertools import pairwise
@@ -32,7 +32,7 @@ HEADS, LAYERS = 4, 2  # of the attention at a sixteenth of the sides; untuned
 class SuitNet(nn.Module):
     """Network (B, 38, h, w), sides multiples of 16 -> scores (B, 13, h, w) of the parts and another person.
 
-    A U-Net (Ronneberger et al. 2015) with self-attention where it is coarsest. Its finest level has half of
+    A U-Net (Ronneberger et al. 2015) with self-attention at its coarsest level. Its finest level has half of
     the sides: there four scores of each class stand for four pixels.
     """
 
@@ -84,7 +84,7 @@ class _Attention(nn.Module):
 
 
 class _Dense(nn.Module):
-    """``nn.Linear`` with its matrix transposed, as an ONNX file stores it under its name."""
+    """``nn.Linear`` with its matrix transposed, because an ONNX file stores the matrix so."""
 
     def __init__(self, width: int, out: int) -> None:
         super().__init__()

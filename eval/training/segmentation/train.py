@@ -117,12 +117,12 @@ class SuitTraining:
         return loss, loss.item()
 
     def record(self, state: State, loss: float) -> bool:
-        """Return False: no step asks for a save, because ``fit`` saves the state by the clock."""
+        """Return False, because ``fit`` saves the state by the clock."""
         return False
 
 
 def train_stage(network: SuitNet, training: SuitTraining, checkpoint: Path, watch: Watch) -> SuitNet:
-    """Train a network for a stage, or for the rest of it; return the moving average.
+    """Train a network for a stage, or for the rest of an interrupted stage; return the moving average.
 
     checkpoint: file of the state. Raises FormatError where it is damaged.
     """
@@ -199,7 +199,7 @@ def claim(out: Path, plan: dict[str, Any]) -> None:
 
 
 def by_steps(advance: Advance) -> Watch:
-    """Return a callback for a training that advances a progress bar by the steps since the last call."""
+    """Return a training callback that advances a progress bar by the steps since the last call."""
     last = 0
 
     def watch(step: int, loss: float) -> None:

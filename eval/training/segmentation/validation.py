@@ -49,7 +49,7 @@ def validate(network: SuitNet, examples: ExampleFiles, sample_m: float) -> Valid
 
 
 def _scores(network: SuitNet, example: Example, sample_m: float) -> tuple[Tensor, Int64]:
-    """Return scores (2, n, 13), of frame and flip, and targets (n,) of the known samples of a frame."""
+    """Return scores (2, n, 13), of a frame and its flip, and targets (n,), of the frame's known samples."""
     sample = sample_as_labelled(example, sample_m)
     views = [network_input(view.planes) for view in (sample, flip(sample))]
     with torch.no_grad():
