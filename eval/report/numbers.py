@@ -143,7 +143,7 @@ def _place(value: str) -> tuple[bool, float]:
 
 
 def error_table(results: Sequence[Result]) -> pd.DataFrame:
-    """Return the rates of each kind of error, one column per result."""
+    """Return the kinds of errors with their extent, one column per result."""
     columns = {}
     for result in results:
         c = result.comparison
