@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.array_types import Bool, Float32, Index, UInt8, UInt16
-from annotate.parts import BACKGROUND
+from annotate.parts import PAPER
+from annotate.scheme.scheme import Scheme
 from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.rig.camera import Intrinsics
@@ -150,9 +151,9 @@ def normalize(depth_mm: UInt16, mask: Bool) -> Float32:
     return np.where(person, np.clip(scaled, LEAST_VALUE, 1), 0).astype(np.float32)
 
 
-def person_of(parts: UInt8) -> Bool:
-    """Return the mask (h, w) of all pixels that are not background, the undefined ones included."""
-    return np.asarray(parts != BACKGROUND, np.bool_)
+def person_of(parts: UInt8, scheme: Scheme = PAPER) -> Bool:
+    """Return the mask (h, w) of the body's parts and of undefined pixels; things are not the person."""
+    return scheme.on_person(parts)
 
 
 def nearest_seen(seen: Bool) -> Index:

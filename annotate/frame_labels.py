@@ -3,8 +3,9 @@
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
-from annotate.array_types import Float32, UInt8, UInt16
-from annotate.parts import N_CLASSES, UNDEFINED
+from annotate.array_types import Bool, Float32, UInt8, UInt16
+from annotate.parts import PAPER
+from annotate.scheme.scheme import Scheme
 from sensors.errors import FormatError
 
 Status = Literal["auto", "corrected", "reviewed", "truth"]
@@ -16,8 +17,8 @@ class FrameLabels:
 
     depth_mm: uint16 (h, w), 0 = no reading. parts: uint8 (h, w) part ids, 255 = undefined. confidence:
     float32 (h, w) in [0, 1], or None. subject: the person's name. notes: free JSON values. persons: uint8 (h,
-    w), or None: 0 = no person, 1 the labelled one, others by track id. Raises FormatError for a field of
-    another type, shape or range.
+    w), or None: 0 = no person, 1 the labelled one, others by track id. scheme: of the part ids. Raises
+    FormatError for a field of another type, shape or range.
     """
 
     frame_id: str
@@ -28,6 +29,7 @@ class FrameLabels:
     subject: str = ""
     notes: dict[str, Any] = field(default_factory=dict)
     persons: UInt8 | None = None
+    scheme: Scheme = PAPER
 
     def __post_init__(self) -> None:
         for name, image, kind in (
@@ -39,15 +41,26 @@ class FrameLabels:
             shape = self.depth_mm.shape if self.depth_mm.ndim == 2 else "(h, w)"
             if image is not None and (image.shape != shape or kind not in image.dtype.name):
                 raise self._error(f"{name} is {image.dtype} {image.shape}; give {kind} {shape}")
-        if self.parts.max(initial=0) >= N_CLASSES:
-            unknown = self.parts[(self.parts >= N_CLASSES) & (self.parts != UNDEFINED)]
-            if unknown.size:
-                raise self._error(f"part id {int(unknown[0])} is unknown; use 0 to 11, or 255 for undefined")
+        if (unknown := self.scheme.unknown_ids(self.parts)).size:
+            raise self._error(
+                f"part id {unknown[0]} is unknown in scheme {self.scheme.name!r}; "
+                f"use {self.scheme.label_text}"
+            )
         for text, kinds in ((self.subject, str), (self.notes, dict)):
             if not isinstance(text, kinds):
                 raise self._error(f"{str(text)[:60]!r} is a {type(text).__name__}; give a {kinds.__name__}")
         if self.status not in get_args(Status):
             raise self._error(f"status {self.status!r} is unknown; use {get_args(Status)}")
+
+    @property
+    def on_body(self) -> Bool:
+        """Return the mask (h, w) of pixels with a part of the body; things are not."""
+        return self.scheme.on_body(self.parts)
+
+    @property
+    def on_person(self) -> Bool:
+        """Return the mask (h, w) of pixels with a part of the body, or undefined."""
+        return self.scheme.on_person(self.parts)
 
     def _error(self, fault: str) -> FormatError:
         return FormatError(f"frame {self.frame_id}: {fault}")

@@ -54,8 +54,8 @@ TWIN_PARTS = swap_left_right(np.arange(N_CLASSES, dtype=np.uint8))
 
 
 def on_body(labels: UInt8) -> Bool:
-    """Return flags, True where a label (any shape) is a body part, not background or undefined."""
-    return np.asarray((labels != BACKGROUND) & (labels != UNDEFINED))
+    """Return flags, True where a label (any shape) of the paper is a body part."""
+    return PAPER.on_body(labels)
 
 
 def palette_rgb() -> UInt8:

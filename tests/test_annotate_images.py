@@ -181,7 +181,7 @@ UNIFORM = np.full((N_CLASSES, SIZE, SIZE), 1 / N_CLASSES, np.float32)
 def test_probabilities_round_trip_to_half_a_step(seed):
     planes = np.random.default_rng(seed).dirichlet(np.full(N_CLASSES, 0.2), (SIZE, SIZE)).astype(np.float32)
     given_ = Probabilities(Crop(-3, 5, 300), np.ascontiguousarray(planes.transpose(2, 0, 1)))
-    back = decode_probabilities(encode_probabilities(given_), given_.note())
+    back = decode_probabilities(encode_probabilities(given_), given_.note(), N_CLASSES)
     assert back.crop == given_.crop
     np.testing.assert_allclose(back.planes, given_.planes, atol=0.03)
 
@@ -190,4 +190,4 @@ def test_probabilities_round_trip_to_half_a_step(seed):
 def test_a_malformed_crop_is_named(crop):
     data = encode_probabilities(Probabilities(Crop(0, 0, SIZE), UNIFORM))
     with pytest.raises(FormatError, match="probability_crop"):
-        decode_probabilities(data, {"probability_crop": crop})
+        decode_probabilities(data, {"probability_crop": crop}, N_CLASSES)

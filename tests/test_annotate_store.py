@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-import annotate.labelset.label_set
+import annotate.labelset.json_object
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import (
     encode_parts,
@@ -158,9 +158,9 @@ def test_a_corrupt_json_blocks_and_is_left_alone(label_set, name, content):
 
 def test_a_json_as_large_as_the_bound_is_read_and_a_larger_one_refused(label_set, monkeypatch):
     size = max(path.stat().st_size for path in label_set.path.rglob("*.json"))
-    monkeypatch.setattr(annotate.labelset.label_set, "MAX_JSON_BYTES", size)
+    monkeypatch.setattr(annotate.labelset.json_object, "MAX_JSON_BYTES", size)
     assert validate(LabelSet.open(label_set.path)) == []
-    monkeypatch.setattr(annotate.labelset.label_set, "MAX_JSON_BYTES", size - 1)
+    monkeypatch.setattr(annotate.labelset.json_object, "MAX_JSON_BYTES", size - 1)
     with pytest.raises(FormatError, match=f"larger than {size - 1} bytes"):
         validate(LabelSet.open(label_set.path))
 

@@ -20,7 +20,6 @@ from annotate.labelset.claim import Claim, login
 from annotate.labelset.journal import REMEDY, Journal, NotSavedError, nothing_changed
 from annotate.labelset.label_set import LEARNT, LabelSet
 from annotate.labelset.stroke import Stroke
-from annotate.parts import on_body
 from sensors.errors import CloudError, FormatError
 
 
@@ -37,7 +36,7 @@ class Correction:
 
     def __init__(self, labels: LabelSet, who: str, claim: Claim | None, clock: Callable[[], float]) -> None:
         """Set up a correction; use ``open`` instead."""
-        self.labels, self.who, self.journal = labels, who, Journal.of(labels.path)
+        self.labels, self.who, self.journal = labels, who, Journal.of(labels.path, labels.scheme)
         self._claim, self._clock = claim, clock
         self._opened: dict[str, tuple[FrameLabels, Editor]] = {}
         self._unsaved: set[str] = set()
@@ -103,7 +102,7 @@ class Correction:
         if step is None or step == frame.notes.get(LEARNT):
             return frame
         confidence = self.labels.confidence(frame.frame_id, step)
-        body = on_body(frame.parts)
+        body = frame.on_body
         sure = 0.0 if confidence is None or not body.any() else float(confidence[body].mean())
         notes = {**frame.notes, LEARNT: step, "confidence": round(sure, 4)}
         return replace(frame, confidence=confidence, notes=notes)

@@ -19,9 +19,8 @@ from annotate.labelset.stroke import (
     Stroke,
     Verdict,
     difference,
-    is_part,
 )
-from annotate.parts import BACKGROUND, LEFT_RIGHT, UNDEFINED, on_body
+from annotate.parts import BACKGROUND, LEFT_RIGHT, UNDEFINED
 from sensors.errors import CloudError
 
 ARMS, LEGS = LEFT_RIGHT[:2], LEFT_RIGHT[2:]  # (left, right) pairs
@@ -80,6 +79,7 @@ class Editor:
         history: History | None = None,
     ) -> None:
         self.frame_id, self.depth_mm, self.who = frame.frame_id, frame.depth_mm, who
+        self.scheme = frame.scheme
         self.valid: Bool = frame.depth_mm > 0
         self.time = time or ActiveTime()
         self.history = history or History()
@@ -97,7 +97,7 @@ class Editor:
 
     def paint(self, pixels: NDArray[np.generic], part: int, how: Gesture = KEY) -> Stroke | None:
         """Set the label of pixels to a part; 0 is background, 255 undefined."""
-        _known(part)
+        self._known(part)
         return self._give("paint", self._flat(pixels), part, how)
 
     def to_neighbour(self, pixels: NDArray[np.generic], how: Gesture = KEY) -> Stroke | None:
@@ -118,15 +118,15 @@ class Editor:
 
     def merge(self, source: int, target: int, how: Gesture = KEY) -> Stroke | None:
         """Replace one part by another in the whole frame."""
-        _known(source)
-        _known(target)
+        self._known(source)
+        self._known(target)
         merged = np.where(self._parts == source, np.uint8(target), self._parts)
         return self.replace("merge", merged, target, how)
 
     def copy_previous(self, parts: UInt8, how: Gesture = KEY) -> Stroke | None:
-        """Copy another frame's parts (h, w) to the pixels that show the body in both frames."""
+        """Copy another frame's parts (h, w) to the pixels that carry a part in both frames."""
         self._same_shape(parts)
-        both = (self._parts != BACKGROUND) & on_body(parts)
+        both = (self._parts != BACKGROUND) & self.scheme.on_part(parts)
         return self.replace("copy_previous", np.where(both, parts, self._parts), None, how)
 
     def replace(
@@ -219,14 +219,15 @@ class Editor:
             )
         return np.unique(pixels.astype(np.int64))
 
+    def _known(self, part: int) -> None:
+        if not (0 <= part <= UNDEFINED and self.scheme.is_label[part]):
+            raise CloudError(
+                f"part id {part} is unknown in scheme {self.scheme.name!r}; use {self.scheme.label_text}"
+            )
+
     def _same_shape(self, image: NDArray[np.generic]) -> None:
         if image.shape != self._parts.shape:
             raise CloudError(f"labels or mask are {image.shape}; give {self._parts.shape}")
 
 
 _NONE = np.empty((0, 4), np.int64)
-
-
-def _known(part: int) -> None:
-    if not is_part(part):
-        raise CloudError(f"part id {part} is unknown; use 0 to 11, or 255 for undefined")

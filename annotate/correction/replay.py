@@ -11,7 +11,6 @@ from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset.journal import Journal
 from annotate.labelset.label_set import LEARNT, LabelSet
 from annotate.labelset.stroke import VERDICTS, Stroke
-from annotate.parts import on_body
 from sensors.errors import FormatError
 
 State = Literal["auto", "touched", "accepted", "reviewed", "rejected"]
@@ -52,7 +51,7 @@ def after(frame: FrameLabels, strokes: Sequence[Stroke], exact: bool = False) ->
                 f"strokes on frame {frame.frame_id} do not fit its labels; restore journal.jsonl from a copy"
             )
         stroke.apply_to(parts)
-    if ((parts != frame.parts) & (frame.depth_mm == 0) & on_body(parts)).any():
+    if ((parts != frame.parts) & (frame.depth_mm == 0) & frame.scheme.on_part(parts)).any():
         raise FormatError(
             f"strokes on frame {frame.frame_id} label pixels without depth; restore journal.jsonl from a copy"
         )

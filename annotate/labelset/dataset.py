@@ -12,6 +12,9 @@ from typing import Any, NamedTuple
 from annotate.crop import SIZE, Crop
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import decode_depth, decode_parts, encode_parts, encode_png
+from annotate.labelset.scheme_note import scheme_in
+from annotate.parts import PAPER
+from annotate.scheme.scheme import Scheme
 from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
@@ -42,13 +45,13 @@ class Entry(NamedTuple):
 def encode_shard(frames: Iterable[FrameLabels]) -> bytes:
     """Encode frames as an uncompressed tar: ``<key>.depth.png``, ``<key>.parts.png``, ``<key>.json``.
 
-    Deterministic.
+    Deterministic. The frames' scheme is for the manifest (``scheme_note``), not in the shard.
     """
     shard = bytearray()
     for frame in frames:
         fields = {"subject": frame.subject, "status": frame.status, "notes": frame.notes}
         text = json.dumps(fields, sort_keys=True).encode()
-        contents = encode_png(frame.depth_mm), encode_parts(frame.parts), text
+        contents = encode_png(frame.depth_mm), encode_parts(frame.parts, frame.scheme), text
         for suffix, data in zip(SUFFIXES, contents, strict=True):
             header = tarfile.TarInfo(f"{frame.frame_id}.{suffix}")
             header.size = len(data)
@@ -58,13 +61,14 @@ def encode_shard(frames: Iterable[FrameLabels]) -> bytes:
     return bytes(shard + bytes(-len(shard) % tarfile.RECORDSIZE))
 
 
-def read_shard(path: Path, offset: int = 0) -> Iterator[FrameLabels]:
-    """Yield a shard's frames in order, from byte ``offset`` on. Raises FormatError for a truncated file, or
-    one that is not a shard.
+def read_shard(path: Path, offset: int = 0, scheme: Scheme = PAPER) -> Iterator[FrameLabels]:
+    """Yield a shard's frames in order, from byte ``offset`` on. scheme: of the frames.
+
+    Raises FormatError for a truncated file, or one that is not a shard.
     """
     with _opened(path, offset) as tar:
         for members in _frames(path, tar):
-            yield _decoded(path, tar, members)
+            yield _decoded(path, tar, members, scheme)
 
 
 def entries_of(path: Path) -> Iterator[Entry]:
@@ -112,7 +116,7 @@ def _key(members: list[tarfile.TarInfo]) -> str:
     return members[-1].name.partition(".")[0]
 
 
-def _decoded(path: Path, tar: tarfile.TarFile, members: list[tarfile.TarInfo]) -> FrameLabels:
+def _decoded(path: Path, tar: tarfile.TarFile, members: list[tarfile.TarInfo], scheme: Scheme) -> FrameLabels:
     key, data = _key(members), {}
     for member in members:
         file = tar.extractfile(member)
@@ -121,7 +125,8 @@ def _decoded(path: Path, tar: tarfile.TarFile, members: list[tarfile.TarInfo]) -
         fields = json.loads(data["json"])
         if not isinstance(fields, dict) or not fields.keys() <= FIELDS:
             raise ValueError(f"its JSON may hold {sorted(FIELDS)} only")
-        return FrameLabels(key, decode_depth(data["depth.png"]), decode_parts(data["parts.png"]), **fields)
+        depth_mm, parts = decode_depth(data["depth.png"]), decode_parts(data["parts.png"])
+        return FrameLabels(key, depth_mm, parts, scheme=scheme, **fields)
     except (FormatError, KeyError, ValueError, TypeError, RecursionError) as error:
         raise FormatError(f"shard {path}, frame {key!r} is malformed ({error}); generate it again") from error
 
@@ -130,13 +135,15 @@ def _decoded(path: Path, tar: tarfile.TarFile, members: list[tarfile.TarInfo]) -
 class Dataset:
     """Folder of shards.
 
-    shards: (file name, sha256) in order; info: the manifest's other entries. whole_image: camera of the
-    synthetic images. intrinsics: camera of a crop in their middle; each frame's notes hold its crop.
+    shards: (file name, sha256) in order; info: the manifest's other entries. scheme: of all frames.
+    whole_image: camera of the synthetic images. intrinsics: camera of a crop in their middle; each frame's
+    notes hold its crop.
     """
 
     path: Path
     shards: tuple[tuple[str, str], ...]
     info: dict[str, Any]
+    scheme: Scheme = PAPER
     whole_image = KINECT2_PINHOLE
     intrinsics = Crop((KINECT2_PINHOLE.height - SIZE) // 2, (KINECT2_PINHOLE.width - SIZE) // 2, SIZE).camera(
         KINECT2_PINHOLE
@@ -161,10 +168,11 @@ class Dataset:
             info["images"] = int(info["images"])
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
             raise FormatError(f"{manifest} is corrupt ({error!r}); generate the dataset again") from error
+        scheme = scheme_in(info, manifest)
         for name, _ in shards:
             if Path(name).name != name or not (path / name).is_file():
                 raise FormatError(f"{path} lacks shard {name!r} that its manifest lists; generate it again")
-        return Dataset(path, shards, info)
+        return Dataset(path, shards, info, scheme)
 
     @property
     def source(self) -> str:
@@ -180,7 +188,7 @@ class Dataset:
 
     def __iter__(self) -> Iterator[FrameLabels]:
         for name, _ in self.shards:
-            yield from read_shard(self.path / name)
+            yield from read_shard(self.path / name, scheme=self.scheme)
 
     def entries(self) -> Iterator[Entry]:
         """Yield the ``Entry`` of each frame. Raises FormatError for a broken shard."""
@@ -191,7 +199,7 @@ class Dataset:
         """Read the frame of an entry; datasets hold no persons' images. Raises FormatError for a broken
         shard.
         """
-        return next(read_shard(self.path / entry.shard, entry.offset))
+        return next(read_shard(self.path / entry.shard, entry.offset, self.scheme))
 
 
 def validate(dataset: Dataset) -> list[str]:
@@ -201,7 +209,7 @@ def validate(dataset: Dataset) -> list[str]:
         try:
             if sha256(dataset.path / name) != expected:
                 problems.append(f"shard {name} differs from its hash in the manifest; generate it again")
-            for _ in read_shard(dataset.path / name):
+            for _ in read_shard(dataset.path / name, scheme=dataset.scheme):
                 pass
         except FormatError as error:
             problems.append(str(error))

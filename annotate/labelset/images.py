@@ -8,7 +8,7 @@ import struct
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,7 +16,8 @@ import numpy as np
 
 from annotate.array_types import Float32, UInt8, UInt16
 from annotate.crop import SIZE, Crop, crop_from_note
-from annotate.parts import N_CLASSES, palette_rgb
+from annotate.parts import PAPER
+from annotate.scheme.scheme import Scheme
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.files.images import PNG_MAGIC, decode_grey, png_shape
@@ -72,21 +73,21 @@ def _steps(confidence: Float32) -> UInt8:
     return np.asarray(cv2.convertScaleAbs(np.maximum(confidence, 0, dtype=np.float32), alpha=255), np.uint8)
 
 
-def encode_parts(parts: UInt8) -> bytes:
-    """Encode uint8 (h, w) part ids as 8-bit palette PNG, so that any viewer shows the parts' colours."""
+def encode_parts(parts: UInt8, scheme: Scheme = PAPER) -> bytes:
+    """Encode uint8 (h, w) part ids as 8-bit palette PNG, so that any viewer shows the scheme's colours."""
     height, width = parts.shape
     rows = np.zeros((height, width + 1), np.uint8)  # Each begins with the number of its filter: none.
     rows[:, 1:] = parts
     packer = zlib.compressobj(PNG_LEVEL, zlib.DEFLATED, zlib.MAX_WBITS, 9, zlib.Z_RLE)
     size = struct.pack(">IIBBBBB", width, height, 8, 3, 0, 0, 0)
     data = packer.compress(rows.tobytes()) + packer.flush()
-    chunks = (b"IHDR", size), (b"PLTE", _palette()), (b"IDAT", data)
+    chunks = (b"IHDR", size), (b"PLTE", _palette(scheme)), (b"IDAT", data)
     return PNG_MAGIC + b"".join(_chunk(*chunk) for chunk in (*chunks, (b"IEND", b"")))
 
 
-@cache
-def _palette() -> bytes:
-    return palette_rgb().tobytes()
+@lru_cache(maxsize=16)
+def _palette(scheme: Scheme) -> bytes:
+    return scheme.palette_rgb().tobytes()
 
 
 def _chunk(name: bytes, data: bytes) -> bytes:
@@ -136,7 +137,7 @@ def encode_png(image: UInt8 | UInt16, differences: bool = True) -> bytes:
 
 @dataclass(frozen=True)
 class Probabilities:
-    """Class probabilities float32 (12, 212, 212) of a crop, by part id; they add up to one at every pixel."""
+    """Class probabilities float32 (n, 212, 212) of a crop, by part id; they add up to one at every pixel."""
 
     crop: Crop
     planes: Float32
@@ -147,20 +148,18 @@ class Probabilities:
 
 
 def encode_probabilities(probabilities: Probabilities) -> bytes:
-    """Encode the twelve planes, one below the other, in steps of 1/255, as a greyscale PNG (12 * 212,
-    212).
-    """
+    """Encode n planes, one below the other, in steps of 1/255, as a greyscale PNG (n * 212, 212)."""
     tall = np.rint(np.clip(probabilities.planes, 0, 1) * 255).astype(np.uint8).reshape(-1, SIZE)
     return encode_png(tall, differences=False)
 
 
-def decode_probabilities(data: bytes, notes: dict[str, Any]) -> Probabilities:
+def decode_probabilities(data: bytes, notes: dict[str, Any], n_classes: int) -> Probabilities:
     """Decode a PNG of ``encode_probabilities``; notes: the frame's, with the crop. Raises FormatError."""
-    if png_shape(data, "probability") != (N_CLASSES * SIZE, SIZE):
-        raise FormatError(f"probability PNG is not {N_CLASSES * SIZE} x {SIZE} pixels; predict again")
-    stored = decode_grey(data, np.uint8, "probability").reshape(N_CLASSES, SIZE, SIZE)
+    if png_shape(data, "probability") != (n_classes * SIZE, SIZE):
+        raise FormatError(f"probability PNG is not {n_classes * SIZE} x {SIZE} pixels; predict again")
+    stored = decode_grey(data, np.uint8, "probability").reshape(n_classes, SIZE, SIZE)
     total = stored.sum(axis=0, dtype=np.int64)
-    # Each of the twelve was rounded by half a step at most.
-    if np.abs(total - 255).max() > N_CLASSES / 2:
+    # Each plane was rounded by half a step at most.
+    if np.abs(total - 255).max() > n_classes / 2:
         raise FormatError("probabilities do not add up to one; restore the PNG or predict again")
     return Probabilities(crop_from_note(notes.get(NOTE), NOTE), (stored / total).astype(np.float32))

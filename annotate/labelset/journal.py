@@ -10,7 +10,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Self
 
-from annotate.labelset.stroke import Stroke, from_line, to_line
+from annotate.labelset.stroke import Stroke, check_ids, from_line, to_line
+from annotate.parts import PAPER
+from annotate.scheme.scheme import Scheme
 from sensors.errors import CloudError, FormatError
 from sensors.files.atomic import replacing
 from sensors.files.natural_order import in_order
@@ -45,8 +47,8 @@ class Journal:
     removed by the next append.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Read the journal at ``path``; an absent file is an empty one.
+    def __init__(self, path: Path, scheme: Scheme = PAPER) -> None:
+        """Read the journal at ``path``; an absent file is an empty one. scheme: of the label set.
 
         Raises FormatError naming the first invalid line.
         """
@@ -57,15 +59,16 @@ class Journal:
         for number, line in enumerate(self._lines(), 1):
             try:
                 stroke = from_line(line)
+                check_ids(stroke, scheme)
             except FormatError as error:
                 raise FormatError(f"{path} line {number}: {error}; {REMEDY}") from error
             self._by_frame[stroke.frame_id].append(stroke)
             self._end += len(line)
 
     @classmethod
-    def of(cls, folder: Path) -> Self:
-        """Open the journal of a label set's folder."""
-        return cls(folder / JOURNAL)
+    def of(cls, folder: Path, scheme: Scheme = PAPER) -> Self:
+        """Open the journal of a label set's folder. scheme: of the label set."""
+        return cls(folder / JOURNAL, scheme)
 
     def __len__(self) -> int:
         return sum(map(len, self._by_frame.values()))

@@ -18,10 +18,10 @@ from annotate.labelset import images
 from annotate.labelset.dataset import Entry
 from annotate.labelset.images import Probabilities
 from annotate.labelset.journal import Journal
-from annotate.parts import PARTS, on_body
+from annotate.labelset.json_object import encode_object, read_object
+from annotate.labelset.scheme_note import check_scheme, scheme_in
 from sensors.errors import CalibrationError, CloudError, ExistsError, FormatError
 from sensors.files.atomic import is_taken, write_bytes
-from sensors.files.bounded import read_bounded
 from sensors.files.natural_order import in_order, paths_in_order
 from sensors.rig.camera import Intrinsics
 from sensors.versions import versions
@@ -33,7 +33,6 @@ FRAMES, ORIGINAL = "frames", "original"
 LEARNT = "learnt"  # folder of each fine-tuning step's confidences; note of a frame's step
 PROBABILITY = "probability.png"
 RECORDING = "recording"  # manifest entry of the recording's name and size; the name may change
-MAX_JSON_BYTES = 16_000_000  # of a manifest or a frame
 _STEP = re.compile(r"[0-9]{4,9}")
 _FRAME_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
@@ -45,26 +44,29 @@ Decode = Callable[[bytes], NDArray[T]]
 class LabelSet:
     """Label set on disk. Every write is atomic; a frame exists once its JSON does.
 
-    intrinsics: undistorted depth camera of all frames. info: manifest, with source and steps.
+    intrinsics: undistorted depth camera of all frames. info: manifest, with source, steps and
+    ``scheme_note``. scheme: of all frames. Raises FormatError for a malformed scheme.
     """
 
     def __init__(self, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> None:
         self.path, self.intrinsics, self.info = path, intrinsics, info
+        self.scheme = scheme_in(info, path / MANIFEST)
 
     @classmethod
     def create(cls, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> Self:
         """Start an empty label set in a new or empty folder. Raises ExistsError otherwise."""
         if is_taken(path):
             raise ExistsError(f"{path} already exists; choose another folder or pass --overwrite")
+        scheme = scheme_in(info, path / MANIFEST)
         (path / FRAMES).mkdir(parents=True, exist_ok=True)
         manifest = {
             "schema": SCHEMA,
             "versions": versions(TOOLS),
-            "parts": {part.name: part.id for part in PARTS},
+            "parts": scheme.part_id,
             "intrinsics": asdict(intrinsics),
             **info,
         }
-        write_bytes(path / MANIFEST, _dump(manifest))
+        write_bytes(path / MANIFEST, encode_object(manifest))
         return cls(path, intrinsics, info)
 
     @classmethod
@@ -75,14 +77,16 @@ class LabelSet:
         for name in (FRAMES, ORIGINAL, LEARNT):
             if (path / name).is_symlink():
                 raise FormatError(f"{path / name} is a link out of the label set; put a copy of it there")
-        manifest = _load(path / MANIFEST)
+        manifest = read_object(path / MANIFEST)
         if (held := manifest.pop("schema", None)) != SCHEMA:
             raise FormatError(
                 f"{path / MANIFEST} has schema {held!r:.9}, not {SCHEMA}; use the version that wrote it"
             )
-        if manifest.pop("parts", None) != {part.name: part.id for part in PARTS}:
+        scheme = scheme_in(manifest, path / MANIFEST)
+        if manifest.pop("parts", None) != scheme.part_id:
             raise FormatError(
-                f"{path / MANIFEST} names other parts than the twelve classes; label the recording again"
+                f"{path / MANIFEST} names other parts than scheme {scheme.name!r}; "
+                "restore it from a copy, or label the recording again"
             )
         try:
             intrinsics = Intrinsics(**manifest.pop("intrinsics"))
@@ -154,13 +158,15 @@ class LabelSet:
         persons: read the persons' numbers too. Raises FormatError naming the file that is missing or corrupt.
         """
         folder = ORIGINAL if original else FRAMES
-        fields = _load(self._file(frame_id, "json", folder))
+        fields = read_object(self._file(frame_id, "json", folder))
         depth = self._image(frame_id, "depth.png", images.decode_depth)
         parts = self._image(frame_id, "parts.png", images.decode_parts, folder)
         confidence = self.confidence(frame_id, _learnt_in(fields.get("notes")))
         whose = self._optional_image(frame_id, "persons.png", images.decode_persons) if persons else None
         try:
-            return FrameLabels(frame_id, depth, parts, confidence, persons=whose, **fields)
+            return FrameLabels(
+                frame_id, depth, parts, confidence, persons=whose, scheme=self.scheme, **fields
+            )
         except TypeError as error:
             raise FormatError(
                 f"{self._file(frame_id, 'json')} has unknown fields ({error}); restore it from a copy"
@@ -183,13 +189,13 @@ class LabelSet:
 
     def notes(self, frame_id: str) -> dict[str, Any]:
         """Read a frame's notes alone."""
-        notes = _load(self._file(frame_id, "json")).get("notes", {})
+        notes = read_object(self._file(frame_id, "json")).get("notes", {})
         return notes if isinstance(notes, dict) else {}
 
     def status(self, frame_id: str, original: bool = False) -> Status:
         """Read a frame's status alone. Raises FormatError."""
         file = self._file(frame_id, "json", ORIGINAL if original else FRAMES)
-        if (status := _load(file).get("status")) not in get_args(Status):
+        if (status := read_object(file).get("status")) not in get_args(Status):
             raise FormatError(f"{file} has the unknown status {str(status)[:20]!r}; restore it from a copy")
         return cast(Status, status)
 
@@ -198,14 +204,17 @@ class LabelSet:
         file = self._file(frame_id, PROBABILITY)
         if not file.is_file():
             return None
-        return images.read_image(file, partial(images.decode_probabilities, notes=self.notes(frame_id)))
+        notes, n_classes = self.notes(frame_id), self.scheme.n_classes
+        decode = partial(images.decode_probabilities, notes=notes, n_classes=n_classes)
+        return images.read_image(file, decode)
 
     def write(self, frame: FrameLabels, probabilities: Probabilities | None = None) -> None:
         """Add or replace one frame, with a network's probabilities if they are to be stored.
 
         The frame's notes must hold ``probabilities.note()`` then. Raises FormatError for an image size that
-        is not the set's.
+        or a scheme that is not the set's.
         """
+        check_scheme(frame.frame_id, frame.scheme, self.path, self.scheme)
         if frame.depth_mm.shape != self.intrinsics.shape:
             raise FormatError(
                 f"frame {frame.frame_id} is {frame.depth_mm.shape}, the label set {self.intrinsics.shape}; "
@@ -218,10 +227,15 @@ class LabelSet:
         self.write_labels(frame)
 
     def write_labels(self, frame: FrameLabels) -> None:
-        """Replace a frame's parts, status, subject and notes; keep its other images."""
-        self._put(frame.frame_id, "parts.png", images.encode_parts, frame.parts)
+        """Replace a frame's parts, status, subject and notes; keep its other images.
+
+        Raises FormatError for another scheme than the set's.
+        """
+        check_scheme(frame.frame_id, frame.scheme, self.path, self.scheme)
+        encode = partial(images.encode_parts, scheme=self.scheme)
+        self._put(frame.frame_id, "parts.png", encode, frame.parts)
         fields = {"status": frame.status, "subject": frame.subject, "notes": frame.notes}
-        self._put(frame.frame_id, "json", _dump, fields)
+        self._put(frame.frame_id, "json", encode_object, fields)
 
     def keep_original(self, frame_id: str) -> None:
         """Copy a frame's parts and JSON to ``original/``, once, before its first correction."""
@@ -266,7 +280,7 @@ class LabelSet:
 def as_read(frame: FrameLabels) -> FrameLabels:
     """Return a frame's labels as they are read after writing, e.g. with rounded confidence."""
     confidence = None if frame.confidence is None else images.stored_confidence(frame.confidence)
-    return replace(frame, confidence=confidence, notes=json.loads(_dump(frame.notes)))
+    return replace(frame, confidence=confidence, notes=json.loads(encode_object(frame.notes)))
 
 
 def validate(labels: LabelSet) -> list[str]:
@@ -279,7 +293,7 @@ def validate(labels: LabelSet) -> list[str]:
         except CloudError as error:
             problems.append(str(error))
             continue
-        on_nothing = int((on_body(frame.parts) & (frame.depth_mm == 0)).sum())
+        on_nothing = int((frame.scheme.on_part(frame.parts) & (frame.depth_mm == 0)).sum())
         if on_nothing:
             problems.append(f"frame {frame_id}: {on_nothing} pixels carry a part without depth")
     if not labels.frame_ids:
@@ -290,7 +304,7 @@ def validate(labels: LabelSet) -> list[str]:
 def _journal_problems(labels: LabelSet) -> list[str]:
     """Return problems of the journal: unreadable, or strokes that the labels lack."""
     try:
-        journal = Journal.of(labels.path)
+        journal = Journal.of(labels.path, labels.scheme)
         behind = [
             i
             for i in journal.frame_ids
@@ -318,21 +332,6 @@ def _of_step(step: object) -> str:
             f"{str(step)[:40]!r} is not a name of a fine-tuning step; restore the frame from a copy"
         )
     return f"{step}.confidence.png"
-
-
-def _dump(value: dict[str, Any]) -> bytes:
-    return (json.dumps(value, indent=1, sort_keys=True) + "\n").encode()
-
-
-def _load(path: Path) -> dict[str, Any]:
-    data = read_bounded(path, MAX_JSON_BYTES)
-    try:
-        value = json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise FormatError(f"{path} is corrupt ({error}); restore it from a copy") from error
-    if not isinstance(value, dict):
-        raise FormatError(f"{path} holds no JSON object; restore it from a copy")
-    return value
 
 
 def label_sets_in(folder: Path) -> list[Path]:

@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from annotate.array_types import Int64, UInt8
-from annotate.parts import N_CLASSES, UNDEFINED
+from annotate.scheme.scheme import UNDEFINED, Scheme
 from sensors.errors import FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE
 
@@ -89,8 +89,8 @@ class Stroke:
     def __post_init__(self) -> None:
         if self.operation not in get_args(Operation):
             raise FormatError(f"operation {str(self.operation)[:40]!r} is unknown; use {get_args(Operation)}")
-        if self.part is not None and not (type(self.part) is int and is_part(self.part)):
-            raise FormatError(f"part id {str(self.part)[:40]} is unknown; use 0 to 11, or 255 for undefined")
+        if self.part is not None and not (type(self.part) is int and 0 <= self.part <= UNDEFINED):
+            raise FormatError(f"part id {str(self.part)[:40]} is not a whole number from 0 to {UNDEFINED}")
         texts = (self.frame_id, self.who, self.when, self.reason)
         if not all(isinstance(text, str) for text in texts):
             raise FormatError(f"frame_id, who, when and reason are {str(texts)[:80]}, not strings")
@@ -153,9 +153,13 @@ class Stroke:
         parts.reshape(-1)[self.pixels] = self.new
 
 
-def is_part(part: int) -> bool:
-    """Return whether a number is a valid label: part id, background, or 255 (undefined)."""
-    return 0 <= part < N_CLASSES or part == UNDEFINED
+def check_ids(stroke: Stroke, scheme: Scheme) -> None:
+    """Raise FormatError for a part id that a scheme lacks."""
+    ids = np.append(stroke.runs[:, 2:].ravel(), stroke.part or 0)
+    if (unknown := ids[~scheme.is_label[ids]]).size:
+        raise FormatError(
+            f"part id {unknown[0]} is unknown in scheme {scheme.name!r}; use {scheme.label_text}"
+        )
 
 
 def difference(pixels: Int64, old: UInt8, new: UInt8) -> Int64:
@@ -208,12 +212,11 @@ def _check_runs(runs: Int64) -> None:
     if not len(runs):
         return
     start, length, old, new = runs.T
-    ids = np.array([*range(N_CLASSES), UNDEFINED])
     if start[0] < 0 or length.min() < 1 or max(start.max(), length.max()) >= 1 << 31:
         raise FormatError("field 'runs' holds a run of no pixels or with an index below 0")
     if int(start[-1] + length[-1]) > MAX_IMAGE_SIDE**2:
         raise FormatError(f"field 'runs' ends at pixel {start[-1] + length[-1]}, beyond every image")
     if (start[1:] < (start + length)[:-1]).any():
         raise FormatError("field 'runs' overlaps or is not sorted")
-    if not (np.isin(old, ids).all() and np.isin(new, ids).all()) or (old == new).any():
-        raise FormatError("field 'runs' holds an unknown part id, or changes nothing")
+    if min(old.min(), new.min()) < 0 or max(old.max(), new.max()) > UNDEFINED or (old == new).any():
+        raise FormatError("field 'runs' holds an impossible part id, or changes nothing")

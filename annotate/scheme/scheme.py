@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from annotate.array_types import UInt8
+from annotate.array_types import Bool, Int64, UInt8
 from annotate.scheme.regions import REGION_NEIGHBOURS, Region
 
 BACKGROUND, UNDEFINED = 0, 255
@@ -72,6 +72,52 @@ class Scheme:
     def n_classes(self) -> int:
         """Return the length of an array indexed by part id: the highest id and the background."""
         return 1 + max((part.id for part in self.parts), default=0)
+
+    @cached_property
+    def is_label(self) -> Bool:
+        """Return flags (256,) by id: True for parts, background and undefined."""
+        return self._flags([BACKGROUND, UNDEFINED, *(part.id for part in self.parts)])
+
+    @cached_property
+    def is_thing(self) -> Bool:
+        """Return flags (256,) by id: True for free parts."""
+        return self._flags([part.id for part in self.parts if part.is_free])
+
+    def _flags(self, ids: list[int]) -> Bool:
+        flags = np.zeros(256, np.bool_)
+        flags[ids] = True
+        return flags
+
+    @cached_property
+    def label_text(self) -> str:
+        """Return the allowed ids of label images for messages, such as "0 to 11, or 255 for undefined"."""
+        ids = [i for i in range(UNDEFINED) if self.is_label[i]]
+        starts = [i for i in ids if i - 1 not in ids]
+        ends = [i for i in ids if i + 1 not in ids]
+        ranges = [
+            f"{one} to {other}" if one < other else f"{one}" for one, other in zip(starts, ends, strict=True)
+        ]
+        return f"{', '.join(ranges)}, or {UNDEFINED} for undefined"
+
+    def unknown_ids(self, labels: UInt8) -> Int64:
+        """Return the sorted ids of labels (any shape) that this scheme lacks."""
+        if self.is_label[: int(labels.max(initial=0)) + 1].all():
+            return np.empty(0, np.int64)
+        return np.flatnonzero((np.bincount(labels.ravel(), minlength=256) > 0) & ~self.is_label)
+
+    def on_body(self, labels: UInt8) -> Bool:
+        """Return flags, True where a label (any shape) is a part of the body; things are not."""
+        return np.asarray(self.on_person(labels) & (labels != UNDEFINED))
+
+    def on_part(self, labels: UInt8) -> Bool:
+        """Return flags, True where a label (any shape) is a part, of the body or a thing."""
+        return np.asarray((labels != BACKGROUND) & (labels != UNDEFINED))
+
+    def on_person(self, labels: UInt8) -> Bool:
+        """Return flags, True where a label (any shape) is a part of the body or undefined."""
+        # Comparisons take a tenth of the time of a table.
+        on_something = np.asarray(labels != BACKGROUND)
+        return on_something & ~self.is_thing[labels] if self.is_thing.any() else on_something
 
     @cached_property
     def table(self) -> UInt8:

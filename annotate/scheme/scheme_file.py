@@ -92,21 +92,26 @@ def _checked(path: Path) -> tuple[Draft | None, list[str]]:
 
 def _read(path: Path) -> tuple[Draft | None, list[str]]:
     """Return the content of a file, or None and the faults."""
-    fields = read_toml(path, MAX_TOML_BYTES, _REMEDY)
+    draft, faults = _draft(read_toml(path, MAX_TOML_BYTES, _REMEDY), path.stem)
+    return draft, [f"{path}: {fault}" for fault in faults]
+
+
+def _draft(fields: dict[str, Any], stem: str) -> tuple[Draft | None, list[str]]:
+    """Return the scheme of a file's fields, or None and the faults. stem: name of a scheme without one."""
     try:
-        name, rows = _head(fields, path.stem)
+        name, rows = _head(fields, stem)
         parts, faults = _parts(rows)
         faults = faults or [*identity_faults(parts)]
         if faults:
-            return None, [f"{path}: {fault}" for fault in faults]
+            return None, faults
         ids = {part.name: part.id for part in parts}
         twins, pairs = (_pairs(fields, key, ids) for key in ("twins", "neighbours"))
     except FormatError as error:
-        return None, [f"{path}: {error}"]
+        return None, [str(error)]
     neighbours = [frozenset(pair) for pair in pairs]
     faults = [*region_faults(parts), *pair_faults(parts, twins, neighbours)]
     if faults:
-        return None, [f"{path}: {fault}" for fault in faults]
+        return None, faults
     uncolored = frozenset(part.id for part, row in zip(parts, rows, strict=True) if "color" not in row)
     return Draft(scheme_of(name, parts, twins, neighbours), uncolored), []
 
@@ -182,31 +187,54 @@ def _pairs(fields: dict[str, Any], key: str, ids: dict[str, int]) -> list[tuple[
     return [(ids[one], ids[other]) for one, other in pairs]
 
 
-def scheme_to_toml(scheme: Scheme, heading: str = "") -> str:
-    """Return the text of a scheme file; inverse of ``read_scheme``. heading: lines of comment."""
-    lines = [*(f"# {line}".rstrip() for line in heading.splitlines()), f"name = {_text(scheme.name)}"]
+def scheme_to_fields(scheme: Scheme) -> dict[str, Any]:
+    """Return the fields of a scheme file as JSON values; inverse of ``scheme_from_fields``."""
+    fields: dict[str, Any] = {"name": scheme.name}
     names = {part.id: part.name for part in scheme.parts}
     for key, pairs in (
         ("twins", [pair for pair in scheme.twins if pair not in derived_twins(scheme.parts)]),
         ("neighbours", sorted(map(sorted, scheme.neighbours - derived_neighbours(scheme.parts)))),
     ):
         if pairs:
-            listed = ", ".join(f"[{_text(names[one])}, {_text(names[other])}]" for one, other in pairs)
-            lines.append(f"{key} = [{listed}]")
-    for part in scheme.parts:
-        regions = ", ".join(_text(region.label) for region in sorted(part.regions))
-        values = {
-            "id": str(part.id),
-            "name": _text(part.name),
-            "title": _text(part.title),
-            "color": _text("#{:02x}{:02x}{:02x}".format(*part.rgb)),
-            "key": _text(part.key) if part.key else "",
-            "regions": f"[{regions}]" if regions else "",
-        }
-        lines += ["", "[[parts]]", *(f"{field} = {value}" for field, value in values.items() if value)]
+            fields[key] = [[names[one], names[other]] for one, other in pairs]
+    fields["parts"] = [_part_fields(part) for part in scheme.parts]
+    return fields
+
+
+def _part_fields(part: Part) -> dict[str, Any]:
+    color = "#{:02x}{:02x}{:02x}".format(*part.rgb)
+    fields: dict[str, Any] = {"id": part.id, "name": part.name, "title": part.title, "color": color}
+    if part.key:
+        fields["key"] = part.key
+    if part.regions:
+        fields["regions"] = [region.label for region in sorted(part.regions)]
+    return fields
+
+
+def scheme_from_fields(fields: object) -> Scheme:
+    """Return the scheme of the fields of a file, such as a manifest's.
+
+    Colours are not checked, because a manifest holds colours that were checked once. Raises FormatError with
+    the first fault.
+    """
+    if not isinstance(fields, dict):
+        raise FormatError("the scheme is not a table of fields; restore it from a copy")
+    draft, faults = _draft(fields, "")
+    if draft is None:
+        raise FormatError(faults[0])
+    return draft.scheme
+
+
+def scheme_to_toml(scheme: Scheme, heading: str = "") -> str:
+    """Return the text of a scheme file; inverse of ``read_scheme``. heading: lines of comment."""
+    fields = scheme_to_fields(scheme)
+    lines = [f"# {line}".rstrip() for line in heading.splitlines()]
+    lines += [f"{key} = {_text(value)}" for key, value in fields.items() if key != "parts"]
+    for part in fields["parts"]:
+        lines += ["", "[[parts]]", *(f"{key} = {_text(value)}" for key, value in part.items())]
     return "\n".join(lines) + "\n"
 
 
-def _text(text: str) -> str:
-    """Return a TOML string of printable text."""
-    return json.dumps(text, ensure_ascii=False)
+def _text(value: object) -> str:
+    """Return a TOML value of printable texts and numbers."""
+    return json.dumps(value, ensure_ascii=False)

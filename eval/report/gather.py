@@ -140,10 +140,15 @@ def gather(sources: Sources) -> Material:
         galleries=galleries,
         scenes=[*scenes, *(scene for one in shown_sets for scene in one.scenes)],
         trainings=[load_training(folder) for folder in sources.trainings],
-        audits={path.name: audit(LabelSet.open(path), Journal.of(path)) for path in sources.audited},
+        audits={path.name: _audit(path) for path in sources.audited},
         shown=shown_sets,
         facts=sources.facts,
     )
+
+
+def _audit(path: Path) -> Audit:
+    labels = LabelSet.open(path)
+    return audit(labels, Journal.of(path, labels.scheme))
 
 
 def pictures_of(result: Result, clouds: Clouds, each: int) -> tuple[list[GalleryFrame], list[Scene]]:
