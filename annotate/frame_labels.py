@@ -54,7 +54,9 @@ class FrameLabels:
 
     @property
     def on_body(self) -> Bool:
-        """Return the mask (h, w) of pixels with a part of the body; things are not."""
+        """Return the mask (h, w) of pixels labelled as a part of the body, not as a thing, background or
+        undefined.
+        """
         return self.scheme.on_body(self.parts)
 
     @property

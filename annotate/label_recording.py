@@ -299,7 +299,11 @@ def finished(labels: LabelSet, failed: list[tuple[str, str]]) -> Run:
 
 
 def notes_of(result: Segmentation, remarks: Sequence[str] = ()) -> dict[str, Any]:
-    """Return a frame's notes: mean confidence on the person, remarks, crop of probabilities, bearing."""
+    """Return a frame's notes on its segmentation, as JSON values.
+
+    The notes are the mean confidence on the person and all remarks. Where the result has them, the position
+    of the probabilities' crop and the person's bearing (joints, facing, posture) follow.
+    """
     on_person = result.confidence[result.parts != BACKGROUND]
     return {
         "confidence": round(float(on_person.mean()), 4) if on_person.size else 0.0,

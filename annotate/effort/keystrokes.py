@@ -36,7 +36,7 @@ class Tools:
     room: bool = False
 
     def set_for(self, move: Move) -> "Tools":
-        """Return the settings that a move needs."""
+        """Return these settings, changed where the annotator must change them before a move."""
         tool = "piece" if move.kind in ("supervoxel", "grow") else move.kind
         depends_on_room = move.corners is not None and move.only is None and move.part != BACKGROUND
         return Tools(

@@ -44,8 +44,10 @@ def write_kitti(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) ->
 
 
 def read_kitti(source: Path, companion: Companion) -> Iterator[FrameLabels]:
-    """Yield the frames of a folder of ``write_kitti``. Raises FormatError, also for lidar scans, which have
-    no index.
+    """Yield the frames of a sequence that ``write_kitti`` wrote.
+
+    companion: camera, and the frames' ids and fields that the format cannot hold. Raises FormatError for
+    damaged files and for lidar scans, which have no ``index`` folder with the points' pixels.
     """
     folder, names = source / SEQUENCE, list(companion.frames)
     if not (folder / INDEX).is_dir():

@@ -92,7 +92,7 @@ class HeldKeys(QObject):
         return Outcome("Corner removed" if self._polygon.remove_corner() else "Polygon dropped")
 
     def repeated(self, key: int) -> None:
-        """Keep hiding the part colours if ``key`` hides them: it is still held although its release came."""
+        """Keep the part colours hidden if ``key`` hides them, because auto-repeat made its release."""
         if key == self.peek_key:
             self.peek_due.stop()
 

@@ -102,7 +102,9 @@ def refine(
 
 
 def _near(view: View) -> Rectangle:
-    """Return the rows and columns of a view near the person in the first labels."""
+    """Return slices of a view's rows and columns: the bounding box of its labelled person, enlarged
+    by ``NEAR_M``.
+    """
     own, margin = (view.planes[0] & SUBJECT) > 0, round(NEAR_M * view.pixels_per_m)
     ends = (np.flatnonzero(own.any(axis=1 - axis))[[0, -1]] for axis in (0, 1))
     sides = zip(ends, own.shape, strict=True)

@@ -96,9 +96,10 @@ def contents_at(file: BinaryIO, offset: int) -> bytes:
 def records_at(
     file: BinaryIO, offset: int, kinds: Collection[int] = frozenset(_WANTED)
 ) -> Iterator[McapRecord]:
-    """Yield the ``mcap.records`` of ``kinds`` at an offset: one, or a chunk's.
+    """Yield the record at an offset, or the records inside it if it is a chunk, parsed one at a time.
 
-    One at a time, because objects take many times their bytes. Raises FormatError as ``contents_at``.
+    A list of parsed records would take many times the memory of their bytes. kinds: opcodes of the records to
+    yield. Raises FormatError, naming file and offset, for a corrupt record.
     """
     data = contents_at(file, offset)
     with damage(file.name, offset):

@@ -33,9 +33,10 @@ class Faults:
 
 
 class Schedule:
-    """Frames 0, 1, 2 .. of ``rate_hz`` a second since ``start``. One thread waits; any thread may ``stop``.
+    """Timer of a virtual camera: numbers its frames from 0, due at ``rate_hz`` from ``start`` on.
 
-    queue: number of frames that wait for a slow reader.
+    Only one thread may ``wait``; any thread may ``stop``. queue: number of due frames kept for a slow reader;
+    older ones are dropped.
     """
 
     def __init__(self, rate_hz: float, faults: Faults | None, queue: int = QUEUE) -> None:

@@ -64,7 +64,10 @@ class Chart:
 
 
 def ranges(dataset: Distributions, recording: Distributions | None) -> list[Range]:
-    """Return the range of every quantity of the dataset, except the silhouette's widths (``profile``)."""
+    """Return the percentiles of dataset and recording for every quantity that the dataset has.
+
+    The silhouette's widths are in ``profile``. The recording's percentiles are None where it has no values.
+    """
     return [_range(*row) for row in _rows(dataset, recording)]
 
 

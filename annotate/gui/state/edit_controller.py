@@ -105,7 +105,7 @@ class EditController:
         return Outcome(f"{title(part).capitalize()} {how}", pixels=changed)
 
     def next_doubt(self) -> tuple[Outcome, Doubt | None]:
-        """Return the next doubtful place and an outcome that describes it; None without one."""
+        """Return a text for the status line, and the next doubtfully labelled place; None if none is left."""
         if not (found := self.frame.doubts()):
             return Outcome("No doubtful place is left in this frame", "good"), None
         self._doubt = (self._doubt + 1) % len(found)
