@@ -77,7 +77,7 @@ def test_the_measure_counts_all_joints_of_all_frames_and_averages_joints():
     assert 0 <= found.ci95[0] <= found.mean <= found.ci95[1] <= 1
     nobody = mean_precision(hits, np.array([[True, False]] * 4), ["a"] * 4)
     assert nobody.to_json(["head", "neck"])["joints"] == {"head": 0.75, "neck": None}
-    with pytest.raises(CloudError, match="no frame has a joint"):
+    with pytest.raises(CloudError, match="no frame has a visible true joint"):
         mean_precision(hits, np.zeros((4, 2), bool), ["a"] * 4)
 
 

@@ -147,5 +147,7 @@ def _frame(frame_id: str, file: Path, kind: CloudFile, companion: Companion) -> 
 def _ids(file: Path, records: Records, name: str) -> UInt8:
     values = records[name]
     if values.dtype.kind not in "iu" or values.min() < 0 or values.max() > 255:
-        raise FormatError(f"{file}: {name} is {values.dtype} {values.min()} to {values.max()}; give 0 to 255")
+        raise FormatError(
+            f"{file}: {name} is {values.dtype} {values.min()} to {values.max()}; give integers from 0 to 255"
+        )
     return values.astype(np.uint8)

@@ -51,7 +51,9 @@ def read_kitti(source: Path, companion: Companion) -> Iterator[FrameLabels]:
     """
     folder, names = source / SEQUENCE, list(companion.frames)
     if not (folder / INDEX).is_dir():
-        raise FormatError(f"{folder} has no {INDEX} of a depth image; give a folder that export wrote")
+        raise FormatError(
+            f"{folder} has no folder {INDEX!r} with the pixel of each point; give a folder that export wrote"
+        )
     for number, file in frame_files(folder / LABELS, ".label"):
         at = int(number) if number.isdecimal() and len(number) <= 9 else len(names)
         frame_id = names[at] if at < len(names) else number

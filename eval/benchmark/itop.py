@@ -32,6 +32,8 @@ JOINTS = (
     *("left_hand", "torso", "right_hip", "left_hip", "right_knee", "left_knee", "right_foot", "left_foot"),
 )
 """ITOP's order; left and right are the person's own."""
+KINDS = {"iub": "integers", "f": "floats", "SO": "texts"}
+"""Codes of ``numpy.dtype.kind`` of ITOP's datasets, and their names."""
 MAX_FRAMES = 200_000  # five times the frames of ITOP's largest file; bounds memory
 MAX_CHUNK_BYTES = 1 << 24  # of a block, unpacked as a whole; 100 frames of ITOP
 MAX_ITEM_BYTES = 64  # of a number or an id; ITOP's ids have 8
@@ -99,7 +101,7 @@ def _opened(path: Path) -> "Iterator[h5py.File]":
 def _array(file: "h5py.File", name: str, shape: tuple[int, ...] | None, kinds: str) -> "h5py.Dataset":
     """Return the dataset ``name`` without reading its values.
 
-    shape: required, None = (n,). kinds: permitted codes of ``numpy.dtype.kind``. Raises FormatError for a
+    shape: required, None = (n,). kinds: a key of ``KINDS``. Raises FormatError for a
     missing, different or too large dataset.
     """
     import h5py
@@ -110,7 +112,10 @@ def _array(file: "h5py.File", name: str, shape: tuple[int, ...] | None, kinds: s
         raise FormatError(f"{where} is missing, or is kept in another file; download it again")
     shape = shape or (data.size if data.ndim == 1 and data.size else 1,)
     if data.shape != shape or shape[0] > MAX_FRAMES or data.dtype.kind not in kinds:
-        raise FormatError(f"{where} is {data.dtype} {data.shape}; give {shape}, as ITOP publishes it")
+        raise FormatError(
+            f"{where} is {data.dtype} {data.shape}; give {KINDS[kinds]} {shape}, at most {MAX_FRAMES} frames,"
+            " as ITOP publishes them"
+        )
     sizes = [data.dtype.itemsize * math.prod(data.chunks or (1,))]
     if data.chunks:
         data.id.chunk_iter(lambda chunk: sizes.append(chunk.size))

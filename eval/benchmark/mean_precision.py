@@ -63,7 +63,7 @@ def mean_precision(hits: Bool, counted: Bool, subjects: Sequence[str]) -> MeanPr
     rows = np.flatnonzero(counted.any(axis=1))
     people = [subjects[row] for row in rows.tolist()]
     if not people:
-        raise CloudError("no frame has a joint that counts; give frames with true joints")
+        raise CloudError("no frame has a visible true joint; give frames with visible true joints")
     counts = np.hstack([hits & counted, counted])[rows].astype(np.int64)
     sums = cluster_sums(counts, clusters_of(people))
     by_joint = _by_joint(counts.sum(axis=0))
