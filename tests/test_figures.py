@@ -22,7 +22,7 @@ from synth.images.presets import preset_named
 from tools.figures import network, run
 from tools.figures import table as measuring
 from tools.figures.figure import Figure, average, median, moved, of_values, over_people, ratio
-from tools.figures.pages import CONCLUSIONS, MARK, MOVED, SOURCES, spliced, write_pages
+from tools.figures.pages import DERIVED, MARK, MOVED, SOURCES, spliced, write_pages
 from tools.figures.table import (
     FIRST_SEED,
     KEPT,
@@ -274,7 +274,7 @@ def test_the_documentation_holds_the_figures_that_were_kept(tmp_path):
     known = {table.name: table for table in TABLES}
     for page in {page for table in TABLES for page in table.pages} | {"docs/figures.md"}:
         text = (ROOT / page).read_text()
-        marked = {match["name"] for match in MARK.finditer(text)} - {SOURCES, MOVED} - CONCLUSIONS.keys()
+        marked = {match["name"] for match in MARK.finditer(text)} - {SOURCES, MOVED} - DERIVED.keys()
         assert marked == {name for name, table in known.items() if page in table.pages}, page
         (tmp_path / page).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / page).write_text(text)

@@ -111,7 +111,7 @@ def test_the_tables_have_the_columns_of_their_rows(monkeypatch):
         network, "people", lambda: {"f": people(np.zeros((8, N_JOINTS, 3)), tuple("abcd") * 2)}
     )
     recording = rig.Recording("sofa", "hard", 1)
-    monkeypatch.setattr(rig, "measured_recordings", lambda seed: {recording: rig.Labelled({}, errors())})
+    monkeypatch.setattr(rig, "measured_recordings", lambda seed: {recording: rig.Labelled({}, errors(), {})})
     monkeypatch.setattr(network, "judged", lambda seed: {})
     rows = table["joints"].measure(1)
     assert list(rows) == ["real people, raw", "real people, one offset a joint removed", "rig: sofa, `hard`"]

@@ -17,6 +17,7 @@ from synth.data_files import JUDGE
 from synth.images.generate import Order, generate
 from synth.images.presets import preset_named
 from synth.images.workers import Workers
+from tools.figures import worst_frames
 from tools.figures.figure import Figure, Rows, over_people, ratio
 from tools.figures.parallel import each
 from tools.measure import real_people
@@ -27,12 +28,17 @@ SETS = {"sitting-test": 400, "recumbent": 400, "upright": 400, "people": 720, "s
 LEAST = 50  # images of a group that gets a row, and of a posture that posture is measured among
 
 
-def synthetic(seed: int) -> Rows:
-    """Measure the shipped network by preset and kind of image; each preset has its own seed."""
+def by_preset(seed: int) -> Rows:
+    """Measure the shipped network by preset; each preset has its own seed."""
+    sets = {name: found.tallies["all"] for name, found in judged(seed).items()}
+    return {f"`{name}`": scores(tally, several_postures(tally)) for name, tally in sets.items()}
+
+
+def by_kind(seed: int) -> Rows:
+    """Measure the shipped network by kind of image."""
     rows: dict[str, dict[str, Figure]] = {}
-    for name, (tallies, _) in judged(seed).items():
+    for name, (tallies, *_) in judged(seed).items():
         has_postures = several_postures(tallies["all"])
-        rows[f"`{name}`"] = scores(tallies["all"], has_postures)
         if preset_named(name).described:
             groups = sorted(tallies.keys() - CHANGES.keys() - {"all"})
             groups += [change for change in CHANGES if name == "standing"]
@@ -42,10 +48,16 @@ def synthetic(seed: int) -> Rows:
 
 
 class Judged(NamedTuple):
-    """Counts of a preset's images by group, and their comparison with the truth."""
+    """Counts of a preset's images by group, their comparison with the truth, and the worst images."""
 
     tallies: dict[str, Tally]
     compared: Comparison
+    worst: worst_frames.Sheets
+
+
+def sheets(seed: int) -> worst_frames.Sheets:
+    """Return the worst images of each preset, and those with the worst joints."""
+    return worst_frames.together(found.worst for found in judged(seed).values())
 
 
 @lru_cache(maxsize=1)
@@ -63,7 +75,12 @@ def _judged(job: tuple[str, int, int]) -> Judged:
         made = generate(Order(preset_named(name, JUDGE), count, seed), out, workers, lambda n: None)
         network = OnnxNetwork(SHIPPED_WEIGHTS)
         labels = predict_frames(made.dataset, network, Path(folder) / "p", lambda n: None).labels
-        return Judged(dict(measured(network, out)), compare_sets(labels, made.dataset, workers=1))
+        compared = compare_sets(labels, made.dataset, workers=1)
+        drawn = {
+            name: worst_frames.of_labels(compared, labels, made.dataset),
+            "images-joints": worst_frames.of_joints(compared, labels, made.dataset),
+        }
+        return Judged(dict(measured(network, out)), compared, drawn)
 
 
 def several_postures(tally: Tally) -> bool:
@@ -115,6 +132,11 @@ def people() -> dict[Path, real_people.People]:
     """Return the measures of the shipped network by folder of real people; two tables share them."""
     network = OnnxNetwork(SHIPPED_WEIGHTS)
     return {folder: real_people.measure_people(folder, network) for folder in real_people.folders()}
+
+
+def sheets_of_people(seed: int) -> worst_frames.Sheets:
+    """Return the worst frames of real people; the seed is not used."""
+    return worst_frames.together({"real-people": found.tiles} for found in people().values())
 
 
 def _row(found: real_people.People) -> dict[str, Figure]:

@@ -1,13 +1,13 @@
 """Tables of figures as Markdown, written into the pages between their marks."""
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from sensors.files.atomic import write_bytes
 from tools.figures.figure import Rows
 from tools.figures.inputs import conclusion
-from tools.figures.table import ROOT, Measured, Table, changes, load, origin
+from tools.figures.table import IMAGES, ROOT, Measured, Table, changes, load, origin
 
 KINDS = {
     "real": "Recordings of real people",
@@ -18,8 +18,35 @@ KINDS = {
 MARK = re.compile(r"(<!-- figures: (?P<name>[\w-]+) -->\n).*?(<!-- end of figures -->)", re.S)
 SOURCES, MOVED = "sources", "moved"
 # Marks of the table of tables, and of the figures that moved.
-CONCLUSIONS = {"inputs-conclusion": ("inputs", conclusion)}
-"""Tables with the functions that put their rows into words, by mark."""
+PAGES = {"README.md", "docs/figures.md"}  # with marks of derived blocks
+RGBD, REAL_PEOPLE = "rgbd", "real-people"  # tables
+SHEETS = {
+    "rig-suit": "Virtual rig, suit",
+    "rig-predict": "Virtual rig, `predict`",
+    "rig-joints": "Virtual rig, joints of `predict`",
+    "sitting-test": "Synthetic images, `sitting-test`",
+    "recumbent": "Synthetic images, `recumbent`",
+    "upright": "Synthetic images, `upright`",
+    "people": "Synthetic images, `people`",
+    "standing": "Synthetic images, `standing`",
+    "images-joints": "Synthetic images, joints of `predict`",
+}
+"""Titles of the sheets of worst frames, by name."""
+DIGEST = {
+    "frames": ("frames", "images", ".0f"),
+    "joints right": ("parts right", "joints right", ".3f"),
+    "on the other side": ("other side", "on the other side", ".1%"),
+    "within a fifth": ("within a fifth", "", ".3f"),
+    "facing to 30 degrees": ("facing to 30 degrees", "facing to 30 degrees", ".3f"),
+}
+"""Columns of real people: their columns in `rgbd` and in `real-people`, and format."""
+DIGEST_ROWS = {
+    "RGB-D, `predict`": (RGBD, "all, `predict`"),
+    "RGB-D, colour network": (RGBD, "all, colour network, depth looked up"),
+    "cut out, single frames, `predict`": (REAL_PEOPLE, "single frames of 27 actions"),
+    "cut out, takes, `predict`": (REAL_PEOPLE, "all takes"),
+}
+"""Rows of real people: table and its row."""
 
 
 def spliced(text: str, block_of: Callable[[str], str | None]) -> str:
@@ -69,6 +96,31 @@ def sources_block(tables: Iterable[Table], all_measured: dict[str, Measured]) ->
     return markdown(("table", "kind", "stands in", "measured", "CPU minutes"), map(row, order))
 
 
+def digest(measured: Mapping[str, Measured]) -> str | None:
+    """Return the small table of real people, from the rows that were measured."""
+    lines = []
+    for name, (table, row) in DIGEST_ROWS.items():
+        if table in measured and (cells := measured[table].rows.get(row)):
+            columns = ((names[table == REAL_PEOPLE], spec) for *names, spec in DIGEST.values())
+            lines.append([name, *(cells[c].text(spec) if c in cells else "-" for c, spec in columns)])
+    return markdown(["", *DIGEST], lines) if lines else None
+
+
+def pictures(measured: Mapping[str, Measured]) -> str | None:
+    """Return the links to the sheets of worst frames that were written."""
+    shown = {name: title for name, title in SHEETS.items() if (IMAGES / f"worst-{name}.webp").is_file()}
+    links = (f"![{title}](images/worst-{name}.webp)\n\n*{title}*" for name, title in shown.items())
+    return "\n\n".join(links) or None
+
+
+DERIVED: dict[str, Callable[[Mapping[str, Measured]], str | None]] = {
+    "inputs-conclusion": lambda found: conclusion(found["inputs"].rows) if "inputs" in found else None,
+    "real": digest,
+    "worst-frames": pictures,
+}
+"""Functions that write other blocks from the measured tables, by mark."""
+
+
 def moved_block(tables: Iterable[Table], all_measured: dict[str, Measured]) -> str:
     """Return the figures that moved since the measurement before."""
     lines, compared = [], 0
@@ -102,13 +154,12 @@ def write_pages(tables: list[Table], root: Path = ROOT) -> list[Path]:
             return sources_block(tables, measured)
         if name == MOVED:
             return moved_block(tables, measured)
-        if name in CONCLUSIONS:
-            of, words = CONCLUSIONS[name]
-            return words(measured[of].rows) if of in measured else None
+        if name in DERIVED:
+            return DERIVED[name](measured)
         return table_block(known[name], measured[name]) if name in measured else None
 
     written = []
-    for page in sorted({page for table in tables for page in table.pages} | {"docs/figures.md"}):
+    for page in sorted({page for table in tables for page in table.pages} | PAGES):
         path = root / page
         before = path.read_text()
         if (after := spliced(before, block_of)) != before:

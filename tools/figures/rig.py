@@ -30,6 +30,7 @@ from sensors.session.reader import Session
 from synth.data_files import JUDGE
 from synth.rig.simulate import simulate, truth_path
 from synth.rig.virtual_rig import RigOptions, VirtualRig
+from tools.figures import worst_frames
 from tools.figures.figure import (
     Figure,
     Rows,
@@ -47,6 +48,7 @@ from tools.measure.labels import reliability
 
 SCENES, DIFFICULTIES = ("sofa", "chair", "bed", "floor"), ("normal", "hard")
 FRAMES, PEOPLE = 320, 8  # of a recording
+REFINED = "network, refined"
 FULLY_MEASURED = "sofa"  # scene of the network alone, and of the confidence
 DRIFTS, DRIFT_FRAMES = 8, 20  # recordings of two people each
 SCORES = {
@@ -112,10 +114,16 @@ def labels(seed: int) -> Rows:
 
 
 class Labelled(NamedTuple):
-    """Rows of a recording, and the errors of the network's joints."""
+    """Rows of a recording, the errors of the network's joints, and the worst frames."""
 
     rows: dict[str, dict[str, Figure]]
     joints: JointErrors
+    worst: worst_frames.Sheets
+
+
+def sheets(seed: int) -> worst_frames.Sheets:
+    """Return the worst frames of all recordings, by the suit's labels, the network's and its joints."""
+    return worst_frames.together(found.worst for found in measured_recordings(seed).values())
 
 
 @lru_cache(maxsize=1)
@@ -133,7 +141,7 @@ def labelled(recording: Recording) -> Labelled:
         works = {
             "suit": lambda out, at: label_source(session, SuitLabeller(rig.suit), out, at),
             "network": lambda out, at: predict_source(session, OnnxNetwork(), out, at),
-            "network, refined": lambda out, at: predict_source(session, OnnxNetwork(), out, at, refined),
+            REFINED: lambda out, at: predict_source(session, OnnxNetwork(), out, at, refined),
         }
         if recording.scene != FULLY_MEASURED:
             del works["network"]
@@ -143,12 +151,17 @@ def labelled(recording: Recording) -> Labelled:
             name: figures_of(compared[name]) | {"CPU seconds a frame": Figure(seconds)}
             for name, (_, seconds) in found.items()
         }
-        joints = compared["network, refined"].joints
+        joints = compared[REFINED].joints
         assert joints is not None
         if recording.scene == FULLY_MEASURED:
             sure = reliability(found["suit"][0], truth, session)
             rows["suit"] |= {"calibration error": Figure(sure.ece), "found first": Figure(sure.found_first)}
-    return Labelled(rows, joints)
+        drawn = {
+            "rig-suit": worst_frames.of_labels(compared["suit"], found["suit"][0], truth),
+            "rig-predict": worst_frames.of_labels(compared[REFINED], found[REFINED][0], truth),
+            "rig-joints": worst_frames.of_joints(compared[REFINED], found[REFINED][0], truth),
+        }
+    return Labelled(rows, joints, drawn)
 
 
 def timed(work: Callable[[Callable[[int], None]], Run]) -> tuple[LabelSet, float]:

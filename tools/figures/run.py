@@ -3,7 +3,8 @@
 ``make figures`` runs this. The seed comes from the commit that is measured. A table that was measured at this
 commit is not measured again, so an interrupted run continues. ``--again`` measures the working tree on the
 seeds of the last measurement and prints the figures that moved. ``--seed N`` measures the working tree on a
-development seed and prints the tables. Neither writes anything.
+development seed, prints the tables, and writes their worst frames to ``build/worst-frames``. Neither writes
+anything else.
 """
 
 import argparse
@@ -12,7 +13,17 @@ from collections.abc import Sequence
 
 from sensors.errors import CloudError
 from tools.figures.pages import markdown_of, said_of, write_pages
-from tools.figures.table import Table, changes, commit_judged, is_done, load, measure, product_digest
+from tools.figures.table import (
+    BESIDE,
+    Table,
+    changes,
+    commit_judged,
+    draw,
+    is_done,
+    load,
+    measure,
+    product_digest,
+)
 from tools.figures.tables import TABLES
 
 
@@ -56,6 +67,7 @@ def develop(tables: Sequence[Table], seed: int) -> None:
             f"{table.name}, development seed {seed}\n\n{markdown_of(table, table.measure(seed))}\n",
             flush=True,
         )
+        draw(table, seed, BESIDE)
 
 
 def main() -> None:

@@ -16,9 +16,12 @@ from typing import Any, Literal, NamedTuple
 from sensors.errors import CloudError
 from sensors.files.atomic import write_bytes
 from tools.figures.figure import Figure, Rows, moved
+from tools.figures.worst_frames import Sheets, write_sheets
 
 ROOT = Path(__file__).resolve().parents[2]
-KEPT = ROOT / "docs" / "figures"
+KEPT, IMAGES = ROOT / "docs" / "figures", ROOT / "docs" / "images"
+BESIDE = ROOT / "build" / "worst-frames"
+"""Folder of the sheets of real people and of development runs; not in the repository."""
 FOLDERS = (
     "sensors",
     "annotate",
@@ -29,7 +32,13 @@ FOLDERS = (
     "tools/correction",
     "tools/figures",
 )
-PRINTED = ("pages", "run", "table", "tables")  # modules of tools/figures that change no figure
+PRINTED = (
+    "pages",
+    "run",
+    "table",
+    "tables",
+    "worst_frames",
+)  # modules of tools/figures that change no figure
 PRODUCT = (*FOLDERS, ":!*.md", *(f":!tools/figures/{name}.py" for name in PRINTED))
 """Git's path patterns of the files that change figures."""
 FIRST_SEED = 1_000_000_000  # of judging: above every seed that was chosen by hand
@@ -45,7 +54,8 @@ class Table:
     name: of its file and its marks. about: the line below the table. shared: what training and test share,
     and what not, one line. pages: files with the marks. columns: heading -> format. measure: seed -> rows.
     seeded: False if the seed changes nothing. needs: folder of recordings without which the table stays.
-    timed: columns of processor time, in which nothing counts as moved.
+    timed: columns of processor time, in which nothing counts as moved. sheets: seed -> worst frames, of which
+    contact sheets are written.
     """
 
     name: str
@@ -58,6 +68,7 @@ class Table:
     seeded: bool = True
     needs: Path | None = None
     timed: tuple[str, ...] = ()
+    sheets: Callable[[int], Sheets] | None = None
 
 
 @dataclass(frozen=True)
@@ -189,6 +200,7 @@ def measure(table: Table, commit: str, product: str, folder: Path = KEPT) -> Mea
     """Measure a table on the seed of a commit and write it, with the rows before."""
     old, began = load(table, folder), _cpu_s()
     rows = table.measure(judging_seed(commit))
+    draw(table, judging_seed(commit), BESIDE if table.kind == "real" else IMAGES)
     measured = Measured(
         rows=rounded(rows),
         seed=seed_of(table, commit),
@@ -202,6 +214,12 @@ def measure(table: Table, commit: str, product: str, folder: Path = KEPT) -> Mea
     )
     save(table, measured, folder)
     return measured
+
+
+def draw(table: Table, seed: int, folder: Path) -> None:
+    """Write the contact sheets of a table's worst frames into a folder, and print their names."""
+    for path in write_sheets(table.sheets(seed), folder) if table.sheets else ():
+        print(f"written: {path}", flush=True)
 
 
 def _cpu_s() -> float:

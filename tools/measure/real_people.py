@@ -26,6 +26,7 @@ from sensors.files.natural_order import in_order
 from sensors.importers.open_source import open_source
 from synth.body.skeleton import JOINT_ID
 from synth.images.standing_statistics import facing_deg
+from tools.figures.worst_frames import COUNT, Tile, of_real
 
 PEOPLE = Path(__file__).resolve().parents[3] / "shared" / "data" / "real_people"
 TRACKED = {"head": 0, "neck": 1, "pelvis": 3} | {
@@ -68,6 +69,7 @@ class People:
     joints on the other side, and joints more than ``NEAR_PX`` on the other side. off_deg: error of
     the facing by frame; 180 without a facing. postures: detected posture by frame, "none" without one.
     apart_mm: vectors (F, 15, 3) from the tracker's joints to the network's, depth camera; infinite without.
+    tiles: pictures of the worst frames.
     """
 
     subjects: tuple[str, ...]
@@ -75,6 +77,7 @@ class People:
     off_deg: Float64
     postures: tuple[str, ...]
     apart_mm: Float64
+    tiles: tuple[Tile, ...] = ()
 
     def __add__(self, other: "People") -> "People":
         return People(
@@ -83,6 +86,7 @@ class People:
             np.concatenate([self.off_deg, other.off_deg]),
             self.postures + other.postures,
             np.concatenate([self.apart_mm, other.apart_mm]),
+            (*self.tiles, *other.tiles),
         )
 
     def without_offsets(self) -> "People":
@@ -120,6 +124,7 @@ def measure_people(folder: Path, network: OnnxNetwork) -> People:
     with tempfile.TemporaryDirectory() as out:
         labels = predict_source(open_source(folder), network, Path(out) / "p", lambda n: None).labels
         counts = joint_counts(labels, [joints[name] for name in names])
+        tiles = worst_tiles(labels, [joints[name] for name in names], counts)
         notes = [labels.notes(frame_id).get("bearing") for frame_id in labels.frame_ids]
     states = [BodyState.from_note(note) for note in notes]
     off, apart_mm = [], np.full((len(names), N_JOINTS, 3), np.inf)
@@ -136,7 +141,20 @@ def measure_people(folder: Path, network: OnnxNetwork) -> People:
         np.array(off),
         tuple("none" if state is None else state.name for state in states),
         apart_mm,
+        tiles,
     )
+
+
+def worst_tiles(labels: LabelSet, tracked: list[dict[str, list]], counts: Int64) -> tuple[Tile, ...]:
+    """Return pictures of the frames with the smallest shares of right joints."""
+    shown, right = counts[..., :2].sum(axis=1).T
+    lost, tiles = 1 - right / np.maximum(shown, 1), []
+    for i in np.argsort(-lost, kind="stable")[:COUNT].tolist():
+        frame = labels.read(labels.frame_ids[i], persons=False)
+        text = f"{right[i]} of {shown[i]} joints right"
+        at_px = np.array(tracked[i]["uv"], np.float64)
+        tiles.append(of_real((frame.depth_mm, frame.parts), at_px, float(lost[i]), text))
+    return tuple(tiles)
 
 
 def joint_counts(labels: LabelSet, tracked: list[dict[str, list]]) -> Int64:

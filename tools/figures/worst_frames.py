@@ -1,0 +1,144 @@
+"""Contact sheets of the frames with the worst scores of each set."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import cv2
+import numpy as np
+
+from annotate.array_types import Float64, UInt8, UInt16
+from annotate.crop import Crop, crop_around
+from annotate.labelset.labelled_frames import LabelledFrames
+from annotate.parts import BACKGROUND, on_body
+from eval.compare.compare import Comparison
+from eval.report.frame_images import CANVAS, WHITE, colorize_depth, colorize_parts
+from eval.report.gallery import make_frame
+from eval.scores.confusion import mean_recall
+from eval.scores.joint_visibility import OUTSIDE
+from sensors.files.atomic import write_bytes
+
+COUNT, COLUMNS = 10, 2  # frames of a sheet, and in a row
+SIDE_PX, LINE_PX, GAP_PX = 168, 18, 8  # of a picture, of the text below, between frames
+MARGIN = 0.12  # free border of a real person, share of the larger extent
+MOST_BYTES = 150_000  # of a sheet
+LABELS, JOINTS = ("Extracted depth", "Target labels", "Predicted labels"), ("Target labels", "Joints")
+"""Columns of the report's frames: of labels, and of joints."""
+
+
+class Tile(NamedTuple):
+    """Pictures of a frame, uint8 (h, w, 3), and its score in words; a larger error is worse."""
+
+    error: float
+    text: str
+    image: UInt8
+
+
+Sheets: TypeAlias = Mapping[str, Sequence[Tile]]
+"""Worst frames by set."""
+
+
+def worst(tiles: Iterable[Tile]) -> list[Tile]:
+    """Return the frames with the largest errors, largest first."""
+    return sorted(tiles, key=lambda tile: -tile.error)[:COUNT]
+
+
+def together(several: Iterable[Sheets]) -> dict[str, list[Tile]]:
+    """Return the worst frames of sets that were measured in pieces."""
+    found: dict[str, list[Tile]] = {}
+    for sheets in several:
+        for name, tiles in sheets.items():
+            found[name] = worst([*found.get(name, []), *tiles])
+    return found
+
+
+def of_labels(compared: Comparison, predicted: LabelledFrames, truth: LabelledFrames) -> list[Tile]:
+    """Return the frames with the lowest mean recall: depth, true parts, parts found."""
+    recall = np.asarray(mean_recall(compared.matrices), np.float64)
+    return _of_frames(1 - recall, lambda lost: f"mean recall {1 - lost:.2f}", (predicted, truth), LABELS)
+
+
+def of_joints(compared: Comparison, predicted: LabelledFrames, truth: LabelledFrames) -> list[Tile]:
+    """Return the frames with the largest mean error of the joints inside the image: true parts, joints."""
+    if compared.joints_mm is None or compared.joints_seen is None:
+        return []
+    inside = compared.joints_seen != OUTSIDE
+    counted = np.maximum(inside.sum(axis=1), 1)
+    error_mm = np.where(inside, compared.joints_mm, 0).sum(axis=1) / counted
+    return _of_frames(
+        error_mm,
+        lambda mm: f"mean error of joints {mm:.0f} mm" if np.isfinite(mm) else "no joints",
+        (predicted, truth),
+        JOINTS,
+    )
+
+
+def _of_frames(
+    errors: Float64,
+    text_of: Callable[[float], str],
+    sets: tuple[LabelledFrames, LabelledFrames],
+    columns: tuple[str, ...],
+) -> list[Tile]:
+    """Return the worst of compared frames; errors: (F,) in the order of the truth, NaN for no person."""
+    (predicted, truth), tiles = sets, []
+    found = {entry.frame_id: entry for entry in predicted.entries()}
+    entries = list(truth.entries())
+    order = [i for i in np.argsort(-errors, kind="stable").tolist() if not np.isnan(errors[i])]
+    for i in order[:COUNT]:
+        true = truth.load(entries[i], False)
+        drawn = make_frame(true, predicted.load(found[true.frame_id], False)).columns
+        blank = np.full_like(drawn[LABELS[0]], CANVAS)
+        error = float(errors[i])
+        text = f"{text_of(error)}, {true.subject or '-'}, {true.frame_id}"
+        tiles.append(Tile(error, text, np.hstack([_fit(drawn.get(name, blank)) for name in columns])))
+    return tiles
+
+
+def of_real(images: tuple[UInt16, UInt8], joints_px: Float64, error: float, text: str) -> Tile:
+    """Return a frame of real people: depth with a judge's joints, and the parts found.
+
+    images: depth in millimetres and parts (h, w). joints_px: (n, 2), column and row.
+    """
+    depth_mm, parts = images
+    shown = on_body(parts)
+    at = np.rint(joints_px).astype(int).clip(0, np.array(parts.shape[::-1]) - 1)
+    shown[at[:, 1], at[:, 0]] = True
+    crop = crop_around(shown, MARGIN) if shown.any() else Crop(0, 0, max(parts.shape))
+    depth = np.ascontiguousarray(colorize_depth(crop.cut(depth_mm, 0, SIDE_PX)))
+    for u, v in ((joints_px - (crop.left, crop.top)) * SIDE_PX / crop.side).round().astype(int).tolist():
+        cv2.circle(depth, (u, v), 2, WHITE, -1, cv2.LINE_AA)
+    found = colorize_parts(crop.cut(parts, BACKGROUND, SIDE_PX))
+    return Tile(error, text, np.hstack([depth, np.asarray(found, np.uint8)]))
+
+
+def _fit(image: UInt8) -> UInt8:
+    return np.asarray(cv2.resize(image, (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def drawn_sheet(tiles: Sequence[Tile]) -> UInt8:
+    """Return the contact sheet of frames, with the score of each below, uint8 (h, w, 3) RGB."""
+    height, width = SIDE_PX + LINE_PX + GAP_PX, max(tile.image.shape[1] for tile in tiles) + GAP_PX
+    sheet = np.full((height * -(-len(tiles) // COLUMNS), width * COLUMNS, 3), CANVAS, np.uint8)
+    for number, tile in enumerate(tiles):
+        top, left = height * (number // COLUMNS), width * (number % COLUMNS)
+        sheet[top : top + SIDE_PX, left : left + tile.image.shape[1]] = tile.image
+        at = (left + 4, top + SIDE_PX + LINE_PX - 5)
+        cv2.putText(sheet, tile.text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.4, WHITE, 1, cv2.LINE_AA)
+    return sheet
+
+
+def write_sheets(sheets: Sheets, folder: Path) -> list[Path]:
+    """Write a sheet of each set into a folder, as WebP of at most ``MOST_BYTES``; return the files."""
+    paths = []
+    for name, tiles in sheets.items():
+        image, quality = drawn_sheet(tiles)[..., ::-1], 90
+        while (data := _webp(image, quality)).size > MOST_BYTES and quality > 10:
+            quality -= 10
+        folder.mkdir(parents=True, exist_ok=True)
+        paths.append(folder / f"worst-{name}.webp")
+        write_bytes(paths[-1], data.tobytes())
+    return paths
+
+
+def _webp(image: UInt8, quality: int) -> UInt8:
+    return np.asarray(cv2.imencode(".webp", image, [cv2.IMWRITE_WEBP_QUALITY, quality])[1], np.uint8)
