@@ -41,11 +41,10 @@ DIGEST = {
 }
 """Columns of real people: their columns in `rgbd` and in `real-people`, and format."""
 DIGEST_ROWS = {
-    "RGB-D, `predict`": (RGBD, "all, `predict`"),
-    "RGB-D, colour network": (RGBD, "all, colour network, depth looked up"),
-    "cut out, single frames, `predict`": (REAL_PEOPLE, "single frames of 27 actions"),
-    "cut out, takes, `predict`": (REAL_PEOPLE, "all takes"),
-}
+    f"{place}, {what}": (RGBD, f"`{recording}`, {reading}")
+    for recording, place in (("sofa", "on a sofa"), ("upper_body", "from the hips up"))
+    for what, reading in (("`predict`", "`predict`"), ("colour network", "colour network, depth looked up"))
+} | {"27 actions, cut out, `predict`": (REAL_PEOPLE, "single frames of 27 actions")}
 """Rows of real people: table and its row."""
 
 
