@@ -106,7 +106,7 @@ def small(command: str) -> list[str]:
 @pytest.fixture(scope="module")
 def my_folder(tmp_path_factory, rig_session) -> Path:
     """Return a user's own images."""
-    from tools.docs.material import write_image_folder
+    from tests.helpers.page_material import write_image_folder
 
     folder = tmp_path_factory.mktemp("docs") / "my-folder"
     write_image_folder(folder, Session(rig_session))
@@ -124,7 +124,7 @@ def prepare(page: str, folder: Path, rig_session: Path, my_folder: Path) -> None
             shutil.copy(rig_session, folder / f"{day}.mcap")
             shutil.copytree(truth_path(rig_session), folder / day)
     if "walk.c3d" in text:
-        from tools.docs.material import write_trials
+        from tests.helpers.page_material import write_trials
 
         write_trials(folder)
 

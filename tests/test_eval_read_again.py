@@ -14,9 +14,20 @@ from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import PredictOptions, predict_frames
 from eval.network.predict_source import predict_source
 from eval.network.refine import SHIPPED_REFINEMENT_NETWORK, camera_in, depth_view, refine
+from sensors.rig.frame import FrameSource, RigFrame
 from sensors.session.reader import Session
 from synth.rig.simulate import truth_path
-from tools.measure.refinement import Cold
+
+
+class Cold(FrameSource):
+    """Frame source that drops the temperatures of a recording."""
+
+    def __init__(self, source: FrameSource) -> None:
+        self._source, self.calibration, self.name = source, source.calibration, source.name
+        self.times_ns, self.subject = source.times_ns, source.subject
+
+    def _frame(self, index: int) -> RigFrame:
+        return replace(self._source.frame(index), thermal_c=None)
 
 
 class CutOut(Cold):

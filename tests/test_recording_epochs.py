@@ -16,7 +16,7 @@ from sensors.session.index import PLACE
 from sensors.session.messages import COLOR, DEPTH, color_message, image_message
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
-from tools.measure.replugging import draw, judged
+from tests.helpers.replugged_rigs import draw, judged
 
 S, MS = 1_000_000_000, 1_000_000
 START_NS = 1_700_000_000 * S

@@ -29,7 +29,6 @@ FOLDERS = (
     "eval",
     "cli",
     "tools/measure",
-    "tools/correction",
     "tools/figures",
 )
 PRINTED = (

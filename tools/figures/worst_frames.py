@@ -1,6 +1,6 @@
 """Contact sheets of the frames with the worst scores of each set."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
@@ -55,7 +55,8 @@ def together(several: Iterable[Sheets]) -> dict[str, list[Tile]]:
 def of_labels(compared: Comparison, predicted: LabelledFrames, truth: LabelledFrames) -> list[Tile]:
     """Return the frames with the lowest mean recall: depth, true parts, parts found."""
     recall = np.asarray(mean_recall(compared.matrices), np.float64)
-    return _of_frames(1 - recall, lambda lost: f"mean recall {1 - lost:.2f}", (predicted, truth), LABELS)
+    texts = [f"mean recall {one:.2f}" for one in recall]
+    return _tiles(1 - recall, texts, (predicted, truth), LABELS)
 
 
 def of_joints(compared: Comparison, predicted: LabelledFrames, truth: LabelledFrames) -> list[Tile]:
@@ -63,34 +64,28 @@ def of_joints(compared: Comparison, predicted: LabelledFrames, truth: LabelledFr
     if compared.joints_mm is None or compared.joints_seen is None:
         return []
     inside = compared.joints_seen != OUTSIDE
-    counted = np.maximum(inside.sum(axis=1), 1)
-    error_mm = np.where(inside, compared.joints_mm, 0).sum(axis=1) / counted
-    return _of_frames(
-        error_mm,
-        lambda mm: f"mean error of joints {mm:.0f} mm" if np.isfinite(mm) else "no joints",
-        (predicted, truth),
-        JOINTS,
-    )
+    mm = np.where(inside, compared.joints_mm, 0).sum(axis=1) / np.maximum(inside.sum(axis=1), 1)
+    texts = [f"joints off by {one:.0f} mm" if np.isfinite(one) else "no joints" for one in mm]
+    return _tiles(mm, texts, (predicted, truth), JOINTS)
 
 
-def _of_frames(
+def _tiles(
     errors: Float64,
-    text_of: Callable[[float], str],
+    texts: list[str],
     sets: tuple[LabelledFrames, LabelledFrames],
     columns: tuple[str, ...],
 ) -> list[Tile]:
-    """Return the worst of compared frames; errors: (F,) in the order of the truth, NaN for no person."""
+    """Return the worst of compared frames; errors, texts: (F,) in the order of the truth; NaN: no person."""
     (predicted, truth), tiles = sets, []
-    found = {entry.frame_id: entry for entry in predicted.entries()}
-    entries = list(truth.entries())
-    order = [i for i in np.argsort(-errors, kind="stable").tolist() if not np.isnan(errors[i])]
-    for i in order[:COUNT]:
+    found, entries = {entry.frame_id: entry for entry in predicted.entries()}, list(truth.entries())
+    for i in np.argsort(-errors, kind="stable")[: min(COUNT, int((~np.isnan(errors)).sum()))].tolist():
         true = truth.load(entries[i], False)
         drawn = make_frame(true, predicted.load(found[true.frame_id], False)).columns
         blank = np.full_like(drawn[LABELS[0]], CANVAS)
-        error = float(errors[i])
-        text = f"{text_of(error)}, {true.subject or '-'}, {true.frame_id}"
-        tiles.append(Tile(error, text, np.hstack([_fit(drawn.get(name, blank)) for name in columns])))
+        shown = [drawn.get(name, blank) for name in columns]
+        small = [cv2.resize(image, (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_AREA) for image in shown]
+        text = f"{texts[i]}, {true.subject or '-'}, {true.frame_id}"
+        tiles.append(Tile(float(errors[i]), text, np.asarray(np.hstack(small), np.uint8)))
     return tiles
 
 
@@ -111,10 +106,6 @@ def of_real(images: tuple[UInt16, UInt8], joints_px: Float64, error: float, text
     return Tile(error, text, np.hstack([depth, np.asarray(found, np.uint8)]))
 
 
-def _fit(image: UInt8) -> UInt8:
-    return np.asarray(cv2.resize(image, (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_AREA), np.uint8)
-
-
 def drawn_sheet(tiles: Sequence[Tile]) -> UInt8:
     """Return the contact sheet of frames, with the score of each below, uint8 (h, w, 3) RGB."""
     height, width = SIDE_PX + LINE_PX + GAP_PX, max(tile.image.shape[1] for tile in tiles) + GAP_PX
@@ -131,14 +122,11 @@ def write_sheets(sheets: Sheets, folder: Path) -> list[Path]:
     """Write a sheet of each set into a folder, as WebP of at most ``MOST_BYTES``; return the files."""
     paths = []
     for name, tiles in sheets.items():
-        image, quality = drawn_sheet(tiles)[..., ::-1], 90
-        while (data := _webp(image, quality)).size > MOST_BYTES and quality > 10:
-            quality -= 10
+        image = drawn_sheet(tiles)[..., ::-1]
+        qualities = ([cv2.IMWRITE_WEBP_QUALITY, quality] for quality in range(90, 0, -10))
+        made = [cv2.imencode(".webp", image, how)[1] for how in qualities]
+        data = next((one for one in made if one.size <= MOST_BYTES), made[-1])
         folder.mkdir(parents=True, exist_ok=True)
         paths.append(folder / f"worst-{name}.webp")
         write_bytes(paths[-1], data.tobytes())
     return paths
-
-
-def _webp(image: UInt8, quality: int) -> UInt8:
-    return np.asarray(cv2.imencode(".webp", image, [cv2.IMWRITE_WEBP_QUALITY, quality])[1], np.uint8)

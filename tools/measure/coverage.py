@@ -1,19 +1,19 @@
-"""Coverage of the 95 % intervals on simulated sets: ``python -m tools.measure.coverage [SETS]``.
-
-Prints for each design the share of the sets whose interval holds the true mean, and the shares with the truth
-below and above.
-"""
+"""Coverage of the 95 % intervals on simulated sets: ``python -m tools.measure.coverage [SETS]``."""
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from annotate.array_types import Float64, Int64
 from annotate.parts import N_CLASSES
 from eval.scores import confusion, intervals
 
 PIXELS = 1000
 GAIN, GAIN_SD = 0.02, 0.02  # recall of model A above model B: mean and scatter over people
+Draw = Callable[[np.random.Generator, int], tuple[float, Float64]]
+"""Function of a generator and a set's number to the true value and the interval."""
 
 
 @dataclass(frozen=True)
@@ -33,20 +33,21 @@ class Design:
 
     @property
     def mean(self) -> float:
+        """Return the true hit rate."""
         a, b = self.level or (8.0, 2.0)
         return a / (a + b)
 
-    def draw(self, rng: np.random.Generator) -> tuple[np.ndarray, list[str]]:
-        """Draw a set: hits and pixels by frame (F, 2), and subjects."""
+    def sums(self, rng: np.random.Generator) -> Int64:
+        """Draw a set: hits and pixels by cluster (C, 2)."""
         n = self.subjects
         sizes = rng.integers(1, 2 * self.frames, n) if self.uneven else np.full(n, self.frames)
         level = np.full(n, self.mean) if self.level is None else rng.beta(*self.level, n)
         rates = np.repeat(np.clip(level, 1e-6, 1 - 1e-6), sizes)
         if self.scatter is not None:
             rates = rng.beta(self.scatter * rates, self.scatter * (1 - rates))
-        hits = rng.binomial(PIXELS, rates)
-        owner = np.repeat(np.arange(n), sizes)
-        return np.stack([hits, np.full(len(hits), PIXELS)], axis=-1), [str(i) for i in owner]
+        hits, owner = rng.binomial(PIXELS, rates), np.repeat(np.arange(n), sizes)
+        counts = np.stack([hits, np.full(len(hits), PIXELS)], axis=-1)
+        return intervals.cluster_sums(counts, intervals.clusters_of([str(i) for i in owner]))
 
 
 DESIGNS = {
@@ -65,95 +66,78 @@ DESIGNS = {
 }
 
 
-def rate(sums: np.ndarray) -> np.ndarray:
-    return sums[..., 0] / sums[..., 1]
+def covered(draw: Draw, sets: int, seed: int) -> float:
+    """Return the share of simulated sets whose interval holds the truth."""
+    rng, held = np.random.default_rng(seed), 0
+    for number in range(sets):
+        truth, (low, high) = draw(rng, number)
+        held += bool(low <= truth <= high)
+    return held / sets
 
 
-def by_cluster(counts: np.ndarray, subjects: list[str]) -> np.ndarray:
-    return intervals.cluster_sums(counts, intervals.clusters_of(subjects))
-
-
-def trial(design: Design, sets: int, resamples: int, seed: int) -> tuple[float, float]:
-    """Return the shares of the sets with the truth below and above the interval."""
-    rng = np.random.default_rng(seed)
-    below = above = 0
-    for i in range(sets):
-        sums = by_cluster(*design.draw(rng))
-        drawn = intervals.resampled_sums(sums, resamples, i)
-        low, high = intervals.interval(rate(sums.sum(0)), rate(drawn), len(sums))
-        below, above = below + (design.mean < low), above + (design.mean > high)
-    return below / sets, above / sets
+def rate(sums: Int64) -> Float64:
+    """Return the hit rate of sums (..., 2)."""
+    return np.asarray(sums[..., 0] / sums[..., 1])
 
 
 def coverage(design: Design, sets: int, resamples: int, seed: int) -> float:
-    """Return the share of simulated sets whose interval holds the truth."""
-    return 1 - sum(trial(design, sets, resamples, seed))
+    """Return the coverage of a rate's interval."""
+
+    def draw(rng: np.random.Generator, number: int) -> tuple[float, Float64]:
+        sums = design.sums(rng)
+        drawn = rate(intervals.resampled_sums(sums, resamples, number))
+        return design.mean, intervals.interval(rate(sums.sum(0)), drawn, len(sums))
+
+    return covered(draw, sets, seed)
 
 
 def miou_coverage(subjects: int, sets: int, resamples: int, seed: int) -> float:
     """Return the coverage of the mean IoU's interval, with an error rate by person and part."""
-    rng = np.random.default_rng(seed)
     pixels = np.array([40_000, *np.linspace(300, 3000, N_CLASSES - 1)])
-
-    def matrix_of(errors: np.ndarray) -> np.ndarray:
-        right = np.eye(N_CLASSES) * (1 - errors)[..., None]
-        return pixels[:, None] * (right + errors[..., None] / N_CLASSES)
-
     a, b = np.linspace(2, 6, N_CLASSES), np.full(N_CLASSES, 20.0)
-    truth = confusion.miou(np.rint(1000 * matrix_of(a / (a + b))).astype(np.int64))
-    covered = 0
-    for i in range(sets):
-        sums = np.rint(matrix_of(rng.beta(a, b, (subjects, N_CLASSES)))).astype(np.int64)
-        drawn = intervals.resampled_sums(sums.reshape(subjects, -1), resamples, i)
+
+    def matrix_of(errors: Float64, scale: int = 1) -> Int64:
+        right = np.eye(N_CLASSES) * (1 - errors)[..., None]
+        return np.rint(scale * pixels[:, None] * (right + errors[..., None] / N_CLASSES)).astype(np.int64)
+
+    truth = float(confusion.miou(matrix_of(a / (a + b), 1000)))
+
+    def draw(rng: np.random.Generator, number: int) -> tuple[float, Float64]:
+        sums = matrix_of(rng.beta(a, b, (subjects, N_CLASSES)))
+        drawn = intervals.resampled_sums(sums.reshape(subjects, -1), resamples, number)
         resampled = confusion.miou(drawn.reshape(-1, N_CLASSES, N_CLASSES))
-        low, high = intervals.interval(confusion.miou(sums.sum(0)), resampled, subjects)
-        covered += bool(low <= truth <= high)
-    return covered / sets
+        return truth, intervals.interval(confusion.miou(sums.sum(0)), resampled, subjects)
+
+    return covered(draw, sets, seed)
 
 
 def paired_coverage(subjects: int, sets: int, resamples: int, seed: int) -> float:
     """Return the coverage of the interval of A minus B on the same frames."""
-    rng = np.random.default_rng(seed)
-    covered = 0
-    for i in range(sets):
-        level = rng.beta(40, 10, subjects)
-        gain = rng.normal(GAIN, GAIN_SD, subjects)
+
+    def draw(rng: np.random.Generator, number: int) -> tuple[float, Float64]:
+        level, gain = rng.beta(40, 10, subjects), rng.normal(GAIN, GAIN_SD, subjects)
         hits = [rng.binomial(18 * PIXELS, np.clip(rates, 0, 1)) for rates in (level, level - gain)]
         sums = np.stack([*hits, np.full(subjects, 18 * PIXELS)], axis=-1)
-        drawn = intervals.resampled_sums(sums, resamples, i)
+        drawn = intervals.resampled_sums(sums, resamples, number)
         apart, found = ((s[..., 0] - s[..., 1]) / s[..., 2] for s in (drawn, sums.sum(0)))
-        low, high = intervals.paired_interval(found, apart, subjects)
-        covered += low <= GAIN <= high
-    return covered / sets
+        return GAIN, intervals.paired_interval(found, apart, subjects)
+
+    return covered(draw, sets, seed)
 
 
 def unpaired_coverage(subjects: tuple[int, int], sets: int, resamples: int, seed: int) -> float:
     """Return the coverage of the interval of a difference of two samples; the true one is 0.1."""
-    rng = np.random.default_rng(seed)
     designs = Design(subjects[0], 10, (45, 5)), Design(subjects[1], 10, (40, 10))
-    covered = 0
-    for i in range(sets):
-        a, b = (by_cluster(*design.draw(rng)) for design in designs)
-        drawn = [rate(intervals.resampled_sums(sums, resamples, i)) for sums in (a, b)]
-        low, high = intervals.unpaired_interval(rate(a.sum(0)) - rate(b.sum(0)), drawn, subjects)
-        covered += low <= 0.1 <= high
-    return covered / sets
 
+    def draw(rng: np.random.Generator, number: int) -> tuple[float, Float64]:
+        a, b = (design.sums(rng) for design in designs)
+        drawn = [rate(intervals.resampled_sums(sums, resamples, number)) for sums in (a, b)]
+        return 0.1, intervals.unpaired_interval(rate(a.sum(0)) - rate(b.sum(0)), drawn, subjects)
 
-def main(sets: int) -> None:
-    resamples = intervals.RESAMPLES
-    print(f"{sets} sets of each design, {resamples} resamples, seed 1\n")
-    print("| design | covered | truth below | truth above |\n|---|---|---|---|")
-    for name, design in DESIGNS.items():
-        below, above = trial(design, sets, resamples, 1)
-        print(f"| {name} | {1 - below - above:.3f} | {below:.3f} | {above:.3f} |", flush=True)
-    for people in (4, 8, 40):
-        print(f"mean IoU, {people} people: {miou_coverage(people, sets, resamples, 1):.3f}", flush=True)
-        print(f"A minus B, same frames: {paired_coverage(people, sets, resamples, 1):.3f}", flush=True)
-    for sizes in ((8, 8), (100, 8), (40, 40)):
-        found = unpaired_coverage(sizes, sets, resamples, 1)
-        print(f"different frames, {sizes[0]} people against {sizes[1]}: {found:.3f}", flush=True)
+    return covered(draw, sets, seed)
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 400)
+    sets = int(sys.argv[1]) if len(sys.argv) > 1 else 400
+    for name, design in DESIGNS.items():
+        print(f"{name}: {coverage(design, sets, intervals.RESAMPLES, 1):.3f}", flush=True)

@@ -1,12 +1,9 @@
-"""Pairing after devices were unplugged: ``python -m tools.measure.replugging [CASES [SECONDS]]``.
+"""Random rigs whose devices are unplugged and plugged in, and the pairs of their frames.
 
-Each case draws a rig and the times at which each device is unplugged and plugged in: late first images,
-jitter, stalls, drops, skew, and clocks that are set while they run. Readings pass through ``Arrivals`` as in
-a recording, and are paired by ``host_times`` as in ``Session``. Prints the shares of frames with the right
-colour and the right temperatures, for short and for long epochs.
+Images come late, with jitter, stalls, drops and skew, and clocks are set while they run. Readings pass
+through ``Arrivals`` as in a recording, and are paired by ``host_times`` as in ``Session``.
 """
 
-import sys
 from collections import defaultdict
 from dataclasses import dataclass, field
 
@@ -142,30 +139,3 @@ def in_short(case: Case, topic: str, stamps_ns: Int) -> NDArray[np.bool_]:
     """Return flags (n,) of the images in epochs of at most ``FEW`` images."""
     epoch = np.searchsorted(begins_of(case.metadata[f"{CLOCK}{topic}"], case.events), stamps_ns, "right")
     return np.asarray(np.bincount(epoch)[epoch] <= FEW, np.bool_) if len(epoch) else np.zeros(0, np.bool_)
-
-
-def main(cases: int, span_s: float) -> None:
-    total: dict[tuple[str, str], NDArray[np.int64]] = defaultdict(lambda: np.zeros(3, np.int64))
-    worst = {COLOR: 1.0, THERMAL: 1.0}
-    for seed in range(cases):
-        counted = judged(draw(seed, span_s))
-        for key, parts in counted.items():
-            total[key] += parts
-        for topic in worst:
-            whole = sum(np.array(parts) for key, parts in counted.items() if key[0] == topic)
-            worst[topic] = min(worst[topic], whole[0] / whole.sum())
-    for (topic, kind), parts in sorted(total.items()):
-        share = parts / max(parts.sum(), 1)
-        print(f"{topic}, {kind} epochs: {parts.sum()} frames, right {share[0]:.4f},", end=" ")
-        print(f"wrong {share[1]:.4f}, missing {share[2]:.4f}")
-    for topic in worst:
-        parts = total[topic, "short"] + total[topic, "long"]
-        print(
-            f"{topic}: right {parts[0] / parts.sum():.4f} of all frames, {worst[topic]:.4f} in the worst case"
-        )
-
-
-if __name__ == "__main__":
-    given = [float(argument) for argument in sys.argv[1:]]
-    cases, seconds = given + [200.0, 120.0][len(given) :]
-    main(int(cases), seconds)
