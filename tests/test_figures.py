@@ -22,7 +22,7 @@ from synth.images.presets import preset_named
 from tools.figures import network, run
 from tools.figures import table as measuring
 from tools.figures.figure import Figure, average, median, moved, of_values, over_people, ratio
-from tools.figures.pages import DERIVED, MARK, MOVED, SOURCES, spliced, write_pages
+from tools.figures.pages import DERIVED, MARK, MOVED, PAGES, SOURCES, spliced, write_pages
 from tools.figures.table import (
     FIRST_SEED,
     KEPT,
@@ -62,8 +62,8 @@ TABLE = Table(
 def house(tmp_path, monkeypatch):
     """A folder of pages, one with the marks of the table."""
     (tmp_path / "docs").mkdir()
-    for page in ("page.md", "docs/figures.md"):
-        marks = ["one"] if page == "page.md" else [SOURCES, MOVED]
+    for page in ("page.md", *PAGES):
+        marks = {"page.md": ["one"], "docs/figures.md": [SOURCES, MOVED]}.get(page, [])
         blocks = "".join(f"<!-- figures: {name} -->\nold\n<!-- end of figures -->\n" for name in marks)
         (tmp_path / page).write_text(f"before\n\n{blocks}after\n")
     return tmp_path
@@ -272,7 +272,7 @@ def test_real_people_are_counted_as_their_own_score_does(tmp_path):
 def test_the_documentation_holds_the_figures_that_were_kept(tmp_path):
     assert len({table.name for table in TABLES}) == len(TABLES)
     known = {table.name: table for table in TABLES}
-    for page in {page for table in TABLES for page in table.pages} | {"docs/figures.md"}:
+    for page in {page for table in TABLES for page in table.pages} | PAGES:
         text = (ROOT / page).read_text()
         marked = {match["name"] for match in MARK.finditer(text)} - {SOURCES, MOVED} - DERIVED.keys()
         assert marked == {name for name, table in known.items() if page in table.pages}, page
