@@ -47,6 +47,7 @@ TABLES = (
         pages=HOW_GOOD,
         columns=rgbd.SHOWN,
         measure=rgbd.table,
+        sheets=rgbd.sheets,
         seeded=False,
         needs=rgbd.RECORDINGS,
     ),

@@ -121,7 +121,7 @@ def drawn_sheet(tiles: Sequence[Tile]) -> UInt8:
 def write_sheets(sheets: Sheets, folder: Path) -> list[Path]:
     """Write a sheet of each set into a folder, as WebP of at most ``MOST_BYTES``; return the files."""
     paths = []
-    for name, tiles in sheets.items():
+    for name, tiles in ((name, tiles) for name, tiles in sheets.items() if tiles):
         image = drawn_sheet(tiles)[..., ::-1]
         qualities = ([cv2.IMWRITE_WEBP_QUALITY, quality] for quality in range(90, 0, -10))
         made = [cv2.imencode(".webp", image, how)[1] for how in qualities]

@@ -7,14 +7,13 @@ import sys
 import warnings
 from contextlib import redirect_stdout
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq, least_squares
-from scipy.stats import qmc
+from scipy.stats import norm, qmc
 
-from annotate.array_types import Float32, Float64, Int64
+from annotate.array_types import Float64, Int32
 from synth.body.body import Body, blend
 from synth.body.crowd import STEP_M
 from synth.body.fit import BodyModel
@@ -72,19 +71,13 @@ def _bmi(draws: Float64) -> Float64:
 
 
 def _age(share: float, years: tuple[float, float]) -> float:
-    return anny_age(float(np.interp(share, (0, 1), years)))
+    """Return anny's number of an age: child (10) at 1/3, young (25) at 2/3, old (90) at 1."""
+    return float(np.interp(np.interp(share, (0, 1), years), (10, 25, 90), (1 / 3, 2 / 3, 1)))
 
 
 def _height_cm(share: float, number: int) -> float:
-    from scipy.stats import norm
-
     mean, deviation = HEIGHT_CM[("woman", "man")[number % 2]]
     return float(np.clip(norm.ppf(share, mean, deviation), *HEIGHT_ENDS_CM))
-
-
-def anny_age(years: float) -> float:
-    """Return anny's number of an age: child (10) at 1/3, young (25) at 2/3, old (90) at 1."""
-    return float(np.interp(years, (10, 25, 90), (1 / 3, 2 / 3, 1)))
 
 
 def fitted(model: BodyModel, sketch: Sketch) -> Float64:
@@ -100,14 +93,9 @@ def fitted(model: BodyModel, sketch: Sketch) -> Float64:
         build = (free[0] - sketch.muscle, free[3] - sketch.proportions)
         return np.array([cm - sketch.height_cm, found - kg, *build])
 
-    best = min(
-        (
-            least_squares(residuals, (muscle, 0.5, 0.45, 0.5), bounds=(0, 1), diff_step=1e-3, max_nfev=25)
-            for muscle in (0.15, 0.55)
-        ),
-        key=lambda result: result.cost,
-    )
-    return whole(best.x)
+    starts = ((muscle, 0.5, 0.45, 0.5) for muscle in (0.15, 0.55))
+    solved = [least_squares(residuals, x, bounds=(0, 1), diff_step=1e-3, max_nfev=25) for x in starts]
+    return whole(min(solved, key=lambda result: result.cost).x)
 
 
 def beyond_anny(model: BodyModel, phenotype: Float64, height_cm: float, bmi: float) -> tuple[Float64, float]:
@@ -133,22 +121,13 @@ def beyond_anny(model: BodyModel, phenotype: Float64, height_cm: float, bmi: flo
 
 def lighter(phenotype: Float64) -> Float64:
     """Return the same person's phenotypes (6,) at weight ``LIGHTER``."""
-    result = phenotype.copy()
-    result[3] = LIGHTER
-    return result
+    return np.where(np.arange(6) == 3, LIGHTER, phenotype)
 
 
 def baked(model: BodyModel, name: str, phenotype: Float64, beyond: float) -> Body:
     """Return the body of phenotypes (6,), so far beyond them."""
     body = model.bake(name, phenotype)
     return blend(model.bake(name, lighter(phenotype)), body, 1 + beyond) if beyond else body
-
-
-def full_mesh(anny: Any) -> Any:
-    """Return anny with all vertices of hm08, helpers too."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return anny.create_fullbody_model(remove_unattached_vertices=False)
 
 
 def base_mesh(model: BodyModel, phenotype: Float64, beyond: float) -> Float64:
@@ -171,46 +150,32 @@ def main() -> None:
             found = f"{body.height_cm:.1f} cm, BMI {bmi:.1f}"
             print(np.round(sketch, 2), np.round(phenotype, 2), round(beyond, 2), found, flush=True)
         if judge:
-            save_bodies(bodies, shipped("judge", "bodies.npz"))
+            save(shipped("judge", "bodies.npz"), bodies, np.zeros((len(bodies), 0, 3)))
             return
         skin = model._model.base_mesh_vertex_indices.numpy()
-        model._model = full_mesh(anny)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # all vertices of hm08, helpers too
+            model._model = anny.create_fullbody_model(remove_unattached_vertices=False)
         base = np.array([base_mesh(model, *person) for person in people])
     # Bodies stand on the floor, shapes about anny's origin.
     base -= (base[:, skin].mean(axis=1) - np.array([b.vertices_m[: len(skin)].mean(axis=0) for b in bodies]))[
         :, None
     ]
-    save_crowd(bodies, base, skin)
-
-
-def save_bodies(bodies: list[Body], path: Path) -> None:
-    """Write bodies of the crowd's mesh without helpers, packed as ``save_crowd`` does."""
-    mean, differences = _packed(np.array([body.vertices_m for body in bodies]))
-    joints_m = np.array([body.joints_m for body in bodies])
-    np.savez_compressed(path, mean=mean, differences=differences, joints_m=joints_m)
-
-
-def _packed(vertices_m: Float64 | Float32) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
-    """Return the mean (V, 3) of vertices (n, V, 3) and the differences (n, 3, V), in steps of ``STEP_M``."""
-    vertices = np.rint(vertices_m / STEP_M)
-    mean = np.rint(vertices.mean(axis=0)).astype(np.int16)
-    return mean, (vertices - mean).astype(np.int16).swapaxes(1, 2).copy()
-
-
-def save_crowd(bodies: list[Body], base: Float64, skin: Int64) -> None:
-    """Write the crowd: vertices and helpers of hm08 in steps of ``STEP_M``: a mean (V, 3) and differences
-    (n, 3, V), which pack better than (n, V, 3).
-
-    base: (n, 19158, 3) hm08 about each body; skin: its vertices that are the first of a body's own.
-    """
     helpers = np.setdiff1d(np.arange(base.shape[1]), skin)
-    own = np.array([body.vertices_m for body in bodies])
-    mean, differences = _packed(np.concatenate([own, base[:, helpers]], axis=1))
-    np.savez_compressed(
-        shipped("crowd.npz"), mean=mean, differences=differences,
-        joints_m=np.array([body.joints_m for body in bodies]),
-        skin=skin.astype(np.int32), helpers=helpers.astype(np.int32),
-    )  # fmt: skip
+    indices = {"skin": skin.astype(np.int32), "helpers": helpers.astype(np.int32)}
+    save(shipped("crowd.npz"), bodies, base[:, helpers], **indices)
+
+
+def save(path: Path, bodies: list[Body], helpers_m: Float64, **indices: Int32) -> None:
+    """Write bodies of the crowd's mesh and their helpers (n, H, 3), in steps of ``STEP_M``.
+
+    The file holds a mean (V, 3) and differences (n, 3, V), which pack better than (n, V, 3).
+    """
+    vertices = np.rint(np.concatenate([[body.vertices_m for body in bodies], helpers_m], axis=1) / STEP_M)
+    mean = np.rint(vertices.mean(axis=0)).astype(np.int16)
+    differences = (vertices - mean).astype(np.int16).swapaxes(1, 2).copy()
+    joints_m = np.array([body.joints_m for body in bodies])
+    np.savez_compressed(path, mean=mean, differences=differences, joints_m=joints_m, **indices)
 
 
 if __name__ == "__main__":

@@ -35,23 +35,10 @@ from eval.training.segmentation.train import EXAMPLES, WEIGHTS, Stage, SuitTrain
 from eval.training.shared_bodies import HELD_OUT, bodies_in
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import RigOptions, VirtualRig
-from tools.fit.suit_network import (
-    LINE_STEPS,
-    SEED,
-    check_inputs,
-    is_held_out,
-    lines,
-    make_files,
-    one_thread,
-    split_files,
-)
+from tools.fit import suit_network
+from tools.fit.suit_network import LINE_STEPS, SEED, is_held_out, lines, make_files, split_files
 
-RIGS, SUBJECTS, FRAMES, FRAMES_PER_SECOND = (
-    300,
-    8,
-    16,
-    0.5,
-)  # recordings; few frames, because neighbours are alike
+RIGS, SUBJECTS, FRAMES, FRAMES_PER_SECOND = 300, 8, 16, 0.5  # few frames, because neighbours are alike
 FIRST_SEED = 8_900_000  # of the first recording
 PLACES = {"sofa": 0.3, "chair": 0.25, "bed": 0.25, "floor": 0.2}  # shares of the scenes
 COLD = 0.5  # share of frames without temperature
@@ -71,8 +58,8 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2, help="processes that make examples")
     given = parser.parse_args()
     folder, once = given.folder, given.folder / "once"
-    check_inputs(given.datasets)
-    one_thread()
+    suit_network.check_inputs(given.datasets)
+    suit_network.one_thread()
     stages = [asdict(stage) for stage in STAGES]
     claim(folder, {"seed": SEED, "stages": stages, "datasets": list(map(str, given.datasets))})
     with Claim.take(folder, login()):

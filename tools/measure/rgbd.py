@@ -16,6 +16,7 @@ import json
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,7 @@ from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics, project, undistort
 from tools.figures.figure import Figure, Rows, Statistic, average, median, of_values, ratio
 from tools.figures.pages import markdown
+from tools.figures.worst_frames import Sheets
 from tools.measure.colour_people import ColourNetwork, make_people
 from tools.measure.rgbd_tally import AS_JOINTS, JUDGED, Found, Seen, Tally, judged_facing_deg, looked_up_mm
 
@@ -172,19 +174,28 @@ def over_recordings(values: list[tuple[str, Any]], statistic: Statistic) -> Figu
     return of_values(numbers, names if several else ["one"] * len(names), statistic, RESAMPLES)
 
 
-def measure(folders: Sequence[Path], models: Path | None) -> Rows:
-    """Return the figures of recordings by reading, each, and ``FEW`` or more together."""
+def tallied(folders: Sequence[Path], models: Path | None) -> dict[str, dict[str, Tally]]:
+    """Measure recordings; return the counts by recording and reading."""
     network = OnnxNetwork(SHIPPED_WEIGHTS)
     colour = ColourNetwork.of(models) if models else None
     if not colour:
         print(f"models of the {COLOUR} are missing; put MediaPipe's wheel in {MODELS}", file=sys.stderr)
     ordered = sorted(folders, key=lambda folder: not (folder / "people.json").is_file())
-    measured = {folder.name: measure_recording(folder, network, colour) for folder in ordered}
-    rows = {}
+    return {folder.name: measure_recording(folder, network, colour) for folder in ordered}
+
+
+def measure(folders: Sequence[Path], models: Path | None) -> Rows:
+    """Return the figures of recordings by reading, each, and ``FEW`` or more together."""
+    return rows_of(tallied(folders, models))
+
+
+def rows_of(measured: dict[str, dict[str, Tally]]) -> Rows:
+    """Return the figures of tallied recordings, as ``measure`` does."""
+    rows: dict[str, dict[str, Figure]] = {}
     for name, tallies in measured.items():
         rows |= {f"`{name}`, {reading}": figures({name: t}, reading) for reading, t in tallies.items()}
     if len(measured) >= FEW:
-        for reading in (*READINGS, *([COLOUR] if colour else [])):
+        for reading in next(iter(measured.values())):
             own = {name: tallies[reading] for name, tallies in measured.items()}
             rows[f"all, {reading}"] = figures(own, reading)
     return rows
@@ -192,8 +203,17 @@ def measure(folders: Sequence[Path], models: Path | None) -> Rows:
 
 def table(seed: int) -> Rows:
     """Return the figures of ``RECORDINGS`` by the columns of ``SHOWN``; the seed is not used."""
-    rows = measure(recordings(RECORDINGS), wheel_in(MODELS))
-    return {name: {column: row[column] for column in SHOWN} for name, row in rows.items()}
+    return {name: {column: row[column] for column in SHOWN} for name, row in rows_of(_shipped()).items()}
+
+
+def sheets(seed: int) -> Sheets:
+    """Return the worst frames of each of ``RECORDINGS`` by ``predict``; the seed is not used."""
+    return {f"rgbd-{name}": next(iter(found.values())).tiles for name, found in _shipped().items()}
+
+
+@lru_cache(maxsize=1)
+def _shipped() -> dict[str, dict[str, Tally]]:
+    return tallied(recordings(RECORDINGS), wheel_in(MODELS))
 
 
 def wheel_in(folder: Path) -> Path | None:

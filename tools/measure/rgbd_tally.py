@@ -13,6 +13,7 @@ from eval.scores.joints import JOINT
 from sensors.rig.camera import Intrinsics
 from synth.body.skeleton import JOINT_ID
 from synth.images.standing_statistics import facing_deg
+from tools.figures.worst_frames import Tile, of_real, worst
 from tools.measure.real_people import NEAR_DEG
 
 SURE = 0.7  # least visibility of a judged joint
@@ -63,17 +64,28 @@ class Tally:
     """Counts by frame, and distances of joints in millimetres.
 
     across_mm: distance across the line of sight. behind_mm: depth behind the surface at the judge's pixel.
+    tiles: pictures of the frames with the smallest shares of right joints, and of those with phantoms alone.
     """
 
     camera: Intrinsics
     counts: list[Counter[str]] = field(default_factory=list)
     across_mm: list[float] = field(default_factory=list)
     behind_mm: list[float] = field(default_factory=list)
+    tiles: list[Tile] = field(default_factory=list)
 
     def add(self, persons: Sequence[Float64], seen: Seen) -> None:
         """Count a frame. persons: judged (33, 3)."""
         labels = Counter() if seen.parts is None else count_labels(persons, seen.parts)
-        self.counts.append(labels + self._of_people(persons, seen))
+        self.counts.append(n := labels + self._of_people(persons, seen))
+        if seen.parts is not None and (n["joints"] or (not persons and n["phantoms"])):
+            marked = [person[JUDGED][person[JUDGED, 2] >= SURE, :2] for person in persons]
+            at_px, right = (
+                np.concatenate([np.zeros((0, 2)), *marked]),
+                f"{n['right']} of {n['joints']} joints",
+            )
+            text = f"{right} right, {n['phantoms']} phantoms"
+            lost = 1 - n["right"] / max(n["joints"], 1)
+            self.tiles = worst([*self.tiles, of_real((seen.depth_mm, seen.parts), at_px, lost, text)])
 
     def _of_people(self, persons: Sequence[Float64], seen: Seen) -> Counter[str]:
         """Count near joints, facings, postures and phantoms of a frame, and add its distances.
