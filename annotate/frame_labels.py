@@ -40,17 +40,17 @@ class FrameLabels:
         ):
             shape = self.depth_mm.shape if self.depth_mm.ndim == 2 else "(h, w)"
             if image is not None and (image.shape != shape or kind not in image.dtype.name):
-                raise self._error(f"{name} is {image.dtype} {image.shape}; give {kind} {shape}")
+                raise self.error(f"{name} is {image.dtype} {image.shape}; give {kind} {shape}")
         if (unknown := self.scheme.unknown_ids(self.parts)).size:
-            raise self._error(
+            raise self.error(
                 f"part id {unknown[0]} is unknown in scheme {self.scheme.name!r}; "
                 f"use {self.scheme.label_text}"
             )
         for text, kinds in ((self.subject, str), (self.notes, dict)):
             if not isinstance(text, kinds):
-                raise self._error(f"{str(text)[:60]!r} is a {type(text).__name__}; give a {kinds.__name__}")
+                raise self.error(f"{str(text)[:60]!r} is a {type(text).__name__}; give a {kinds.__name__}")
         if self.status not in get_args(Status):
-            raise self._error(f"status {self.status!r} is unknown; use {get_args(Status)}")
+            raise self.error(f"status {self.status!r} is unknown; use {get_args(Status)}")
 
     @property
     def on_body(self) -> Bool:
@@ -64,5 +64,6 @@ class FrameLabels:
         """Return the mask (h, w) of pixels with a part of the body, or undefined."""
         return self.scheme.on_person(self.parts)
 
-    def _error(self, fault: str) -> FormatError:
+    def error(self, fault: str) -> FormatError:
+        """Return an error that names the frame."""
         return FormatError(f"frame {self.frame_id}: {fault}")

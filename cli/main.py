@@ -9,6 +9,7 @@ import typer
 from cli import benchmark, scheme
 from cli.verbs import (
     calibration,
+    conversion,
     demo,
     evaluation,
     exchange,
@@ -46,7 +47,7 @@ VERBS = {
     ),
     "Labels": (
         *(labelling.label, training.train_labels, labelling.fix, learning.learn),
-        *(evaluation.diff, exchange.export),
+        *(evaluation.diff, conversion.convert, exchange.export),
     ),
     "Synthetic people": (motion.solve,),
     "Networks and results": (

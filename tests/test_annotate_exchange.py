@@ -74,7 +74,7 @@ def test_a_round_trip_changes_nothing(name, made):
         companion = Companion(camera)
         for frame in frames:
             companion.add(frame)
-        chosen.write(iter(frames), camera, out)
+        chosen.write(iter(frames), companion, out)
         companion.save(out)
         assert recognise(out) == name
         found = chosen.companion(out)
@@ -325,7 +325,7 @@ def test_parquet_of_others_needs_no_paths_and_may_number_its_rows(tmp_path):
     pa = pytest.importorskip("pyarrow")
     row = parquet_format._row(blocks(0))
     pictures = {n: None if row[n] is None else {"bytes": row[n]["bytes"]} for n in parquet_format.IMAGES}
-    schema = parquet_format._schema(CAMERA)
+    schema = parquet_format._schema(Companion(CAMERA))
     table = pa.Table.from_pylist([{**row, **pictures, "id": 7}]).replace_schema_metadata(schema.metadata)
     pa.parquet.write_table(table, tmp_path / "train.parquet")
     chosen = FORMATS["parquet"]

@@ -10,7 +10,7 @@ import pytest
 from conftest import assert_refused
 
 from annotate.exchange.annotated_images import frame_ids
-from annotate.exchange.formats import import_labels
+from annotate.exchange.formats import Declared, import_labels
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import PART_ID
 from sensors.errors import CloudError, FormatError
@@ -27,7 +27,7 @@ def nothing(_: int) -> None:
 
 
 def taken(source, out, **options):
-    return import_labels(source, out, nothing, **options)
+    return import_labels(source, out, nothing, Declared(**options))
 
 
 @pytest.fixture

@@ -37,11 +37,12 @@ def read_annotated(
     source: Path, images: Sequence[AnnotatedImage], companion: Companion
 ) -> Iterator[FrameLabels]:
     """Yield the frames of annotated images. Raises FormatError naming file and image."""
-    ids, depth = frame_ids([image.name for image in images]), DepthImages(source)
-    for image, frame_id in zip(images, ids, strict=True):
+    names, depth = frame_ids([image.name for image in images]), DepthImages(source)
+    ids = companion.ids_by_name
+    for image, frame_id in zip(images, names, strict=True):
         try:
             depth_mm = depth.read(image.name)
-            parts, persons = images_from(image.masks(depth_mm.shape), depth_mm.shape)
+            parts, persons = images_from(image.masks(depth_mm.shape), depth_mm.shape, ids)
         except (KeyError, ValueError, TypeError, IndexError, OverflowError, FormatError) as error:
             why = (
                 f"an annotation lacks {error}, or names an unknown category"

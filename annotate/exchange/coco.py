@@ -2,7 +2,8 @@
 
 Format: cocodataset.org, "Data format"; compressed run lengths: pycocotools' ``maskApi.c`` (``rleToString``),
 which is not used because it writes past its memory on a truncated file. A part is a category by its id,
-undefined is 255, a person's whole mask is category 100.
+undefined is 255. A person's whole mask is category 100, or 256 where a part has the id 100. It has key points
+where the frame's notes have joints.
 """
 
 import json
@@ -17,11 +18,11 @@ from natsort import natsorted
 from annotate.array_types import Bool
 from annotate.crop import window_of
 from annotate.exchange.annotated_images import AnnotatedImage, check_size, read_annotated, write_image
+from annotate.exchange.class_names import PERSON, check_names, mask_ids
 from annotate.exchange.companion import MAX_TEXT_BYTES, Companion
+from annotate.exchange.keypoints import SKELETON, keypoints_of
 from annotate.exchange.masks import (
     FEW_CORNERS,
-    MASK_IDS,
-    PERSON,
     POLYGONS,
     Mask,
     mask_from_runs,
@@ -30,9 +31,9 @@ from annotate.exchange.masks import (
     runs_of,
 )
 from annotate.frame_labels import FrameLabels
+from annotate.scheme.scheme import Scheme
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
-from sensors.rig.camera import Intrinsics
 
 ANNOTATIONS = "annotations.json"
 ROBOFLOW = "_annotations.coco.json"
@@ -47,12 +48,14 @@ LAYOUTS = (
 )
 KEYS = (b'"images"', b'"annotations"', b'"categories"')
 """Contents of a COCO file of any name."""
-CATEGORIES = {**MASK_IDS, PERSON: 100}
+PERSON_CATEGORY = 100  # id of the category of whole persons, where no part has the id
+FREE_CATEGORY = 256  # id of that category otherwise; part ids are below
 BOX_TOLERANCE_PX = 1.5  # between a stated box and its mask, because programs round differently; untuned
 
 
-def write_coco(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
-    """Write frames as COCO into an empty folder."""
+def write_coco(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
+    """Write frames as COCO into an empty folder. Raises FormatError as ``mask_ids``."""
+    ids = category_ids(companion.scheme)
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
     for frame in frames:
@@ -60,18 +63,29 @@ def write_coco(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> 
         name = write_image(out, frame)
         images.append({"id": len(images) + 1, "file_name": name, "width": width, "height": height})
         for mask in masks_of(frame):
-            annotations.append(_annotation(mask, len(annotations) + 1, len(images)))
-    categories = [{"id": n, "name": name, "supercategory": "person"} for name, n in CATEGORIES.items()]
+            own = {"id": len(annotations) + 1, "image_id": len(images), "category_id": ids[mask.name]}
+            points = keypoints_of(frame) if (mask.name, mask.person) == (PERSON, 1) else {}
+            annotations.append(own | _mask_fields(mask) | points)
+    has_joints = any("keypoints" in annotation for annotation in annotations)
+    things = {part.name for part in companion.scheme.parts if part.is_free}
+    categories = [
+        {"id": n, "name": name, "supercategory": "thing" if name in things else PERSON}
+        | (SKELETON if has_joints and name == PERSON else {})
+        for name, n in ids.items()
+    ]
     content = {"images": images, "annotations": annotations, "categories": categories}
     (out / ANNOTATIONS).write_text(json.dumps(content), encoding="ascii")
 
 
-def _annotation(mask: Mask, number: int, image: int) -> dict[str, Any]:
+def category_ids(scheme: Scheme) -> dict[str, int]:
+    """Return ids of categories by name. Raises FormatError as ``mask_ids``."""
+    ids = mask_ids(scheme)
+    return {**ids, PERSON: FREE_CATEGORY if PERSON_CATEGORY in ids.values() else PERSON_CATEGORY}
+
+
+def _mask_fields(mask: Mask) -> dict[str, Any]:
     extra = {"person": mask.person} if mask.name == PERSON else {}
     return {
-        "id": number,
-        "image_id": image,
-        "category_id": CATEGORIES[mask.name],
         "segmentation": {
             "size": list(mask.pixels.shape),
             "counts": rle_to_string(runs_of(mask.pixels.ravel(order="F"))),
@@ -128,6 +142,8 @@ def _images(source: Path, file: Path, companion: Companion) -> list[AnnotatedIma
                 by_image[_key(annotation["image_id"])].append(annotation)
             else:
                 companion.remark("annotations of images that the file does not list are not read")
+        drawn = (one for own in by_image.values() for one in own if one.get("segmentation"))
+        names = {categories.get(_key(one.get("category_id")), "") for one in drawn} - {""}
     except KeyError as error:
         raise FormatError(
             f"{file} is not a COCO file (it lacks {str(error)[:80]}); export it as COCO JSON"
@@ -136,6 +152,7 @@ def _images(source: Path, file: Path, companion: Companion) -> list[AnnotatedIma
         raise FormatError(
             f"{file} is not a COCO file ({str(error)[:80]!r}); export it as COCO JSON"
         ) from error
+    check_names(names, companion.ids_by_name, companion.scheme, file)
     return list(found.values())
 
 

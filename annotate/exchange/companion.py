@@ -6,16 +6,21 @@ Other tools ignore the file. A folder without the file needs ``intrinsics.json``
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 from unicodedata import combining, normalize
 from urllib.parse import unquote
 
 from annotate.array_types import Float32, UInt8, UInt16
+from annotate.exchange.class_names import id_table, ids_by_name
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.cast_note import TRAINING, cast_note, cast_of
+from annotate.labelset.scheme_note import scheme_in, scheme_note
+from annotate.parts import PAPER
+from annotate.scheme.scheme import Scheme
 from sensors.calibration_files.intrinsics_file import read_intrinsics
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.bounded import read_bounded
@@ -34,7 +39,8 @@ class Companion:
     """Camera of a folder, and by frame id the fields that its images cannot hold.
 
     remarks: omissions and assumptions of a reader, with counts. annotations: the one annotation file to read;
-    None = the folder's. cast: name of the set of synthetic people.
+    None = the folder's. cast: name of the set of synthetic people. scheme: of the labels. is_ours: whether an
+    export states the scheme. theirs: our names of parts by others' plain names.
     """
 
     intrinsics: Intrinsics
@@ -42,6 +48,21 @@ class Companion:
     remarks: Counter[str] = field(default_factory=Counter)
     annotations: Path | None = None
     cast: str = TRAINING
+    scheme: Scheme = PAPER
+    is_ours: bool = False
+    theirs: Mapping[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def ids_by_name(self) -> dict[str, int]:
+        """Return part ids by others' plain names. Raises FormatError for a wrong ``theirs``."""
+        return ids_by_name(self.scheme, self.theirs)
+
+    def own_ids(self, labels: UInt8, classes: Sequence[str] = ()) -> UInt8:
+        """Return label images (any shape) of others in the scheme's ids. classes: others' names by id.
+
+        Raises FormatError for a wrong ``theirs``.
+        """
+        return id_table(self.scheme, self.theirs, classes)[labels] if self.theirs or classes else labels
 
     def remark(self, text: str) -> None:
         self.remarks[text] += 1
@@ -58,6 +79,7 @@ class Companion:
     def save(self, folder: Path) -> None:
         """Write the companion file, and the camera alone as ``intrinsics.json``."""
         content = {"schema": SCHEMA, **cast_note(self.cast), "intrinsics": asdict(self.intrinsics)}
+        content |= scheme_note(self.scheme)
         content["frames"] = self.frames
         (folder / COMPANION).write_text(json.dumps(content, indent=1) + "\n", encoding="ascii")
         (folder / INTRINSICS).write_text(json.dumps(asdict(self.intrinsics)) + "\n", encoding="ascii")
@@ -77,7 +99,8 @@ class Companion:
         # A persons image of zeros is kept only where the label set had one.
         present = persons is not None and bool(fields.get("persons", persons.any()))
         try:
-            frame = FrameLabels(frame_id, depth_mm, parts, confidence, persons=persons if present else None)
+            kept = persons if present else None
+            frame = FrameLabels(frame_id, depth_mm, parts, confidence, persons=kept, scheme=self.scheme)
             known = {name: fields[name] for name in ("subject", "status", "notes") if name in fields}
             return replace(frame, **known)
         except TypeError as error:
@@ -89,11 +112,12 @@ class Companion:
 def load_companion(folder: Path, intrinsics: Path | None = None) -> Companion:
     """Read the companion file of exported images in a folder; without it, the folder's intrinsics.json.
 
-    intrinsics: file that is read instead of both. Raises FormatError, CalibrationError.
+    intrinsics: file of the camera that is read instead. Raises FormatError, CalibrationError.
     """
     file = folder / COMPANION
     if intrinsics is not None:
-        return Companion(read_intrinsics(intrinsics).depth)
+        camera = read_intrinsics(intrinsics).depth
+        return replace(_stored(file), intrinsics=camera) if file.is_file() else Companion(camera)
     if not file.is_file():
         if not (folder / INTRINSICS).is_file():
             raise CalibrationError(
@@ -101,6 +125,10 @@ def load_companion(folder: Path, intrinsics: Path | None = None) -> Companion:
                 '{"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": W, "height": H} of the depth camera'
             )
         return Companion(read_intrinsics(folder / INTRINSICS).depth)
+    return _stored(file)
+
+
+def _stored(file: Path) -> Companion:
     try:
         content = json.loads(read_bounded(file, MAX_TEXT_BYTES))
         if content["schema"] != SCHEMA:
@@ -108,7 +136,9 @@ def load_companion(folder: Path, intrinsics: Path | None = None) -> Companion:
         frames = content["frames"]
         if not isinstance(frames, dict) or not all(isinstance(entry, dict) for entry in frames.values()):
             raise TypeError("frames")
-        return Companion(Intrinsics(**content["intrinsics"]), frames, cast=cast_of(content))
+        scheme = scheme_in(content, file)
+        camera = Intrinsics(**content["intrinsics"])
+        return Companion(camera, frames, cast=cast_of(content), scheme=scheme, is_ours=True)
     except (CalibrationError, ValueError, LookupError, TypeError, RecursionError, OverflowError) as error:
         raise FormatError(f"{file} is corrupt ({str(error)[:80]!r}); export it again") from error
 

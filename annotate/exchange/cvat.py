@@ -15,11 +15,10 @@ from defusedxml.ElementTree import fromstring
 
 from annotate.crop import window_of
 from annotate.exchange.annotated_images import AnnotatedImage, check_size, read_annotated, write_image
+from annotate.exchange.class_names import PERSON, check_names, mask_ids
 from annotate.exchange.companion import MAX_TEXT_BYTES, Companion
 from annotate.exchange.masks import (
     FEW_CORNERS,
-    MASK_IDS,
-    PERSON,
     POLYGONS,
     Mask,
     mask_from_runs,
@@ -28,10 +27,9 @@ from annotate.exchange.masks import (
     runs_of,
 )
 from annotate.frame_labels import FrameLabels
-from annotate.parts import UNDEFINED, palette_rgb
+from annotate.scheme.scheme import UNDEFINED, Scheme
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
-from sensors.rig.camera import Intrinsics
 
 ANNOTATIONS = "annotations.xml"
 NUMBER = (
@@ -41,11 +39,12 @@ NUMBER = (
 """Attribute of the label ``person``."""
 
 
-def write_cvat(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
-    """Write frames as CVAT for images 1.1 into an empty folder."""
+def write_cvat(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
+    """Write frames as CVAT for images 1.1 into an empty folder. Raises FormatError as ``mask_ids``."""
+    labels = "".join(_labels(companion.scheme))
     with (out / ANNOTATIONS).open("w", encoding="ascii") as xml:
         xml.write('<?xml version="1.0" encoding="utf-8"?>\n<annotations>\n <version>1.1</version>\n')
-        xml.write(f" <meta><task><labels>{''.join(_labels())}</labels></task></meta>\n")
+        xml.write(f" <meta><task><labels>{labels}</labels></task></meta>\n")
         for number, frame in enumerate(frames):
             height, width = frame.parts.shape
             name = write_image(out, frame)
@@ -55,9 +54,10 @@ def write_cvat(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> 
         xml.write("</annotations>\n")
 
 
-def _labels() -> Iterator[str]:
-    for name, part in {**MASK_IDS, PERSON: UNDEFINED}.items():
-        color = "#{:02x}{:02x}{:02x}".format(*palette_rgb()[part])
+def _labels(scheme: Scheme) -> Iterator[str]:
+    palette = scheme.palette_rgb()
+    for name, part in {**mask_ids(scheme), PERSON: UNDEFINED}.items():
+        color = "#{:02x}{:02x}{:02x}".format(*palette[part])
         yield f"<label><name>{name}</name><color>{color}</color><type>mask</type>"
         yield f"<attributes>{NUMBER if name == PERSON else ''}</attributes></label>"
 
@@ -89,6 +89,9 @@ def read_cvat(source: Path, companion: Companion) -> Iterator[FrameLabels]:
     if not elements:
         what = "tracks of a video" if next(root.iter("track"), None) is not None else "no image"
         raise FormatError(f"{file} holds {what}; export it as 'CVAT for images 1.1'")
+    shapes = (one for image in elements for one in image if one.tag in ("mask", "polygon"))
+    names = (one.get("label", "") for one in shapes)
+    check_names(names, companion.ids_by_name, companion.scheme, file)
     images = [AnnotatedImage(file, one.get("name", ""), partial(_masks, one, companion)) for one in elements]
     yield from read_annotated(source, images, companion)
 

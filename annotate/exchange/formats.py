@@ -6,8 +6,8 @@ Then add its line to ``FORMATS``, from which commands, tests and the GUI take it
 the format's own files holds the camera, and each frame's subject, status and notes.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -24,16 +24,17 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.atomic_folder import appearing
 from annotate.labelset.cast_note import cast_note, cast_of
 from annotate.labelset.label_set import MANIFEST, LabelSet
-from annotate.parts import BACKGROUND, BODY_PARTS
+from annotate.labelset.scheme_note import scheme_note
+from annotate.scheme.scheme import BACKGROUND, Scheme
 from sensors.errors import FormatError
-from sensors.rig.camera import Intrinsics
 
 
 @dataclass(frozen=True)
 class Format:
     """Format of label sets.
 
-    title: name in the GUI. write: function that writes frames of one camera into an empty folder.
+    title: name in the GUI. write: function that writes frames of one camera and scheme, the companion's, into
+    an empty folder.
     read: function that yields the frames of a folder, built by ``companion.labels``.
     recognise: function that returns whether a folder has this format.
     lacks: fields of FrameLabels that the format cannot hold; all others must round-trip bit for bit.
@@ -41,7 +42,7 @@ class Format:
     """
 
     title: str
-    write: Callable[[Iterator[FrameLabels], Intrinsics, Path], None]
+    write: Callable[[Iterator[FrameLabels], Companion, Path], None]
     read: Callable[[Path, Companion], Iterator[FrameLabels]]
     recognise: Callable[[Path], bool]
     lacks: tuple[str, ...]
@@ -92,7 +93,7 @@ def export_labels(
     if not len(labels):
         raise FormatError(f"{labels.path} holds no frames; label some first")
     chosen, had, companion = FORMATS[name], set[str](), Companion(labels.intrinsics)
-    companion.cast = cast_of(labels.info)
+    companion.cast, companion.scheme = cast_of(labels.info), labels.scheme
 
     def frames() -> Iterator[FrameLabels]:
         for frame in labels:
@@ -102,7 +103,7 @@ def export_labels(
             advance(1)
 
     with appearing(out, COMPANION, labels.path, overwrite=overwrite) as folder:
-        chosen.write(frames(), labels.intrinsics, folder)
+        chosen.write(frames(), companion, folder)
         companion.save(folder)
     return tuple(field for field in chosen.lacks if field in had)
 
@@ -112,6 +113,22 @@ def recognise(source: Path) -> str | None:
     if not source.is_dir():
         return None
     return next((name for name, format_ in FORMATS.items() if format_.recognise(source)), None)
+
+
+@dataclass(frozen=True)
+class Declared:
+    """Statements of the user about labels of other programs.
+
+    intrinsics: file of the depth camera; None = the folder's. scheme: of the labels; None = the folder's,
+    else the paper's. theirs: our names of parts by others' plain names or ids.
+    """
+
+    intrinsics: Path | None = None
+    scheme: Scheme | None = None
+    theirs: Mapping[str, str] = field(default_factory=dict)
+
+
+NOTHING_DECLARED = Declared()
 
 
 class Imported(NamedTuple):
@@ -126,14 +143,14 @@ def import_labels(
     source: Path,
     out: Path,
     advance: Callable[[int], None],
+    declared: Declared = NOTHING_DECLARED,
     *,
     overwrite: bool = False,
-    intrinsics: Path | None = None,
 ) -> Imported:
     """Read another tool's folder, archive (.zip) or annotation file into a new label set.
 
-    ``out`` appears only when complete. intrinsics: JSON file of the depth camera; None = the folder's. Raises
-    FormatError, also where no frame has a body part, CalibrationError, ExistsError.
+    ``out`` appears only when complete. Raises FormatError, also where no frame has a part and for unknown
+    names of parts, CalibrationError, ExistsError.
     """
     with unpacked(source) as (folder, annotations):
         by_suffix = {".json": "coco", ".xml": "cvat"}
@@ -145,11 +162,12 @@ def import_labels(
                 f"{source} holds labels in no known format; give a folder or archive of "
                 f"{', '.join(FORMATS)}, or name the result .mcap to import images"
             )
-        companion = FORMATS[name].companion(folder, intrinsics)
+        companion = _companion(source, FORMATS[name].companion(folder, declared.intrinsics), declared)
         companion.annotations = annotations
         info = {"source": source.resolve().name, "steps": {"import": {"format": name}}}
+        info |= cast_note(companion.cast) | scheme_note(companion.scheme)
         with appearing(out, MANIFEST, source, overwrite=overwrite) as made:
-            labels = LabelSet.create(made, companion.intrinsics, info | cast_note(companion.cast))
+            labels = LabelSet.create(made, companion.intrinsics, info)
             has_part = False
             for frame in FORMATS[name].read(folder, companion):
                 if frame.frame_id in labels:
@@ -162,11 +180,22 @@ def import_labels(
     return Imported(LabelSet.open(out), name, remarks)
 
 
+def _companion(source: Path, found: Companion, declared: Declared) -> Companion:
+    """Return the folder's companion with declared scheme and names. Raises FormatError where both differ."""
+    scheme = declared.scheme or found.scheme
+    if found.is_ours and scheme != found.scheme:
+        raise FormatError(
+            f"{source} has scheme {found.scheme.name!r}; import it without --scheme, then convert "
+            f"the label set to {scheme.name!r}"
+        )
+    return replace(found, scheme=scheme, theirs=declared.theirs)
+
+
 def _check_parts(source: Path, labels: LabelSet, has_part: bool) -> None:
     if not len(labels):
         raise FormatError(f"{source} holds no frames; export it again")
     if not has_part:
         raise FormatError(
-            f"none of the {len(labels)} frames of {source} has a body part; give the labels the names "
-            f"of parts: {', '.join(part.name for part in BODY_PARTS)}"
+            f"none of the {len(labels)} frames of {source} has a body part; name other programs' labels with "
+            f"--map FILE or --scheme, or as parts: {', '.join(part.name for part in labels.scheme.parts)}"
         )

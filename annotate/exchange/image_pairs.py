@@ -13,34 +13,37 @@ from pathlib import Path
 
 from natsort import natsorted
 
-from annotate.exchange.companion import Companion, frame_files
+from annotate.exchange.class_names import PERSON_ID, check_names, class_list, color_list
+from annotate.exchange.companion import MAX_TEXT_BYTES, Companion, frame_files
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import decode_depth, decode_parts, encode_parts, encode_png, read_image
-from annotate.parts import PARTS
-from sensors.rig.camera import Intrinsics
+from sensors.errors import FormatError
+from sensors.files.bounded import read_bounded
 
 Folders = tuple[str, str]
 """Names of the folders of depth images and of label images."""
 PAPER: Folders = ("depth", "label")
 MMSEG: Folders = ("img_dir", "ann_dir")
+METAINFO = "metainfo.json"
 
 
-def write_pairs(folders: Folders, frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
+def write_pairs(folders: Folders, frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
     """Write frames as image pairs into an empty folder."""
     for name in folders:
         (out / name).mkdir()
     for frame in frames:
         (out / folders[0] / f"{frame.frame_id}.png").write_bytes(encode_png(frame.depth_mm))
-        (out / folders[1] / f"{frame.frame_id}.png").write_bytes(encode_parts(frame.parts))
+        (out / folders[1] / f"{frame.frame_id}.png").write_bytes(encode_parts(frame.parts, frame.scheme))
     if folders == MMSEG:
-        metainfo = {"classes": [part.name for part in PARTS], "palette": [part.rgb for part in PARTS]}
-        (out / "metainfo.json").write_text(json.dumps(metainfo) + "\n", encoding="ascii")
+        metainfo = {"classes": class_list(companion.scheme), "palette": color_list(companion.scheme)}
+        (out / METAINFO).write_text(json.dumps(metainfo) + "\n", encoding="ascii")
 
 
 def read_pairs(folders: Folders, source: Path, companion: Companion) -> Iterator[FrameLabels]:
     """Yield the frames of image pairs; splits (train, val, ...) become one set. Raises FormatError for a
-    missing or broken image.
+    missing or broken image, and for class names of other programs that are unknown.
     """
+    classes = [] if companion.is_ours or folders != MMSEG else _class_names(source, companion)
     splits = natsorted(folder.name for folder in (source / folders[1]).iterdir() if folder.is_dir()) or [""]
     for split in splits:
         labelled = list(frame_files(source / folders[1] / split, ".png"))
@@ -49,4 +52,20 @@ def read_pairs(folders: Folders, source: Path, companion: Companion) -> Iterator
             companion.remark(f"images in {folders[0]}/ without a label image in {folders[1]}/ are left out")
         for frame_id, file in labelled:
             depth_mm = read_image(source / folders[0] / split / file.name, decode_depth)
-            yield companion.labels(frame_id, depth_mm, read_image(file, decode_parts))
+            parts = companion.own_ids(read_image(file, decode_parts), classes)
+            yield companion.labels(frame_id, depth_mm, parts)
+
+
+def _class_names(source: Path, companion: Companion) -> list[str]:
+    """Return the class names of ``metainfo.json`` by id; [] without the file."""
+    file = source / METAINFO
+    if not file.is_file():
+        return []
+    try:
+        classes = json.loads(read_bounded(file, MAX_TEXT_BYTES))["classes"]
+        names = [str(name) for name in classes] if isinstance(classes, list) else []
+    except (ValueError, LookupError, TypeError, RecursionError) as error:
+        raise FormatError(f"{file} lacks the list 'classes' ({str(error)[:80]}); export it again") from error
+    known = {name: part for name, part in companion.ids_by_name.items() if part != PERSON_ID}
+    check_names(names, known, companion.scheme, file)
+    return names

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from annotate.array_types import UInt8
 from annotate.exchange.companion import Companion, frame_files
 from annotate.frame_labels import FrameLabels
-from annotate.parts import palette_rgb
 from sensors.errors import FormatError
 from sensors.importers.clouds.pcd_file import read_pcd
 from sensors.importers.clouds.ply_file import TYPES, read_ply
@@ -98,10 +97,10 @@ PCD = CloudFile(".pcd", "<u4", _packed, write_pcd, read_pcd)
 PLY = CloudFile(".ply", "u1", _separate, write_ply, read_ply)
 
 
-def write_clouds(kind: CloudFile, frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
+def write_clouds(kind: CloudFile, frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
     """Write one cloud file per frame into an empty folder."""
     for frame in frames:
-        content = kind.write(_records(frame, camera, kind), frame.parts.shape, None)
+        content = kind.write(_records(frame, companion.intrinsics, kind), frame.parts.shape, None)
         (out / f"{frame.frame_id}{kind.suffix}").write_bytes(content)
 
 
@@ -114,7 +113,7 @@ def read_clouds(kind: CloudFile, source: Path, companion: Companion) -> Iterator
 def _records(frame: FrameLabels, camera: Intrinsics, kind: CloudFile) -> Records:
     points_m = unproject(camera, np.where(frame.depth_mm > 0, frame.depth_mm / 1000, np.nan)).reshape(-1, 3)
     columns: dict[str, NDArray[Any]] = dict(zip("xyz", points_m.astype("<f4").T, strict=True))
-    columns |= kind.colors(palette_rgb()[frame.parts.ravel()])
+    columns |= kind.colors(frame.scheme.palette_rgb()[frame.parts.ravel()])
     columns["label"] = frame.parts.astype(kind.label_type)
     if frame.confidence is not None:
         columns["confidence"] = frame.confidence.astype("<f4")
@@ -137,7 +136,7 @@ def _frame(frame_id: str, file: Path, kind: CloudFile, companion: Companion) -> 
         )
     if records["z"].dtype.kind != "f":
         raise FormatError(f"{file}: z is {records['z'].dtype}; give metres as floats")
-    parts = _ids(file, records, "label").reshape(shape)
+    parts = companion.own_ids(_ids(file, records, "label").reshape(shape))
     persons = _ids(file, records, "person").reshape(shape) if "person" in names else None
     confidence = records["confidence"].astype(np.float32).reshape(shape) if "confidence" in names else None
     depth_mm = mm_from_metres(records["z"].reshape(shape))

@@ -17,7 +17,7 @@ from annotate.exchange.labelled_cloud import PCD, PLY, CloudFile
 from annotate.labelset.atomic_folder import appearing
 from annotate.labelset.cast_note import cast_of
 from annotate.labelset.label_set import LabelSet
-from annotate.parts import UNDEFINED
+from annotate.scheme.scheme import UNDEFINED
 from sensors.errors import FormatError
 from sensors.importers.clouds import cloud_source as pointcloud
 from sensors.importers.clouds.axes import AXES
@@ -44,7 +44,7 @@ def export_points(
     ExistsError.
     """
     kind, companion, frames = CLOUD_FORMATS[name], Companion(labels.intrinsics), list(labels)
-    companion.cast = cast_of(labels.info)
+    companion.cast, companion.scheme = cast_of(labels.info), labels.scheme
     if not frames:
         raise FormatError(f"{labels.path} holds no frames; label the cloud first")
     cloud, turn = _as_labelled(path, frames[0].depth_mm)

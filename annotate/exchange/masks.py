@@ -1,20 +1,15 @@
 """Labels as named masks, run lengths and polygons, as annotation programs store them."""
 
-import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from annotate.array_types import Bool, Float64, UInt8
+from annotate.exchange.class_names import PERSON, PERSON_ID, mask_ids, plain
 from annotate.frame_labels import FrameLabels
-from annotate.parts import BODY_PARTS, UNDEFINED
 from sensors.errors import FormatError
 
-PERSON = "person"
-"""Name of the mask of a whole person."""
-MASK_IDS = {**{part.name: part.id for part in BODY_PARTS}, "undefined": UNDEFINED}
-"""Part id by the name of a mask; pixels without a mask are background."""
 POLYGONS = "polygons are filled: their borders are approximate"  # remark
 FEW_CORNERS = "polygons of fewer than three corners are not read"
 FARTHEST_PX = 1e5  # of a corner from the origin, because programs let corners lie outside the image
@@ -32,7 +27,7 @@ class Mask:
 
 def masks_of(frame: FrameLabels) -> Iterator[Mask]:
     """Yield a mask for each part in the frame, undefined included, then for each person."""
-    for name, part in MASK_IDS.items():
+    for name, part in mask_ids(frame.scheme).items():
         pixels = frame.parts == part
         if pixels.any():
             yield Mask(name, 0, pixels)
@@ -41,22 +36,20 @@ def masks_of(frame: FrameLabels) -> Iterator[Mask]:
             yield Mask(PERSON, int(person), frame.persons == person)
 
 
-def images_from(masks: Iterable[Mask], shape: tuple[int, int]) -> tuple[UInt8, UInt8]:
-    """Return parts and persons (h, w) of masks; later masks win. Raises FormatError for an unknown name.
+def images_from(masks: Iterable[Mask], shape: tuple[int, int], ids: Mapping[str, int]) -> tuple[UInt8, UInt8]:
+    """Return parts and persons (h, w) of masks; later masks win. ids: by plain name.
 
-    Names ignore letter case; spaces and hyphens count as underscores.
+    Raises FormatError for a person number that does not fit 8 bits.
     """
     parts, persons = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
     for mask in masks:
-        name = re.sub(r"[\s-]+", "_", mask.name.strip().lower())
-        if name == PERSON:
+        part = ids[plain(mask.name)]
+        if part == PERSON_ID:
             if not 1 <= mask.person <= 255:
                 raise FormatError(f"person number {mask.person} is impossible; use 1 to 255")
             persons[mask.pixels] = mask.person
-        elif name in MASK_IDS:
-            parts[mask.pixels] = MASK_IDS[name]
         else:
-            raise FormatError(f"label {mask.name[:40]!r} is not a body part; use {', '.join(MASK_IDS)}")
+            parts[mask.pixels] = part
     return parts, persons
 
 

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from annotate.array_types import Float64
+from annotate.exchange.class_names import UNDEFINED_NAME
 from annotate.exchange.companion import Companion, frame_files
 from annotate.frame_labels import FrameLabels
-from annotate.parts import PARTS, UNDEFINED, palette_rgb
+from annotate.scheme.scheme import BACKGROUND_PART, UNDEFINED, Scheme
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.rig.camera import Intrinsics, unproject
@@ -26,7 +27,7 @@ SEQUENCE = Path("sequences") / "00"
 POINTS, LABELS, INDEX, CONFIG = "velodyne", "labels", "index", "semantic-kitti.yaml"
 
 
-def write_kitti(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
+def write_kitti(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
     """Write frames as a SemanticKITTI sequence into an empty folder."""
     for name in (POINTS, LABELS, INDEX):
         (out / SEQUENCE / name).mkdir(parents=True)
@@ -35,12 +36,12 @@ def write_kitti(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) ->
         pixels = np.flatnonzero((frame.depth_mm > 0) | (frame.parts > 0) | (persons > 0))
         labels = (frame.parts.astype(np.uint32) | persons.astype(np.uint32) << 16).ravel()[pixels]
         for folder, suffix, values in (
-            (POINTS, "bin", _points(frame, camera)[pixels].astype("<f4")),
+            (POINTS, "bin", _points(frame, companion.intrinsics)[pixels].astype("<f4")),
             (LABELS, "label", labels.astype("<u4")),
             (INDEX, "index", pixels.astype("<u4")),
         ):
             (out / SEQUENCE / folder / f"{number:06d}.{suffix}").write_bytes(values.tobytes())
-    (out / CONFIG).write_text(_config(), encoding="ascii")
+    (out / CONFIG).write_text(_config(companion.scheme), encoding="ascii")
 
 
 def read_kitti(source: Path, companion: Companion) -> Iterator[FrameLabels]:
@@ -85,7 +86,8 @@ def _frame(folder: Path, number: str, frame_id: str, file: Path, companion: Comp
     images = np.zeros((3, height * width), np.uint16)
     images[:, pixels] = mm_from_metres(points[::4]), *ids
     depth_mm, parts, persons = images.reshape(3, height, width)
-    return companion.labels(frame_id, depth_mm, parts.astype(np.uint8), persons.astype(np.uint8))
+    own = companion.own_ids(parts.astype(np.uint8))
+    return companion.labels(frame_id, depth_mm, own, persons.astype(np.uint8))
 
 
 def _words(file: Path) -> bytes:
@@ -95,13 +97,15 @@ def _words(file: Path) -> bytes:
     return data
 
 
-def _config() -> str:
-    ids = {**{part.id: part.name for part in PARTS}, UNDEFINED: "undefined"}
-    learned = {number: (0 if number == UNDEFINED else number + 1) for number in ids}
+def _config(scheme: Scheme) -> str:
+    palette = scheme.palette_rgb()
+    names = {part.id: part.name for part in (BACKGROUND_PART, *scheme.parts)}
+    ids = {**names, UNDEFINED: UNDEFINED_NAME}
+    learned = {number: (0 if number == UNDEFINED else index) for index, number in enumerate(ids, 1)}
     back = sorted((index, number) for number, index in learned.items())
     tables: dict[str, dict[Any, Any]] = {
         "labels": ids,
-        "color_map: # blue, green, red": {number: palette_rgb()[number, ::-1].tolist() for number in ids},
+        "color_map: # blue, green, red": {number: palette[number, ::-1].tolist() for number in ids},
         "learning_map": learned,
         "learning_map_inv": dict(back),
         "learning_ignore": {index: "true" if index == 0 else "false" for index, _ in back},

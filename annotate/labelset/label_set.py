@@ -298,10 +298,10 @@ def validate(labels: LabelSet) -> list[str]:
             problems.append(f"frame {frame_id}: {on_nothing} pixels carry a part without depth")
     if not labels.frame_ids:
         problems.append(f"{labels.path} holds no frames")
-    return problems + _journal_problems(labels)
+    return problems + journal_problems(labels)
 
 
-def _journal_problems(labels: LabelSet) -> list[str]:
+def journal_problems(labels: LabelSet) -> list[str]:
     """Return problems of the journal: unreadable, or strokes that the labels lack."""
     try:
         journal = Journal.of(labels.path, labels.scheme)

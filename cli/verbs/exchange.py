@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, BadParameter, Option
 
 from cli.console import Json, Overwrite, finish, progress, say
+from cli.scheme import names
 from sensors.errors import FormatError
 from sensors.files.atomic import check_free
 from sensors.importers.open_source import CLOUDS, KINDS, judged_notes, open_source, opener_at
@@ -16,6 +17,7 @@ from sensors.importers.options import ImportOptions
 from synth.data_files import check_choice
 
 if TYPE_CHECKING:
+    from annotate.exchange.formats import Declared
     from annotate.labelset.label_set import LabelSet
     from sensors.rig.frame import FrameSource, RigFrame
 
@@ -66,6 +68,18 @@ def import_(
     axes: Annotated[
         str, Option(help="Axes of a cloud: camera, y-up, ros, z-up or kinect.", show_default="by its points")
     ] = "",
+    scheme: Annotated[
+        str,
+        Option(
+            help="Scheme of the labels' parts: a shipped name or a file.",
+            show_default="as exported, else paper",
+            autocompletion=names,
+        ),
+    ] = "",
+    map_: Annotated[
+        Path | None,
+        Option("--map", help="File (TOML, JSON) of other programs' class names or ids and our parts."),
+    ] = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -73,11 +87,21 @@ def import_(
     options = ImportOptions(intrinsics, depth_unit, turn, mirror, subject, rate, tuple(topic or ()), axes)
     output = Output(out, overwrite, json)
     if out.suffix.lower() == ".mcap":
+        if scheme or map_:
+            raise BadParameter("--scheme and --map are for labels; name a folder as the output")
         _import_images(source, options, output)
         return
     if options != ImportOptions(intrinsics):
         raise BadParameter("--depth-unit to --axes are for recordings; name the output out.mcap")
-    _import_labels(source, intrinsics, output)
+    _import_labels(source, _declared(intrinsics, scheme, map_), output)
+
+
+def _declared(intrinsics: Path | None, scheme: str, map_: Path | None) -> "Declared":
+    from annotate.exchange.class_names import read_map
+    from annotate.exchange.formats import Declared
+    from annotate.scheme.scheme_file import load_scheme
+
+    return Declared(intrinsics, load_scheme(scheme) if scheme else None, read_map(map_) if map_ else {})
 
 
 def export(
@@ -203,16 +227,17 @@ def _camera_note(frames: "FrameSource") -> str:
     return f"depth camera: {'; '.join(texts)}"
 
 
-def _import_labels(source: Path, intrinsics: Path | None, output: Output) -> None:
+def _import_labels(source: Path, declared: "Declared", output: Output) -> None:
     from annotate.exchange.formats import import_labels
 
     with progress("import", None) as advance:
         labels, name, remarks = import_labels(
-            source, output.path, advance, overwrite=output.overwrite, intrinsics=intrinsics
+            source, output.path, advance, declared, overwrite=output.overwrite
         )
     say(*remarks)
     frames = len(labels)
     result = {"frames": frames, "streams": {"depth": frames, "parts": frames}, "format": name}
+    result["scheme"] = labels.scheme.name
     output.finish(
         {**result, "path": str(output.path), "remarks": remarks}, f"{frames} labelled frames of {name}"
     )

@@ -39,6 +39,7 @@ def info(path: Held, json: Json = False) -> None:
     elif (path / dataset.MANIFEST).is_file():
         shards = dataset.Dataset.open(path)
         result = {"kind": "dataset", "shards": len(shards.shards), **shards.info}
+        result["scheme"] = shards.scheme.name
         text = facts(result)
     elif files := recordings_in(path, foreign=True):
         result, text = _folder(files)
@@ -221,9 +222,9 @@ def _labels(labels: "LabelSet") -> Contents:
     from annotate.correction.audit import audit
     from annotate.labelset.journal import Journal
 
-    journal, frames = Journal.of(labels.path), len(labels.frame_ids)
+    journal, frames = Journal.of(labels.path, labels.scheme), len(labels.frame_ids)
     states, pixels = _counted(labels, journal)
-    head = {"kind": "label set", "frames": frames, "states": states}
+    head = {"kind": "label set", "scheme": labels.scheme.name, "frames": frames, "states": states}
     source, steps = labels.info.get("source", ""), labels.info.get("steps", {})
     result: dict[str, Any] = {**head, "pixels": pixels, "source": source, "steps": steps}
     texts = [
@@ -242,7 +243,7 @@ def _counted(labels: "LabelSet", journal: "Journal") -> tuple[dict[str, int], di
     import numpy as np
 
     from annotate.correction.replay import STATE_NAMES, state_of
-    from annotate.parts import PARTS
+    from annotate.scheme.scheme import BACKGROUND_PART
 
     states, pixels = Counter[str](), np.zeros(256, np.int64)
     for frame_id in labels.frame_ids:
@@ -252,7 +253,8 @@ def _counted(labels: "LabelSet", journal: "Journal") -> tuple[dict[str, int], di
         states["truth" if truth else STATE_NAMES[state_of(strokes, before)]] += 1
         # Only this image is read, because the others take most of the time.
         pixels += np.bincount(labels.parts(frame_id).ravel(), minlength=256)
-    return dict(states), {part.name: int(pixels[part.id]) for part in PARTS}
+    classes = (BACKGROUND_PART, *labels.scheme.parts)
+    return dict(states), {part.name: int(pixels[part.id]) for part in classes}
 
 
 def _people(found: "Audit") -> str:

@@ -135,7 +135,7 @@ def _npy(path: Path) -> None:
 
 
 def _cloud(path: Path) -> None:
-    FORMATS[path.suffix[1:]].write(iter([labelled(0)]), CAMERA, path.parent)
+    FORMATS[path.suffix[1:]].write(iter([labelled(0)]), Companion(CAMERA), path.parent)
 
 
 def _packed_cloud() -> bytes:
@@ -215,7 +215,7 @@ def _exported(name: str, folder: Path) -> None:
     companion, frames = Companion(CAMERA), [labelled(0), labelled(1)]
     for frame in frames:
         companion.add(frame)
-    FORMATS[name].write(iter(frames), CAMERA, folder)
+    FORMATS[name].write(iter(frames), companion, folder)
     companion.save(folder)
 
 
