@@ -56,7 +56,7 @@ def test_both_sides_of_a_joint_are_one_row_and_one_person_has_no_interval():
 
 def people(apart_mm: np.ndarray, subjects: tuple[str, ...]) -> People:
     n = len(subjects)
-    return People(subjects, np.zeros((n, 20, 4), np.int64), np.zeros(n), ("standing",) * n, apart_mm)
+    return People(subjects, np.zeros((n, 20, 4), np.int64), np.zeros(n), apart_mm)
 
 
 def test_an_offset_is_of_the_other_people_and_no_person_tunes_his_own():

@@ -18,10 +18,9 @@ from eval.scores.confusion import mean_recall
 from eval.scores.joint_visibility import OUTSIDE
 from sensors.files.atomic import write_bytes
 
-COUNT, COLUMNS = 10, 2  # frames of a sheet, and in a row
+COUNT, COLUMNS, MOST_BYTES = 10, 2, 150_000  # of a sheet: frames, frames in a row, size
 SIDE_PX, LINE_PX, GAP_PX = 168, 18, 8  # of a picture, of the text below, between frames
 MARGIN = 0.12  # free border of a real person, share of the larger extent
-MOST_BYTES = 150_000  # of a sheet
 LABELS, JOINTS = ("Extracted depth", "Target labels", "Predicted labels"), ("Target labels", "Joints")
 """Columns of the report's frames: of labels, and of joints."""
 
@@ -55,8 +54,7 @@ def together(several: Iterable[Sheets]) -> dict[str, list[Tile]]:
 def of_labels(compared: Comparison, predicted: LabelledFrames, truth: LabelledFrames) -> list[Tile]:
     """Return the frames with the lowest mean recall: depth, true parts, parts found."""
     recall = np.asarray(mean_recall(compared.matrices), np.float64)
-    texts = [f"mean recall {one:.2f}" for one in recall]
-    return _tiles(1 - recall, texts, (predicted, truth), LABELS)
+    return _tiles(1 - recall, [f"mean recall {one:.2f}" for one in recall], (predicted, truth), LABELS)
 
 
 def of_joints(compared: Comparison, predicted: LabelledFrames, truth: LabelledFrames) -> list[Tile]:
@@ -121,12 +119,11 @@ def drawn_sheet(tiles: Sequence[Tile]) -> UInt8:
 def write_sheets(sheets: Sheets, folder: Path) -> list[Path]:
     """Write a sheet of each set into a folder, as WebP of at most ``MOST_BYTES``; return the files."""
     paths = []
-    for name, tiles in ((name, tiles) for name, tiles in sheets.items() if tiles):
-        image = drawn_sheet(tiles)[..., ::-1]
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, image in ((name, drawn_sheet(tiles)[..., ::-1]) for name, tiles in sheets.items() if tiles):
         qualities = ([cv2.IMWRITE_WEBP_QUALITY, quality] for quality in range(90, 0, -10))
         made = [cv2.imencode(".webp", image, how)[1] for how in qualities]
         data = next((one for one in made if one.size <= MOST_BYTES), made[-1])
-        folder.mkdir(parents=True, exist_ok=True)
         paths.append(folder / f"worst-{name}.webp")
         write_bytes(paths[-1], data.tobytes())
     return paths

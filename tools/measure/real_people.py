@@ -1,15 +1,12 @@
-"""The network on real people with tracked joints: ``python -m tools.measure.real_people [WEIGHTS]``.
+"""Scores of a network on real people with tracked joints, from ../shared/data/real_people.
 
-Needs ../shared/data/real_people. Prints hit joints, facing and posture of the single frames and each take. A
-tracker's joints are not true joints: they are a few centimetres off, and most trackers assume a person who
+A tracker's joints are not true joints: they are a few centimetres off, and most trackers assume a person who
 faces the camera.
 """
 
 import json
 import runpy
-import sys
 import tempfile
-from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,7 +15,7 @@ import numpy as np
 from annotate.array_types import Float64, Int64
 from annotate.labelset.label_set import LabelSet
 from eval.network.body_state import BodyState
-from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
+from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import predict_source
 from eval.scores.confusion import present_mean, ratio
 from eval.scores.joints import IN_SKELETON, JOINT_NAMES, N_JOINTS
@@ -67,7 +64,7 @@ class People:
 
     subjects: of each frame. joints: int64 (F, 20, 4), counts by joint: where the depth shows the joint, hits,
     joints on the other side, and joints more than ``NEAR_PX`` on the other side. off_deg: error of
-    the facing by frame; 180 without a facing. postures: detected posture by frame, "none" without one.
+    the facing by frame; 180 without a facing.
     apart_mm: vectors (F, 15, 3) from the tracker's joints to the network's, depth camera; infinite without.
     tiles: pictures of the worst frames.
     """
@@ -75,7 +72,6 @@ class People:
     subjects: tuple[str, ...]
     joints: Int64
     off_deg: Float64
-    postures: tuple[str, ...]
     apart_mm: Float64
     tiles: tuple[Tile, ...] = ()
 
@@ -84,7 +80,6 @@ class People:
             self.subjects + other.subjects,
             np.concatenate([self.joints, other.joints]),
             np.concatenate([self.off_deg, other.off_deg]),
-            self.postures + other.postures,
             np.concatenate([self.apart_mm, other.apart_mm]),
             (*self.tiles, *other.tiles),
         )
@@ -139,7 +134,6 @@ def measure_people(folder: Path, network: OnnxNetwork) -> People:
         tuple((of_take or name).split("_")[1] for name in names),
         counts,
         np.array(off),
-        tuple("none" if state is None else state.name for state in states),
         apart_mm,
         tiles,
     )
@@ -180,26 +174,3 @@ def joint_counts(labels: LabelSet, tracked: list[dict[str, list]]) -> Int64:
 def folders() -> list[Path]:
     """Return the folders of the takes and of the single frames."""
     return [*sorted((PEOPLE / "takes").iterdir()), PEOPLE / "frames"]
-
-
-def print_people(name: str, found: People) -> None:
-    """Print a line."""
-    off, counts = found.off_deg, found.joints.sum(0)
-    near = np.mean(off <= NEAR_DEG)
-    print(
-        f"{name}: hits {mean_hit_rate(counts):.3f}, swaps {swap_rate(counts):.3f}, by more than "
-        f"{NEAR_PX:.0f} px {far_swap_rate(counts):.4f}; facing to {NEAR_DEG:.0f} degrees {near:.3f} of "
-        f"{len(off)}, median {np.median(off):.0f}, 90 % {np.quantile(off, 0.9):.0f}; "
-        f"{dict(Counter(found.postures))}",
-        flush=True,
-    )
-
-
-def main(weights: Path) -> None:
-    network = OnnxNetwork(weights)
-    for folder in folders():
-        print_people(folder.name, measure_people(folder, network))
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else SHIPPED_WEIGHTS)
