@@ -109,8 +109,8 @@ def recordings(seed: int) -> list[Recording]:
 
 def labels(seed: int) -> Rows:
     """Measure labels by the suit and by the refined network, in each scene and difficulty."""
-    found = measured_recordings(seed).items()
-    return {f"{one.name}: {name}": row for one, (rows, _) in found for name, row in rows.items()}
+    measured = measured_recordings(seed).items()
+    return {f"{one.name}: {name}": row for one, found in measured for name, row in found.rows.items()}
 
 
 class Labelled(NamedTuple):
