@@ -211,12 +211,13 @@ def test_a_reading_is_whose_surface_it_lies_on():
     exact = np.nan_to_num(depth_m) * 1002 + 10
     depth_mm = np.maximum(exact + rng.choice((0, 20, -900, 300, -500), face.shape), 0).astype(np.uint16)
     depth_mm[rng.random(face.shape) < 0.1] = 0
-    parts, persons = whose_readings(ZBuffer(depth_m, face), tags, Reading(depth_mm, face), noise)
+    parts, persons, surfaces = whose_readings(ZBuffer(depth_m, face), tags, Reading(depth_mm, face), noise)
     for v, u in np.ndindex(face.shape):
         tag = naive_tag(tags, face, exact, depth_mm, (v, u))
         person = 1 if 0 < tag <= N_REGIONS else 2 * (tag == Surface.OTHER_PERSON)
         part = tag if tag == UNDEFINED or tag <= N_REGIONS else 0
         assert (parts[v, u], persons[v, u]) == (part, person), (v, u)
+        assert surfaces[v, u] == (tag if N_REGIONS < tag != UNDEFINED else 0)
 
 
 def naive_tag(tags, face, exact, depth_mm, pixel):

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from annotate.labelset.cast_note import cast_note
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.dataset import MANIFEST, ORDER, SCHEMA, Dataset, encode_shard, sha256
+from annotate.labelset.scheme_note import scheme_note
 from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import is_taken, write_bytes
 from sensors.versions import code_digest, versions
@@ -60,6 +61,7 @@ class Order:
         return {
             "preset": self.preset.name,
             **cast_note(self.preset.cast),
+            **scheme_note(self.preset.scheme),
             **({"motion": scene.repertoire.manifest()} if isinstance(scene, MotionScenes) else {}),
             "occluders": self.preset.occluders,
             "cut": self.preset.cut,
