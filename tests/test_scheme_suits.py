@@ -58,7 +58,7 @@ def test_a_suit_s_scheme_is_a_file_beside_it(tmp_path):
         ('scheme = "six"\n[colors]\nhip = "#102030"\n', "'hip' is not a part; use head, torso, upper_arms"),
         ('scheme = "six"\n[colors]\nhead = "#102030"\n', "no colour for torso"),
         ('scheme = "six"\n', r"no \[colors\] table; list the 6 parts"),
-        ("[scheme]\nparts = 7\n[colors]\n", "the scheme has no parts"),
+        ("[scheme]\nname = 'x'\nparts = 7\n[colors]\n", "the scheme has no parts"),
     ],
 )
 def test_a_wrong_suit_is_named_in_one_line(text, fault):

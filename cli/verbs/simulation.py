@@ -64,7 +64,7 @@ def simulate(
     scene: Annotated[
         str,
         Option(
-            help="sofa, chair, wheelchair, bed or floor; or plate, the target for calibrate.",
+            help="sofa, chair, bed, floor or wheelchair; or plate, the target for calibrate.",
             autocompletion=scenes,
         ),
     ] = "sofa",

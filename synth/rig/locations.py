@@ -1,6 +1,4 @@
-"""Locations of the virtual rig: sofa, chair, wheelchair, bed or floor, with behaviour and the robot's
-viewpoint.
-"""
+"""Locations of the virtual rig: seats, bed or floor, with behaviour and the robot's viewpoint."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -124,9 +122,9 @@ def _floor(rng: np.random.Generator, cast: Cast) -> Location:
 SCENES: dict[str, Callable[[np.random.Generator, Cast], Location]] = {
     "sofa": _sofa,
     "chair": _chair,
-    "wheelchair": _wheelchair,
     "bed": _bed,
     "floor": _floor,
+    "wheelchair": _wheelchair,
 }
 
 

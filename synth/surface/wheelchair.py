@@ -127,7 +127,7 @@ class Wheelchair(Chair):
 
     def _arm_rests(self) -> list[Solid]:
         h, rise = self.height, self.rest_height
-        rests = []
+        rests = list[Solid]()
         for x in (-self.width / 2 - 0.03, self.width / 2 + 0.03):
             pad = (x - 0.025, 0.06, h + rise - 0.03), (x + 0.025, self.depth - 0.04, h + rise)
             panel = (x - 0.006, 0.12, h + 0.02), (x + 0.006, self.depth - 0.02, h + rise - 0.06)
@@ -137,7 +137,7 @@ class Wheelchair(Chair):
 
     def _foot_rests(self) -> list[Solid]:
         """Return foot plates turned up and aside, as for somebody whose feet are on the floor."""
-        rests = []
+        rests = list[Solid]()
         for sign in (-1, 1):
             x = sign * (self.width / 2 + 0.02)
             rests.append(_upright(x, -0.06, REST_Z_M, self.height - 0.06))
@@ -152,7 +152,7 @@ class Wheelchair(Chair):
         """Return the tubes beside the back rest, and the push handles behind their upper ends."""
         tilt, place = Rotation.from_euler("x", -self.back_tilt_rad).as_matrix(), self._back_place
         tube, top = TUBE_M / 2, self.back_height
-        handles = []
+        handles = list[Solid]()
         for x in (-self.width / 2, self.width / 2):
             low, high = (x - tube, 0.0, -0.1), (x + tube, TUBE_M, top + 0.03)
             grip = (x - 0.016, 0.0, top), (x + 0.016, 0.15, top + 0.032)
