@@ -27,7 +27,7 @@ def test_the_scheme_of_a_comparison_is_said(annotate_cloud, folder, tmp_path):
     assert own.code == 0 and "compared in" not in own.err and "Wheelchair" in own.out
     given = ("evaluate", folder / "labels/ward", folder / "truth/six")
     mixed = annotate_cloud(*given, "--out", tmp_path / "b", "--title", "b", "--json")
-    said = "compared in scheme six: head, torso, upper_arm, lower_arm, upper_leg, lower_leg"
+    said = "compared in scheme six: head, torso, upper_arms, lower_arms, upper_legs, lower_legs"
     assert mixed.result["scheme"] == "six" and f"{said} (labels: ward, truth: six)" in mixed.err
     assert said in annotate_cloud("diff", *given[1:]).err
     apart = annotate_cloud("compare", tmp_path / "a", tmp_path / "b")
@@ -50,7 +50,7 @@ def test_a_scheme_to_compare_in_is_given(annotate_cloud, folder, tmp_path):
     done = annotate_cloud(*both, "--json")
     assert done.code == 0 and (tmp_path / "results" / "six.npz").exists()
     again = annotate_cloud(*both, "--scheme", "six")
-    assert again.code == 1 and "ward.npz has scheme 'ward'; pass --overwrite" in again.err
+    assert again.code == 3 and "ward.npz has scheme 'ward'; pass --overwrite" in again.err
     assert annotate_cloud(*both, "--scheme", "six", "--overwrite").code == 0
 
 
