@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from annotate.frame_labels import FrameLabels
+from annotate.labelset.convert import convert
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import PAPER
 from annotate.scheme.merging import conversion_table, converts, finest_common
@@ -102,11 +103,14 @@ def test_scores_in_a_coarser_scheme_are_those_of_labels_converted_first(fine: Sc
 def test_sets_are_compared_in_a_scheme_as_if_converted_first(tmp_path: Path, sets: dict) -> None:
     guess, truth = sets["ward"]
     first = compare_sets(guess, truth, workers=1, scheme=SIX)
-    frames = [[in_scheme(labels.read(i), SIX) for i in labels.frame_ids] for labels in (guess, truth)]
-    then = compare_sets(*(write_set(tmp_path / str(i), one) for i, one in enumerate(frames)), workers=1)
+    made = [
+        convert(labels, SIX, tmp_path / labels.path.name, lambda n: None, overwrite=False)
+        for labels in (guess, truth)
+    ]
+    then = compare_sets(*made, workers=1)
     np.testing.assert_array_equal(first.counts.flat, then.counts.flat)
     assert first.digests == then.digests and first.traits == then.traits and first.scheme == SIX
-    mixed = compare_sets(guess, write_set(tmp_path / "six", frames[1]), workers=1)
+    mixed = compare_sets(guess, made[1], workers=1)
     assert mixed.scheme == SIX and mixed.digests == first.digests
     with pytest.raises(FormatError, match="lies in several parts of scheme 'hands-and-feet'"):
         compare_sets(guess, sets["six"][1], workers=1, scheme=HANDS)

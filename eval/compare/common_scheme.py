@@ -1,11 +1,10 @@
 """Labels and counts of two schemes, converted to one scheme for comparison."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from annotate.array_types import UInt8
 from annotate.frame_labels import FrameLabels
+from annotate.labelset.convert import in_scheme
 from annotate.scheme.merging import CommonScheme, conversion_table, finest_common
 from annotate.scheme.scheme import Scheme
 from eval.scores.counts import FrameCounts, shapes
@@ -28,9 +27,7 @@ def scheme_note(scheme: Scheme) -> str:
 
 def converted(frame: FrameLabels, scheme: Scheme, table: UInt8) -> FrameLabels:
     """Return a frame in another scheme; table: as ``conversion_table`` returns it."""
-    if frame.scheme == scheme:
-        return frame
-    return replace(frame, parts=table[frame.parts], scheme=scheme)
+    return frame if frame.scheme == scheme else in_scheme(frame, scheme, table)
 
 
 def converted_counts(counts: FrameCounts, scheme: Scheme, table: UInt8) -> FrameCounts:

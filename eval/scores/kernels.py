@@ -7,7 +7,7 @@ scheme's arrays by part id.
 import numpy as np
 from numba import njit
 
-from annotate.array_types import Float32, Float64, Int64, UInt8, UInt16
+from annotate.array_types import Bool, Float32, Float64, Int64, UInt8, UInt16
 from annotate.scheme.scheme import BACKGROUND, UNDEFINED
 
 CODES = 256  # values of a byte
@@ -129,7 +129,7 @@ def errors(truth: UInt8, predicted: UInt8, away: Float32, edges: Float32, classe
 
 
 @njit(cache=True, nogil=True)
-def confidences(truth: UInt8, predicted: UInt8, confidence: Float32, near: UInt8, classes: int) -> Int64:
+def confidences(truth: UInt8, predicted: UInt8, confidence: Float32, near: Bool, classes: int) -> Int64:
     """Count pixels by true part, right (0 or 1), near (0 or 1) and confidence: (classes, 2, 2, 256).
 
     Confidence in steps of 1/255, rounded; only pixels with a predicted part and a defined truth.
