@@ -104,7 +104,7 @@ def test_bad_images_are_refused(folder):
     good = (folder / "depth" / "000.png").read_bytes()
     for image, match in (
         (b"", "not a PNG"),
-        (good[:60], "nothing readable|cut off"),
+        (good[:60], "cannot be decoded|cut off"),
         (png(depth_image().astype(np.uint8)), "uint8"),
         (png(np.zeros((24, 32, 3), np.uint16)), r"\(24, 32, 3\)"),
         (good[:16] + (10**6).to_bytes(4, "big") + good[20:], "1000000x24"),

@@ -156,8 +156,8 @@ def test_settings_reach_the_camera_by_name(twin):
     ("settings", "match"),
     [
         ({"laser_mw": 91}, "refused laser 91; give 0 to 360 in steps of 30"),
-        ({"size": (848, 480)}, "no depth of 848x480 at 30 a second but 64x53; choose one of these$"),
-        ({"color_size": (848, 480)}, "no colour of 848x480 at 30 a second but 240x134; choose one"),
+        ({"size": (848, 480)}, "no depth images of 848x480 at 30 a second; choose 64x53$"),
+        ({"color_size": (848, 480)}, "no colour images of 848x480 at 30 a second; choose 240x134"),
         ({"rate_hz": 6}, "at 6 a second but none"),
     ],
 )
