@@ -125,8 +125,8 @@ def roughness(depth_mm: np.ndarray, parts: np.ndarray) -> float:
 @pytest.mark.parametrize(
     ("counts", "difficulty", "options", "says"),
     [
-        ((0, 1), "clean", {}, "at least one frame"),
-        ((1, 2), "clean", {}, "at least one frame"),
+        ((0, 1), "clean", {}, "give a frame or more"),
+        ((1, 2), "clean", {}, "give a frame or more"),
         ((1, 1), "easy", {}, "'easy' is unknown; use clean, normal, hard"),
         ((1, 1), "clean", {"scene": "pool"}, "'pool' is unknown; use sofa, chair, bed, floor"),
         ((1, 1), "clean", {"frames_per_second": 0.0}, "give 0.1 to 30"),

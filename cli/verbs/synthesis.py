@@ -209,8 +209,10 @@ def _check_sources(
     """Raise CloudError unless one of preset and motion is given and all files exist."""
     from synth.motion.library import motion_files
 
-    if (preset is None) == (motion is None):
-        raise CloudError("both or none of --preset and --motion are given; give one of them")
+    if preset is None and motion is None:
+        raise CloudError("neither --preset nor --motion is given; give one of them")
+    if preset is not None and motion is not None:
+        raise CloudError("--preset and --motion exclude each other; give one of them")
     if motion is not None:
         motion_files(motion)
     check_there(*filter(None, [garments]))

@@ -20,7 +20,7 @@ from eval.scores.counts import FrameCounts, width
 from eval.scores.joint_visibility import VISIBILITIES
 from eval.scores.joints import N_JOINTS
 from eval.scores.traits import Traits
-from sensors.errors import CloudError, FormatError
+from sensors.errors import CloudError, FormatError, fault_of
 from sensors.files.atomic import check_free, replacing
 from sensors.files.npz import array_sizes, load_arrays
 
@@ -101,7 +101,7 @@ def load_result(path: Path) -> Result:
         facts = {_text(name): _text(fact) for name, fact in texts["facts"].items()}
         return Result(_text(texts["title"]), _comparison(arrays, texts, scheme), facts)
     except (CloudError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise FormatError(f"{path} is not a result ({str(error)[:200]}); {REMEDY}") from error
+        raise FormatError(f"{path} is not a result ({fault_of(error)[:200]}); {REMEDY}") from error
 
 
 def _scheme(texts: dict[str, Any]) -> Scheme:
@@ -125,7 +125,7 @@ def _comparison(arrays: dict[str, NDArray[Any]], texts: dict[str, Any], scheme: 
     if not set(texts["traits"]["status"] + texts["traits"]["predicted_status"]) <= set(get_args(Status)):
         raise ValueError("it has frames of unknown status")
     if texts["extra_frames"] < 0:
-        raise ValueError(f"{texts['extra_frames']} frames left over")
+        raise ValueError(f"it has {texts['extra_frames']} frames left over")
     columns: dict[str, Iterable[Any]] = {name: arrays[name].tolist() for name in NUMBERS}
     columns |= {name: map(_text, texts["traits"][name]) for name in WORDS}
     columns["hard"] = (tuple(map(_text, causes)) for causes in texts["traits"]["hard"])

@@ -15,7 +15,7 @@ from annotate.labelset.images import decode_depth, decode_parts
 from annotate.labelset.scheme_note import scheme_in
 from annotate.scheme.scheme import Scheme
 from eval.report.frame_images import Image, colorize_depth, colorize_parts
-from sensors.errors import FormatError
+from sensors.errors import FormatError, fault_of
 from sensors.files.bounded import read_bounded
 
 HISTORY, FRAME = "history.json", "frame"  # in the folder of `train`
@@ -55,7 +55,7 @@ def load_training(folder: Path) -> Training:
         return Training(folder.name, points, epochs, _pictures(folder / FRAME, scheme), scheme, _facts(value))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         raise FormatError(
-            f"{path} is not a history of a training ({error}); give a folder that 'train' wrote"
+            f"{path} is not a history of a training ({fault_of(error)}); give a folder that 'train' wrote"
         ) from error
 
 

@@ -14,7 +14,7 @@ from annotate.labelset.dataset import MANIFEST, ORDER, SCHEMA, Dataset, encode_s
 from annotate.labelset.scheme_note import scheme_note
 from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import is_taken, write_bytes
-from sensors.versions import code_digest, versions
+from sensors.versions import code_digest, different, versions
 from synth.images.dataset_page import write_page
 from synth.images.distributions import Distributions
 from synth.images.people import Wardrobe
@@ -86,7 +86,7 @@ def make_shard(order: Order, shard: int) -> bytes:
     """
     if (here := _versions()) != order.versions:
         raise CloudError(
-            f"a worker has {here}, the command {order.versions}; install the same versions everywhere"
+            f"a worker has {different(here, order.versions)}; install the same versions everywhere"
         )
     return encode_shard(sample(order.preset, order.seed, i) for i in order.frames(shard))
 

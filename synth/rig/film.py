@@ -63,7 +63,10 @@ class FilmRig(VirtualRig):
     def __init__(self, name: str, motion: Motion, difficulty: str, seed: int, scheme: Scheme = PAPER) -> None:
         seconds = len(motion) / motion.frames_per_second
         if seconds < SHORTEST_S or len(motion) < 3:
-            raise CloudError(f"{name} has {seconds:.2f} s; give {SHORTEST_S} s or more")
+            raise CloudError(
+                f"{name} has {len(motion)} frames in {seconds:.2f} s; give {SHORTEST_S} s and 3 frames "
+                "or more"
+            )
         body = person_body(motion.bones_m)
         self._played = PlayedActivity(perform(body, ground(resampled(motion, FRAMES_PER_SECOND))))
         frames = len(self._played.performance.postures)

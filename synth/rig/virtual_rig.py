@@ -90,7 +90,8 @@ class VirtualRig(FrameSource):
     ) -> None:
         if not 1 <= subjects <= frames <= 1_000_000:
             raise CloudError(
-                f"{frames} frames of {subjects} subjects are impossible; give at least one frame each"
+                f"{frames} frames of {subjects} subjects are impossible; give a frame or more for each "
+                "subject, at most 1000000"
             )
         check_choice("difficulty", difficulty, DIFFICULTIES)
         rig, draft, self.scene = options.rig, options.draft, options.scene
