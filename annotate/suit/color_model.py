@@ -105,7 +105,7 @@ class ColorModel:
     @cached_property
     def parts_worn(self) -> Bool:
         """Return bool (K, 11): True for the paper's parts with a region that shows the swatch."""
-        return self.wears @ OF_PAPER.T
+        return np.asarray(self.wears @ OF_PAPER.T)
 
     def evidence(self, rgb: UInt8) -> Float32:
         """Return the log likelihood (11, n) of colours uint8 (n, 3) under every part."""

@@ -58,7 +58,7 @@ class Suit:
 
     def swatches_of(self, part: int) -> UInt8:
         """Return the swatches (k, 3) of a part by id, the main one first; k is 0 for a bare part."""
-        return self.colors_rgb[self.parts == part]
+        return np.asarray(self.colors_rgb[self.parts == part])
 
     @cached_property
     def regions_worn(self) -> Bool:

@@ -70,8 +70,8 @@ def _apart_cloths(scheme: Scheme, parts: UInt8, rng: np.random.Generator) -> UIn
     """
     count = CANDIDATES * len(parts)
     drawn = np.stack([rng.random(count), *rng.uniform(0.35, 0.95, (2, count))], axis=1)
-    colors = [SKIN_RGB, *(255 * np.array(colorsys.hsv_to_rgb(*one)) for one in drawn)]
-    rgb = np.rint(colors).astype(np.uint8)
+    colors = 255 * np.array([colorsys.hsv_to_rgb(*one) for one in drawn])
+    rgb = np.rint(np.vstack([SKIN_RGB, colors])).astype(np.uint8)
     apart = np.linalg.norm(chromaticity(rgb)[:, None] - chromaticity(rgb)[None], axis=2)
     chosen = [0]
     while len(chosen) <= len(parts):
@@ -80,7 +80,8 @@ def _apart_cloths(scheme: Scheme, parts: UInt8, rng: np.random.Generator) -> UIn
     pairs = [*map(tuple, scheme.neighbours), *scheme.twins]
     near = np.array([(index[a], index[b]) for a, b in pairs if a in index and b in index]).reshape(-1, 2)
     orders = [rng.permutation(chosen[1:]) for _ in range(ORDERS)]
-    return rgb[max(orders, key=lambda order: apart[order[near[:, 0]], order[near[:, 1]]].min(initial=np.inf))]
+    gaps = [apart[order[near[:, 0]], order[near[:, 1]]].min(initial=np.inf) for order in orders]
+    return np.asarray(rgb[orders[int(np.argmax(gaps))]])
 
 
 def _cloths(count: int, apart: float, rng: np.random.Generator) -> UInt8:

@@ -136,7 +136,7 @@ class Wheelchair(Chair):
         return rests
 
     def _foot_rests(self) -> list[Solid]:
-        """Return foot plates turned up and aside, as for somebody whose feet are on the floor."""
+        """Return foot plates turned up and aside, as for a person with feet on the floor."""
         rests = list[Solid]()
         for sign in (-1, 1):
             x = sign * (self.width / 2 + 0.02)
