@@ -280,7 +280,7 @@ def test_damaged_probabilities_are_named(tmp_path, truth, network):
     for spoilt, why in (
         (data[: len(data) // 2], "cannot be decoded|cut off|add up"),
         (b"\x80\x04K\x01." * 10, "not a PNG"),
-        (cv2.imencode(".png", np.zeros((SIZE, SIZE), np.uint8))[1].tobytes(), "2544 x 212"),
+        (cv2.imencode(".png", np.zeros((SIZE, SIZE), np.uint8))[1].tobytes(), "212x2544"),
         (no_sum(), "add up to one"),
         (bytes(bomb), "give at most"),
     ):

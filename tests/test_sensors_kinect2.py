@@ -278,7 +278,7 @@ def test_left_stays_left_from_the_library_to_the_labels(rig_session, tmp_path):
     [
         ((), "", "no Kinect v2 is plugged in"),
         (("A", "B"), "", r"there are 2 Kinect v2 devices \(A, B\); name one"),
-        (("A", "B"), "C", r"no Kinect v2 has serial 'C'; plugged in: A, B"),
+        (("A", "B"), "C", r"no Kinect v2 has serial 'C'; give one that is plugged in: A, B"),
         (("A", "A"), "", "two Kinect v2 devices have serial 'A'; unplug one"),
         (("A", "B", "A"), "A", "two Kinect v2 devices have serial 'A'; unplug one"),
     ],
