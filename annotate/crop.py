@@ -124,7 +124,7 @@ def crop_around(mask: Bool, margin: float = MARGIN) -> Crop:
     rows, columns = window_of(mask)
     height, width = rows.stop - rows.start, columns.stop - columns.start
     if not height:
-        raise CloudError("no person in the mask; check the temperature window or the depth range")
+        raise CloudError("the frame shows no person; check the temperature window or the depth range")
     side = max(8, round(max(height, width) * (1 + 2 * margin)))
     return Crop(rows.start + height // 2 - side // 2, columns.start + width // 2 - side // 2, side)
 

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from annotate.cloud.fuse import Fuser
 from annotate.label_recording import SuitLabeller
-from annotate.parts import N_CLASSES, UNDEFINED
+from annotate.parts import N_CLASSES, PAPER, UNDEFINED
 from annotate.segmentation.suit_network import shipped_suit_network
 from annotate.suit.palette import chromaticity
 from bench.fuse import fuse_naive
@@ -46,8 +46,8 @@ def bench():
         start = time.perf_counter()
         naive = label_naive(rig.calibration, rig.suit, frame.depth_mm, color, frame.thermal_c)
         times["naive"].append(time.perf_counter() - start)
-        scores["ours"] += confusion_matrix(truth, np.where(parts == UNDEFINED, 0, parts))
-        scores["naive"] += confusion_matrix(truth, naive)
+        scores["ours"] += confusion_matrix(truth, np.where(parts == UNDEFINED, 0, parts), PAPER)
+        scores["naive"] += confusion_matrix(truth, naive, PAPER)
     # The first frame compiles or loads the kernels.
     ours, slow = (statistics.median(times[k][1:]) for k in ("ours", "naive"))
     ours_recall, naive_recall = (float(mean_recall(scores[k])) for k in ("ours", "naive"))

@@ -165,6 +165,9 @@ def _report(now: Guidance) -> None:
     texts = []
     for name, sd in now.found.deviations.items() if now.found else ():
         turn, shift = 2 * sd.rotation_deg.max(), 2 * sd.translation_mm
-        texts.append(f"{name} to {turn:.3f} degrees, {shift[:2].max():.2f} and {shift[2]:.2f} mm")
+        texts.append(
+            f"the pose of {name} is within {turn:.3f} degrees, {shift[:2].max():.2f} mm across and "
+            f"{shift[2]:.2f} mm along the view"
+        )
     say("; ".join([f"view {len(now.seen)}: {now.seen[-1].text}", *texts]))
-    say("that is enough" if now.wanted is None else f"now hold it {now.wanted.text}")
+    say("the views suffice" if now.wanted is None else f"now hold the plate {now.wanted.text}")

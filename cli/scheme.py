@@ -28,6 +28,13 @@ def names() -> list[str]:
     return [*SHIPPED]
 
 
+PAPER = "paper"
+SchemeName = Annotated[
+    str,
+    Option(
+        help="Scheme of the parts in the labels: shipped name or scheme file (TOML).", autocompletion=names
+    ),
+]
 File = Annotated[Path, Argument(help="Scheme file (TOML).")]
 
 

@@ -3,11 +3,10 @@
 import math
 from collections.abc import Mapping
 
-from annotate.parts import BODY_PARTS
 from cli.console import table
 from eval.compare.compare import Comparison
 from eval.compare.difference import Difference
-from eval.report.estimates import JOINT_SCORES, SUMMARY, Estimate, estimate, joint_estimate, printed
+from eval.report.estimates import JOINT_SCORES, Estimate, estimate, joint_estimate, printed, summary_of
 from eval.scores.joint_scores import GROUPS, SCORES, JointDifference, JointEstimates
 
 OF_PARTS = {"recall": "Recall", "iou": "IoU"}
@@ -24,12 +23,13 @@ def scores_text(comparison: Comparison, *, intervals: bool) -> str:
             return estimate(comparison, name, *index)
         return Estimate(float(comparison.scores[name][index]), math.nan, math.nan)
 
-    whole = [(title, printed(name, of(name))) for name, title in SUMMARY.items() if of(name).known]
+    scheme, pixels = comparison.scheme, comparison.confusion.sum(1)
+    whole = [(title, printed(name, of(name))) for name, title in summary_of(scheme).items() if of(name).known]
     parts = [
-        (part.title, *(printed(name, of(name, part.id)) for name in OF_PARTS), int(pixels))
-        for part, pixels in zip(BODY_PARTS, comparison.confusion.sum(1)[1:], strict=True)
+        (part.title, *(printed(name, of(name, part.id)) for name in OF_PARTS), int(pixels[part.id]))
+        for part in scheme.parts
     ]
-    recall = {part.title: of("recall", part.id) for part in BODY_PARTS}
+    recall = {part.title: of("recall", part.id) for part in scheme.parts}
     heading = f"{len(comparison.frame_ids)} frames of {comparison.n_subjects} people"
     bracket = " [95 % interval]" if intervals else ""
     tables = (
@@ -44,19 +44,20 @@ def scores_text(comparison: Comparison, *, intervals: bool) -> str:
 def difference_text(found: Difference) -> str:
     """Return tables of A minus B: of the whole sets with Wilcoxon's p, by part, and of joints if any."""
     p = {name: "-" if value is None else f"{value:.3f}" for name, value in found.wilcoxon_p.items()}
-    of = {name: estimate(found, name) for name in SUMMARY}
+    titles = summary_of(found.scheme)
+    of = {name: estimate(found, name) for name in titles}
     whole = [
         (title, printed(name, of[name], sign="+"), p.get(name, "-"))
-        for name, title in SUMMARY.items()
+        for name, title in titles.items()
         if of[name].known
     ]
     parts = [
         (part.title, *(printed(name, estimate(found, name, part.id), sign="+") for name in OF_PARTS))
-        for part in BODY_PARTS
+        for part in found.scheme.parts
     ]
     frames = "the same frames" if found.paired else "different frames"
     heading = ("score", "difference [95 % interval]", "Wilcoxon p")
-    recall = {part.title: estimate(found, "recall", part.id) for part in BODY_PARTS}
+    recall = {part.title: estimate(found, "recall", part.id) for part in found.scheme.parts}
     tables = (
         table(heading, whole, f"{found.a} minus {found.b}, on {frames}"),
         table(("part", *(f"{title} [95 % interval]" for title in OF_PARTS.values())), parts),
@@ -82,7 +83,7 @@ def _extremes(recall: Mapping[str, Estimate], best: str, worst: str, sign: str =
     """Return the parts of the highest and the lowest recall as one line."""
     known = {title: one.value for title, one in recall.items() if one.known}
     if not known:
-        return "The truth has 0 body parts."
+        return "The truth has 0 parts."
     ends = ((best, max(known, key=known.__getitem__)), (worst, min(known, key=known.__getitem__)))
     named = (f"{word} {title} ({known[title]:{sign}.3f})" for word, title in ends)
     return f"Recall by part: {', '.join(named)}"

@@ -18,7 +18,7 @@ from cli.console import clear, finish, progress, say, table
 from sensors.errors import CloudError
 from sensors.files.natural_order import paths_in_order
 from sensors.session.recording_file import SUFFIX
-from sensors.versions import code_digest, versions
+from sensors.versions import code_digest, different, versions
 
 if TYPE_CHECKING:
     from annotate.label_recording import Run
@@ -129,7 +129,7 @@ def _checked(wanted: dict[str, str], work: Callable[..., T], *job: object) -> T:
     differ.
     """
     if (here := _decisive()) != wanted:
-        raise CloudError(f"a worker has {here}, the command {wanted}; install the same versions everywhere")
+        raise CloudError(f"a worker has {different(here, wanted)}; install the same versions everywhere")
     return work(*job)
 
 

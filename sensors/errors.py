@@ -1,5 +1,16 @@
 """Hierarchy of expected errors, caused by users, data or devices."""
 
+import re
+
+_LACKING = re.compile(r"missing \d+ required .*arguments?: (.+)")
+_UNKNOWN = re.compile(r"unexpected keyword argument ('.*')")
+_KINDS: tuple[tuple[type[Exception] | tuple[type[Exception], ...], str], ...] = (
+    (IndexError, "it holds too few values"),
+    ((TypeError, AttributeError), "a value has the wrong type"),
+    (OverflowError, "a number is too large"),
+    (RecursionError, "it is nested too deeply"),
+)
+
 LONGEST = 1000  # characters of a message, because a file may be quoted at any length
 
 
@@ -8,6 +19,21 @@ def one_line(text: str) -> str:
     return "".join(
         c if c.isprintable() else " " if c.isspace() else c.encode("unicode_escape").decode() for c in text
     )
+
+
+def fault_of(error: Exception) -> str:
+    """Return the fault of parsed data as text: fields by name, no names of Python's own.
+
+    error: exception of code that reads fields of a file. A ValueError or CloudError keeps its text.
+    """
+    text = str(error)
+    if isinstance(error, KeyError):
+        return f"field {text} is missing"
+    if lacking := _LACKING.search(text):
+        return f"missing fields: {lacking[1]}"
+    if unknown := _UNKNOWN.search(text):
+        return f"field {unknown[1]} is unknown"
+    return next((fault for kind, fault in _KINDS if isinstance(error, kind)), text)
 
 
 class CloudError(Exception):

@@ -10,6 +10,14 @@ from pathlib import Path
 CODE = frozenset({".py", ".toml", ".npz", ".json", ".onnx", ".safetensors", ".cpp"})
 
 
+def different(here: dict[str, str], wanted: dict[str, str]) -> str:
+    """Return the versions that differ, as text: name, own version, wanted version."""
+    names = sorted(name for name in here.keys() | wanted.keys() if here.get(name) != wanted.get(name))
+    return ", ".join(
+        f"{name} {here.get(name, 'none')} instead of {wanted.get(name, 'none')}" for name in names
+    )
+
+
 def versions(packages: Iterable[str]) -> dict[str, str]:
     """Return the version of each package; "none" where it is not installed under this name."""
     found = {}

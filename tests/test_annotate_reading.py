@@ -12,7 +12,7 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import SuitLabeller, label_cloud, labels_of
 from annotate.labelset.label_set import LabelSet
-from annotate.parts import BACKGROUND, LEFT_RIGHT, PART_ID, UNDEFINED, swap_left_right
+from annotate.parts import BACKGROUND, LEFT_RIGHT, PAPER, PART_ID, UNDEFINED, swap_left_right
 from annotate.segmentation.segmented_person import Segmentation
 from annotate.suit.palette import DEFAULT_SUIT, Suit
 from eval.scores.confusion import confusion_matrix, left_right_swap_rate, recall
@@ -60,10 +60,10 @@ def read(seen) -> list[Segmentation]:
 def test_the_clean_rig_is_read_right(seen, read):
     total = np.zeros((12, 12), np.int64)
     for (_, truth), result in zip(seen, read, strict=True):
-        total += confusion_matrix(truth, result.parts)
+        total += confusion_matrix(truth, result.parts, PAPER)
     by_part = recall(total)[1:]
     assert np.nanmean(by_part) >= 0.97 and np.nanmin(by_part) >= 0.9
-    assert left_right_swap_rate(total) <= 0.01
+    assert left_right_swap_rate(total, PAPER) <= 0.01
 
 
 def test_labels_stay_on_readings_and_each_has_its_confidence(seen, read):
@@ -238,7 +238,7 @@ def test_twins_of_one_colour_are_told_by_what_they_join(seen):
     total = np.zeros((12, 12), np.int64)
     for cloud, truth in seen:
         changed, suit = alike(cloud, truth, one, other)
-        total += confusion_matrix(truth, read_in(changed, suit).parts)
+        total += confusion_matrix(truth, read_in(changed, suit).parts, PAPER)
     assert total[one, other] + total[other, one] < 0.05 * total[[one, other]].sum()
 
 

@@ -206,7 +206,7 @@ def test_a_part_is_explained_by_the_best_of_its_swatches():
     palette = unfitted(DEFAULT_SUIT)
     match = np.random.default_rng(4).normal(size=(len(palette.wears), 9)).astype(np.float32)
     for part, best in enumerate(palette.by_part(match)):
-        np.testing.assert_array_equal(best, match[palette.wears[:, part]].max(axis=0))
+        np.testing.assert_array_equal(best, match[palette.parts_worn[:, part]].max(axis=0))
 
 
 def test_the_likelihood_of_a_colour_is_that_of_a_normal_distribution():

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.ndimage import distance_transform_edt
 
-from annotate.parts import LEFT_RIGHT, N_CLASSES, UNDEFINED, on_body, swap_left_right
+from annotate.parts import LEFT_RIGHT, N_CLASSES, PAPER, UNDEFINED, on_body, swap_left_right
 from eval.compare import paper_results as paper
 from eval.scores import boundary, confusion, kernels
 from tests.helpers.naive_scores import BODY, Frame, ious, mean, pixels_of
@@ -33,7 +33,7 @@ def body(seed: int = 0, size: int = 48) -> np.ndarray:
 @given(st.lists(PAIR, min_size=1, max_size=5))
 def test_mean_ious_agree_with_a_slow_reference(pairs: list[tuple[np.ndarray, np.ndarray]]) -> None:
     table = [ious(pixels_of(Frame(*pair, None, math.nan)), BODY) for pair in pairs]
-    result = confusion.mean_ious(np.stack([confusion.confusion_matrix(*pair) for pair in pairs]))
+    result = confusion.mean_ious(np.stack([confusion.confusion_matrix(*pair, PAPER) for pair in pairs]))
     by_frame = [mean(row) for row in table]
     np.testing.assert_allclose(result["over_images"], mean(by_frame), atol=1e-12)
     by_part = [mean(list(column)) for column in zip(*table, strict=True)]
@@ -44,23 +44,23 @@ def test_mean_ious_agree_with_a_slow_reference(pairs: list[tuple[np.ndarray, np.
 
 @given(PAIR)
 def test_every_pixel_is_counted_and_every_wrong_one_has_one_kind(pair: tuple[np.ndarray, np.ndarray]) -> None:
-    matrix, (ignored, unnamed, everything) = confusion.counted(*pair)
+    matrix, (ignored, unnamed, everything) = confusion.counted(*pair, PAPER)
     assert matrix.sum() + ignored == everything == pair[0].size
     undefined = pair[0] == UNDEFINED, pair[1] == UNDEFINED
     assert (ignored, unnamed) == (undefined[0].sum(), (undefined[1] & ~undefined[0]).sum())
-    kinds = confusion.error_kinds(matrix)
+    kinds = confusion.error_kinds(matrix, PAPER)
     assert sum(kinds.values()) == matrix.sum() - np.trace(matrix) and min(kinds.values()) >= 0
 
 
 def test_a_left_right_swap_is_caught() -> None:
     truth = body()
-    matrix = confusion.confusion_matrix(truth, swap_left_right(truth))
-    assert confusion.left_right_swap_rate(matrix) == 1.0
-    assert confusion.error_kinds(matrix)["left_right_swap"] == matrix.sum() - np.trace(matrix)
-    assert confusion.flip_helps(matrix)
-    assert not confusion.flip_helps(confusion.confusion_matrix(truth, truth))
-    np.testing.assert_array_equal(confusion.iou(confusion.merge_left_right(matrix)), 1.0)
-    assert confusion.person_iou(matrix) == 1.0
+    matrix = confusion.confusion_matrix(truth, swap_left_right(truth), PAPER)
+    assert confusion.left_right_swap_rate(matrix, PAPER) == 1.0
+    assert confusion.error_kinds(matrix, PAPER)["left_right_swap"] == matrix.sum() - np.trace(matrix)
+    assert confusion.flip_helps(matrix, PAPER)
+    assert not confusion.flip_helps(confusion.confusion_matrix(truth, truth, PAPER), PAPER)
+    np.testing.assert_array_equal(confusion.iou(confusion.merge_left_right(matrix, PAPER)), 1.0)
+    assert confusion.person_iou(matrix, PAPER) == 1.0
 
 
 def test_merging_twins_is_the_confusion_of_merged_labels() -> None:
@@ -68,18 +68,18 @@ def test_merging_twins_is_the_confusion_of_merged_labels() -> None:
     to_left = np.arange(256, dtype=np.uint8)
     for left, right in LEFT_RIGHT:
         to_left[right] = left
-    merged = confusion.confusion_matrix(to_left[truth], to_left[predicted])
+    merged = confusion.confusion_matrix(to_left[truth], to_left[predicted], PAPER)
     kept = np.unique(to_left[:N_CLASSES])
     expected = merged[np.ix_(kept, kept)]
     np.testing.assert_array_equal(
-        confusion.merge_left_right(confusion.confusion_matrix(truth, predicted)), expected
+        confusion.merge_left_right(confusion.confusion_matrix(truth, predicted, PAPER), PAPER), expected
     )
 
 
 def test_absent_and_undefined_are_neither_right_nor_wrong() -> None:
     truth = np.array([[1, 1, 2, UNDEFINED]], np.uint8)
     predicted = np.array([[1, UNDEFINED, 2, 3]], np.uint8)
-    matrix, undefined = confusion.counted(truth, predicted)
+    matrix, undefined = confusion.counted(truth, predicted, PAPER)
     np.testing.assert_array_equal(confusion.recall(matrix)[1:3], [0.5, 1.0])
     assert np.isnan(confusion.iou(matrix)[3:]).all()
     assert confusion.mean_recall(matrix) == 0.75
@@ -89,9 +89,9 @@ def test_absent_and_undefined_are_neither_right_nor_wrong() -> None:
 
 def test_wrong_maps_are_refused() -> None:
     with pytest.raises(ValueError, match=r"\(2, 2\)"):
-        confusion.confusion_matrix(np.zeros((2, 2), np.uint8), np.zeros((2, 3), np.uint8))
+        confusion.confusion_matrix(np.zeros((2, 2), np.uint8), np.zeros((2, 3), np.uint8), PAPER)
     with pytest.raises(ValueError, match="label 12"):
-        confusion.confusion_matrix(np.zeros((1, 1), np.uint8), np.full((1, 1), 12, np.uint8))
+        confusion.confusion_matrix(np.zeros((1, 1), np.uint8), np.full((1, 1), 12, np.uint8), PAPER)
 
 
 def test_the_paper_tables_are_the_paper_s() -> None:
@@ -128,18 +128,18 @@ def test_boundary_iou_sees_a_shift_that_plain_iou_forgives() -> None:
     truth[20:80, 20:80] = 1
     moved = np.roll(truth, 1, axis=1)
     away = away_from(truth), away_from(moved)
-    hit, either = boundary.band_counts(truth, moved, away, [2.0])[0, 1]
+    hit, either = boundary.band_counts(truth, moved, away, [2.0], N_CLASSES)[0, 1]
     band = 60 * 60 - 56 * 56
     kept = 2 * 2 * 59 + 2 * 56 * 1  # rows above and below without a column; one of two columns beside
     assert [hit, either] == [kept, 2 * band - kept]
-    assert hit / either < 0.65 < confusion.iou(confusion.confusion_matrix(truth, moved))[1]
+    assert hit / either < 0.65 < confusion.iou(confusion.confusion_matrix(truth, moved, PAPER))[1]
 
 
 def test_errors_by_distance_agree_with_scipy() -> None:
     truth, predicted = body(3), body(4)
     away = distance_transform_edt(kernels.borders(truth) == 0)
     counts = kernels.errors(
-        truth, predicted, away_from(truth), np.array(boundary.DISTANCE_EDGES_PX, np.float32)
+        truth, predicted, away_from(truth), np.array(boundary.DISTANCE_EDGES_PX, np.float32), N_CLASSES
     )
     edges = (0.0, *boundary.DISTANCE_EDGES_PX, np.inf)
     for i, (low, high) in enumerate(itertools.pairwise(edges)):

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from scipy.stats import wilcoxon
 
+from annotate.parts import PAPER
 from eval.compare.compare import Comparison
 from eval.compare.difference import difference
 from eval.compare.pairs import Digests
 from eval.compare.results import Result
 from eval.scores import confusion
-from eval.scores.counts import SHAPES, FrameCounts
+from eval.scores.counts import FrameCounts, shapes
 from eval.scores.traits import Traits
 from tests.helpers.naive_scores import by_name
 from tools.measure.coverage import paired_coverage, unpaired_coverage
@@ -26,7 +27,7 @@ def result(title: str, rates: np.ndarray, seed: int = 0, session: str = "a") -> 
     rng = np.random.default_rng(seed)
     n = len(rates) * FRAMES
     hits = rng.binomial(PIXELS, np.repeat(rates, FRAMES)[:, None], (n, 12))
-    counts = {name: np.zeros((n, *shape), np.int64) for name, shape in SHAPES.items()}
+    counts = {name: np.zeros((n, *shape), np.int64) for name, shape in shapes(PAPER.n_classes).items()}
     parts = np.arange(1, 12)
     counts["confusion"][:, parts, parts] = hits[:, parts]
     counts["confusion"][:, parts, 0] = PIXELS - hits[:, parts]
@@ -36,7 +37,7 @@ def result(title: str, rates: np.ndarray, seed: int = 0, session: str = "a") -> 
         subjects=tuple(f"s{i // FRAMES}" for i in range(n)),
         traits=(Traits(),) * n,
         digests=tuple(Digests(f"{session}{i}", f"t{i}", f"p{title}{i}") for i in frame_ids),
-        counts=FrameCounts.of(**counts),
+        counts=FrameCounts.of(PAPER, **counts),
     )
     return Result(title, comparison)
 
@@ -107,7 +108,7 @@ def test_a_part_that_one_side_lacks_is_null_in_the_json() -> None:
     a, b = result("A", LEVELS), result("B", LEVELS, session="b")
     matrices = b.comparison.matrices.copy()
     matrices[:, 1] = matrices[:, :, 1] = 0
-    lacking = FrameCounts.of(**by_name(b.comparison.counts) | {"confusion": matrices})
+    lacking = FrameCounts.of(PAPER, **by_name(b.comparison.counts) | {"confusion": matrices})
     b = Result("B", replace(b.comparison, counts=lacking))
     shown = json.loads(json.dumps(difference(a, b).to_json(), allow_nan=False))
     assert shown["difference"]["recall"]["head"] is None and shown["ci95"]["recall"]["head"] == [None, None]

@@ -278,9 +278,9 @@ def test_damaged_probabilities_are_named(tmp_path, truth, network):
     data, bomb = file.read_bytes(), bytearray(no_sum())
     bomb[16:24] = (2**31 - 1).to_bytes(4, "big") * 2  # claims more than memory holds
     for spoilt, why in (
-        (data[: len(data) // 2], "nothing readable|cut off|add up"),
+        (data[: len(data) // 2], "cannot be decoded|cut off|add up"),
         (b"\x80\x04K\x01." * 10, "not a PNG"),
-        (cv2.imencode(".png", np.zeros((SIZE, SIZE), np.uint8))[1].tobytes(), "2544 x 212"),
+        (cv2.imencode(".png", np.zeros((SIZE, SIZE), np.uint8))[1].tobytes(), "212x2544"),
         (no_sum(), "add up to one"),
         (bytes(bomb), "give at most"),
     ):

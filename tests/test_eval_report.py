@@ -18,7 +18,7 @@ import pytest
 from annotate.crop import SIZE
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.label_set import LabelSet
-from annotate.parts import BACKGROUND, BODY_PARTS, PARTS, UNDEFINED, palette_rgb
+from annotate.parts import BACKGROUND, BODY_PARTS, PAPER, PARTS, UNDEFINED, palette_rgb
 from eval.compare.compare import Comparison, compare_sets
 from eval.compare.results import Result, save_result
 from eval.report import frame_images as figures
@@ -83,12 +83,12 @@ def test_picked_frames_are_the_extremes_and_never_twice(compared: Comparison) ->
 def test_colours_follow_their_meaning() -> None:
     truth = np.array([[0, 0, 3, 3, 3, 3, 3, UNDEFINED]], np.uint8)
     guess = np.array([[0, 2, 3, 4, 0, 5, 11, 3]], np.uint8)
-    image = figures.colorize_error(truth, guess)[0]
+    image = figures.colorize_error(truth, guess, PAPER)[0]
     kinds = ["invented_person", "left_right_swap", "missed_person", "neighbour_part", "other_part"]
     for pixel, kind in zip((1, 3, 4, 5, 6), kinds, strict=True):
         assert tuple(image[pixel]) == figures.ERROR_KINDS[kind][1]
     assert len({tuple(p) for p in image}) == 8
-    assert (figures.colorize_parts(truth)[truth == 3] == PARTS[3].rgb).all()
+    assert (figures.colorize_parts(truth, PAPER)[truth == 3] == PARTS[3].rgb).all()
     depth = figures.colorize_depth(np.array([[0, 800, 1600]], np.uint16))[0]
     assert tuple(depth[0]) == figures.CANVAS and depth[1, 0] > depth[2, 0]
 
@@ -236,7 +236,7 @@ def test_figures_show_hostile_names_letter_by_letter(material: Material) -> None
 
 def test_absent_scores_are_left_out(compared: Comparison) -> None:
     """Nothing but background, no confidence: every score is absent, none is 0 or 1."""
-    blank = type(compared.counts)(np.zeros_like(compared.counts.flat))
+    blank = replace(compared.counts, flat=np.zeros_like(compared.counts.flat))
     blank.confusion[:, 0, 0] = 50
     empty = replace(compared, counts=blank, joints_mm=None)
     titles = {section.title for section in sections(Material((Result("Empty", empty),)))}

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from annotate.frame_labels import FrameLabels
-from annotate.parts import UNDEFINED
+from annotate.parts import N_CLASSES, PAPER, UNDEFINED
 from eval.scores import confusion
-from eval.scores.counts import SHAPES, FrameCounts, count
+from eval.scores.counts import FrameCounts, count, shapes
 from eval.scores.reliability import reliability_curve
 from eval.scores.scores import PART_SCORES, scores_of
 from tests.helpers.naive_scores import Frame, by_name, scores
@@ -41,14 +41,14 @@ def counted(frame: Frame) -> FrameCounts:
 
 
 def stack(frames: list[FrameCounts]) -> FrameCounts:
-    return FrameCounts(np.stack([frame.flat for frame in frames]))
+    return FrameCounts(np.stack([frame.flat for frame in frames]), PAPER)
 
 
 @settings(deadline=None)
 @given(st.lists(frames(), min_size=1, max_size=3))
 def test_every_score_agrees_with_a_slow_reference(drawn: list[Frame]) -> None:
     """Of the sum of the frames, and of each frame of an array with a leading axis."""
-    counts = FrameCounts(np.stack([counted(frame).flat for frame in drawn]))
+    counts = FrameCounts(np.stack([counted(frame).flat for frame in drawn]), PAPER)
     together, summed = scores_of(counts), scores_of(counts.total())
     for frames_of, found in (
         (drawn, summed),
@@ -84,7 +84,7 @@ def test_a_person_in_the_corner_and_nobody_at_all() -> None:
     assert alone.near.sum() == sum(math.hypot(v, u) < 3 for v in range(-4, 5) for u in range(-4, 5)) == 25
     nobody = count(labelled(np.zeros_like(truth)), labelled(np.zeros_like(truth)), math.nan)
     assert nobody.confusion[0, 0] == truth.size and np.isnan(scores_of(nobody)["mean_recall"])
-    assert all(getattr(nobody, name).shape == shape for name, shape in SHAPES.items())
+    assert all(getattr(nobody, name).shape == shape for name, shape in shapes(N_CLASSES).items())
 
 
 def test_reliability_tells_over_from_under_confidence() -> None:
@@ -106,7 +106,7 @@ def test_maps_of_two_sizes_and_counts_that_do_not_fit_are_refused() -> None:
         count(labelled(np.ones((4, 4), np.uint8)), labelled(np.ones((4, 5), np.uint8)), 1.0)
     counts = counted(Frame(np.ones((4, 4), np.uint8), np.ones((4, 4), np.uint8), None, 1.0))
     with pytest.raises(ValueError, match="near is"):
-        FrameCounts.of(**by_name(counts) | {"near": counts.near[:3]})
+        FrameCounts.of(PAPER, **by_name(counts) | {"near": counts.near[:3]})
 
 
 def test_the_worst_frames_count_for_themselves() -> None:

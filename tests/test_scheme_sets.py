@@ -1,13 +1,16 @@
 """Label sets and datasets hold their scheme; without one they are the paper's."""
 
+import ast
 import hashlib
 import io
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+import annotate
 from annotate.crop import person_of
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import MANIFEST as DATASET
@@ -154,3 +157,16 @@ def test_strokes_are_checked_by_the_set_s_scheme(tmp_path):
     assert len(Journal.of(tmp_path, WARD)) == 1
     with pytest.raises(FormatError, match=r"line 1: part id 16 is unknown in scheme 'paper'"):
         Journal.of(tmp_path)
+
+
+def test_labelset_and_exchange_know_no_part_and_no_number_of_parts():
+    names = {part.name for scheme in SCHEMES for part in scheme.parts}
+    for folder in ("labelset", "exchange"):
+        for file in (Path(annotate.__file__).parent / folder).glob("*.py"):
+            values = {node.value for node in ast.walk(ast.parse(file.read_text())) if is_plain(node)}
+            assert not values & (names | {11, 12}), file
+            assert not {"N_CLASSES", "PARTS", "BODY_PARTS", "PART_ID"} & {*file.read_text().split()}, file
+
+
+def is_plain(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and isinstance(node.value, int | str)

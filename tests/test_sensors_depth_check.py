@@ -153,7 +153,7 @@ def test_what_is_no_depth_is_refused():
         with pytest.raises(FormatError, match="--depth-unit") as error:
             judge_depth(samples, None, "here")
         assert str(error.value).startswith("here: ") and "\n" not in str(error.value)
-    with pytest.raises(FormatError, match="no depth within 65 m"):
+    with pytest.raises(FormatError, match="depth has no reading within 65 m"):
         judge_depth([r.astype(np.uint16) for r in ROOMS], 1000.0, "x")
     noise = np.random.default_rng(0).integers(500, 4000, (96, 128), np.uint16)
     assert any("neighbouring pixels" in note for note in judge_depth([noise], None, "x").notes)

@@ -298,7 +298,7 @@ def test_an_image_that_is_cut_off_or_corrupt_is_refused():
     np.testing.assert_array_equal(decode_grey(image, np.uint16, "depth"), depth_image())
     for at in range(45, len(image) - 12, 100):
         for broken in (image[:at], image[:at] + bytes([image[at] ^ 1]) + image[at + 1 :]):
-            with pytest.raises(FormatError, match="cut off or corrupt"):
+            with pytest.raises(FormatError, match="PNG cannot be decoded"):
                 decode_grey(broken, np.uint16, "depth")
     with pytest.raises(FormatError, match=r"depth PNG holds uint8 \(24, 32\); give one channel of uint16"):
         decode_grey(png(depth_image().astype(np.uint8)), np.uint16, "depth")

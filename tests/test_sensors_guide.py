@@ -185,7 +185,11 @@ def test_calibrate_live_stops_when_it_is_enough(annotate_cloud, held, late, monk
     args = ("calibrate", tmp_path / "board.mcap", "--out", tmp_path / "rig.json", "--hole-mm", "0.01")
     done = annotate_cloud(*args, "--live", "--json")
     assert done.result["good"] and 12 <= done.result["views"] <= 13, done.err
-    assert "now hold it" in done.err and "that is enough" in done.err and "thermal to 0.0" in done.err
+    assert (
+        "now hold the plate" in done.err
+        and "the views suffice" in done.err
+        and "thermal is within 0.0" in done.err
+    )
     assert (tmp_path / "rig.json").is_file() and (tmp_path / "rig.guide.png").is_file()
     few = annotate_cloud(
         "calibrate", tmp_path / "board.mcap", "--out", tmp_path / "r.json", "--rig", "r.toml"

@@ -103,8 +103,9 @@ def test_bad_intrinsics_are_refused(folder, content):
 def test_bad_images_are_refused(folder):
     good = (folder / "depth" / "000.png").read_bytes()
     for image, match in (
-        (b"", "not a PNG"),
-        (good[:60], "nothing readable|cut off"),
+        (b"", "cut off after 0 bytes"),
+        (b"no PNG", "is not a PNG;"),
+        (good[:60], "cannot be decoded|cut off"),
         (png(depth_image().astype(np.uint8)), "uint8"),
         (png(np.zeros((24, 32, 3), np.uint16)), r"\(24, 32, 3\)"),
         (good[:16] + (10**6).to_bytes(4, "big") + good[20:], "1000000x24"),

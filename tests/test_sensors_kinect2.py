@@ -278,7 +278,7 @@ def test_left_stays_left_from_the_library_to_the_labels(rig_session, tmp_path):
     [
         ((), "", "no Kinect v2 is plugged in"),
         (("A", "B"), "", r"there are 2 Kinect v2 devices \(A, B\); name one"),
-        (("A", "B"), "C", r"no Kinect v2 has serial 'C'; plugged in: A, B"),
+        (("A", "B"), "C", r"no Kinect v2 has serial 'C'; give one that is plugged in: A, B"),
         (("A", "A"), "", "two Kinect v2 devices have serial 'A'; unplug one"),
         (("A", "B", "A"), "A", "two Kinect v2 devices have serial 'A'; unplug one"),
     ],
@@ -290,14 +290,14 @@ def test_which_device_is_meant(serials, wanted, match):
 
 def test_without_the_library_one_line_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setenv("PKG_CONFIG_LIBDIR", str(tmp_path))
-    with pytest.raises(DeviceNotFoundError, match="libfreenect2 was not found; build it in five lines"):
+    with pytest.raises(DeviceNotFoundError, match="not found; build libfreenect2 in five lines"):
         load_shim()
     (tmp_path / "no.so").write_bytes(b"no library")
     with pytest.raises(DeviceNotFoundError, match="cannot be loaded"):
         load_shim(tmp_path / "no.so")
     freenect2_in(tmp_path, monkeypatch)
     monkeypatch.setattr(kinect2_build, "FLAGS", ("-std=c++17", "-include", "no_such_header"))
-    with pytest.raises(DeviceNotFoundError, match=r"cannot be compiled against \(.*no_such_header"):
+    with pytest.raises(DeviceNotFoundError, match=r"cannot be compiled with libfreenect2 \(.*no_such_header"):
         load_shim()
     monkeypatch.setattr(kinect2_build, "which", lambda name: "" if name == "pkg-config" else None)
     with pytest.raises(DeviceNotFoundError, match=r"needs a C\+\+ compiler"):

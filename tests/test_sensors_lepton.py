@@ -112,7 +112,7 @@ def test_words_that_are_not_temperatures_are_counts_or_refused(lepton):
 
 def test_a_camera_without_telemetry_is_not_a_lepton(made):
     made.append(VirtualY16(SCENE))
-    with pytest.raises(DeviceError, match=r"160x120 words, not 160x122 or 80x63; update"):
+    with pytest.raises(DeviceError, match=r"160x120 pixels, not 160x122 or 80x63; update"):
         Lepton(made[0].node)
 
 

@@ -150,7 +150,7 @@ def test_a_scene_that_stays_flat_is_no_flag_and_a_frozen_image_is_one():
 
 def test_a_camera_in_another_mode_is_named():
     camera = VirtualOptris(LAYOUTS["128hz"], SCENE)
-    with pytest.raises(DeviceError, match=r"sends images of 164x120 words, not 760x480; choose its mode"):
+    with pytest.raises(DeviceError, match=r"sends images of 164x120 pixels, not 760x480; choose its mode"):
         Optris(camera.node, LAYOUTS["128hz-bispectral"])
     camera.unplug()
     with pytest.raises(DeviceNotFoundError, match="does not exist; plug the device in"):
@@ -229,7 +229,7 @@ def test_an_image_that_is_no_temperatures_is_a_fault_and_reading_goes_on(config,
     monkeypatch.setattr(twin, "_values", lambda n: whole(n) if n else np.full((120, 160), 12_000, np.uint16))
     with closing(OptrisDirect(config, twin.library)) as device:
         device.start()
-        with pytest.raises(DeviceFaultError, match="words about 12000, which would be 1100 C"):
+        with pytest.raises(DeviceFaultError, match="values with a median of 12000, which would be 1100 C"):
             device.read(1)
         assert np.abs(device.read(1).value.celsius - SCENE.thermal(0)).max() < 0.6
 

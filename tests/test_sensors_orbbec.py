@@ -255,7 +255,7 @@ def test_a_camera_by_pyorbbecsdks_names(monkeypatch, stamped):
 
 def test_a_truncated_depth_frame_is_a_fault():
     frame = methods(get_height=2, get_width=3, get_data=np.zeros(10, np.uint8), get_depth_scale=1.0)
-    with pytest.raises(DeviceFaultError, match="5 pixels came, not 6; wait for the next"):
+    with pytest.raises(DeviceFaultError, match="image has 5 pixels, not 3x2; wait for the next"):
         depth_of(frame)
 
 

@@ -156,9 +156,9 @@ def test_settings_reach_the_camera_by_name(twin):
     ("settings", "match"),
     [
         ({"laser_mw": 91}, "refused laser 91; give 0 to 360 in steps of 30"),
-        ({"size": (848, 480)}, "no depth of 848x480 at 30 a second but 64x53; choose one of these$"),
-        ({"color_size": (848, 480)}, "no colour of 848x480 at 30 a second but 240x134; choose one"),
-        ({"rate_hz": 6}, "at 6 a second but none"),
+        ({"size": (848, 480)}, "no depth images of 848x480 at 30 a second; choose 64x53$"),
+        ({"color_size": (848, 480)}, "no colour images of 848x480 at 30 a second; choose 240x134"),
+        ({"rate_hz": 6}, "at 6 a second; choose another rate"),
     ],
 )
 def test_what_the_camera_has_not_is_refused_with_what_it_has(twin, settings, match):
@@ -230,7 +230,7 @@ def test_lenses_project_as_the_sdk_does(model):
 
 def test_a_fisheye_is_refused():
     pinhole = Intrinsics(64, 48, 50, 50, 32, 24)
-    with pytest.raises(CalibrationError, match="'ftheta' is not supported; use a RealSense D400"):
+    with pytest.raises(CalibrationError, match="'ftheta', which is not supported; use a RealSense D400"):
         realsense_intrinsics(pinhole, "ftheta", [0.1, 0, 0, 0, 0])
 
 

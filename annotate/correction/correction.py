@@ -267,8 +267,8 @@ class Correction:
             return ()
         if type(included) is not int or not 0 <= included <= len(strokes):
             raise FormatError(
-                f"{self.journal.path} holds {len(strokes)} entries of frame {frame_id}, whose labels include "
-                f"{str(included)[:20]}; {REMEDY}"
+                f"{self.journal.path} holds {len(strokes)} entries of frame {frame_id}, but the labels state "
+                f"that {str(included)[:20]} are applied; {REMEDY}"
             )
         return strokes[included:]
 

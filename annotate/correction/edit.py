@@ -227,7 +227,7 @@ class Editor:
 
     def _same_shape(self, image: NDArray[np.generic]) -> None:
         if image.shape != self._parts.shape:
-            raise CloudError(f"labels or mask are {image.shape}; give {self._parts.shape}")
+            raise CloudError(f"an image of labels or a mask is {image.shape}; give {self._parts.shape}")
 
 
 _NONE = np.empty((0, 4), np.int64)

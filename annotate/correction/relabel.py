@@ -61,7 +61,8 @@ def relabel(correction: Correction, learnt: LabelSet) -> Relabelled:
     """
     if learnt.intrinsics.shape != correction.labels.intrinsics.shape:
         raise CloudError(
-            f"{learnt.path} has labels of another image size than {correction.labels.path}; run learn again"
+            f"{learnt.path} has images of {learnt.intrinsics.shape}, {correction.labels.path} of "
+            f"{correction.labels.intrinsics.shape}; run learn again"
         )
     step, there = _next_step(correction), set(learnt.frame_ids)
     strokes = []

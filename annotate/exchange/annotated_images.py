@@ -14,7 +14,7 @@ from annotate.exchange.companion import Companion, safe_id
 from annotate.exchange.masks import Mask, images_from
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import decode_depth, encode_png
-from sensors.errors import FormatError
+from sensors.errors import FormatError, fault_of
 from sensors.files.bounded import read_bounded
 
 DEPTH, IMAGES = "depth", "images"
@@ -44,11 +44,7 @@ def read_annotated(
             depth_mm = depth.read(image.name)
             parts, persons = images_from(image.masks(depth_mm.shape), depth_mm.shape, ids)
         except (KeyError, ValueError, TypeError, IndexError, OverflowError, FormatError) as error:
-            why = (
-                f"an annotation lacks {error}, or names an unknown category"
-                if isinstance(error, KeyError)
-                else str(error)
-            )
+            why = f"an annotation lacks {error}" if isinstance(error, KeyError) else fault_of(error)
             raise FormatError(f"{image.file}, image {image.name[:100]!r}: {why[:300]}") from error
         yield companion.labels(frame_id, depth_mm, parts, persons)
 
@@ -67,7 +63,7 @@ def check_size(stated: tuple[object, object], shape: tuple[int, int]) -> None:
     if height and width and (height, width) != shape:
         raise FormatError(
             f"labels were drawn on an image of {width:g}x{height:g}, its depth image is "
-            f"{shape[1]}x{shape[0]}; annotate images of depth's size"
+            f"{shape[1]}x{shape[0]}; annotate images of the depth image's size"
         )
 
 

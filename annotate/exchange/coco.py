@@ -32,7 +32,7 @@ from annotate.exchange.masks import (
 )
 from annotate.frame_labels import FrameLabels
 from annotate.scheme.scheme import Scheme
-from sensors.errors import FormatError
+from sensors.errors import FormatError, fault_of
 from sensors.files.bounded import read_bounded
 
 ANNOTATIONS = "annotations.json"
@@ -144,14 +144,9 @@ def _images(source: Path, file: Path, companion: Companion) -> list[AnnotatedIma
                 companion.remark("annotations of images that the file does not list are not read")
         drawn = (one for own in by_image.values() for one in own if one.get("segmentation"))
         names = {categories.get(_key(one.get("category_id")), "") for one in drawn} - {""}
-    except KeyError as error:
-        raise FormatError(
-            f"{file} is not a COCO file (it lacks {str(error)[:80]}); export it as COCO JSON"
-        ) from error
-    except (ValueError, TypeError, AttributeError, RecursionError, OverflowError) as error:
-        raise FormatError(
-            f"{file} is not a COCO file ({str(error)[:80]!r}); export it as COCO JSON"
-        ) from error
+    except (KeyError, ValueError, TypeError, AttributeError, RecursionError, OverflowError) as error:
+        why = fault_of(error)[:80]
+        raise FormatError(f"{file} is not a COCO file ({why}); export it as COCO JSON") from error
     check_names(names, companion.ids_by_name, companion.scheme, file)
     return list(found.values())
 
@@ -170,7 +165,10 @@ def _masks(
 ) -> Iterator[Mask]:
     """Yield the masks of annotations; boxes and key points without a mask are counted as remarks."""
     for annotation in annotations:
-        segmentation, name = annotation.get("segmentation"), categories[_key(annotation["category_id"])]
+        segmentation, category = annotation.get("segmentation"), _key(annotation["category_id"])
+        if category not in categories:
+            raise FormatError(f"an annotation has category {category[:40]!r}, which is not listed; add it")
+        name = categories[category]
         person = int(annotation.get("person", 1))
         if isinstance(segmentation, dict):
             pixels, remark = _run_pixels(segmentation, annotation.get("bbox"), shape)

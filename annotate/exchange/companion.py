@@ -22,7 +22,7 @@ from annotate.labelset.scheme_note import scheme_in, scheme_note
 from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
 from sensors.calibration_files.intrinsics_file import read_intrinsics
-from sensors.errors import CalibrationError, FormatError
+from sensors.errors import CalibrationError, FormatError, fault_of
 from sensors.files.bounded import read_bounded
 from sensors.files.natural_order import paths_in_order
 from sensors.rig.camera import Intrinsics
@@ -105,7 +105,7 @@ class Companion:
             return replace(frame, **known)
         except TypeError as error:
             raise FormatError(
-                f"{COMPANION}: frame {frame_id[:100]!r} is malformed ({error}); export again"
+                f"{COMPANION}: frame {frame_id[:100]!r} is malformed ({fault_of(error)}); export it again"
             ) from error
 
 
@@ -135,12 +135,12 @@ def _stored(file: Path) -> Companion:
             raise FormatError(f"{file} is not of schema {SCHEMA}; export it again")
         frames = content["frames"]
         if not isinstance(frames, dict) or not all(isinstance(entry, dict) for entry in frames.values()):
-            raise TypeError("frames")
+            raise ValueError("field 'frames' is not an object of objects")
         scheme = scheme_in(content, file)
         camera = Intrinsics(**content["intrinsics"])
         return Companion(camera, frames, cast=cast_of(content), scheme=scheme, is_ours=True)
     except (CalibrationError, ValueError, LookupError, TypeError, RecursionError, OverflowError) as error:
-        raise FormatError(f"{file} is corrupt ({str(error)[:80]!r}); export it again") from error
+        raise FormatError(f"{file} is corrupt ({fault_of(error)[:80]}); export it again") from error
 
 
 def frame_files(folder: Path, suffix: str) -> Iterator[tuple[str, Path]]:

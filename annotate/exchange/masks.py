@@ -76,8 +76,10 @@ def polygon_pixels(corners: Float64, shape: tuple[int, int]) -> Bool:
     Pixel centres lie at halves, as in COCO and CVAT. By the even-odd rule a polygon that overlaps itself has
     a hole. Raises FormatError for fewer than three corners, or corners far outside.
     """
-    if corners.shape[1:] != (2,) or len(corners) < 3 or not (np.abs(corners) < FARTHEST_PX).all():
-        raise FormatError("a polygon has fewer than three corners on the image; export it again")
+    if corners.shape[1:] != (2,) or len(corners) < 3:
+        raise FormatError(f"a polygon has corners of shape {corners.shape}; export 3 or more (x, y)")
+    if not (np.abs(corners) < FARTHEST_PX).all():
+        raise FormatError(f"a polygon has a corner over {FARTHEST_PX:g} pixels away; export it again")
     height, width = shape
     crossed = np.zeros(height * (width + 1), np.int64)
     rows, step = np.arange(height) + 0.5, max(1, CELLS // height)

@@ -22,7 +22,7 @@ from annotate.labelset import images
 from annotate.labelset.cast_note import cast_note, cast_of
 from annotate.labelset.scheme_note import scheme_in, scheme_note
 from annotate.scheme.scheme import UNDEFINED
-from sensors.errors import CalibrationError, FormatError
+from sensors.errors import CalibrationError, FormatError, fault_of
 from sensors.files.natural_order import paths_in_order
 from sensors.rig.camera import Intrinsics
 
@@ -175,5 +175,5 @@ def _frame(row: dict[str, Any], companion: Companion) -> FrameLabels:
 
 
 def _broken(file: Path, error: Exception) -> FormatError:
-    why = " ".join(str(error).split())[:120]
+    why = " ".join(fault_of(error).split())[:120]
     return FormatError(f"{file} cannot be read ({why}); give a Parquet file that export wrote")

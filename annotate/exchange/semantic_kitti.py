@@ -72,10 +72,15 @@ def _frame(folder: Path, number: str, frame_id: str, file: Path, companion: Comp
     points = np.frombuffer(_words(folder / POINTS / f"{number}.bin"), "<f4")
     pixels = np.frombuffer(_words(folder / INDEX / f"{number}.index"), "<u4").astype(np.int64)
     height, width = companion.intrinsics.shape
-    if not len(points) == 4 * len(labels) == 4 * len(pixels) or (pixels >= height * width).any():
+    if not len(points) == 4 * len(labels) == 4 * len(pixels):
         raise FormatError(
-            f"{file}: {len(labels)} labels, {len(points) // 4} points, {len(pixels)} pixels of "
-            f"{width}x{height}; restore them from a copy"
+            f"{file} has {len(labels)} labels for {len(points) / 4:g} points and {len(pixels)} pixel "
+            "indices; restore the three files from a copy"
+        )
+    if (pixels >= height * width).any():
+        raise FormatError(
+            f"{folder / INDEX / number}.index has pixel {pixels.max()} of an image of {width}x{height}; "
+            "restore it from a copy"
         )
     ids = np.stack([labels & 0xFFFF, labels >> 16])
     if (ids > 255).any():

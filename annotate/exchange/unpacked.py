@@ -55,10 +55,14 @@ def _extracted(archive: Path, folder: Path) -> Path:
         with ZipFile(archive) as file:
             entries = file.infolist()
             size, room = sum(entry.file_size for entry in entries), shutil.disk_usage(folder).free
-            if len(entries) > MAX_FILES or size > FREE_SHARE * room:
+            if len(entries) > MAX_FILES:
                 raise FormatError(
-                    f"{archive} unpacks to {len(entries)} files of {size} bytes; {gettempdir()} has "
-                    f"{room} bytes free: unpack it elsewhere and give the folder"
+                    f"{archive} has {len(entries)} files, over {MAX_FILES}; unpack it and give the folder"
+                )
+            if size > FREE_SHARE * room:
+                raise FormatError(
+                    f"{archive} unpacks to {size} bytes, too many for {gettempdir()}, which has {room} free; "
+                    "unpack it elsewhere and give the folder"
                 )
             if any(entry.flag_bits & ENCRYPTED for entry in entries):
                 raise FormatError(f"{archive} is encrypted; unpack it with its password and give the folder")

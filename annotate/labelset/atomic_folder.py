@@ -30,7 +30,10 @@ def claimed_to_replace(out: Path, marker: str, *inputs: Path) -> Iterator[None]:
         if path.resolve().is_relative_to(out.resolve()):
             raise ExistsError(f"{out} holds the input {path}; choose another folder for the result")
     if not (out / marker).is_file() and (not out.is_dir() or any(out.iterdir())):
-        raise ExistsError(f"{out} was not made by this command (it has no {marker}); remove it yourself")
+        raise ExistsError(
+            f"{out} was not made by this command (it has no {marker}); choose another folder, or remove it "
+            "yourself"
+        )
     _check_uncorrected(out)
     with Claim.take(out, login()):
         _check_uncorrected(out)

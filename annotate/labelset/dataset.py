@@ -16,7 +16,7 @@ from annotate.labelset.scheme_note import scheme_in
 from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
 from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE
-from sensors.errors import FormatError
+from sensors.errors import FormatError, fault_of
 from sensors.files.bounded import read_bounded
 
 MANIFEST = "dataset.json"
@@ -98,9 +98,12 @@ def _frames(path: Path, tar: tarfile.TarFile) -> Iterator[list[tarfile.TarInfo]]
     members: list[tarfile.TarInfo] = []
     for member in iter(tar.next, None):
         # A negative size would lead in circles.
-        if not member.isfile() or not 0 <= member.size <= MAX_MEMBER_BYTES:
+        if not member.isfile():
+            raise FormatError(f"shard {path} holds {member.name!r}, which is not a file; generate it again")
+        if not 0 <= member.size <= MAX_MEMBER_BYTES:
             raise FormatError(
-                f"shard {path} holds {member.name!r}, not an image or too large; generate it again"
+                f"shard {path} holds {member.name!r} of {member.size} bytes, over {MAX_MEMBER_BYTES}; "
+                "generate it again"
             )
         suffix = member.name.partition(".")[2]
         if suffix in SUFFIXES:
@@ -124,11 +127,12 @@ def _decoded(path: Path, tar: tarfile.TarFile, members: list[tarfile.TarInfo], s
     try:
         fields = json.loads(data["json"])
         if not isinstance(fields, dict) or not fields.keys() <= FIELDS:
-            raise ValueError(f"its JSON may hold {sorted(FIELDS)} only")
+            raise ValueError(f"its JSON may hold {', '.join(sorted(FIELDS))} only")
         depth_mm, parts = decode_depth(data["depth.png"]), decode_parts(data["parts.png"])
         return FrameLabels(key, depth_mm, parts, scheme=scheme, **fields)
     except (FormatError, KeyError, ValueError, TypeError, RecursionError) as error:
-        raise FormatError(f"shard {path}, frame {key!r} is malformed ({error}); generate it again") from error
+        why = f"it lacks {error}" if isinstance(error, KeyError) else fault_of(error)
+        raise FormatError(f"shard {path}, frame {key!r} is malformed ({why}); generate it again") from error
 
 
 @dataclass(frozen=True)
@@ -167,7 +171,8 @@ class Dataset:
             shards = tuple((str(s["file"]), str(s["sha256"])) for s in info.pop("shards"))
             info["images"] = int(info["images"])
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
-            raise FormatError(f"{manifest} is corrupt ({error!r}); generate the dataset again") from error
+            why = fault_of(error)
+            raise FormatError(f"{manifest} is corrupt ({why}); generate the dataset again") from error
         scheme = scheme_in(info, manifest)
         for name, _ in shards:
             if Path(name).name != name or not (path / name).is_file():

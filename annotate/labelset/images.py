@@ -109,7 +109,10 @@ def decode_parts(data: bytes) -> UInt8:
     except Exception as error:  # Pillow's readers of odd chunks raise almost anything
         raise FormatError(f"parts PNG cannot be decoded ({error}); restore it from a copy") from error
     if parts is None or parts.shape != (height, width):
-        raise FormatError(f"parts PNG is {mode} {size}; give 8-bit palette or grey ids {(width, height)}")
+        raise FormatError(
+            f"parts PNG has mode {mode} and {size[0]}x{size[1]} pixels; give part ids in 8 bits, as palette "
+            f"or greyscale, {width}x{height}"
+        )
     return parts
 
 
@@ -155,8 +158,9 @@ def encode_probabilities(probabilities: Probabilities) -> bytes:
 
 def decode_probabilities(data: bytes, notes: dict[str, Any], n_classes: int) -> Probabilities:
     """Decode a PNG of ``encode_probabilities``; notes: the frame's, with the crop. Raises FormatError."""
-    if png_shape(data, "probability") != (n_classes * SIZE, SIZE):
-        raise FormatError(f"probability PNG is not {n_classes * SIZE} x {SIZE} pixels; predict again")
+    if (shape := png_shape(data, "probability")) != (n_classes * SIZE, SIZE):
+        wanted = f"not {SIZE}x{n_classes * SIZE}"
+        raise FormatError(f"probability PNG has {shape[1]}x{shape[0]} pixels, {wanted}; predict again")
     stored = decode_grey(data, np.uint8, "probability").reshape(n_classes, SIZE, SIZE)
     total = stored.sum(axis=0, dtype=np.int64)
     # Each plane was rounded by half a step at most.

@@ -20,7 +20,7 @@ from annotate.labelset.images import Probabilities
 from annotate.labelset.journal import Journal
 from annotate.labelset.json_object import encode_object, read_object
 from annotate.labelset.scheme_note import check_scheme, scheme_in
-from sensors.errors import CalibrationError, CloudError, ExistsError, FormatError
+from sensors.errors import CalibrationError, CloudError, ExistsError, FormatError, fault_of
 from sensors.files.atomic import is_taken, write_bytes
 from sensors.files.natural_order import in_order, paths_in_order
 from sensors.rig.camera import Intrinsics
@@ -92,7 +92,7 @@ class LabelSet:
             intrinsics = Intrinsics(**manifest.pop("intrinsics"))
         except (TypeError, KeyError, CalibrationError) as error:
             raise FormatError(
-                f"{path / MANIFEST} has malformed intrinsics ({error}); restore it from a copy"
+                f"{path / MANIFEST} has malformed intrinsics ({fault_of(error)}); restore it from a copy"
             ) from error
         manifest.pop("versions", None)
         return cls(path, intrinsics, manifest)
@@ -169,7 +169,7 @@ class LabelSet:
             )
         except TypeError as error:
             raise FormatError(
-                f"{self._file(frame_id, 'json')} has unknown fields ({error}); restore it from a copy"
+                f"{self._file(frame_id, 'json')} is malformed ({fault_of(error)}); restore it from a copy"
             ) from error
 
     def parts(self, frame_id: str) -> UInt8:
@@ -217,8 +217,8 @@ class LabelSet:
         check_scheme(frame.frame_id, frame.scheme, self.path, self.scheme)
         if frame.depth_mm.shape != self.intrinsics.shape:
             raise FormatError(
-                f"frame {frame.frame_id} is {frame.depth_mm.shape}, the label set {self.intrinsics.shape}; "
-                "write each camera into its own label set"
+                f"frame {frame.frame_id} has shape {frame.depth_mm.shape}, {self.path} has frames of "
+                f"{self.intrinsics.shape}; write each camera into its own label set"
             )
         self._put(frame.frame_id, "depth.png", images.encode_png, frame.depth_mm)
         self._put(frame.frame_id, "confidence.png", images.encode_confidence, frame.confidence)
@@ -272,7 +272,8 @@ class LabelSet:
         image = images.read_image(file, decode)
         if image.shape != self.intrinsics.shape:
             raise FormatError(
-                f"{file} is {image.shape}, the label set {self.intrinsics.shape}; restore it from a copy"
+                f"{file} has shape {image.shape}, its label set {self.intrinsics.shape}; restore it from "
+                "a copy"
             )
         return image
 

@@ -7,7 +7,7 @@ from annotate.crop import crop_from_note
 from annotate.frame_labels import FrameLabels
 from annotate.labelset import dataset, label_set
 from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE
-from sensors.errors import CalibrationError, FormatError
+from sensors.errors import CalibrationError, FormatError, fault_of
 from sensors.rig.camera import Intrinsics
 
 LabelledFrames: TypeAlias = label_set.LabelSet | dataset.Dataset
@@ -39,7 +39,7 @@ def camera_of(frames: LabelledFrames, frame: FrameLabels) -> Intrinsics:
         return Intrinsics(*frame.notes["intrinsics"])
     except (TypeError, CalibrationError) as error:
         raise FormatError(
-            f"frame {frame.frame_id}: field notes.intrinsics is malformed ({error}); "
+            f"frame {frame.frame_id}: field notes.intrinsics is malformed ({fault_of(error)}); "
             "give width, height, fx, fy, cx, cy"
         ) from error
 

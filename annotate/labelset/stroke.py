@@ -8,7 +8,7 @@ import numpy as np
 
 from annotate.array_types import Int64, UInt8
 from annotate.scheme.scheme import UNDEFINED, Scheme
-from sensors.errors import FormatError
+from sensors.errors import FormatError, fault_of
 from sensors.files.bounded import MAX_IMAGE_SIDE
 
 Operation = Literal[
@@ -58,7 +58,8 @@ class Gesture:
     def __post_init__(self) -> None:
         numbers = (self.clicks, self.points, self.path_px, self.keys)
         if self.kind not in get_args(GestureKind):
-            raise FormatError(f"gesture {str(self.kind)[:40]!r} is unknown; use {get_args(GestureKind)}")
+            known = ", ".join(get_args(GestureKind))
+            raise FormatError(f"gesture {str(self.kind)[:40]!r} is unknown; use {known}")
         if not all(type(n) in (int, float) and 0 <= n < 1e9 for n in numbers):
             raise FormatError(f"gesture {self.kind} has counts {str(numbers)[:60]}, not numbers from 0")
 
@@ -88,7 +89,8 @@ class Stroke:
 
     def __post_init__(self) -> None:
         if self.operation not in get_args(Operation):
-            raise FormatError(f"operation {str(self.operation)[:40]!r} is unknown; use {get_args(Operation)}")
+            known = ", ".join(get_args(Operation))
+            raise FormatError(f"operation {str(self.operation)[:40]!r} is unknown; use {known}")
         if self.part is not None and not (type(self.part) is int and 0 <= self.part <= UNDEFINED):
             raise FormatError(f"part id {str(self.part)[:40]} is not a whole number from 0 to {UNDEFINED}")
         texts = (self.frame_id, self.who, self.when, self.reason)
@@ -148,7 +150,8 @@ class Stroke:
         """
         if self.end > parts.size:
             raise FormatError(
-                f"a stroke on frame {self.frame_id} reaches pixel {self.end - 1} of {parts.size}"
+                f"a stroke on frame {self.frame_id} reaches pixel {self.end - 1} of {parts.size}; restore "
+                "journal.jsonl from a copy"
             )
         parts.reshape(-1)[self.pixels] = self.new
 
@@ -196,7 +199,7 @@ def from_line(line: bytes) -> Stroke:
         runs, how = _runs(fields.pop("runs")), Gesture(**fields.pop("how"))
         return Stroke(runs=runs, how=how, **fields)
     except (TypeError, KeyError) as error:
-        raise FormatError(f"entry has wrong fields ({str(error)[:100]})") from error
+        raise FormatError(f"entry is malformed ({fault_of(error)[:100]})") from error
 
 
 def _runs(numbers: object) -> Int64:

@@ -11,7 +11,6 @@ import numpy as np
 from annotate.array_types import Bool, Float64
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.live.warning import LiveWarning
-from annotate.parts import PARTS
 from annotate.person.alignment import TOLERABLE_DEG, is_warmer, misplacement_px, warm_contrasts
 from annotate.person.subject import cut_borders
 from annotate.person.warmth import WINDOW_C, find_window, warmth
@@ -73,7 +72,7 @@ def color_warning(cloud: ThermalCloud, person: Bool, model: ColorModel) -> LiveW
     if len(rgb) < LEAST_PIXELS:
         return None
     cloth = np.flatnonzero(~model.bare)
-    part_of = model.wears[cloth].argmax(axis=1) + 1
+    part_of = np.array(model.parts)[cloth]
     noise = float(np.median(blur(rgb)))
     now = _apart(model.lit[cloth], model.variance[cloth] + noise**2)
     ever = _apart(model.palette[cloth], model.variance[cloth])
@@ -81,7 +80,7 @@ def color_warning(cloud: ThermalCloud, person: Bool, model: ColorModel) -> LiveW
     i, j = np.unravel_index(int(now.argmin()), now.shape)
     if now[i, j] >= APART:
         return None
-    one, other = (PARTS[int(part_of[k])].name.replace("_", " ") for k in (i, j))
+    one, other = (part_of[k].replace("_", " ") for k in (i, j))
     return LiveWarning(
         "colours",
         f"the suit's colours of {one} and {other} are too similar in this light: "

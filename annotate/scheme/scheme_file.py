@@ -19,7 +19,7 @@ from sensors.errors import FormatError
 from sensors.files.bounded import read_toml
 
 MAX_TOML_BYTES = 200_000  # three times a file of 254 parts
-SHIPPED = ("paper", "hands-and-feet", "six", "trunk-and-limbs", "smpl-24", "kinect")
+SHIPPED = ("paper", "hands-and-feet", "six", "trunk-and-limbs", "smpl-24", "kinect", "atlas")
 """Names of the shipped schemes, the default first."""
 
 _FOLDER = Path(__file__).with_name("schemes")

@@ -6,13 +6,15 @@ with priors near the palette. Constants are untuned unless a source is given.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from annotate.array_types import Bool, Float32, Float64, UInt8
-from annotate.parts import BODY_PARTS, PARTS
+from annotate.parts import BODY_PARTS, PAPER
+from annotate.scheme.regions import N_REGIONS, Region
 from annotate.suit.palette import Suit, chromaticity
 
 CLIPPED = 250  # 8-bit value from which a channel has lost its upper end
@@ -22,9 +24,13 @@ SIGMA = 0.05  # expected standard deviation of a swatch's chromaticity, on folds
 SIGMA_POINTS = 60.0  # points that SIGMA is worth
 FADE, FADE_SIGMA = 0.1, 0.2  # share of the way from a cloth's chromaticity to the light's, mean and spread
 HUE_SIGMA = 0.03  # standard deviation of a swatch's chromaticity beside fading
-BARE = (((176, 135, 105), ("head", "left_forearm", "right_forearm")),
-        ((70, 62, 58), ("head", "left_lower_leg", "right_lower_leg")))  # fmt: skip
-"""sRGB of skin (the middle of the Monk Skin Tone scale), of dark hair and shoes; the parts that show them."""
+BARE = (((176, 135, 105), ("HEAD", "NECK"), ("FOREARM", "HAND", "FINGERS")),
+        ((70, 62, 58), ("HEAD",), ("LOWER_LEG", "FOOT", "TOES")))  # fmt: skip
+"""sRGB of skin (the middle of the Monk Skin Tone scale), of dark hair and shoes; the regions that show them:
+those in the middle, those on both sides.
+"""
+OF_PAPER = PAPER.table[1 : N_REGIONS + 1] == np.array([[part.id] for part in BODY_PARTS])
+"""Bool (11, 24): the regions of the paper's parts, which are the classes of the suit network."""
 BARE_COST = 0.7  # log cost of explaining a colour by BARE instead of the suit
 GAIN, GAIN_SIGMA = np.array([0.0, 0.25]), 0.3  # log gains of red and blue against green: mean and spread
 GAIN_STEPS = np.linspace(-0.7, 0.7, 11)  # offsets from GAIN tried first; incandescent to sky is -0.6 to 0.6
@@ -41,9 +47,16 @@ class ColorModel:
 
     palette: (K, 2), chromaticities in white light. shift: (K, 2), estimated offset that remains after the
     diagonal illuminant gains ``log_gain``. unknown: (K, 2, 2), covariance of ``shift``. variance: (K,), of a
-    swatch's colours along each axis. wears: bool (K, 11), True for parts that show the swatch. bare: bool
+    swatch's colours along each axis. wears: bool (K, 24), True for regions that show the swatch. bare: bool
     (K,), True for a swatch that is skin or hair, not cloth. log_gain: (2,), natural logarithms of the red and
-    blue gains relative to green.
+    blue gains relative to green. parts: name of the suit's part by swatch, "" for one that is bare.
+
+    The suit's scheme gives the regions of a swatch; colours are matched by swatch. Probabilities and
+    likelihoods of parts are of the paper's eleven, the classes of the suit network: a part's likelihood is
+    the greatest of its regions. So a suit of any scheme is segmented into the paper's parts, with losses.
+    Colours of a finer suit, such as a glove, count for the whole part, and its borders within a part are
+    lost. Parts of a coarser suit, such as both arms in one colour, are equally likely by colour; only shape
+    and depth separate left from right.
     """
 
     palette: Float64
@@ -53,6 +66,7 @@ class ColorModel:
     wears: Bool
     bare: Bool
     log_gain: Float64
+    parts: tuple[str, ...]
 
     @property
     def lit(self) -> Float64:
@@ -88,6 +102,11 @@ class ColorModel:
     def _cost(self) -> Float64:
         return np.where(self.bare, BARE_COST, 0.0)
 
+    @cached_property
+    def parts_worn(self) -> Bool:
+        """Return bool (K, 11): True for the paper's parts with a region that shows the swatch."""
+        return np.asarray(self.wears @ OF_PAPER.T)
+
     def evidence(self, rgb: UInt8) -> Float32:
         """Return the log likelihood (11, n) of colours uint8 (n, 3) under every part."""
         return np.asarray(np.log(self._likelihood(rgb) + np.float32(STRAY)), np.float32)
@@ -103,11 +122,22 @@ class ColorModel:
     def _likelihood(self, rgb: UInt8) -> Float32:
         return np.exp(self.by_part(self.match(chromaticity(rgb), blur(rgb))))
 
-    def by_part(self, match: Float32) -> Float32:
-        """Return the log likelihood (11, n) of each part's best swatch, from ``match`` (K, n) of all
+    def by_region(self, match: Float32) -> Float32:
+        """Return the log likelihood (24, n) of each region's best swatch, from ``match`` (K, n) of all
         swatches.
         """
-        return np.stack([match[worn].max(axis=0) for worn in self.wears.T])
+        return _greatest(match, self.wears)
+
+    def by_part(self, match: Float32) -> Float32:
+        """Return the log likelihood (11, n) of each of the paper's parts: the greatest of ``by_region``."""
+        return _greatest(match, self.parts_worn)
+
+
+def _greatest(match: Float32, worn: Bool) -> Float32:
+    """Return the greatest row (m, n) of ``match`` (K, n) among the swatches of each column of ``worn`` (K,
+    m).
+    """
+    return np.stack([match[own].max(axis=0) for own in worn.T])
 
 
 def _lit(palette: Float64, log_gain: Float64) -> tuple[Float64, Float64]:
@@ -173,16 +203,22 @@ def readable(rgb: UInt8, seen: Bool) -> Bool:
 
 def unfitted(suit: Suit) -> ColorModel:
     """Return the model of a palette in the expected illuminant, before any fit."""
-    names = [part.name for part in BODY_PARTS]
-    wears = [np.isin(names, PARTS[part].name) for part in suit.parts]
-    wears += [np.isin(names, worn) for _, worn in BARE]
-    palette = chromaticity(np.concatenate([suit.colors_rgb, np.array([rgb for rgb, _ in BARE])]))
+    bare_regions = [_shown(middle, sided) for _, middle, sided in BARE]
+    wears = np.concatenate([suit.regions_worn, np.array(bare_regions)])
+    palette = chromaticity(np.concatenate([suit.colors_rgb, np.array([rgb for rgb, *_ in BARE])]))
     bare = np.arange(len(palette)) >= len(suit.parts)
     variance = np.full(len(palette), SIGMA**2)
-    model = ColorModel(
-        palette, palette, np.zeros((len(palette), 2, 2)), variance, np.array(wears), bare, GAIN
-    )
+    names = {part.id: part.name for part in suit.scheme.parts}
+    parts = (*(names[part] for part in suit.parts.tolist()), *("" for _ in BARE))
+    unknown = np.zeros((len(palette), 2, 2))
+    model = ColorModel(palette, palette, unknown, variance, wears, bare, GAIN, parts)
     return under(model, GAIN)
+
+
+def _shown(middle: tuple[str, ...], sided: tuple[str, ...]) -> list[bool]:
+    """Return flags of the 24 regions: middle ones by name, those on both sides by name without side."""
+    names = {*middle, *(f"{side}_{name}" for side in ("LEFT", "RIGHT") for name in sided)}
+    return [region.name in names for region in Region]
 
 
 def under(model: ColorModel, log_gain: Float64) -> ColorModel:
@@ -197,7 +233,7 @@ def refit_colors(model: ColorModel, rgb: UInt8, belief: Float64) -> ColorModel:
     probabilities.
     """
     some = evenly(len(rgb))
-    rgb, prior = rgb[some], (model.wears @ belief[some].T).astype(np.float32)
+    rgb, prior = rgb[some], (model.parts_worn @ belief[some].T).astype(np.float32)
     chroma, noise = chromaticity(rgb), blur(rgb)
     for _ in range(FIT_ROUNDS):
         match = np.exp(model.match(chroma, noise)) * prior
@@ -270,7 +306,7 @@ def fit_illuminant(suit: Suit, rgb: UInt8, belief: Float64 | None = None) -> Col
     if belief is None:
         belief = np.full((len(rgb), len(BODY_PARTS)), 1 / len(BODY_PARTS))
     every = slice(None, None, -(-len(rgb) // GRID_COLORS))
-    some, prior = rgb[every], (palette.wears @ belief[every].T).astype(np.float32)
+    some, prior = rgb[every], (palette.parts_worn @ belief[every].T).astype(np.float32)
     chroma, noise = chromaticity(some), blur(some)
     red, green = np.meshgrid(GAIN[0] + GAIN_STEPS, GAIN[1] + GAIN_STEPS, indexing="ij")
     illuminants = np.stack([red.ravel(), green.ravel()], axis=1)

@@ -8,12 +8,14 @@ from typer import Argument, Option
 
 from cli.console import Json, Overwrite, finish, progress, provenance, say
 from cli.extras import check_extra, needing
+from cli.scheme import names
 from cli.sessions import Scheduler, each, finish_each, label_sets_in
 from sensors.errors import ExistsError
 from sensors.files.atomic import check_free, check_there
 
 if TYPE_CHECKING:
     from annotate.labelset.labelled_frames import LabelledFrames
+    from annotate.scheme.scheme import Scheme
     from eval.compare.compare import Comparison
 
 
@@ -24,13 +26,25 @@ def evaluate(
         Path | None, Option(help="Result (.npz) to write, for 'compare' and 'report'; of folders, a folder.")
     ] = None,
     title: Annotated[str, Option(help="Name of the result in the report.")] = "Network",
+    scheme: Annotated[
+        str | None,
+        Option(
+            help="Scheme of parts to compare in: name, or file (TOML).",
+            show_default="the finest of both label sets",
+            autocompletion=names,
+        ),
+    ] = None,
     scheduler: Scheduler = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Measure labels against the truth, with confidence intervals and the confusion matrix."""
+    from annotate.scheme.scheme_file import load_scheme
+
+    chosen = load_scheme(scheme) if scheme else None
     if pairs := label_sets_in(predicted, truth, scheduler):
-        jobs = _jobs(pairs, out, title, overwrite)
+        given = _Job(predicted, truth, out, title, chosen, overwrite, provenance())
+        jobs = _jobs(pairs, given)
         done, failed = each("evaluate", _evaluate_one, jobs, scheduler)
         names = ("frames", "mean_recall", "miou", "person_iou")
         shown = {set_name: {name: scores[name] for name in names} for set_name, scores in done.items()}
@@ -46,42 +60,46 @@ def evaluate(
     from eval.compare.details import details
 
     with progress("evaluate", len(targets)) as advance:
-        comparison = compare_sets(guesses, targets, advance)
+        comparison = compare_sets(guesses, targets, advance, scheme=chosen)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
-        _save(_Job(predicted, truth, out, title, overwrite, provenance()), guesses, targets, comparison)
+        job = _Job(predicted, truth, out, title, chosen, overwrite, provenance())
+        _save(job, guesses, targets, comparison)
     result = {**comparison.to_evaluation_json(), **details(comparison)}
+    if note := _scheme_note(guesses, targets, comparison):
+        say(note)
     if comparison.ci_note:
         say(comparison.ci_note)
     finish(result, json, scores_text(comparison, intervals=True))
 
 
 class _Job(NamedTuple):
-    """Label set to measure; origin: the command and its version."""
+    """Label set to measure. scheme: of the comparison, or None. origin: the command and its version."""
 
     predicted: Path
     truth: Path
     out: Path | None
     title: str
+    scheme: "Scheme | None"
     overwrite: bool
     origin: dict[str, str]
 
 
-def _jobs(
-    pairs: dict[str, tuple[Path, Path]], out: Path | None, title: str, overwrite: bool
-) -> dict[str, tuple[_Job]]:
-    """Return the label sets of a folder to measure. Raises ExistsError for an outdated result."""
-    jobs = {}
+def _jobs(pairs: dict[str, tuple[Path, Path]], given: _Job) -> dict[str, tuple[_Job]]:
+    """Return the label sets of folders to measure; given: the folders.
+
+    Raises ExistsError for an outdated result.
+    """
+    jobs, out = {}, given.out
     for name, (predicted, truth) in pairs.items():
         path = out / f"{name}.npz" if out else None
-        if path and not overwrite and _is_older(path, predicted, truth):
+        if path and not given.overwrite and _is_older(path, predicted, truth):
             raise ExistsError(
                 f"{path} is older than the labels it measures; pass --overwrite to measure again"
             )
         where = path.resolve() if path else None
-        titled = f"{title}: {name}"
-        job = _Job(predicted.resolve(), truth.resolve(), where, titled, overwrite, provenance())
-        jobs[name] = (job,)
+        own = given._replace(predicted=predicted.resolve(), truth=truth.resolve(), out=where)
+        jobs[name] = (own._replace(title=f"{given.title}: {name}"),)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     return jobs
@@ -101,9 +119,14 @@ def _evaluate_one(job: _Job) -> dict[str, Any]:
     from eval.compare.results import load_result
 
     if job.out is not None and job.out.exists() and not job.overwrite:
-        return load_result(job.out).comparison.to_json()
+        known = load_result(job.out).comparison
+        if job.scheme not in (None, known.scheme):
+            raise ExistsError(
+                f"{job.out} has scheme {known.scheme.name!r}; pass --overwrite to measure again"
+            )
+        return known.to_json()
     guesses, targets = open_frames(job.predicted), open_frames(job.truth)
-    comparison = compare_sets(guesses, targets, workers=1)
+    comparison = compare_sets(guesses, targets, workers=1, scheme=job.scheme)
     if job.out is not None:
         _save(job, guesses, targets, comparison)
     return comparison.to_json()
@@ -124,9 +147,19 @@ def _save(job: _Job, predicted: "LabelledFrames", truth: "LabelledFrames", compa
         **{f"{name} hash": value for name, value in comparison.hashes.items()},
         "source": str(truth.info.get("source", "")),
         "network": weights if isinstance(weights, str) else "",
+        "schemes": _scheme_note(predicted, truth, comparison),
     }
     facts = {name: fact for name, fact in facts.items() if fact}
     save_result(job.out, Result(job.title, comparison, facts), job.overwrite)
+
+
+def _scheme_note(predicted: "LabelledFrames", truth: "LabelledFrames", comparison: "Comparison") -> str:
+    """Return a note of the scheme of a comparison; "" where both label sets have it."""
+    from eval.compare.common_scheme import scheme_note
+
+    if predicted.scheme == truth.scheme == comparison.scheme:
+        return ""
+    return f"{scheme_note(comparison.scheme)} (labels: {predicted.scheme.name}, truth: {truth.scheme.name})"
 
 
 def compare(
@@ -163,6 +196,8 @@ def diff(
 
     with progress("compare", len(sets[1])) as advance:
         comparison = compare_sets(*sets, advance)
+    if note := _scheme_note(*sets, comparison):
+        say(note)
     finish(comparison.to_json(), json, scores_text(comparison, intervals=False))
 
 

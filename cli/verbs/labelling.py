@@ -109,7 +109,7 @@ def learn(
     swatches: Annotated[
         Path | None,
         Option(
-            help="Instead of labels: photograph of the eleven cloths on plain paper, "
+            help="Instead of labels: photograph of the suit's cloths on plain paper, "
             "row by row from the head to the right lower leg."
         ),
     ] = None,

@@ -31,8 +31,8 @@ def learn(
     """Fine-tune on corrected frames, then label the untouched frames. Needs the extra 'train'.
 
     With a suit, the suit network is fine-tuned; without one, the network that refines labels by depth. The
-    command runs at low priority on one core. If the set is open in a window, the window takes over the new
-    labels.
+    command runs at low priority on one core. A window that starts it takes over the new labels; close other
+    windows of the set first.
     """
     from annotate.labelset.label_set import LabelSet
 

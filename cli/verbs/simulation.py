@@ -7,12 +7,14 @@ from typer import Argument, Option
 
 from cli.console import Json, Overwrite, finish, progress
 from cli.extras import needing
+from cli.scheme import PAPER, SchemeName
 from cli.verbs.rigs import names
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free
 from synth.data_files import CASTS, TRAINING, Cast, check_choice, table
 
 if TYPE_CHECKING:
+    from annotate.scheme.scheme import Scheme
     from annotate.suit.palette import Suit
     from synth.rig.film import FilmRig
     from synth.rig.virtual_rig import VirtualRig
@@ -61,7 +63,10 @@ def simulate(
     ] = None,
     scene: Annotated[
         str,
-        Option(help="sofa, chair, bed or floor; or plate, the target for calibrate.", autocompletion=scenes),
+        Option(
+            help="sofa, chair, bed, floor or wheelchair; or plate, the target for calibrate.",
+            autocompletion=scenes,
+        ),
     ] = "sofa",
     difficulty: Difficulty = "normal",
     rig: Annotated[
@@ -76,15 +81,17 @@ def simulate(
         str | None,
         Option(
             help="Palette of the suit (TOML); `random` draws one by the seed.",
-            show_default="the virtual rig's",
+            show_default="the virtual rig's; drawn by the seed in another scheme than paper",
         ),
     ] = None,
     cast: CastName = TRAINING,
+    scheme: SchemeName = PAPER,
     seed: Annotated[int, Option(help="The same seed gives the same session.", min=0)] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Record people in a colour-coded suit with the virtual rig; the true labels go to out.truth/."""
+    from annotate.scheme.scheme_file import load_scheme
     from sensors.recording.rig_templates import REFERENCE, template_named
 
     with needing("synth"):
@@ -94,6 +101,7 @@ def simulate(
     cameras = template_named(rig or REFERENCE)
     check_free(out, overwrite)
     check_choice("difficulty", difficulty, difficulties())
+    parts = load_scheme(scheme)
     if scene == PLATE:
         if cast != TRAINING:
             raise CloudError(f"scene {PLATE} has no cast; leave out --cast {cast}")
@@ -102,7 +110,8 @@ def simulate(
         result = {"frames": frames, "truth": str(truth), "suit": None}
         finish(result, json, f"{frames} views of the hole plate in {out}, the true calibration in {truth}")
         return
-    options = RigOptions(scene, rig=cameras.name, suit=_palette(suit, seed, cast), cast=cast)
+    palette = _palette(suit, seed, cast, parts)
+    options = RigOptions(scene, rig=cameras.name, suit=palette, cast=cast, scheme=parts)
     virtual = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, options)
     record_rig("simulate", virtual, out, overwrite, json)
 
@@ -118,11 +127,11 @@ def record_rig(title: str, rig: "VirtualRig | FilmRig", out: Path, overwrite: bo
     finish({"frames": frames, "truth": truth, "suit": suit}, json, text)
 
 
-def _palette(suit: str | None, seed: int, cast: Cast) -> "Suit | None":
-    """Return the palette of a file, or a palette drawn by the seed; None for the palette of the cast."""
+def _palette(suit: str | None, seed: int, cast: Cast, scheme: "Scheme") -> "Suit | None":
+    """Return the palette of a file, or a palette drawn by the seed; None for the virtual rig's own."""
     from annotate.suit.palette import load_suit
     from synth.appearance.random_suit import random_suit
 
     if suit == RANDOM:
-        return random_suit(seed, cast)
+        return random_suit(seed, cast, scheme)
     return load_suit(Path(suit)) if suit else None

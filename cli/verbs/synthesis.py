@@ -14,6 +14,7 @@ from typer import Argument, Option
 from cli.console import Json, Overwrite, check_room, clear, finish, progress, say
 from cli.console import table as draw_table
 from cli.extras import needing
+from cli.scheme import PAPER, SchemeName
 from cli.verbs.simulation import CastName, Difficulty, difficulties, record_rig
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free, check_there
@@ -163,11 +164,13 @@ def generate_(
     ] = None,
     beside: Beside = None,
     cast: CastName = TRAINING,
+    scheme: SchemeName = PAPER,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Generate labelled depth images of people as tar shards, with a page of pictures and statistics."""
     from annotate.labelset.dataset import ORDER
+    from annotate.scheme.scheme_file import load_scheme
 
     with needing("synth"):
         from synth.images.distributions import distributions_at
@@ -177,7 +180,8 @@ def generate_(
     _check_sources(preset, motion, garments, beside)
     inputs = list(filter(None, (motion, garments, beside)))
     check_room(out, ORDER, overwrite, *inputs)
-    chosen = replace(_preset(preset, motion, garments, cast), occluders=occluders, cut=cut)
+    chosen = _preset(preset, motion, garments, cast)
+    chosen = replace(chosen, occluders=occluders, cut=cut, scheme=load_scheme(scheme))
     order = Order(chosen, chosen.count if count is None else count, seed)
     recording = None if beside is None else distributions_at(beside)
     started = time.monotonic()
@@ -205,8 +209,10 @@ def _check_sources(
     """Raise CloudError unless one of preset and motion is given and all files exist."""
     from synth.motion.library import motion_files
 
-    if (preset is None) == (motion is None):
-        raise CloudError("both or none of --preset and --motion are given; give one of them")
+    if preset is None and motion is None:
+        raise CloudError("neither --preset nor --motion is given; give one of them")
+    if preset is not None and motion is not None:
+        raise CloudError("--preset and --motion exclude each other; give one of them")
     if motion is not None:
         motion_files(motion)
     check_there(*filter(None, [garments]))
@@ -243,18 +249,22 @@ def film(
         str | None, Option(help="Name of the take, if the file has several.", show_default="the only one")
     ] = None,
     difficulty: Difficulty = "normal",
+    scheme: SchemeName = PAPER,
     seed: Annotated[int, Option(help="The same seed gives the same session.", min=0)] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Record a motion with the virtual rig, 30 frames a second; the true labels go to out.truth/."""
+    from annotate.scheme.scheme_file import load_scheme
+
     with needing("synth"):
         from synth.motion.library import check_motion, is_motion, read_take
         from synth.rig.film import FilmRig
 
     check_choice("difficulty", difficulty, difficulties())
     check_free(out, overwrite)
+    parts = load_scheme(scheme)
     check_motion(motion)
     name, moved = read_take(motion, take)
     say(*(() if is_motion(motion) else moved.report.assumed))
-    record_rig("film", FilmRig(name, moved, difficulty, seed), out, overwrite, json)
+    record_rig("film", FilmRig(name, moved, difficulty, seed, parts), out, overwrite, json)

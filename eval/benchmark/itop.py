@@ -56,8 +56,10 @@ def read_itop(folder: Path, view: str) -> BenchmarkSet:
         valid = np.flatnonzero(_array(file, "is_valid", (n,), "iub")[()] == 1)
         true_m = _array(file, "real_world_coordinates", (n, m, 3), "f")[()][valid].astype(np.float64)
         visible = _array(file, "visible_joints", (n, m), "iub")[()][valid] == 1
-    if not len(valid) or not np.isfinite(true_m).all():
-        raise FormatError(f"{labels} has no valid frames, or valid ones without joints; download it again")
+    if not len(valid):
+        raise FormatError(f"{labels} has no valid frame; download it again")
+    if not np.isfinite(true_m).all():
+        raise FormatError(f"{labels} has joints of valid frames that are not finite; download it again")
     with _opened(images) as file:
         _array(file, "data", (n, *CAMERA.shape), "f")
         if _ids(file) != ids:
@@ -107,9 +109,11 @@ def _array(file: "h5py.File", name: str, shape: tuple[int, ...] | None, kinds: s
     import h5py
 
     where = f"{file.filename}: {name!r}"
-    data = file[name] if isinstance(file.get(name, getlink=True), h5py.HardLink) else None
+    if (link := file.get(name, getlink=True)) is None:
+        raise FormatError(f"{where} is missing; download it again")
+    data = file[name] if isinstance(link, h5py.HardLink) else None
     if not isinstance(data, h5py.Dataset) or data.is_virtual or data.external:
-        raise FormatError(f"{where} is missing, or is kept in another file; download it again")
+        raise FormatError(f"{where} is not an array of this file; download it again")
     shape = shape or (data.size if data.ndim == 1 and data.size else 1,)
     if data.shape != shape or shape[0] > MAX_FRAMES or data.dtype.kind not in kinds:
         raise FormatError(

@@ -8,7 +8,7 @@ import numpy as np
 from eval.benchmark.benchmark_set import TRUE_NAMES, BenchmarkSet
 from eval.scores.intervals import UNKNOWN
 from eval.scores.joint_errors import FARTHEST_MM
-from sensors.errors import FormatError
+from sensors.errors import FormatError, fault_of
 from sensors.files.bounded import read_bounded
 from sensors.rig.frame import FrameSource
 
@@ -33,8 +33,12 @@ def read_joint_truth(source: FrameSource, path: Path) -> BenchmarkSet:
             if row.get("person", 1) != 1:
                 continue
             index = int(row["frame"])
-            if not 0 <= index < len(source) or not np.isnan(true_m[index]).all():
-                raise ValueError(f"frame {index} is repeated, or {source.name} lacks it")
+            if not 0 <= index < len(source):
+                raise ValueError(f"{source.name} has no frame {index}, but 0 to {len(source) - 1}")
+            if not np.isnan(true_m[index]).all():
+                raise ValueError(f"frame {index} is repeated")
+            if unknown := [name for name in (*row["joints_mm"], *row.get("hidden", ())) if name not in names]:
+                raise ValueError(f"joint {str(unknown[0])[:40]!r} is unknown")
             for name, place in row["joints_mm"].items():
                 true_m[index, names.index(name)] = np.array(place, np.float64) / 1000
             if (np.abs(true_m[index]) > FARTHEST_MM / 1000).any():
@@ -42,7 +46,7 @@ def read_joint_truth(source: FrameSource, path: Path) -> BenchmarkSet:
             visible[index, [names.index(name) for name in row.get("hidden", ())]] = False
             subjects[index] = str(row.get("subject") or subjects[index])
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError) as error:
-            raise FormatError(f"{path}, line {number} is malformed ({error}); {remedy}") from error
+            raise FormatError(f"{path}, line {number} is malformed ({fault_of(error)}); {remedy}") from error
     known = np.flatnonzero(~np.isnan(true_m).all(axis=(0, 2)))
     kept = tuple(names[i] for i in known)
     return BenchmarkSet(source, kept, true_m[:, known], visible[:, known], tuple(subjects))

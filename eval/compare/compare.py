@@ -11,11 +11,12 @@ import numpy as np
 
 from annotate.array_types import Float64, Index, Int64, UInt8
 from annotate.labelset.labelled_frames import LabelledFrames
-from annotate.parts import BACKGROUND, BODY_PARTS, PARTS
+from annotate.scheme.scheme import BACKGROUND, BACKGROUND_PART, Scheme
+from eval.compare.common_scheme import common_scheme
 from eval.compare.pairs import Digests, count_pairs, pair_up
 from eval.scores import confusion, intervals
 from eval.scores.confusion import Counts, Scores
-from eval.scores.counts import WIDTH, FrameCounts, blocks
+from eval.scores.counts import FrameCounts, blocks, width
 from eval.scores.joint_scores import JointErrors
 from eval.scores.joints import N_JOINTS
 from eval.scores.scores import PART_SCORES, named, plain, scores_of
@@ -57,13 +58,18 @@ class Comparison:
                 raise ValueError(f"{len(value)} {name} for {n} frames")
 
     @property
+    def scheme(self) -> Scheme:
+        """Scheme of the compared labels."""
+        return self.counts.scheme
+
+    @property
     def matrices(self) -> Counts:
-        """Confusion matrix of each frame, int32 (F, 12, 12), rows are the truth."""
+        """Confusion matrix of each frame, int32 (F, n, n), rows are the truth."""
         return self.counts.confusion
 
     @property
     def confusion(self) -> Counts:
-        """Confusion matrix of the whole set, int64 (12, 12)."""
+        """Confusion matrix of the whole set, int64 (n, n)."""
         return self.total.confusion
 
     @cached_property
@@ -86,14 +92,16 @@ class Comparison:
         """Number of clusters (...) in which each score is defined, by name."""
         behind: dict[str, Int64] = {}
         for rows in blocks(len(self.by_cluster)):
-            for name, score in scores_of(FrameCounts(self.by_cluster[rows])).items():
+            for name, score in scores_of(FrameCounts(self.by_cluster[rows], self.scheme)).items():
                 behind[name] = behind.get(name, np.int64(0)) + (~np.isnan(score)).sum(0)
         return behind
 
     @cached_property
     def resampled(self) -> dict[str, Scores]:
         """Scores (R, ...) of R bootstrap resamples, by name."""
-        return scores_of(FrameCounts(intervals.resampled_sums(self.by_cluster)))
+        blocks_of = intervals.resampled_blocks(self.by_cluster)
+        found = [scores_of(FrameCounts(sums, self.scheme)) for sums in blocks_of]
+        return {name: np.concatenate([scores[name] for scores in found]) for name in found[0]}
 
     @cached_property
     def ci95(self) -> dict[str, Float64]:
@@ -112,6 +120,16 @@ class Comparison:
     def frame_miou(self) -> Scores:
         """Mean IoU of each frame (F,); NaN without a person."""
         return confusion.miou(self.matrices)
+
+    @property
+    def error_kinds(self) -> dict[str, Counts]:
+        """Numbers of wrong pixels by kind of error."""
+        return confusion.error_kinds(self.confusion, self.scheme)
+
+    @property
+    def flipped_frames(self) -> int:
+        """Number of frames whose mIoU rises where left and right are exchanged."""
+        return int(confusion.flip_helps(self.matrices, self.scheme).sum())
 
     @property
     def undefined_shares(self) -> dict[str, float]:
@@ -165,27 +183,31 @@ class Comparison:
         """Return the summary scores as JSON, the output of `diff`; null for a part that no frame shows."""
         return {
             "frames": len(self.frame_ids),
-            **{name: named(name, self.scores[name]) for name in SUMMARY},
+            "scheme": self.scheme.name,
+            **{name: named(name, self.scores[name], self.scheme) for name in SUMMARY},
             "joints": self.joints.to_json() if self.joints else None,
         }
 
     def to_evaluation_json(self) -> dict[str, Any]:
         """Return all scores as JSON, the output of `evaluate`."""
+        scheme, parts = self.scheme, (BACKGROUND_PART, *self.scheme.parts)
+        ids = [part.id for part in parts]
         return {
             "frames": len(self.frame_ids),
+            "scheme": scheme.name,
             "subjects": self.n_subjects,
-            **{name: named(name, score) for name, score in self.scores.items()},
-            "ci95": {name: named(name, ends) for name, ends in self.ci95.items()},
+            **{name: named(name, score, scheme) for name, score in self.scores.items()},
+            "ci95": {name: named(name, ends, scheme) for name, ends in self.ci95.items()},
             "ci_note": self.ci_note,
-            "confusion": self.confusion.tolist(),
-            "parts": [part.name for part in PARTS],
-            "pixels": {part.name: int(self.confusion[part.id].sum()) for part in PARTS},
-            "frames_showing": {part.name: int(self.matrices[:, part.id].any(-1).sum()) for part in PARTS},
+            "confusion": self.confusion[np.ix_(ids, ids)].tolist(),
+            "parts": [part.name for part in parts],
+            "pixels": {part.name: int(self.confusion[part.id].sum()) for part in parts},
+            "frames_showing": {part.name: int(self.matrices[:, part.id].any(-1).sum()) for part in parts},
             "background": {name: plain(self.scores[name][BACKGROUND]) for name in PART_SCORES[:-1]},
-            "absent_parts": [p.name for p in BODY_PARTS if np.isnan(self.scores["iou"][p.id])],
+            "absent_parts": [p.name for p in scheme.parts if np.isnan(self.scores["iou"][p.id])],
             "mious": {name: plain(v) for name, v in confusion.mean_ious(self.matrices).items()},
-            "error_kinds": {name: int(n) for name, n in confusion.error_kinds(self.confusion).items()},
-            "flipped_frames": int(confusion.flip_helps(self.matrices).sum()),
+            "error_kinds": {name: int(n) for name, n in self.error_kinds.items()},
+            "flipped_frames": self.flipped_frames,
             "undefined": {name: plain(share) for name, share in self.undefined_shares.items()},
             "joints": self.joints.to_json() if self.joints else None,
             "extra_frames": self.extra_frames,
@@ -197,18 +219,24 @@ def compare_sets(
     truth: LabelledFrames,
     advance: Callable[[int], None] = lambda frames: None,
     workers: int | None = None,
+    scheme: Scheme | None = None,
 ) -> Comparison:
     """Compare every frame of the truth with the prediction of the same id.
+
+    scheme: of the comparison; by default the finest that both sets convert to. Raises FormatError where a
+    set does not convert to it.
 
     Predicted frames without a truth are counted but not compared. advance: called with a number of finished
     frames. workers: processes; by default all cores for large sets. Raises CloudError for a frame that is
     missing or has another depth image, FormatError for a corrupt frame.
     """
+    common = common_scheme(predicted.scheme, truth.scheme, scheme)
     pairs, extra = pair_up(predicted, truth)
-    counts, joints = np.empty((len(pairs), WIDTH), np.int32), np.empty((len(pairs), N_JOINTS))
+    counts = np.empty((len(pairs), width(common.scheme.n_classes)), np.int32)
+    joints = np.empty((len(pairs), N_JOINTS))
     seen = np.empty(joints.shape, np.uint8)
     texts: list[tuple[str, str, Traits, Digests]] = []
-    for i, frame in enumerate(count_pairs(predicted, truth, pairs, workers)):
+    for i, frame in enumerate(count_pairs((predicted, truth), pairs, common, workers)):
         counts[i], joints[i], seen[i] = frame.counts, frame.joints_mm, frame.joints_seen
         subject = intern(frame.subject or intervals.UNKNOWN)
         texts.append((pairs[i].truth.frame_id, subject, frame.traits, frame.digests))
@@ -219,7 +247,7 @@ def compare_sets(
         subjects=subjects,
         traits=traits,
         digests=digests,
-        counts=FrameCounts(counts),
+        counts=FrameCounts(counts, common.scheme),
         joints_mm=joints if np.isfinite(joints).any() else None,
         joints_seen=seen if np.isfinite(joints).any() else None,
         extra_frames=extra,

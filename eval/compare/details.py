@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from annotate.array_types import Index
-from annotate.parts import BODY_PARTS, PARTS
+from annotate.scheme.scheme import Part
 from eval.compare.compare import Comparison
 from eval.scores.confusion import Counts, ratio
 from eval.scores.joint_scores import INSIDE
@@ -29,8 +29,8 @@ def details(comparison: Comparison) -> dict[str, Any]:
         if comparison.has_confidence
         else None,
         "suspicious": [
-            {"frame": frame_id, "part": PARTS[part_id].name, "quality": quality, "pixels": pixels}
-            for frame_id, part_id, quality, pixels in suspicious(comparison)
+            {"frame": frame_id, "part": part.name, "quality": quality, "pixels": pixels}
+            for frame_id, part, quality, pixels in suspicious(comparison)
         ],
     }
 
@@ -55,7 +55,7 @@ class Suspect(NamedTuple):
     """
 
     frame_id: str
-    part_id: int
+    part: Part
     quality: float
     pixels: int
 
@@ -67,13 +67,13 @@ def suspicious(comparison: Comparison, worst: int = SHOWN) -> list[Suspect]:
     Source: Lad & Mueller, arXiv 2307.05080. A low quality means that label and prediction disagree; either
     can be wrong.
     """
-    counts = comparison.counts.label_quality[:, [part.id for part in BODY_PARTS]]
+    parts = comparison.scheme.parts
+    counts = comparison.counts.label_quality[:, [part.id for part in parts]]
     pixels = counts[..., 1]
     quality = np.where(pixels >= SEGMENT_PIXELS, ratio(counts[..., 0], pixels * LEVELS), np.nan)
     order = np.argsort(quality, axis=None, kind="stable")[:worst]
-    frames, parts = np.unravel_index(order, quality.shape)
     return [
-        Suspect(comparison.frame_ids[f], BODY_PARTS[p].id, float(quality[f, p]), int(pixels[f, p]))
-        for f, p in zip(frames, parts, strict=True)
+        Suspect(comparison.frame_ids[f], parts[p], float(quality[f, p]), int(pixels[f, p]))
+        for f, p in zip(*np.unravel_index(order, quality.shape), strict=True)
         if not np.isnan(quality[f, p])
     ]

@@ -15,6 +15,8 @@ from annotate.array_types import Float64, Int32, UInt8
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import Entry
 from annotate.labelset.labelled_frames import LabelledFrames, camera_of, pinhole_of
+from annotate.scheme.merging import CommonScheme
+from eval.compare.common_scheme import converted
 from eval.scores.counts import count
 from eval.scores.joint_errors import joint_errors_mm, joint_visibility
 from eval.scores.traits import Traits, traits_of, writable
@@ -43,7 +45,7 @@ class Digests(NamedTuple):
 class Counted(NamedTuple):
     """Comparison of a frame's predicted labels with the true ones.
 
-    counts: int32 (WIDTH,), the confusion and error counts of ``FrameCounts.flat``. joints_mm, joints_seen:
+    counts: int32 (K,), the confusion and error counts of ``FrameCounts.flat``. joints_mm, joints_seen:
     (15,), errors and visibility of the joints, as in ``eval.scores.joint_errors``.
     """
 
@@ -83,27 +85,39 @@ def _entries(frames: LabelledFrames) -> dict[str, Entry]:
     return entries
 
 
+Sets = tuple[LabelledFrames, LabelledFrames]
+"""Predicted and true frames."""
+
+
 def count_pairs(
-    predicted: LabelledFrames, truth: LabelledFrames, pairs: Sequence[Pair], workers: int | None = None
+    sets: Sets, pairs: Sequence[Pair], common: CommonScheme, workers: int | None = None
 ) -> Iterator[Counted]:
     """Yield the comparison of every pair, in order; arguments and errors as in ``compare_sets``."""
     if workers is None:
         workers = len(os.sched_getaffinity(0)) if len(pairs) >= WORTH_WORKERS else 1
     chunks = [pairs[i : i + CHUNK] for i in range(0, len(pairs), CHUNK)]
-    work = partial(_count_chunk, predicted, truth)
+    work = partial(_count_chunk, sets, common)
     with processes(workers) if workers > 1 else nullcontext() as pool:
         yield from chain.from_iterable(pool.executor.map(work, chunks) if pool else map(work, chunks))
 
 
-def _count_chunk(predicted: LabelledFrames, truth: LabelledFrames, pairs: Sequence[Pair]) -> list[Counted]:
-    return [
-        count_frame(predicted.load(pair.predicted, False), truth.load(pair.truth, False), truth)
-        for pair in pairs
-    ]
+def _count_chunk(sets: Sets, common: CommonScheme, pairs: Sequence[Pair]) -> list[Counted]:
+    return [count_frame(*load_pair(sets, pair, common, persons=False), sets[1]) for pair in pairs]
+
+
+def load_pair(
+    sets: Sets, pair: Pair, common: CommonScheme, *, persons: bool = True
+) -> tuple[FrameLabels, FrameLabels]:
+    """Return the predicted and the true frame in the common scheme. persons: as in ``load``."""
+    predicted, truth = sets[0].load(pair.predicted, persons), sets[1].load(pair.truth, persons)
+    return (
+        converted(predicted, common.scheme, common.from_first),
+        converted(truth, common.scheme, common.from_second),
+    )
 
 
 def count_frame(predicted: FrameLabels, truth: FrameLabels, frames: LabelledFrames) -> Counted:
-    """Return the comparison of one frame. frames: the true set, which gives the camera.
+    """Return the comparison of one frame in its scheme. frames: the true set, which gives the camera.
 
     Raises CloudError for labels of different depth images, FormatError for malformed notes.
     """

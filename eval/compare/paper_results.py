@@ -4,13 +4,20 @@ Source: Nishi and Miura, Pattern Recognition 71 (2017), doi 10.1016/j.patcog.201
 are shares of the true part, rounded to two decimals.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
 from annotate.array_types import Float64
+from annotate.parts import PAPER
+from annotate.scheme.scheme import BACKGROUND_PART, Scheme
 
 CITATION = "Nishi & Miura, Pattern Recognition 71 (2017), doi:10.1016/j.patcog.2017.06.006"
+
+
+PARTS = (BACKGROUND_PART, *PAPER.parts)
+"""Parts in the order of the tables' rows and columns."""
 
 
 class Reported(NamedTuple):
@@ -65,3 +72,8 @@ _TABLE3 = _by_part_id("""
 SYNTHETIC = Reported("Paper, synthetic", _TABLE2, 4984, None)
 REAL = Reported("Paper, real", _TABLE3, 145, 8)
 SECONDS_PER_FRAME = 60.0  # of a manual correction (section 4.2.1)
+
+
+def published(schemes: Iterable[Scheme]) -> tuple[Reported, ...]:
+    """Return the published results beside results of these schemes; empty without scheme ``paper``."""
+    return (SYNTHETIC, REAL) if PAPER in schemes else ()

@@ -11,17 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.frame_labels import Status
+from annotate.parts import PAPER
+from annotate.scheme.scheme import Scheme
+from annotate.scheme.scheme_file import scheme_from_fields, scheme_to_fields
 from eval.compare.compare import Comparison
 from eval.compare.pairs import Digests
-from eval.scores.counts import WIDTH, FrameCounts
+from eval.scores.counts import FrameCounts, width
 from eval.scores.joint_visibility import VISIBILITIES
 from eval.scores.joints import N_JOINTS
 from eval.scores.traits import Traits
-from sensors.errors import CloudError, FormatError
+from sensors.errors import CloudError, FormatError, fault_of
 from sensors.files.atomic import check_free, replacing
 from sensors.files.npz import array_sizes, load_arrays
 
-SCHEMA = 7
+SCHEMA = 8
+OF_PAPER = 7
+"""Schema of results without a scheme, whose scheme is ``paper``; older schemas are refused."""
 REMEDY = "give a result of 'evaluate --out'; evaluate again if another version wrote it"
 MAX_BYTES = 2_000_000_000  # of a result in memory: 600,000 frames
 NUMBERS = ("distance_m", "invalid_share", "mm_per_px")
@@ -62,6 +67,7 @@ def _arrays(result: Result) -> dict[str, NDArray[Any]]:
     comparison = result.comparison
     texts = {
         "schema": SCHEMA,
+        "scheme": scheme_to_fields(comparison.scheme),
         "title": result.title,
         "facts": dict(result.facts),
         "extra_frames": comparison.extra_frames,
@@ -91,17 +97,24 @@ def load_result(path: Path) -> Result:
     arrays = load_arrays(path, MAX_BYTES, REMEDY)
     try:
         texts = json.loads(arrays["texts"].tobytes())
-        if texts["schema"] != SCHEMA:
-            raise ValueError(f"it is of schema {str(texts['schema'])[:20]}, not {SCHEMA}")
+        scheme = _scheme(texts)
         facts = {_text(name): _text(fact) for name, fact in texts["facts"].items()}
-        return Result(_text(texts["title"]), _comparison(arrays, texts), facts)
+        return Result(_text(texts["title"]), _comparison(arrays, texts, scheme), facts)
     except (CloudError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise FormatError(f"{path} is not a result ({str(error)[:200]}); {REMEDY}") from error
+        raise FormatError(f"{path} is not a result ({fault_of(error)[:200]}); {REMEDY}") from error
 
 
-def _comparison(arrays: dict[str, NDArray[Any]], texts: dict[str, Any]) -> Comparison:
+def _scheme(texts: dict[str, Any]) -> Scheme:
+    if texts["schema"] == OF_PAPER:
+        return PAPER
+    if texts["schema"] != SCHEMA:
+        raise ValueError(f"it is of schema {str(texts['schema'])[:20]}, not {SCHEMA}")
+    return scheme_from_fields(texts["scheme"])
+
+
+def _comparison(arrays: dict[str, NDArray[Any]], texts: dict[str, Any], scheme: Scheme) -> Comparison:
     frames = len(texts["frame_ids"])
-    _check(arrays["counts"], np.int32, (frames, WIDTH))
+    _check(arrays["counts"], np.int32, (frames, width(scheme.n_classes)))
     joints = {name: arrays[name] for name in JOINTS if name in arrays}
     for name, array in joints.items():
         _check(array, JOINTS[name], (frames, N_JOINTS))
@@ -112,7 +125,7 @@ def _comparison(arrays: dict[str, NDArray[Any]], texts: dict[str, Any]) -> Compa
     if not set(texts["traits"]["status"] + texts["traits"]["predicted_status"]) <= set(get_args(Status)):
         raise ValueError("it has frames of unknown status")
     if texts["extra_frames"] < 0:
-        raise ValueError(f"{texts['extra_frames']} frames left over")
+        raise ValueError(f"it has {texts['extra_frames']} frames left over")
     columns: dict[str, Iterable[Any]] = {name: arrays[name].tolist() for name in NUMBERS}
     columns |= {name: map(_text, texts["traits"][name]) for name in WORDS}
     columns["hard"] = (tuple(map(_text, causes)) for causes in texts["traits"]["hard"])
@@ -123,7 +136,7 @@ def _comparison(arrays: dict[str, NDArray[Any]], texts: dict[str, Any]) -> Compa
         subjects=tuple(map(_text, texts["subjects"])),
         traits=tuple(Traits(**dict(zip(columns, row, strict=True))) for row in rows),
         digests=tuple(Digests(*row) for row in digests),
-        counts=FrameCounts(arrays["counts"]),
+        counts=FrameCounts(arrays["counts"], scheme),
         **joints,
         extra_frames=int(texts["extra_frames"]),
     )

@@ -8,7 +8,7 @@ from torch import nn
 
 from eval.network.compact import CompactConfig, CompactUNet
 from eval.network.reference_networks import PaperConfig, PaperFcn, SmpConfig, SmpUnet
-from sensors.errors import CloudError, FormatError
+from sensors.errors import CloudError, FormatError, fault_of
 
 NetworkConfig = CompactConfig | PaperConfig | SmpConfig
 
@@ -48,7 +48,8 @@ def config_from(description: dict[str, Any]) -> NetworkConfig:
             case {"kind": "smp", "encoder": str(encoder), "decoder": decoder, **rest} if not rest:
                 return SmpConfig(_encoder(encoder), _widths(decoder))
     except (TypeError, ValueError, CloudError) as error:
-        raise FormatError(f"the network's description is malformed ({error}); train it again") from error
+        why = fault_of(error)
+        raise FormatError(f"the network's description is malformed ({why}); train it again") from error
     raise FormatError(
         f"{str(description)[:200]!r} does not describe a network; use weights that 'train' wrote"
     )
@@ -56,13 +57,13 @@ def config_from(description: dict[str, Any]) -> NetworkConfig:
 
 def _width(value: object) -> int:
     if type(value) is not int or value < 1:
-        raise ValueError(f"{str(value)[:60]!r} channels; give a number from 1")
+        raise ValueError(f"a width is {str(value)[:60]!r}, not a whole number from 1")
     return value
 
 
 def _widths(values: object) -> tuple[int, ...]:
     if not isinstance(values, list) or not values:
-        raise ValueError(f"{str(values)[:60]!r} as stages; give a list of their widths")
+        raise ValueError(f"the widths of the stages are {str(values)[:60]!r}, not a list")
     return tuple(map(_width, values))
 
 
@@ -72,5 +73,5 @@ def _encoder(name: str) -> str:
     Raises ValueError for names such as ``tu-hf_hub:``, because these download files.
     """
     if not re.fullmatch("[A-Za-z0-9_-]{1,100}", name):
-        raise ValueError(f"encoder {name[:60]!r}; give a name of letters, digits, - and _")
+        raise ValueError(f"the encoder is {name[:60]!r}, not a name of letters, digits, - and _")
     return name

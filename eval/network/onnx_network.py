@@ -19,7 +19,7 @@ from annotate.posture import POSTURES
 from annotate.segmentation.segmented_person import Segmentation
 from eval.network.body_state import BodyState
 from eval.scores.joints import N_JOINTS, TWIN
-from sensors.errors import FormatError
+from sensors.errors import FormatError, one_line
 from sensors.files.bounded import read_bounded
 
 SHIPPED_WEIGHTS = Path(str(files("eval").joinpath("weights", "compact.onnx")))
@@ -61,7 +61,8 @@ class OnnxNetwork:
             # A file's declaration of its inputs and outputs may be wrong.
             trial, *body = self._each(np.full((2, SIZE, SIZE), 0.5, np.float32))
         except Exception as error:  # ONNX Runtime's own errors share no public base
-            why = "it keeps tensors in other files" if "xternal" in str(error) else type(error).__name__
+            text = one_line(str(error))[:150] or "no reason is given"
+            why = "it keeps tensors in other files" if "xternal" in text else text
             raise FormatError(
                 f"weights {path} are not a network for (B, 1, {SIZE}, {SIZE}) ({why}); export again"
             ) from error

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from annotate.parts import N_CLASSES
 from eval.network.networks import NetworkConfig, build, config_from, described
 from eval.network.reference_networks import SmpConfig
-from sensors.errors import CloudError, FormatError
+from sensors.errors import CloudError, FormatError, fault_of
 from sensors.files.atomic import replacing
 
 
@@ -36,7 +36,11 @@ def load_weights(path: Path) -> tuple[nn.Module, NetworkConfig]:
         classes = description.pop("classes")
         config = config_from(description)
     except (ValueError, RecursionError, AttributeError, KeyError, TypeError, IndexError) as error:
-        raise FormatError(f"{path} does not describe a network ({error!r}); train it again") from error
+        raise FormatError(
+            f"{path} does not describe a network ({fault_of(error)}); train it again"
+        ) from error
+    except FormatError as error:
+        raise FormatError(f"{path}: {error}") from error
     if classes != N_CLASSES:
         raise FormatError(f"{path} is for {classes!r} classes, not {N_CLASSES}; train it again")
     _check_size(path, config, tensors)
@@ -66,6 +70,10 @@ def check_fits(path: Path, model: nn.Module, tensors: dict[str, Tensor]) -> None
     expected = model.state_dict()
     for name in sorted(expected.keys() | tensors.keys()):
         theirs, ours = (tuple(t[name].shape) if name in t else None for t in (tensors, expected))
+        if theirs is None:
+            raise FormatError(f"{path} lacks the weights {name} of the network; train it again")
+        if ours is None:
+            raise FormatError(f"{path} has weights {name}, which the network lacks; train it again")
         if theirs != ours:
             raise FormatError(f"{path} has {name} of shape {theirs}, the network {ours}; train it again")
 
@@ -89,6 +97,4 @@ def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
         with safe_open(path, framework="pt") as file:
             return {name: file.get_tensor(name) for name in file.keys()}, file.metadata() or {}  # noqa: SIM118
     except (OSError, SafetensorError, ValueError, RuntimeError) as error:
-        raise FormatError(
-            f"{path} is not a safetensors file or is cut off ({error}); train it again"
-        ) from error
+        raise FormatError(f"{path} cannot be read as a safetensors file ({error}); train it again") from error

@@ -6,8 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from annotate.array_types import Float64, Index, Int64
-from annotate.parts import BACKGROUND, BODY_PARTS
+from annotate.array_types import Float64, Index
+from annotate.scheme.scheme import BACKGROUND_PART, Part, Scheme
 from eval.compare.compare import Comparison
 from eval.scores import confusion, intervals
 from eval.scores.joint_scores import GROUPS, SCORES, WITHIN_MM, JointDifference, JointEstimates
@@ -21,14 +21,11 @@ SUMMARY = {
     "ece": "Calibration error",
 }
 """Titles of the scores that a summary has."""
-SHARES = frozenset(("left_right_swap_rate", "ece"))
+SWAPS = "left_right_swap_rate"
+SHARES = frozenset((SWAPS, "ece"))
 """Scores in percent; lower is better."""
 MILLIMETRES = SCORES[0]
 """Score in millimetres; lower is better."""
-SHOWN_ORDER = (*(part.id for part in BODY_PARTS), BACKGROUND)
-"""Part ids in the order of the paper's tables."""
-
-
 JOINT_SCORES = dict(zip(SCORES, ("Error, mm", *(f"Within {mm:.0f} mm" for mm in WITHIN_MM)), strict=True))
 """Titles of the scores of joints."""
 
@@ -94,11 +91,24 @@ def group_recall(comparison: Comparison, frames: Index) -> Estimate:
     return Estimate(float(value), *map(float, ends))
 
 
-def row_shares(matrix: Int64) -> Float64:
-    """Return a confusion matrix (12, 12) as shares of each true part, in the order shown; NaN if absent."""
-    return in_shown_order(confusion.ratio(matrix, np.broadcast_to(matrix.sum(1)[:, None], matrix.shape)))
+def shown_order(scheme: Scheme) -> tuple[Part, ...]:
+    """Return the parts in the order of tables and figures: the background last, as in the paper."""
+    return (*scheme.parts, BACKGROUND_PART)
 
 
-def in_shown_order(table: Float64) -> Float64:
-    """Return a table (12, 12) by part id, reordered as the paper's tables."""
-    return table[np.ix_(SHOWN_ORDER, SHOWN_ORDER)]
+def row_shares(comparison: Comparison) -> Float64:
+    """Return the confusion matrix as shares of each true part, in the order shown; NaN if absent."""
+    matrix = comparison.confusion
+    whole = np.broadcast_to(matrix.sum(1)[:, None], matrix.shape)
+    return in_shown_order(confusion.ratio(matrix, whole), comparison.scheme)
+
+
+def in_shown_order(table: Float64, scheme: Scheme) -> Float64:
+    """Return a table (n, n) by part id, reordered as ``shown_order``."""
+    ids = [part.id for part in shown_order(scheme)]
+    return table[np.ix_(ids, ids)]
+
+
+def summary_of(scheme: Scheme) -> dict[str, str]:
+    """Return the titles of the summary's scores by name; without swaps where no part has a twin."""
+    return {name: title for name, title in SUMMARY.items() if scheme.twins or name != SWAPS}

@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 
 from annotate.array_types import Float64
 from annotate.correction.audit import Audit
-from annotate.parts import BODY_PARTS, PARTS
+from annotate.scheme.scheme import Part, Scheme
 from eval.compare import paper_results as paper
 from eval.compare.difference import Difference
 from eval.compare.results import Result
-from eval.report.estimates import SHOWN_ORDER, Estimate, Scored, estimate
+from eval.report.estimates import Estimate, Scored, estimate
 from eval.report.frame_images import ERROR_KINDS, ERROR_RGB, THERMAL_RANGE_C
 from eval.report.gallery import Scene
 from eval.report.training_history import Training
-from eval.scores import confusion
 from eval.scores.boundary import TOLERANCES_MM, TOLERANCES_PX
 from eval.scores.joint_visibility import OUTSIDE
 from eval.scores.reliability import reliability_curve
@@ -25,6 +24,7 @@ from eval.scores.scores import DISTANCES
 
 COLORS = ("#3f84d9", "#2a9d6f", "#d8553f", "#8a63d2", "#b08a1e")  # of the results, in turn
 PAPER_COLOR = "#858b96"
+PAPER_SYMBOLS = ("diamond-open", "diamond")  # of the synthetic and the real result
 AROUND_RGB = (84, 86, 94)  # surroundings in a point cloud
 SPREAD_FRAMES = 10_000  # frames in the distribution by person, evenly spread, half a megabyte
 CURVE_POINTS = 400  # points of a loss curve
@@ -87,45 +87,57 @@ def _curve(title: str, x: object, y: object, number: int, dash: str = "solid") -
 def overview(results: Sequence[Result], ceiling: Result | None) -> go.Figure:
     """Return a chart of the mean recall of every result, the paper's, and two people's agreement (the
     ceiling).
+
+    Another scheme's mean recall is over other parts: the paper's needs a result of scheme ``paper``, the
+    ceiling's a result of its own scheme.
     """
+    schemes = [result.comparison.scheme for result in results]
     traces = [
         _row(r.title, [plain(r.title, 28)], [estimate(r.comparison, "mean_recall")], i)
         for i, r in enumerate(results)
     ]
-    traces.append(_mark("", [paper.SYNTHETIC.mean_recall], [paper.SYNTHETIC.title], "diamond-open"))
-    traces.append(_mark("", [paper.REAL.mean_recall], [paper.REAL.title], "diamond"))
+    for one, symbol in zip(paper.published(schemes), PAPER_SYMBOLS, strict=False):
+        traces.append(_mark("", [one.mean_recall], [one.title], symbol))
     figure = _figure(traces, 80 + 32 * len(traces), "mean recall", "")
-    if ceiling is not None:
+    if ceiling is not None and ceiling.comparison.scheme in schemes:
         at = float(ceiling.comparison.scores["mean_recall"])
         figure.add_vline(at, line_dash="dash", line_color=PAPER_COLOR, annotation_text="two people's labels")
     return figure.update_layout(showlegend=False).update_yaxes(autorange="reversed", type="category")
 
 
-def _part_estimates(scored: Scored, name: str) -> list[Estimate]:
-    return [estimate(scored, name, part.id) for part in BODY_PARTS]
+def _part_estimates(scored: Scored, name: str, scheme: Scheme) -> list[Estimate]:
+    return [estimate(scored, name, part.id) for part in scheme.parts]
 
 
-def by_part(results: Sequence[Result], name: Literal["recall", "iou"], ceiling: Result | None) -> go.Figure:
-    """Return a chart of a score of every part, with the paper's recalls and two people's agreement (the
-    ceiling).
+def by_part(
+    results: Sequence[Result], scheme: Scheme, name: Literal["recall", "iou"], ceiling: Result | None
+) -> go.Figure:
+    """Return a chart of a score of every part of a scheme, for the results of this scheme.
+
+    In scheme ``paper`` with the paper's recalls; with two people's agreement (the ceiling) of this scheme.
     """
-    names = [part.title for part in BODY_PARTS]
-    traces = [_row(r.title, names, _part_estimates(r.comparison, name), i) for i, r in enumerate(results)]
+    names = [part.title for part in scheme.parts]
+    traces = [
+        _row(r.title, names, _part_estimates(r.comparison, name, scheme), i)
+        for i, r in enumerate(results)
+        if r.comparison.scheme == scheme
+    ]
     if name == "recall":
-        for one, symbol in ((paper.SYNTHETIC, "diamond-open"), (paper.REAL, "diamond")):
+        for one, symbol in zip(paper.published([scheme]), PAPER_SYMBOLS, strict=False):
             traces.append(_mark(one.title, np.diagonal(one.table)[1:], names, symbol))
-    if ceiling is not None:
-        values = ceiling.comparison.scores[name][1:]
+    if ceiling is not None and ceiling.comparison.scheme == scheme:
+        values = [float(ceiling.comparison.scores[name][part.id]) for part in scheme.parts]
         traces.append(_mark("Two people's labels", values, names, "line-ns-open"))
     return _rows(traces, len(names), {"recall": "recall", "iou": "intersection over union"}[name])
 
 
-def differences(found: Sequence[Difference]) -> go.Figure:
-    """Return a chart of the differences of recall, of all parts and by part."""
-    names = ["All parts", *(part.title for part in BODY_PARTS)]
+def differences(found: Sequence[Difference], scheme: Scheme) -> go.Figure:
+    """Return a chart of the differences of recall in a scheme, of all parts and by part."""
+    names = ["All parts", *(part.title for part in scheme.parts)]
     traces = [
-        _row(one.a, names, [estimate(one, "mean_recall"), *_part_estimates(one, "recall")], i + 1)
+        _row(one.a, names, [estimate(one, "mean_recall"), *_part_estimates(one, "recall", scheme)], i + 1)
         for i, one in enumerate(found)
+        if one.scheme == scheme
     ]
     figure = _rows(traces, len(names), f"recall minus recall of {plain(found[0].b, 28)}")
     return figure.update_xaxes(zeroline=True)
@@ -134,7 +146,7 @@ def differences(found: Sequence[Difference]) -> go.Figure:
 def error_kinds(results: Sequence[Result]) -> go.Figure:
     """Return a chart of the kinds of error as shares of the wrong pixels."""
     titles = [plain(result.title, 28) for result in results]
-    by_result = [confusion.error_kinds(result.comparison.confusion) for result in results]
+    by_result = [result.comparison.error_kinds for result in results]
     wrong = [max(sum(map(int, kinds.values())), 1) for kinds in by_result]
     traces = [
         go.Bar(
@@ -247,9 +259,9 @@ def effort(audits: Mapping[str, Audit]) -> go.Figure:
     return _figure(traces, 300, "frame, in the order of work", "active seconds")
 
 
-def confusion_matrix(shown: Float64) -> go.Figure:
-    """Return a heat map of shares (12, 12) of each true part, in ``SHOWN_ORDER``."""
-    names = [PARTS[i].title for i in SHOWN_ORDER]
+def confusion_matrix(shown: Float64, parts: Sequence[Part]) -> go.Figure:
+    """Return a heat map of shares (n, n) of each true part, in the order of ``parts``."""
+    names = [part.title for part in parts]
     text = [["" if not v >= 0.005 else f"{v:.2f}" for v in row] for row in shown]
     heat = go.Heatmap(z=shown, x=names, y=names, text=text, texttemplate="%{text}", zmin=0, zmax=1,
                       colorscale="Blues", showscale=False, textfont={"size": 10})  # fmt: skip
@@ -261,7 +273,10 @@ def point_cloud(scene: Scene) -> go.Figure:
     """Return a point cloud with a menu of its colourings."""
     x, y, z = scene.points_mm.T
     figure = go.Figure(go.Scatter3d(x=x, y=z, z=-y, mode="markers", hoverinfo="skip", marker={"size": 1.6}))
-    colorings = {name.removesuffix("_c"): _coloring(name, values) for name, values in scene.colors.items()}
+    colorings = {
+        name.removesuffix("_c"): _coloring(name, values, scene.scheme)
+        for name, values in scene.colors.items()
+    }
     buttons = [{"method": "restyle", "label": name, "args": [one]} for name, one in colorings.items()]
     first = next(iter(colorings.values()))
     figure.data[0].marker.update({key.removeprefix("marker."): value[0] for key, value in first.items()})
@@ -275,14 +290,15 @@ def point_cloud(scene: Scene) -> go.Figure:
     )  # fmt: skip
 
 
-def _coloring(name: str, values: NDArray[np.generic]) -> dict[str, list[object]]:
+def _coloring(name: str, values: NDArray[np.generic], scheme: Scheme) -> dict[str, list[object]]:
     """Return plotly's marker properties for a colouring of ``Scene.colors``."""
     if name == "temperature_c":
         low, high = THERMAL_RANGE_C
         shown = np.nan_to_num(values.astype(np.float64), nan=low).round(1)
         return {"marker.color": [shown.tolist()], "marker.colorscale": ["Inferno"],
                 "marker.cmin": [low], "marker.cmax": [high]}  # fmt: skip
-    palette = [AROUND_RGB, *(ERROR_RGB[1:] if name == "error" else (part.rgb for part in PARTS[1:]))]
+    colors = ERROR_RGB[1:] if name == "error" else scheme.palette_rgb()[1 : scheme.n_classes].tolist()
+    palette = [AROUND_RGB, *map(tuple, colors)]
     ids, last = values.astype(np.int64), len(palette) - 1
     kinds = np.where(ids <= last, ids, 0)
     scale = [[i / last, _css(rgb)] for i, rgb in enumerate(palette)]

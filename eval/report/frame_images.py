@@ -11,9 +11,10 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32, Float64, UInt8, UInt16
 from annotate.crop import SIZE, Crop
-from annotate.parts import BACKGROUND, PART_ID, PARTS, TWIN_PARTS, UNDEFINED, palette_rgb
+from annotate.scheme.regions import Region
+from annotate.scheme.scheme import UNDEFINED, Scheme
 from eval.network.body_state import BodyState
-from eval.scores.confusion import NEIGHBOUR, Labels, named
+from eval.scores.confusion import Labels, error_flags, named
 from eval.scores.joints import JOINT
 
 Image = UInt8
@@ -36,23 +37,28 @@ ERROR_KINDS = {
 """Title and colour of the kinds in an error image, background first."""
 ERROR_NAMES, ERROR_RGB = zip(*ERROR_KINDS.values(), strict=True)
 _LIMBS = (
-    ("neck", "shoulder", "torso"),
+    ("neck", "shoulder", "chest"),
     ("shoulder", "elbow", "upper_arm"),
     ("elbow", "wrist", "forearm"),
     ("pelvis", "hip", "hip"),
     ("hip", "knee", "upper_leg"),
     ("knee", "ankle", "lower_leg"),
 )
+_REGIONS = {region.label: region for region in Region}
 LINES = (
-    ("head", "neck", "head"),
-    ("neck", "pelvis", "torso"),
+    ("head", "neck", Region.HEAD),
+    ("neck", "pelvis", Region.CHEST),
     *(
-        (a if a in JOINT else f"{side}_{a}", f"{side}_{b}", part if part in PART_ID else f"{side}_{part}")
+        (
+            a if a in JOINT else f"{side}_{a}",
+            f"{side}_{b}",
+            _REGIONS.get(region) or _REGIONS[f"{side}_{region}"],
+        )
         for side in ("left", "right")
-        for a, b, part in _LIMBS
+        for a, b, region in _LIMBS
     ),
 )
-"""Connected joints, and the part with the line's colour."""
+"""Connected joints, and the region whose part has the line's colour."""
 
 
 def colorize_depth(depth_mm: UInt16) -> Image:
@@ -66,9 +72,9 @@ def colorize_depth(depth_mm: UInt16) -> Image:
     return image
 
 
-def colorize_parts(parts: Labels) -> Image:
-    """Return labels (h, w) in the colours of `annotate.parts`."""
-    return palette_rgb()[parts]
+def colorize_parts(parts: Labels, scheme: Scheme) -> Image:
+    """Return labels (h, w) in the colours of their scheme."""
+    return scheme.palette_rgb()[parts]
 
 
 def colorize_share(values: Float32) -> Image:
@@ -80,43 +86,33 @@ def colorize_share(values: Float32) -> Image:
     return image
 
 
-def colorize_error(truth: Labels, predicted: Labels) -> Image:
+def colorize_error(truth: Labels, predicted: Labels, scheme: Scheme) -> Image:
     """Return an image (h, w, 3) of the errors in the colours of `ERROR_KINDS`."""
-    return np.array(ERROR_RGB, np.uint8)[error_kind_ids(truth, predicted)]
+    return np.array(ERROR_RGB, np.uint8)[error_kind_ids(truth, predicted, scheme)]
 
 
-def error_kind_ids(truth: Labels, predicted: Labels) -> Labels:
+def error_kind_ids(truth: Labels, predicted: Labels, scheme: Scheme) -> Labels:
     """Return the index in `ERROR_KINDS` of each pixel (h, w)."""
-    guess = named(predicted)
-    person, seen = truth != BACKGROUND, guess != BACKGROUND
-    wrong = (truth != guess) & person & seen
-    part = np.where(truth == UNDEFINED, BACKGROUND, truth)
-    masks = {
-        "correct": person & (truth == guess),
-        "other_part": wrong,
-        "neighbour_part": wrong & NEIGHBOUR[part, guess],
-        "left_right_swap": wrong & (TWIN_PARTS[part] == guess),
-        "missed_person": person & ~seen,
-        "invented_person": ~person & seen,
-        "undefined": truth == UNDEFINED,
-    }
-    kinds = np.zeros(truth.shape, np.uint8)
-    for name, mask in masks.items():
-        kinds[mask] = list(ERROR_KINDS).index(name)
-    return kinds
+    ids, table = {name: i for i, name in enumerate(ERROR_KINDS)}, np.zeros((256, 256), np.uint8)
+    np.fill_diagonal(table[1:, 1:], ids["correct"])
+    for name, flags in error_flags(scheme).items():
+        table[: len(flags), : len(flags)][flags] = ids[name]
+    table[UNDEFINED] = ids["undefined"]
+    return table[truth, named(predicted)]
 
 
-def draw_body_state(image: Image, crop: Crop, state: BodyState) -> Image:
-    """Return a crop's image (n, n, 3) with the skeleton in the parts' colours, the facing and the posture.
+def draw_body_state(image: Image, crop: Crop, state: BodyState, scheme: Scheme) -> Image:
+    """Return a crop's image (n, n, 3) with the skeleton in the scheme's colours, the facing and the posture.
 
     The circle shows the person from above, with the camera at the bottom and a line for the facing.
     """
     drawn, side = np.ascontiguousarray(image), image.shape[0]
     at = (state.joints_px[:, :2] + 0.5 - (crop.left, crop.top)) * side / crop.side - 0.5
     steps = np.rint(at.clip(-side, 2 * side) * SUBPIXELS).astype(int)
-    for a, b, part in LINES:
+    palette = scheme.palette_rgb()
+    for a, b, region in LINES:
         first, last = steps[JOINT[a]].tolist(), steps[JOINT[b]].tolist()
-        cv2.line(drawn, first, last, PARTS[PART_ID[part]].rgb, 2, cv2.LINE_AA, 3)
+        cv2.line(drawn, first, last, palette[scheme.table[region]].tolist(), 2, cv2.LINE_AA, 3)
     for joint in steps.tolist():
         cv2.circle(drawn, joint, 2 * SUBPIXELS, WHITE, -1, cv2.LINE_AA, 3)
     middle, radius = np.array([side - 18, side - 18]), 12

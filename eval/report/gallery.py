@@ -11,7 +11,7 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.crop import SIZE, Crop, crop_around
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.labelled_frames import pinhole_of
-from annotate.parts import BACKGROUND, on_body
+from annotate.scheme.scheme import BACKGROUND, Scheme
 from eval.compare.compare import Comparison
 from eval.network.body_state import BodyState
 from eval.report import frame_images as images
@@ -56,28 +56,32 @@ CloudImage = Callable[[Bool, Crop], Image | None]
 def make_frame(
     truth: FrameLabels, predicted: FrameLabels, cloud_image: CloudImage | None = None, group: str = ""
 ) -> GalleryFrame:
-    """Return a row: thermal cloud (if any), extracted depth, target, prediction, errors, joints (if any)."""
-    person = on_body(truth.parts) if on_body(truth.parts).any() else on_body(predicted.parts)
+    """Return a row: thermal cloud (if any), extracted depth, target, prediction, errors, joints (if any).
+
+    Both frames have one scheme.
+    """
+    scheme = truth.scheme
+    person = truth.on_body if truth.on_body.any() else predicted.on_body
     crop = _square(person)
     target, guess = crop.cut(truth.parts, BACKGROUND), crop.cut(predicted.parts, BACKGROUND)
     columns = {
         **_inputs(truth, person, crop, cloud_image),
-        "Target labels": images.colorize_parts(target),
-        "Predicted labels": images.colorize_parts(guess),
-        "Errors": images.colorize_error(target, guess),
+        "Target labels": images.colorize_parts(target, scheme),
+        "Predicted labels": images.colorize_parts(guess, scheme),
+        "Errors": images.colorize_error(target, guess, scheme),
         **_joints(predicted, person, crop),
     }
-    miou = float(confusion.miou(confusion.confusion_matrix(truth.parts, predicted.parts)))
+    miou = float(confusion.miou(confusion.confusion_matrix(truth.parts, predicted.parts, scheme)))
     return GalleryFrame(truth.frame_id, columns, group, truth.subject or predicted.subject, miou)
 
 
 def make_shown_frame(labels: FrameLabels, cloud_image: CloudImage | None = None) -> GalleryFrame:
     """Return a row without a truth: as ``make_frame``, with labels and confidence."""
-    person = on_body(labels.parts)
+    person = labels.on_body
     crop = _square(person)
     columns = {
         **_inputs(labels, person, crop, cloud_image),
-        "Labels": images.colorize_parts(crop.cut(labels.parts, BACKGROUND)),
+        "Labels": images.colorize_parts(crop.cut(labels.parts, BACKGROUND), labels.scheme),
     }
     if labels.confidence is not None:
         shown = np.where(person, labels.confidence, np.float32(np.nan))
@@ -100,7 +104,8 @@ def _joints(frame: FrameLabels, person: Bool, crop: Crop) -> dict[str, Image]:
     state = BodyState.from_note(frame.notes.get("bearing"))
     if state is None:
         return {}
-    return {"Joints": images.draw_body_state(_depth(frame, person, crop), crop, state)}
+    drawn = images.draw_body_state(_depth(frame, person, crop), crop, state, frame.scheme)
+    return {"Joints": drawn}
 
 
 def _square(person: Bool) -> Crop:
@@ -126,10 +131,11 @@ class Scene:
     """Point cloud of a frame. points_mm: int16 (n, 3), depth-camera axes, origin at the person's middle.
 
     colors: values (n,) by name: part ids of "truth" and "predicted", index in ``ERROR_KINDS`` of "error",
-    float "temperature_c", NaN if unknown.
+    float "temperature_c", NaN if unknown. scheme: of the part ids.
     """
 
     title: str
+    scheme: Scheme
     points_mm: NDArray[np.int16]
     colors: Mapping[str, NDArray[np.generic]]
 
@@ -144,7 +150,7 @@ def make_scene(
     """Return the scene of a frame; None without a person. camera: undistorted, of the whole image."""
     frame = predicted if truth is None else truth
     points = points_of(frame, camera).reshape(-1, 3)
-    person = on_body(predicted.parts) | (on_body(truth.parts) if truth is not None else False)
+    person = predicted.on_body | (truth.on_body if truth is not None else False)
     at = _chosen(points, person & (frame.depth_mm > 0))
     if not at.size:
         return None
@@ -153,10 +159,10 @@ def make_scene(
     colors: dict[str, NDArray[np.generic]] = {"predicted": predicted.parts.ravel()[at]}
     if truth is not None:
         colors = {"truth": truth.parts.ravel()[at], **colors}
-        colors["error"] = images.error_kind_ids(truth.parts, predicted.parts).ravel()[at]
+        colors["error"] = images.error_kind_ids(truth.parts, predicted.parts, frame.scheme).ravel()[at]
     if cloud is not None and np.isfinite(cloud.temperature_c).any():
         colors["temperature_c"] = cloud.temperature_c.ravel()[at]
-    return Scene(title, np.clip(shown, -32_000, 32_000).astype(np.int16), colors)
+    return Scene(title, frame.scheme, np.clip(shown, -32_000, 32_000).astype(np.int16), colors)
 
 
 def points_of(frame: FrameLabels, camera: Intrinsics) -> Float32:

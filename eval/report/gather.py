@@ -17,8 +17,10 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.journal import Journal
 from annotate.labelset.label_set import LabelSet
 from annotate.labelset.labelled_frames import camera_of, holds_frames, open_frames
+from annotate.scheme.scheme import Scheme
+from eval.compare.common_scheme import common_scheme
 from eval.compare.difference import Difference, difference
-from eval.compare.pairs import pair_up
+from eval.compare.pairs import load_pair, pair_up
 from eval.compare.results import Result
 from eval.report.frame_images import Image
 from eval.report.gallery import (
@@ -44,6 +46,7 @@ class ShownSet:
     """Labels of frames without a truth, shown but not scored."""
 
     title: str
+    scheme: Scheme
     frames: Sequence[GalleryFrame]
     scenes: Sequence[Scene] = ()
     note: str = ""
@@ -92,6 +95,11 @@ class Material:
         twice = next((title for title in titles if titles.count(title) > 1), None)
         if twice is not None:
             raise CloudError(f"two results have the title {twice!r}; evaluate one again with another --title")
+
+    @cached_property
+    def schemes(self) -> tuple[Scheme, ...]:
+        """Different schemes of the results, the baseline's first."""
+        return tuple(dict.fromkeys(result.comparison.scheme for result in self.results))
 
     @cached_property
     def differences(self) -> list[Difference]:
@@ -154,19 +162,22 @@ def _audit(path: Path) -> Audit:
 def pictures_of(result: Result, clouds: Clouds, each: int) -> tuple[list[GalleryFrame], list[Scene]]:
     """Return a result's gallery, and a scene of the first frame of each group; none if the label sets were
     moved.
+
+    Raises FormatError for label sets that do not convert to the result's scheme.
     """
     sets = [Path(result.facts[name]) for name in ("predicted", "truth") if name in result.facts]
     if len(sets) < 2 or not all(holds_frames(path) for path in sets):
         return [], []
     predicted, truth = (open_frames(path) for path in sets)
     source = str(truth.info.get("source", ""))
+    common = common_scheme(predicted.scheme, truth.scheme, result.comparison.scheme)
     pairs = {pair.truth.frame_id: pair for pair in pair_up(predicted, truth)[0]}
     scores = dict(zip(result.comparison.frame_ids, result.comparison.frame_miou, strict=True))
     frames, scenes = [], []
     for group, frame_ids in pick_frames(result.comparison, each).items():
         for place, frame_id in enumerate(frame_ids):
             pair = pairs.get(frame_id) or _changed(result, frame_id, sets)
-            guess, target = predicted.load(pair.predicted), truth.load(pair.truth)
+            guess, target = load_pair((predicted, truth), pair, common)
             frames.append(make_frame(target, guess, partial(clouds.image, source, target), group))
             if not np.isclose(frames[-1].miou, scores[frame_id], rtol=0, atol=1e-9):
                 _changed(result, frame_id, sets)
@@ -196,4 +207,4 @@ def shown_set(labels: LabelSet, note: str, clouds: Clouds) -> ShownSet:
         make_scene(f"{title} · {f.frame_id}", f, camera_of(labels, f), None, clouds.of(source, f))
         for f in seen[:1]
     ]
-    return ShownSet(title, frames, [scene for scene in scenes if scene is not None], note)
+    return ShownSet(title, labels.scheme, frames, [scene for scene in scenes if scene is not None], note)

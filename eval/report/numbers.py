@@ -9,23 +9,25 @@ import numpy as np
 import pandas as pd
 
 from annotate.correction.audit import Audit
-from annotate.parts import BODY_PARTS, PARTS
+from annotate.parts import PAPER
+from annotate.scheme.scheme import Scheme
 from eval.compare import paper_results as paper
 from eval.compare.details import suspicious
 from eval.compare.difference import Difference
 from eval.compare.results import Result
 from eval.report.estimates import (
     JOINT_SCORES,
-    SHOWN_ORDER,
     SUMMARY,
+    SWAPS,
     estimate,
     group_recall,
     joint_estimate,
     printed,
     row_shares,
+    shown_order,
+    summary_of,
 )
 from eval.report.gather import Material
-from eval.scores import confusion
 from eval.scores.joint_scores import GROUPS
 from eval.scores.joint_scores import INSIDE as IN_IMAGE
 from eval.scores.traits import groups, writable
@@ -37,7 +39,7 @@ INSIDE = {
     "miou_merged": "mIoU with left and right merged",
     "mean_recall_person": "Mean recall where both maps have a person",
     "miou_person": "mIoU where both maps have a person",
-    "mean_recall_all": "Mean recall with background as a twelfth part",
+    "mean_recall_all": "Mean recall with the background as one more part",
     "error_rate_near": "Error rate within 3 px of a border",
     "error_rate_inside": "Error rate farther inside",
 }
@@ -56,7 +58,6 @@ KIND_TITLES = {
 JOINT_KINDS = ("posture", "facing", "sensor")
 ROWS, SUSPECTS = 200, 30  # frames and suspicious labels listed
 VALUES = 24  # most frequent values of a trait listed
-OF_PAPER = (paper.SYNTHETIC, paper.REAL)
 
 
 def _table(data: object, columns: Sequence[str] | None = None) -> pd.DataFrame:
@@ -75,42 +76,50 @@ def summary_table(material: Material) -> pd.DataFrame:
     titled = [(result.title, result) for result in material.results]
     if material.ceiling is not None:
         titled.append((f"{material.ceiling.title} (two people)", material.ceiling))
-    rows = []
+    rows, schemes = [], [result.comparison.scheme for _, result in titled]
     for title, result in titled:
         c = result.comparison
-        scores = {heading: printed(name, estimate(c, name)) for name, heading in SUMMARY.items()}
+        scores = {heading: printed(name, estimate(c, name)) for name, heading in summary_of(c.scheme).items()}
         size = {"Frames": f"{len(c.frame_ids):,}", "People": str(c.n_subjects)}
-        rows.append({"Result": title, **scores, **size})
-    for one in OF_PAPER:
+        rows.append({"Result": title, **_scheme(c.scheme, schemes), **scores, **size})
+    for one in paper.published(material.schemes):
         size = {"Frames": f"{one.frames:,}", "People": str(one.people or "--")}
-        rows.append({"Result": one.title, SUMMARY["mean_recall"]: f"{one.mean_recall:.3f}", **size})
+        head = {"Result": one.title, **_scheme(PAPER, schemes)}
+        rows.append({**head, SUMMARY["mean_recall"]: f"{one.mean_recall:.3f}", **size})
     return _table(rows).fillna("--")
 
 
+def _scheme(own: Scheme, schemes: Sequence[Scheme]) -> dict[str, str]:
+    """Return a cell of the scheme's name; empty where ``schemes`` are one scheme, the row's own."""
+    return {} if {own} == set(schemes) else {"Scheme": own.name}
+
+
 def part_table(result: Result) -> pd.DataFrame:
-    """Return every score of every part of a result, with the paper's recall."""
+    """Return every score of every part of a result, with the paper's recall in the paper's scheme."""
     c = result.comparison
     rows = []
-    for part in BODY_PARTS:
+    for part in c.scheme.parts:
         pixels = c.matrices[:, part.id].sum(-1)
         scores = {t: printed(name, estimate(c, name, part.id)) for name, t in PART_SCORES.items()}
         size = {"Pixels": f"{int(pixels.sum()):,}", "Frames": f"{int((pixels > 0).sum()):,}"}
-        of_paper = f"{paper.REAL.table[part.id, part.id]:.2f}"
-        rows.append({"Part": part.title, **size, **scores, "Paper's recall, real": of_paper})
+        rows.append({"Part": part.title, **size, **scores})
+        if paper.published([c.scheme]):
+            rows[-1]["Paper's recall, real"] = f"{paper.REAL.table[part.id, part.id]:.2f}"
     return _table(rows)
 
 
 def difference_table(found: Sequence[Difference]) -> pd.DataFrame:
     """Return a row for each difference: all summary scores, Wilcoxon's p, and the number of frames."""
-    rows = []
-    names = {name: title for name, title in SUMMARY.items() if name != "ece"}
+    rows, schemes = [], [one.scheme for one in found]
     for one in found:
+        names = {name: title for name, title in summary_of(one.scheme).items() if name != "ece"}
         p = one.wilcoxon_p.get("mean_recall")
         scores = {title: printed(name, estimate(one, name), sign="+") for name, title in names.items()}
         frames = f"{one.frames[0]:,}, the same" if one.paired else f"{one.frames[0]:,} and {one.frames[1]:,}"
         size = {"Wilcoxon p": "--" if p is None else f"{p:.3f}", "Frames": frames}
-        rows.append({"Difference": f"{one.a} minus {one.b}", **scores, **size})
-    return _table(rows)
+        head = {"Difference": f"{one.a} minus {one.b}", **_scheme(one.scheme, schemes)}
+        rows.append({**head, **scores, **size})
+    return _table(rows).fillna("--")
 
 
 def group_tables(results: Sequence[Result]) -> Iterator[tuple[str, pd.DataFrame]]:
@@ -147,24 +156,26 @@ def error_table(results: Sequence[Result]) -> pd.DataFrame:
     columns = {}
     for result in results:
         c = result.comparison
-        kinds = {name: int(n) for name, n in confusion.error_kinds(c.confusion).items()}
+        kinds = {name: int(n) for name, n in c.error_kinds.items()}
         wrong = sum(kinds.values())
-        swaps = "left_right_swap_rate"
+        sides = {
+            SUMMARY[SWAPS]: printed(SWAPS, estimate(c, SWAPS)),
+            "Swaps among all errors": f"{kinds['left_right_swap'] / max(wrong, 1):.1%}",
+            "Frames that a left-right flip improves": str(c.flipped_frames),
+        }
         columns[result.title] = {
             "All wrong pixels": f"{wrong / max(c.confusion.sum(), 1):.1%}",
-            SUMMARY[swaps]: printed(swaps, estimate(c, swaps)),
-            "Swaps among all errors": f"{kinds['left_right_swap'] / max(wrong, 1):.1%}",
-            "Frames that a left-right flip improves": str(int(confusion.flip_helps(c.matrices).sum())),
+            **(sides if c.scheme.twins else {}),
             **{title: printed(name, estimate(c, name)) for name, title in INSIDE.items()},
         }
-    return _table(columns).reset_index(names="Error")
+    return _table(columns).fillna("--").reset_index(names="Error")
 
 
 def suspect_table(results: Sequence[Result]) -> pd.DataFrame:
     """Return the least probable labels of the truth, the worst first."""
     found = [(r.title, one) for r in results for one in suspicious(r.comparison, SUSPECTS)]
     rows = [
-        (title, s.frame_id, PARTS[s.part_id].title, f"{s.quality:.3f}", f"{s.pixels:,}")
+        (title, s.frame_id, s.part.title, f"{s.quality:.3f}", f"{s.pixels:,}")
         for title, s in sorted(found, key=lambda pair: pair[1].quality)[:SUSPECTS]
     ]
     return _table(rows, columns=["Result", "Frame", "Part", "Quality", "Pixels"])
@@ -245,14 +256,14 @@ def to_csv(results: Sequence[Result]) -> str:
         c = result.comparison
         # No spreadsheet may read a title as a formula.
         title = f"'{result.title}" if result.title[:1] in ("=", "+", "-", "@", "\t", "\r") else result.title
-        scores = [(name, "", estimate(c, name)) for name in (*SUMMARY, *INSIDE)]
-        scores += [(name, p.name, estimate(c, name, p.id)) for p in BODY_PARTS for name in PART_SCORES]
+        scores = [(name, "", estimate(c, name)) for name in (*summary_of(c.scheme), *INSIDE)]
+        scores += [(name, p.name, estimate(c, name, p.id)) for p in c.scheme.parts for name in PART_SCORES]
         size = (len(c.frame_ids), c.n_subjects)
         rows += [(title, name, part, e.value, e.low, e.high, *size) for name, part, e in scores]
-    for one in OF_PAPER:
+    for one in paper.published(result.comparison.scheme for result in results):
         of = (np.nan, np.nan, one.frames, one.people)
         rows.append((one.title, "mean_recall", "", one.mean_recall, *of))
-        rows += [(one.title, "recall", p.name, one.table[p.id, p.id], *of) for p in BODY_PARTS]
+        rows += [(one.title, "recall", p.name, one.table[p.id, p.id], *of) for p in PAPER.parts]
     columns = ["result", "score", "part", "value", "low95", "high95", "frames", "people"]
     kinds = dict.fromkeys(("value", "low95", "high95"), "float64") | {"people": "Int64"}
     frame = _table(rows, columns=columns).astype(kinds)
@@ -270,22 +281,23 @@ def to_json(material: Material) -> str:
         "ceiling": material.ceiling.comparison.to_evaluation_json() if material.ceiling else None,
         "differences": [found.to_json() for found in material.differences],
         "audits": {title: audit.to_json() for title, audit in material.audits.items()},
-        "paper": {
+    }
+    if paper.published(material.schemes):
+        value["paper"] = {
             "citation": paper.CITATION,
-            "parts": [part.name for part in PARTS],
+            "parts": [part.name for part in paper.PARTS],
             "synthetic": paper.SYNTHETIC.table.tolist(),
             "real": paper.REAL.table.tolist(),
-        },
-    }
+        }
     return json.dumps(value, allow_nan=False, indent=1) + "\n"
 
 
 def to_latex(material: Material) -> str:
     r"""Return tables for \input: summary, parts and confusion matrix of each result."""
     tables = [summary_table(material), *map(part_table, material.results)]
-    names = [PARTS[i].title for i in SHOWN_ORDER]
     for result in material.results:
-        rows = _table(row_shares(result.comparison.confusion), columns=names)
+        names = [part.title for part in shown_order(result.comparison.scheme)]
+        rows = _table(row_shares(result.comparison), columns=names)
         rows = rows.map(lambda v: "--" if np.isnan(v) else f"{v:.2f}")
         rows.insert(0, writable(result.title), names)
         tables.append(rows)

@@ -2,28 +2,33 @@
 
 import base64
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
+from typing import Literal
 
 import pandas as pd
 import plotly.graph_objects as go
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from annotate.parts import BODY_PARTS
+from annotate.parts import PAPER
+from annotate.scheme.scheme import Part, Scheme
 from eval.compare import paper_results as paper
+from eval.compare.common_scheme import scheme_note
 from eval.compare.results import Result
 from eval.report import figures, numbers
-from eval.report.estimates import in_shown_order, row_shares
+from eval.report.estimates import in_shown_order, row_shares, shown_order
 from eval.report.frame_images import ERROR_KINDS, Image, data_uri
 from eval.report.gather import Material
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free, write_bytes
 
 PLOTLY = files("plotly").joinpath("package_data", "plotly.min.js")
+CHARTED: Mapping[Literal["recall", "iou"], str] = {"recall": "Recall", "iou": "IoU"}
+"""Scores by part with a chart."""
 _PAGES = Environment(
     loader=PackageLoader("eval.report"),
     autoescape=True,
@@ -38,7 +43,7 @@ _PAGES.filters["picture"] = data_uri
 class Section:
     """A section of the page, with its blocks in their order; every text is escaped.
 
-    figures: by caption; without data, a figure is left out.
+    figures: by caption; without data, a figure is left out. legends: parts of the rows' images, by heading.
     """
 
     title: str
@@ -47,6 +52,7 @@ class Section:
     figures: Mapping[str, go.Figure] = field(default_factory=dict)
     tables: Sequence[tuple[str, pd.DataFrame]] = ()
     rows: Sequence[tuple[str, Mapping[str, Image]]] = ()
+    legends: Mapping[str, Sequence[Part]] = field(default_factory=dict)
     facts: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -96,9 +102,9 @@ def render(material: Material) -> str:
         version=version("annotate-cloud"),
         policy=policy(plotly, script),
         results=material.results,
-        citation=paper.CITATION,
+        schemes=[scheme.name for scheme in material.schemes],
+        citation=paper.CITATION if paper.published(material.schemes) else "",
         sections=shown,
-        parts=BODY_PARTS,
         errors=[kind for name, kind in ERROR_KINDS.items() if name != "background"],
         data=Markup(embedded(drawn)),
         plotly=Markup(plotly),
@@ -125,12 +131,16 @@ def embedded(drawn: Mapping[str, go.Figure]) -> str:
 
 def sections(material: Material) -> Iterator[Section]:
     """Yield the page's sections, in order; sections without content are left out."""
-    results, found, ceiling = material.results, material.differences, material.ceiling
+    results, ceiling = material.results, material.ceiling
+    several = len(material.schemes) > 1
+    notes = [f"{r.title}: {r.comparison.ci_note}." for r in results if r.comparison.ci_note]
+    if several:
+        notes.append("The results have different schemes; only the section Differences compares their means.")
     yield Section(
         "Headline",
-        "Mean recall is the share of a part's pixels with the right label, averaged over the eleven parts. "
+        "Mean recall is the share of a part's pixels with the right label, averaged over the parts. "
         "Intervals are 95 %, over people. Lower is better for swaps and calibration error.",
-        notes=[f"{r.title}: {r.comparison.ci_note}." for r in results if r.comparison.ci_note],
+        notes=notes,
         figures={"Mean recall with its 95 % interval": figures.overview(results, ceiling)},
         tables=[("Scores", numbers.summary_table(material))],
     )
@@ -139,30 +149,29 @@ def sections(material: Material) -> Iterator[Section]:
         "Mean recall by kind of frame, with the 95 % interval and the number of frames.",
         tables=list(numbers.group_tables(results)),
     )
+    of_paper = ", diamonds the paper's recall" if paper.published(material.schemes) else ""
     yield Section(
         "Parts",
-        "Points are scores of the whole set, bars 95 % intervals, diamonds the paper's recall.",
+        f"Points are scores of the whole set, bars 95 % intervals{of_paper}.",
         figures={
-            "Recall by part": figures.by_part(results, "recall", ceiling),
-            "IoU by part": figures.by_part(results, "iou", ceiling),
+            f"{title} by part{f', scheme {scheme.name}' if several else ''}": figures.by_part(
+                results, scheme, name, ceiling
+            )
+            for scheme in material.schemes
+            for name, title in CHARTED.items()
         },
         tables=[(result.title, numbers.part_table(result)) for result in results],
     )
-    if found:
-        yield Section(
-            "Differences",
-            "Differences with 95 % intervals, paired on the same frames. An interval across 0 shows no "
-            "difference. Wilcoxon's test needs six people and frames in common.",
-            notes=[f"{d.a} minus {d.b}: {d.note}" for d in found if d.note],
-            figures={"Difference of recall by part": figures.differences(found)},
-            tables=[("All scores", numbers.difference_table(found))],
-        )
-    shares = {result.title: row_shares(result.comparison.confusion) for result in results}
-    papers = {one.title: in_shown_order(one.table) for one in (paper.SYNTHETIC, paper.REAL)}
+    yield from _difference_sections(material)
+    shares = {r.title: (row_shares(r.comparison), shown_order(r.comparison.scheme)) for r in results}
+    papers = {
+        one.title: (in_shown_order(one.table, PAPER), shown_order(PAPER))
+        for one in paper.published(material.schemes)
+    }
     yield Section(
         "Confusion",
         "Each row is a true part and adds up to 1; values below 0.005 are left blank.",
-        figures={title: figures.confusion_matrix(one) for title, one in (shares | papers).items()},
+        figures={title: figures.confusion_matrix(*one) for title, one in (shares | papers).items()},
     )
     yield Section(
         "Errors",
@@ -176,6 +185,30 @@ def sections(material: Material) -> Iterator[Section]:
     )
     yield from _person_sections(material)
     yield from _last_sections(material)
+
+
+def _difference_sections(material: Material) -> Iterator[Section]:
+    found = material.differences
+    if not found:
+        return
+    charts = {}
+    for scheme in dict.fromkeys(one.scheme for one in found):
+        of_scheme = f", scheme {scheme.name}" if len(material.schemes) > 1 else ""
+        charts[f"Difference of recall by part{of_scheme}"] = figures.differences(found, scheme)
+    yield Section(
+        "Differences",
+        "Differences with 95 % intervals, paired on the same frames. An interval across 0 shows no "
+        "difference. Wilcoxon's test needs six people and frames in common.",
+        notes=[f"{d.a} minus {d.b}: {d.note}" for d in found if d.note],
+        figures=charts,
+        tables=[("All scores", numbers.difference_table(found))],
+    )
+
+
+def _legends(schemes: Iterable[Scheme]) -> dict[str, Sequence[Part]]:
+    """Return the parts of each scheme by a heading, which one scheme does not need."""
+    different = list(dict.fromkeys(schemes))
+    return {f"{scheme.name}:" if len(different) > 1 else "": scheme.parts for scheme in different}
 
 
 def _person_sections(material: Material) -> Iterator[Section]:
@@ -213,16 +246,20 @@ def _person_sections(material: Material) -> Iterator[Section]:
             for title, frames in material.galleries.items()
             for f in frames
         ]
-        yield Section("Gallery", lead, rows=rows)
+        shown = [r.comparison.scheme for r in results if material.galleries.get(r.title)]
+        yield Section("Gallery", lead, rows=rows, legends=_legends(shown))
 
 
 def _last_sections(material: Material) -> Iterator[Section]:
+    of_paper = bool(paper.published(material.schemes))
+    seconds = f" The paper gives about {paper.SECONDS_PER_FRAME:.0f} s a frame." if of_paper else ""
     if material.scenes:
         clouds = {scene.title: figures.point_cloud(scene) for scene in material.scenes}
         yield Section("3D", "Drag to turn; the menu changes the colours.", figures=clouds)
     for shown in material.shown:
         rows = [(f"{frame.frame_id} {frame.subject}", frame.columns) for frame in shown.frames]
-        yield Section(f"Without a truth: {shown.title}", shown.note, rows=rows)
+        legends = _legends([shown.scheme])
+        yield Section(f"Without a truth: {shown.title}", shown.note, rows=rows, legends=legends)
     if material.trainings:
         curves = {
             "Training loss": figures.loss(material.trainings),
@@ -232,13 +269,14 @@ def _last_sections(material: Material) -> Iterator[Section]:
     for one in material.trainings:
         held_out = [("One held-out frame", one.pictures)] if one.pictures else []
         lead = "Plan, and one held-out frame."
-        yield Section(f"Training: {one.title}", lead, rows=held_out, facts=one.facts)
+        legends = _legends([one.scheme])
+        yield Section(f"Training: {one.title}", lead, rows=held_out, legends=legends, facts=one.facts)
     if any(audit.people for audit in material.audits.values()):
         rejected = [(t, frame, why) for t, a in material.audits.items() for frame, why in a.rejected.items()]
         yield Section(
             "Corrections",
             "From the journal of each label set. Active seconds leave out pauses. Untouched: accepted frames "
-            f"without a change. The paper gives about {paper.SECONDS_PER_FRAME:.0f} s a frame.",
+            f"without a change.{seconds}",
             notes=[f"Rejected in {title}: {frame} ({why})" for title, frame, why in rejected],
             figures={"Active seconds of frames, mean of five": figures.effort(material.audits)},
             tables=[("Work", numbers.audit_table(material.audits))],
@@ -247,7 +285,7 @@ def _last_sections(material: Material) -> Iterator[Section]:
         "Method and sources",
         "Undefined pixels of the truth are ignored; undefined pixels of the prediction count as background. "
         "A part that no frame shows is left out of every mean. Corrections that start from a model's labels "
-        "favour that model. The paper's frames, people and cameras differ from these.",
+        "favour that model." + (" The paper's frames, people and cameras differ from these." * of_paper),
         facts=dict(material.facts) | _facts(material.results),
     )
 
@@ -261,5 +299,7 @@ def _facts(results: Sequence[Result]) -> dict[str, str]:
             f"truth {shares['truth']:.1%}, prediction {shares['predicted']:.1%}; "
             f"{result.comparison.extra_frames} predicted frames without a truth"
         )
+        if not paper.published([result.comparison.scheme]):
+            facts[f"{result.title}: scheme"] = scheme_note(result.comparison.scheme)
         facts |= {f"{result.title}: {name}": fact for name, fact in result.facts.items()}
     return facts

@@ -12,8 +12,10 @@ import numpy as np
 
 from annotate.array_types import Float64
 from annotate.labelset.images import decode_depth, decode_parts
+from annotate.labelset.scheme_note import scheme_in
+from annotate.scheme.scheme import Scheme
 from eval.report.frame_images import Image, colorize_depth, colorize_parts
-from sensors.errors import FormatError
+from sensors.errors import FormatError, fault_of
 from sensors.files.bounded import read_bounded
 
 HISTORY, FRAME = "history.json", "frame"  # in the folder of `train`
@@ -28,12 +30,14 @@ class Training:
     recall, mIoU, seconds so far.
 
     Scores are NaN if not measured. pictures: a frame's depth, labels at some epochs and truth, RGB (h, w, 3).
+    scheme: of these labels.
     """
 
     title: str
     points: Float64
     epochs: Float64
     pictures: Mapping[str, Image]
+    scheme: Scheme
     facts: Mapping[str, str]
 
 
@@ -47,10 +51,11 @@ def load_training(folder: Path) -> Training:
         epochs = _rows(value["epochs"], ("number", "loss", "mean_recall", "miou", "seconds"))
         if len(points) < 2:
             points = np.stack([epochs[:, 0] * float(value["images"]), epochs[:, 1]], axis=-1)
-        return Training(folder.name, points, epochs, _pictures(folder / FRAME), _facts(value))
+        scheme = scheme_in(value, path)
+        return Training(folder.name, points, epochs, _pictures(folder / FRAME, scheme), scheme, _facts(value))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         raise FormatError(
-            f"{path} is not a history of a training ({error}); give a folder that 'train' wrote"
+            f"{path} is not a history of a training ({fault_of(error)}); give a folder that 'train' wrote"
         ) from error
 
 
@@ -59,7 +64,7 @@ def _rows(entries: list[dict[str, Any]], names: tuple[str, ...]) -> Float64:
     return np.array(rows, np.float64).reshape(-1, len(names))
 
 
-def _pictures(folder: Path) -> dict[str, Image]:
+def _pictures(folder: Path, scheme: Scheme) -> dict[str, Image]:
     """Return images by title: depth, labels at up to `PICTURES` epochs, truth."""
     found = {int(m[1]): p for p in folder.glob("epoch-*.parts.png") if (m := _EPOCH.fullmatch(p.name))}
     if not found:
@@ -68,13 +73,13 @@ def _pictures(folder: Path) -> dict[str, Image]:
     # Early epochs differ most: spread by logarithm.
     spread = np.geomspace(1, len(numbers), min(PICTURES, len(numbers))).round().astype(int) - 1
     chosen = [numbers[i] for i in sorted(set(spread.tolist()))]
-    pictures = {f"Epoch {n}": colorize_parts(decode_parts(read_bounded(found[n]))) for n in chosen}
+    pictures = {f"Epoch {n}": colorize_parts(decode_parts(read_bounded(found[n])), scheme) for n in chosen}
     depth, truth = folder / "depth.png", folder / "truth.parts.png"
     if depth.is_file():
         image = colorize_depth(decode_depth(read_bounded(depth)))
         pictures = {"Depth": image, **pictures}
     if truth.is_file():
-        pictures["Truth"] = colorize_parts(decode_parts(read_bounded(truth)))
+        pictures["Truth"] = colorize_parts(decode_parts(read_bounded(truth)), scheme)
     return pictures
 
 

@@ -1,6 +1,6 @@
 """Boundary scores: agreement of the borders between parts, and errors by distance to a border.
 
-A border pixel is a person pixel with a 4-neighbour of another label, a part or background. The image's edge
+A border pixel is a part's pixel with a 4-neighbour of another label, a part or background. The image's edge
 and undefined pixels are not borders. Both borders count only where the truth is defined. Constants are
 untuned.
 """
@@ -48,15 +48,19 @@ def boundary_f(counts: Counts) -> Scores:
 
 
 def band_counts(
-    truth: Labels, predicted: Labels, away: tuple[Float32, Float32], widths_px: Sequence[float]
+    truth: Labels,
+    predicted: Labels,
+    away: tuple[Float32, Float32],
+    widths_px: Sequence[float],
+    classes: int,
 ) -> Counts:
-    """Count intersection and union of the bands along each part's outline: int64 (W, 12, 2).
+    """Count intersection and union of the bands along each part's outline: int64 (W, classes, 2).
 
     A part's band holds its pixels closer than the width to a border of their own map. away: distances (h, w)
-    to the borders of truth and prediction. Source: Cheng et al., Boundary IoU, CVPR 2021; here with Euclidean
-    distances and without the image's edge.
+    to the borders of truth and prediction. classes: as in ``kernels``. Source: Cheng et al., Boundary IoU,
+    CVPR 2021; here with Euclidean distances and without the image's edge.
     """
-    counts = kernels.bands(truth, predicted, *away, np.array(widths_px, np.float32))
+    counts = kernels.bands(truth, predicted, away, np.array(widths_px, np.float32), classes)
     hit, true, drawn = np.moveaxis(counts, -1, 0)
     return np.stack([hit, true + drawn - hit], axis=-1)
 

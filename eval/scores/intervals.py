@@ -11,7 +11,7 @@ Methodology 3, 2015). People who do not differ get the rule of three (Hanley & L
 `tools/measure/coverage.py` measures the coverage. Constants are untuned.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from eval.scores.confusion import Scores
 from eval.scores.counts import blocks
 
 RESAMPLES, SEED = 2000, 20170606
-AT_ONCE = 4_000_000  # numbers drawn at a time, 32 MB
+AT_ONCE = 4_000_000  # numbers drawn or summed at a time, 32 MB
 LEVEL = 0.95
 FEW = 4  # subjects; fewer get a note
 RULE_OF_THREE = 3.0  # at most this / n of all people differ from n equal ones, with 95 % confidence
@@ -54,17 +54,22 @@ def cluster_sums(counts: Int64, clusters: Int64) -> Int64:
 
 def resampled_sums(by_cluster: Int64, resamples: int = RESAMPLES, seed: int = SEED) -> Int64:
     """Return the sums over each resample of C clusters: (C, K) -> int64 (resamples, K)."""
-    n, rng = len(by_cluster), np.random.default_rng(seed)
-    sums = np.zeros((resamples, by_cluster.shape[1]), np.int64)
-    at_once = max(1, AT_ONCE // n)
+    return np.concatenate([*resampled_blocks(by_cluster, resamples, seed)])
+
+
+def resampled_blocks(by_cluster: Int64, resamples: int = RESAMPLES, seed: int = SEED) -> Iterator[Int64]:
+    """Yield the rows of ``resampled_sums`` in order, some at a time, because many parts have large counts."""
+    (n, numbers), rng = by_cluster.shape, np.random.default_rng(seed)
+    at_once = max(1, AT_ONCE // max(n, numbers))
     for first in range(0, resamples, at_once):
-        some = sums[first : first + at_once]
-        drawn = rng.multinomial(n, np.full(n, 1 / n), size=len(some))
+        size = min(at_once, resamples - first)
+        sums = np.zeros((size, numbers), np.int64)
+        drawn = rng.multinomial(n, np.full(n, 1 / n), size=size)
         for rows in blocks(n):
             # Products of float64 are fast and, below 2**53, exact.
             product = drawn[:, rows].astype(np.float64) @ by_cluster[rows].astype(np.float64)
-            some += product.astype(np.int64)
-    return sums
+            sums += product.astype(np.int64)
+        yield sums
 
 
 def standard_error(resampled: Scores, n: Int64 | int) -> Scores:

@@ -1,21 +1,22 @@
 """Compiled kernels over a frame's pixels.
 
-Images are C-contiguous and of one shape (h, w): label maps uint8, distances float32.
+Images are C-contiguous and of one shape (h, w): label maps uint8, distances float32. classes: length of a
+scheme's arrays by part id.
 """
 
 import numpy as np
 from numba import njit
 
-from annotate.array_types import Float32, Float64, Int64, UInt8
-from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
+from annotate.array_types import Bool, Float32, Float64, Int64, UInt8, UInt16
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED
 
 CODES = 256  # values of a byte
 
 
 @njit(cache=True, nogil=True)
-def pairs(truth: UInt8, predicted: UInt8, code: UInt8) -> Int64:
-    """Count pixels by the codes of both labels: int64 (C, C). code (256,): of each label, below C."""
-    counts = np.zeros((code.max() + 1, code.max() + 1), np.int64)
+def pairs(truth: UInt8, predicted: UInt8, code: UInt16, codes: int) -> Int64:
+    """Count pixels by the codes of both labels: int64 (codes, codes). code (256,): of each label."""
+    counts = np.zeros((codes, codes), np.int64)
     # Runs of equal pixels are counted once: most pixels repeat the pixel before.
     last, drawn, run = np.uint8(BACKGROUND), np.uint8(BACKGROUND), 0
     for a, b in zip(truth.flat, predicted.flat):  # noqa: B905 (numba lacks strict)
@@ -28,7 +29,7 @@ def pairs(truth: UInt8, predicted: UInt8, code: UInt8) -> Int64:
 
 
 @njit(cache=True, nogil=True)
-def _on_body(part: np.uint8) -> bool:
+def _on_part(part: np.uint8) -> bool:
     return bool(part != BACKGROUND and part != UNDEFINED)
 
 
@@ -40,7 +41,7 @@ def borders(labels: UInt8) -> UInt8:
     for v in range(height):
         for u in range(width):
             own = labels[v, u]
-            if not _on_body(own):
+            if not _on_part(own):
                 continue
             for i, j in ((v - 1, u), (v + 1, u), (v, u - 1), (v, u + 1)):
                 if not (0 <= i < height and 0 <= j < width):
@@ -56,7 +57,7 @@ def distances(labels: UInt8, border: UInt8, reach: float, around: float) -> Floa
     """Return the distance of every pixel to the nearest border pixel: float32 (h, w), Euclidean, pixels.
 
     border: part ids as ``borders`` returns them. Distances above a limit are infinite: the limit is ``reach``
-    for body pixels, ``around`` for all others.
+    for pixels of parts, ``around`` for all others.
     """
     height, width = labels.shape
     # Distances along the columns first, then along each row up to the best distance.
@@ -73,7 +74,7 @@ def distances(labels: UInt8, border: UInt8, reach: float, around: float) -> Floa
     away = np.full((height, width), np.inf, np.float32)
     for v in range(height):
         for u in range(width):
-            most = reach if _on_body(labels[v, u]) else around
+            most = reach if _on_part(labels[v, u]) else around
             best = below[v, u] * below[v, u]
             for step in range(1, min(int(most), max(u, width - 1 - u)) + 1):
                 if step * step >= best:
@@ -87,15 +88,16 @@ def distances(labels: UInt8, border: UInt8, reach: float, around: float) -> Floa
 
 @njit(cache=True, nogil=True)
 def bands(
-    truth: UInt8, predicted: UInt8, of_truth: Float32, of_prediction: Float32, widths: Float32
+    truth: UInt8, predicted: UInt8, distances: tuple[Float32, Float32], widths: Float32, classes: int
 ) -> Int64:
-    """Count pixels of both, of the truth's and of the prediction's band: int64 (W, 12, 3).
+    """Count pixels of both, of the truth's and of the prediction's band: int64 (W, classes, 3).
 
-    of_truth, of_prediction: distances to the borders of either map; widths (W,).
+    distances: to the borders of truth and prediction; widths (W,).
     """
-    counts = np.zeros((len(widths), N_CLASSES, 3), np.int64)
+    counts = np.zeros((len(widths), classes, 3), np.int64)
+    of_truth, of_prediction = distances
     for a, b, away, off in zip(truth.flat, predicted.flat, of_truth.flat, of_prediction.flat):  # noqa: B905
-        true, drawn = _on_body(a), _on_body(b)
+        true, drawn = _on_part(a), _on_part(b)
         if not (true or drawn):
             continue
         for i in range(len(widths)):
@@ -110,14 +112,14 @@ def bands(
 
 
 @njit(cache=True, nogil=True)
-def errors(truth: UInt8, predicted: UInt8, away: Float32, edges: Float32) -> Int64:
-    """Count wrong and all person pixels by true part and distance: int64 (12, E + 1, 2).
+def errors(truth: UInt8, predicted: UInt8, away: Float32, edges: Float32, classes: int) -> Int64:
+    """Count wrong and all pixels of parts by true part and distance: int64 (classes, E + 1, 2).
 
     away: to the borders of the truth. edges (E,): exclusive upper ends of the bins.
     """
-    counts = np.zeros((N_CLASSES, len(edges) + 1, 2), np.int64)
+    counts = np.zeros((classes, len(edges) + 1, 2), np.int64)
     for a, b, distance in zip(truth.flat, predicted.flat, away.flat):  # noqa: B905
-        if _on_body(a):
+        if _on_part(a):
             where = 0
             while where < len(edges) and distance >= edges[where]:
                 where += 1
@@ -127,14 +129,14 @@ def errors(truth: UInt8, predicted: UInt8, away: Float32, edges: Float32) -> Int
 
 
 @njit(cache=True, nogil=True)
-def confidences(truth: UInt8, predicted: UInt8, confidence: Float32, near: UInt8) -> Int64:
-    """Count pixels by true part, right (0 or 1), near (0 or 1) and confidence: (12, 2, 2, 256).
+def confidences(truth: UInt8, predicted: UInt8, confidence: Float32, near: Bool, classes: int) -> Int64:
+    """Count pixels by true part, right (0 or 1), near (0 or 1) and confidence: (classes, 2, 2, 256).
 
     Confidence in steps of 1/255, rounded; only pixels with a predicted part and a defined truth.
     """
-    counts = np.zeros((N_CLASSES, 2, 2, CODES), np.int64)
+    counts = np.zeros((classes, 2, 2, CODES), np.int64)
     for a, b, sure, close in zip(truth.flat, predicted.flat, confidence.flat, near.flat):  # noqa: B905
-        if a != UNDEFINED and _on_body(b):
+        if a != UNDEFINED and _on_part(b):
             level = int(np.rint(min(max(sure, np.float32(0)), np.float32(1)) * np.float32(255)))
             counts[a, np.int64(a == b), np.int64(close), level] += 1
     return counts

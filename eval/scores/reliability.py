@@ -1,6 +1,6 @@
 """Reliability of a prediction's confidence by bins, and quality of labels by confidence.
 
-Only pixels with a predicted body part and a defined truth count; other pixels lack a confidence.
+Only pixels with a predicted part and a defined truth count; other pixels lack a confidence.
 """
 
 from typing import NamedTuple
@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from annotate.array_types import Bool, Float32
-from annotate.parts import BACKGROUND
+from annotate.scheme.scheme import BACKGROUND
 from eval.scores import kernels
 from eval.scores.confusion import Counts, Labels, Scores, ratio
 
@@ -19,16 +19,17 @@ _BIN = np.minimum(np.arange(LEVELS + 1) * N_BINS // LEVELS, N_BINS - 1)
 
 
 def confidence_counts(
-    truth: Labels, predicted: Labels, confidence: Float32, near: Bool
+    truth: Labels, predicted: Labels, confidence: Float32, near: Bool, classes: int
 ) -> tuple[Counts, Counts]:
-    """Count reliability (2, 15, 3) and label quality (12, 2), int64; near: flags (h, w).
+    """Count reliability (2, 15, 3) and label quality (classes, 2), int64; near: flags (h, w).
 
     Reliability: pixels, right pixels, sum of confidence in 1/255, by bin, inside and near borders. Quality:
     sum of the true labels' probabilities in 1/255, and pixels, by true part. The probability of a label is
-    the confidence if the prediction agrees, else the rest.
+    the confidence if the prediction agrees, else the rest. classes: as in ``kernels``.
     """
-    images = truth, predicted, confidence, near
-    table = kernels.confidences(*map(np.ascontiguousarray, images))  # (part, right, near, step)
+    sure, close = np.ascontiguousarray(confidence), np.ascontiguousarray(near)
+    labels = np.ascontiguousarray(truth), np.ascontiguousarray(predicted)
+    table = kernels.confidences(*labels, sure, close, classes)  # (part, right, near, step)
     by_step = table.sum(axis=0).swapaxes(0, 1)  # (near, right, step)
     steps = np.arange(LEVELS + 1)
     every = np.stack([by_step.sum(axis=1), by_step[:, 1], by_step.sum(axis=1) * steps], axis=-1)

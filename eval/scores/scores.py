@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from annotate.parts import BACKGROUND, BODY_PARTS
+from annotate.scheme.scheme import BACKGROUND, Scheme
 from eval.scores import confusion
 from eval.scores.boundary import (
     DISTANCE_EDGES_PX,
@@ -22,7 +22,7 @@ from eval.scores.counts import FrameCounts
 from eval.scores.reliability import calibration_error
 
 PART_SCORES = ("recall", "precision", "iou", "dice", "boundary_iou_by_part")
-"""Scores (..., 12) by class id; background's boundary IoU is NaN."""
+"""Scores (..., n) by part id; background's boundary IoU is NaN."""
 _TOLERANCE = TOLERANCES_PX.index(2.0)
 _WIDTH = WIDTHS_PX.index(4.0)
 
@@ -30,9 +30,9 @@ _WIDTH = WIDTHS_PX.index(4.0)
 def scores_of(counts: FrameCounts) -> dict[str, Scores]:
     """Return all scores of counts with leading axes `...`; NaN without pixels to score.
 
-    Scalars (...), scores by class (..., 12), by tolerance or width, and by distance. boundary_f: at 2 px;
+    Scalars (...), scores by part (..., n), by tolerance or width, and by distance. boundary_f: at 2 px;
     boundary_iou: at 4 px. inside, near: pixels away from and near the borders of the truth. person: pixels
-    with a body part in both maps. all: background is a twelfth class. merged: left and right are one.
+    with a part of the body in both maps. all: background is one more part. merged: left and right are one.
     """
     ece = {"ece": counts.reliability.sum(-3), "ece_near": counts.reliability[..., 1, :, :]}
     return {
@@ -43,22 +43,22 @@ def scores_of(counts: FrameCounts) -> dict[str, Scores]:
 
 
 def _pixel_scores(counts: FrameCounts) -> dict[str, Scores]:
-    matrix = counts.confusion
-    inside, person = matrix - counts.near, confusion.without_background(matrix)
+    matrix, scheme = counts.confusion, counts.scheme
+    inside, person = matrix - counts.near, confusion.on_person(matrix, scheme)
     return {
         "mean_recall": confusion.mean_recall(matrix),
         "miou": confusion.miou(matrix),
-        "person_iou": confusion.person_iou(matrix),
-        "left_right_swap_rate": confusion.left_right_swap_rate(matrix),
+        "person_iou": confusion.person_iou(matrix, scheme),
+        "left_right_swap_rate": confusion.left_right_swap_rate(matrix, scheme),
         "mean_recall_inside": confusion.mean_recall(inside),
         "mean_recall_near": confusion.mean_recall(counts.near),
-        "error_rate_inside": confusion.error_rate_on_person(inside),
-        "error_rate_near": confusion.error_rate_on_person(counts.near),
+        "error_rate_inside": confusion.error_rate_on_person(inside, scheme),
+        "error_rate_near": confusion.error_rate_on_person(counts.near, scheme),
         "mean_recall_person": confusion.mean_recall(person),
         "miou_person": confusion.miou(person),
         "mean_recall_all": present_mean(confusion.recall(matrix), axis=-1),
         "miou_all": present_mean(confusion.iou(matrix), axis=-1),
-        "miou_merged": confusion.miou(confusion.merge_left_right(matrix)),
+        "miou_merged": confusion.miou(confusion.merge_left_right(matrix, scheme)),
         "recall": confusion.recall(matrix),
         "precision": confusion.precision(matrix),
         "iou": confusion.iou(matrix),
@@ -87,6 +87,12 @@ def _boundary_iou(bands: Counts) -> Scores:
     scores[..., BACKGROUND] = np.nan
     return scores
 
+
+FROM_CONFUSION = frozenset(
+    {"mean_recall", "miou", "person_iou", "left_right_swap_rate", "mean_recall_person", "miou_person"}
+    | {"mean_recall_all", "miou_all", "miou_merged", "recall", "precision", "iou", "dice"}
+)
+"""Scores that the confusion matrix alone gives."""
 
 JsonScore: TypeAlias = "float | list[JsonScore] | dict[str, JsonScore] | None"
 
@@ -121,12 +127,13 @@ def plain(values: Scores | float) -> JsonScore:
     return float(array) if np.isfinite(array) else None
 
 
-def named(name: str, values: Scores) -> JsonScore:
+def named(name: str, values: Scores, scheme: Scheme) -> JsonScore:
     """Return a score or its interval (2, ...) by the names of its last axis, without background."""
     if name in PART_SCORES:
-        return {part.name: plain(values[..., part.id]) for part in BODY_PARTS}
+        return {part.name: plain(values[..., part.id]) for part in scheme.parts}
     if name == "error_by_distance_by_part":
-        return {part.name: named("error_by_distance", values[..., part.id, :]) for part in BODY_PARTS}
+        by_part = {part.name: values[..., part.id, :] for part in scheme.parts}
+        return {part: named("error_by_distance", own, scheme) for part, own in by_part.items()}
     if name in _NAMES:
         return {key: plain(values[..., i]) for i, key in enumerate(_NAMES[name])}
     return plain(values)

@@ -13,7 +13,6 @@ import numpy as np
 from annotate.array_types import Bool, Index, UInt16
 from annotate.crop import window_of
 from annotate.frame_labels import FrameLabels, Status
-from annotate.parts import on_body
 from eval.scores.joint_errors import TRUE_JOINTS, all_joints_mm
 from sensors.rig.camera import Intrinsics
 from synth.pose.pose_parameters import posture_class
@@ -51,7 +50,7 @@ class Traits:
 
 def traits_of(truth: FrameLabels, predicted: FrameLabels, camera: Intrinsics) -> Traits:
     """Return a frame's traits from the truth's notes and depth; camera: of its depth image."""
-    whole = on_body(truth.parts)
+    whole = truth.on_body
     box = window_of(whole)
     person, depth_mm = whole[box], truth.depth_mm[box]
     readings = depth_mm[person & (depth_mm > 0)]

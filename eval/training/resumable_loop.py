@@ -14,7 +14,7 @@ from torch.optim.swa_utils import AveragedModel
 
 from eval.network.weights_file import check_fits, read_tensors, write_tensors
 from eval.training.processes import ALONE, ProcessGroup
-from sensors.errors import CloudError, FormatError
+from sensors.errors import CloudError, FormatError, fault_of
 
 WARM_STEPS = 10.0  # after these the average reaches further back than half of the steps; untuned
 B = TypeVar("B")
@@ -183,7 +183,7 @@ def _progress(meta: dict[str, str]) -> Progress:
 
 
 def _unusable(path: Path, error: Exception) -> FormatError:
-    reason = str(error).partition("\n")[0] or type(error).__name__
+    reason = fault_of(error).partition("\n")[0] or "no reason is given"
     return FormatError(f"checkpoint {path} cannot be resumed ({reason}); remove it or choose another folder")
 
 

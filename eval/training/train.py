@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from annotate.array_types import Int64, UInt8
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.images import encode_parts, encode_png
-from annotate.parts import BACKGROUND, N_CLASSES
+from annotate.parts import BACKGROUND, N_CLASSES, PAPER
 from eval.network.networks import build
 from eval.scores.confusion import confusion_matrix, mean_recall, miou
 from eval.training.crops import Crops
@@ -46,7 +46,7 @@ def evaluate(model: nn.Module, crops: Crops, batch: int = 32) -> Int64:
     """Return the confusion matrix (12, 12) of a network on crops; rows are the truth."""
     total = np.zeros((N_CLASSES, N_CLASSES), np.int64)
     for (_, parts), labels in zip(crops.batches(batch), predicted(model, crops, batch), strict=True):
-        total += confusion_matrix(parts, labels)
+        total += confusion_matrix(parts, labels, PAPER)
     return total
 
 

@@ -85,7 +85,7 @@ def _read(folder: Path, file: str, parse: Callable[[str], T]) -> T | None:
     """
     found = sorted(path for path in folder.glob(f"*{file}") if path.is_file())
     if len(found) > 1:
-        raise CalibrationError(f"{folder} has {len(found)} files for {file}; keep one device's there")
+        raise CalibrationError(f"{folder} has {len(found)} files *{file}; keep one device's file")
     if not found:
         return None
     data = read_bounded(found[0], MAX_CALIBRATION_BYTES, "give a calibration file", CalibrationError)

@@ -72,7 +72,8 @@ def intrinsics_from(
         matrix = p.reshape(3, 4)[:, :3]
     if not matrix[:2, :2].any():
         raise CalibrationError(
-            f"{name} holds no calibration (K is zero); calibrate the camera, or give --intrinsics FILE"
+            f"{name} holds no calibration (its matrix K is zero); calibrate the camera, or give "
+            "--intrinsics FILE"
         )
     full = int(message.width), int(message.height)
     window = window_of(message)
@@ -101,8 +102,8 @@ def _with_lens(
         return Intrinsics(*size, fx, fy, cx, cy)
     if fisheye or model not in _BROWN or d.size > _MOST:
         raise CalibrationError(
-            f"{name} has lens model {model[:40]!r} with {d.size} numbers; give plumb_bob or "
-            "rational_polynomial, or record the rectified image"
+            f"{name} has lens model {model[:40]!r} with {d.size} coefficients; give plumb_bob or "
+            f"rational_polynomial with at most {_MOST}, or record the rectified image"
         )
     if used > _RATIONAL:
         return intrinsics_from_opencv(Intrinsics(*size, fx, fy, cx, cy), np.pad(d, (0, _MOST - d.size)), name)
@@ -123,7 +124,10 @@ def links_from(message: Decoded) -> Iterator[tuple[str, str, Pose]]:
             parent, child, move = transform.parent_frame_id, transform.child_frame_id, transform
         t, q = move.translation, move.rotation
         quaternion = np.array([q.x, q.y, q.z, q.w], np.float64)
-        if not 0.5 < float(np.linalg.norm(quaternion)) < 2:
-            raise CalibrationError(f"the transform to {child[:60]!r} has no rotation; record it again")
+        if not 0.5 < (length := float(np.linalg.norm(quaternion))) < 2:
+            raise CalibrationError(
+                f"the transform to {child[:60]!r} has a rotation quaternion of length {length:g} instead "
+                "of 1; record it again"
+            )
         pose = Pose(rotation_of(quaternion), np.array([t.x, t.y, t.z], np.float64))
         yield str(parent).lstrip("/"), str(child).lstrip("/"), pose  # ROS writes some names with a slash

@@ -17,7 +17,7 @@ import numpy as np
 from sensors.calibration_files.camera_text import read_camera_text
 from sensors.calibration_files.lens_models import realsense_intrinsics
 from sensors.checks.camera_check import check_camera
-from sensors.errors import CalibrationError
+from sensors.errors import CalibrationError, fault_of
 from sensors.files.bounded import read_bounded
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import MAX_CALIBRATION_BYTES
@@ -46,7 +46,7 @@ def first_intrinsics(files: list[Path], shape: tuple[int, int]) -> tuple[FoundIn
     file = next((file for file in files if file.is_file()), None)
     if file is None:
         raise CalibrationError(
-            f"depth images without intrinsics; add {files[0]} holding "
+            f"the depth images have no intrinsics; add {files[0]} holding "
             f'{{"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": {shape[1]}, "height": {shape[0]}}} '
             "with the depth camera's four numbers in pixels, or give such a file with --intrinsics"
         )
@@ -61,7 +61,7 @@ def read_intrinsics(file: Path, shape: tuple[int, int] = (0, 0)) -> FoundIntrins
     try:
         found = _found(data.decode(json.detect_encoding(data), errors="replace"), shape)
     except (TypeError, ValueError, KeyError, AttributeError, OverflowError, RecursionError) as error:
-        raise CalibrationError(f"{file} is malformed ({error}); correct that field") from error
+        raise CalibrationError(f"{file} is malformed ({fault_of(error)}); correct the file") from error
     if found.unit_mm is not None and not 0 < found.unit_mm <= 1000:
         raise CalibrationError(f"{file} has depth steps of {found.unit_mm} mm; give more than 0, up to 1000")
     check_camera(found.depth, str(file))
@@ -94,7 +94,7 @@ def _from_realsense(fields: dict[str, Any]) -> FoundIntrinsics:
     """Read librealsense's ``rs2_intrinsics``; pyrealsense2 writes its models as ``distortion.NAME``."""
     lens = [float(x) for x in fields.get("coeffs", [])]
     if any(lens) and len(lens) != 5:
-        raise ValueError(f"coeffs has {len(lens)} numbers; give k1, k2, p1, p2, k3")
+        raise ValueError(f"coeffs has {len(lens)} numbers: give k1, k2, p1, p2, k3")
     numbers = [float(fields[name]) for name in ("fx", "fy", "ppx", "ppy")]
     pinhole = Intrinsics(int(fields["width"]), int(fields["height"]), *numbers)
     model = str(fields.get("model", "")).lower().removeprefix("distortion.")
@@ -112,5 +112,5 @@ def _from_open3d(fields: dict[str, Any], shape: tuple[int, int]) -> FoundIntrins
         return FoundIntrinsics(camera, None, aligned=True)
     steps_per_m = float(fields["depth_scale"])
     if not 1 <= steps_per_m <= 1e6:
-        raise ValueError(f"depth_scale {steps_per_m}")
+        raise ValueError(f"depth_scale is {steps_per_m:g}: give 1 to 1000000 steps a metre")
     return FoundIntrinsics(camera, 1000 / steps_per_m, aligned=True)

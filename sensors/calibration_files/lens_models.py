@@ -51,8 +51,8 @@ def intrinsics_from_opencv(pinhole: Intrinsics, coefficients: Floats, where: str
     missed = np.abs(distort(camera, rays[:, :2]) - goal) * (pinhole.fx, pinhole.fy)
     if not missed.max() < WORST_PX:
         raise CalibrationError(
-            f"{where} has a lens of {len(coefficients)} numbers, which is {missed.max():.2g} pixels off "
-            "as one of five; record the rectified image"
+            f"{where} has {len(coefficients)} lens coefficients; the nearest lens of five misses them by "
+            f"{missed.max():.2g} pixels, over {WORST_PX:g}: record the rectified image"
         )
     return camera
 
@@ -69,7 +69,9 @@ def realsense_intrinsics(pinhole: Intrinsics, model: str, coefficients: Sequence
     if name in PLAIN or not any(coefficients):
         return replace(pinhole, k1=k1, k2=k2, p1=p1, p2=p2, k3=k3)
     if name not in SCALED:
-        raise CalibrationError(f"lens model {model[:40]!r} is not supported; use a RealSense D400")
+        raise CalibrationError(
+            f"the depth camera has lens model {model[:40]!r}, which is not supported; use a RealSense D400"
+        )
     x, y = _grid(pinhole)
     r2 = x * x + y * y
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))

@@ -107,7 +107,8 @@ def judge_depth(
     found = range_of(values, unit)
     if found.far <= 0 or found.near > SATURATED / 1000:
         raise FormatError(
-            f"{where}: no depth within 65 m with {unit:g} mm a step (range {found}); {remedy(values, unit)}"
+            f"{where}: depth has no reading within 65 m with {unit:g} mm a step (1st, 50th and 99th "
+            f"percentile: {found}); {remedy(values, unit)}"
         )
     source = "assumed" if unit_mm is None else "declared"
     first = (

@@ -66,14 +66,16 @@ class Address:
         """
         value = self.given_number(key, low, high)
         if value is not None and value != int(value):
-            raise DeviceError(f"{key} {value:g} of {self.text!r} is not an integer; give {low} to {high}")
+            raise DeviceError(
+                f"{key} {value:g} of {self.text!r} is not a whole number; give one from {low} to {high}"
+            )
         return None if value is None else int(value)
 
     def finish(self) -> None:
         """Raise DeviceError for an option that was not queried."""
         if unknown := sorted(set(self._options) - self._known):
-            known = ", ".join(sorted(self._known)) or "none"
-            raise DeviceError(f"device {self.text!r} has unknown option {unknown[0]!r}; its options: {known}")
+            remedy = f"use {', '.join(sorted(self._known))}" if self._known else "leave it out"
+            raise DeviceError(f"device {self.text!r} has unknown option {unknown[0]!r}; {remedy}")
 
     def _take(self, key: str, default: str) -> str:
         self._known.add(key)

@@ -109,12 +109,12 @@ def choose(kind: str, serials: list[str], wanted: str) -> str:
     """
     listed = ", ".join(sorted(set(serials)))
     if not serials:
-        raise DeviceNotFoundError(f"no {kind} is plugged in; see: annotate-cloud devices")
+        raise DeviceNotFoundError(f"no {kind} is plugged in; plug one in and run: annotate-cloud devices")
     if not wanted and len(set(serials)) > 1:
         raise DeviceError(f"there are {len(serials)} {kind} devices ({listed}); name one by serial")
     serial = wanted or serials[0]
     if serial not in serials:
-        raise DeviceNotFoundError(f"no {kind} has serial {serial!r}; plugged in: {listed}")
+        raise DeviceNotFoundError(f"no {kind} has serial {serial!r}; give one that is plugged in: {listed}")
     if Counter(serials)[serial] > 1:
         raise DeviceError(f"two {kind} devices have serial {serial!r}; unplug one of them")
     return serial

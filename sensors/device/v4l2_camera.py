@@ -70,7 +70,7 @@ class V4l2Camera(StreamingCamera):
             self._capture.release()
             wanted = " or ".join(f"{width}x{height}" for width, height in sizes)
             held = "x".join(map(str, self._size))
-            raise DeviceError(f"{self._node} sends images of {held} words, not {wanted}; {remedy}")
+            raise DeviceError(f"{self._node} sends images of {held} pixels, not {wanted}; {remedy}")
         self._capture.set(cv2.CAP_PROP_FPS, fps)
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, BUFFERS)
 

@@ -12,7 +12,7 @@ from sensors.files.atomic import replacing
 
 SOURCES = Path(__file__).parents[1] / "cpp"
 FLAGS = ("-std=c++17", "-O2", "-Wall", "-Wextra", "-shared", "-fPIC", "-pthread")
-GUIDE = "build it in five lines: docs/devices.md, Kinect v2"
+GUIDE = "build libfreenect2 in five lines: docs/devices.md, Kinect v2"
 
 
 def built_shim() -> Path:
@@ -35,7 +35,9 @@ def built_shim() -> Path:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             lines = done.stderr.strip().splitlines() or ["no message from the compiler"]
-            raise DeviceNotFoundError(f"libfreenect2 cannot be compiled against ({lines[0]}); {GUIDE}")
+            raise DeviceNotFoundError(
+                f"the driver of the Kinect v2 cannot be compiled with libfreenect2 ({lines[0]}); {GUIDE}"
+            )
     return path
 
 

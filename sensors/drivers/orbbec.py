@@ -177,7 +177,7 @@ def depth_of(frame: SdkObject) -> NDArray[np.uint16]:
     values = np.frombuffer(np.asarray(frame.get_data()).tobytes(), "<u2")
     if values.size != shape[0] * shape[1]:
         raise DeviceFaultError(
-            f"{values.size} pixels came, not {shape[0] * shape[1]}; wait for the next image"
+            f"an Orbbec depth image has {values.size} pixels, not {shape[1]}x{shape[0]}; wait for the next"
         )
     millimetres = np.rint(values.reshape(shape) * np.float32(frame.get_depth_scale()))
     return millimetres.clip(0, 65535).astype(np.uint16)

@@ -56,7 +56,7 @@ class PyrometerOptions:
 
     def __post_init__(self) -> None:
         if self.burst and not self.family.burst:
-            raise DeviceError(f"the {self.family.name} family has no burst; leave burst out")
+            raise DeviceError(f"the {self.family.name} family has no burst mode; leave the option burst out")
 
 
 class Pyrometer:
@@ -122,8 +122,8 @@ class Pyrometer:
         now = self.emissivity()
         if round(now * 1000) != round(emissivity * 1000):
             raise DeviceFaultError(
-                f"{self._line.port} kept emissivity {now:g} when {emissivity:g} was set; "
-                "try again, check the family, or switch the device off and on (its checksum may be off)"
+                f"{self._line.port} has emissivity {now:g} although {emissivity:g} was set; try again, give "
+                "the right family, or switch the device off and on, because its checksum may be switched off"
             )
 
     def close(self) -> None:

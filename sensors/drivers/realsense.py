@@ -179,9 +179,10 @@ class RealSense(StreamingCamera):
             if (profile.width(), profile.height()) == size:
                 return index, profile
         there = sorted({f"{profile.width()}x{profile.height()}" for _, profile in fit})
+        remedy = f"choose {' or '.join(there)}" if there else "choose another rate"
         raise DeviceError(
-            f"{self.address} has no {name} of {size[0]}x{size[1]} at {self._settings.rate_hz} a second "
-            f"but {', '.join(there) or 'none'}; choose one of these{self._usb()}"
+            f"{self.address} has no {name} images of {size[0]}x{size[1]} at {self._settings.rate_hz} a "
+            f"second; {remedy}{self._usb()}"
         )
 
     def _usb(self) -> str:

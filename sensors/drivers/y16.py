@@ -51,12 +51,12 @@ def check_temperatures(celsius: NDArray[np.float32], words: NDArray[np.uint16], 
         return
     fits = [f"{one.name} (scale={one.step:g}&offset={one.offset:g})" for one in scales_of_cameras(words)]
     remedy = (
-        f"they fit {' or '.join(fits)}: read the camera as y16 with that scale"
+        f"read the camera as y16 with the scale that fits: {' or '.join(fits)}"
         if fits
         else "switch its temperature output on, or give its scale and offset"
     )
     raise DeviceFaultError(
-        f"{name} sent words about {np.median(words):.0f}, which would be {middle:.0f} C; {remedy}"
+        f"{name} sent values with a median of {np.median(words):.0f}, which would be {middle:.0f} C; {remedy}"
     )
 
 

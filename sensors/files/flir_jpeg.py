@@ -56,7 +56,7 @@ class _Record(NamedTuple):
         """Return the (height, width) that an image's record states."""
         width, height = (int(number) for number in self.numbers("HH", 2))
         if not 0 < min(width, height) <= max(width, height) <= MAX_IMAGE_SIDE:
-            raise ValueError(f"an image of {width}x{height}")
+            raise ValueError(f"an image has {width}x{height} pixels, not 1 to {MAX_IMAGE_SIDE} a side")
         return height, width
 
 
@@ -67,8 +67,10 @@ def read_flir(data: bytes, name: str) -> FlirImage:
     """
     try:
         records = _records(list(_segments(io.BytesIO(data))))
-        if RAW not in records or CAMERA not in records:
-            raise ValueError("it has no raw image or no camera record")
+        if RAW not in records:
+            raise ValueError("it has no raw image")
+        if CAMERA not in records:
+            raise ValueError("it has no camera record")
         camera = records[CAMERA]
         celsius = _radiometry(camera).celsius(_words(records[RAW], name))
         photo = _photo(records[PHOTO], name) if PHOTO in records else None
@@ -151,12 +153,12 @@ def _words(record: _Record, name: str) -> NDArray[np.uint16]:
     content = record.data[IMAGE_AT:]
     if not content.startswith(PNG_MAGIC):
         if len(content) < 2 * width * height:
-            raise ValueError(f"{len(content)} bytes of a {width}x{height} image")
+            raise ValueError(f"its {width}x{height} image has {len(content)} of {2 * width * height} bytes")
         words = np.frombuffer(content, f"{record.order}u2", width * height).reshape(height, width)
         return words.astype(np.uint16)
     image = decode_grey(content, np.uint16, name)
     if image.shape != (height, width):
-        raise ValueError(f"a PNG of {image.shape}, stated {(height, width)}")
+        raise ValueError(f"its PNG has shape {image.shape}, its record states {(height, width)}")
     # Most cameras swap the bytes (ExifTool, FLIR RawData): scenes are smooth in the right order.
     swapped = image.byteswap()
     return swapped if _roughness(swapped) <= _roughness(image) else np.asarray(image, np.uint16)

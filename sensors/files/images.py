@@ -55,8 +55,10 @@ def size_of_encoded(encoded: bytes) -> tuple[int, int]:
 
 def png_shape(data: bytes, name: str) -> tuple[int, int]:
     """Return (height, width) by a PNG's header. Raises FormatError."""
-    if len(data) < 33 or not data.startswith(PNG_MAGIC):
-        raise FormatError(f"{name} image is not a PNG or is cut off; restore it from a copy")
+    if not PNG_MAGIC.startswith(data[: len(PNG_MAGIC)]):
+        raise FormatError(f"{name} image is not a PNG; restore it from a copy")
+    if len(data) < 33:
+        raise FormatError(f"{name} image is cut off after {len(data)} bytes; restore it from a copy")
     width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     if not (0 < width <= MAX_IMAGE_SIDE and 0 < height <= MAX_IMAGE_SIDE):
         raise FormatError(f"{name} PNG has {width}x{height} pixels; give at most {MAX_IMAGE_SIDE} a side")
@@ -76,7 +78,7 @@ def image_shape(data: bytes, name: str) -> tuple[int, int]:
         if name.lower().endswith(".png"):
             return png_shape(data, name)
         raise FormatError(
-            f"{name} cannot be read (not an image, cut off, or of another kind); convert it to a 16-bit PNG"
+            f"{name} is not a readable PNG, JPEG, TIFF, PGM or .npy image; convert it to a 16-bit PNG"
         ) from error
     if pages != 1:
         raise FormatError(f"{name} holds {pages} images; store every image in a file of its own")
@@ -92,7 +94,7 @@ def decode_grey(data: bytes, dtype: type[Any], name: str) -> NDArray[Any]:
     """
     shape, image = png_shape(data, name), _decoded(data)
     if image is None:
-        raise FormatError(f"{name} PNG is cut off or corrupt, nothing readable; restore it from a copy")
+        raise FormatError(f"{name} PNG cannot be decoded; restore it from a copy")
     if image.shape != shape or image.dtype != dtype:
         held = f"{image.dtype} {image.shape}"
         raise FormatError(f"{name} PNG holds {held}; give one channel of {dtype.__name__}")

@@ -30,7 +30,7 @@ def load_arrays(
     """
     sizes = {n: size for n, size in array_sizes(path, remedy).items() if names is None or n in names}
     if sum(sizes.values()) > limit_bytes:
-        raise FormatError(f"{path} unpacks to {sum(sizes.values())} bytes, over {limit_bytes}; {remedy}")
+        raise FormatError(f"{path} unpacks to {sum(sizes.values())} bytes, limit {limit_bytes}; {remedy}")
     try:
         with np.load(path, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in sizes}

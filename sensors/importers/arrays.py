@@ -123,7 +123,7 @@ def _camera(path: Path, arrays: Arrays, depth: NDArray[Any], declared: Path | No
         others = not is_centred(centre, depth.shape[1:]) and is_centred(centre, depth.shape[:2])
     if others and depth.shape[2] in CHANNELS:
         raise FormatError(
-            f"{path}: depth is {depth.shape}, which may be colour; give depth alone, as (n, h, w)"
+            f"{path}: depth is {depth.shape}, where the last axis may be colour; give depth alone, (n, h, w)"
         )
     depth = np.moveaxis(depth, 2, 0) if others else depth
     height, width = depth.shape[1:]

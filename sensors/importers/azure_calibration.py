@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sensors.calibration_files.lens_models import intrinsics_from_rational
-from sensors.errors import CalibrationError
+from sensors.errors import CalibrationError, fault_of
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
@@ -31,7 +31,8 @@ def calibration_from_factory(
     if depth_size not in DEPTH_MODES:
         size = "x".join(map(str, depth_size))
         raise CalibrationError(
-            f"depth images of {size} ({mode[:40]!r}) fit no depth mode; record with k4arecorder"
+            f"depth images have {size} pixels (mode {mode[:40]!r}), which no depth mode has; "
+            "record with k4arecorder"
         )
     try:
         entries = json.loads(data.rstrip(b"\0"))["CalibrationInformation"]["Cameras"]
@@ -43,7 +44,7 @@ def calibration_from_factory(
         color = _color_lens(cameras["PhotoVideo"], color_size)
         color_from_depth = _pose(cameras["PhotoVideo"]) @ _pose(cameras["Depth"]).inverse()
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError, OverflowError) as error:
-        message = f"calibration.json of the recording is malformed ({error!r}); record it again"
+        message = f"calibration.json of the recording is malformed ({fault_of(error)}); record it again"
         raise CalibrationError(message) from error
     return RigCalibration(depth, color, color_from_depth)
 
@@ -53,7 +54,7 @@ def _color_lens(entry: dict[str, Any], size: tuple[int, int]) -> Intrinsics:
     width, height = size
     full = round(width * 3 / 4)
     if not 0 < height <= full:
-        raise ValueError(f"colour images of {width}x{height}")
+        raise ValueError(f"colour images of {width}x{height} are higher than 4:3")
     legacy = entry["SensorWidth"] * 9 == entry["SensorHeight"] * 16
     calibrated = round(width * 9 / 16) if legacy else full
     return _lens(entry, (width, calibrated), (0, (calibrated - height) // 2), size)
@@ -65,12 +66,15 @@ def _lens(
     """Convert intrinsics of a unit square to pixels of a cropped image, pixel centres at whole numbers."""
     lens = entry["Intrinsics"]
     if lens["ModelType"] != "CALIBRATION_LensDistortionModelBrownConrady":
-        raise CalibrationError(f"lens model {str(lens['ModelType'])[:60]!r} is unknown; use Brown-Conrady")
+        raise CalibrationError(
+            f"calibration.json of the recording has lens model {str(lens['ModelType'])[:60]!r}, not "
+            "Brown-Conrady; record with k4arecorder"
+        )
     cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, _, _, p2, p1 = (float(x) for x in lens["ModelParameters"][:14])
     (width, height), (left, top) = calibrated, crop
     fx, cx, fy, cy = fx * width, cx * width - left - 0.5, fy * height, cy * height - top - 0.5
     if not (np.isfinite([fx, cx, fy, cy]).all() and fx > 0 and fy > 0):
-        raise ValueError("focal length")
+        raise ValueError(f"fx, cx, fy, cy are {fx:g}, {cx:g}, {fy:g}, {cy:g}")
     matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     return intrinsics_from_rational(size, matrix, np.array([k1, k2, p1, p2, k3, k4, k5, k6]))
 

@@ -103,9 +103,7 @@ class AzureRecording(FrameSource):
         name = tags.get("K4A_CALIBRATION_FILE", "calibration.json")
         factory = next((ebml.bytes(content) for file, content in files if file == name), None)
         if factory is None:
-            raise CalibrationError(
-                f"the recording has no attachment {name[:60]!r}; record it with k4arecorder"
-            )
+            raise CalibrationError(f"{self.path} has no attachment {name[:60]!r}; record it with k4arecorder")
         mode, size = tags.get("K4A_DEPTH_MODE", ""), (depth.width, depth.height)
         color_size = (color.width, color.height) if color else None
         self.calibration = calibration_from_factory(factory, size, color_size, mode)

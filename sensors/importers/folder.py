@@ -160,7 +160,7 @@ def _by_list(path: Path, images: FolderImages, listed: Listed, options: ImportOp
             color[name] = there[its_color]
     if not depth:
         raise FormatError(
-            f"{path}: the list in it names none of its depth images; give the folder of the list"
+            f"{path}: {listed.file} names none of its depth images; give the folder that {listed.file} lists"
         )
     left_out = len(images.depth) - len(depth)
     rest = f"; {left_out} depth images that it does not name are left out" if left_out else ""

@@ -97,7 +97,10 @@ class Intake:
     def _failed(self, address: str, error: Exception) -> Event:
         text = str(error)
         if not isinstance(error, DeviceError):
-            text = one_line(f"{address} failed: {error!r}")
+            why = text or "no reason is given"
+            text = one_line(
+                f"{address} has failed ({why}); wait until it is opened again, or plug it in again"
+            )
         happened = Event(self.now_ns(), text)
         if isinstance(error, DeviceFaultError):
             self.faults[address] = happened

@@ -31,7 +31,7 @@ class ImageCheck:
         name, number = NAMES[value.stream], self._bad[value.stream]
         if value.stream not in self._good and number == SETUP_IMAGES:
             raise CalibrationError(
-                f"{name}: the first {number} images are all unusable, this one is {why}; set the camera to "
+                f"the first {number} {name} images are unusable, the last one is {why}; set the camera to "
                 "the calibrated mode, or give the calibration of this mode"
             )
         return f"{name}: an image that is {why}, left out"

@@ -61,7 +61,8 @@ def open_device(address: str, frames: Iterable[RigFrame] = ()) -> Device:
 def check_kind(address: Address) -> None:
     """Raise DeviceError for an address of an unknown kind."""
     if address.virtual and address.kind not in TWINS:
-        raise DeviceError(f"{address.text!r} has no virtual device; use virtual: with {', '.join(TWINS)}")
+        names = ", ".join(f"virtual:{kind}" for kind in TWINS)
+        raise DeviceError(f"virtual device {address.text!r} does not exist; use {names}")
     if not address.virtual and address.kind not in OPENERS:
         raise DeviceError(
             f"{address.text!r} is of an unknown kind; use {', '.join(OPENERS)}, or virtual:KIND"

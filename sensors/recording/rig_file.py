@@ -44,10 +44,11 @@ class RecordingRig:
         for address, latency_ms in self.latency_ms.items():
             if address not in self.devices:
                 raise DeviceError(
-                    f"rig {self.name!r}: latency_ms names {address!r}, not one of its devices; correct it"
+                    f"rig {self.name!r}: latency_ms names {address!r}, not one of its devices; use "
+                    f"{', '.join(self.devices)}"
                 )
             if not 0 <= latency_ms <= MAX_LATENCY_MS:
-                raise DeviceError(f"latency_ms of {address!r} is {latency_ms}; give a number from 0 to 1000")
+                raise DeviceError(f"latency_ms of {address!r} is {latency_ms}; give 0 to {MAX_LATENCY_MS:g}")
 
 
 def load_rig(path: Path) -> RecordingRig:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.errors import CalibrationError
+from sensors.errors import CalibrationError, fault_of
 from sensors.files.bounded import read_bounded
 from sensors.rig.camera import FloatArray, Intrinsics
 
@@ -102,7 +102,9 @@ def calibration_from_json(fields: object) -> RigCalibration:
         raise CalibrationError("calibration has no 'depth' entry; give the depth camera's intrinsics")
     known = set(RigCalibration.__dataclass_fields__)
     if unknown := sorted(set(fields) - known):
-        raise CalibrationError(f"calibration has unknown entry {unknown[0]!r}; use {sorted(known)}")
+        raise CalibrationError(
+            f"calibration has unknown entry {unknown[0]!r}; use {', '.join(sorted(known))}"
+        )
     values: dict[str, Any] = {}
     for name, entry in fields.items():
         try:
@@ -117,8 +119,11 @@ def calibration_from_json(fields: object) -> RigCalibration:
                 values[name] = Intrinsics(**{**{k: float(v) for k, v in entry.items()}, **sizes})  # type: ignore[arg-type]
         except (TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
             raise CalibrationError(
-                f"calibration entry {name!r} is malformed ({error}); correct that entry or calibrate again"
+                f"calibration entry {name!r} is malformed ({fault_of(error)}); "
+                "correct that entry or calibrate again"
             ) from error
+        except CalibrationError as error:
+            raise CalibrationError(f"calibration entry {name!r}: {error}") from error
     return RigCalibration(**values)
 
 
@@ -129,6 +134,8 @@ def load_calibration(path: Path) -> RigCalibration:
         return calibration_from_json(json.loads(data))
     except (ValueError, RecursionError) as error:
         raise CalibrationError(f"calibration {path} cannot be read ({error}); give a JSON file") from error
+    except CalibrationError as error:
+        raise CalibrationError(f"{path}: {error}") from error
 
 
 def save_calibration(path: Path, calibration: RigCalibration) -> None:
@@ -157,7 +164,7 @@ def rotation_of(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the rotation matrix (3, 3) of a quaternion (x, y, z, w). Raises ValueError at length 0."""
     length = float(np.linalg.norm(quaternion))
     if not 0 < length < np.inf:
-        raise ValueError(f"a quaternion of length {length:g}")
+        raise ValueError(f"a quaternion has length {length:g}")
     x, y, z, w = quaternion / length
     return np.array(
         [

@@ -184,7 +184,7 @@ class _Scan:
 def _check_depth(name: str, places: dict[str, Places], truncated: bool = False) -> None:
     if not len(places[DEPTH]):
         if truncated:
-            raise FormatError(f"{name} was cut off in front of its first depth image; use another copy")
+            raise FormatError(f"{name} was cut off in front of its first depth image; restore it from a copy")
         raise FormatError(f"{name} has no depth images ({DEPTH}); give a session of a depth camera")
 
 

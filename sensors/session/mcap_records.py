@@ -86,7 +86,7 @@ def contents_at(file: BinaryIO, offset: int) -> bytes:
         if opcode not in _WANTED:
             return b""
         if length > MAX_RECORD_BYTES:
-            raise ValueError(f"a record of {length} bytes")
+            raise ValueError(f"a record states {length} bytes, over {MAX_RECORD_BYTES}")
         data = file.read(length)
         if len(data) != length:
             raise ValueError("the file ends within it")
@@ -148,7 +148,7 @@ def spans(data: bytes) -> Iterator[Span]:
         if length > len(data) - at:
             raise ValueError("it ends within a record")
         if number > MAX_CHUNK_RECORDS:
-            raise ValueError(f"more than {MAX_CHUNK_RECORDS} records in a chunk")
+            raise ValueError(f"a chunk has more than {MAX_CHUNK_RECORDS} records")
         yield Span(opcode, at, at + length)
         at += length
 
@@ -168,7 +168,7 @@ def unpacked(chunk: McapRecord) -> bytes:
     assert isinstance(chunk, Chunk)
     size, data = chunk.uncompressed_size, chunk.data
     if size > MAX_RECORD_BYTES:
-        raise ValueError(f"a chunk of {size} bytes")
+        raise ValueError(f"a chunk states {size} bytes, over {MAX_RECORD_BYTES}")
     if chunk.compression == "zstd":
         # A frame allocates the memory that it claims.
         claimed = zstandard.frame_content_size(data)
@@ -180,7 +180,7 @@ def unpacked(chunk: McapRecord) -> bytes:
     if len(data) != size:
         raise ValueError(f"a chunk holds more or less than the {size} bytes it states")
     if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
-        raise ValueError("a chunk with a wrong checksum")
+        raise ValueError("a chunk has a wrong checksum")
     return data
 
 

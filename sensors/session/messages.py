@@ -112,7 +112,7 @@ def color_message(encoded: bytes, stamp_ns: int) -> CompressedImage:
     """Return the camera's own JPEG or PNG bytes, unchanged. Raises FormatError for other bytes."""
     kind = _FORMATS.get(encoded[:3])
     if kind is None:
-        raise FormatError(f"colour image starts with {encoded[:3]!r}; give JPEG or PNG bytes")
+        raise FormatError(f"colour image starts with {encoded[:3]!r}; record it as JPEG or PNG")
     return CompressedImage(timestamp=time_message(stamp_ns), frame_id="color", format=kind, data=encoded)
 
 
@@ -190,7 +190,8 @@ def _decode(kind: type[M], data: bytes) -> M:
     try:
         message.ParseFromString(data)
     except DecodeError as error:
-        raise FormatError(f"{kind.__name__} cannot be decoded ({error}); record it again") from error
+        name = kind.DESCRIPTOR.full_name
+        raise FormatError(f"a {name} message cannot be decoded ({error}); record it again") from error
     return message
 
 

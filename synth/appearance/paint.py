@@ -7,21 +7,19 @@ import numba
 import numpy as np
 
 from annotate.array_types import Float32, Float64, Int32, Int64, UInt8
-from annotate.parts import N_CLASSES
+from annotate.scheme.regions import N_REGIONS
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose
-from synth.appearance.outfit import (
+from synth.appearance.outfit import Outfit
+from synth.appearance.pattern import (
     FACE,
+    FIRST_CLOTH,
     FOOT,
     HAIR,
     HAIRLINE,
-    HAND,
-    N_FIELDS,
     N_ZONES,
-    SEAMS,
     SHOE,
     SKIN,
-    Outfit,
 )
 from synth.surface.facets import (
     Triple,
@@ -43,23 +41,10 @@ _SEAM_CELLS, _FOLD_CELLS, _PATCH_CELLS, _HAIR_CELLS = map(wavelength_cells, (0.1
 _FOLD_STEP_M = 0.004  # of a fold's slope
 _SKIN_GRAIN, _HAIR_GRAIN = 0.03, 0.2  # deviations of brightness; untuned
 
-
-def _part_seams() -> tuple[Int32, Float64]:
-    """Return two tables by part: seams, and the parts beyond them (12, 4, 2), -1 for none; signs (12, 4) of
-    the fields.
-    """
-    seams = np.full((N_CLASSES, 4, 2), -1, np.int32)
-    sign = np.ones((N_CLASSES, 4))
-    for n, pair in enumerate(SEAMS):
-        for part, other, side in ((*pair, 1), (*pair[::-1], -1)):
-            free = int(np.argmax(seams[part, :, 0] < 0))
-            seams[part, free], sign[part, free] = (n, other), side
-    return seams, sign
-
-
-_PART_SEAMS, _SEAM_SIGN = _part_seams()
 _OnFace = tuple[int, Triple, Triple]
 """Place on a face: face, barycentric coordinates, place in the rest pose."""
+_Cut = tuple[int, int, Int32, Float64, Int32]
+"""Zone and region of a face, and its wearer's ``beside``, ``side`` and ``openings``."""
 
 
 class Surfaces(NamedTuple):
@@ -104,16 +89,48 @@ class _Shell(NamedTuple):
 class _Clothes(NamedTuple):
     """Outfits of all n wearers: arrays by face (F,), by vertex (V,) and by wearer.
 
-    By wearer are the zone colours (n, 15, 3) and the wear (n, 2): ``seam_sd_m``, ``patch``.
+    By wearer are the zone colours (n, N_ZONES, 3), the wear (n, 2): ``seam_sd_m``, ``patch``, and the
+    patterns' ``beside``, ``side`` and ``openings``.
     """
 
     wearer: Int64
-    parts: UInt8
+    zones: UInt8
+    regions: UInt8
     rest: Float32
     fields: Float32
     folds: Float32
-    zones: Float64
+    colors: Float64
     wear: Float64
+    beside: Int32
+    side: Float64
+    openings: Int32
+
+
+def _clothes(outfits: Sequence[Outfit]) -> _Clothes:
+    """Return the outfits of all wearers in common arrays; patterns with fewer seams are padded."""
+    patterns = [outfit.pattern for outfit in outfits]
+    fields = max((pattern.n_fields for pattern in patterns), default=0)
+    seams = max((pattern.side.shape[1] for pattern in patterns), default=0)
+    beside = np.full((len(outfits), N_ZONES, seams, 2), -1, np.int32)
+    side = np.ones((len(outfits), N_ZONES, seams))
+    for i, pattern in enumerate(patterns):
+        own = pattern.side.shape[1]
+        beside[i, :, :own], side[i, :, :own] = pattern.beside, pattern.side
+    padded = [np.pad(o.fields_m, ((0, 0), (0, fields - o.fields_m.shape[1]))) for o in outfits]
+    empty = np.zeros(0, np.uint8)
+    return _Clothes(
+        np.repeat(np.arange(len(outfits)), [len(o.face_regions) for o in outfits]),
+        np.concatenate([empty, *(o.pattern.zone_of_region[o.face_regions] for o in outfits)]),
+        np.concatenate([empty, *(o.face_regions for o in outfits)]),
+        np.concatenate([np.zeros((0, 3), np.float32), *(o.rest_m for o in outfits)]),
+        np.concatenate([np.zeros((0, fields), np.float32), *padded]),
+        np.concatenate([np.zeros(0, np.float32), *(o.folds_m for o in outfits)]),
+        np.array([o.zone_rgb for o in outfits]).reshape(-1, N_ZONES, 3),
+        np.array([(o.seam_sd_m, o.patch) for o in outfits]).reshape(-1, 2),
+        beside,
+        side,
+        np.array([p.openings for p in patterns], np.int32).reshape(-1, N_ZONES, 1 + N_REGIONS),
+    )
 
 
 def paint(
@@ -129,21 +146,12 @@ def paint(
     camera: pinhole and camera_from_world. The scene begins with the faces and vertices of the outfits.
     """
     pinhole, pose = camera
-    sizes = [len(outfit.face_parts) for outfit in outfits]
+    clothes = _clothes(outfits)
     surfaces = Surfaces(*(np.zeros((*seen.face.shape, 3), np.float32) for _ in range(3)))
-    flat, rounded = _normals(scene.vertices_m, scene.faces, sum(sizes))
+    flat, rounded = _normals(scene.vertices_m, scene.faces, len(clothes.zones))
     lens = np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy])
     eye = _Eye(lens, pose.rotation, pose.translation_m)
     shell = _Shell(scene.vertices_m, scene.faces, scene.tags, flat, rounded)
-    clothes = _Clothes(
-        np.repeat(np.arange(len(outfits)), sizes),
-        np.concatenate([np.zeros(0, np.uint8), *(o.face_parts for o in outfits)]),
-        np.concatenate([np.zeros((0, 3), np.float32), *(o.rest_m for o in outfits)]),
-        np.concatenate([np.zeros((0, N_FIELDS), np.float32), *(o.fields_m for o in outfits)]),
-        np.concatenate([np.zeros(0, np.float32), *(o.folds_m for o in outfits)]),
-        np.array([o.zone_rgb for o in outfits]).reshape(-1, N_ZONES, 3),
-        np.array([(o.seam_sd_m, o.patch) for o in outfits]).reshape(-1, 2),
-    )
     _paint((seen.face, seen.depth_m, eye), shell, clothes, (*room, noise_tile()), surfaces)
     return surfaces
 
@@ -183,7 +191,7 @@ def _paint(
     # Unpacked once, because every access in the loops would count references.
     face, depth, (lens, r, translation) = seen
     vertices, faces, tags, flat, rounded = shell
-    wearer, parts, rest, fields, folds, zones, wear = clothes
+    wearer, own_zones, regions, rest, fields, folds, colors, wear, beside, side, openings = clothes
     room_rgb, grain, tile = room
     skin, cloth = (fields, faces, tile), (vertices, rest, faces, folds, tile)
     albedo, normal, point = surfaces
@@ -203,11 +211,12 @@ def _paint(
                 r[0, 2] * x + r[1, 2] * y + r[2, 2] * z,
             )
             n: Triple = (np.float64(flat[f, 0]), np.float64(flat[f, 1]), np.float64(flat[f, 2]))
-            if f < len(parts):
+            if f < len(own_zones):
                 share = shares(vertices, faces, f, p)
                 q, w = mix(rest, faces, f, share), wearer[f]
                 n = unit(mix(rounded, faces, f, share))
-                rgb, is_cloth = _clothed(skin, (f, share, q), parts[f], zones[w], wear[w])
+                cut = (own_zones[f], regions[f], beside[w], side[w], openings[w])
+                rgb, is_cloth = _clothed(skin, (f, share, q), cut, colors[w], wear[w])
                 if is_cloth and folds[faces[f, 0]] > 0:
                     n = _folded(n, cloth, (f, share, q))
             else:
@@ -226,15 +235,15 @@ def _paint(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _clothed(
-    skin: tuple[Float32, Int32, Float32], place: _OnFace, part: int, zones: Float64, wear: Float64
+    skin: tuple[Float32, Int32, Float32], place: _OnFace, cut: _Cut, zones: Float64, wear: Float64
 ) -> tuple[Triple, bool]:
     """Return the linear colour at a point of a body's skin, and True if cloth covers it."""
     (fields, faces, tile), (f, share, q) = skin, place
     stray = 0.0
     if wear[0] > 0:
         stray = wear[0] * _noise(tile, q, _SEAM_CELLS)
-    zone = _zone(fields, faces, (f, share), part, stray)
-    is_cloth = zone < SKIN
+    zone = _zone(fields, faces, (f, share), cut, stray)
+    is_cloth = zone >= FIRST_CLOTH
     bright, grey = 1.0, 0.0
     if zone == HAIR:
         c = _HAIR_CELLS
@@ -252,23 +261,25 @@ def _clothed(
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _zone(fields: Float32, faces: Int32, place: tuple[int, Triple], part: int, stray: float) -> int:
+def _zone(fields: Float32, faces: Int32, place: tuple[int, Triple], cut: _Cut, stray: float) -> int:
     """Return the zone at a point of a face. stray: offset in metres, from noise, added to the fields."""
-    (f, share), zone = place, part
-    for k in range(4):
-        seam = _PART_SEAMS[part, k, 0]
+    (f, share), (own, region, beside, side, openings) = place, cut
+    zone = int(own)
+    for k in range(beside.shape[1]):
+        seam = beside[own, k, 0]
         if seam < 0:
             break
-        if _SEAM_SIGN[part, k] * (mix_column(fields, seam, faces, f, share) + stray) > 0:
-            zone = _PART_SEAMS[part, k, 1]
+        if side[own, k] * (mix_column(fields, seam, faces, f, share) + stray) > 0:
+            zone = int(beside[own, k, 1])
             break
-    if (zone == 5 or zone == 6) and mix_column(fields, HAND, faces, f, share) + stray > 0:
-        return SKIN
-    if (zone == 10 or zone == 11) and mix_column(fields, FOOT, faces, f, share) + stray > 0:
+    opening = openings[zone, region]
+    if opening < 0 or not mix_column(fields, opening, faces, f, share) + stray > 0:
+        return zone
+    if opening == FOOT:
         return SHOE
-    if zone == 1 and mix_column(fields, FACE, faces, f, share) + stray > 0:
-        return HAIR if mix_column(fields, HAIRLINE, faces, f, share) + stray > 0 else SKIN
-    return zone
+    if opening == FACE and mix_column(fields, HAIRLINE, faces, f, share) + stray > 0:
+        return HAIR
+    return SKIN
 
 
 @numba.njit(cache=True, fastmath=EXACT)

@@ -9,7 +9,7 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32, Float64, Int32, Int64, UInt8
 from annotate.parts import PART_ID
-from sensors.errors import FormatError
+from sensors.errors import FormatError, fault_of
 from sensors.files.atomic import replacing
 from sensors.files.npz import load_arrays
 from sensors.rig.camera import FloatArray
@@ -172,7 +172,7 @@ def load_body(path: Path) -> Body:
     try:
         return Body(path.stem, **arrays)
     except (TypeError, ValueError) as error:
-        raise FormatError(f"body {path} cannot be read ({error}); {remedy}") from error
+        raise FormatError(f"body {path} cannot be read ({fault_of(error)}); {remedy}") from error
 
 
 @cache

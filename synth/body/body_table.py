@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sensors.errors import CloudError
+from sensors.errors import CloudError, fault_of
 
 if TYPE_CHECKING:
     from synth.body.body import Body
@@ -28,7 +28,7 @@ class BodySize:
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
             raise CloudError(
-                f"body {self.name[:64]!r}: it becomes a file name; give up to 64 letters, digits, _ . or -"
+                f"body name {self.name[:64]!r} is not a file name; give up to 64 letters, digits, _ . or -"
             )
         for value, low, high, what in (
             (self.height_cm, 80, 230, "height_cm"),
@@ -70,8 +70,11 @@ def read_sizes(path: Path) -> tuple[BodySize, ...]:
                 if len(sizes) == MOST_BODIES:
                     raise CloudError(f"{path} has more than {MOST_BODIES} bodies; split it")
                 sizes.append(BodySize(row["name"].strip(), *(float(row[column]) for column in MEASURES)))
-    except (OSError, KeyError, TypeError, ValueError, AttributeError, csv.Error) as error:
-        raise CloudError(f"{path} is not a table of bodies ({error}); give columns {columns}") from error
+    except OSError as error:
+        raise CloudError(f"{path} cannot be read ({error.strerror}); give columns {columns}") from error
+    except (KeyError, TypeError, ValueError, AttributeError, csv.Error) as error:
+        why = fault_of(error)
+        raise CloudError(f"{path} is not a table of bodies ({why}); give columns {columns}") from error
     if not sizes:
         raise CloudError(f"{path} has no bodies; give columns {columns} and a row for each")
     # File systems may hold no two names that differ in case alone.

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from annotate.array_types import Bool, Float32, Float64, Int32, Int64, UInt8
-from sensors.errors import CloudError, FormatError
+from sensors.errors import CloudError, FormatError, fault_of
 from sensors.files.bounded import read_bounded
 from synth.body.body import BONES_PER_VERTEX, Body, hair_faces
 from synth.body.crowd import BASE_VERTICES, base_mesh_m, covered_skin
@@ -71,7 +71,7 @@ def read_garment(path: Path) -> Garment:
     try:
         return _parse(path, _text(path))
     except (ValueError, IndexError, KeyError) as error:
-        raise FormatError(f"{path} is not a garment ({str(error)[:120]}); export again") from error
+        raise FormatError(f"{path} is not a garment ({fault_of(error)[:120]}); export it again") from error
 
 
 def _text(path: Path) -> list[str]:

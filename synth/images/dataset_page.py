@@ -17,7 +17,9 @@ from annotate.array_types import Float64, Int64, UInt8
 from annotate.crop import SIZE, normalize
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import Dataset, read_shard
-from annotate.parts import N_CLASSES, PARTS, palette_rgb
+from annotate.parts import PAPER
+from annotate.scheme.regions import Region
+from annotate.scheme.scheme import Scheme
 from sensors.files.atomic import write_bytes
 from synth.body.skeleton import JOINT_ID, N_JOINTS
 from synth.images.comparison import charts, profile, ranges
@@ -27,8 +29,16 @@ PAGE = "index.html"
 SHEET_COLUMNS, SHEET_ROWS = 8, 3
 COUNTED_SHARDS = 4  # a thousand images, evenly spread, suffice for statistics
 DOTS = 150  # frames whose joints are drawn
-DRAWN = {"head": 1, "left_wrist": 5, "right_wrist": 6, "left_knee": 8, "right_knee": 9, "left_ankle": 10,
-         "right_ankle": 11}  # fmt: skip  # drawn joints, and the parts whose colours they have
+DRAWN = {
+    "head": Region.HEAD,
+    "left_wrist": Region.LEFT_FOREARM,
+    "right_wrist": Region.RIGHT_FOREARM,
+    "left_knee": Region.LEFT_UPPER_LEG,
+    "right_knee": Region.RIGHT_UPPER_LEG,
+    "left_ankle": Region.LEFT_LOWER_LEG,
+    "right_ankle": Region.RIGHT_LOWER_LEG,
+}
+"""Drawn joints, and the regions whose part gives the colour."""
 DEPTH_EDGES_MM = np.arange(500, 4501, 100)
 AZIMUTH_EDGES_DEG = np.arange(-180, 181, 15)
 HEIGHT_EDGES_M = np.arange(0.0, 3.01, 0.1)
@@ -43,7 +53,7 @@ _PAGES = Environment(
 
 @dataclass(frozen=True)
 class Statistics:
-    """Statistics of some frames; arrays (12,) by part, [0] for the background or the whole person.
+    """Statistics of some frames; arrays by part id of the scheme, [0] for the background or the whole person.
 
     pixels: of each part. shown: share of frames that show the part. depth: histogram of the person's pixels
     over DEPTH_EDGES_MM. visible: mean share not hidden by furniture or occluders, nor cut by holes in the
@@ -82,11 +92,14 @@ def write_page(dataset: Dataset, beside: Distributions | None = None) -> None:
 
 def render(dataset: Dataset, beside: Distributions | None = None) -> str:
     """Return the page as HTML. Raises FormatError for a corrupt shard."""
-    step = max(1, len(dataset.shards) // COUNTED_SHARDS)
+    scheme, step = dataset.scheme, max(1, len(dataset.shards) // COUNTED_SHARDS)
     paths = [dataset.path / name for name, _ in dataset.shards[::step][:COUNTED_SHARDS]]
-    statistics = statistics_of(frame for path in paths for frame in read_shard(path))
+    frames = (frame for path in paths for frame in read_shard(path, scheme=scheme))
+    statistics = statistics_of(frames, scheme)
     step = max(1, statistics.frames // (len(paths) * SHEET_COLUMNS * SHEET_ROWS))
-    sheet = contact_sheet(list(islice(read_shard(paths[0]), 0, step * SHEET_COLUMNS * SHEET_ROWS, step)))
+    first = read_shard(paths[0], scheme=scheme)
+    sheet = contact_sheet(list(islice(first, 0, step * SHEET_COLUMNS * SHEET_ROWS, step)))
+    rgb = scheme.palette_rgb()
     return _PAGES.get_template("dataset.html.j2").render(
         info=dataset.info,
         bytes=sum((dataset.path / name).stat().st_size for name, _ in dataset.shards),
@@ -94,7 +107,8 @@ def render(dataset: Dataset, beside: Distributions | None = None) -> str:
         sheet=_data_uri(sheet),
         sheet_size=sheet.shape[1::-1],
         statistics=statistics,
-        parts=PARTS,
+        parts=scheme.parts,
+        counted=_counted_parts(scheme),
         person=max(1, int(statistics.pixels[1:].sum())),
         depth=_bars(statistics.depth, DEPTH_EDGES_MM / 1000),
         azimuth=_bars(statistics.azimuth, AZIMUTH_EDGES_DEG),
@@ -103,14 +117,25 @@ def render(dataset: Dataset, beside: Distributions | None = None) -> str:
         ranges=ranges(statistics.people, beside),
         profile=profile(statistics.people, beside),
         charts=charts(statistics.people, beside),
-        dots={part: statistics.joints_mm[:DOTS, JOINT_ID[name]].tolist() for name, part in DRAWN.items()},
+        dots=[
+            (rgb[scheme.table[region]].tolist(), statistics.joints_mm[:DOTS, JOINT_ID[name]].tolist())
+            for name, region in DRAWN.items()
+        ],
         spread=list(zip(JOINT_ID, statistics.spread_mm.tolist(), strict=True))[1:],
     )
 
 
+def _counted_parts(scheme: Scheme) -> str:
+    """Return the number of parts in words, and the scheme's name unless it is the paper's."""
+    body = sum(not part.is_free for part in scheme.parts)
+    if scheme == PAPER:
+        return "eleven body parts"
+    return f"{body} body parts of scheme {scheme.name}"
+
+
 def contact_sheet(frames: list[FrameLabels]) -> UInt8:
     """Return an RGB image (h, w, 3) of labels above their depth, near bright, as the paper's Fig. 4."""
-    pairs = [np.vstack([palette_rgb()[frame.parts], _grey(frame)]) for frame in frames]
+    pairs = [np.vstack([frame.scheme.palette_rgb()[frame.parts], _grey(frame)]) for frame in frames]
     blank = np.zeros((2 * SIZE, SIZE, 3), np.uint8)
     pairs += [blank] * (-len(pairs) % SHEET_COLUMNS)
     rows = [np.hstack(pairs[i : i + SHEET_COLUMNS]) for i in range(0, len(pairs), SHEET_COLUMNS)]
@@ -137,13 +162,14 @@ def _bars(counts: Int64, edges: NDArray[Any]) -> list[tuple[float, float, float]
     return [(float(edges[i]), float(edges[i + 1]), counts[i] / top) for i in range(first, last + 1)]
 
 
-def statistics_of(frames: Iterable[FrameLabels]) -> Statistics:
+def statistics_of(frames: Iterable[FrameLabels], scheme: Scheme = PAPER) -> Statistics:
     """Return the statistics of generated frames, at least one, with the notes of ``presets.sample``."""
-    pixels, shown = np.zeros(N_CLASSES, np.int64), np.zeros(N_CLASSES, np.int64)
+    n_classes = scheme.n_classes
+    pixels, shown = np.zeros(n_classes, np.int64), np.zeros(n_classes, np.int64)
     depth = np.zeros(len(DEPTH_EDGES_MM) - 1, np.int64)
     notes, persons = [], []
     for frame in frames:
-        in_part = np.bincount(frame.parts.ravel(), minlength=N_CLASSES)[:N_CLASSES]
+        in_part = np.bincount(frame.parts.ravel(), minlength=n_classes)[:n_classes]
         pixels += in_part
         shown += in_part > 0
         depth += np.histogram(frame.depth_mm[frame.parts > 0], DEPTH_EDGES_MM)[0]

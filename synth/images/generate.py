@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 from annotate.labelset.cast_note import cast_note
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.dataset import MANIFEST, ORDER, SCHEMA, Dataset, encode_shard, sha256
+from annotate.labelset.scheme_note import scheme_note
 from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import is_taken, write_bytes
-from sensors.versions import code_digest, versions
+from sensors.versions import code_digest, different, versions
 from synth.images.dataset_page import write_page
 from synth.images.distributions import Distributions
 from synth.images.people import Wardrobe
@@ -60,6 +61,7 @@ class Order:
         return {
             "preset": self.preset.name,
             **cast_note(self.preset.cast),
+            **scheme_note(self.preset.scheme),
             **({"motion": scene.repertoire.manifest()} if isinstance(scene, MotionScenes) else {}),
             "occluders": self.preset.occluders,
             "cut": self.preset.cut,
@@ -84,7 +86,7 @@ def make_shard(order: Order, shard: int) -> bytes:
     """
     if (here := _versions()) != order.versions:
         raise CloudError(
-            f"a worker has {here}, the command {order.versions}; install the same versions everywhere"
+            f"a worker has {different(here, order.versions)}; install the same versions everywhere"
         )
     return encode_shard(sample(order.preset, order.seed, i) for i in order.frames(shard))
 

@@ -12,7 +12,8 @@ import numpy as np
 from annotate.array_types import Bool, Float64, Index, Int32, UInt8, UInt16
 from annotate.crop import Crop, crop_around, window_of
 from annotate.frame_labels import FrameLabels
-from annotate.parts import PAPER_PARTS
+from annotate.parts import PAPER
+from annotate.scheme.scheme import Scheme
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
 from synth.body.crowd import crowd_of, suit_wearers
@@ -52,7 +53,7 @@ class Preset:
     inside the image. each, views: number of successive images of one person, and of one pose, because drawing
     a person is slow. occluders, cut: share of images with things in front of the person, and with holes in
     the person's mask. described: True if notes describe person and sensor. cast: of people, clothes and
-    furniture.
+    furniture. scheme: of the parts; depth does not depend on it.
     """
 
     name: str
@@ -68,6 +69,7 @@ class Preset:
     cut: float = 0.0
     described: bool = True
     cast: Cast = TRAINING
+    scheme: Scheme = PAPER
 
     def __post_init__(self) -> None:
         for name, share in (("occluders", self.occluders), ("cut", self.cut)):
@@ -81,7 +83,7 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
     The frame has the following notes. activity: the nearer of two; posture: None if the two differ in it.
     crop: (top, left, side) in the image. joints_mm: camera frame. camera: azimuth_deg from the front of sofa,
     bed or pelvis, height_m, distance_m. visible: share left by furniture, occluders and holes in the mask, of
-    the person and by part. occluders: number. cut: share of pixels that the holes took. Notes of
+    the person, then of each part by id. occluders: number. cut: share of pixels that the holes took. Notes of
     ``_description`` are added.
     """
     rng = np.random.default_rng((preset.stream, seed, index))
@@ -109,21 +111,27 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
             break
     else:
         raise AssertionError(f"sample {preset.name}/{seed}/{index} shows no person")
+    scheme = preset.scheme
+    shown_parts = scheme.table[np.where(mask, view.regions, np.uint8(0))]
     notes = {
         "activity": scene.activities[0],
         "posture": posture_class(*scene.activities),
         "crop": [crop.top + view.corner[0], crop.left + view.corner[1], crop.side],
         **_geometry(scene, shot, joints),
-        "visible": _rounded(
-            visibility(PAPER_PARTS[np.where(mask, view.regions, np.uint8(0))], PAPER_PARTS[view.whole])
-        ),
+        "visible": _rounded(visibility(shown_parts, scheme.table[view.whole], scheme.n_classes)),
         "occluders": things,
         "cut": round(1 - np.count_nonzero(mask) / np.count_nonzero(view.regions), 3),
     }
     if preset.described:
         notes |= _description(scene, joints, view, sensor, inside) | shown.notes
     return FrameLabels(
-        f"{index:08d}", depth, PAPER_PARTS[labels], subject=person.subject, status="truth", notes=notes
+        f"{index:08d}",
+        depth,
+        scheme.table[labels],
+        subject=person.subject,
+        status="truth",
+        notes=notes,
+        scheme=scheme,
     )
 
 

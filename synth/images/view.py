@@ -71,18 +71,18 @@ def _layers(
     return nearest, regions, whole, dark
 
 
-def visibility(parts: UInt8, whole: UInt8) -> Float64:
-    """Return the share (12,) of each part's pixels in ``whole`` that are visible in ``parts``.
+def visibility(parts: UInt8, whole: UInt8, n_classes: int = N_CLASSES) -> Float64:
+    """Return the share (n_classes,) of each part's pixels in ``whole`` that are visible in ``parts``.
 
-    [0] is for the whole person. A part without pixels has share 1.
+    [0] is for the whole person. A part without pixels has share 1. n_classes: of the scheme of the parts.
     """
-    shown, there = _tally(parts).tolist(), _tally(whole).tolist()
+    shown, there = (_tally(image, n_classes).tolist() for image in (parts, whole))
     return np.array([s / t if t else 1.0 for s, t in zip(shown, there, strict=True)])
 
 
 @numba.njit(cache=True)
-def _tally(parts: UInt8) -> Int64:
-    pixels = np.zeros(N_CLASSES, np.int64)
+def _tally(parts: UInt8, n_classes: int) -> Int64:
+    pixels = np.zeros(n_classes, np.int64)
     for row in parts:
         for part in row:
             pixels[part] += 1

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from annotate.array_types import Float32, Float64, Int64, UInt8
-from sensors.errors import FormatError
+from sensors.errors import FormatError, fault_of
 from sensors.files.atomic import check_free, replacing
 from sensors.files.npz import load_arrays
 from synth.body.body import Body
@@ -87,14 +87,20 @@ class Motion:
             )
         marked = (frames, len(self.report.names))
         if self.report.error_m.shape != marked or self.report.status.shape != marked:
-            raise FormatError(f"the motion's marker report is not {marked}; solve again")
+            shapes = (self.report.error_m.shape, self.report.status.shape)
+            raise FormatError(
+                f"error_m and status are {shapes[0]} and {shapes[1]}, not {marked}; solve again"
+            )
         if not (np.isfinite(self.angles_rad).all() and np.isfinite(self.pelvis_m).all()):
             raise FormatError("the motion holds numbers that are not finite; solve again")
-        if self.bones_m.shape != (N_JOINTS, 3) or not np.isfinite(self.bones_m).all():
+        if self.bones_m.shape != (N_JOINTS, 3):
             raise FormatError(f"the person's bones are {self.bones_m.shape}; give ({N_JOINTS}, 3)")
+        if not np.isfinite(self.bones_m).all():
+            raise FormatError("the person's bones are not finite; solve again")
         if not (0 < self.leg_m < 3 and 0 < self.frames_per_second <= 10_000):
             raise FormatError(
-                f"the motion has a leg of {self.leg_m} m at {self.frames_per_second} frames/s; solve again"
+                f"the motion has a leg of {self.leg_m:g} m and {self.frames_per_second:g} frames/s, not "
+                "up to 3 m and up to 10000 frames/s; solve again"
             )
 
     def __len__(self) -> int:
@@ -153,4 +159,4 @@ def load_motion(path: Path) -> Motion:
     except FormatError as error:
         raise FormatError(f"{path}: {error}") from error
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise FormatError(f"motion {path} cannot be read ({error}); {REMEDY}") from error
+        raise FormatError(f"motion {path} cannot be read ({fault_of(error)}); {REMEDY}") from error

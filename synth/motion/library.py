@@ -104,8 +104,9 @@ def read_take(path: Path, take: str | None) -> tuple[str, "Motion"]:
         if take is None and len(takes) == 1:
             take = next(iter(takes))
         if take not in takes:
-            shown = ", ".join(list(takes)[:6])
-            raise CloudError(f"{path} has {len(takes)} takes; name one with --take: {shown}, ...")
+            shown = ", ".join(list(takes)[:6]) + (", ..." if len(takes) > 6 else "")
+            held = f"{len(takes)} takes" if take is None else f"no take {take!r}"
+            raise CloudError(f"{path} has {held}; name one with --take: {shown}")
         return take, solve(takes[take], markerset=places)
     ((name, motion),) = read_motions(path).items()
     if take not in (None, name):

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Float64
-from sensors.errors import CloudError, FormatError
+from sensors.errors import CloudError, FormatError, fault_of
 from sensors.files.bounded import read_bounded
 from synth.motion_files.joint_places import marker_set_of_joints
 from synth.motion_files.marker_files import Markers
@@ -68,7 +68,7 @@ def read_bvh(path: Path) -> tuple[Markers, MarkerSet]:
             )
         return _markers(text)
     except (ValueError, IndexError) as error:
-        raise FormatError(f"{path}: damaged BVH ({error}); export it again") from error
+        raise FormatError(f"{path} is a damaged BVH ({fault_of(error)}); export it again") from error
     except CloudError as error:
         raise type(error)(f"{path}: {error}") from error
 
@@ -154,7 +154,7 @@ def parse_bvh(data: bytes) -> BvhText:
     text = _decoded(data, assumed).rstrip("\0\x1a \t\r\n")
     begin, middle = _BEGIN.search(text), _MIDDLE.search(text)
     if begin is None:
-        raise FormatError("no HIERARCHY; give a BVH file")
+        raise FormatError("the file has no HIERARCHY; give a BVH file")
     hierarchy, motion = text[begin.end() :], ""
     if middle is not None:
         hierarchy, motion = text[begin.end() : middle.start()], text[middle.end() :]
@@ -210,7 +210,8 @@ def _bone(tokens: list[str], at: int, name: str, column: int, parent: int) -> tu
         count = int(tokens[at + 1])
         channels = tuple(c.lower() for c in tokens[at + 2 : at + 2 + count])
         if len(channels) != count or not all(map(_CHANNEL.fullmatch, channels)):
-            raise FormatError(f"joint {name[:40]!r} has channels {' '.join(channels)[:60]}; export it again")
+            shown = " ".join(channels)[:60]
+            raise FormatError(f"joint {name[:40]!r} has {count} channels, read as {shown!r}; export it again")
         at += 2 + count
     return Bone(name, parent, (x, y, z), channels, column), at
 
@@ -218,7 +219,7 @@ def _bone(tokens: list[str], at: int, name: str, column: int, parent: int) -> tu
 def _motion(text: str, columns: int, assumed: list[str]) -> tuple[Float64, float]:
     head = re.match(r"\s*Frames\s*:\s*(\d+)\s+Frame\s+Time\s*:\s*(\S+)", text, re.IGNORECASE)
     if head is None:
-        raise FormatError("no number of frames and frame time; copy it again")
+        raise FormatError("the file has no number of frames with a frame time; copy it again")
     stated, seconds = int(head[1]), float(head[2])
     if not 1e-4 <= seconds <= 1:
         raise FormatError(f"the frame time is {seconds}; give seconds from 0.0001 to 1")
@@ -226,7 +227,7 @@ def _motion(text: str, columns: int, assumed: list[str]) -> tuple[Float64, float
     numbers = np.fromstring(body, sep=" ")
     whole = stated if numbers.size == stated * columns else _whole_rows(body, numbers.size, columns)
     if not whole or not (np.abs(numbers) < FARTHEST).all():
-        held = f"claims {stated} frames of {columns} finite numbers and holds {numbers.size}"
+        held = f"the file claims {stated} frames of {columns} finite numbers and holds {numbers.size}"
         raise FormatError(f"{held}; copy it again")
     if rest := numbers.size - whole * columns:
         assumed.append(f"the last frame is cut off after {rest} of {columns} numbers and was left out")

@@ -52,7 +52,7 @@ def parse_c3d(data: bytes, most: int) -> C3dPoints:
     Raises FormatError for another format, and when frames times points are 0 or more than ``most``.
     """
     if len(data) < BLOCK or data[1] != 0x50:
-        raise FormatError("no C3D header; give a C3D file")
+        raise FormatError("the file has no C3D header; give a C3D file")
     assumed: list[str] = []
     file = _File.of(data, assumed)
     layout = _layout(file, assumed)
@@ -240,7 +240,7 @@ def _layout(file: _File, assumed: list[str]) -> _Layout:
             assumed.append(f"{what}: the file states {shown}; {used} fits and is used")
     written = np.flatnonzero(_raw(file, found).any(axis=(1, 2)))
     if not len(written):
-        raise FormatError("no position in any frame; record again")
+        raise FormatError("the file has no position in any frame; record again")
     found = found._replace(frames=int(written[-1]) + 1)
     if (stated := statements["frames"][0]) and want.frames not in stated:
         assumed.append(f"frames: the file states {stated[0]}, a count of 16 bits, and holds {found.frames}")

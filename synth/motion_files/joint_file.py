@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Float64, Int64
-from sensors.errors import CloudError, FormatError
+from sensors.errors import CloudError, FormatError, fault_of
 from sensors.files.npz import array_sizes, load_arrays
 from synth.body.body import reference_body
 from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, alignment, forward
@@ -82,7 +82,7 @@ def read_joint_file(path: Path) -> tuple[dict[str, Markers], MarkerSet]:
     except CloudError as error:
         raise type(error)(f"{path}: {error}") from error
     except (KeyError, TypeError, ValueError) as error:
-        raise FormatError(f"{path} cannot be read ({error}); {REMEDY}") from error
+        raise FormatError(f"{path} cannot be read ({fault_of(error)}); {REMEDY}") from error
     up, assumed = Upward(whole.up, GIVEN), (*found.assumed, *whole.assumed)
     markers = {
         name: Markers(places.names, take[:, columns], rate, whole.unit, up, assumed)
@@ -127,8 +127,10 @@ def _joints(stem: str, arrays: dict[str, NDArray[Any]]) -> _Joints:
 def _named(arrays: dict[str, NDArray[Any]]) -> _Joints:
     names = tuple(str(name) for name in arrays["joint_names"])
     parents = arrays["parents"].astype(np.int64) if "parents" in arrays else np.full(len(names), -1)
-    if parents.shape != (len(names),) or not ((parents >= -1) & (parents < len(names))).all():
-        raise FormatError(f"parents are {parents.shape}; {REMEDY}")
+    if parents.shape != (len(names),):
+        raise FormatError(f"parents are {parents.shape} for {len(names)} joints; {REMEDY}")
+    if not ((parents >= -1) & (parents < len(names))).all():
+        raise FormatError(f"parents are {parents.min()} to {parents.max()}; give -1 to {len(names) - 1}")
     takes = {name: _take(name, a, len(names)) for name, a in arrays.items() if name not in _EXTRAS}
     if not takes:
         raise FormatError(f"it holds no take; {REMEDY}")
@@ -142,7 +144,9 @@ def _take(name: str, array: NDArray[Any], joints: int) -> Float64:
 
 
 def _numbers(name: str, array: NDArray[Any]) -> Float64:
-    if array.dtype.kind not in "iuf" or not len(array) or not np.isfinite(array).all():
+    if array.dtype.kind not in "iuf" or not array.size:
+        raise FormatError(f"{name} is {array.dtype} {array.shape}; give numbers of one frame or more")
+    if not np.isfinite(array).all():
         raise FormatError(f"{name} has values that are not finite; copy the file again")
     return np.asarray(array, np.float64)
 

@@ -50,7 +50,8 @@ def marker_set_of_joints(
     shown = f"{', '.join(names[:6])}, ..."
     if len(places) < MIN_MARKERS or not all(legs):
         raise CloudError(
-            f"unknown joints ({shown}); rename them like LeftUpLeg, LeftLeg, LeftFoot (docs/markers.md)"
+            f"its joints are unknown ({shown}); rename them like LeftUpLeg, LeftLeg, LeftFoot "
+            "(docs/markers.md)"
         )
     leg = _check_person(names, places, centres)
     rows = [_row(place) for place in places]

@@ -58,7 +58,7 @@ class Markers:
         if frames < 1 or markers < 1:
             raise FormatError(f"{frames} frames of {markers} markers; give at least one of each")
         if not (math.isfinite(self.frames_per_second) and 1 <= self.frames_per_second <= 10_000):
-            raise FormatError(f"{self.frames_per_second} frames per second; give 1 to 10000")
+            raise FormatError(f"the file has {self.frames_per_second:g} frames per second; give 1 to 10000")
 
 
 def read_markers(path: Path) -> Markers:
@@ -72,7 +72,7 @@ def read_markers(path: Path) -> Markers:
         raise CloudError(f"{path} is not a marker file; give .c3d or .trc")
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
-            raise FormatError(f"larger than {MAX_FILE_BYTES} bytes; cut the recording")
+            raise FormatError(f"the file is larger than {MAX_FILE_BYTES} bytes; cut the recording")
         return _without_zeros(reader(path))
     except FormatError as error:
         raise FormatError(f"{path}: {error}") from error
@@ -84,7 +84,7 @@ def _without_zeros(markers: Markers) -> Markers:
     zero = (markers.positions == 0).all(axis=2)
     markers.positions[zero | ~(np.abs(markers.positions) < FARTHEST).all(axis=2)] = np.nan
     if np.isnan(markers.positions).all():
-        raise FormatError("no position in any frame; record again")
+        raise FormatError("the file has no position in any frame; record again")
     if not zero.any():
         return markers
     note = f"{np.count_nonzero(zero)} positions are exactly 0, 0, 0 and count as not seen"
@@ -151,7 +151,7 @@ class _Head:
             if names and not values:
                 values = dict(zip(names, cells, strict=False))
             names = cells if "DataRate" in cells or "NumFrames" in cells else []
-        raise FormatError("no row of labels that begins with Frame#; give a TRC file")
+        raise FormatError("the file has no row of labels that begins with Frame#; give a TRC file")
 
     def number(self, name: str) -> float:
         return _number(self.values.get(name, ""))

@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from annotate.array_types import Float64
+from annotate.parts import PAPER
+from annotate.scheme.scheme import Scheme
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
 from synth.body.body import Body, pose
@@ -53,19 +55,23 @@ class PlayedActivity:
 
 class FilmRig(VirtualRig):
     """Virtual rig that records one motion, on a body of the recorded person's size; deterministic in the
-    seed.
+    seed. scheme: of the truth's parts.
 
     Raises CloudError for a short motion or an unknown difficulty.
     """
 
-    def __init__(self, name: str, motion: Motion, difficulty: str, seed: int) -> None:
+    def __init__(self, name: str, motion: Motion, difficulty: str, seed: int, scheme: Scheme = PAPER) -> None:
         seconds = len(motion) / motion.frames_per_second
         if seconds < SHORTEST_S or len(motion) < 3:
-            raise CloudError(f"{name} has {seconds:.2f} s; give {SHORTEST_S} s or more")
+            raise CloudError(
+                f"{name} has {len(motion)} frames in {seconds:.2f} s; give {SHORTEST_S} s and 3 frames "
+                "or more"
+            )
         body = person_body(motion.bones_m)
         self._played = PlayedActivity(perform(body, ground(resampled(motion, FRAMES_PER_SECOND))))
         frames = len(self._played.performance.postures)
-        super().__init__(frames, 1, difficulty, seed, RigOptions(frames_per_second=FRAMES_PER_SECOND))
+        options = RigOptions(frames_per_second=FRAMES_PER_SECOND, scheme=scheme)
+        super().__init__(frames, 1, difficulty, seed, options)
         self.name, self.scene = f"film-{name}-{difficulty}-{seed}", "motion"
         calm = Clutter(radiator=self.difficulty.clutter.radiator, window=self.difficulty.clutter.window)
         self.difficulty = replace(self.difficulty, clutter=calm)

@@ -1,4 +1,4 @@
-"""Locations of the virtual rig: sofa, chair, bed or floor, with behaviour and the robot's viewpoint."""
+"""Locations of the virtual rig: seats, bed or floor, with behaviour and the robot's viewpoint."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -18,6 +18,7 @@ from synth.surface.furniture import Furniture, Ground, Seat, Solid
 from synth.surface.judge_furniture import draw_bed, draw_chair, draw_sofa
 from synth.surface.rasterize import beside, look_at
 from synth.surface.room import PLAIN_ROOM, Room, draw_room
+from synth.surface.wheelchair import draw_wheelchair
 
 SOFA_GIVE_M = (0.015, 0.045)  # depth of a sitter, from firm to soft foam; untuned
 BED_AZIMUTH_RAD = (np.radians(25.0), np.radians(110.0))  # from the foot: not head-on, not behind the wall
@@ -81,6 +82,10 @@ def _chair(rng: np.random.Generator, cast: Cast) -> Location:
     return _seat(draw_chair(cast, rng), rng, cast)
 
 
+def _wheelchair(rng: np.random.Generator, cast: Cast) -> Location:
+    return _seat(draw_wheelchair(cast, rng), rng, cast)
+
+
 def _seat(seat: Seat, rng: np.random.Generator, cast: Cast) -> Location:
     wall_y = seat.footprint.back_y + rng.uniform(0.3, 1.1)
     return Location(seat, wall_y, on_seat(seat, cast=cast), False, _view_of_sitter)
@@ -119,6 +124,7 @@ SCENES: dict[str, Callable[[np.random.Generator, Cast], Location]] = {
     "chair": _chair,
     "bed": _bed,
     "floor": _floor,
+    "wheelchair": _wheelchair,
 }
 
 

@@ -34,6 +34,7 @@ def simulate(
     from annotate.labelset.atomic_folder import appearing
     from annotate.labelset.cast_note import cast_note
     from annotate.labelset.label_set import MANIFEST, LabelSet
+    from annotate.labelset.scheme_note import scheme_note
     from annotate.suit.palette import suit_to_toml
     from sensors.files.atomic import check_free, replacing, sweep
     from sensors.session.writer import RepeatableWriter
@@ -59,11 +60,11 @@ def simulate(
         writer,
     ):
         suit.write_text(suit_to_toml(rig.suit), encoding="utf-8")
-        info = {"source": rig.name, "made_by": "simulate", **cast_note(rig.cast)}
+        info = {"source": rig.name, "made_by": "simulate", **cast_note(rig.cast), **scheme_note(rig.scheme)}
         truth = LabelSet.create(unfinished, rig.calibration.depth.undistorted(), info)
         for frame, known in rig.with_truth():
             _record(writer, frame, known)
-            truth.write(truth_labels(frame, known, rig.calibration.depth))
+            truth.write(truth_labels(frame, known, rig.calibration.depth, rig.scheme))
             progress(1)
 
 

@@ -1,6 +1,7 @@
 """Truth of the virtual rig: true parts and persons (h, w) of the measured surfaces."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,8 +9,9 @@ from numpy.typing import NDArray
 from annotate.array_types import Bool, Float64, Int32, UInt8
 from annotate.cloud.fuse import undistortion_index
 from annotate.frame_labels import FrameLabels
-from annotate.parts import N_CLASSES, PAPER_PARTS, UNDEFINED
+from annotate.parts import PAPER, UNDEFINED
 from annotate.scheme.regions import N_REGIONS
+from annotate.scheme.scheme import Scheme
 from annotate.suit.palette import MIN_CHROMA_DISTANCE, chromaticity
 from sensors.calibration_files.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.camera import Intrinsics, project
@@ -20,11 +22,11 @@ from synth.appearance.warmth import SURFACE_C
 from synth.cameras.sensor import Reading, Sensor
 from synth.cameras.time_of_flight import TimeOfFlight
 from synth.rig.episode import Scene, SceneState
-from synth.surface.furniture import Surface
+from synth.surface.furniture import THING_NAMES, Surface
 from synth.surface.rasterize import ZBuffer
 
 FLYING_MM = 60.0  # from the surfaces of its pixel and the neighbours, beyond which a reading is undefined
-SOFT = (Surface.SOFA, Surface.BED, Surface.PILLOW)
+SOFT = (Surface.SOFA, Surface.BED, Surface.PILLOW, Surface.WHEELCHAIR)
 # Thresholds of a frame's hardships; untuned.
 BODY_WARM_C = (25.0, 36.0)  # temperatures that resemble a person's
 SEEN_PX = 150
@@ -40,13 +42,15 @@ class Truth:
     """Truth of a frame.
 
     regions: uint8 (h, w) of the raw depth image, ids of ``Region``, 0 elsewhere, 255 where several surfaces
-    mix. persons: uint8 (h, w), as in ``FrameLabels``. joints_m: (J, 3), depth
-    camera. bodies: names, of which the subject is a blend. hard: causes of difficulty. drift_c: temperature
-    error common to all pixels. spot_c: a pyrometer's reading, or NaN.
+    mix. persons: uint8 (h, w), as in ``FrameLabels``. surfaces: uint8 (h, w), ids of ``Surface``, 0 on the
+    subject and without a reading. joints_m: (J, 3), depth camera. bodies: names, of which the subject is a
+    blend. hard: causes of difficulty. drift_c: temperature error common to all pixels. spot_c: a pyrometer's
+    reading, or NaN.
     """
 
     regions: UInt8
     persons: UInt8
+    surfaces: UInt8
     joints_m: Float64
     subject: str
     bodies: tuple[str, ...]
@@ -55,8 +59,16 @@ class Truth:
     spot_c: float = float("nan")
 
 
-def whose_readings(seen: ZBuffer, tags: Int32, reading: Reading, sensor: Sensor) -> tuple[UInt8, UInt8]:
-    """Return regions and persons (h, w) of the measured surfaces, from the faces' tags (F,)."""
+class Owners(NamedTuple):
+    """Regions, persons and surfaces, uint8 (h, w), as in ``Truth``."""
+
+    regions: UInt8
+    persons: UInt8
+    surfaces: UInt8
+
+
+def whose_readings(seen: ZBuffer, tags: Int32, reading: Reading, sensor: Sensor) -> Owners:
+    """Return the owners of the readings, from the faces' tags (F,)."""
     tag = np.append(tags, 0)[seen.face]
     if isinstance(sensor, TimeOfFlight):
         _follow_edges(tag, seen, reading.depth_mm, sensor)
@@ -64,9 +76,11 @@ def whose_readings(seen: ZBuffer, tags: Int32, reading: Reading, sensor: Sensor)
         tag = tag.ravel()[reading.source]
     regions = np.where((tag > 0) & (tag <= N_REGIONS), tag, 0).astype(np.uint8)
     persons = (regions > 0) + np.uint8(2) * (tag == Surface.OTHER_PERSON)
+    surfaces = np.where(tag > N_REGIONS, tag, 0).astype(np.uint8)
     regions[tag < 0] = UNDEFINED
-    regions[reading.depth_mm == 0] = persons[reading.depth_mm == 0] = 0
-    return regions, persons.astype(np.uint8)
+    unread = reading.depth_mm == 0
+    regions[unread] = persons[unread] = surfaces[unread] = 0
+    return Owners(regions, persons.astype(np.uint8), surfaces)
 
 
 def _follow_edges(tag: Int32, seen: ZBuffer, depth_mm: NDArray[np.uint16], sensor: TimeOfFlight) -> None:
@@ -85,22 +99,34 @@ def _follow_edges(tag: Int32, seen: ZBuffer, depth_mm: NDArray[np.uint16], senso
     tag[v, u] = found
 
 
-def truth_labels(frame: RigFrame, truth: Truth, camera: Intrinsics = KINECT2_DEPTH) -> FrameLabels:
-    """Return the true labels of the depth image, undistorted as in fusion."""
+def thing_table(scheme: Scheme) -> UInt8:
+    """Return part ids uint8 (256,) by ``Surface``: the free part of its name in ``THING_NAMES``, or 0."""
+    table = np.zeros(256, np.uint8)
+    things = {part.name: part.id for part in scheme.parts if part.is_free}
+    for surface, name in THING_NAMES.items():
+        table[surface] = things.get(name, 0)
+    return table
+
+
+def truth_labels(
+    frame: RigFrame, truth: Truth, camera: Intrinsics = KINECT2_DEPTH, scheme: Scheme = PAPER
+) -> FrameLabels:
+    """Return the true labels of the depth image in a scheme, things included, undistorted as in fusion."""
     source = undistortion_index(camera)
-    depth_mm, regions, persons = (
-        np.where(source >= 0, image.ravel()[source], 0)
-        for image in (frame.depth_mm, truth.regions, truth.persons)
+    parts = np.where(truth.regions > 0, scheme.table[truth.regions], thing_table(scheme)[truth.surfaces])
+    depth_mm, parts, persons = (
+        np.where(source >= 0, image.ravel()[source], 0) for image in (frame.depth_mm, parts, truth.persons)
     )
     notes = {"joints_mm": np.rint(truth.joints_m * 1000).astype(int).tolist(), "hard": list(truth.hard)}
     return FrameLabels(
         f"{frame.index:06d}",
         depth_mm.astype(np.uint16),
-        PAPER_PARTS[regions],
+        parts.astype(np.uint8),
         subject=truth.subject,
         status="truth",
         notes=notes,
         persons=persons.astype(np.uint8),
+        scheme=scheme,
     )
 
 
@@ -145,6 +171,6 @@ def _many(pixels: Bool) -> bool:
 
 
 def _similar(outfit: Outfit) -> bool:
-    cloth = chromaticity(255 * np.power(outfit.zone_rgb[1:N_CLASSES], 1 / GAMMA))
+    cloth = chromaticity(255 * np.power(outfit.cloth_rgb, 1 / GAMMA))
     gaps = np.linalg.norm(cloth[:, None] - cloth[None], axis=2)
-    return bool(gaps[np.triu_indices(len(cloth), 1)].min() < MIN_CHROMA_DISTANCE)
+    return bool(gaps[np.triu_indices(len(cloth), 1)].min(initial=np.inf) < MIN_CHROMA_DISTANCE)

@@ -9,7 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from annotate.array_types import Float32, Float64, Int32
+from annotate.parts import PAPER
 from annotate.scheme.regions import N_REGIONS
+from annotate.scheme.scheme import Scheme
 from annotate.suit.palette import Suit
 from sensors.errors import CloudError
 from sensors.recording.rig_templates import REFERENCE
@@ -46,8 +48,10 @@ class RigOptions:
 
     scene: a key of ``locations.SCENES``. rig: template name of the cameras in
     ``sensors.recording.rig_templates``; the people depend on cast and seed alone. pyrometer: add one beside
-    the thermal camera. suit: None = the cast's own. draft: small colour images and coarse multipath, in half
-    the time. wearers: bodies of the people; None = all of the cast's.
+    the thermal camera. suit: None = the cast's own, or one drawn by the seed in another scheme than
+    ``paper``. draft: small colour images and coarse multipath, in half the time. wearers: bodies of the
+    people; None = all of the cast's. scheme: of the truth's parts; images depend on it through the suit
+    alone.
     """
 
     scene: str = "sofa"
@@ -58,6 +62,7 @@ class RigOptions:
     draft: bool = False
     cast: Cast = TRAINING
     wearers: tuple[Body, ...] | None = None
+    scheme: Scheme = PAPER
 
     def __post_init__(self) -> None:
         check_choice("cast", self.cast, CASTS)
@@ -85,7 +90,8 @@ class VirtualRig(FrameSource):
     ) -> None:
         if not 1 <= subjects <= frames <= 1_000_000:
             raise CloudError(
-                f"{frames} frames of {subjects} subjects are impossible; give at least one frame each"
+                f"{frames} frames of {subjects} subjects are impossible; give a frame or more for each "
+                "subject, at most 1000000"
             )
         check_choice("difficulty", difficulty, DIFFICULTIES)
         rig, draft, self.scene = options.rig, options.draft, options.scene
@@ -96,7 +102,8 @@ class VirtualRig(FrameSource):
         self.rig, self._variant = rig, variant_named(rig)
         self.calibration = _drafted(self._variant.calibration) if draft else self._variant.calibration
         self._stride = DRAFT_STRIDE if draft else STRIDE
-        self.suit = options.suit or suit_of(self.cast, seed)
+        self.scheme = options.scheme
+        self.suit = options.suit or suit_of(self.cast, seed, self.scheme)
         self.difficulty = DIFFICULTIES[difficulty]
         self.frames, self.subjects, self.seed = frames, subjects, seed
         self.frames_per_second = fps = options.frames_per_second
@@ -173,14 +180,14 @@ class VirtualRig(FrameSource):
             if not closed:
                 temperatures = thermograph(warm, noise, drift_c, rng)
         frame = RigFrame(index, round(time_s * 1e9), reading.depth_mm, color, temperatures)
-        regions, persons = whose_readings(seen, scene.tags, reading, cameras.depth)
+        owners = whose_readings(seen, scene.tags, reading, cameras.depth)
         alone = self._depth.render(in_depth[: scene.subject], scene.faces[scene.tags <= N_REGIONS])
         hard = scene_hardships(scene, state, seen, alone, self.calibration.depth)
         speed = np.quantile(np.linalg.norm(velocity[: scene.subject], axis=1), FASTEST)
         hard += camera_hardships(float(speed), cameras.color.state or RESTING, drift_c)
         hard += [FLAG_CLOSED] * (temperatures is None)
         joints = scene.camera_from_world.apply(state.joints_m)
-        return frame, Truth(regions, persons, joints, scene.name, scene.bodies, tuple(hard), drift_c, spot_c)
+        return frame, Truth(*owners, joints, scene.name, scene.bodies, tuple(hard), drift_c, spot_c)
 
     def _see_distance(self, in_depth: Float64, faces: Int32, sensor: Sensor) -> ZBuffer:
         """Return depth and faces of the depth image without noise. in_depth: vertices in the depth camera's

@@ -20,12 +20,35 @@ Side = Literal["top", "front"]  # side of a box: upwards, or towards -y
 
 
 # Tags of rendered faces of things; faces of a body carry their region id (``annotate.scheme.regions``).
+# A surface has always the same number, because another number changes every recording of a seed.
 Surface = IntEnum(
     "Surface",
-    "FLOOR WALL SOFA BED TABLE RADIATOR MUG HAIR LAPTOP KEYBOARD SCREEN WINDOW SUNLIT BLANKET PILLOW "
-    "OTHER_PERSON",
-    start=32,
+    "WHEELCHAIR FLOOR WALL SOFA BED TABLE RADIATOR MUG HAIR LAPTOP KEYBOARD SCREEN WINDOW SUNLIT BLANKET "
+    "PILLOW OTHER_PERSON",
+    start=31,
 )
+THING_NAMES: dict[Surface, str] = {
+    Surface.WHEELCHAIR: "wheelchair",
+    Surface.FLOOR: "floor",
+    Surface.WALL: "wall",
+    Surface.SUNLIT: "wall",
+    Surface.SOFA: "seat",
+    Surface.BED: "bed",
+    Surface.TABLE: "table",
+    Surface.RADIATOR: "radiator",
+    Surface.MUG: "mug",
+    Surface.LAPTOP: "laptop",
+    Surface.KEYBOARD: "laptop",
+    Surface.SCREEN: "laptop",
+    Surface.WINDOW: "window",
+    Surface.BLANKET: "blanket",
+    Surface.PILLOW: "pillow",
+}
+"""Name of the free part of a scheme that carries a surface.
+
+Chairs and sofas are a "seat". Shelves, and wooden frames and legs of the judging cast's furniture, are a
+"table".
+"""
 # Looks and temperatures (``synth/data/surfaces.toml``).
 SURFACES: dict[Surface, dict[str, Any]] = {
     Surface[k.upper()]: entry for k, entry in table("surfaces").items()

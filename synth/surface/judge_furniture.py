@@ -3,7 +3,7 @@
 Dimensions: ``synth/data/judge/furniture.toml``. World frame and constants as in ``synth.surface.furniture``.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -162,10 +162,14 @@ class OfficeChair(Chair):
 
 @dataclass(frozen=True)
 class Wheelchair(Chair):
-    """Wheelchair: arm rests, two large and two small wheels; wheel: radius of a large one."""
+    """Wheelchair: arm rests, two large and two small wheels.
+
+    wheel: radius of a large wheel. surface: tag of all faces; None = the tags of other chairs.
+    """
 
     rest_height: float = 0.22
     wheel: float = 0.3
+    surface: Surface | None = None
 
     data = "judge/furniture"
 
@@ -181,7 +185,8 @@ class Wheelchair(Chair):
             Wheel((x, y - r, 0.0), (x + 0.03, y + r, 2 * r), 0.0, tag) for x in (-half - 0.11, half + 0.08)
         ]
         small = [Wheel((x, 0.0, 0.0), (x + 0.03, 0.18, 0.18), 0.0, tag) for x in (-half, half - 0.03)]
-        return [seat, back, *_arm_rests(self, self.rest_height), *large, *small]
+        solids = [seat, back, *_arm_rests(self, self.rest_height), *large, *small]
+        return solids if self.surface is None else [replace(one, tag=self.surface) for one in solids]
 
 
 @dataclass(frozen=True)

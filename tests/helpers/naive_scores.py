@@ -8,7 +8,7 @@ import numpy as np
 
 from annotate.parts import LEFT_RIGHT, N_CLASSES, UNDEFINED
 from eval.scores.boundary import DISTANCE_EDGES_PX, TOLERANCES_MM, TOLERANCES_PX, WIDTHS_MM, WIDTHS_PX
-from eval.scores.counts import NEAR_PX, SHAPES, FrameCounts
+from eval.scores.counts import NEAR_PX, FrameCounts, shapes
 
 BODY = range(1, N_CLASSES)
 TWIN = {a: b for pair in LEFT_RIGHT for a, b in (pair, pair[::-1])}
@@ -26,7 +26,7 @@ class Frame:
 
 def by_name(counts: FrameCounts) -> dict[str, np.ndarray]:
     """The arrays of counts by name."""
-    return {name: getattr(counts, name) for name in SHAPES}
+    return {name: getattr(counts, name) for name in shapes(counts.scheme.n_classes)}
 
 
 @dataclass

@@ -3,12 +3,13 @@
 import tempfile
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from annotate.parts import PAPER
 from eval.compare.compare import Comparison, compare_sets
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict import predict_frames
@@ -97,7 +98,7 @@ def scores(tally: Tally, has_postures: bool) -> dict[str, Figure]:
     return {
         "images": Figure(len(people)),
         "mean recall": over_people(matrices, people, mean_recall),
-        "swaps": over_people(matrices, people, left_right_swap_rate),
+        "swaps": over_people(matrices, people, partial(left_right_swap_rate, scheme=PAPER)),
         **{name: over_people(pairs, people, ratio) for name, pairs in known.items()},
     }
 

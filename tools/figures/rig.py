@@ -78,7 +78,9 @@ def figures_of(found: Comparison) -> dict[str, Figure]:
     rows = {"frames": Figure(len(found.frame_ids))}
     for heading, name in SCORES.items():
         ends = map(float, found.ci95[name]) if len(sums) else (math.nan, math.nan)
-        without = without_each(sums, lambda counts, name=name: scores_of(FrameCounts(counts))[name])
+        without = without_each(
+            sums, lambda counts, name=name: scores_of(FrameCounts(counts, found.scheme))[name]
+        )
         rows[heading] = Figure(float(found.scores[name]), *ends, without)
     return rows
 

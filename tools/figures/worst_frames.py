@@ -10,7 +10,7 @@ import numpy as np
 from annotate.array_types import Float64, UInt8, UInt16
 from annotate.crop import Crop, crop_around
 from annotate.labelset.labelled_frames import LabelledFrames
-from annotate.parts import BACKGROUND, on_body
+from annotate.parts import BACKGROUND, PAPER, on_body
 from eval.compare.compare import Comparison
 from eval.report.frame_images import CANVAS, WHITE, colorize_depth, colorize_parts
 from eval.report.gallery import make_frame
@@ -100,7 +100,7 @@ def of_real(images: tuple[UInt16, UInt8], joints_px: Float64, error: float, text
     depth = np.ascontiguousarray(colorize_depth(crop.cut(depth_mm, 0, SIDE_PX)))
     for u, v in ((joints_px - (crop.left, crop.top)) * SIDE_PX / crop.side).round().astype(int).tolist():
         cv2.circle(depth, (u, v), 2, WHITE, -1, cv2.LINE_AA)
-    found = colorize_parts(crop.cut(parts, BACKGROUND, SIDE_PX))
+    found = colorize_parts(crop.cut(parts, BACKGROUND, SIDE_PX), PAPER)
     return Tile(error, text, np.hstack([depth, np.asarray(found, np.uint8)]))
 
 

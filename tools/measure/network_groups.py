@@ -16,7 +16,7 @@ from annotate.array_types import Float32, UInt8
 from annotate.crop import RANGE_MM, network_crop, normalize, person_of
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.labelled_frames import open_frames
-from annotate.parts import UNDEFINED
+from annotate.parts import PAPER, UNDEFINED
 from annotate.posture import POSTURES
 from eval.network.body_state import BodyState
 from eval.network.onnx_network import OnnxNetwork
@@ -120,7 +120,7 @@ def measured(network: OnnxNetwork, path: Path) -> dict[str, Tally]:
         planes, *whole = network.outputs(np.stack([crop[0] for crop, *_ in waiting]))
         for k, ((depth, parts), frame, names, row) in enumerate(waiting):
             found = np.where(depth > 0, planes[k][1:].argmax(0) + 1, 0).astype(np.uint8)
-            matrix = confusion_matrix(np.where(depth > 0, parts, np.uint8(UNDEFINED)), found)
+            matrix = confusion_matrix(np.where(depth > 0, parts, np.uint8(UNDEFINED)), found, PAPER)
             facing = posture = (False, False)
             true_posture = ""
             if whole and row is not None and np.isfinite(row[FACING]).all():

@@ -192,7 +192,9 @@ def train_labels(
 def claim(out: Path, plan: dict[str, Any]) -> None:
     """Reserve a folder for a training. Raises ExistsError where it holds another or a finished training."""
     text = json.dumps(plan, indent=1).encode()
-    if (out / WEIGHTS).exists() or ((out / PLAN).exists() and (out / PLAN).read_bytes() != text):
+    if (out / WEIGHTS).exists():
+        raise ExistsError(f"{out} holds a finished training; choose another folder or pass --overwrite")
+    if (out / PLAN).exists() and (out / PLAN).read_bytes() != text:
         raise ExistsError(f"{out} holds another training; choose another folder or pass --overwrite")
     (out / EXAMPLES).mkdir(parents=True, exist_ok=True)
     write_bytes(out / PLAN, text)

@@ -91,8 +91,8 @@ class BagCameras:
         info, described = self._infos[name], window_of(self._infos[name]).size
         if size is not None and not describes(info, size):
             raise CalibrationError(
-                f"{name} describes {described[0]}x{described[1]}, {stream.name} is {size[0]}x{size[1]}; "
-                "record both in one mode"
+                f"{name} describes images of {described[0]}x{described[1]}, {stream.name} has images of "
+                f"{size[0]}x{size[1]}; record both in one mode"
             )
         rectified = "rect" in stream.name.lower().removesuffix("/compressed").rpartition("/")[2]
         return check_camera(intrinsics_from(info, rectified, name, size or described), name), name
@@ -144,8 +144,8 @@ class BagCameras:
         if same_info:
             return Pose.identity(), "depth and colour share their camera_info: taken as aligned"
         raise CalibrationError(
-            f"no transform from depth ({depth.frame[:60]!r}) to colour ({color.frame[:60]!r}); "
-            "record /tf_static"
+            f"{self._path} has no transform from depth ({depth.frame[:60]!r}) to colour "
+            f"({color.frame[:60]!r}); record /tf_static"
         )
 
 

@@ -74,7 +74,8 @@ def choose(first: Pictures, wanted: Sequence[str] = ()) -> Choice | None:
     """
     for name in wanted:
         if not any(_is_below(topic, name) for topic in first):
-            raise FormatError(f"no image topic {name!r}; give one of {', '.join(sorted(first)[:8])}")
+            remedy = f"give one of {', '.join(sorted(first)[:8])}" if first else "record an image topic"
+            raise FormatError(f"the recording has no image topic {name!r}; {remedy}")
     depth = choose_depth(first, wanted)
     if depth is None:
         return None

@@ -92,7 +92,8 @@ class RealSenseRecording(CameraRecording):
         width, height, step = (int(text) for text in found.groups()[1:])
         if max(width, height) > MAX_IMAGE_SIDE or step * height > MAX_IMAGE_BYTES:
             raise FormatError(
-                f"an image states {width}x{height}, {step} bytes a row, too large; restore it from a copy"
+                f"an image of {self._file.path} states {width}x{height} pixels, {step} bytes a row, over "
+                f"{MAX_IMAGE_SIDE} a side or {MAX_IMAGE_BYTES} bytes in all; restore it from a copy"
             )
         data = zstandard.ZstdDecompressor().decompress(picture.data, max_output_size=step * height)
         return Picture(picture.frame_id, found[1], data, False, height, width, step)

@@ -165,9 +165,11 @@ class Ros1File:
                 return bz2.BZ2Decompressor().decompress(packed, limit)
             if compression == b"lz4":
                 return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, limit))
-            raise ValueError(f"compression {compression[:20]!r} is not supported")
+            raise ValueError(f"compression {compression[:20].decode('latin-1')!r} is not lz4 or bz2")
         except (OSError, RuntimeError, ValueError, EOFError) as error:
-            raise FormatError(f"{self.path.name} is damaged at byte {offset} ({error})") from error
+            raise FormatError(
+                f"{self.path.name} is damaged at byte {offset} ({error}); restore it from a copy"
+            ) from error
 
     def _indexed(self, file: BinaryIO) -> Topics:
         """Return the topics in the index at the file's end; none where it is absent."""

@@ -49,7 +49,7 @@ def depth_from(picture: Picture) -> Depth:
         return _unpacked_depth(picture)
     kind = DEPTHS.get(picture.encoding)
     if kind is None:
-        raise FormatError(f"depth image is {picture.encoding[:40]!r}; record {', '.join(DEPTHS)}")
+        raise FormatError(f"depth image has encoding {picture.encoding[:40]!r}; record {', '.join(DEPTHS)}")
     values = pixels_of(picture, np.dtype(kind), 1)[..., 0]
     return values.astype(np.float32) if kind is np.float32 else values.astype(np.uint16)
 
@@ -87,10 +87,10 @@ def color_encoded_from(picture: Picture) -> bytes:
     """Return JPEG or PNG bytes: the sender's own, or a raw image as lossless PNG. Raises FormatError."""
     if picture.compressed:
         if not picture.data.startswith(PICTURE_MAGICS):
-            raise FormatError(f"colour image is {picture.encoding[:40]!r}; record JPEG or PNG")
+            raise FormatError(f"colour image has format {picture.encoding[:40]!r}; record JPEG or PNG")
         return picture.data
     if picture.encoding not in COLORS:
-        raise FormatError(f"colour image is {picture.encoding[:40]!r}; record {', '.join(COLORS)}")
+        raise FormatError(f"colour image has encoding {picture.encoding[:40]!r}; record {', '.join(COLORS)}")
     channels, code = COLORS[picture.encoding]
     pixels = pixels_of(picture, np.dtype(np.uint8), channels)
     bgr = pixels if code is None else cv2.cvtColor(pixels, code)
@@ -103,13 +103,17 @@ def pixels_of(picture: Picture, dtype: np.dtype[Any], channels: int) -> NDArray[
     """
     height, width, step = picture.height, picture.width, picture.step
     row = width * channels * dtype.itemsize
-    if not (0 < height <= MAX_IMAGE_SIDE and 0 < width <= MAX_IMAGE_SIDE) or step < row:
+    if not (0 < height <= MAX_IMAGE_SIDE and 0 < width <= MAX_IMAGE_SIDE):
+        raise FormatError(f"image has {width}x{height} pixels; give 1 to {MAX_IMAGE_SIDE} a side")
+    if step < row:
         raise FormatError(
-            f"image is {width}x{height}, {step} bytes a row; give at most {MAX_IMAGE_SIDE} a side"
+            f"image of {width}x{height} has {step} bytes a row instead of {row} or more; record it again"
         )
     # The last row's padding may be missing.
     if len(picture.data) < step * (height - 1) + row or step > len(picture.data):
-        raise FormatError(f"image of {width}x{height} holds {len(picture.data)} bytes; record it again")
+        raise FormatError(
+            f"image of {width}x{height} holds {len(picture.data)} of {step * height} bytes; record it again"
+        )
     data = picture.data[: step * height].ljust(step * height, b"\0")
     rows = np.frombuffer(data, np.uint8).reshape(height, step)[:, :row]
     order = dtype.newbyteorder(">" if picture.big_endian else "<")
@@ -126,6 +130,9 @@ def _unpacked_depth(picture: Picture) -> Depth:
         return values
     _, a, b = _CONFIG.unpack(picture.data[: _CONFIG.size])
     if not (np.isfinite(a) and np.isfinite(b) and a > 0):
-        raise FormatError(f"compressed depth is quantised by {a} and {b}; record it again")
+        raise FormatError(
+            f"compressed depth has quantisation {a} and {b}, not a positive and a finite number; "
+            "record it again"
+        )
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(values > 0, a / (values.astype(np.float64) - b), np.nan).astype(np.float32)

@@ -65,7 +65,7 @@ def _counts(header: dict[str, list[str]]) -> tuple[int, int, int]:
         int(header[name][0]) if name in header else 0 for name in ("WIDTH", "HEIGHT", "POINTS")
     )
     if min(width, height, points) < 0:
-        raise ValueError(f"{width} x {height}, {points} points")
+        raise ValueError(f"its header states {width} x {height} and {points} points")
     height = height or 1
     width = width or points // height
     points = points or width * height
@@ -83,7 +83,7 @@ def _fields(header: dict[str, list[str]]) -> list[_Field]:
     fields: list[_Field] = []
     for number, (name, size, kind, count) in enumerate(zip(names, sizes, types, counts, strict=True)):
         if not 0 <= int(count) <= MAX_POINT_BYTES:
-            raise ValueError(f"field {name[:20]} has {count[:20]} values")
+            raise ValueError(f"field {name[:20]} has {count[:20]} values, not 0 to {MAX_POINT_BYTES}")
         name = f" {number}" if name == "_" else name
         name = f"{name}_{number}" if name in {field.name for field in fields} else name
         fields.append(_Field(name, f"<{_KINDS[kind]}{int(size)}", int(count)))
@@ -91,7 +91,7 @@ def _fields(header: dict[str, list[str]]) -> list[_Field]:
         if (axis, "<f4", 1) not in fields and (axis, "<f8", 1) not in fields:
             raise ValueError(f"{axis} is missing or is not a float")
     if _stride(fields) > MAX_POINT_BYTES:
-        raise ValueError(f"a point has {_stride(fields)} bytes")
+        raise ValueError(f"a point has {_stride(fields)} bytes, over {MAX_POINT_BYTES}")
     return fields
 
 

@@ -173,6 +173,6 @@ def _layout(data: NDArray[np.uint8], at: int, element: _Element, order: str) -> 
         word = data[begin : begin + counted.itemsize]
         length = int(word.view(counted)[0]) if len(word) == counted.itemsize else 0
         if not 0 <= length <= MAX_LIST:
-            raise ValueError(f"a list of {length} values")
+            raise ValueError(f"a list has {length} values, not 0 to {MAX_LIST}")
         layout += [(f"#{number}", counted), (f"{number}", kind, (length,))]
     return np.dtype(layout)

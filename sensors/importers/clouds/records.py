@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.errors import FormatError
+from sensors.errors import FormatError, fault_of
 from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.rig.rig_calibration import Pose
 
@@ -96,7 +96,7 @@ def opened_cloud(path: Path, kind: str) -> Iterator[BinaryIO]:
     except OSError as error:
         raise FormatError(f"{path} cannot be read ({error.strerror}); check path and permissions") from error
     except (ValueError, KeyError, IndexError, TypeError, OverflowError) as error:
-        why = f"{error} is missing or unknown" if isinstance(error, KeyError) else str(error)
+        why = f"{error} is missing or unknown" if isinstance(error, KeyError) else fault_of(error)
         raise FormatError(f"{path} is malformed ({why[:100]}); give a valid {kind} file") from error
 
 
