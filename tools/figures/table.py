@@ -196,8 +196,12 @@ def seed_of(table: Table, commit: str) -> int | None:
 
 
 def measure(table: Table, commit: str, product: str, folder: Path = KEPT) -> Measured:
-    """Measure a table on the seed of a commit and write it, with the rows before."""
+    """Measure a table on the seed of a commit and write it, with the rows before, unless these are of a
+    development seed.
+    """
     old, began = load(table, folder), _cpu_s()
+    if old and old.seed != seed_of(table, old.commit):
+        old = None
     rows = table.measure(judging_seed(commit))
     draw(table, judging_seed(commit), BESIDE if table.kind == "real" else IMAGES)
     measured = Measured(
