@@ -1,6 +1,7 @@
 """Scheme: the parts of label images. A part is a union of regions of the body, or a thing beside the body."""
 
 import itertools
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +16,7 @@ BACKGROUND, UNDEFINED = 0, 255
 MAX_PARTS = 254  # ids 1 to 254 of 8-bit label images; 0 and 255 are background and undefined
 
 IdPair = frozenset[int]
+_SIDE = re.compile(r"\b(?:left|right)\b", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,22 @@ class Scheme:
     def part_id(self) -> dict[str, int]:
         """Return ids by name, the background's included."""
         return {part.name: part.id for part in (BACKGROUND_PART, *self.parts)}
+
+    @cached_property
+    def by_id(self) -> dict[int, Part]:
+        """Return parts by id, the background included."""
+        return {part.id: part for part in (BACKGROUND_PART, *self.parts)}
+
+    def title(self, part_id: int) -> str:
+        """Return a part's title for use in sentences, in lower case; "undefined" for 255."""
+        return "undefined" if part_id == UNDEFINED else self.by_id[part_id].title.lower()
+
+    def short_title(self, part_id: int) -> str:
+        """Return a part's title in a list with two sides: of a part with a twin, without the side."""
+        title = self.by_id[part_id].title
+        if self.twin_table[part_id] != part_id:
+            title = " ".join(_SIDE.sub("", title).split()) or title
+        return title.capitalize()
 
     @cached_property
     def n_classes(self) -> int:
