@@ -8,12 +8,15 @@ from PySide6.QtWidgets import QLabel
 
 from annotate.correction.audit import audit
 from annotate.correction.correction import Correction
+from annotate.correction.relabel import relabel
+from annotate.gui.state.outcome import Outcome
 from annotate.labelset.journal import Journal
 from annotate.labelset.label_set import LabelSet, validate
 from annotate.scheme.limbs import limbs_of
 from annotate.scheme.scheme import BACKGROUND, Part, Scheme, scheme_of
 from annotate.scheme.scheme_file import load_scheme
-from sensors.errors import FormatError
+from bench.window import figure
+from sensors.errors import CloudError, FormatError
 from tests.helpers.figure_sets import figure_set, regions_of
 from tests.helpers.gui_driver import Driver
 from tests.helpers.schemes import WARD
@@ -72,17 +75,13 @@ def test_the_palette_has_every_part_and_a_click_or_key_chooses_it(opened, scheme
 
 def test_what_is_drawn_has_the_scheme_s_colours(opened):
     driver = opened(SMPL)
-    shown = {tuple(rgb) for rgb in driver.picture().reshape(-1, 3).tolist()}
-    colors = SMPL.palette_rgb()
-    driver.look("depth", tint=0.8)
+    shown = np.unique(driver.picture().reshape(-1, 3), axis=0).astype(float)
+    shown, colors = shown[shown.max(axis=1) > 40], SMPL.palette_rgb()
     for part in ("left_hand", "spine2", "right_foot"):
         wanted = colors[SMPL.part_id[part]].astype(float)
         # Shade scales a colour.
-        assert any(
-            np.abs(np.array(rgb) / max(rgb) - wanted / wanted.max()).max() < 0.03
-            for rgb in shown
-            if max(rgb) > 40
-        ), part
+        shades = shown / shown.max(axis=1, keepdims=True)
+        assert (np.abs(shades - wanted / wanted.max()).max(axis=1) < 0.03).any(), part
 
 
 def test_sides_are_exchanged_limb_by_limb(opened):
@@ -124,9 +123,8 @@ def test_a_wheelchair_is_drawn_undone_saved_and_opened_the_same(opened, tmp_path
     driver.key("rectangle")
     before = driver.parts.copy()
     v, u = np.unravel_index(driver.middle_of(WARD.part_id["hip"]), before.shape)
-    corners = [
-        driver.place(int(row * before.shape[1] + column), view) for row, column in ((v, u), (v + 60, u + 60))
-    ]
+    pixels = [int(row * before.shape[1] + column) for row, column in ((v, u), (v + 60, u + 60))]
+    corners = [driver.place(pixel, view) for pixel in pixels]
     driver.drag(corners, view=view)
     assert (driver.parts == CHAIR).any(), "of the body"
     driver.key("undo")
@@ -159,17 +157,12 @@ def test_a_click_on_the_wheelchair_takes_a_piece_of_it(opened):
     room[150:190, 150:200] = True
     driver.edits.editor().paint(room, CHAIR)
     driver.key("save")
-    driver.window.show_anew(driver.window.frames.read(driver.window.frame_id), replace_nothing())
+    driver.window.frames.forget()
+    driver.window.show_anew(driver.window.frames.read(driver.window.frame_id), Outcome(""))
     driver.settle()
     driver.key("head")
     driver.click(driver.place(driver.middle_of(CHAIR), driver.views.depth), view=driver.views.depth)
     assert "from wheelchair to head" in driver.said
-
-
-def replace_nothing():
-    from annotate.gui.state.outcome import Outcome
-
-    return Outcome("")
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (1280, 680)])
@@ -214,9 +207,7 @@ def test_another_set_is_compared_in_this_scheme_or_refused(opened, tmp_path):
 
 
 def regions_of_figure(driver: Driver) -> np.ndarray:
-    from bench.window import figure
-
-    depth, parts = figure(*driver.parts.shape, 0.0)
+    _, parts = figure(*driver.parts.shape, 0.0)
     return regions_of(parts)
 
 
@@ -226,13 +217,10 @@ def test_the_menus_keep_their_letters_where_no_part_has_them(opened):
 
 
 def test_a_set_in_one_scheme_is_not_relabelled_in_another(tmp_path):
-    from annotate.correction.relabel import relabel
-    from sensors.errors import CloudError
-
     labels = figure_set(tmp_path / "labels", [0.9], scheme=FEET)
     learnt = figure_set(tmp_path / "learnt", [0.9], scheme=SIX)
     with (
         Correction.open(labels.path, "mia") as correction,
-        pytest.raises(CloudError, match="'six', .* has 'hands-and-feet'; run learn again"),
+        pytest.raises(CloudError, match=r"'six', .* has 'hands-and-feet'; run learn again"),
     ):
         relabel(correction, learnt)

@@ -108,7 +108,7 @@ class Editor:
     def swap_left_right(
         self, pairs: Iterable[tuple[int, int]] | None = None, how: Gesture = KEY
     ) -> Stroke | None:
-        """Exchange left and right parts: those of a limb, or all (None).
+        """Exchange left and right parts of a limb, or all (None).
 
         A pair with a locked part is not exchanged. pairs: of ids, left and right.
         """

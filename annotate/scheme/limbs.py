@@ -43,6 +43,11 @@ def limbs_of(scheme: Scheme) -> tuple[Limb, ...]:
     return tuple(_limb(scheme, tuple(sorted(group))) for group in sorted(groups, key=min))
 
 
+def limb_names(scheme: Scheme) -> str:
+    """Return the names of the limbs for a sentence, such as "an arm or a leg"."""
+    return " or ".join(limb.singular for limb in limbs_of(scheme)) or "a part with two sides"
+
+
 def _joined(scheme: Scheme, pair: tuple[int, int], other: tuple[int, int]) -> bool:
     (left, right), (other_left, other_right) = pair, other
     beside = {frozenset((left, other_left)), frozenset((right, other_right))} & scheme.neighbours

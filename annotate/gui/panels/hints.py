@@ -22,6 +22,7 @@ from annotate.gui.views.drawing_layer import StrokeOptions
 from annotate.gui.widgets.building_blocks import Elided, laid, named
 from annotate.gui.widgets.theme import DARK, Theme, part_color, scaled
 from annotate.scheme.body_grid import body_grid, thing_grid
+from annotate.scheme.limbs import limb_names
 from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Scheme
 
 MOUSE = (
@@ -53,9 +54,9 @@ def next_click(options: StrokeOptions, edits: EditController, in_image: bool) ->
 
     in_image: True if the pointer is in the depth image, where no pixel hides another.
     """
-    title = edits.title
+    title = edits.scheme.title
     if options.once:
-        whole = ONCE[options.once].replace("LIMB", edits.limb_names)
+        whole = ONCE[options.once].replace("LIMB", limb_names(edits.scheme))
         whole += f" {title(edits.part)}" if options.once == "merge" else ""
         return f"{whole} · Esc cancels"
     becomes = "is erased" if edits.part == 0 else f"becomes {title(edits.part)}"

@@ -18,7 +18,7 @@ from annotate.gui.state.outcome import NOTHING, Outcome, described
 from annotate.gui.state.point_colors import Colors, Look, Painting
 from annotate.labelset.stroke import Gesture, Operation, Stroke
 from annotate.scheme.colours import mark_rgb
-from annotate.scheme.limbs import limbs_of
+from annotate.scheme.limbs import limb_names, limbs_of
 from annotate.scheme.scheme import BACKGROUND, Scheme
 from sensors.errors import CloudError
 
@@ -59,6 +59,7 @@ class EditController:
 
     correction: Correction
     frame: OpenFrame
+    scheme: Scheme = field(init=False)
     part: int = field(init=False)
     giver: Giver = "part"
     locks: set[int] = field(default_factory=set)
@@ -69,6 +70,7 @@ class EditController:
     _doubt: int = -1
 
     def __post_init__(self) -> None:
+        self.scheme = self.correction.labels.scheme
         self.part = self.scheme.parts[0].id
         self.open(self.frame)
 
@@ -79,15 +81,6 @@ class EditController:
             frame.editor.locks = self.locks
         if self._given() is None:
             self.giver = "part"
-
-    @property
-    def scheme(self) -> Scheme:
-        """Return the scheme of the label set."""
-        return self.correction.labels.scheme
-
-    def title(self, part: int) -> str:
-        """Return a part's title for use in sentences."""
-        return self.scheme.title(part)
 
     @property
     def parts(self) -> UInt8:
@@ -112,7 +105,7 @@ class EditController:
         """Switch the visibility of a part: shown, faded, hidden, and shown again."""
         how = self.display.fade(part)
         changed = np.flatnonzero((self.parts == part) & (self.frame.scene.labels.depth_mm > 0))
-        return Outcome(f"{self.title(part).capitalize()} {how}", pixels=changed)
+        return Outcome(f"{self.scheme.title(part).capitalize()} {how}", pixels=changed)
 
     def next_doubt(self) -> tuple[Outcome, Doubt | None]:
         """Return a text for the status line, and the next doubtfully labelled place; None if none is left."""
@@ -128,7 +121,7 @@ class EditController:
         """Lock a part, or unlock it."""
         self.locks ^= {part}
         state = "locked: it cannot gain or lose pixels" if part in self.locks else "unlocked"
-        return Outcome(f"{self.title(part).capitalize()} {state}")
+        return Outcome(f"{self.scheme.title(part).capitalize()} {state}")
 
     def give_from(self, giver: Giver) -> Outcome:
         """Set the source of strokes' parts: the other set or the previous frame. The same source again resets
@@ -210,8 +203,7 @@ class EditController:
         return select.grow(scene.pieces, grown.parts, scene.labels.depth_mm, grown.pixels)
 
     def _grow(self, grown: _Grown, drawing: Drawing) -> Outcome:
-        pixels = self._larger(grown)
-        self.keys = 0
+        self.keys, pixels = 0, self._larger(grown)
         self._grown = _Grown(self.part, pixels, grown.parts)
         stroke = self._paint(pixels, drawing.gesture("grow"))
         return self._outcome(stroke, "It cannot grow further: its part ends here")
@@ -223,14 +215,9 @@ class EditController:
         part = BACKGROUND if pixel is None else int(self.parts.flat[pixel])
         limb = next((limb for limb in limbs_of(self.scheme) if part in limb.ids), None)
         if limb is None:
-            return Outcome(f"Point at {self.limb_names} to swap left and right", "warn")
+            return Outcome(f"Point at {limb_names(self.scheme)} to swap left and right", "warn")
         stroke = self.editor().swap_left_right(limb.pairs, how=self._key(pixel))
         return self._outcome(stroke, f"This frame has no {limb.plural} to swap", limb.plural)
-
-    @property
-    def limb_names(self) -> str:
-        """Return the names of the limbs, such as "an arm or a leg"."""
-        return " or ".join(limb.singular for limb in limbs_of(self.scheme)) or "a part with two sides"
 
     def to_neighbour(self, pixel: int | None) -> Outcome:
         """Assign the connected patch under the pointer to the part with the longest contact."""
@@ -244,7 +231,7 @@ class EditController:
         """Assign the chosen part to all pixels of the part under the pointer."""
         source = BACKGROUND if pixel is None else int(self.parts.flat[pixel])
         if source in (BACKGROUND, self.part):
-            return Outcome(f"Point at the part that should become {self.title(self.part)}", "warn")
+            return Outcome(f"Point at the part that should become {self.scheme.title(self.part)}", "warn")
         return self._outcome(self.editor().merge(source, self.part, how=self._key(pixel)), self._locked())
 
     def pick(self, pixel: int | None) -> Outcome:
@@ -252,7 +239,7 @@ class EditController:
         if pixel is None:
             return Outcome("Point at a part to choose it", "warn")
         self.part, self.giver = int(self.parts.flat[pixel]), "part"
-        return Outcome(f"{self.title(self.part).capitalize()} chosen")
+        return Outcome(f"{self.scheme.title(self.part).capitalize()} chosen")
 
     # Whole frame; a clean-up is previewed first
 
@@ -313,10 +300,9 @@ class EditController:
             self.preview = None
             stroke = editor.replace(operation, preview.parts, part, self._key(keys=self.keys))
             return self._outcome(stroke, "Nothing to change")
-        dropped = self.cancel().pixels
-        pixels = editor.preview(parts)
+        dropped, pixels = self.cancel().pixels, editor.preview(parts)
         name = "holes" if operation == "fill_holes" else "islands"
-        name += f" in {self.title(part)}" if part is not None else ""
+        name += f" in {self.scheme.title(part)}" if part is not None else ""
         if not len(pixels):
             return Outcome(f"This frame has no {name}", pixels=dropped)
         self.preview = _Preview(operation, part, parts, pixels)
@@ -330,9 +316,8 @@ class EditController:
         """
         if stroke is None:
             return Outcome(nothing, "warn")
-        return Outcome(
-            described(stroke, self.scheme, limb), pixels=np.union1d(stroke.pixels, self._drop_preview())
-        )
+        pixels = np.union1d(stroke.pixels, self._drop_preview())
+        return Outcome(described(stroke, self.scheme, limb), pixels=pixels)
 
     def _drop_preview(self) -> Int64:
         """Drop a preview; return the pixels (n,) that were marked."""
@@ -345,14 +330,14 @@ class EditController:
         if not taken.any():
             if drawing.only:
                 return "Nothing inside belongs to the part at the start"
-            return f"Only the room is inside: hold Shift and start on it to make it {self.title(self.part)}"
+            return "Only the room is inside: hold Shift and start on it to label it"
         return self._locked() if self.locks else self._already(self.part)
 
     def _already(self, part: int) -> str:
-        return f"This is already {self.title(self.part)}" if part == self.part else self._locked()
+        return f"This is already {self.scheme.title(self.part)}" if part == self.part else self._locked()
 
     def _locked(self) -> str:
-        names = ", ".join(self.title(part) for part in sorted(self.locks))
+        names = ", ".join(self.scheme.title(part) for part in sorted(self.locks))
         locked = f"Nothing changed: {names} locked (Shift and the part's key unlocks)"
         return locked if names else "Nothing to change"
 
