@@ -27,16 +27,21 @@ CHAIR = WARD.part_id["wheelchair"]
 
 def crowded(things: int) -> Scheme:
     """SMPL's parts and things without colours or keys."""
-    parts = [Part(40 + i, f"thing_{i}", f"Thing {i}", (9 * i, 200, 100)) for i in range(things)]
+    parts = [Part(40 + i, f"thing_{i}", f"Thing {i}", (2 * i, 200, 100)) for i in range(things)]
     return scheme_of("crowded", [*SMPL.parts, *parts])
 
 
 @pytest.fixture
 def opened(qapp, tmp_path):
-    """Open a window on a new set in a scheme."""
+    """Open a window on a new set in a scheme, or on the same set again; an earlier window is closed."""
     drivers = []
 
+    def close() -> None:
+        while drivers:
+            drivers.pop().close()
+
     def open_(scheme: Scheme, **options) -> Driver:
+        close()
         path = tmp_path / scheme.name
         if not path.exists():
             figure_set(path, [0.9, 0.5], scheme=scheme)
@@ -44,8 +49,7 @@ def opened(qapp, tmp_path):
         return drivers[-1]
 
     yield open_
-    for driver in drivers:
-        driver.close()
+    close()
 
 
 def part_at(driver: Driver, part: int) -> QPoint:
@@ -93,7 +97,7 @@ def test_sides_are_exchanged_limb_by_limb(opened):
     expected = np.where(np.isin(before, [*legs.ids]), SMPL.swap_left_right(before), before)
     np.testing.assert_array_equal(driver.parts, expected)
     assert "Left and right legs swapped" in driver.said
-    (stroke,) = driver.strokes()
+    (stroke,) = driver.correction.journal.strokes(driver.window.frame_id)
     assert stroke.operation == "swap_left_right" and (before != expected).any()
 
 
@@ -101,7 +105,7 @@ def test_sides_of_a_scheme_without_sides_are_refused(opened):
     driver = opened(SIX)
     driver.hover(part_at(driver, SIX.part_id["upper_arms"]))
     driver.key("swap")
-    assert "two sides" in driver.said and not driver.strokes()
+    assert "two sides" in driver.said and not driver.correction.journal.strokes(driver.window.frame_id)
 
 
 def test_islands_and_doubts_are_of_the_scheme(opened):
@@ -140,7 +144,6 @@ def test_a_wheelchair_is_drawn_undone_saved_and_opened_the_same(opened, tmp_path
     tile = driver.panels.palette_.tiles[CHAIR]
     assert tile.count == (drawn == CHAIR).sum() and "wheelchair" in driver.panels.status.next.text()
     driver.key("save")
-    driver.close()
     labels = LabelSet.open(tmp_path / "ward")
     assert validate(labels) == []
     np.testing.assert_array_equal(labels.read("000000").parts, drawn)
@@ -201,7 +204,6 @@ def test_another_set_is_compared_in_this_scheme_or_refused(opened, tmp_path):
     driver = opened(FEET, other=fine)
     other = driver.edits.frame.scene.other
     np.testing.assert_array_equal(other, FEET.table[regions_of_figure(driver)])
-    driver.close()
     with pytest.raises(FormatError, match=r"lies in several parts of scheme 'smpl-24'"):
         opened(SMPL, other=LabelSet.open(tmp_path / "hands-and-feet"))
 
