@@ -92,6 +92,37 @@ class Scheme:
         return 1 + max((part.id for part in self.parts), default=0)
 
     @cached_property
+    def class_ids(self) -> UInt8:
+        """Return the ids (k,) of a network's classes in order: the background, then the parts by id."""
+        return np.array([BACKGROUND, *(part.id for part in self.parts)], np.uint8)
+
+    @cached_property
+    def class_table(self) -> UInt8:
+        """Return uint8 (256,): a network's class by id; undefined and unused ids become 255."""
+        table = np.full(256, UNDEFINED, np.uint8)
+        table[self.class_ids] = np.arange(len(self.class_ids))
+        return table
+
+    @cached_property
+    def twin_classes(self) -> UInt8:
+        """Return uint8 (k,): the class on the other side, by class."""
+        return self.class_table[self.twin_table[self.class_ids]]
+
+    @cached_property
+    def body_classes(self) -> Int64:
+        """Return the sorted classes (n,) of the parts of the body."""
+        return np.flatnonzero([False, *(not part.is_free for part in self.parts)])
+
+    @cached_property
+    def is_of_regions(self) -> bool:
+        """Return whether each part is one region and no part is a thing."""
+        return all(len(part.regions) == 1 for part in self.parts)
+
+    def ids_of(self, regions: Iterable[Region]) -> tuple[int, ...]:
+        """Return the sorted ids of the parts that hold a region of ``regions``."""
+        return tuple(sorted({int(self.table[region]) for region in regions}))
+
+    @cached_property
     def is_label(self) -> Bool:
         """Return flags (256,) by id: True for parts, background and undefined."""
         return self._flags([BACKGROUND, UNDEFINED, *(part.id for part in self.parts)])

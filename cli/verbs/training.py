@@ -81,7 +81,7 @@ class _Choices:
         from eval.training.plan import ModernRecipe, PaperRecipe, Plan, best_precision
 
         weights, without = self.weights, self.without or []
-        model, config = load_weights(weights) if weights else (None, _config(self.network or "compact"))
+        model, config = load_weights(weights)[:2] if weights else (None, _config(self.network or "compact"))
         how = Augmentation(**{f.name: f.name not in without for f in fields(Augmentation)})
         kind = PaperRecipe if self.recipe == "paper" else ModernRecipe
         recipe = kind() if self.batch is None else kind(self.batch)
