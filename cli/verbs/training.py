@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from torch import nn
 
+    from annotate.scheme.scheme import Scheme
     from eval.network.networks import NetworkConfig
     from eval.training.calibration_split import CalibrationSplit
     from eval.training.crops import Crops
@@ -74,14 +75,20 @@ class _Choices:
 
         return SHIPPED_WEIGHTS.with_suffix(".safetensors")
 
-    def plan(self) -> "tuple[Plan, nn.Module | None]":
-        """Return the plan, and the network to start from if any."""
+    def plan(self, scheme: "Scheme") -> "tuple[Plan, nn.Module | None]":
+        """Return the plan, and the network to start from if any, with the classes of a scheme."""
+        from eval.network.expansion import expanded
         from eval.network.weights_file import load_weights
         from eval.training.augment import Augmentation
         from eval.training.plan import ModernRecipe, PaperRecipe, Plan, best_precision
 
         weights, without = self.weights, self.without or []
-        model, config = load_weights(weights)[:2] if weights else (None, _config(self.network or "compact"))
+        model: nn.Module | None = None
+        if weights:
+            start, config, known = load_weights(weights)
+            model = expanded(start, config, known, scheme)
+        else:
+            config = _config(self.network or "compact")
         how = Augmentation(**{f.name: f.name not in without for f in fields(Augmentation)})
         kind = PaperRecipe if self.recipe == "paper" else ModernRecipe
         recipe = kind() if self.batch is None else kind(self.batch)
@@ -105,6 +112,9 @@ def train(
         RecipeName, Option(help="modern: AdamW with one cycle; paper: SGD on a summed loss.")
     ] = "modern",
     init: Annotated[Path | None, Option(help="Weights to start from (.safetensors), or shipped.")] = None,
+    scheme: Annotated[
+        Path | None, Option(help="Scheme to train on, name or file (TOML).", show_default="the data's")
+    ] = None,
     without: Annotated[list[Without] | None, Option(help="Augmentation to leave out; repeatable.")] = None,
     epochs: Annotated[
         int | None, Option(min=1, max=10_000, help="Passes over all images.", show_default="12")
@@ -132,14 +142,15 @@ def train(
     started, tests = time.monotonic(), test or []
     choices = _Choices(network, recipe, init, without, epochs, minutes, batch, seed, precision)
     inputs = _checked(data, tests, hold_out, choices)
+    parts = _scheme(scheme, [*data, *tests])
     check_room(out, PLAN, overwrite, *inputs)
     with needing("train"):
         from eval.training.processes import ProcessGroup
         from eval.training.train import Data
         from eval.training.train import train as run
     with ProcessGroup.join() as group:
-        plan, start = choices.plan()
-        split, measured = _crops(data, tests, frozenset(hold_out or []), test_images)
+        plan, start = choices.plan(parts)
+        split, measured = _crops(data, tests, frozenset(hold_out or []), test_images, parts)
         if group.first:
             _say_unchecked([*data, *tests])
             clear(out, PLAN, overwrite, *inputs)
@@ -149,6 +160,22 @@ def train(
     if group.first:
         say(split.note)
         _finish(_written(out, model, plan, split), done.epochs, started, json)
+
+
+def _scheme(given: Path | None, paths: list[Path]) -> "Scheme":
+    """Return the scheme to train on, which all labels convert to. Raises CloudError where they do not."""
+    from annotate.labelset.labelled_frames import open_frames
+    from annotate.scheme.merging import conversion_table
+    from annotate.scheme.scheme_file import load_scheme
+    from eval.training.crops import common_scheme
+
+    opened = [open_frames(path) for path in paths]
+    if given is None:
+        return common_scheme(opened)
+    scheme = load_scheme(str(given))
+    for frames in opened:
+        conversion_table(frames.scheme, scheme)
+    return scheme
 
 
 def _left_out(split: "CalibrationSplit", hold_out: list[str]) -> tuple[str, ...]:
@@ -206,9 +233,10 @@ def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSpl
     from eval.training.confidence_temperature import fitted_temperature
 
     weights, held = out / "weights.onnx", split.calibrated
-    save_weights(weights.with_suffix(".safetensors"), model, plan.network)
+    scheme = split.trained.scheme
+    save_weights(weights.with_suffix(".safetensors"), model, plan.network, scheme)
     temperature = 1.0 if held is None else fitted_temperature(model, held.spread(CALIBRATED_ON))
-    export_network(model, weights, temperature)
+    export_network(model, weights, temperature, scheme)
     calibrated_on = split.described()
     return {
         "temperature": round(temperature, 4),
@@ -233,16 +261,16 @@ def _config(network: NetworkName) -> "NetworkConfig":
 
 
 def _crops(
-    data: list[Path], tests: list[Path], hold_out: frozenset[str], images: int
+    data: list[Path], tests: list[Path], hold_out: frozenset[str], images: int, scheme: "Scheme"
 ) -> "tuple[CalibrationSplit, Crops | None]":
     """Return images to train on, to calibrate on, and to measure on if any; the three share no image."""
     from eval.training.calibration_split import calibration_split
     from eval.training.crops import load_crops
 
-    split = calibration_split(load_crops(data, without=hold_out))
+    split = calibration_split(load_crops(data, without=hold_out, scheme=scheme))
     if hold_out:
-        return split, load_crops(data, only=hold_out).spread(images)
-    return split, load_crops(tests).spread(images) if tests else None
+        return split, load_crops(data, only=hold_out, scheme=scheme).spread(images)
+    return split, load_crops(tests, scheme=scheme).spread(images) if tests else None
 
 
 @contextmanager

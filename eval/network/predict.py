@@ -83,6 +83,15 @@ class PredictOptions:
 DEFAULT = PredictOptions()
 
 
+def fits(options: PredictOptions, network: OnnxNetwork) -> bool:
+    """Return whether the networks can give labels in the scheme of the options, one after the other."""
+    try:
+        options.chained(network)
+    except FormatError:
+        return False
+    return True
+
+
 @dataclass(frozen=True)
 class Networks:
     """Network of the first labels, and the networks that refine them. scheme: of the last labels."""

@@ -17,6 +17,7 @@ from annotate.cloud.coarse import CoarseFuser
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
+from annotate.labelset import convert
 from annotate.labelset.labelled_frames import LabelledFrames, camera_of, pinhole_of
 from annotate.parts import PAPER
 from annotate.person.extract import PersonMask
@@ -124,7 +125,7 @@ def in_scheme(frame: FrameLabels, scheme: Scheme) -> FrameLabels:
     """Return a frame with its labels in a coarser scheme. Raises FormatError where a part would be split."""
     if frame.scheme == scheme:
         return frame
-    return replace(frame, parts=conversion_table(frame.scheme, scheme)[frame.parts], scheme=scheme)
+    return convert.in_scheme(frame, scheme, conversion_table(frame.scheme, scheme))
 
 
 def _near(view: View) -> Rectangle:

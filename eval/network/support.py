@@ -36,8 +36,8 @@ def support_of(
 ) -> str:
     """Return "floor", "furniture", or "" where the cloud shows no floor or too little of the parts.
 
-    parts: (h, w), of one person, ids of ``scheme``. points_m: (h, w, 3), frame of an upright camera, NaN = no reading. floor:
-    result of ``floor_of``. On a bed that hides the whole floor the result is "floor".
+    parts: (h, w), of one person, ids of ``scheme``. points_m: (h, w, 3), frame of an upright camera, NaN = no
+    reading. floor: result of ``floor_of``. On a bed that hides the whole floor the result is "floor".
     """
     carried = np.isin(parts, scheme.ids_of(CARRIED.get(posture, _LEGS)))
     points = points_m[carried & np.isfinite(points_m[..., 2])]
