@@ -59,6 +59,11 @@ class SuitNetwork:
         self._load(file)
         self.scheme = scheme
 
+    @property
+    def usual_scheme(self) -> Scheme:
+        """Return the scheme of labels by default: ``scheme``, ``paper`` for a network of regions."""
+        return PAPER if self.scheme.is_of_regions else self.scheme
+
     def in_scheme(self, scheme: Scheme) -> "SuitNetwork":
         """Return the network with probabilities of a scheme's classes, sums of the own ones.
 
@@ -70,7 +75,7 @@ class SuitNetwork:
         return converted
 
     def __copy__(self) -> "SuitNetwork":
-        converted = object.__new__(SuitNetwork)
+        converted = object.__new__(type(self))
         converted.__dict__.update(self.__dict__)
         return converted
 

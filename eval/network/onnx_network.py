@@ -92,8 +92,8 @@ class OnnxNetwork:
 
     @property
     def usual_scheme(self) -> Scheme:
-        """Return the scheme of labels by default: the network's own, ``paper`` for a network of regions."""
-        return PAPER if self.own.is_of_regions else self.own
+        """Return the scheme of labels by default: ``scheme``, ``paper`` for a network of regions."""
+        return PAPER if self.scheme.is_of_regions else self.scheme
 
     def in_scheme(self, scheme: Scheme) -> "OnnxNetwork":
         """Return the network with labels in a scheme: each part has the summed probability of its classes.

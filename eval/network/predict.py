@@ -34,8 +34,9 @@ class PredictOptions:
     probabilities: keep the probabilities of all classes. everybody: label all persons, not the subject alone.
     window_c: lowest and highest temperature of persons. room_refiner: network that refines labels where a
     frame shows the room, and deletes no sure part (``keep_sure_parts``). refiners: networks that then refine
-    all labels, one after the other, and may delete. scheme: of the labels; None = the network's usual one.
-    everybody, window_c and room_refiner affect recordings only; batch, frames at once, label sets only.
+    all labels, one after the other, and may delete. scheme: of the labels; None = the usual one of the
+    last network. everybody, window_c and room_refiner affect recordings only; batch, frames at once, label
+    sets only.
     """
 
     probabilities: bool = False
@@ -66,7 +67,8 @@ class PredictOptions:
 
         Raises FormatError where one of them cannot give the next scheme.
         """
-        target = self.scheme or network.usual_scheme
+        last = self.refiners[-1] if self.refiners else network
+        target = self.scheme or last.usual_scheme
         refiners = self.all_refiners
         schemes = [*(one.own for one in refiners), target]
         chain = [one.in_scheme(after) for one, after in zip(refiners, schemes[1:], strict=True)]

@@ -100,7 +100,7 @@ def refine(
     if view_of_depth is None:
         return in_scheme(first, network.scheme)
     cloud, view = view_of_depth
-    where, named, sure = fine_pass(cloud, view, _near(view), None, network)
+    where, named, sure = fine_pass(cloud, view, _near(view, network.own), None, network)
     own = parts_of(named, network.scheme)
     if first.persons is not None:
         own = np.where(first.persons[where] <= 1, own, np.uint8(BACKGROUND))
@@ -128,10 +128,12 @@ def in_scheme(frame: FrameLabels, scheme: Scheme) -> FrameLabels:
     return convert.in_scheme(frame, scheme, conversion_table(frame.scheme, scheme))
 
 
-def _near(view: View) -> Rectangle:
+def _near(view: View, scheme: Scheme) -> Rectangle:
     """Return slices of a view's rows and columns: the bounding box of its labelled person, enlarged
-    by ``NEAR_M``.
+    by ``NEAR_M``; the whole view in a scheme with things.
     """
+    if scheme.is_thing.any():
+        return Rectangle(*(slice(0, side) for side in view.planes.shape[1:]))
     own, margin = (view.planes[0] & SUBJECT) > 0, round(NEAR_M * view.pixels_per_m)
     ends = (np.flatnonzero(own.any(axis=1 - axis))[[0, -1]] for axis in (0, 1))
     sides = zip(ends, own.shape, strict=True)
