@@ -63,10 +63,9 @@ class FrameFuser(Protocol[C_co]):
 
 
 class Labeller(Protocol[C, S]):
-    """Steps that label a frame. ``detect`` does all work that needs no other frame.
+    """Steps that label a frame, in a scheme. ``detect`` does all work that needs no other frame.
 
-    ``label`` takes the stored labels of the previous frame; None at first and after a failed frame. scheme:
-    of the labels.
+    ``label`` takes the stored labels of the previous frame; None at first and after a failed frame.
     """
 
     @property
@@ -163,10 +162,9 @@ class SuitLabeller:
     ) -> tuple[Segmentation, PersonMask]:
         """Return the segmentation and mask of a frame's subject; before: previous labels."""
         person = detection.persons.person(before)
-        if not person.trusted:
-            return unlabelled(person.mask, scheme=self.scheme), person
-        if self.suit is None:
-            return unlabelled(person.mask, NO_SUIT, scheme=self.scheme), person
+        if not person.trusted or self.suit is None:
+            notes = (NO_SUIT,) if person.trusted else ()
+            return unlabelled(person.mask, *notes, scheme=self.scheme), person
         segmenter = SuitSegmenter(self.suit, self._network, self.single_pass)
         return segmenter.segment(detection.cloud, detection.view(person), person, before)
 
@@ -336,15 +334,8 @@ def labels_of(
     notes |= {"people": person.tracks} if person.tracks else {}
     notes |= {ILLUMINANT: result.illuminant.log_gain.round(3).tolist()} if result.illuminant else {}
     persons = np.where(person.mask, np.uint8(1), np.where(person.others, person.persons, np.uint8(0)))
-    return FrameLabels(
-        frame_id,
-        depth_mm,
-        result.parts,
-        result.confidence,
-        notes=notes,
-        persons=persons,
-        scheme=result.scheme,
-    )
+    images = depth_mm, result.parts, result.confidence
+    return FrameLabels(frame_id, *images, notes=notes, persons=persons, scheme=result.scheme)
 
 
 def calibrated(frame: RigFrame, calibration: RigCalibration) -> tuple[RigFrame, list[str]]:

@@ -99,7 +99,7 @@ def rectangle(cloud: ThermalCloud, subject: Bool) -> tuple[Rectangle, float]:
 
 
 def channels(cloud: ThermalCloud, room: Room, person: PersonMask, where: Rectangle) -> UInt8:
-    """Return the channels uint8 (n, h, w) of a rectangle around the subject, in number those of ``paper``.
+    """Return the channels uint8 (n, h, w) of a rectangle around the subject, as many as ``paper`` has.
 
     Likelihoods and previous parts are left 0; see ``with_likelihoods``, ``with_before`` and ``fitted_to``.
     """
@@ -153,7 +153,7 @@ def with_before(planes: UInt8, before: FrameLabels, where: Rectangle, scheme: Sc
 
 
 def in_parts(likelihood: Float32, suit: Scheme, scheme: Scheme) -> Float32:
-    """Return log likelihoods (k, n) of a scheme's body parts from (m, n) of the suit's.
+    """Return log likelihoods (k, n) of a scheme's body parts from (m, n) of the suit's parts.
 
     A part has the greatest likelihood over the suit's parts that share a region with the part.
     """

@@ -1,9 +1,8 @@
 """Weights for a scheme's classes from a network of another scheme's classes.
 
-A class of a finer scheme starts as its parent, the class that holds its regions, with the parent's score
-lowered by the logarithm of the number of children. The children's summed probability is then the parent's. A
-thing starts as a child of the background. A class of a coarser scheme starts as the mean of the classes that
-it holds.
+The parent of a finer class is the class that holds its regions; the background is the parent of a thing. A
+class starts with its parent's score, lowered by the logarithm of the number of children. The children's
+summed probability is then the parent's. A coarser class starts as the mean of the classes that it holds.
 """
 
 from collections import Counter
@@ -38,7 +37,7 @@ def parents_of(old: Scheme, new: Scheme) -> list[list[int]]:
 
 
 def started(values: Tensor, parents: Parents) -> Tensor:
-    """Return weights (n, ...) of new classes: the means over their parents' weights (n', ...)."""
+    """Return weights (n, ...) of new classes: the means over their parents in (n', ...)."""
     return torch.stack([values[list(one)].mean(dim=0) for one in parents])
 
 
@@ -53,14 +52,14 @@ def started_bias(bias: Tensor, parents: Parents) -> Tensor:
 
 
 def start_layer(values: dict[str, Tensor], layer: str, parents: Parents, n_old: int) -> None:
-    """Replace a layer's weights and bias by those of new classes; its rows are ``n_old`` equal blocks."""
+    """Replace a layer's weights and bias for new classes; its rows are ``n_old`` equal blocks."""
     for name, start in ((f"{layer}.weight", started), (f"{layer}.bias", started_bias)):
         blocks = values[name].reshape(n_old, -1, *values[name].shape[1:])
         values[name] = start(blocks, parents).flatten(0, 1)
 
 
 def expanded(model: nn.Module, config: NetworkConfig, old: Scheme, new: Scheme) -> nn.Module:
-    """Return a network for the classes of ``new`` from one for those of ``old``.
+    """Return a network for the classes of ``new`` from one for the classes of ``old``.
 
     Where each class of ``new`` has one parent and each class of ``old`` a child, the probabilities summed by
     parent are the old ones. Raises CloudError for a network whose last layer has no bias.

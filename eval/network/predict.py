@@ -114,8 +114,8 @@ def predict_frames(
     """Label the persons of a label set or a dataset with the network; resume an interrupted run.
 
     Unreadable frames are left out and listed. Raises ExistsError where ``out`` holds another run,
-    ClaimedError while it is in use, CloudError without a usable frame, FormatError for a damaged dataset or a
-    scheme that the networks cannot give.
+    ClaimedError while it is in use, CloudError without a usable frame. Raises FormatError for a damaged
+    dataset or a scheme that the networks cannot give.
     """
     if not len(frames):
         raise CloudError(f"{frames.path} holds no frames; give a label set or dataset with frames")

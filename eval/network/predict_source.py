@@ -163,13 +163,13 @@ def _without_things(found: Segmentation, person: PersonMask) -> tuple[Segmentati
     return found, replace(person, mask=person.mask & ~things, persons=persons)
 
 
-def _joined(results: Sequence[tuple[int, Segmentation]], nobody: Segmentation) -> Segmentation:
+def _joined(results: Sequence[tuple[int, Segmentation]], empty: Segmentation) -> Segmentation:
     """Return the merged labels of several persons of one image.
 
-    results: person ids with their labels. nobody: labels of an image without persons.
+    results: person ids with their labels. empty: labels of an image without persons.
     """
     if not results:
-        return nobody
+        return empty
     if len(results) == 1 and results[0][0] == 1:
         return results[0][1]
     parts = np.maximum.reduce([result.parts for _, result in results])
@@ -179,4 +179,4 @@ def _joined(results: Sequence[tuple[int, Segmentation]], nobody: Segmentation) -
     own = states.pop(1, {})
     others = {"others": {str(n): note for n, note in states.items()}}
     bearing = own | others if own or states else None
-    return Segmentation(parts, confidence, notes, bearing=bearing, scheme=nobody.scheme)
+    return Segmentation(parts, confidence, notes, bearing=bearing, scheme=empty.scheme)

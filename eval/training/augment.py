@@ -72,7 +72,7 @@ def augment(example: Example, how: Augmentation, rng: np.random.Generator, schem
     if how.noise and rng.random() < SMOOTH:
         smooth = np.maximum(cv2.medianBlur(depth, 5), LEAST_VALUE)
         depth = np.where(depth > 0, smooth, depth).astype(np.float32)
-    depth, parts = _incomplete((depth, parts), how, rng, scheme)
+    depth, parts = _incomplete(depth, parts, how, rng, scheme)
     if how.extras and rng.random() < 0.25:
         depth = _with_extras(depth, rng)
     if how.borders and rng.random() < FRAMED:
@@ -95,9 +95,11 @@ def _masked(kept: Bool, depth: Float32, parts: UInt8) -> Image:
     return np.where(kept, depth, np.float32(0)), np.where(kept, parts, np.uint8(BACKGROUND))
 
 
-def _incomplete(whole: Image, how: Augmentation, rng: np.random.Generator, scheme: Scheme) -> Image:
+def _incomplete(
+    depth: Float32, parts: UInt8, how: Augmentation, rng: np.random.Generator, scheme: Scheme = PAPER
+) -> Image:
     """Return a crop with parts of the person hidden and cut, or unchanged where too little would be left."""
-    least, (depth, parts) = MIN_LEFT, whole
+    least, whole = MIN_LEFT, (depth, parts)
     if how.occluders:
         if rng.random() < BLANKETS:
             depth, parts = add_blanket(depth, parts, rng, scheme)

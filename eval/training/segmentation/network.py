@@ -40,8 +40,7 @@ def inputs_of(scheme: Scheme) -> int:
 
 
 class SuitNet(nn.Module):
-    """Network (B, n, h, w), sides multiples of 16 -> scores (B, K + 1, h, w) of the classes of a scheme, the
-    background first, and of another person.
+    """Network (B, n, h, w), sides multiples of 16 -> scores (B, K + 1, h, w) of classes and another person.
 
     A U-Net (Ronneberger et al. 2015) with self-attention at its coarsest level. Its finest level has half of
     the sides: there four scores of each class stand for four pixels.

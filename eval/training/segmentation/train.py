@@ -175,8 +175,8 @@ def train_labels(
 
     The network gets the classes of the labels' scheme. An interrupted run is resumed. The same recordings,
     steps and seed give the same weights. Examples, 3 MB a frame, are removed at the end. Raises CloudError
-    for one recording, several schemes or no usable frame, ExistsError for another or a finished training in
-    ``out``, ClaimedError while it is in use.
+    for one recording, several schemes or no usable frame. Raises ExistsError for another or a finished
+    training in ``out``, ClaimedError while it is in use.
     """
     if len(recordings) < 2:
         raise CloudError(
