@@ -184,8 +184,14 @@ def _write(
     if (state := BodyState.from_note(result.bearing)) is not None:
         notes["bearing"] = state.faced_by_joints(camera_in(frames, frame)).note()
     notes |= {name: frame.notes[name] for name in ("crop", "intrinsics") if name in frame.notes}
-    images = {"parts": result.parts, "confidence": result.confidence}
-    labelled = replace(frame, **images, status="auto", notes=notes, scheme=result.scheme)
+    labelled = replace(
+        frame,
+        parts=result.parts,
+        confidence=result.confidence,
+        status="auto",
+        notes=notes,
+        scheme=result.scheme,
+    )
     if networks.room_refiner:
         labelled = in_scheme(labelled, networks.room_refiner.scheme)
     if networks.refiners:

@@ -173,7 +173,8 @@ def _start_inputs(filters: Tensor, old: Scheme, new: Scheme) -> Tensor:
     of_likelihoods = len(old.body_classes)
     likelihoods, rest = filters[:, filters.shape[1] - of_likelihoods :], filters[:, :-of_likelihoods]
     start = rest.shape[1] - len(FIXED) + 2 - len(old.parts)  # after the flags
-    flags, before, others = rest.split([start, len(old.parts), rest.shape[1] - start - len(old.parts)], 1)
+    stop = start + len(old.parts)
+    flags, before, others = rest[:, :start], rest[:, start:stop], rest[:, stop:]
     # The background has no plane.
     known = torch.cat([torch.zeros_like(before[:, :1]), before], dim=1).transpose(0, 1)
     body = old.body_classes.tolist()
