@@ -178,9 +178,7 @@ def labelling_by(suit: Suit | None) -> Labelling:
             lambda cloud, before: label_cloud(coarse, CoarseCloud.of(cloud), before),
             lambda labels, camera: _body_pose(BodyState.from_note(labels.notes.get("bearing")), camera),
         )
-    suit_network = shipped_suit_network()
-    suit_network = suit_network.in_scheme(suit_network.usual_scheme)
-    labeller = SuitLabeller(suit, suit_network, single_pass=True)
+    labeller = SuitLabeller(suit, shipped_suit_network().for_suit(suit), single_pass=True)
     return Labelling(partial(label_cloud, labeller), partial(_suit_body_pose, network))
 
 

@@ -7,8 +7,6 @@ torch = pytest.importorskip("torch")
 
 from annotate.parts import PAPER  # noqa: E402
 from annotate.scheme.merging import class_sums  # noqa: E402
-from annotate.scheme.regions import Region  # noqa: E402
-from annotate.scheme.scheme import Part, scheme_of  # noqa: E402
 from annotate.scheme.scheme_file import load_scheme  # noqa: E402
 from eval.network.compact import CompactConfig  # noqa: E402
 from eval.network.expansion import expanded  # noqa: E402
@@ -20,8 +18,7 @@ from eval.network.weights_file import load_weights, save_weights  # noqa: E402
 from sensors.errors import CloudError, FormatError  # noqa: E402
 from tests.helpers.schemes import WARD  # noqa: E402
 
-REGIONS = scheme_of("regions", [Part(r, r.label, r.label, (0, 0, 0), "", frozenset({r})) for r in Region])
-SIX, HANDS = load_scheme("six"), load_scheme("hands-and-feet")
+REGIONS, SIX, HANDS = load_scheme("atlas"), load_scheme("six"), load_scheme("hands-and-feet")
 TINY = CompactConfig((4, 8, 8), 1)
 
 

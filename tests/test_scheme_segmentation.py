@@ -10,13 +10,15 @@ from annotate.scheme.merging import class_sums  # noqa: E402
 from annotate.scheme.scheme import Part, scheme_of  # noqa: E402
 from annotate.scheme.scheme_file import load_scheme  # noqa: E402
 from annotate.segmentation.input_channels import FIXED, channel_names, network_input  # noqa: E402
-from annotate.segmentation.segment import in_suit_parts, parts_of  # noqa: E402
+from annotate.segmentation.segment import parts_of  # noqa: E402
 from annotate.segmentation.suit_network import (  # noqa: E402
     SuitNetwork,
     flipped,
     other_person,
     swap_classes,
 )
+from annotate.suit.color_model import unfitted  # noqa: E402
+from annotate.suit.palette import DEFAULT_SUIT  # noqa: E402
 from eval.training.segmentation.augmentation import Sampling, draw_sample  # noqa: E402
 from eval.training.segmentation.examples import Example  # noqa: E402
 from eval.training.segmentation.network import (  # noqa: E402
@@ -125,12 +127,18 @@ def test_samples_hold_classes_of_their_scheme_alone(scheme):
         assert network_input(drawn.planes, len(scheme.parts)).shape[0] == inputs_of(scheme)
 
 
-def test_probabilities_of_the_suit_s_parts_add_up_to_those_of_the_body():
-    rng = np.random.default_rng(2)
+def test_classes_are_the_parts_by_id_and_another_person_is_background():
     for scheme in (PAPER, SIX, HANDS, WARD, REGIONS):
-        chance = rng.dirichlet(np.ones(other_person(scheme) + 1), 50).T.astype(np.float32)
-        belief = in_suit_parts(chance, scheme)
-        assert belief.shape == (len(PAPER.parts), 50)
-        np.testing.assert_allclose(belief.sum(0), chance[scheme.body_classes].sum(0), rtol=1e-5)
         named = np.arange(other_person(scheme) + 1, dtype=np.uint8)
         assert parts_of(named, scheme).tolist() == [*scheme.class_ids.tolist(), 0]
+
+
+def test_a_part_s_likelihood_is_the_greatest_of_its_parts_in_a_finer_scheme():
+    model, rng = unfitted(DEFAULT_SUIT), np.random.default_rng(4)
+    rgb = rng.integers(30, 240, (200, 3)).astype(np.uint8)
+    regions = model.evidence(rgb, REGIONS)
+    for scheme in (PAPER, SIX, HANDS, WARD):
+        body = [part for part in scheme.parts if part.regions]
+        for likely, part in zip(model.evidence(rgb, scheme), body, strict=True):
+            rows = [region - 1 for region in part.regions]
+            np.testing.assert_array_equal(likely, regions[rows].max(axis=0))

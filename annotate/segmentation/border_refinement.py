@@ -11,7 +11,7 @@ from annotate.cloud.grid import JUMP
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
-from annotate.segmentation.input_channels import Rectangle, in_parts
+from annotate.segmentation.input_channels import Rectangle
 from annotate.suit.color_model import ColorModel, readable
 
 SURELY_ROOM = 0.98  # probability from which a pixel stays background
@@ -61,7 +61,7 @@ def _by_color(
     others = np.setdiff1d(np.arange(len(scores)), parts)
     rgb = cloud.color_rgb[where][undecided]
     usable = readable(rgb, cloud.color_valid[where][undecided])
-    of_parts = in_parts(illuminant.evidence(rgb[usable]), PAPER, scheme)
+    of_parts = illuminant.evidence(rgb[usable], scheme)
     weight = np.exp(scores[parts][:, usable])
     found[np.ix_(parts, usable)] = of_parts
     found[np.ix_(others, usable)] = (weight * of_parts).sum(axis=0) / weight.sum(axis=0)

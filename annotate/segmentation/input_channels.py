@@ -152,18 +152,6 @@ def with_before(planes: UInt8, before: FrameLabels, where: Rectangle, scheme: Sc
     return made
 
 
-def in_parts(likelihood: Float32, suit: Scheme, scheme: Scheme) -> Float32:
-    """Return log likelihoods (k, n) of a scheme's body parts from (m, n) of the suit's parts.
-
-    A part has the greatest likelihood over the suit's parts that share a region with the part.
-    """
-    if suit == scheme:
-        return likelihood
-    rows = {part.id: row for row, part in enumerate(part for part in suit.parts if not part.is_free)}
-    of_parts = (suit.ids_of(part.regions) for part in scheme.parts if not part.is_free)
-    return np.stack([likelihood[[rows[i] for i in ids]].max(axis=0) for ids in of_parts])
-
-
 def with_likelihoods(
     planes: UInt8, rgb: UInt8, illuminant: ColorModel, among: Bool | bool = True, scheme: Scheme = PAPER
 ) -> UInt8:
@@ -176,7 +164,7 @@ def with_likelihoods(
     own = rgb.reshape(-1, 3).take(wanted, axis=0)
     match = illuminant.match(chromaticity(own), blur(own))
     made = planes.copy()
-    rows = (*match[illuminant.bare], *in_parts(illuminant.by_part(match), PAPER, scheme))
+    rows = (*match[illuminant.bare], *illuminant.by_part(match, scheme))
     for plane, likelihood in zip(made[FIXED.index("skin") :], rows, strict=True):
         _put(plane.reshape(-1), wanted, _bytes(likelihood, *LOG_LIKELIHOOD))
     return made

@@ -207,13 +207,13 @@ def coarse_pass(view: View, suit: Suit, network: SuitNetwork) -> tuple[Rectangle
     if view.kept is not None:
         near, rgb, belief = _find_parts(view, view.kept, ROUGH_M, network)
         if len(rgb):
-            illuminant = refit_colors(view.kept, rgb, belief)
+            illuminant = refit_colors(view.kept, rgb, belief, network.scheme)
             moved = np.abs(illuminant.log_gain - view.kept.log_gain).max()
-            if moved < SAME_ILLUMINANT and illuminant.worn(rgb, belief) > WORN_SHARE:
+            if moved < SAME_ILLUMINANT and illuminant.worn(rgb, belief, network.scheme) > WORN_SHARE:
                 return near, illuminant
     illuminant = fit_illuminant(suit, view.colors)
     near, rgb, belief = _find_parts(view, illuminant, SAMPLE_M, network)
-    return near, fit_illuminant(suit, rgb, belief) if len(rgb) else illuminant
+    return near, fit_illuminant(suit, rgb, belief, network.scheme) if len(rgb) else illuminant
 
 
 def _find_parts(
@@ -237,24 +237,8 @@ def _find_parts(
         sides = (_grown(own.any(axis=1 - axis), step, margin, side) for axis, side in enumerate(shape))
         near = Rectangle(*sides)
     seen = own & ((planes[0] & SEEN) > 0)
-    belief = in_suit_parts(chance[:, seen], scheme).T.astype(np.float64)
+    belief = chance[scheme.body_classes][:, seen].T.astype(np.float64)
     return near, rgb[seen], belief / belief.sum(axis=1, keepdims=True)
-
-
-def in_suit_parts(chance: Float32, scheme: Scheme, suit: Scheme = PAPER) -> Float32:
-    """Return probabilities (m, n) of the suit's parts of the body from (K + 1, n) of a scheme's classes.
-
-    A class counts in equal shares for the suit's parts that share a region with the class.
-    """
-    if scheme == suit:
-        return chance[scheme.body_classes]
-    rows = {part.id: row for row, part in enumerate(part for part in suit.parts if not part.is_free)}
-    belief = np.zeros((len(rows), chance.shape[1]), np.float32)
-    for part in scheme.parts:
-        ids = suit.ids_of(part.regions)
-        for i in ids:
-            belief[rows[i]] += chance[scheme.class_table[part.id]] / np.float32(len(ids))
-    return belief
 
 
 def _grown(seen: Bool, step: int, margin: int, side: int) -> slice:

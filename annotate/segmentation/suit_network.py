@@ -18,6 +18,7 @@ from annotate.scheme.merging import class_sums, conversion_table
 from annotate.scheme.scheme import Scheme
 from annotate.segmentation.input_channels import FIXED, Rectangle, fitted_to, network_input
 from annotate.segmentation.split_network import INPUT, PLACE, split_network
+from annotate.suit.palette import Suit
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 
@@ -58,6 +59,12 @@ class SuitNetwork:
         file, scheme = state
         self._load(file)
         self.scheme = scheme
+
+    def for_suit(self, suit: Suit | None) -> "SuitNetwork":
+        """Return the network with labels in the suit's scheme if the classes are regions, else in the usual
+        scheme.
+        """
+        return self.in_scheme(suit.scheme if suit and self.own.is_of_regions else self.usual_scheme)
 
     @property
     def usual_scheme(self) -> Scheme:

@@ -73,7 +73,7 @@ def label(
     if source is not None:
         check_room(out, store.MANIFEST, overwrite, session, *given)
     network = SuitNetwork(weights) if weights else shipped_suit_network()
-    labeller = SuitLabeller(palette, network.in_scheme(network.usual_scheme), window)
+    labeller = SuitLabeller(palette, network.for_suit(palette), window)
     if source is None:
         one = partial(_label, labeller)
         label_each("label", one, sessions, out, EachOptions(scheduler, overwrite, json))
