@@ -20,11 +20,13 @@ FAR_DEG = 110.0  # off the earlier facings, from which front is taken for back
 NEAR_DEG = 60.0  # off the earlier facings, below which the exchanged person fits
 SAME_PLACE = 0.6  # least overlap (IoU) with the frame before; a walking person has 0.8 at 30 frames/s
 REACH_PX = 4  # around a joint, in which its parts lie: a wrist's thickness at 2 m
+_FOREARM = (Region.LEFT_FOREARM, Region.LEFT_HAND, Region.LEFT_FINGERS)
+_LOWER_LEG = (Region.LEFT_LOWER_LEG, Region.LEFT_FOOT, Region.LEFT_TOES)
 LIMBS = {
-    "left_elbow": (Region.LEFT_UPPER_ARM, Region.LEFT_FOREARM),
-    "left_wrist": (Region.LEFT_FOREARM, Region.LEFT_HAND),
-    "left_knee": (Region.LEFT_UPPER_LEG, Region.LEFT_LOWER_LEG),
-    "left_ankle": (Region.LEFT_LOWER_LEG, Region.LEFT_FOOT),
+    "left_elbow": (Region.LEFT_UPPER_ARM, *_FOREARM),
+    "left_wrist": _FOREARM,
+    "left_knee": (Region.LEFT_UPPER_LEG, *_LOWER_LEG),
+    "left_ankle": _LOWER_LEG,
 }
 """Joints that lie in the regions of one side, and these regions."""
 

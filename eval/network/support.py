@@ -23,7 +23,10 @@ STEP_M = 0.25  # height of the lowest part from which furniture carries the pers
 LOW_SHARE, LEAST_POINTS = 0.1, 20  # share of the points below a part's height; least points
 STANDING_HIPS = 0.51  # of the head's height; 0.57 in standing adults (Drillis and Contini 1966), 0.44 seated
 LEAST_HIPS_M = 0.35  # above the floor; nearer hips decide nothing, because the floor may be a table's top
-_TRUNK = (Region.CHEST, Region.BELLY, Region.LOWER_BELLY, Region.HIP)
+_TRUNK = (
+    *(Region.CHEST, Region.BELLY, Region.LOWER_BELLY, Region.HIP),
+    *(Region.LEFT_SHOULDER, Region.RIGHT_SHOULDER),
+)
 _LEGS = tuple(
     Region[f"{side}_{name}"] for side in ("LEFT", "RIGHT") for name in ("LOWER_LEG", "FOOT", "TOES")
 )

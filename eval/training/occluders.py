@@ -13,17 +13,16 @@ from annotate.parts import PAPER
 from annotate.scheme.regions import Region
 from annotate.scheme.scheme import BACKGROUND, Scheme
 
-TRUNK = (Region.CHEST, Region.BELLY, Region.LOWER_BELLY)
-LEGS = (Region.LEFT_LOWER_LEG, Region.RIGHT_LOWER_LEG)
-"""Regions of the trunk and of the lower legs: a blanket lies between them."""
-UNDER = (
-    *TRUNK,
-    Region.HIP,
-    Region.LEFT_UPPER_LEG,
-    Region.RIGHT_UPPER_LEG,
-    *LEGS,
-    *(Region[f"{side}_{name}"] for side in ("LEFT", "RIGHT") for name in ("FOOT", "TOES")),
+TRUNK = (
+    *(Region.CHEST, Region.BELLY, Region.LOWER_BELLY),
+    *(Region.LEFT_SHOULDER, Region.RIGHT_SHOULDER),
 )
+LEGS = (
+    *(Region.LEFT_LOWER_LEG, Region.LEFT_FOOT, Region.LEFT_TOES),
+    *(Region.RIGHT_LOWER_LEG, Region.RIGHT_FOOT, Region.RIGHT_TOES),
+)
+"""Regions of the trunk, and of the lower legs and feet: a blanket lies between them."""
+UNDER = (*TRUNK, Region.HIP, Region.LEFT_UPPER_LEG, Region.RIGHT_UPPER_LEG, *LEGS)
 """Regions of trunk and legs, which carry a blanket."""
 UNSEEN = 0.4  # share of the blankets that hide the person and have no depth
 ROUGH = 0.006  # of 2000 mm: a larger step between neighbours is a border, not noise

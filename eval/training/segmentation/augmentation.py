@@ -19,9 +19,8 @@ from eval.training.segmentation.examples import Example
 FLAGS, BEFORE = FIXED.index("flags"), FIXED.index("before")
 WARMTH = slice(FIXED.index("share"), FIXED.index("celsius") + 1)
 COLORS = slice(FIXED.index("shade"), FIXED.index("room") + 1)
-LIKE, LIKE_PARTS = slice(FIXED.index("skin"), None), slice(len(FIXED) - FIXED.index("skin"), None)
-"""Places among the channels: flags, labels before, temperatures, colours, likelihoods of cloths; and the
-parts' places among these likelihoods."""
+LIKE, LIKE_PARTS = slice(FIXED.index("skin"), None), slice(len(FIXED), None)
+"""Places among the channels: flags, labels before, temperatures, colours, likelihoods of cloths and parts."""
 ZOOM = 0.25  # largest log factor of the scale, as people and cameras differ
 TURNED, TURN_RAD = 0.6, 0.14  # share of the samples that are turned, and the angle's deviation
 WIDER = 0.06  # deviation of the log factor of the width
@@ -182,7 +181,7 @@ def _degrade_likeness(like: UInt8, rng: np.random.Generator) -> None:
         off = rng.normal(0, 10, (len(like), 1, 1)) + rng.normal(0, 6)
         like[:] = np.where(like > 0, np.clip(like + off, 1, 255), 0).astype(np.uint8)
     if rng.random() < 0.25:  # two parts of one cloth
-        parts = like[LIKE_PARTS]
+        parts = like[LIKE_PARTS.start - LIKE.start :]
         pair = rng.choice(len(parts), min(2, len(parts)), replace=False)
         parts[pair] = parts[pair].max(axis=0)
     if rng.random() < 0.2:  # a blanket or a shadow without the suit's colours
