@@ -304,7 +304,7 @@ def test_the_verb_resumes_and_labels_are_made_by_its_network(
         done = annotate_cloud(*verb).result
     assert done["frames"] == done["frames_held_out"] == 3 and not (out / "examples").exists()
     assert done["sha256"] == SuitNetwork(out / "reader.onnx").sha256 != shipped_suit_network().sha256
-    assert "another training" in annotate_cloud(*verb).err
+    assert "a finished training" in annotate_cloud(*verb).err
     weights, labels = out / "reader.onnx", tmp_path / "l"
     label = ("label", rig_session, "--suit", suit, "--weights", weights, "--out", labels)
     assert not annotate_cloud(*label).code
