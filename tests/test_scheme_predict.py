@@ -1,5 +1,7 @@
 """Predictions in a scheme: labels, refinement, sides and support; refusals are one line."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,18 +10,24 @@ pytest.importorskip("torch")
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.convert import in_scheme
 from annotate.labelset.label_set import LabelSet
+from annotate.labelset.scheme_note import scheme_note
 from annotate.parts import PAPER
 from annotate.person.extract import PersonMask
 from annotate.person.planes import Plane
 from annotate.scheme.merging import conversion_table
+from annotate.scheme.scheme import Part, scheme_of
 from annotate.scheme.scheme_file import load_scheme
 from annotate.segmentation.segmented_person import Segmentation
+from annotate.segmentation.suit_network import SuitNetwork
+from eval.fine_tuning.by_depth import DepthFineTuner
+from eval.fine_tuning.training_split import CorrectedFrame
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import PredictOptions, fits, predict_frames
 from eval.network.predict_source import _without_things
 from eval.network.refine import refine, shipped_refinement_network
 from eval.network.side_smoothing import sided_by_parts
 from eval.network.support import CARRIED, support_of
+from eval.training.segmentation.network import FULL_REFINEMENT_NETWORK
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics
 from tests.helpers.schemes import WARD, frame_in
@@ -103,3 +111,25 @@ def test_things_are_labelled_and_are_not_the_person():
     _, kept = _without_things(found, person)
     np.testing.assert_array_equal(kept.mask, frame.on_person)
     np.testing.assert_array_equal(kept.persons > 0, frame.on_person)
+
+
+def test_a_thing_that_a_user_drew_is_a_class_of_the_fine_tuned_network(tmp_path, person):
+    scheme = scheme_of("chair", [*PAPER.parts, Part(40, "wheelchair", "Wheelchair", (9, 200, 9))])
+    frame = in_scheme(person.read("000000"), scheme, conversion_table(PAPER, scheme))
+    parts = frame.parts.copy()
+    parts[60:, 30:48] = 40
+    labels = LabelSet.create(tmp_path / "set", CAMERA, {"source": "made"} | scheme_note(scheme))
+    labels.write(frame)
+    tuner = DepthFineTuner(labels, None)
+    corrected = CorrectedFrame(frame, replace(frame, parts=parts), 0)
+    (example,) = tuner.examples([corrected], None)
+    assert {12, 1, 2, 0} <= set(np.unique(example.target).tolist()) <= {12, 1, 2, 0, 255}
+    tuner.save(tmp_path / "w.onnx")
+    network = SuitNetwork(tmp_path / "w.onnx")
+    assert network.own == scheme
+    (found,) = tuner.parts([corrected], tmp_path / "w.onnx")
+    before = refine(CAMERA, person.read("000000"), SuitNetwork(FULL_REFINEMENT_NETWORK))
+    same = found == in_scheme(before, scheme, conversion_table(PAPER, scheme)).parts
+    assert scheme.unknown_ids(found).size == 0 and same[frame.parts > 0].mean() > 0.98
+    options = PredictOptions(refiners=[network])
+    assert options.chained(OnnxNetwork()).scheme == scheme
