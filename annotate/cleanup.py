@@ -5,14 +5,11 @@ import numpy as np
 
 from annotate.array_types import Float32, Int32, Int64, UInt8, UInt16
 from annotate.cloud.grid import JUMP, components
-from annotate.parts import BACKGROUND, BODY_PARTS, N_CLASSES, NEIGHBOURS, UNDEFINED
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Scheme
 
 MOST_HOLE_PX = 400  # above it, something else is seen through the hole; untuned
 LEAST_PIECE_PX = 120  # below it, a piece of a part is an island: 6 cm at 2 m; untuned
 HOLE_DEPTH = 0.03  # largest difference of a hole's mean depth to its rim's, share; untuned
-_LABELS = np.array([*range(N_CLASSES), UNDEFINED])
-_INDEX = np.searchsorted(_LABELS, np.arange(256))
-"""All label values, and the place of each value (256,) among them."""
 
 
 def filled(parts: UInt8, depth_mm: UInt16, part: int) -> UInt8:
@@ -48,26 +45,30 @@ def filled(parts: UInt8, depth_mm: UInt16, part: int) -> UInt8:
 
 
 def without_islands(parts: UInt8, depth_mm: UInt16) -> UInt8:
-    """Return labels uint8 (h, w) with the small islands of every body part relabelled.
+    """Return labels uint8 (h, w) with the small islands of every part relabelled.
 
     An island is a piece under ``LEAST_PIECE_PX`` pixels, except the largest piece of its part. It takes the
     label that it touches most at its depth; if none, background.
     """
     depth_m = depth_mm.astype(np.float32) / np.float32(1000)
     flat_m = depth_m.ravel()
-    islands, count = _islands(parts, depth_m, [p.id for p in BODY_PARTS])
+    labels = np.flatnonzero(np.bincount(parts.ravel(), minlength=256))
+    index = np.searchsorted(labels, np.arange(256))
+    islands, count = _islands(
+        parts, depth_m, [i for i in labels.tolist() if i not in (BACKGROUND, UNDEFINED)]
+    )
     result = parts.copy()
     pending = np.flatnonzero(islands)
     while len(pending):
         island = islands.ravel()[pending]
-        votes = np.zeros(count * len(_LABELS), np.int64)
+        votes = np.zeros(count * len(labels), np.int64)
         for beside in _beside(pending, parts.shape, 2):
             near = np.abs(flat_m[beside] - flat_m[pending]) <= JUMP * flat_m[pending]
             near &= islands.ravel()[beside] == 0
-            ballot = island * len(_LABELS) + _INDEX[result.ravel()[beside]]
+            ballot = island * len(labels) + index[result.ravel()[beside]]
             votes += np.bincount(ballot[near], None, len(votes))
-        by_label = votes.reshape(count, len(_LABELS))
-        winner = np.where(by_label.any(axis=1), _LABELS[by_label.argmax(axis=1)], -1)[island]
+        by_label = votes.reshape(count, len(labels))
+        winner = np.where(by_label.any(axis=1), labels[by_label.argmax(axis=1)], -1)[island]
         settled = winner >= 0
         if not settled.any():
             result.reshape(-1)[pending] = BACKGROUND
@@ -78,9 +79,9 @@ def without_islands(parts: UInt8, depth_mm: UInt16) -> UInt8:
     return result
 
 
-def neighbours(parts: UInt8, pixels: Int64) -> list[int]:
+def neighbours(parts: UInt8, pixels: Int64, scheme: Scheme) -> list[int]:
     """Return the labels to offer for flat indices ``pixels``: touching parts, longest contact first, then
-    parts joined by anatomy, then background.
+    parts that ``scheme`` calls neighbours, then background.
 
     The pixels' most frequent label and undefined are left out.
     """
@@ -92,8 +93,9 @@ def neighbours(parts: UInt8, pixels: Int64) -> list[int]:
     contact = np.zeros(256, np.int64)
     for beside in _beside(pixels, parts.shape, 2):
         contact += np.bincount(parts.ravel()[beside[outside[beside]]], None, 256)
-    touched = [int(p) for p in np.argsort(-contact, kind="stable") if contact[p] and 0 < p < N_CLASSES]
-    joined = sorted(p for pair in NEIGHBOURS if own in pair for p in pair)
+    contact[[BACKGROUND, UNDEFINED]] = 0
+    touched = [int(p) for p in np.argsort(-contact, kind="stable") if contact[p]]
+    joined = sorted(p for pair in scheme.neighbours if own in pair for p in pair)
     order = dict.fromkeys([*touched, *joined, BACKGROUND])
     return [p for p in order if p not in (own, UNDEFINED)]
 

@@ -21,9 +21,10 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.cast_note import cast_note
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.label_set import LabelSet, as_read
+from annotate.labelset.scheme_note import scheme_note
 from annotate.labelset.source_recording import recording_entry
-from annotate.parts import BACKGROUND
 from annotate.person.extract import PersonDetection, PersonMask
+from annotate.scheme.scheme import BACKGROUND, Scheme
 from annotate.segmentation.segment import ILLUMINANT, SuitSegmenter, View, view_of
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
 from annotate.segmentation.suit_network import SuitNetwork, shipped_suit_network
@@ -62,11 +63,13 @@ class FrameFuser(Protocol[C_co]):
 
 
 class Labeller(Protocol[C, S]):
-    """Steps that label a frame. ``detect`` does all work that needs no other frame.
+    """Steps that label a frame, in a scheme. ``detect`` does all work that needs no other frame.
 
     ``label`` takes the stored labels of the previous frame; None at first and after a failed frame.
     """
 
+    @property
+    def scheme(self) -> Scheme: ...
     def fuser(self, calibration: RigCalibration) -> FrameFuser[C]: ...
     def detect(self, cloud: C) -> S: ...
     def label(self, detection: S, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]: ...
@@ -132,6 +135,15 @@ class SuitLabeller:
     window_c: tuple[float, float] | None = None
     single_pass: bool = False
 
+    @property
+    def scheme(self) -> Scheme:
+        """Return the scheme of the labels: the network's."""
+        return self._network.scheme
+
+    @property
+    def _network(self) -> SuitNetwork:
+        return self.network or shipped_suit_network()
+
     def fuser(self, calibration: RigCalibration) -> Fuser:
         """Return the fusion to full clouds."""
         return Fuser(calibration)
@@ -150,12 +162,10 @@ class SuitLabeller:
     ) -> tuple[Segmentation, PersonMask]:
         """Return the segmentation and mask of a frame's subject; before: previous labels."""
         person = detection.persons.person(before)
-        if not person.trusted:
-            return unlabelled(person.mask), person
-        if self.suit is None:
-            return unlabelled(person.mask, NO_SUIT), person
-        network = self.network or shipped_suit_network()
-        segmenter = SuitSegmenter(self.suit, network, self.single_pass)
+        if not person.trusted or self.suit is None:
+            notes = (NO_SUIT,) if person.trusted else ()
+            return unlabelled(person.mask, *notes, scheme=self.scheme), person
+        segmenter = SuitSegmenter(self.suit, self._network, self.single_pass)
         return segmenter.segment(detection.cloud, detection.view(person), person, before)
 
 
@@ -190,7 +200,7 @@ def run(
     info = {"source": source.name, "calibration": calibration_to_json(source.calibration), "steps": steps}
     if source.sha256:
         info["sha256"] = source.sha256
-    info |= recording_entry(source.path) | cast_note(source.cast)
+    info |= recording_entry(source.path) | cast_note(source.cast) | scheme_note(labeller.scheme)
     labels = LabelSet.resume(out, fuser.camera, info)
     with Claim.take(out, login()):
         return finished(labels, _run(source, fuser, labels, labeller, progress))
@@ -324,7 +334,8 @@ def labels_of(
     notes |= {"people": person.tracks} if person.tracks else {}
     notes |= {ILLUMINANT: result.illuminant.log_gain.round(3).tolist()} if result.illuminant else {}
     persons = np.where(person.mask, np.uint8(1), np.where(person.others, person.persons, np.uint8(0)))
-    return FrameLabels(frame_id, depth_mm, result.parts, result.confidence, notes=notes, persons=persons)
+    images = depth_mm, result.parts, result.confidence
+    return FrameLabels(frame_id, *images, notes=notes, persons=persons, scheme=result.scheme)
 
 
 def calibrated(frame: RigFrame, calibration: RigCalibration) -> tuple[RigFrame, list[str]]:

@@ -1,11 +1,19 @@
 """Networks of ONNX files, run by ONNX Runtime on one thread."""
 
+import json
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, TypeAlias
+
+from annotate.scheme.scheme import Scheme
+from annotate.scheme.scheme_file import scheme_from_fields
+from sensors.errors import FormatError
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
 Network: TypeAlias = "InferenceSession"
+SCHEME = "scheme"
+"""Metadata entry of an ONNX file: its network's scheme as JSON. A file of ``paper`` has none."""
 _NOWHERE = "/dev/null/no-external-data"
 """Absent folder of external tensors, because the file's hash would not cover them."""
 
@@ -29,3 +37,15 @@ def onnx_session(file: bytes) -> Network:
         providers=["CPUExecutionProvider"],
         enable_fallback=0,  # because a fallback prints
     )
+
+
+def scheme_in_metadata(metadata: Mapping[str, str]) -> Scheme | None:
+    """Return the scheme in an ONNX file's metadata, None without one. Raises FormatError for a malformed
+    one.
+    """
+    if SCHEME not in metadata:
+        return None
+    try:
+        return scheme_from_fields(json.loads(metadata[SCHEME]))
+    except (ValueError, RecursionError) as error:
+        raise FormatError(f"metadata {SCHEME} is malformed ({error}); export the network again") from error

@@ -92,7 +92,7 @@ def bench():
         correction = Correction.open(labels.path, "bench")
         editor = correction.edit(first)
         view = select.ScreenPoints.of_image(editor.depth_mm, 2.0)
-        pieces = edit_supervoxels(editor.depth_mm, editor.parts, camera)
+        pieces = edit_supervoxels(correction.frame(first), camera)
         for name, action in actions(editor, view, pieces).items():
             seconds, worst = median_s(action)
             rows.append((f"edit: {name} (worst {worst * 1e3:.0f} ms)", seconds, naive_s))

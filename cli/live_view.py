@@ -171,13 +171,14 @@ def labelling_by(suit: Suit | None) -> Labelling:
     latency matters more (docs/adr/0024).
     """
     network = OnnxNetwork(flip=False)
+    network = network.in_scheme(network.usual_scheme)
     if suit is None:
         coarse = NetworkLabeller(network, single_pass=True)
         return Labelling(
             lambda cloud, before: label_cloud(coarse, CoarseCloud.of(cloud), before),
             lambda labels, camera: _body_pose(BodyState.from_note(labels.notes.get("bearing")), camera),
         )
-    labeller = SuitLabeller(suit, shipped_suit_network(), single_pass=True)
+    labeller = SuitLabeller(suit, shipped_suit_network().for_suit(suit), single_pass=True)
     return Labelling(partial(label_cloud, labeller), partial(_suit_body_pose, network))
 
 
@@ -185,7 +186,7 @@ def _suit_body_pose(network: OnnxNetwork, labels: FrameLabels, camera: Intrinsic
     """Return the network's body pose of a person, with left and right corrected by the suit's parts."""
     assert labels.persons is not None
     state = BodyState.from_note(network.segment(labels.depth_mm, labels.persons == 1).bearing)
-    return _body_pose(state and sided_by_parts(state, labels.parts).faced_by_joints(camera), camera)
+    return _body_pose(state and sided_by_parts(state, labels).faced_by_joints(camera), camera)
 
 
 def _body_pose(state: BodyState | None, camera: Intrinsics) -> BodyPose | None:

@@ -22,6 +22,7 @@ from cli.verbs import (
     recording,
     rigs,
     simulation,
+    suit_training,
     synthesis,
     training,
 )
@@ -46,7 +47,7 @@ VERBS = {
         *(recording.repair, calibration.calibrate, exchange.import_, info.info, info.validate),
     ),
     "Labels": (
-        *(labelling.label, training.train_labels, labelling.fix, learning.learn),
+        *(labelling.label, suit_training.train_labels, labelling.fix, learning.learn),
         *(evaluation.diff, conversion.convert, exchange.export),
     ),
     "Synthetic people": (motion.solve,),

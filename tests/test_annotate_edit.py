@@ -9,12 +9,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from annotate import cleanup
-from annotate.correction.edit import ARMS, IDLE_S, LEGS, ActiveTime, Editor
+from annotate.correction.edit import IDLE_S, ActiveTime, Editor
 from annotate.correction.history import History
 from annotate.correction.replay import after
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.stroke import Gesture, Stroke, difference, from_line, to_line
-from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, PART_ID, UNDEFINED, swap_left_right
+from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, PAPER, PART_ID, UNDEFINED, swap_left_right
+from annotate.scheme.limbs import limbs_of
 from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE
 
@@ -26,6 +27,7 @@ ids = st.sampled_from(PART_IDS)
 maps = arrays(np.uint8, (H, W), elements=ids)
 masks = arrays(np.bool_, (H, W))
 depths = arrays(np.uint16, (H, W), elements=st.sampled_from([0, 1000, 1005, 1010, 2000]))
+ARMS, LEGS = (limb.pairs for limb in limbs_of(PAPER))
 pairs = st.sampled_from([LEFT_RIGHT, ARMS, LEGS])
 
 operations = st.one_of(
@@ -199,14 +201,14 @@ def test_a_selection_goes_to_the_neighbour_it_touches_most():
     editor = Editor(blank(parts), "ann")
     edge = np.zeros(parts.shape, np.bool_)
     edge[2:18, 14:16] = True
-    assert cleanup.neighbours(parts, np.flatnonzero(edge))[::2] == [PART_ID["torso"], BACKGROUND]
+    assert cleanup.neighbours(parts, np.flatnonzero(edge), PAPER)[::2] == [PART_ID["torso"], BACKGROUND]
     editor.to_neighbour(edge)
     assert (editor.parts[edge] == 2).all()
     editor.undo()
     # The second choice of the upper arm's outer edge: the forearm is in contact, then anatomy.
     edge = np.zeros(parts.shape, np.bool_)
     edge[2:18, 18:20] = True
-    assert cleanup.neighbours(parts, np.flatnonzero(edge))[:2] == [5, 2]
+    assert cleanup.neighbours(parts, np.flatnonzero(edge), PAPER)[:2] == [5, 2]
     assert editor.to_neighbour(np.ones(parts.shape, np.bool_)) is None
 
 

@@ -55,7 +55,7 @@ def worked(start: np.ndarray, truth: np.ndarray, goal=AGREEMENT, tolerance_px=0,
     """The editor and the strokes after the annotator has worked on a frame."""
     strokes, annotator = [], Annotator(goal, tolerance_px, at_once)
     editor = Editor(frame(start), WHO, strokes.append, ActiveTime(annotator.clock))
-    pieces = edit_supervoxels(editor.depth_mm, start, CAMERA)
+    pieces = edit_supervoxels(frame(start), CAMERA)
     annotator.work(editor, truth, pieces)
     return editor, strokes
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.parts import N_CLASSES, PART_ID, swap_left_right
+from annotate.parts import N_CLASSES, PAPER, PART_ID, swap_left_right
 from annotate.person.extract import PersonDetection
 from annotate.segmentation import split_network as halves
 from annotate.segmentation.border_refinement import refine_borders
@@ -25,7 +25,6 @@ from annotate.segmentation.input_channels import (
     with_likelihoods,
 )
 from annotate.segmentation.suit_network import (
-    CLASSES,
     MULTIPLE,
     SHIPPED_SUIT_NETWORK,
     SuitNetwork,
@@ -83,7 +82,7 @@ def test_colour_moves_a_border_that_the_network_leaves_open():
     worn = np.where(np.arange(96) < 50, TORSO, ARM)[None].repeat(64, 0).astype(np.uint8)
     cloud = wall(worn)
     light = fit_illuminant(DEFAULT_SUIT, cloud.color_rgb.reshape(-1, 3))
-    chance = np.full((CLASSES, *CAMERA.shape), 1e-3, np.float32)
+    chance = np.full((N_CLASSES + 1, *CAMERA.shape), 1e-3, np.float32)
     chance[TORSO, :, :44], chance[ARM, :, 56:] = 0.9, 0.9
     chance[[TORSO, ARM], :, 44:56] = 0.5
     everywhere = Rectangle(slice(0, 64), slice(0, 96))
@@ -159,9 +158,11 @@ def test_around_a_place_the_mirror_shows_the_same_pixels(width):
     seen = []
 
     class Watched:
+        own = scheme = PAPER
+
         def probabilities(self, planes, step, near):
             seen.append((planes[:, ::step, ::step], planes[:, *near]))
-            return np.zeros((CLASSES, *planes[0, *near].shape), np.float32)
+            return np.zeros((N_CLASSES + 1, *planes[0, *near].shape), np.float32)
 
     planes = np.random.default_rng(12).integers(0, 256, (len(CHANNELS), 20, width)).astype(np.uint8)
     flip_averaged(Watched(), planes, 3, Rectangle(slice(4, 9), slice(8, width)))

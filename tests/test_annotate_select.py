@@ -104,7 +104,7 @@ def test_one_click_mends_one_patch():
     parts = truth.copy()
     parts[(truth == 2) & (v > 45) & (u > 90)] = 7
     colors = np.where((truth == 2)[..., None], [200, 30, 30], [30, 30, 200]).astype(np.uint8)
-    pieces = edit_supervoxels(depth, parts, camera, colors)
+    pieces = edit_supervoxels(FrameLabels("f", depth, parts), camera, colors)
     assert (pieces[truth > 0] >= 0).all() and (pieces[(depth == 0) | (depth > 2000)] == -1).all()
     editor, wrong, clicks = Editor(FrameLabels("f", depth, parts), "ann"), parts != truth, 0
     for piece in np.unique(pieces[wrong]):
@@ -115,4 +115,4 @@ def test_one_click_mends_one_patch():
             clicks += 1
     # The rest are pixels on the border that share a voxel of 12 mm.
     assert (editor.parts != truth).sum() < 0.15 * wrong.sum() and clicks <= wrong.sum() / 15
-    assert (edit_supervoxels(depth, np.zeros_like(parts), camera) == -1).all()
+    assert (edit_supervoxels(FrameLabels("f", depth, np.zeros_like(parts)), camera) == -1).all()

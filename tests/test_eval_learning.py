@@ -83,7 +83,7 @@ def tuner(path: Path) -> DepthFineTuner:
 def test_an_example_has_the_room_the_first_labels_and_the_seat_as_background(corrected):
     found = corrected_frames(corrected)
     assert [frame.first.frame_id for frame in found] == list(DONE)
-    example = depth_example(found[0].first, found[0].corrected.parts, LabelSet.open(corrected).intrinsics)
+    example = depth_example(found[0].first, found[0].corrected, LabelSet.open(corrected).intrinsics)
     before = example.planes[CHANNELS.index("before")]
     assert set(np.unique(before)) == {BACKGROUND, 2} and set(np.unique(example.target)) == {BACKGROUND, 1, 2}
     assert (before > 0).sum() > (example.target > 0).sum()
@@ -114,7 +114,7 @@ def test_frames_are_measured_on_far_from_those_trained_on(corrected, places, hel
 def test_another_training_does_not_resume_from_a_checkpoint(corrected):
     """Its first labels, its recording or its numbers are others."""
     found = corrected_frames(corrected)[0]
-    example = depth_example(found.first, found.corrected.parts, LabelSet.open(corrected).intrinsics)
+    example = depth_example(found.first, found.corrected, LabelSet.open(corrected).intrinsics)
     planes = example.planes.copy()
     planes[CHANNELS.index("before")] = 0
     stage = Stage(Sampling(0.01, 32), 6, 4e-3, 0.9)

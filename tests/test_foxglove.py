@@ -16,7 +16,7 @@ from annotate.foxglove.points import HEAT_POINT, PART_POINT
 from annotate.foxglove.skeleton import BONES, skeleton_message
 from annotate.foxglove.topics import SCHEMAS, Shown, shown_messages
 from annotate.labelset.label_set import LabelSet
-from annotate.parts import PART_ID, PARTS, palette_rgb
+from annotate.parts import PAPER, PART_ID, PARTS, palette_rgb
 from eval.network.joint_files import noted_joints
 from eval.scores.joint_errors import true_joints_mm
 from eval.scores.joints import JOINT_NAMES
@@ -179,11 +179,11 @@ def test_only_wanted_topics_are_made(monkeypatch):
 def test_a_skeleton_has_the_bones_whose_ends_are_known_and_goes_with_the_person():
     joints = {name: (10.0 * i, 0.0, 1000.0) for i, name in enumerate(JOINT_NAMES)}
     assert {end for bone in BONES for end in bone[:2]} == set(JOINT_NAMES)
-    (entity,) = skeleton_message(joints, 3).entities
+    (entity,) = skeleton_message(joints, 3, PAPER).entities
     assert len(entity.spheres) == 15 and len(entity.lines[0].points) == 2 * len(BONES) == 28
     joints["left_knee"] = (np.nan, 0.0, 0.0)
-    (entity,) = skeleton_message(joints, 3).entities
+    (entity,) = skeleton_message(joints, 3, PAPER).entities
     assert len(entity.spheres) == 14 and len(entity.lines[0].points) == 24
     assert [m.key for m in entity.metadata] == [n for n in JOINT_NAMES if n != "left_knee"]
-    gone = skeleton_message(None, 3)
+    gone = skeleton_message(None, 3, PAPER)
     assert not gone.entities and len(gone.deletions) == 1

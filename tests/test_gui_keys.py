@@ -6,12 +6,26 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QApplication, QWidget
 
 from annotate.gui.held_keys import KeyRepeatFilter
-from annotate.gui.state.keys import BODY_GRID, COMMANDS, LAYOUTS, Settings, load_settings, settings_path
-from annotate.parts import LEFT_RIGHT, PARTS
+from annotate.gui.state.keys import COMMANDS as OF_ALL_SCHEMES
+from annotate.gui.state.keys import (
+    LAYOUTS,
+    Settings,
+    commands_of,
+    load_settings,
+    part_commands,
+    settings_path,
+)
+from annotate.parts import LEFT_RIGHT, PAPER, PARTS
+from annotate.scheme.body_grid import body_grid, thing_grid
+from annotate.scheme.scheme import Part, scheme_of
+from annotate.scheme.scheme_file import SHIPPED, load_scheme
 from sensors.errors import CloudError
+from tests.helpers.schemes import WARD
 
 LEFT_HAND = {*"`123456QWERTASDFGZXCVBNH", "Tab", "Space", "Esc", *(f"F{i}" for i in range(1, 8))}
 BRUSH_SIZE = {"[", "]"}
+BODY_GRID, COMMANDS = body_grid(PAPER), (*part_commands(PAPER), *OF_ALL_SCHEMES)
+SCHEMES = [*map(load_scheme, SHIPPED), WARD]
 
 
 def settings_of(tmp_path, text: str) -> Settings:
@@ -40,6 +54,60 @@ def test_parts_lie_like_a_body_that_faces_the_user():
     assert sorted(part for row in BODY_GRID for part in row) == [part.id for part in PARTS]
     column = {part: i for row in BODY_GRID for i, part in enumerate(row)}
     assert all(column[left] == 2 and column[right] == 0 for left, right in LEFT_RIGHT)
+
+
+def test_the_paper_s_keys_lie_as_its_parts():
+    assert BODY_GRID == ((4, 1, 3), (6, 2, 5), (9, 7, 8), (11, 0, 10))
+    keys = [Settings().part_key(part) for row in BODY_GRID for part in row]
+    assert "".join(keys) == "123QWEASDZXC"
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
+def test_every_part_has_one_place_and_twins_face_each_other(scheme):
+    rows = [*body_grid(scheme), *thing_grid(scheme)]
+    placed = [part for row in rows for part in row if part is not None]
+    assert sorted(placed) == sorted(scheme.by_id)
+    for left, right in scheme.twins:
+        assert any((row[0], row[2]) == (right, left) for row in rows)
+    assert all(scheme.is_thing[part] for row in thing_grid(scheme) for part in row if part is not None)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
+def test_keys_of_every_scheme_are_their_own_on_every_keyboard(tmp_path, scheme, layout):
+    (tmp_path / "window.toml").write_text(f'layout = "{layout}"')
+    settings = load_settings(tmp_path / "window.toml", scheme)
+    keys = [key.casefold() for command in settings.commands for key in command.keys]
+    names = [command.name for command in settings.commands]
+    assert len(set(keys)) == len(keys) and len(set(names)) == len(names)
+    assert {c.part for c in settings.commands if c.menu == "Lock"} == {*scheme.by_id}
+
+
+def test_a_part_leaves_a_command_its_key_and_its_name():
+    things = [
+        ("brush", "J"),
+        ("thing_2", "F"),
+        ("thing_3", "Space"),
+        ("thing_4", "Shift+W"),
+        ("lock_hip", ""),
+    ]
+    parts = [Part(20 + i, name, name, (0, 0, 0), key) for i, (name, key) in enumerate(things)]
+    commands = commands_of(scheme_of("mine", [*PAPER.parts, *parts]))
+    of_part = {c.part: c for c in commands if c.menu == "Parts"}
+    assert [(of_part[i].name, of_part[i].key) for i in range(20, 25)] == [
+        ("part_brush", "J"),
+        ("thing_2", ""),
+        ("thing_3", ""),
+        ("thing_4", ""),
+        ("part_lock_hip", ""),
+    ]
+    by_name = {command.name: command for command in commands}
+    assert len(by_name) == len(commands) and by_name["brush"].menu == "Tools"
+    assert by_name["lock_part_brush"].key == "Shift+J" and by_name["fade_thing_2"].key == ""
+
+
+def test_a_key_of_another_shipped_scheme_s_part_is_no_fault(tmp_path):
+    assert settings_of(tmp_path, '[keys]\nleft_collar = "F9"') == Settings()
 
 
 def test_one_key_moves_and_the_others_stay(tmp_path, monkeypatch):

@@ -20,7 +20,7 @@ from annotate.gui.widgets.theme import DARK, LIGHT
 from annotate.labelset.label_set import LabelSet
 from annotate.labelset.source_recording import find_session
 from annotate.labelset.stroke import Stroke
-from annotate.parts import PARTS
+from annotate.parts import PAPER, PARTS
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
@@ -157,8 +157,8 @@ def test_slips_of_the_hand_are_no_strokes():
 
 def test_a_stroke_in_words():
     runs = np.array([[0, 9, 1, 2], [9, 3, 3, 2]], np.int64)
-    assert described(Stroke("f", "paint", runs, 2)) == "12 pixels to torso (9 head, 3 left upper arm)"
-    assert described(Stroke("f", "paint", runs[1:], 2)) == "3 pixels from left upper arm to torso"
+    assert described(Stroke("f", "paint", runs, 2), PAPER) == "12 pixels to torso (9 head, 3 left upper arm)"
+    assert described(Stroke("f", "paint", runs[1:], 2), PAPER) == "3 pixels from left upper arm to torso"
 
 
 # Scenes

@@ -170,3 +170,21 @@ def test_labelset_and_exchange_know_no_part_and_no_number_of_parts():
 
 def is_plain(node: ast.AST) -> bool:
     return isinstance(node, ast.Constant) and isinstance(node.value, int | str)
+
+
+def test_correction_and_views_know_no_part():
+    names = {part.name for scheme in SCHEMES for part in scheme.parts}
+    for folder in ("correction", "effort", "live", "foxglove", "gui"):
+        for file in (Path(annotate.__file__).parent / folder).rglob("*.py"):
+            source = file.read_text()
+            assert not {"N_CLASSES", "PARTS", "BODY_PARTS", "PART_ID", "LEFT_RIGHT"} & imported(source), file
+            # A skeleton's joints have names of their own.
+            if file.name != "skeleton.py":
+                assert not {node.value for node in ast.walk(ast.parse(source)) if is_plain(node)} & names, (
+                    file
+                )
+
+
+def imported(source: str) -> set[str]:
+    nodes = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ImportFrom)]
+    return {alias.name for node in nodes if node.module == "annotate.parts" for alias in node.names}

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from annotate.parts import LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
 from annotate.segmentation.input_channels import CHANNELS, FELT, SEEN, SUBJECT, VALID, network_input
 from annotate.segmentation.suit_network import (
-    CLASSES,
     SHIPPED_SUIT_NETWORK,
     SuitNetwork,
     shipped_suit_network,
@@ -49,6 +48,7 @@ from synth.rig.virtual_rig import DRAFT_PX, RigOptions, VirtualRig
 from tools.fit.quantise import quantise
 
 SEEDS = st.integers(0, 2**32 - 1)
+CLASSES = N_CLASSES + 1
 DEPTH, BEFORE = CHANNELS.index("depth"), CHANNELS.index("before")
 MIDDLE = np.minimum(np.arange(256), swap_left_right(np.arange(256, dtype=np.uint8)))
 """Parts without their side."""
@@ -120,7 +120,7 @@ def test_in_the_loss_parts_weigh_by_their_share_of_the_image(seed):
     often = rng.choice(classes, (2, 24, 20), p=rng.dirichlet(np.full(len(classes), 5.0)))
     targets = torch.from_numpy(np.where(rng.random(often.shape) < 0.1, UNDEFINED, often)).long()
     targets[0, 0, 0] = CLASSES - 1
-    weights = sample_weights(targets)
+    weights = sample_weights(targets, N_CLASSES - 1)
     assert (weights[targets == UNDEFINED] == 0).all() and weights[0, 0, 0] == 1
     for image, weight in zip(targets, weights, strict=True):
         body = (image > 0) & (image < N_CLASSES)
@@ -304,7 +304,7 @@ def test_the_verb_resumes_and_labels_are_made_by_its_network(
         done = annotate_cloud(*verb).result
     assert done["frames"] == done["frames_held_out"] == 3 and not (out / "examples").exists()
     assert done["sha256"] == SuitNetwork(out / "reader.onnx").sha256 != shipped_suit_network().sha256
-    assert "another training" in annotate_cloud(*verb).err
+    assert "a finished training" in annotate_cloud(*verb).err
     weights, labels = out / "reader.onnx", tmp_path / "l"
     label = ("label", rig_session, "--suit", suit, "--weights", weights, "--out", labels)
     assert not annotate_cloud(*label).code

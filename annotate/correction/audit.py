@@ -12,10 +12,8 @@ from annotate.correction.replay import after, begun_from, is_stroke, rejection, 
 from annotate.labelset.journal import Journal
 from annotate.labelset.label_set import LabelSet
 from annotate.labelset.stroke import Stroke
-from annotate.parts import BACKGROUND, PARTS, UNDEFINED
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Scheme
 from sensors.files.natural_order import in_order
-
-_NAMES = {**{part.id: part.name for part in PARTS}, UNDEFINED: "undefined"}
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,7 @@ class PersonWork:
     first, last: times of the work, ISO 8601 UTC, "" if unknown. frames, accepted: numbers of edited frames
     and of accepted frames. accepted_untouched: share of accepted frames with unchanged first labels.
     seconds_median, seconds_p90: active seconds per frame. seconds: active seconds by activity. changed: share
-    of body pixels that the person changed last, unless they regained their first part. parts: by name.
+    of labelled pixels that the person changed last, unless they regained their first part. parts: by name.
     """
 
     who: str
@@ -112,7 +110,7 @@ def audit(labels: LabelSet, journal: Journal) -> Audit:
             visits[who].append(visit)
         if (reason := rejection(strokes)) is not None:
             rejected[frame_id] = reason
-    people = [_person(who, of_person) for who, of_person in visits.items()]
+    people = [_person(who, of_person, labels.scheme) for who, of_person in visits.items()]
     people.sort(key=lambda person: (-person.frames, person.who))
     by_time = tuple(worked for _, worked in sorted(course, key=lambda entry: entry[0]))
     return Audit(tuple(people), rejected, by_time)
@@ -134,7 +132,7 @@ def _visits(strokes: Sequence[Stroke], before: UInt8, after: UInt8) -> Iterator[
         yield who, _Visit(own, *parts, body_px, not changed.any(), who in accepting)
 
 
-def _person(who: str, visits: Sequence[_Visit]) -> PersonWork:
+def _person(who: str, visits: Sequence[_Visit], scheme: Scheme) -> PersonWork:
     strokes = [stroke for visit in visits for stroke in visit.strokes]
     seconds = [sum(stroke.active_seconds for stroke in visit.strokes) for visit in visits]
     accepted = [visit for visit in visits if visit.accepted]
@@ -157,16 +155,16 @@ def _person(who: str, visits: Sequence[_Visit]) -> PersonWork:
         undos=operations["undo"],
         operations=dict(sorted(operations.items())),
         changed=_share(sum(len(v.after) for v in visits), sum(v.body_px for v in visits)),
-        parts=_by_part(strokes, visits),
+        parts=_by_part(strokes, visits, scheme),
     )
 
 
-def _by_part(strokes: Sequence[Stroke], visits: Sequence[_Visit]) -> dict[str, PartWork]:
+def _by_part(strokes: Sequence[Stroke], visits: Sequence[_Visit], scheme: Scheme) -> dict[str, PartWork]:
     gained = sum((np.bincount(v.after, minlength=256) for v in visits), np.zeros(256, np.int64))
     lost = sum((np.bincount(v.before, minlength=256) for v in visits), np.zeros(256, np.int64))
     given = [stroke for stroke in strokes if is_stroke(stroke)]
     work = {}
-    for part, name in _NAMES.items():
+    for name, part in {**scheme.part_id, "undefined": UNDEFINED}.items():
         own = [stroke for stroke in given if stroke.part == part]
         seconds = round(sum(stroke.active_seconds for stroke in own), 3)
         if own or gained[part] or lost[part]:

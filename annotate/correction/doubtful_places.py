@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ from annotate.array_types import Bool, Int64, UInt8
 from annotate.cleanup import without_islands
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.stroke import Stroke
-from annotate.parts import BACKGROUND, PARTS, UNDEFINED
+from annotate.scheme.scheme import BACKGROUND, Scheme
 
 UNSURE = 0.6  # confidence below which a pixel of the body is doubtful; untuned
 LEAST_PX = 15  # of a doubtful place: smaller ones are within the borders' tolerance; untuned
@@ -40,24 +41,18 @@ def doubts(
     for stroke in strokes:
         untouched[stroke.pixels] = False
     here, free = frame.depth_mm > 0, untouched.reshape(parts.shape)
+    place, title = partial(_doubt, frame.scheme, parts), frame.scheme.title
     found = []
     for pixels in _places(here & (without_islands(parts, frame.depth_mm) != parts)):
-        found.append(_doubt(parts, pixels, "an island", 1.0))
+        found.append(place(pixels, "an island", 1.0))
     if frame.confidence is not None:
         for pixels in _places(here & (frame.confidence < UNSURE) & (parts != BACKGROUND) & free):
             mean = float(frame.confidence.ravel()[pixels].mean())
-            found.append(_doubt(parts, pixels, f"confidence {mean:.2f}", 1 - mean))
+            found.append(place(pixels, f"confidence {mean:.2f}", 1 - mean))
     if other is not None:
         for pixels in _places(here & (parts != other) & free):
-            found.append(
-                _doubt(parts, pixels, f"{part_title(_commonest(other, pixels))} in the other set", 0.5)
-            )
+            found.append(place(pixels, f"{title(_commonest(other, pixels))} in the other set", 0.5))
     return sorted(found, key=lambda doubt: -doubt.weight)
-
-
-def part_title(part: int) -> str:
-    """Return a part's name for use in sentences."""
-    return "undefined" if part == UNDEFINED else PARTS[part].title.lower()
 
 
 def pixels_text(count: int) -> str:
@@ -65,11 +60,11 @@ def pixels_text(count: int) -> str:
     return "1 pixel" if count == 1 else f"{count:,} pixels"
 
 
-def _doubt(parts: UInt8, pixels: Int64, why: str, weight: float) -> Doubt:
+def _doubt(scheme: Scheme, parts: UInt8, pixels: Int64, why: str, weight: float) -> Doubt:
     """Return a place with its reason. weight: expected share of wrong pixels."""
     v, u = np.divmod(pixels, parts.shape[1])
     middle = int(pixels[np.hypot(v - np.median(v), u - np.median(u)).argmin()])
-    reason = f"{part_title(_commonest(parts, pixels))}: {pixels_text(len(pixels))}, {why}"
+    reason = f"{scheme.title(_commonest(parts, pixels))}: {pixels_text(len(pixels))}, {why}"
     return Doubt(pixels, middle, reason, len(pixels) * weight)
 
 

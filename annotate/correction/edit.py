@@ -20,10 +20,9 @@ from annotate.labelset.stroke import (
     Verdict,
     difference,
 )
-from annotate.parts import BACKGROUND, LEFT_RIGHT, UNDEFINED
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED
 from sensors.errors import CloudError
 
-ARMS, LEGS = LEFT_RIGHT[:2], LEFT_RIGHT[2:]  # (left, right) pairs
 IDLE_S = 120.0  # longest gap between two events that counts; longer ones are breaks (inception #5909)
 _EPOCH_S = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)
 
@@ -103,15 +102,18 @@ class Editor:
     def to_neighbour(self, pixels: NDArray[np.generic], how: Gesture = KEY) -> Stroke | None:
         """Set the label of pixels to the neighbouring part with the longest contact."""
         at = self._flat(pixels)
-        found = neighbours(self._parts, at)
+        found = neighbours(self._parts, at, self.scheme)
         return self._give("to_neighbour", at, found[0], how) if found else None
 
     def swap_left_right(
-        self, pairs: Iterable[tuple[int, int]] = LEFT_RIGHT, how: Gesture = KEY
+        self, pairs: Iterable[tuple[int, int]] | None = None, how: Gesture = KEY
     ) -> Stroke | None:
-        """Exchange left and right parts: ARMS, LEGS or all. A pair with a locked part is not exchanged."""
+        """Exchange left and right parts of a limb, or all (None).
+
+        A pair with a locked part is not exchanged. pairs: of ids, left and right.
+        """
         table = np.arange(256, dtype=np.uint8)
-        for left, right in pairs:
+        for left, right in self.scheme.twins if pairs is None else pairs:
             if not {left, right} & self.locks:
                 table[left], table[right] = right, left
         return self.replace("swap_left_right", table[self._parts], None, how)

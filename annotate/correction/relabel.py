@@ -16,7 +16,6 @@ from annotate.correction.replay import after, step_of
 from annotate.labelset.journal import nothing_changed
 from annotate.labelset.label_set import LabelSet
 from annotate.labelset.stroke import Gesture, Stroke, difference
-from annotate.parts import BACKGROUND
 from sensors.errors import CloudError
 
 
@@ -25,7 +24,8 @@ class Relabelled:
     """Result of relabelling, or of taking it back.
 
     step: name of the fine-tuning step whose labels the frames now have; "" = labels from before all steps.
-    frames: number of frames that changed. changed: share of their body pixels with another part than before.
+    frames: number of frames that changed. changed: share of the person's pixels with another part than
+    before.
     """
 
     step: str
@@ -57,12 +57,17 @@ def relabel(correction: Correction, learnt: LabelSet) -> Relabelled:
     """Give untouched frames their labels from another set of the same recording.
 
     Frames that the set lacks, or has with another depth image, stay as they are. Raises CloudError for a set
-    of another camera, NotSavedError, and as ``Correction.frame`` does.
+    of another camera or scheme, NotSavedError, and as ``Correction.frame`` does.
     """
     if learnt.intrinsics.shape != correction.labels.intrinsics.shape:
         raise CloudError(
             f"{learnt.path} has images of {learnt.intrinsics.shape}, {correction.labels.path} of "
             f"{correction.labels.intrinsics.shape}; run learn again"
+        )
+    if learnt.scheme != correction.labels.scheme:
+        raise CloudError(
+            f"{learnt.path} has scheme {learnt.scheme.name!r}, {correction.labels.path} has "
+            f"{correction.labels.scheme.name!r}; run learn again"
         )
     step, there = _next_step(correction), set(learnt.frame_ids)
     strokes = []
@@ -109,7 +114,7 @@ def _recorded(correction: Correction, strokes: Sequence[Stroke], step: str) -> R
     correction.record_together(strokes)
     moved = [stroke for stroke in strokes if stroke.changes]
     changed = sum(int(stroke.runs[:, 1].sum()) for stroke in moved)
-    body = sum(int((correction.frame(s.frame_id).parts != BACKGROUND).sum()) for s in moved)
+    body = sum(int(correction.frame(s.frame_id).on_person.sum()) for s in moved)
     return Relabelled(step, len(moved), changed / body if body else 0.0)
 
 

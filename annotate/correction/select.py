@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from annotate.array_types import Bool, Float32, Int32, Int64, UInt8, UInt16
 from annotate.cloud.grid import JUMP, components
 from annotate.cloud.supervoxels import supervoxels
-from annotate.parts import BACKGROUND, palette_rgb
+from annotate.frame_labels import FrameLabels
+from annotate.scheme.scheme import BACKGROUND
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics, unproject
 
@@ -110,20 +111,19 @@ def nearest(view: ScreenPoints, at_px: tuple[float, float], reach_px: float = 12
     return int(found[away.argmin()])
 
 
-def edit_supervoxels(
-    depth_mm: UInt16, parts: UInt8, camera: Intrinsics, color_rgb: UInt8 | None = None
-) -> Int32:
-    """Return supervoxel ids (h, w) of the person and a margin, -1 elsewhere.
+def edit_supervoxels(labels: FrameLabels, camera: Intrinsics, color_rgb: UInt8 | None = None) -> Int32:
+    """Return supervoxel ids (h, w) of the person, things and a margin, -1 elsewhere.
 
     color_rgb: uint8 (h, w, 3); None = the colours of the parts, so that supervoxels do not cross the labels'
     borders.
     """
+    depth_mm, parts = labels.depth_mm, labels.parts
     mask = _near_person(depth_mm, parts)
     ids = np.full(parts.shape, -1, np.int32)
     if mask.any():
         depth_m = np.where(mask, depth_mm, np.nan).astype(np.float32) / np.float32(1000)
         points_m = unproject(camera, depth_m)[mask]
-        colors = palette_rgb()[parts] if color_rgb is None else color_rgb
+        colors = labels.scheme.palette_rgb()[parts] if color_rgb is None else color_rgb
         ids[mask] = supervoxels(points_m, colors[mask], color_weight=COLOR_WEIGHT).ids
     return ids
 

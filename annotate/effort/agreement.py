@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.array_types import Bool, Int64, UInt8
-from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED
 
 Box = tuple[slice, slice]
 EVERYWHERE: Box = np.s_[:, :]
@@ -22,9 +22,13 @@ class Agreement:
 
     def __init__(self, truth: UInt8, valid: Bool, tolerance_px: int = 0) -> None:
         self.truth, self._valid, self._reach_px = truth, valid, tolerance_px
-        self._beside = np.zeros((N_CLASSES + 1, *truth.shape), np.bool_)
-        for part in range(N_CLASSES):
-            self._beside[part] = self._dilated(valid & (truth == part))
+        present = np.unique(truth[truth != UNDEFINED]).tolist()
+        # The last plane is for labels that the truth lacks.
+        self._plane = np.full(256, len(present), np.uint8)
+        self._plane[present] = range(len(present))
+        self._beside = np.zeros((len(present) + 1, *truth.shape), np.bool_)
+        for part in present:
+            self._beside[self._plane[part]] = self._dilated(valid & (truth == part))
 
     def wrong(self, parts: UInt8, box: Box = EVERYWHERE) -> Bool:
         """Return the mask of the wrong pixels of labels (h, w). box: part of the image that is returned."""
@@ -33,7 +37,7 @@ class Agreement:
         if not self._reach_px or not wrong.any():
             return wrong
         v, u = np.nonzero(wrong)
-        given, true = np.minimum(labels[v, u], N_CLASSES), truth[v, u]
+        given, true = self._plane[labels[v, u]], truth[v, u]
         right = self._beside[:, *box][given, v, u]
         for part in np.unique(true[right]).tolist():
             own = np.flatnonzero(right & (true == part))

@@ -38,7 +38,8 @@ from annotate.effort.repairs import (
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.label_set import LabelSet
 from annotate.labelset.stroke import KEY, Activity, Gesture, Stroke
-from annotate.parts import BACKGROUND
+from annotate.scheme.merging import conversion_table
+from annotate.scheme.scheme import BACKGROUND
 
 WHO = "simulated"
 BEGAN_S = datetime(2026, 1, 5, 9, tzinfo=UTC).timestamp()  # fixed, so that equal work gives equal journals
@@ -195,20 +196,22 @@ def correct_set(
     """Let a simulated annotator correct a label set, and yield its effort on each frame.
 
     correction: must use the annotator's clock. cloud_of: function that returns the cloud of a frame, for its
-    colours, or None. order: frame ids, read one by one; by time if empty.
+    colours, or None. order: frame ids, read one by one; by time if empty. Raises FormatError for a truth that
+    does not convert to the label set's scheme.
     """
+    in_scheme = conversion_table(truth.scheme, correction.labels.scheme)
     for frame_id in order or correction.labels.frame_ids:
-        automatic, true = correction.frame(frame_id), truth.read(frame_id)
+        automatic, true = correction.frame(frame_id), in_scheme[truth.read(frame_id).parts]
         cloud = cloud_of(frame_id)
         color_rgb = cloud.color_rgb if cloud is not None and cloud.color_valid.any() else None
         camera = correction.labels.intrinsics
-        pieces = edit_supervoxels(automatic.depth_mm, automatic.parts, camera, color_rgb)
+        pieces = edit_supervoxels(automatic, camera, color_rgb)
         editor = correction.edit(frame_id)
-        annotator.work(editor, true.parts, pieces)
+        annotator.work(editor, true, pieces)
         corrected = replace(automatic, parts=editor.parts.copy(), status="corrected")
         strokes = tuple(correction.journal.strokes(frame_id))
         seconds = sum(stroke.active_seconds for stroke in strokes)
-        agreement = Agreement(true.parts, editor.valid, annotator.tolerance_px)
+        agreement = Agreement(true, editor.valid, annotator.tolerance_px)
         yield Effort(corrected, strokes, seconds, agreement.of(corrected.parts))
 
 

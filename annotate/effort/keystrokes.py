@@ -13,7 +13,7 @@ from annotate.array_types import Float64
 from annotate.effort.hand import length_px
 from annotate.effort.repairs import SCALE, Move
 from annotate.labelset.stroke import Gesture
-from annotate.parts import BACKGROUND
+from annotate.scheme.scheme import BACKGROUND
 
 KEY_S = 0.2  # key of an average skilled typist; Ctrl or Shift is a key of its own; also a notch of the wheel
 POINT_S = 1.1  # pointing with the mouse

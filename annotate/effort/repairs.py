@@ -12,13 +12,14 @@ import numpy as np
 from annotate.array_types import Bool, Float64, Int32, Int64, UInt8
 from annotate.cleanup import filled, neighbours, without_islands
 from annotate.correction import select
-from annotate.correction.edit import ARMS, LEGS, Editor
+from annotate.correction.edit import Editor
 from annotate.correction.select import ScreenPoints, brush, grow, polygon, supervoxel
 from annotate.effort import hand
 from annotate.effort.agreement import Agreement
 from annotate.effort.hand import CAREFUL, FINE, QUICK, Hand, drawn
 from annotate.labelset.stroke import GestureKind, Operation
-from annotate.parts import BACKGROUND, BODY_PARTS, swap_left_right
+from annotate.scheme.limbs import limbs_of
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED
 
 SCALE = 3.0  # screen pixels per pixel of the depth image: a person of 250 px fills the window's height
 MOST_CLICKS = (1, 2, 4)  # pieces clicked before looking again
@@ -152,8 +153,8 @@ def repairs(patch: Patch, view: View) -> Iterator[Repair]:
 def repairs_of_frame(view: View, wanted: set[int]) -> Iterator[Repair]:
     """Yield every repair of the frame as a whole. wanted: parts that lack pixels."""
     parts, depth_mm = view.editor.parts, view.editor.depth_mm
-    twins = swap_left_right(parts)
-    for pairs in (ARMS, LEGS):
+    twins = view.editor.scheme.swap_left_right(parts)
+    for pairs in (limb.pairs for limb in limbs_of(view.editor.scheme)):
         limbs = np.isin(parts, np.ravel(pairs))
         if limbs.any():
             move = Move("swap_left_right", "key", pixel=int(np.flatnonzero(limbs)[0]), pairs=pairs, keys=1)
@@ -214,10 +215,10 @@ def _of_piece(patch: Patch, view: View) -> Iterator[Repair]:
     The piece is assigned to its neighbour, or its whole part is turned into the true part.
     """
     parts, at = view.editor.parts, int(np.flatnonzero(patch.mask & (view.editor.parts == patch.was))[0])
-    if patch.was not in {p.id for p in BODY_PARTS}:
+    if patch.was in (BACKGROUND, UNDEFINED):
         return
     pixels = select.patch(parts, view.editor.depth_mm, at)
-    if patch.part in neighbours(parts, pixels)[:1]:
+    if patch.part in neighbours(parts, pixels, view.editor.scheme)[:1]:
         move = Move("to_neighbour", "key", pixel=at, keys=1)
         yield Repair((move,), pixels, np.full(len(pixels), patch.part, np.uint8))
     if patch.part != BACKGROUND:

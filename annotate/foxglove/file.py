@@ -75,4 +75,5 @@ def _frames(
             fused.frame.thermal_c if fused.frame else None,
             joints(frame),
             tuple(happened),
+            frame.scheme,
         )

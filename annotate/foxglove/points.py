@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from annotate.array_types import UInt8
 from annotate.cloud.color_map import heat_rgb
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.parts import BACKGROUND, palette_rgb
+from annotate.scheme.scheme import BACKGROUND, Scheme
 from sensors.session.messages import time_message
 
 ROOM_RGB = np.array((74, 80, 92), np.float32)  # without temperature or part; untuned
@@ -29,9 +29,9 @@ def heat_points(cloud: ThermalCloud, stamp_ns: int) -> PointCloud:
     return _message(points, stamp_ns)
 
 
-def part_points(cloud: ThermalCloud, parts: UInt8, stamp_ns: int) -> PointCloud:
+def part_points(cloud: ThermalCloud, parts: UInt8, scheme: Scheme, stamp_ns: int) -> PointCloud:
     """Return all valid points as ``PART_POINT`` records with part ids (h, w), in pixel order."""
-    palette = palette_rgb()
+    palette = scheme.palette_rgb()
     palette[BACKGROUND] = ROOM_RGB
     ids = parts[cloud.valid]
     points = _points(cloud, PART_POINT, palette[ids])

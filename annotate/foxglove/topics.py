@@ -20,7 +20,8 @@ from annotate.cloud.color_map import heat_rgb
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.foxglove.points import ROOM_RGB, heat_points, part_points
 from annotate.foxglove.skeleton import skeleton_message
-from annotate.parts import palette_rgb
+from annotate.parts import PAPER
+from annotate.scheme.scheme import Scheme
 from sensors.rig.rig_calibration import Pose, RigCalibration
 from sensors.session import messages
 from sensors.session.messages import CALIBRATIONS, COLOR, DEPTH, EVENTS, TF, THERMAL
@@ -43,7 +44,7 @@ class Shown:
 
     stamp_ns: of the depth image; parts: uint8 (h, w) of the cloud's pixels. color_encoded, thermal_c: as in
     ``RigFrame``. joints_mm: (x, y, z) by joint, depth camera. events: stamps (ns) and texts since the
-    previous frame.
+    previous frame. scheme: of the parts.
     """
 
     stamp_ns: int
@@ -54,6 +55,7 @@ class Shown:
     thermal_c: Float32 | None = None
     joints_mm: Mapping[str, Sequence[float]] | None = None
     events: tuple[tuple[int, str], ...] = ()
+    scheme: Scheme = PAPER
 
 
 def shown_messages(
@@ -109,14 +111,19 @@ def _heat(shown: Shown) -> Message | None:
     return messages.raw_image(rgb, "rgb8", "thermal", shown.stamp_ns)
 
 
+def _parts(shown: Shown) -> Message:
+    rgb = shown.scheme.palette_rgb()[shown.parts]
+    return messages.raw_image(rgb, "rgb8", "depth", shown.stamp_ns)
+
+
 _MAKERS: dict[str, Callable[[Shown], Message | None]] = {
     DEPTH: lambda shown: messages.image_message(shown.cloud.depth_mm, "depth", shown.stamp_ns),
     COLOR: _color,
     THERMAL: _thermal,
     HEAT: _heat,
     IDS: lambda shown: messages.raw_image(shown.parts, "8UC1", "depth", shown.stamp_ns),
-    PARTS: lambda shown: messages.raw_image(palette_rgb()[shown.parts], "rgb8", "depth", shown.stamp_ns),
+    PARTS: _parts,
     HEAT_CLOUD: lambda shown: heat_points(shown.cloud, shown.stamp_ns),
-    PART_CLOUD: lambda shown: part_points(shown.cloud, shown.parts, shown.stamp_ns),
-    SKELETON: lambda shown: skeleton_message(shown.joints_mm, shown.stamp_ns),
+    PART_CLOUD: lambda shown: part_points(shown.cloud, shown.parts, shown.scheme, shown.stamp_ns),
+    SKELETON: lambda shown: skeleton_message(shown.joints_mm, shown.stamp_ns, shown.scheme),
 }  # functions that make the message of a topic, None without data

@@ -39,7 +39,7 @@ def run_window(
     cannot be used.
     """
     try:
-        settings = load_settings(settings_path().expanduser())
+        settings = load_settings(settings_path().expanduser(), correction.labels.scheme)
         reader = SceneReader(correction, session, LabelSet.open(other) if other else None)
         check_screen()
         app = QApplication.instance() or QApplication(sys.argv[:1])

@@ -1,6 +1,6 @@
 """Commands of the window: the actions behind the names of ``keys.COMMANDS``, their menus and keys."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
 from functools import partial
 from typing import TypeVar
@@ -20,17 +20,13 @@ from annotate.gui.verdicts import Verdicts
 from annotate.gui.widgets.dialogs import ask_export
 from annotate.gui.widgets.theme import DARK, LIGHT
 from annotate.gui.window import CorrectionWindow
-from annotate.parts import PARTS, UNDEFINED
 
 T = TypeVar("T")
 Action = Callable[[], Outcome | None]
 BRUSHES_PX = {"small": 9.0, "medium": 18.0, "large": 30.0}  # radii in logical pixels; untuned
 BRUSH_STEP = 1.15  # factor of one step of the radius; untuned
-STROKE_SETUP = {
-    *(part.name for part in PARTS),
-    *("undefined", "pick", "from_other", "from_before", *SWITCHES, *BRUSHES_PX, *TOOLS),
-}
-"""Commands whose keys count for the stroke that follows."""
+STROKE_SETUP = {"pick", "from_other", "from_before", *SWITCHES, *BRUSHES_PX, *TOOLS}
+"""Commands whose keys count for the stroke that follows, besides those that choose a part."""
 POINTED = ("swap", "neighbour", "merge", "pick")
 """Commands that need a place: of the pointer, or else of the next click."""
 MENUS = {
@@ -51,7 +47,10 @@ def bind(window: CorrectionWindow, learn: LearnCommand | None = None) -> None:
     KeyRepeatFilter(window).repeated.connect(window.held.repeated)
     actions = _actions(window, Verdicts(window), Learner(window, learn))
     run = partial(_run, window, actions)
-    menus = {name: window.panels.header.menus.addMenu(title) for name, title in MENUS.items()}
+    keys = {key for command in window.settings.commands for key in command.keys}
+    menus = {
+        name: window.panels.header.menus.addMenu(_menu_title(title, keys)) for name, title in MENUS.items()
+    }
     menus |= {name: menus[above].addMenu(f"{name} a part") for name, above in SUBMENUS.items()}
     for command in window.settings.commands:
         action = window.actions_by_name[command.name] = _made(window, command, partial(run, command.name))
@@ -66,6 +65,12 @@ def bind(window: CorrectionWindow, learn: LearnCommand | None = None) -> None:
     window.panels.palette_.faded.connect(lambda part: window.act(partial(window.edits.fade, part)))
     window.panels.key_page.closed.connect(partial(_toggle_help, window))
     window.refresh()
+
+
+def _menu_title(title: str, keys: Set[str]) -> str:
+    """Return a menu's title, without its mnemonic ("&") if a command has that key with Alt."""
+    letter = title[title.index("&") + 1].upper()
+    return title.replace("&", "") if f"Alt+{letter}" in keys else title
 
 
 def _made(window: CorrectionWindow, command: Command, run: Callable[..., None]) -> QAction:
@@ -105,7 +110,7 @@ def _run(window: CorrectionWindow, actions: dict[str, Action], name: str, *_: ob
         window.say(Outcome(refusal, "warn"))
         return
     window.mark("looking")
-    if name in STROKE_SETUP:
+    if name in STROKE_SETUP or (command.part is not None and command.menu == "Parts"):
         window.edits.keys += 1 + command.key.count("+")
     window.act(actions[name])
 
@@ -113,11 +118,9 @@ def _run(window: CorrectionWindow, actions: dict[str, Action], name: str, *_: ob
 def _actions(window: CorrectionWindow, verdicts: Verdicts, learner: Learner) -> dict[str, Action]:
     """Return the action of every command by name."""
     edits, options = window.edits, window.options
+    of_part = {"Parts": window.choose, "Lock": edits.toggle_lock, "Fade": edits.fade}
     return {
-        **{part.name: partial(window.choose, part.id) for part in PARTS},
-        **{f"lock_{part.name}": partial(edits.toggle_lock, part.id) for part in PARTS},
-        **{f"fade_{part.name}": partial(edits.fade, part.id) for part in PARTS},
-        "undefined": partial(window.choose, UNDEFINED),
+        **{c.name: partial(of_part[c.menu], c.part) for c in window.settings.commands if c.part is not None},
         "from_other": partial(edits.give_from, "other"),
         "from_before": partial(edits.give_from, "before"),
         **{tool: partial(window.set_tool, tool) for tool in TOOLS},

@@ -233,7 +233,7 @@ class CorrectionWindow(QMainWindow):
     def choose(self, part: int) -> None:
         """Choose the part that strokes assign."""
         self.edits.part, self.edits.giver = part, "part"
-        self.options.color = part_color(part, self.theme) if part else QColor("white")
+        self.options.color = part_color(self.edits.scheme, part, self.theme) if part else QColor("white")
         if self.edits.display.alone:
             self.views.recolor()
         self.views.hover_again()

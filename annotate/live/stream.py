@@ -92,4 +92,5 @@ def shown_of(frame: LiveFrame, calibration: RigCalibration, texts: list[str]) ->
         recorded.thermal_c if calibration.thermal else None,
         joints_mm,
         tuple((stamp_ns, text) for text in texts),
+        frame.labels.scheme,
     )

@@ -10,7 +10,6 @@ import numpy as np
 from annotate.array_types import Bool, Float64, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.parts import BACKGROUND
 from annotate.person.finder import Person
 from annotate.suit.color_model import STRAY, blur, evenly, fit_illuminant, readable
 from annotate.suit.palette import Suit, chromaticity
@@ -61,7 +60,7 @@ def persons_before(before: FrameLabels) -> UInt8:
     """Return the persons uint8 (h, w) of a frame's labels: 0 = no person, 1 the subject, others by
     track id.
     """
-    return np.asarray(before.parts != BACKGROUND, np.uint8) if before.persons is None else before.persons
+    return before.on_person.astype(np.uint8) if before.persons is None else before.persons
 
 
 def crowd_warnings(scores: Sequence[float]) -> list[str]:

@@ -15,6 +15,8 @@ from sensors.errors import FormatError
 TOUCHING_DISTANCE = 23.0  # CIE 1976, of neighbours and twins: the least of the paper's parts
 BACKGROUND_DISTANCE = 35.0  # CIE 1976, of parts and the background: the least of the paper's parts
 OTHER_DISTANCE = 3.0  # CIE 1976, of other pairs; 2.3 is just noticeable; 254 colours of the grid keep it
+MARKS_RGB = ((255, 255, 0), (255, 0, 255), (0, 255, 255), (255, 255, 255))
+MARK_DISTANCE = 10.0  # CIE 1976, of a mark's colour and all parts; untuned
 GRID = 16  # proposed values of each channel: 4096 colours
 
 EYES: dict[str, Float64] = {
@@ -133,6 +135,15 @@ def with_proposed_colors(scheme: Scheme, without: Collection[int] = ()) -> Schem
         colored[i] = replace(parts[i], rgb=(red, green, blue))
         distances[i] = _distances(grid, grid[:, best, None])
     return replace(scheme, parts=tuple(colored[1:]))
+
+
+@cache
+def mark_rgb(scheme: Scheme) -> tuple[int, int, int]:
+    """Return the colour of marked pixels: the first of MARKS_RGB that no part is near, or the farthest."""
+    seen = lab([part.rgb for part in scheme.parts])
+    distances = [float(_distances(seen, lab([one])).min()) for one in MARKS_RGB]
+    far = [one for one, distance in zip(MARKS_RGB, distances, strict=True) if distance >= MARK_DISTANCE]
+    return far[0] if far else MARKS_RGB[int(np.argmax(distances))]
 
 
 def _kept(parts: tuple[Part, ...], without: Collection[int], required: Float64) -> list[int]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from annotate.array_types import UInt8
+from annotate.array_types import Float32, UInt8
 from annotate.scheme.colours import with_proposed_colors
 from annotate.scheme.regions import Region
 from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Part, Scheme, scheme_of
@@ -54,6 +54,21 @@ def conversion_table(source: Scheme, target: Scheme) -> UInt8:
             things.get(part.name, BACKGROUND) if part.is_free else target.table[min(part.regions)]
         )
     return table
+
+
+def class_sums(planes: Float32, source: Scheme, target: Scheme) -> Float32:
+    """Return class probabilities (k, ...) of ``target`` from (k', ...) of ``source``: sums, by class.
+
+    Further planes after the classes of ``source``, such as another person, follow unchanged. Raises
+    FormatError where a part of ``source`` would be split.
+    """
+    into = target.class_table[conversion_table(source, target)[source.class_ids]]
+    further = planes[len(into) :]
+    sums = np.zeros((len(target.class_ids) + len(further), *planes.shape[1:]), np.float32)
+    for plane, at in zip(planes, into, strict=False):
+        sums[at] += plane
+    sums[len(target.class_ids) :] = further
+    return sums
 
 
 def _split_parts(source: Scheme, target: Scheme) -> list[Part]:

@@ -1,6 +1,7 @@
 """Scheme: the parts of label images. A part is a union of regions of the body, or a thing beside the body."""
 
 import itertools
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +16,7 @@ BACKGROUND, UNDEFINED = 0, 255
 MAX_PARTS = 254  # ids 1 to 254 of 8-bit label images; 0 and 255 are background and undefined
 
 IdPair = frozenset[int]
+_SIDE = re.compile(r"\b(?:left|right)\b", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -69,9 +71,56 @@ class Scheme:
         return {part.name: part.id for part in (BACKGROUND_PART, *self.parts)}
 
     @cached_property
+    def by_id(self) -> dict[int, Part]:
+        """Return parts by id, the background included."""
+        return {part.id: part for part in (BACKGROUND_PART, *self.parts)}
+
+    def title(self, part_id: int) -> str:
+        """Return a part's title for use in sentences, in lower case; "undefined" for 255."""
+        return "undefined" if part_id == UNDEFINED else self.by_id[part_id].title.lower()
+
+    def short_title(self, part_id: int) -> str:
+        """Return a part's title in a list with two sides: of a part with a twin, without the side."""
+        title = self.by_id[part_id].title
+        if self.twin_table[part_id] != part_id:
+            title = " ".join(_SIDE.sub("", title).split()) or title
+        return title.capitalize()
+
+    @cached_property
     def n_classes(self) -> int:
         """Return the length of an array indexed by part id: the highest id and the background."""
         return 1 + max((part.id for part in self.parts), default=0)
+
+    @cached_property
+    def class_ids(self) -> UInt8:
+        """Return the ids (k,) of a network's classes in order: the background, then the parts by id."""
+        return np.array([BACKGROUND, *(part.id for part in self.parts)], np.uint8)
+
+    @cached_property
+    def class_table(self) -> UInt8:
+        """Return uint8 (256,): a network's class by id; undefined and unused ids become 255."""
+        table = np.full(256, UNDEFINED, np.uint8)
+        table[self.class_ids] = np.arange(len(self.class_ids))
+        return table
+
+    @cached_property
+    def twin_classes(self) -> UInt8:
+        """Return uint8 (k,): the class on the other side, by class."""
+        return self.class_table[self.twin_table[self.class_ids]]
+
+    @cached_property
+    def body_classes(self) -> Int64:
+        """Return the sorted classes (n,) of the parts of the body."""
+        return np.flatnonzero([False, *(not part.is_free for part in self.parts)])
+
+    @cached_property
+    def is_of_regions(self) -> bool:
+        """Return whether each part is one region and no part is a thing."""
+        return all(len(part.regions) == 1 for part in self.parts)
+
+    def ids_of(self, regions: Iterable[Region]) -> tuple[int, ...]:
+        """Return the sorted ids of the parts that hold a region of ``regions``."""
+        return tuple(sorted({int(self.table[region]) for region in regions}))
 
     @cached_property
     def is_label(self) -> Bool:

@@ -9,7 +9,8 @@ from numba import njit
 from annotate.array_types import Bool, Float32, Int32, UInt8
 from annotate.cloud.grid import JUMP
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.parts import N_CLASSES
+from annotate.parts import PAPER
+from annotate.scheme.scheme import Scheme
 from annotate.segmentation.input_channels import Rectangle
 from annotate.suit.color_model import ColorModel, readable
 
@@ -20,20 +21,24 @@ ROUNDS = 4
 
 
 def refine_borders(
-    cloud: ThermalCloud, where: Rectangle, chance: Float32, illuminant: ColorModel | None
+    cloud: ThermalCloud,
+    where: Rectangle,
+    chance: Float32,
+    illuminant: ColorModel | None,
+    scheme: Scheme = PAPER,
 ) -> tuple[UInt8, Float32]:
     """Label the pixels of a rectangle; return class uint8 (h, w) and the network's probability (h, w) of that
     class.
 
-    chance: float32 (13, h, w), class probabilities of the network. illuminant: the suit's colours in the
-    frame's illuminant; None = no suit. The colour likelihood of background and other person is the mean over
-    the parts. Solved with neighbours on a surface by iterated conditional modes (Besag 1986).
+    chance: float32 (K + 1, h, w), probabilities of a scheme's classes and another person. illuminant: the
+    suit's colours in the frame's illuminant; None = no suit. The colour likelihood of all but the body is the
+    mean over its parts. Solved with neighbours on a surface by iterated conditional modes (Besag 1986).
     """
     undecided = cloud.valid[where] & (chance[0] < SURELY_ROOM)
     own = chance[:, undecided]
     scores = np.log(np.maximum(own, np.finfo(np.float32).tiny))
     if illuminant is not None:
-        scores += np.float32(OWN_COLOR) * _by_color(cloud, where, undecided, scores, illuminant)
+        scores += np.float32(OWN_COLOR) * _by_color(cloud, where, undecided, scores, (illuminant, scheme))
     index = np.full(undecided.shape, -1, np.int32)
     index[undecided] = np.arange(scores.shape[1])
     named, sure = np.zeros(undecided.shape, np.uint8), np.zeros(undecided.shape, np.float32)
@@ -45,15 +50,21 @@ def refine_borders(
 
 
 def _by_color(
-    cloud: ThermalCloud, where: Rectangle, undecided: Bool, scores: Float32, illuminant: ColorModel
+    cloud: ThermalCloud, where: Rectangle, undecided: Bool, scores: Float32, suit: tuple[ColorModel, Scheme]
 ) -> Float32:
-    """Return the log likelihood (13, n) of the undecided pixels' colours; 0 without a colour."""
-    found, parts = np.zeros_like(scores), slice(1, N_CLASSES)
+    """Return the log likelihood (K + 1, n) of the undecided pixels' colours; 0 without a colour.
+
+    suit: its colours, and the scheme of the classes.
+    """
+    illuminant, scheme = suit
+    found, parts = np.zeros_like(scores), scheme.body_classes
+    others = np.setdiff1d(np.arange(len(scores)), parts)
     rgb = cloud.color_rgb[where][undecided]
     usable = readable(rgb, cloud.color_valid[where][undecided])
-    of_parts, weight = illuminant.evidence(rgb[usable]), np.exp(scores[parts, usable])
-    found[parts, usable] = of_parts
-    found[0, usable] = found[N_CLASSES, usable] = (weight * of_parts).sum(axis=0) / weight.sum(axis=0)
+    of_parts = illuminant.evidence(rgb[usable], scheme)
+    weight = np.exp(scores[parts][:, usable])
+    found[np.ix_(parts, usable)] = of_parts
+    found[np.ix_(others, usable)] = (weight * of_parts).sum(axis=0) / weight.sum(axis=0)
     return found
 
 

@@ -1,4 +1,4 @@
-"""Input channels of the suit network: bytes (24, h, w) over a rectangle around the subject.
+"""Input channels of the suit network: bytes (n, h, w) over a rectangle around the subject.
 
 Some channels hold the likelihood of a pixel's colour under each part's cloth in the frame's illuminant, so
 one network serves any suit. Constants are untuned unless a source is given.
@@ -15,9 +15,11 @@ from annotate.array_types import Bool, Float32, Float64, Index, UInt8
 from annotate.cloud.color_odds import color_odds, lab_of
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.parts import BODY_PARTS, N_CLASSES
+from annotate.parts import PAPER
 from annotate.person.extract import PersonMask
 from annotate.person.planes import Plane, distance_m
+from annotate.scheme.merging import conversion_table
+from annotate.scheme.scheme import Scheme
 from annotate.suit.color_model import ColorModel, blur, evenly, readable
 from annotate.suit.palette import chromaticity
 
@@ -40,10 +42,19 @@ LOG_LIKELIHOOD = (-7.0, 2.0)  # values of the bytes 0 and 255 of a colour's log 
 SURE = np.float32(2.0)  # log odds of the rough outline, from which colours of person and room are learnt
 VALID, FELT, SEEN, SUBJECT, OTHER = 1, 2, 4, 8, 16
 """Bits of the channel ``flags``: depth, temperature, readable colour, rough subject, other person."""
-LIKELIHOODS = ("skin", "dark", *(part.name for part in BODY_PARTS))
-"""Channels of a colour's log likelihood: as skin, as hair or shoe, as each part; 0 = unknown."""
-CHANNELS = ("flags", "before", *RANGES, *LIKELIHOODS)
-"""All channels; ``before`` holds the parts of the previous frame."""
+FIXED = ("flags", "before", *RANGES, "skin", "dark")
+"""Channels in every scheme. ``before`` holds the classes of the previous frame; ``skin`` and ``dark`` (hair
+or shoe) are log likelihoods of the colour, 0 = unknown."""
+
+
+def channel_names(scheme: Scheme) -> tuple[str, ...]:
+    """Return the names of all channels: ``FIXED``, and the log likelihoods as each part of the body."""
+    return (*FIXED, *(part.name for part in scheme.parts if not part.is_free))
+
+
+CHANNELS = channel_names(PAPER)
+LIKELIHOODS = CHANNELS[FIXED.index("skin") :]
+"""Channels of a colour's log likelihood."""
 
 
 class Rectangle(NamedTuple):
@@ -88,9 +99,9 @@ def rectangle(cloud: ThermalCloud, subject: Bool) -> tuple[Rectangle, float]:
 
 
 def channels(cloud: ThermalCloud, room: Room, person: PersonMask, where: Rectangle) -> UInt8:
-    """Return the channels uint8 (24, h, w) of a rectangle around the subject.
+    """Return the channels uint8 (n, h, w) of a rectangle around the subject, as many as ``paper`` has.
 
-    Likelihoods and previous parts are left 0; see ``with_likelihoods`` and ``with_before``.
+    Likelihoods and previous parts are left 0; see ``with_likelihoods``, ``with_before`` and ``fitted_to``.
     """
     z, own = cloud.points_m[where][..., 2], person.mask[where]
     valid, celsius = cloud.valid[where], cloud.temperature_c[where]
@@ -118,15 +129,33 @@ def channels(cloud: ThermalCloud, room: Room, person: PersonMask, where: Rectang
     return planes
 
 
-def with_before(planes: UInt8, before: FrameLabels, where: Rectangle) -> UInt8:
-    """Return channels (24, h, w) with the parts of the previous frame in channel ``before``."""
-    made = planes.copy()
-    made[CHANNELS.index("before")] = before.parts[where]
+def fitted_to(planes: UInt8, scheme: Scheme) -> UInt8:
+    """Return channels with the number of likelihoods of a scheme; likelihoods are 0 in other numbers."""
+    count = len(channel_names(scheme))
+    if len(planes) == count:
+        return planes
+    made = np.zeros((count, *planes.shape[1:]), np.uint8)
+    made[: len(FIXED)] = planes[: len(FIXED)]
     return made
 
 
-def with_likelihoods(planes: UInt8, rgb: UInt8, illuminant: ColorModel, among: Bool | bool = True) -> UInt8:
-    """Return the channels (24, h, w) with the likelihoods of colours (h, w, 3).
+def with_before(planes: UInt8, before: FrameLabels, where: Rectangle, scheme: Scheme = PAPER) -> UInt8:
+    """Return channels (n, h, w) with the classes in a scheme of the previous frame in channel ``before``.
+
+    Raises FormatError where that frame's scheme does not convert.
+    """
+    made = planes.copy()
+    parts = before.parts[where]
+    if before.scheme != scheme:
+        parts = conversion_table(before.scheme, scheme)[parts]
+    made[CHANNELS.index("before")] = scheme.class_table[parts]
+    return made
+
+
+def with_likelihoods(
+    planes: UInt8, rgb: UInt8, illuminant: ColorModel, among: Bool | bool = True, scheme: Scheme = PAPER
+) -> UInt8:
+    """Return the channels (n, h, w) of a scheme with the likelihoods of colours (h, w, 3).
 
     among: bool (h, w), pixels to compute likelihoods for.
     """
@@ -135,8 +164,8 @@ def with_likelihoods(planes: UInt8, rgb: UInt8, illuminant: ColorModel, among: B
     own = rgb.reshape(-1, 3).take(wanted, axis=0)
     match = illuminant.match(chromaticity(own), blur(own))
     made = planes.copy()
-    rows = (*match[illuminant.bare], *illuminant.by_part(match))
-    for plane, likelihood in zip(made[-len(LIKELIHOODS) :], rows, strict=True):
+    rows = (*match[illuminant.bare], *illuminant.by_part(match, scheme))
+    for plane, likelihood in zip(made[FIXED.index("skin") :], rows, strict=True):
         _put(plane.reshape(-1), wanted, _bytes(likelihood, *LOG_LIKELIHOOD))
     return made
 
@@ -193,11 +222,12 @@ def _put(made: UInt8, places: Index, values: UInt8) -> None:
 
 
 @njit(cache=True, nogil=True)
-def network_input(planes: UInt8) -> Float32:
-    """Return the network's input float32 (38, h, w) for channels (24, h, w); flags and parts become one-hot
+def network_input(planes: UInt8, parts: int = -1) -> Float32:
+    """Return the network's input float32 (m, h, w) for channels (n, h, w); flags and parts become one-hot
     planes.
 
-    Unknown values are 0: temperature without a reading, unreadable colour.
+    parts: number of parts of the scheme, things included; -1 = without things. Unknown values are 0:
+    temperature without a reading, unreadable colour.
     """
     count, height, width = planes.shape
     low, high = LOG_LIKELIHOOD
@@ -205,18 +235,20 @@ def network_input(planes: UInt8) -> Float32:
     bits = (VALID, FELT, SEEN, SUBJECT, OTHER)
     # The flag that makes each channel of ``RANGES`` valid.
     needed = (VALID, VALID, VALID, FELT, FELT, SEEN, SEEN, SEEN, SEEN)
-    first, unit = len(bits) + N_CLASSES - 1, np.float32(1 / 64)
+    of_parts = 4 + len(needed)
+    parts = count - of_parts if parts < 0 else parts
+    first, unit = len(bits) + parts, np.float32(1 / 64)
     made = np.empty((first + count - 2, height, width), np.float32)
     row, read = np.empty((count, width), np.uint8), np.empty(width, np.uint8)
     for v in range(height):
         row[:], read[:] = planes[:, v], 0  # a copy side by side, so that the loops vectorise
-        for i in range(count + 1 - N_CLASSES, count):
+        for i in range(of_parts, count):
             for u in range(width):
                 read[u] |= row[i, u]
         for i, bit in enumerate(bits):
             for u in range(width):
                 made[i, v, u] = np.float32((row[0, u] & bit) > 0)
-        for part in range(1, N_CLASSES):
+        for part in range(1, parts + 1):
             for u in range(width):
                 made[len(bits) + part - 1, v, u] = np.float32(row[1, u] == part)
         for i, bit in enumerate(needed):

@@ -12,20 +12,22 @@ from annotate.array_types import Bool, Float32, Float64, UInt8
 from annotate.cloud.coarse import nearest_labels
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.parts import BACKGROUND, N_CLASSES
+from annotate.parts import PAPER
 from annotate.person.extract import PersonDetection, PersonMask
+from annotate.scheme.scheme import BACKGROUND, Scheme
 from annotate.segmentation.border_refinement import refine_borders
 from annotate.segmentation.input_channels import (
     SEEN,
     VALID,
     Rectangle,
     channels,
+    fitted_to,
     rectangle,
     with_before,
     with_likelihoods,
 )
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
-from annotate.segmentation.suit_network import SuitNetwork, flip_averaged
+from annotate.segmentation.suit_network import SuitNetwork, flip_averaged, other_person
 from annotate.suit.color_model import (
     CLIPPED,
     ColorModel,
@@ -48,14 +50,12 @@ WORN_SHARE = 0.7  # least share of the colours that their parts wear in the prev
 ILLUMINANT = "light"
 """Name of the note of a frame's log gains of red and blue."""
 MOST_GAIN = 2.0  # largest log gain accepted from a note
-OTHER_PERSON = N_CLASSES
-"""The network's class of another person."""
 
 
 class View(NamedTuple):
     """Network input of a subject, in a rectangle around it.
 
-    planes: channels uint8 (24, h, w), likelihoods still 0. rgb: uint8 (h, w, 3). pixels_per_m: at the
+    planes: channels uint8 (n, h, w), likelihoods still 0. rgb: uint8 (h, w, 3). pixels_per_m: at the
     subject. colors: readable colours uint8 (n, 3) inside the coarse mask. kept: the suit's colours in the
     previous frame's illuminant, if known.
     """
@@ -67,11 +67,15 @@ class View(NamedTuple):
     colors: UInt8
     kept: ColorModel | None = None
 
-    def after(self, before: FrameLabels | None, suit: Suit | None) -> "View":
-        """Return the view with the labels and illuminant of the previous frame, if any."""
+    def after(self, before: FrameLabels | None, suit: Suit | None, scheme: Scheme = PAPER) -> "View":
+        """Return the view with the labels and illuminant of the previous frame, if any.
+
+        scheme: of the network that takes the view.
+        """
+        planes = fitted_to(self.planes, scheme)
         if before is None:
-            return self
-        planes = with_before(self.planes, before, self.where)
+            return self._replace(planes=planes)
+        planes = with_before(planes, before, self.where, scheme)
         return self._replace(planes=planes, kept=_kept(suit, before) if suit is not None else None)
 
     def step(self, sample_m: float) -> int:
@@ -123,11 +127,11 @@ class SuitSegmenter:
         before: labels of the previous frame. Without readable colours (``view`` None) all points stay
         undefined, and a note gives the reason.
         """
-        mask = person.mask & cloud.valid
+        mask, scheme = person.mask & cloud.valid, self.network.scheme
         notes = diagnosis(cloud.color_rgb[mask], cloud.color_valid[mask])
         if view is None:
-            return unlabelled(mask, *notes), person
-        view = view.after(before, self.suit)
+            return unlabelled(mask, *notes, scheme=scheme), person
+        view = view.after(before, self.suit, self.network.own)
         illuminant: ColorModel | None = None
         if self.suit is None:
             near, _, _ = _find_parts(view, None, SAMPLE_M, self.network)
@@ -135,14 +139,24 @@ class SuitSegmenter:
             near, illuminant = coarse_pass(view, self.suit, self.network)
         label = _single_pass if self.single_pass else fine_pass
         where, named, sure = label(cloud, view, near, illuminant, self.network)
-        own = (named != BACKGROUND) & (named != OTHER_PERSON)
-        parts, confidence = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
-        parts[where] = np.where(own, named, BACKGROUND)
-        confidence[where] = np.where(own, sure, 0)
-        on_body = parts != BACKGROUND
+        parts, confidence = placed(mask.shape, where, parts_of(named, scheme), sure)
+        on_body = scheme.on_body(parts)
         persons = np.where(on_body, np.uint8(1), np.where(person.mask, np.uint8(0), person.persons))
-        found = Segmentation(parts, confidence, notes, illuminant=illuminant)
+        found = Segmentation(parts, confidence, notes, illuminant=illuminant, scheme=scheme)
         return found, replace(person, mask=on_body, persons=persons)
+
+
+def parts_of(named: UInt8, scheme: Scheme) -> UInt8:
+    """Return part ids of a network's classes (h, w); another person is background."""
+    return np.append(scheme.class_ids, np.uint8(BACKGROUND))[named]
+
+
+def placed(shape: tuple[int, ...], where: Rectangle, parts: UInt8, sure: Float32) -> tuple[UInt8, Float32]:
+    """Return images (h, w) of parts and confidence, background outside a rectangle; confidence is 0 there."""
+    whole, confidence = np.full(shape, BACKGROUND, np.uint8), np.zeros(shape, np.float32)
+    whole[where] = parts
+    confidence[where] = np.where(parts != BACKGROUND, sure, 0)
+    return whole, confidence
 
 
 def fine_pass(
@@ -157,8 +171,9 @@ def fine_pass(
     if illuminant is not None:
         seen = np.zeros(view.rgb.shape[:2], np.bool_)
         seen[::step, ::step], seen[near] = True, True
-        planes = with_likelihoods(planes, view.rgb, illuminant, seen)
-    return where, *refine_borders(cloud, where, flip_averaged(network, planes, step, near), illuminant)
+        planes = with_likelihoods(planes, view.rgb, illuminant, seen, network.own)
+    chance = flip_averaged(network, planes, step, near)
+    return where, *refine_borders(cloud, where, chance, illuminant, network.scheme)
 
 
 def _single_pass(
@@ -170,7 +185,7 @@ def _single_pass(
     samples = Rectangle(*(slice(own.start // step, -(-own.stop // step)) for own in near))
     planes = view.planes[:, *some]
     if illuminant is not None:
-        planes = with_likelihoods(planes, view.rgb[some], illuminant)
+        planes = with_likelihoods(planes, view.rgb[some], illuminant, scheme=network.own)
     chance = network.probabilities(planes, 1, samples)
     near = Rectangle(*(slice(own.start - own.start % step, own.stop) for own in near))
     where = view.where.part(near)
@@ -192,20 +207,20 @@ def coarse_pass(view: View, suit: Suit, network: SuitNetwork) -> tuple[Rectangle
     if view.kept is not None:
         near, rgb, belief = _find_parts(view, view.kept, ROUGH_M, network)
         if len(rgb):
-            illuminant = refit_colors(view.kept, rgb, belief)
+            illuminant = refit_colors(view.kept, rgb, belief, network.scheme)
             moved = np.abs(illuminant.log_gain - view.kept.log_gain).max()
-            if moved < SAME_ILLUMINANT and illuminant.worn(rgb, belief) > WORN_SHARE:
+            if moved < SAME_ILLUMINANT and illuminant.worn(rgb, belief, network.scheme) > WORN_SHARE:
                 return near, illuminant
     illuminant = fit_illuminant(suit, view.colors)
     near, rgb, belief = _find_parts(view, illuminant, SAMPLE_M, network)
-    return near, fit_illuminant(suit, rgb, belief) if len(rgb) else illuminant
+    return near, fit_illuminant(suit, rgb, belief, network.scheme) if len(rgb) else illuminant
 
 
 def _find_parts(
     view: View, illuminant: ColorModel | None, sample_m: float, network: SuitNetwork
 ) -> tuple[Rectangle, UInt8, Float64]:
     """Return the rectangle of the parts in one sampled image, and colours (n, 3) and part probabilities (n,
-    11) of their samples.
+    m) of their samples.
 
     The rectangle is the whole view if no part is found.
     """
@@ -213,16 +228,16 @@ def _find_parts(
     some = slice(None, None, step), slice(None, None, step)
     planes, rgb = view.planes[:, *some], view.rgb[some]
     if illuminant is not None:
-        planes = with_likelihoods(planes, rgb, illuminant)
-    chance = network.probabilities(planes, 1)
-    own = ((planes[0] & VALID) > 0) & (chance[0] + chance[OTHER_PERSON] < 0.5)
+        planes = with_likelihoods(planes, rgb, illuminant, scheme=network.own)
+    chance, scheme = network.probabilities(planes, 1), network.scheme
+    own = ((planes[0] & VALID) > 0) & (chance[0] + chance[other_person(scheme)] < 0.5)
     shape, margin = view.rgb.shape[:2], round(ROUGH_MARGIN_M * view.pixels_per_m)
     near = Rectangle(*(slice(0, side) for side in shape))
     if own.any():
         sides = (_grown(own.any(axis=1 - axis), step, margin, side) for axis, side in enumerate(shape))
         near = Rectangle(*sides)
     seen = own & ((planes[0] & SEEN) > 0)
-    belief = chance[1:N_CLASSES, seen].T.astype(np.float64)
+    belief = chance[scheme.body_classes][:, seen].T.astype(np.float64)
     return near, rgb[seen], belief / belief.sum(axis=1, keepdims=True)
 
 

@@ -7,7 +7,8 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32, UInt8
 from annotate.labelset.images import Probabilities
-from annotate.parts import BACKGROUND, UNDEFINED
+from annotate.parts import PAPER
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Scheme
 from annotate.suit.color_model import ColorModel
 
 
@@ -17,6 +18,7 @@ class Segmentation:
 
     notes: for the reviewer. probabilities: of all classes, if they are to be stored. illuminant: the suit's
     colours in the frame's illuminant. bearing: joints, facing and posture, as the frame's note.
+    scheme: of the parts.
     """
 
     parts: UInt8
@@ -25,9 +27,10 @@ class Segmentation:
     probabilities: Probabilities | None = None
     illuminant: ColorModel | None = None
     bearing: dict[str, Any] | None = None
+    scheme: Scheme = PAPER
 
 
-def unlabelled(mask: Bool, *notes: str) -> Segmentation:
-    """Return undefined parts on a person's mask (bool (h, w)); notes: the reasons."""
+def unlabelled(mask: Bool, *notes: str, scheme: Scheme = PAPER) -> Segmentation:
+    """Return undefined parts on a person's mask (bool (h, w)). notes: the reasons. scheme: of the labels."""
     parts = np.where(mask, UNDEFINED, BACKGROUND).astype(np.uint8)
-    return Segmentation(parts, np.zeros(mask.shape, np.float32), notes)
+    return Segmentation(parts, np.zeros(mask.shape, np.float32), notes, scheme=scheme)

@@ -3,6 +3,7 @@
 Its training: `annotate/segmentation/suit_network.md`.
 """
 
+import copy
 import hashlib
 from functools import cache
 from importlib.resources import files
@@ -11,15 +12,16 @@ from pathlib import Path
 import numpy as np
 
 from annotate.array_types import Float32, UInt8
-from annotate.onnx_session import onnx_session
-from annotate.parts import N_CLASSES, TWIN_PARTS, swap_left_right
-from annotate.segmentation.input_channels import CHANNELS, Rectangle, network_input
+from annotate.onnx_session import onnx_session, scheme_in_metadata
+from annotate.parts import PAPER
+from annotate.scheme.merging import class_sums, conversion_table
+from annotate.scheme.scheme import Scheme
+from annotate.segmentation.input_channels import FIXED, Rectangle, fitted_to, network_input
 from annotate.segmentation.split_network import INPUT, PLACE, split_network
+from annotate.suit.palette import Suit
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 
-CLASSES = N_CLASSES + 1
-"""The parts, the background first, and another person last."""
 MULTIPLE = 16  # sides are padded to multiples, because the network halves an image four times
 MAX_BYTES = 1 << 26  # of a weights file
 SHIPPED_SUIT_NETWORK = Path(str(files("annotate").joinpath("segmentation", "suit_network.onnx")))
@@ -27,39 +29,80 @@ REMEDY = "give a file that `annotate-cloud train-labels` wrote"
 """End of the messages about an invalid weights file."""
 
 
+def other_person(scheme: Scheme) -> int:
+    """Return a network's class of another person, which follows the classes of a scheme."""
+    return len(scheme.class_ids)
+
+
 class SuitNetwork:
     """Trained suit segmentation network. sha256: hash of its file. Several threads may call it.
 
-    Raises FormatError for a file of another network.
+    own: scheme of the network's classes and inputs, named in the file or ``paper``. scheme: of the
+    probabilities, ``own`` or by ``in_scheme``. Raises FormatError for a file of another network.
     """
 
     def __init__(self, path: Path) -> None:
         file = read_bounded(path, MAX_BYTES, REMEDY)
         try:
-            self.__setstate__(file)
-            self.probabilities(np.zeros((len(CHANNELS), MULTIPLE, 2 * MULTIPLE), np.uint8), 1)
+            self._load(file)
+            self.probabilities(np.zeros((len(FIXED), MULTIPLE, 2 * MULTIPLE), np.uint8), 1)
         except SystemError:  # Numba's, interrupted
             raise
         except Exception as error:  # ONNX Runtime's own errors share no public base
             raise FormatError(f"weights {path} do not belong to a suit network; {REMEDY}") from error
 
-    def __getstate__(self) -> bytes:
+    def __getstate__(self) -> tuple[bytes, Scheme]:
         # A loaded network cannot be pickled.
-        return self._file
+        return self._file, self.scheme
 
-    def __setstate__(self, file: bytes) -> None:
+    def __setstate__(self, state: tuple[bytes, Scheme]) -> None:
+        file, scheme = state
+        self._load(file)
+        self.scheme = scheme
+
+    def for_suit(self, suit: Suit | None) -> "SuitNetwork":
+        """Return the network with labels in the suit's scheme if the classes are regions, else in the usual
+        scheme.
+        """
+        return self.in_scheme(suit.scheme if suit and self.own.is_of_regions else self.usual_scheme)
+
+    @property
+    def usual_scheme(self) -> Scheme:
+        """Return the scheme of labels by default: ``scheme``, ``paper`` for a network of regions."""
+        return PAPER if self.scheme.is_of_regions else self.scheme
+
+    def in_scheme(self, scheme: Scheme) -> "SuitNetwork":
+        """Return the network with probabilities of a scheme's classes, sums of the own ones.
+
+        Raises FormatError where a class would be split.
+        """
+        conversion_table(self.own, scheme)
+        converted = copy.copy(self)
+        converted.scheme = scheme
+        return converted
+
+    def __copy__(self) -> "SuitNetwork":
+        converted = object.__new__(type(self))
+        converted.__dict__.update(self.__dict__)
+        return converted
+
+    def _load(self, file: bytes) -> None:
         self._file, self.sha256 = file, hashlib.sha256(file).hexdigest()
         first, second, self._context = split_network(file)
         self._around, self._fine = onnx_session(first), onnx_session(second)
+        metadata = self._around.get_modelmeta().custom_metadata_map
+        self.own = self.scheme = scheme_in_metadata(metadata) or PAPER
 
     def probabilities(self, planes: UInt8, step: int, near: Rectangle | None = None) -> Float32:
-        """Return class probabilities (13, h, w) of the rectangle ``near`` of channels (24, h', w'). near:
-        None = all.
+        """Return class probabilities (K + 1, h, w), another person's last, of the rectangle ``near`` of
+        channels (n, h', w'). near: None = all.
 
-        The network runs on the images of every ``step``-th pixel, which together hold all pixels. Context
-        features are computed for one image only, and interpolated for the others.
+        Likelihoods in another number than the own scheme's are taken as unknown. The network runs on the
+        images of every ``step``-th pixel, which together hold all pixels. Context features are computed for
+        one image only, and interpolated for the others.
         """
         near = near or Rectangle(*(slice(0, side) for side in planes.shape[1:]))
+        planes = fitted_to(planes, self.own)
         place = PLACE * step
         sides = [slice(own.start // place, -(-own.stop // place)) for own in near]
         around = np.pad(self._of_all(planes[:, ::step, ::step]), ((0, 0), (0, 1), (0, 1)), "edge")
@@ -67,29 +110,33 @@ class SuitNetwork:
         height, width = ((side.stop - side.start) * place for side in sides)
         seen = planes[:, *(slice(side.start * place, side.stop * place) for side in sides)]
         own = np.zeros((len(planes), height, width), np.uint8)
-        found = np.empty((CLASSES, height, width), np.float32)
+        found = np.empty((other_person(self.own) + 1, height, width), np.float32)
         own[:, : seen.shape[1], : seen.shape[2]] = seen
         for top in range(step):
             for left in range(step):
                 moved = _between(around, top / place, left / place)
                 found[:, top::step, left::step] = self._of_own(own[:, top::step, left::step], moved)
         inner = (slice(own.start % place, own.start % place + own.stop - own.start) for own in near)
-        return _softmax(found[:, *inner])
+        chance = _softmax(found[:, *inner])
+        return chance if self.scheme == self.own else class_sums(chance, self.own, self.scheme)
+
+    def _input(self, planes: UInt8) -> Float32:
+        return network_input(planes, len(self.own.parts))[None]
 
     def _of_all(self, planes: UInt8) -> Float32:
         """Return the encoder's features (k, h / 4, w / 4) of a whole image, padded at the end."""
         height, width = planes.shape[1:]
         padded = np.pad(planes, ((0, 0), (0, -height % MULTIPLE), (0, -width % MULTIPLE)))
-        found: Float32 = self._around.run(None, {INPUT: network_input(padded)[None]})[0][0]
+        found: Float32 = self._around.run(None, {INPUT: self._input(padded)})[0][0]
         return found
 
     def _of_own(self, planes: UInt8, around: Float32) -> Float32:
-        """Return the decoder's scores (13, h, w) for channels (24, h, w). around: features (k, h /
-        4, w / 4).
+        """Return the decoder's scores (K + 1, h, w) for channels (n, h, w). around: features (k, h / 4, w /
+        4).
         """
-        given = {INPUT: network_input(planes)[None], self._context: around[None]}
+        given = {INPUT: self._input(planes), self._context: around[None]}
         scores: Float32 = self._fine.run(None, given)[0][0]
-        if scores.shape != (CLASSES, *planes.shape[1:]):
+        if scores.shape != (other_person(self.own) + 1, *planes.shape[1:]):
             raise ValueError(f"scores of shape {scores.shape}")
         return scores
 
@@ -100,23 +147,33 @@ def shipped_suit_network() -> SuitNetwork:
     return SuitNetwork(SHIPPED_SUIT_NETWORK)
 
 
-def flipped(planes: UInt8) -> UInt8:
-    """Flip channels (24, h, w) left to right; swap left and right parts in labels and likelihoods."""
+def flipped(planes: UInt8, scheme: Scheme = PAPER) -> UInt8:
+    """Flip channels (n, h, w) of a scheme left to right; swap left and right in labels and likelihoods."""
     turned = planes[:, :, ::-1].copy()
-    before, of_parts = CHANNELS.index("before"), slice(1 - N_CLASSES, None)
-    turned[before] = swap_left_right(turned[before])
-    turned[of_parts] = turned[of_parts][TWIN_PARTS[1:] - 1]
+    before, of_parts = FIXED.index("before"), slice(len(FIXED), None)
+    turned[before] = swap_classes(turned[before], scheme)
+    body, twins = scheme.body_classes, scheme.twin_classes
+    turned[of_parts] = turned[of_parts][np.searchsorted(body, twins[body])]
     return turned
 
 
+def swap_classes(classes: UInt8, scheme: Scheme) -> UInt8:
+    """Exchange left and right in classes uint8 of any shape; another person and unknown ones stay."""
+    table = np.arange(256, dtype=np.uint8)
+    table[: len(scheme.twin_classes)] = scheme.twin_classes
+    return table[classes]
+
+
 def flip_averaged(network: SuitNetwork, planes: UInt8, step: int, near: Rectangle) -> Float32:
-    """Return the mean probabilities (13, h, w) of channels and of their flipped copy (docs/adr/0026)."""
+    """Return the mean probabilities (K + 1, h, w) of channels and of their flipped copy (docs/adr/0026)."""
     # Context is sampled every ``step`` columns; the padding makes a flip keep the phase.
+    planes = fitted_to(planes, network.own)
     if more := (1 - planes.shape[2]) % step:
         planes = np.pad(planes, ((0, 0), (0, 0), (0, more)))
     left, right = (planes.shape[2] - end for end in (near.columns.stop, near.columns.start))
     there = Rectangle(near.rows, slice(left, right))
-    other = network.probabilities(flipped(planes), step, there)[np.append(TWIN_PARTS, N_CLASSES), :, ::-1]
+    twins = [*network.scheme.twin_classes, other_person(network.scheme)]
+    other = network.probabilities(flipped(planes, network.own), step, there)[twins, :, ::-1]
     return np.float32(0.5) * (network.probabilities(planes, step, near) + other)
 
 

@@ -6,15 +6,16 @@ with priors near the palette. Constants are untuned unless a source is given.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from annotate.array_types import Bool, Float32, Float64, UInt8
-from annotate.parts import BODY_PARTS, PAPER
+from annotate.parts import PAPER
 from annotate.scheme.regions import N_REGIONS, Region
+from annotate.scheme.scheme import Scheme
 from annotate.suit.palette import Suit, chromaticity
 
 CLIPPED = 250  # 8-bit value from which a channel has lost its upper end
@@ -29,8 +30,6 @@ BARE = (((176, 135, 105), ("HEAD", "NECK"), ("FOREARM", "HAND", "FINGERS")),
 """sRGB of skin (the middle of the Monk Skin Tone scale), of dark hair and shoes; the regions that show them:
 those in the middle, those on both sides.
 """
-OF_PAPER = PAPER.table[1 : N_REGIONS + 1] == np.array([[part.id] for part in BODY_PARTS])
-"""Bool (11, 24): the regions of the paper's parts, which are the classes of the suit network."""
 BARE_COST = 0.7  # log cost of explaining a colour by BARE instead of the suit
 GAIN, GAIN_SIGMA = np.array([0.0, 0.25]), 0.3  # log gains of red and blue against green: mean and spread
 GAIN_STEPS = np.linspace(-0.7, 0.7, 11)  # offsets from GAIN tried first; incandescent to sky is -0.6 to 0.6
@@ -52,11 +51,11 @@ class ColorModel:
     blue gains relative to green. parts: name of the suit's part by swatch, "" for one that is bare.
 
     The suit's scheme gives the regions of a swatch; colours are matched by swatch. Probabilities and
-    likelihoods of parts are of the paper's eleven, the classes of the suit network: a part's likelihood is
-    the greatest of its regions. So a suit of any scheme is segmented into the paper's parts, with losses.
-    Colours of a finer suit, such as a glove, count for the whole part, and its borders within a part are
-    lost. Parts of a coarser suit, such as both arms in one colour, are equally likely by colour; only shape
-    and depth separate left from right.
+    likelihoods of parts are of the suit network's scheme: a part's likelihood is the greatest of its
+    regions. So a suit of any scheme is segmented into the network's parts, with losses. Colours of a finer
+    suit, such as a glove, count for the whole part, and its borders within a part are lost. Parts of a
+    coarser suit, such as both arms in one colour, are equally likely by colour; only shape and depth separate
+    left from right.
     """
 
     palette: Float64
@@ -102,25 +101,29 @@ class ColorModel:
     def _cost(self) -> Float64:
         return np.where(self.bare, BARE_COST, 0.0)
 
-    @cached_property
+    @property
     def parts_worn(self) -> Bool:
-        """Return bool (K, 11): True for the paper's parts with a region that shows the swatch."""
-        return np.asarray(self.wears @ OF_PAPER.T)
+        """Return ``worn_in`` of the scheme ``paper``."""
+        return self.worn_in(PAPER)
 
-    def evidence(self, rgb: UInt8) -> Float32:
-        """Return the log likelihood (11, n) of colours uint8 (n, 3) under every part."""
-        return np.asarray(np.log(self._likelihood(rgb) + np.float32(STRAY)), np.float32)
+    def worn_in(self, scheme: Scheme) -> Bool:
+        """Return bool (K, m): True for the scheme's parts of the body with a region that shows the swatch."""
+        return np.asarray(self.wears @ _regions_of(scheme).T)
 
-    def worn(self, rgb: UInt8, belief: Float64) -> float:
+    def evidence(self, rgb: UInt8, scheme: Scheme = PAPER) -> Float32:
+        """Return the log likelihood (m, n) of colours uint8 (n, 3) under a scheme's parts of the body."""
+        return np.asarray(np.log(self._likelihood(rgb, scheme) + np.float32(STRAY)), np.float32)
+
+    def worn(self, rgb: UInt8, belief: Float64, scheme: Scheme = PAPER) -> float:
         """Return the mean probability that colours uint8 (n, 3), n > 0, come from a swatch of their part.
 
-        belief: (n, 11), part probabilities. The alternative is a stray colour.
+        belief: (n, m), probabilities of a scheme's parts of the body. The alternative is a stray colour.
         """
-        likely = self._likelihood(rgb)
+        likely = self._likelihood(rgb, scheme)
         return float((belief.T * likely / (likely + STRAY)).sum() / len(rgb))
 
-    def _likelihood(self, rgb: UInt8) -> Float32:
-        return np.exp(self.by_part(self.match(chromaticity(rgb), blur(rgb))))
+    def _likelihood(self, rgb: UInt8, scheme: Scheme) -> Float32:
+        return np.exp(self.by_part(self.match(chromaticity(rgb), blur(rgb)), scheme))
 
     def by_region(self, match: Float32) -> Float32:
         """Return the log likelihood (24, n) of each region's best swatch, from ``match`` (K, n) of all
@@ -128,9 +131,16 @@ class ColorModel:
         """
         return _greatest(match, self.wears)
 
-    def by_part(self, match: Float32) -> Float32:
-        """Return the log likelihood (11, n) of each of the paper's parts: the greatest of ``by_region``."""
-        return _greatest(match, self.parts_worn)
+    def by_part(self, match: Float32, scheme: Scheme = PAPER) -> Float32:
+        """Return the log likelihood (m, n) of each part of the body: the greatest of ``by_region``."""
+        return _greatest(match, self.worn_in(scheme))
+
+
+@cache
+def _regions_of(scheme: Scheme) -> Bool:
+    """Return bool (m, 24): the regions of a scheme's parts of the body."""
+    ids = np.array([[part.id] for part in scheme.parts if not part.is_free], np.uint8)
+    return np.asarray(scheme.table[1 : N_REGIONS + 1] == ids)
 
 
 def _greatest(match: Float32, worn: Bool) -> Float32:
@@ -228,12 +238,12 @@ def under(model: ColorModel, log_gain: Float64) -> ColorModel:
     return replace(model, shift=FADE * fading, unknown=_strays(fading))
 
 
-def refit_colors(model: ColorModel, rgb: UInt8, belief: Float64) -> ColorModel:
-    """Return a model refitted to colours uint8 (n, 3) by expectation maximisation. belief: (n, 11), part
-    probabilities.
+def refit_colors(model: ColorModel, rgb: UInt8, belief: Float64, scheme: Scheme = PAPER) -> ColorModel:
+    """Return a model refitted to colours uint8 (n, 3) by expectation maximisation. belief: (n, m),
+    probabilities of a scheme's parts of the body.
     """
     some = evenly(len(rgb))
-    rgb, prior = rgb[some], (model.parts_worn @ belief[some].T).astype(np.float32)
+    rgb, prior = rgb[some], (model.worn_in(scheme) @ belief[some].T).astype(np.float32)
     chroma, noise = chromaticity(rgb), blur(rgb)
     for _ in range(FIT_ROUNDS):
         match = np.exp(model.match(chroma, noise)) * prior
@@ -296,22 +306,25 @@ def _strays(fading: Float64) -> Float64:
     return FADE_SIGMA**2 * fading[..., :, None] * fading[..., None, :] + HUE_SIGMA**2 * np.eye(2)
 
 
-def fit_illuminant(suit: Suit, rgb: UInt8, belief: Float64 | None = None) -> ColorModel:
+def fit_illuminant(
+    suit: Suit, rgb: UInt8, belief: Float64 | None = None, scheme: Scheme = PAPER
+) -> ColorModel:
     """Fit the illuminant to readable colours uint8 (n, 3), n > 0; return the suit's colours in it.
 
-    belief: (n, 11), part probabilities; None = all equally likely. The most likely candidates of a grid of
-    illuminants are refined by expectation maximisation.
+    belief: (n, m), probabilities of a scheme's parts of the body; None = all equally likely. The most likely
+    candidates of a grid of illuminants are refined by expectation maximisation.
     """
     palette = unfitted(suit)
     if belief is None:
-        belief = np.full((len(rgb), len(BODY_PARTS)), 1 / len(BODY_PARTS))
+        parts = len(scheme.body_classes)
+        belief = np.full((len(rgb), parts), 1 / parts)
     every = slice(None, None, -(-len(rgb) // GRID_COLORS))
-    some, prior = rgb[every], (palette.parts_worn @ belief[every].T).astype(np.float32)
+    some, prior = rgb[every], (palette.worn_in(scheme) @ belief[every].T).astype(np.float32)
     chroma, noise = chromaticity(some), blur(some)
     red, green = np.meshgrid(GAIN[0] + GAIN_STEPS, GAIN[1] + GAIN_STEPS, indexing="ij")
     illuminants = np.stack([red.ravel(), green.ravel()], axis=1)
     order = np.argsort(-_score(palette.match_under(illuminants, chroma, noise), prior, illuminants))
-    found = [refit_colors(under(palette, illuminants[i]), rgb, belief) for i in order[:REFINED]]
+    found = [refit_colors(under(palette, illuminants[i]), rgb, belief, scheme) for i in order[:REFINED]]
     scores = [_score(model.match(chroma, noise)[None], prior, model.log_gain[None])[0] for model in found]
     return found[int(np.argmax(scores))]
 

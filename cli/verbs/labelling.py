@@ -4,7 +4,7 @@ import math
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -73,7 +73,7 @@ def label(
     if source is not None:
         check_room(out, store.MANIFEST, overwrite, session, *given)
     network = SuitNetwork(weights) if weights else shipped_suit_network()
-    labeller = SuitLabeller(palette, network, window)
+    labeller = SuitLabeller(palette, network.for_suit(palette), window)
     if source is None:
         one = partial(_label, labeller)
         label_each("label", one, sessions, out, EachOptions(scheduler, overwrite, json))
@@ -147,7 +147,7 @@ class PredictChoices:
     """Options of ``predict``. Raises BadParameter for options that exclude each other.
 
     again: refine labels by the depth of the room; None = only for recordings. learnt: further refinement
-    network.
+    network. scheme: name or file of the labels' scheme; None = the network's usual one.
     """
 
     weights: Path | None
@@ -156,6 +156,7 @@ class PredictChoices:
     everybody: bool
     again: bool | None
     learnt: Path | None
+    scheme: Path | None = None
 
     def __post_init__(self) -> None:
         if self.probabilities and self.everybody:
@@ -170,21 +171,30 @@ class PredictChoices:
     def work(self, opened: "LabelledFrames | Source", out: Path) -> "Callable[[Callable[[int], None]], Run]":
         """Return a function that labels the opened frames or recording; its argument reports progress."""
         from annotate.labelset.labelled_frames import LabelledFrames
+        from annotate.scheme.scheme_file import load_scheme
         from annotate.segmentation.suit_network import SuitNetwork
         from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
-        from eval.network.predict import PredictOptions, predict_frames
+        from eval.network.predict import PredictOptions, fits, predict_frames
         from eval.network.predict_source import predict_source
         from eval.network.refine import shipped_refinement_network
 
-        network = OnnxNetwork(self.weights or SHIPPED_WEIGHTS)
+        scheme = load_scheme(str(self.scheme)) if self.scheme else None
+        network = OnnxNetwork(self.weights or SHIPPED_WEIGHTS, scheme=scheme if self.weights else None)
         refiners = [SuitNetwork(self.learnt)] if self.learnt else []
         if isinstance(opened, LabelledFrames):
             refiners = [shipped_refinement_network(), *refiners] if self.again else refiners
-            options = PredictOptions(self.probabilities, refiners=refiners)
+            options = PredictOptions(self.probabilities, refiners=refiners, scheme=scheme)
+            options.chained(network)
             return partial(predict_frames, opened, network, out, options=options)
         once = self.again is False or self.probabilities or self.everybody
         room = None if once else shipped_refinement_network()
-        options = PredictOptions(self.probabilities, self.everybody, self.window_c, room, refiners)
+        options = PredictOptions(
+            self.probabilities, self.everybody, self.window_c, room, refiners, scheme=scheme
+        )
+        if room and self.again is None and not fits(options, network):
+            say(f"labels are not refined: the refinement network has scheme {room.own.name!r}")
+            options = replace(options, room_refiner=None)
+        options.chained(network)
         return partial(predict_source, opened, network, out, options=options)
 
 
@@ -209,6 +219,13 @@ def predict(
     learnt: Annotated[
         Path | None, Option(help="Refinement network (.onnx) of this person and room, from learn.")
     ] = None,
+    scheme: Annotated[
+        Path | None,
+        Option(
+            help="Scheme of the labels, name or file (TOML).",
+            show_default="the network's; paper for a network of regions",
+        ),
+    ] = None,
     scheduler: Scheduler = None,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -220,7 +237,7 @@ def predict(
     if joints is not None:
         check_kind(joints)
         check_free(joints, overwrite)
-    choices = PredictChoices(weights, window, probabilities, everybody, again, learnt)
+    choices = PredictChoices(weights, window, probabilities, everybody, again, learnt, scheme)
     given = [path for path in (weights, learnt) if path]
     check_there(*given)
     if sessions := sessions_in(source, scheduler):

@@ -1,4 +1,4 @@
-"""Verbs that train: train, a network; train-labels, the suit network."""
+"""The verb ``train``: train a network on depth images."""
 
 import time
 from collections.abc import Iterator
@@ -15,13 +15,13 @@ from cli.console import Json, Overwrite, check_room, clear, finish, progress, sa
 from cli.extras import check_extra, needing
 from sensors.errors import CloudError
 from sensors.files.atomic import check_there
-from sensors.importers.open_source import opener_at
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from torch import nn
 
+    from annotate.scheme.scheme import Scheme
     from eval.network.networks import NetworkConfig
     from eval.training.calibration_split import CalibrationSplit
     from eval.training.crops import Crops
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 CALIBRATED_ON = 512  # images, at most, that the temperature of the confidences is fitted on; untuned
 EPOCHS = 12  # passes over all images by default; untuned
 PLAN = "plan.json"
-"""First file of both trainings in their folder."""
+"""First file of a training in its folder."""
 SHIPPED = Path("shipped")
 """For ``--init``: the shipped network."""
 Without = StrEnum(
@@ -74,14 +74,20 @@ class _Choices:
 
         return SHIPPED_WEIGHTS.with_suffix(".safetensors")
 
-    def plan(self) -> "tuple[Plan, nn.Module | None]":
-        """Return the plan, and the network to start from if any."""
+    def plan(self, scheme: "Scheme") -> "tuple[Plan, nn.Module | None]":
+        """Return the plan, and the network to start from if any, with the classes of a scheme."""
+        from eval.network.expansion import expanded
         from eval.network.weights_file import load_weights
         from eval.training.augment import Augmentation
         from eval.training.plan import ModernRecipe, PaperRecipe, Plan, best_precision
 
         weights, without = self.weights, self.without or []
-        model, config = load_weights(weights) if weights else (None, _config(self.network or "compact"))
+        model: nn.Module | None = None
+        if weights:
+            start, config, known = load_weights(weights)
+            model = expanded(start, config, known, scheme)
+        else:
+            config = _config(self.network or "compact")
         how = Augmentation(**{f.name: f.name not in without for f in fields(Augmentation)})
         kind = PaperRecipe if self.recipe == "paper" else ModernRecipe
         recipe = kind() if self.batch is None else kind(self.batch)
@@ -105,6 +111,9 @@ def train(
         RecipeName, Option(help="modern: AdamW with one cycle; paper: SGD on a summed loss.")
     ] = "modern",
     init: Annotated[Path | None, Option(help="Weights to start from (.safetensors), or shipped.")] = None,
+    scheme: Annotated[
+        Path | None, Option(help="Scheme to train on, name or file (TOML).", show_default="the data's")
+    ] = None,
     without: Annotated[list[Without] | None, Option(help="Augmentation to leave out; repeatable.")] = None,
     epochs: Annotated[
         int | None, Option(min=1, max=10_000, help="Passes over all images.", show_default="12")
@@ -132,14 +141,15 @@ def train(
     started, tests = time.monotonic(), test or []
     choices = _Choices(network, recipe, init, without, epochs, minutes, batch, seed, precision)
     inputs = _checked(data, tests, hold_out, choices)
+    parts = _scheme(scheme, [*data, *tests])
     check_room(out, PLAN, overwrite, *inputs)
     with needing("train"):
         from eval.training.processes import ProcessGroup
         from eval.training.train import Data
         from eval.training.train import train as run
     with ProcessGroup.join() as group:
-        plan, start = choices.plan()
-        split, measured = _crops(data, tests, frozenset(hold_out or []), test_images)
+        plan, start = choices.plan(parts)
+        split, measured = _crops(data, tests, frozenset(hold_out or []), test_images, parts)
         if group.first:
             _say_unchecked([*data, *tests])
             clear(out, PLAN, overwrite, *inputs)
@@ -149,6 +159,22 @@ def train(
     if group.first:
         say(split.note)
         _finish(_written(out, model, plan, split), done.epochs, started, json)
+
+
+def _scheme(given: Path | None, paths: list[Path]) -> "Scheme":
+    """Return the scheme to train on, which all labels convert to. Raises CloudError where they do not."""
+    from annotate.labelset.labelled_frames import open_frames
+    from annotate.scheme.merging import conversion_table
+    from annotate.scheme.scheme_file import load_scheme
+    from eval.training.crops import common_scheme
+
+    opened = [open_frames(path) for path in paths]
+    if given is None:
+        return common_scheme(opened)
+    scheme = load_scheme(str(given))
+    for frames in opened:
+        conversion_table(frames.scheme, scheme)
+    return scheme
 
 
 def _left_out(split: "CalibrationSplit", hold_out: list[str]) -> tuple[str, ...]:
@@ -206,9 +232,10 @@ def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSpl
     from eval.training.confidence_temperature import fitted_temperature
 
     weights, held = out / "weights.onnx", split.calibrated
-    save_weights(weights.with_suffix(".safetensors"), model, plan.network)
+    scheme = split.trained.scheme
+    save_weights(weights.with_suffix(".safetensors"), model, plan.network, scheme)
     temperature = 1.0 if held is None else fitted_temperature(model, held.spread(CALIBRATED_ON))
-    export_network(model, weights, temperature)
+    export_network(model, weights, temperature, scheme)
     calibrated_on = split.described()
     return {
         "temperature": round(temperature, 4),
@@ -233,16 +260,16 @@ def _config(network: NetworkName) -> "NetworkConfig":
 
 
 def _crops(
-    data: list[Path], tests: list[Path], hold_out: frozenset[str], images: int
+    data: list[Path], tests: list[Path], hold_out: frozenset[str], images: int, scheme: "Scheme"
 ) -> "tuple[CalibrationSplit, Crops | None]":
     """Return images to train on, to calibrate on, and to measure on if any; the three share no image."""
     from eval.training.calibration_split import calibration_split
     from eval.training.crops import load_crops
 
-    split = calibration_split(load_crops(data, without=hold_out))
+    split = calibration_split(load_crops(data, without=hold_out, scheme=scheme))
     if hold_out:
-        return split, load_crops(data, only=hold_out).spread(images)
-    return split, load_crops(tests).spread(images) if tests else None
+        return split, load_crops(data, only=hold_out, scheme=scheme).spread(images)
+    return split, load_crops(tests, scheme=scheme).spread(images) if tests else None
 
 
 @contextmanager
@@ -263,85 +290,3 @@ def _watching(
             yield Watch(advance, ended, 60 * minutes)
     else:
         yield Watch(checkpoint_s=60 * minutes)
-
-
-def _sources(
-    sessions: list[Path], truth: list[Path] | None, suit: Path | None
-) -> list[tuple[Path, Path, Path]]:
-    """Return recordings with labels and palettes.
-
-    Raises CloudError for too few recordings, for unreadable files, or for labels of the judging cast.
-    """
-    from annotate.labelset.cast_note import check_trainable
-    from annotate.labelset.label_set import LabelSet
-    from annotate.suit.palette import load_suit
-    from synth.rig.simulate import suit_path, truth_path
-
-    if len(sessions) < 2:
-        raise CloudError(
-            "one recording is given; give two or more, because confidence is fitted on a held-out one"
-        )
-    if truth and len(truth) != len(sessions):
-        raise CloudError(f"{len(truth)} label sets for {len(sessions)} recordings; give one --truth for each")
-    known = truth or [truth_path(session) for session in sessions]
-    suits = [suit or suit_path(session) for session in sessions]
-    triples = list(zip(sessions, known, suits, strict=True))
-    for recording, labels, palette in triples:
-        opener_at(recording)
-        check_trainable(labels, LabelSet.open(labels).info)
-        load_suit(palette)
-    return triples
-
-
-def train_labels(
-    sessions: Annotated[list[Path], Argument(help="Two or more recordings of people in the suit.")],
-    out: Annotated[
-        Path, Option(help="Folder for the suit network, reader.onnx; an interrupted run continues there.")
-    ],
-    truth: Annotated[
-        list[Path] | None,
-        Option(
-            help="Corrected label set of each recording, in the same order.",
-            show_default="the file of simulate beside each",
-        ),
-    ] = None,
-    suit: Annotated[
-        Path | None,
-        Option(help="Palette of the suit (TOML).", show_default="the file of simulate beside each"),
-    ] = None,
-    steps: Annotated[
-        int,
-        Option(min=1, max=1_000_000, help="Steps of eight samples, about half a second each on one core."),
-    ] = 1000,
-    seed: Annotated[int, Option(min=0, help="The same seed and recordings give the same weights.")] = 0,
-    overwrite: Overwrite = False,
-    json: Json = False,
-) -> None:
-    """Train the suit network further on your recordings, for 'label --weights'. Needs the extra 'train'."""
-    check_extra("train", "torch", "onnx", "safetensors")
-    triples = _sources(sessions, truth, suit)
-    inputs = [path for triple in triples for path in triple]
-    check_room(out, PLAN, overwrite, *inputs)
-    with needing("train", "synth"):
-        from annotate.segmentation.suit_network import SuitNetwork
-        from eval.training.segmentation.examples import Recording
-        from eval.training.segmentation.train import train_labels
-    recordings = [Recording.open(*triple) for triple in triples]
-    clear(out, PLAN, overwrite, *inputs)
-    done = train_labels(recordings, out, steps, seed, progress)
-    result = {
-        "weights": str(done.path),
-        "sha256": SuitNetwork(done.path).sha256,
-        "frames": done.frames,
-        "frames_held_out": done.frames_held_out,
-        "mean_recall": done.after.recall,
-        "person_iou": done.after.person_iou,
-        "mean_recall_before": done.before.recall,
-        "person_iou_before": done.before.person_iou,
-    }
-    text = (
-        f"{done.path}: {done.frames} frames; on {done.frames_held_out} held out, before borders are drawn, "
-        f"mean recall {done.before.recall:.3f} -> {done.after.recall:.3f}, person IoU "
-        f"{done.before.person_iou:.3f} -> {done.after.person_iou:.3f}"
-    )
-    finish(result, json, text)

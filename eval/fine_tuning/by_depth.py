@@ -28,7 +28,7 @@ class DepthFineTuner(FineTuner):
         super().__init__(labels, start or FULL_REFINEMENT_NETWORK, degrade=False)
 
     def examples(self, frames: Sequence[CorrectedFrame], progress: Progress) -> list[Example]:
-        found = (depth_example(f.first, f.corrected.parts, camera_in(self._labels, f.first)) for f in frames)
+        found = (depth_example(f.first, f.corrected, camera_in(self._labels, f.first)) for f in frames)
         return [example for example in found if example]
 
     def parts(self, frames: Sequence[CorrectedFrame], weights: Path) -> list[UInt8]:
@@ -45,11 +45,15 @@ class DepthFineTuner(FineTuner):
             yield refine(camera_in(self._labels, first), first, network)
 
 
-def depth_example(first: FrameLabels, parts: UInt8, camera: Intrinsics) -> Example | None:
-    """Return a training example: input of ``refine``, target the true parts (h, w); None without a person."""
-    found = depth_view(first, camera)
+def depth_example(first: FrameLabels, truth: FrameLabels, camera: Intrinsics) -> Example | None:
+    """Return a training example: input of ``refine``, target the classes of the true parts; None without a
+    person.
+
+    Raises FormatError where the first labels do not convert to the truth's scheme.
+    """
+    found = depth_view(first, camera, scheme=truth.scheme)
     if found is None:
         return None
     cloud, view = found
     meta = np.array([cloud.camera.fx, cloud.camera.fx / view.pixels_per_m])
-    return Example(view.planes, parts[view.where].copy(), meta)
+    return Example(view.planes, truth.scheme.class_table[truth.parts[view.where]], meta)

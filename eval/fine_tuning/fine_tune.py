@@ -16,6 +16,7 @@ from annotate.labelset.atomic_folder import appearing
 from annotate.labelset.cast_note import cast_note, cast_of
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.label_set import MANIFEST, LabelSet
+from annotate.labelset.scheme_note import scheme_note
 from eval.fine_tuning.by_depth import DepthFineTuner
 from eval.fine_tuning.by_suit import SuitFineTuner, suit_step
 from eval.fine_tuning.run import FineTuner
@@ -114,8 +115,8 @@ def _label(path: Path, tuner: FineTuner, out: Path, progress: Progress) -> None:
         progress("label, frames", len(untouched(correction))) as advance,
     ):
         labels = correction.labels
-        cast = cast_note(cast_of(labels.info))
-        info = {"source": labels.source, "steps": tuner.step(out / WEIGHTS), **cast}
+        notes = cast_note(cast_of(labels.info)) | scheme_note(labels.scheme)
+        info = {"source": labels.source, "steps": tuner.step(out / WEIGHTS), **notes}
         learnt = LabelSet.create(folder, labels.intrinsics, info)
         for labelled in tuner.labels(correction, out / WEIGHTS):
             learnt.write(labelled)

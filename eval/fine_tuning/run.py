@@ -18,7 +18,11 @@ from annotate.segmentation.segment import SAMPLE_M
 from eval.fine_tuning.training_split import CorrectedFrame
 from eval.training.segmentation.augmentation import Sampling
 from eval.training.segmentation.examples import Example
-from eval.training.segmentation.network import export_suit_network, load_suit_network
+from eval.training.segmentation.network import (
+    expanded_suit_network,
+    export_suit_network,
+    load_suit_network,
+)
 from eval.training.segmentation.train import Progress, Stage, SuitTraining, by_steps, train_stage
 
 STEPS_EACH, MOST_STEPS = (
@@ -34,12 +38,13 @@ SEED = 0  # of the samples; the same corrections give the same network
 class FineTuner(ABC):
     """Segmentation network that is fine-tuned on corrections of the labels that it predicted.
 
-    start: weights (.onnx) in full precision. degrade: as in ``Sampling``. Raises FormatError if ``start``
-    holds no weights of a suit network.
+    start: weights (.onnx) in full precision; the network gets the classes of the labels' scheme, things
+    included. degrade: as in ``Sampling``. Raises FormatError if ``start`` holds no weights of a suit network.
     """
 
     def __init__(self, labels: LabelSet, start: Path, *, degrade: bool) -> None:
-        self._labels, self._network = labels, load_suit_network(start)
+        self._labels = labels
+        self._network = expanded_suit_network(load_suit_network(start), labels.scheme)
         self._start, self._degrade = sha256(start), degrade
 
     @abstractmethod
@@ -74,7 +79,7 @@ class FineTuner(ABC):
         checkpoint = run / digest_of(self._start, examples, stage) / name
         checkpoint.parent.mkdir(parents=True, exist_ok=True)
         with progress("learn, steps", steps) as advance:
-            training = SuitTraining(examples, stage, SEED)
+            training = SuitTraining(examples, stage, SEED, self._labels.scheme)
             self._network = train_stage(self._network, training, checkpoint, by_steps(advance))
 
     def save(self, path: Path) -> None:

@@ -8,9 +8,7 @@ import numpy as np
 
 from annotate.array_types import Int64
 from annotate.correction.correction import Correction
-from annotate.crop import person_of
 from annotate.frame_labels import FrameLabels
-from annotate.parts import on_body
 from eval.network.predict import check_one_person
 from eval.training.shared_bodies import bodies_in
 from sensors.errors import CloudError
@@ -56,8 +54,8 @@ def corrected_frames(path: Path) -> list[CorrectedFrame]:
 
 
 def _shows_parts(frame: CorrectedFrame) -> bool:
-    there = person_of(frame.first.parts) & (frame.first.depth_mm > 0)
-    return bool((there & on_body(frame.corrected.parts)).any())
+    there = frame.first.on_person & (frame.first.depth_mm > 0)
+    return bool((there & frame.corrected.on_body).any())
 
 
 def split_frames(frames: Sequence[CorrectedFrame]) -> tuple[list[CorrectedFrame], list[CorrectedFrame]]:

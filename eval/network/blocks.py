@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 
 class NetworkOutput(NamedTuple):
-    """Class scores (B, 12, h, w) of a batch of crops; from some networks also facing, posture and joints.
+    """Class scores (B, K, h, w) of a batch of crops; from some networks also facing, posture and joints.
 
     facing: (B, 2), cosine and sine of the camera's azimuth about the trunk, 0 in front of the chest, positive
     on the person's left; the length is the certainty. posture: (B, P), scores by ``POSTURES``. joints: (B,

@@ -9,16 +9,40 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from annotate.parts import PARTS
+from annotate.parts import PAPER
 from annotate.posture import POSTURES
+from annotate.scheme.scheme import Scheme
 from eval.network.blocks import NetworkOutput, convolution, self_attention
 from eval.scores.joints import N_JOINTS
 
-NAMES = tuple(part.name for part in PARTS)
-KINDS = tuple(dict.fromkeys(name.removeprefix("left_").removeprefix("right_") for name in NAMES))
 JOINT_LEVEL = 2  # halvings after the first at which joints are located: 27 x 27 cells of a crop of 212
 HEAD_WIDTH = 32  # channels of an attention head
 TURNING = 64  # width of the layer between joints and facing
+
+
+@dataclass(frozen=True)
+class Kinds:
+    """Kinds of a scheme's classes: a kind is a class without its side, e.g. an arm.
+
+    of_class: (K,), the kind of each class. sides: (K,), 1 for left, -1 for right, 0 for a class in the
+    middle.
+    """
+
+    of_class: tuple[int, ...]
+    sides: tuple[int, ...]
+
+    @classmethod
+    def of(cls, scheme: Scheme) -> "Kinds":
+        """Return the kinds of a scheme's classes, in order of their first class."""
+        first = [min(i, twin) for i, twin in enumerate(scheme.twin_classes.tolist())]
+        order = sorted(set(first))
+        sides = [0] * len(first)
+        for left, right in scheme.twins:
+            sides[scheme.class_table[left]], sides[scheme.class_table[right]] = 1, -1
+        return cls(tuple(order.index(i) for i in first), tuple(sides))
+
+    def __len__(self) -> int:
+        return 1 + max(self.of_class)
 
 
 @dataclass(frozen=True)
@@ -36,11 +60,12 @@ class CompactUNet(nn.Module):
 
     The stem halves the resolution and a pixel shuffle restores it. At the coarsest level every cell attends
     to every other. Each pixel first gets a class without side, e.g. arm. One more score per pixel gives left
-    or right, with weights computed from the whole person.
+    or right, with weights computed from the whole person; a scheme without sides has no such weights.
     """
 
-    def __init__(self, config: CompactConfig = CompactConfig()) -> None:
+    def __init__(self, config: CompactConfig = CompactConfig(), scheme: Scheme = PAPER) -> None:
         super().__init__()
+        self.classes = Kinds.of(scheme)
         w, whole, fine = config.widths, config.widths[-1], config.widths[0] + 8
         self.stem = convolution(1, w[0], stride=2)
         self.down = nn.ModuleList(
@@ -52,8 +77,8 @@ class CompactUNet(nn.Module):
             convolution(below + skip, skip) for skip, below in zip(w[-2::-1], w[:0:-1], strict=True)
         )
         self.refine = convolution(w[0] + 4, fine)
-        self.kinds = nn.Conv2d(fine, 4 * len(KINDS), 1)
-        self.sides = nn.Linear(whole, 4 * (fine + 1))
+        self.kinds = nn.Conv2d(fine, 4 * len(self.classes), 1)
+        self.sides = nn.Linear(whole, 4 * (fine + 1)) if any(self.classes.sides) else None
         self.facing = nn.Linear(whole, 2)
         self.turned = nn.Sequential(
             nn.Linear(3 * N_JOINTS, TURNING), nn.ReLU(inplace=True), nn.Linear(TURNING, 2)
@@ -78,8 +103,9 @@ class CompactUNet(nn.Module):
         # The raw pixels again, because the last stage needs edges at full resolution.
         x = self.refine(torch.cat([x, nn.functional.pixel_unshuffle(depth, 2)], dim=1))
         joints = _located(self.places(levels[max(0, len(levels) - 1 - JOINT_LEVEL)]))
+        kinds = nn.functional.pixel_shuffle(self.kinds(x), 2)
         return NetworkOutput(
-            _scores(nn.functional.pixel_shuffle(self.kinds(x), 2), self._side(x, whole)),
+            _scores(self.classes, kinds, None if self.sides is None else self._side(self.sides, x, whole)),
             self.facing(whole) + self.turned((joints - joints.mean(dim=1, keepdim=True)).flatten(1)),
             self.posture(whole),
             joints,
@@ -93,10 +119,10 @@ class CompactUNet(nn.Module):
             cells = layer(cells)
         return cells.transpose(1, 2).reshape(x.shape), cells.mean(dim=1)
 
-    def _side(self, x: Tensor, whole: Tensor) -> Tensor:
+    def _side(self, sides: nn.Linear, x: Tensor, whole: Tensor) -> Tensor:
         """Return the score (B, 1, H, W) of left against right. whole: (B, C), mean of the attention cells."""
         batch, channels, height, width = x.shape
-        weights = self.sides(whole).reshape(batch, 4, channels + 1)
+        weights = sides(whole).reshape(batch, 4, channels + 1)
         side = weights[..., :-1] @ x.flatten(2) + weights[..., -1:]
         return nn.functional.pixel_shuffle(side.reshape(batch, 4, height, width), 2)
 
@@ -120,20 +146,18 @@ class _Attention(nn.Module):
         return cells + thought
 
 
-def _scores(kinds: Tensor, side: Tensor) -> Tensor:
-    """Return class scores (B, 12, H, W) from scores of kinds (classes without side) and of the side (B, 1, H,
-    W).
+def _scores(classes: Kinds, kinds: Tensor, side: Tensor | None) -> Tensor:
+    """Return class scores (B, K, H, W) from scores of kinds and of the side (B, 1, H, W).
 
-    p(left arm) = p(arm) p(left): the logarithms are added.
+    p(left arm) = p(arm) p(left): the logarithms are added. side: None for a scheme without sides.
     """
-    of_side = {"left": -nn.functional.softplus(-side), "right": -nn.functional.softplus(side)}
+    if side is None:
+        return kinds[:, list(classes.of_class)]
+    of_side = {1: -nn.functional.softplus(-side), -1: -nn.functional.softplus(side)}
     scores = []
-    for name in NAMES:
-        which, _, kind = name.partition("_")
-        if which in of_side:
-            scores.append(kinds[:, KINDS.index(kind), None] + of_side[which])
-        else:
-            scores.append(kinds[:, KINDS.index(name), None])
+    for kind, which in zip(classes.of_class, classes.sides, strict=True):
+        own = kinds[:, kind, None]
+        scores.append(own + of_side[which] if which else own)
     return torch.cat(scores, dim=1)
 
 

@@ -6,6 +6,8 @@ from typing import Any
 
 from torch import nn
 
+from annotate.parts import PAPER
+from annotate.scheme.scheme import Scheme
 from eval.network.compact import CompactConfig, CompactUNet
 from eval.network.reference_networks import PaperConfig, PaperFcn, SmpConfig, SmpUnet
 from sensors.errors import CloudError, FormatError, fault_of
@@ -13,15 +15,15 @@ from sensors.errors import CloudError, FormatError, fault_of
 NetworkConfig = CompactConfig | PaperConfig | SmpConfig
 
 
-def build(config: NetworkConfig) -> nn.Module:
-    """Build an untrained network: (B, 1, h, w) depth in [0, 1] -> `NetworkOutput`."""
+def build(config: NetworkConfig, scheme: Scheme = PAPER) -> nn.Module:
+    """Build an untrained network: (B, 1, h, w) depth in [0, 1] -> `NetworkOutput`. scheme: of its classes."""
     match config:
         case CompactConfig():
-            return CompactUNet(config)
+            return CompactUNet(config, scheme)
         case PaperConfig():
-            return PaperFcn(config)
+            return PaperFcn(config, scheme)
         case SmpConfig():
-            return SmpUnet(config)
+            return SmpUnet(config, scheme)
 
 
 def described(config: NetworkConfig) -> dict[str, Any]:

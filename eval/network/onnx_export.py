@@ -1,5 +1,6 @@
 """Export of networks as ONNX."""
 
+import json
 import warnings
 from pathlib import Path
 
@@ -8,7 +9,10 @@ import torch
 from torch import Tensor, nn
 
 from annotate.crop import SIZE
-from annotate.parts import BACKGROUND, N_CLASSES
+from annotate.onnx_session import SCHEME
+from annotate.parts import BACKGROUND, PAPER
+from annotate.scheme.scheme import Scheme
+from annotate.scheme.scheme_file import scheme_to_fields
 from sensors.files.atomic import replacing
 
 LEAST_HALVED = 1024  # numbers of a tensor from which half precision makes the file smaller
@@ -22,15 +26,15 @@ class _Probabilities(nn.Module):
 
     background: Tensor
 
-    def __init__(self, network: nn.Module, temperature: float) -> None:
+    def __init__(self, network: nn.Module, temperature: float, classes: int) -> None:
         super().__init__()
         self.network, self.temperature = network, temperature
-        background = torch.zeros(1, N_CLASSES, 1, 1)
+        background = torch.zeros(1, classes, 1, 1)
         background[0, BACKGROUND] = 1
         self.register_buffer("background", background)
 
     def forward(self, depth: Tensor) -> tuple[Tensor, ...]:
-        """Return part probabilities (B, 12, h, w), facing (B, 2), postures (B, P), joints (B, J, 3) for depth
+        """Return part probabilities (B, K, h, w), facing (B, 2), postures (B, P), joints (B, J, 3) for depth
         (B, 1, h, w).
         """
         scores, facing, posture, joints = self.network(depth)
@@ -42,17 +46,31 @@ class _Probabilities(nn.Module):
         return parts, facing, torch.softmax(posture, dim=1), joints
 
 
-def export_network(network: nn.Module, path: Path, temperature: float = 1.0) -> None:
-    """Write a network as ONNX: ``depth`` (B, 1, 212, 212) -> ``probability`` (B, 12, 212, 212).
+def export_network(network: nn.Module, path: Path, temperature: float = 1.0, scheme: Scheme = PAPER) -> None:
+    """Write a network as ONNX: ``depth`` (B, 1, 212, 212) -> ``probability`` (B, K, 212, 212).
 
     Further outputs ``facing`` and ``joints`` are as in `NetworkOutput`, ``posture`` as probabilities.
-    temperature: divides the scores.
+    temperature: divides the scores. scheme: of the classes, written into the file's metadata.
     """
-    whole = _Probabilities(network.cpu(), temperature).eval()
+    whole = _Probabilities(network.cpu(), temperature, len(scheme.class_ids)).eval()
     example = torch.rand(1, 1, SIZE, SIZE)
     with torch.no_grad():
         names = ["probability", "facing", "posture", "joints"][: len(whole(example))]
-    _write(whole, example, path, {name: {0: "batch"} for name in ("depth", *names)})
+    with replacing(path) as temporary:
+        _write(whole, example, temporary, {name: {0: "batch"} for name in ("depth", *names)})
+        name_scheme(temporary, scheme)
+
+
+def name_scheme(path: Path, scheme: Scheme) -> None:
+    """Write the scheme of its classes into an ONNX file's metadata; a file of ``paper`` stays unchanged."""
+    import onnx
+
+    if scheme == PAPER:
+        return
+    model = onnx.load(path)
+    onnx.helper.set_model_props(model, {SCHEME: json.dumps(scheme_to_fields(scheme))})
+    with replacing(path) as temporary:
+        onnx.save(model, temporary)
 
 
 def export_any_size(network: nn.Module, path: Path, channels: int, multiple: int, names: list[str]) -> None:

@@ -1,8 +1,9 @@
 """Exported network (ONNX) that labels the parts of a person."""
 
+import copy
 import hashlib
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from importlib.resources import files
 from pathlib import Path
@@ -13,9 +14,11 @@ from numba import njit
 from annotate.array_types import Bool, Float32, UInt8, UInt16
 from annotate.crop import SIZE, Crop, nearest_seen, network_crop, normalize
 from annotate.labelset.images import Probabilities
-from annotate.onnx_session import onnx_session
-from annotate.parts import BACKGROUND, N_CLASSES, TWIN_PARTS
+from annotate.onnx_session import onnx_session, scheme_in_metadata
+from annotate.parts import PAPER
 from annotate.posture import POSTURES
+from annotate.scheme.merging import class_sums, conversion_table
+from annotate.scheme.scheme import BACKGROUND, Scheme
 from annotate.segmentation.segmented_person import Segmentation
 from eval.network.body_state import BodyState
 from eval.scores.joints import N_JOINTS, TWIN
@@ -24,17 +27,9 @@ from sensors.files.bounded import read_bounded
 
 SHIPPED_WEIGHTS = Path(str(files("eval").joinpath("weights", "compact.onnx")))
 MAX_WEIGHT_BYTES = 1_000_000_000  # of a network's file, read whole; the paper's has 540 MB
-ROUNDING = 0.05  # of a pixel's sum of probabilities; twelve rounded to eight bits leave 0.024
+ROUNDING = 1 / 255  # of a probability, which some networks give in eight bits
 AT_ONCE = min(4, os.cpu_count() or 1)  # crops at once, a thread each: threads that share a crop wait
 BODY_OUTPUTS = {"facing": (2,), "posture": (len(POSTURES),), "joints": (N_JOINTS, 3)}
-FLIPPED_BACK: tuple[Callable[[Float32], Float32], ...] = (
-    lambda planes: planes[:, TWIN_PARTS, :, ::-1],
-    lambda facing: facing * np.array([1, -1], np.float32),
-    lambda posture: posture,
-    lambda joints: np.array([1, 0, 0], np.float32) + joints[:, TWIN] * np.array([-1, 1, 1], np.float32),
-)
-"""Outputs for flipped images as outputs for the images: probabilities, facing, posture and joints."""
-
 Image = tuple[UInt16, Bool]
 """Depth in millimetres and the person's pixels, both (h, w)."""
 
@@ -43,12 +38,18 @@ class OnnxNetwork:
     """Exported network on the CPU; loading executes no code from the file.
 
     sha256: hash of the file. flip: average the outputs for an image and its flip (docs/adr/0024), which takes
-    twice as long. The network, in any precision, gives probabilities (B, 12, 212, 212) for (B, 1, 212, 212).
-    It may also give ``facing``, ``posture`` and ``joints`` as in `NetworkOutput`. Raises FormatError for a
-    file that is not such a network, or that keeps its tensors in further files.
+    twice as long. The network, in any precision, gives probabilities (B, K, 212, 212) for (B, 1, 212, 212),
+    the background first, then the parts by id. It may also give ``facing``, ``posture`` and ``joints`` as in
+    `NetworkOutput`.
+
+    own: scheme of the classes, named in the file. A file that names none is of ``scheme`` where the number of
+    classes is the same, else of ``paper``. scheme: of the labels, ``own`` or by ``in_scheme``. Raises
+    FormatError for a file that is not such a network, or that keeps its tensors in further files.
     """
 
-    def __init__(self, path: Path = SHIPPED_WEIGHTS, *, flip: bool = True) -> None:
+    def __init__(
+        self, path: Path = SHIPPED_WEIGHTS, *, flip: bool = True, scheme: Scheme | None = None
+    ) -> None:
         data = read_bounded(path, MAX_WEIGHT_BYTES, "give an exported network (.onnx)")
         if not data:
             raise FormatError(f"weights {path} are empty; give an exported network (.onnx)")
@@ -60,19 +61,25 @@ class OnnxNetwork:
             self._input, self._float = depth.name, np.float16 if "float16" in depth.type else np.float32
             # A file's declaration of its inputs and outputs may be wrong.
             trial, *body = self._each(np.full((2, SIZE, SIZE), 0.5, np.float32))
+            named_scheme = scheme_in_metadata(self._session.get_modelmeta().custom_metadata_map)
+        except FormatError as error:
+            raise FormatError(f"weights {path}: {error}") from error
         except Exception as error:  # ONNX Runtime's own errors share no public base
             text = one_line(str(error))[:150] or "no reason is given"
             why = "it keeps tensors in other files" if "xternal" in text else text
             raise FormatError(
                 f"weights {path} are not a network for (B, 1, {SIZE}, {SIZE}) ({why}); export again"
             ) from error
-        if trial.shape != (2, N_CLASSES, SIZE, SIZE):
+        schemes = [named_scheme] if named_scheme else [scheme or PAPER, PAPER]
+        fitting = [one for one in schemes if trial.shape == (2, len(one.class_ids), SIZE, SIZE)]
+        if not fitting:
             raise FormatError(
-                f"weights {path} output {trial.shape} for two crops; give a network of {N_CLASSES} "
-                "classes at "
+                f"weights {path} output {trial.shape} for two crops; give a network of "
+                f"{len(schemes[0].class_ids)} classes (scheme {schemes[0].name!r} and the background) at "
                 f"{SIZE}x{SIZE}"
             )
-        if not ((trial >= 0).all() and np.abs(trial.sum(axis=1) - 1).max() < ROUNDING):
+        self.own = self.scheme = fitting[0]
+        if not ((trial >= 0).all() and np.abs(trial.sum(axis=1) - 1).max() < ROUNDING * trial.shape[1]):
             raise FormatError(
                 f"weights {path} do not give probabilities; export the network with its softmax"
             )
@@ -83,19 +90,49 @@ class OnnxNetwork:
             )
         self.sha256, self._flip = hashlib.sha256(data).hexdigest(), flip
 
+    @property
+    def usual_scheme(self) -> Scheme:
+        """Return the scheme of labels by default: ``scheme``, ``paper`` for a network of regions."""
+        return PAPER if self.scheme.is_of_regions else self.scheme
+
+    def in_scheme(self, scheme: Scheme) -> "OnnxNetwork":
+        """Return the network with labels in a scheme: each part has the summed probability of its classes.
+
+        Raises FormatError where a class would be split.
+        """
+        conversion_table(self.own, scheme)
+        converted = copy.copy(self)
+        converted.scheme = scheme
+        return converted
+
     def probabilities(self, crops: Float32) -> Float32:
-        """Return class probabilities (B, 12, 212, 212) of normalised crops (B, 212, 212)."""
-        return self.outputs(crops)[0]
+        """Return class probabilities (B, K, 212, 212), in ``scheme``, of normalised crops (B, 212, 212)."""
+        return np.stack([self._in_scheme(planes) for planes in self.outputs(crops)[0]])
+
+    def _in_scheme(self, planes: Float32) -> Float32:
+        """Return probabilities (K, ...) of the classes of ``scheme`` from (K', ...) of ``own``."""
+        return planes if self.scheme == self.own else class_sums(planes, self.own, self.scheme)
 
     def outputs(self, crops: Float32) -> list[Float32]:
-        """Return class probabilities of normalised crops (B, 212, 212), then facing, posture and joints if
-        the network gives them.
+        """Return probabilities of the own classes of normalised crops (B, 212, 212), then facing, posture
+        and joints if the network gives them.
         """
         if not self._flip:
             return self._each(crops)
-        pairs = (np.split(output, 2) for output in self._each(np.concatenate([crops, crops[..., ::-1]])))
+        pairs = [np.split(output, 2) for output in self._each(np.concatenate([crops, crops[..., ::-1]]))]
+        back = self._flipped_back([other for _, other in pairs])
         half = np.float32(0.5)
-        return [half * (own + back(other)) for (own, other), back in zip(pairs, FLIPPED_BACK, strict=False)]
+        return [half * (own + other) for (own, _), other in zip(pairs, back, strict=True)]
+
+    def _flipped_back(self, outputs: list[Float32]) -> list[Float32]:
+        """Return outputs for flipped images as outputs for the images."""
+        planes, *body = outputs
+        planes = planes[:, self.own.twin_classes, :, ::-1]
+        if not body:
+            return [planes]
+        facing, posture, joints = body
+        joints = np.array([1, 0, 0], np.float32) + joints[:, TWIN] * np.array([-1, 1, 1], np.float32)
+        return [planes, facing * np.array([1, -1], np.float32), posture, joints]
 
     def _each(self, crops: Float32) -> list[Float32]:
         """Return the outputs for crops, without test-time augmentation."""
@@ -123,7 +160,7 @@ class OnnxNetwork:
         result for an image is bit-identical in any batch.
         """
         masks = [person & (depth_mm > 0) for depth_mm, person in images]
-        results = [_unlabelled(mask.shape) for mask in masks]
+        results = [self._unlabelled(mask.shape) for mask in masks]
         there = [i for i, mask in enumerate(masks) if mask.any()]
         if not there:
             return results
@@ -138,19 +175,33 @@ class OnnxNetwork:
             if body:
                 outputs = tuple(values[k] for values in body)
                 state = BodyState.of(crop, (images[i][0], masks[i]), outputs).note()
-            parts, confidence = _pasted(crop, depths[k] > 0, planes[k], masks[i])
-            kept = Probabilities(crop, planes[k]) if probabilities else None
-            results[i] = Segmentation(parts, confidence, probabilities=kept, bearing=state)
+            own = self._in_scheme(planes[k])
+            parts, confidence = _pasted(crop, depths[k] > 0, own, masks[i])
+            kept = Probabilities(crop, self._by_id(own)) if probabilities else None
+            parts = self.scheme.class_ids[parts]
+            results[i] = Segmentation(
+                parts, confidence, probabilities=kept, bearing=state, scheme=self.scheme
+            )
         return results
+
+    def _by_id(self, planes: Float32) -> Float32:
+        """Return probabilities (n, h, w) by part id from (K, h, w) by class; unused ids have 0."""
+        by_id = np.zeros((self.scheme.n_classes, *planes.shape[1:]), np.float32)
+        by_id[self.scheme.class_ids] = planes
+        return by_id
+
+    def _unlabelled(self, shape: tuple[int, ...]) -> Segmentation:
+        nothing, why = np.full(shape, BACKGROUND, np.uint8), ("no person: nothing to label",)
+        return Segmentation(nothing, np.zeros(shape, np.float32), why, scheme=self.scheme)
 
 
 def _pasted(crop: Crop, seen: Bool, planes: Float32, mask: Bool) -> tuple[UInt8, Float32]:
-    """Return parts and confidence, both (h, w), of a mask's pixels from the crop's probabilities.
+    """Return classes and confidence, both (h, w), of a mask's pixels from the crop's probabilities.
 
-    seen: pixels of the crop with depth. planes: (12, 212, 212). Background is not a candidate, because the
+    seen: pixels of the crop with depth. planes: (K, 212, 212). Background is not a candidate, because the
     mask already separates the person.
     """
-    best, certain = _likeliest(planes.reshape(N_CLASSES, -1))
+    best, certain = _likeliest(planes.reshape(len(planes), -1))
     # A smaller crop drops pixels: at a rim the crop's pixel for one of the person may show the room.
     nearest = nearest_seen(seen)
     best = crop.paste(best[nearest], mask.shape, BACKGROUND)
@@ -161,9 +212,9 @@ def _pasted(crop: Crop, seen: Bool, planes: Float32, mask: Bool) -> tuple[UInt8,
 
 @njit(cache=True, nogil=True)
 def _likeliest(planes: Float32) -> tuple[UInt8, Float32]:
-    """Return the likeliest part (n,) other than background, and its probability.
+    """Return the likeliest class (n,) other than background, and its probability.
 
-    planes: (12, n), by part. Of equal probabilities the lowest part id is returned.
+    planes: (K, n), by class. Of equal probabilities the lowest class is returned.
     """
     best, certain = np.ones(planes.shape[1], np.uint8), planes[1].copy()
     for k in range(2, planes.shape[0]):
@@ -172,8 +223,3 @@ def _likeliest(planes: Float32) -> tuple[UInt8, Float32]:
             best[i] = np.uint8(k) if above else best[i]
             certain[i] = planes[k, i] if above else certain[i]
     return best, certain
-
-
-def _unlabelled(shape: tuple[int, ...]) -> Segmentation:
-    nothing = np.full(shape, BACKGROUND, np.uint8)
-    return Segmentation(nothing, np.zeros(shape, np.float32), ("no person: nothing to label",))

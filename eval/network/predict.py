@@ -8,18 +8,19 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from annotate.crop import person_of
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import Run, check_same, finished, notes_of
 from annotate.labelset.cast_note import cast_note, cast_of
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.label_set import LabelSet
 from annotate.labelset.labelled_frames import LabelledFrames
+from annotate.labelset.scheme_note import scheme_note
+from annotate.scheme.scheme import Scheme
 from annotate.segmentation.segmented_person import Segmentation
 from annotate.segmentation.suit_network import SuitNetwork
 from eval.network.body_state import BodyState
 from eval.network.onnx_network import OnnxNetwork
-from eval.network.refine import camera_in, refine
+from eval.network.refine import camera_in, in_scheme, refine
 from sensors.errors import CloudError, FormatError
 
 BATCH = 8  # frames through the network at once; larger batches gain nothing on a CPU (bench/predict.py)
@@ -33,8 +34,9 @@ class PredictOptions:
     probabilities: keep the probabilities of all classes. everybody: label all persons, not the subject alone.
     window_c: lowest and highest temperature of persons. room_refiner: network that refines labels where a
     frame shows the room, and deletes no sure part (``keep_sure_parts``). refiners: networks that then refine
-    all labels, one after the other, and may delete. everybody, window_c and room_refiner affect recordings
-    only; batch, frames at once, label sets only.
+    all labels, one after the other, and may delete. scheme: of the labels; None = the usual one of the
+    last network. everybody, window_c and room_refiner affect recordings only; batch, frames at once, label
+    sets only.
     """
 
     probabilities: bool = False
@@ -43,6 +45,7 @@ class PredictOptions:
     room_refiner: SuitNetwork | None = None
     refiners: Sequence[SuitNetwork] = ()
     batch: int = BATCH
+    scheme: Scheme | None = None
 
     def __post_init__(self) -> None:
         if self.everybody and self.probabilities:
@@ -59,6 +62,19 @@ class PredictOptions:
         """Return the networks that refine labels, in order of use."""
         return [network for network in (self.room_refiner, *self.refiners) if network]
 
+    def chained(self, network: OnnxNetwork) -> "Networks":
+        """Return the networks, each with labels in the scheme that the next one takes.
+
+        Raises FormatError where one of them cannot give the next scheme.
+        """
+        last = self.refiners[-1] if self.refiners else network
+        target = self.scheme or last.usual_scheme
+        refiners = self.all_refiners
+        schemes = [*(one.own for one in refiners), target]
+        chain = [one.in_scheme(after) for one, after in zip(refiners, schemes[1:], strict=True)]
+        room, rest = (chain[0], chain[1:]) if self.room_refiner else (None, chain)
+        return Networks(network.in_scheme(schemes[0]), room, rest, target)
+
     def step(self, network: OnnxNetwork) -> dict[str, Any]:
         """Return the entry of a label set's manifest about the networks."""
         step = {"weights": network.sha256, "probabilities": self.probabilities}
@@ -67,6 +83,25 @@ class PredictOptions:
 
 
 DEFAULT = PredictOptions()
+
+
+def fits(options: PredictOptions, network: OnnxNetwork) -> bool:
+    """Return whether the networks can give labels in the scheme of the options, one after the other."""
+    try:
+        options.chained(network)
+    except FormatError:
+        return False
+    return True
+
+
+@dataclass(frozen=True)
+class Networks:
+    """Network of the first labels, and the networks that refine them. scheme: of the last labels."""
+
+    first: OnnxNetwork
+    room_refiner: SuitNetwork | None
+    refiners: Sequence[SuitNetwork]
+    scheme: Scheme
 
 
 def predict_frames(
@@ -79,12 +114,15 @@ def predict_frames(
     """Label the persons of a label set or a dataset with the network; resume an interrupted run.
 
     Unreadable frames are left out and listed. Raises ExistsError where ``out`` holds another run,
-    ClaimedError while it is in use, CloudError without a usable frame, FormatError for a damaged dataset.
+    ClaimedError while it is in use, CloudError without a usable frame. Raises FormatError for a damaged
+    dataset or a scheme that the networks cannot give.
     """
     if not len(frames):
         raise CloudError(f"{frames.path} holds no frames; give a label set or dataset with frames")
     step = {"predict": options.step(network) | frames.identity}
-    info = {"source": frames.source, "steps": step, **cast_note(cast_of(frames.info))}
+    networks = options.chained(network)
+    notes = cast_note(cast_of(frames.info)) | scheme_note(networks.scheme)
+    info = {"source": frames.source, "steps": step, **notes}
     predicted = LabelSet.resume(out, frames.intrinsics, info)
     failed: list[tuple[str, str]] = []
     with Claim.take(out, login()):
@@ -92,11 +130,11 @@ def predict_frames(
         with ThreadPoolExecutor(WRITERS) as writers:
             writing: Iterator[None] = iter(())
             while some := list(islice(todo, options.batch)):
-                images = [(frame.depth_mm, person_of(frame.parts)) for frame in some]
-                results = network.segment_all(images, probabilities=options.probabilities)
+                images = [(frame.depth_mm, frame.on_person) for frame in some]
+                results = networks.first.segment_all(images, probabilities=options.probabilities)
                 for _ in writing:
                     progress(1)
-                writing = writers.map(partial(_write, frames, predicted, options.refiners), some, results)
+                writing = writers.map(partial(_write, frames, predicted, networks), some, results)
             for _ in writing:
                 progress(1)
         return finished(predicted, failed)
@@ -138,7 +176,7 @@ def _todo(
 def _write(
     frames: LabelledFrames,
     predicted: LabelSet,
-    refiners: Sequence[SuitNetwork],
+    networks: Networks,
     frame: FrameLabels,
     result: Segmentation,
 ) -> None:
@@ -146,7 +184,16 @@ def _write(
     if (state := BodyState.from_note(result.bearing)) is not None:
         notes["bearing"] = state.faced_by_joints(camera_in(frames, frame)).note()
     notes |= {name: frame.notes[name] for name in ("crop", "intrinsics") if name in frame.notes}
-    labelled = replace(frame, parts=result.parts, confidence=result.confidence, status="auto", notes=notes)
-    if refiners:
-        labelled = reduce(partial(refine, camera_in(frames, labelled)), refiners, labelled)
+    labelled = replace(
+        frame,
+        parts=result.parts,
+        confidence=result.confidence,
+        status="auto",
+        notes=notes,
+        scheme=result.scheme,
+    )
+    if networks.room_refiner:
+        labelled = in_scheme(labelled, networks.room_refiner.scheme)
+    if networks.refiners:
+        labelled = reduce(partial(refine, camera_in(frames, labelled)), networks.refiners, labelled)
     predicted.write(labelled, result.probabilities)

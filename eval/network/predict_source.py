@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial, reduce
+from functools import cached_property, partial, reduce
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +12,12 @@ from annotate.cloud.coarse import CoarseCloud, CoarseFuser
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import Run, run
 from annotate.person.extract import PersonDetection, PersonMask
+from annotate.scheme.scheme import Scheme
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
 from eval.network.body_state import BodyState
 from eval.network.onnx_network import OnnxNetwork
-from eval.network.predict import DEFAULT, PredictOptions
-from eval.network.refine import refine
+from eval.network.predict import DEFAULT, Networks, PredictOptions
+from eval.network.refine import in_scheme, refine
 from eval.network.side_smoothing import smooth_sides
 from eval.network.support import exclude_standing, floor_of, support_of
 from eval.network.sure_parts import keep_sure_parts
@@ -33,7 +34,7 @@ def predict_source(
 ) -> Run:
     """Label the person of every frame of a source with the network; resume an interrupted run.
 
-    Raises the errors of ``label_recording.run``.
+    Raises the errors of ``label_recording.run``, and FormatError for a scheme that the networks cannot give.
     """
     window_c = list(options.window_c) if options.window_c else None
     step = options.step(network) | {"window_c": window_c} | ({"everybody": True} if options.everybody else {})
@@ -51,6 +52,16 @@ class NetworkLabeller:
     options: PredictOptions = DEFAULT
     single_pass: bool = False
 
+    @cached_property
+    def networks(self) -> Networks:
+        """Return the networks; the last one labels in ``scheme``."""
+        return self.options.chained(self.network)
+
+    @property
+    def scheme(self) -> Scheme:
+        """Return the scheme of the labels."""
+        return self.networks.scheme
+
     def fuser(self, calibration: RigCalibration) -> CoarseFuser:
         return CoarseFuser(calibration)
 
@@ -63,16 +74,25 @@ class NetworkLabeller:
         """Return a frame's refined labels and person mask. before: labels of the previous frame."""
         found, person = detection.labels(before)
         if not self.options.all_refiners or not person.mask.any() or not person.trusted:
-            return found, person
+            return _without_things(replace(found, scheme=self.scheme), person)
         cloud, planes = detection.cloud, detection.planes
-        first = FrameLabels("", cloud.depth_mm, found.parts, found.confidence, persons=person.persons)
-        refined, room_refiner = first, self.options.room_refiner
-        if room_refiner and _shows_room(cloud.depth_mm, person.mask):
-            refined = keep_sure_parts(first, refine(cloud.camera, first, room_refiner, planes))
-        refined = reduce(partial(refine, cloud.camera, planes=planes), self.options.refiners, refined)
+        first = FrameLabels(
+            "",
+            cloud.depth_mm,
+            found.parts,
+            found.confidence,
+            persons=person.persons,
+            scheme=found.scheme,
+        )
+        refined, room_refiner = first, self.networks.room_refiner
+        if room_refiner:
+            refined = in_scheme(first, room_refiner.scheme)
+            if _shows_room(cloud.depth_mm, person.mask):
+                refined = keep_sure_parts(refined, refine(cloud.camera, first, room_refiner, planes))
+        refined = reduce(partial(refine, cloud.camera, planes=planes), self.networks.refiners, refined)
         assert refined.confidence is not None and refined.persons is not None
-        found = replace(found, parts=refined.parts, confidence=refined.confidence)
-        return found, replace(person, mask=refined.persons == 1, persons=refined.persons)
+        found = replace(found, parts=refined.parts, confidence=refined.confidence, scheme=refined.scheme)
+        return _without_things(found, replace(person, mask=refined.persons == 1, persons=refined.persons))
 
 
 class NetworkDetection:
@@ -83,7 +103,7 @@ class NetworkDetection:
         self._persons = PersonDetection(
             cloud, options.window_c, everybody=options.everybody, single_pass=labeller.single_pass
         )
-        self._network, self._options = labeller.network, options
+        self._network, self._options = labeller.networks.first, options
         self.cloud, self.planes = cloud, self._persons.planes
         self._labels: dict[bytes, Segmentation] = {}
         person = self._persons.person()
@@ -95,12 +115,12 @@ class NetworkDetection:
         """Return the frame's labels and its person mask. before: labels of the previous frame."""
         person = self._persons.person(before)
         if not person.trusted:
-            return unlabelled(person.mask), person
+            return unlabelled(person.mask, scheme=self._network.scheme), person
         results = [
             (number, smooth_sides(self._labelled(person, number), before, number))
             for number in self._numbers(person)
         ]
-        return _joined(results, person.mask), person
+        return _joined(results, unlabelled(person.mask, scheme=self._network.scheme)), person
 
     def _numbers(self, person: PersonMask) -> list[int]:
         """Return the person ids to label: all ids of the mask, or the subject's 1."""
@@ -124,7 +144,7 @@ class NetworkDetection:
         parts = np.where(coarse.pixel >= 0, result.parts.ravel()[coarse.pixel], np.uint8(0))
         floor = floor_of(self.planes, coarse.cloud.points_m)
         state = exclude_standing(state, coarse.camera, floor)
-        support = support_of(state.name, parts, coarse.cloud.points_m, floor)
+        support = support_of(state.name, parts, coarse.cloud.points_m, floor, result.scheme)
         state = replace(state, support=support).faced_by_joints(coarse.camera)
         return replace(result, bearing=state.note())
 
@@ -134,13 +154,22 @@ def _shows_room(depth_mm: UInt16, person: Bool) -> bool:
     return int(np.count_nonzero(depth_mm)) > 2 * int(np.count_nonzero(person))
 
 
-def _joined(results: Sequence[tuple[int, Segmentation]], empty: Bool) -> Segmentation:
+def _without_things(found: Segmentation, person: PersonMask) -> tuple[Segmentation, PersonMask]:
+    """Return labels and the person mask without the pixels that are labelled as things."""
+    things = found.scheme.is_thing[found.parts]
+    if not things.any():
+        return found, person
+    persons = np.where(things, np.uint8(0), person.persons)
+    return found, replace(person, mask=person.mask & ~things, persons=persons)
+
+
+def _joined(results: Sequence[tuple[int, Segmentation]], empty: Segmentation) -> Segmentation:
     """Return the merged labels of several persons of one image.
 
-    results: person ids with their labels. empty: a mask (h, w) without pixels.
+    results: person ids with their labels. empty: labels of an image without persons.
     """
     if not results:
-        return unlabelled(empty)
+        return empty
     if len(results) == 1 and results[0][0] == 1:
         return results[0][1]
     parts = np.maximum.reduce([result.parts for _, result in results])
@@ -149,4 +178,5 @@ def _joined(results: Sequence[tuple[int, Segmentation]], empty: Bool) -> Segment
     states = {number: result.bearing for number, result in results if result.bearing}
     own = states.pop(1, {})
     others = {"others": {str(n): note for n, note in states.items()}}
-    return Segmentation(parts, confidence, notes, bearing=own | others if own or states else None)
+    bearing = own | others if own or states else None
+    return Segmentation(parts, confidence, notes, bearing=bearing, scheme=empty.scheme)

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from annotate.parts import N_CLASSES
+from annotate.parts import PAPER
+from annotate.scheme.scheme import Scheme
 from eval.network.blocks import NetworkOutput, convolution
 from sensors.errors import CloudError
 
@@ -36,8 +37,9 @@ class PaperFcn(nn.Module):
     training starts without VGG's weights.
     """
 
-    def __init__(self, config: PaperConfig = PaperConfig()) -> None:
+    def __init__(self, config: PaperConfig = PaperConfig(), scheme: Scheme = PAPER) -> None:
         super().__init__()
+        classes = len(scheme.class_ids)
         widths = [[config.base * k for k in stage] for stage in STAGES]
         self.stages = nn.ModuleList()
         before = 1
@@ -54,18 +56,18 @@ class PaperFcn(nn.Module):
             nn.Dropout2d(0.5),
         )
         self.skips = nn.ModuleList(
-            nn.Sequential(nn.Conv2d(stage[-1], N_CLASSES, 1), nn.Dropout2d(0.5)) for stage in widths[-2::-1]
+            nn.Sequential(nn.Conv2d(stage[-1], classes, 1), nn.Dropout2d(0.5)) for stage in widths[-2::-1]
         )
         self.up = nn.ModuleList(
-            nn.ConvTranspose2d(c, N_CLASSES, 4, 2, bias=False) for c in (config.dense, *[N_CLASSES] * 4)
+            nn.ConvTranspose2d(c, classes, 4, 2, bias=False) for c in (config.dense, *[classes] * 4)
         )
         self.apply(_initialise)
         for skip in self.skips:
-            # As Long et al. 2015: a scoring layer starts from zero, so the loss starts near log(12).
+            # As Long et al. 2015: a scoring layer starts from zero, so the loss starts near log(K).
             nn.init.zeros_(skip.get_parameter("0.weight"))
 
     def forward(self, depth: Tensor) -> NetworkOutput:
-        """Return scores (B, 12, h, w) for depth (B, 1, h, w) float32."""
+        """Return scores (B, K, h, w) for depth (B, 1, h, w) float32."""
         x, pooled = depth, []
         for stage in self.stages:
             x = stage(x)
@@ -116,7 +118,7 @@ class SmpUnet(nn.Module):
     Raises CloudError where the library is missing or has no such encoder.
     """
 
-    def __init__(self, config: SmpConfig = SmpConfig()) -> None:
+    def __init__(self, config: SmpConfig = SmpConfig(), scheme: Scheme = PAPER) -> None:
         super().__init__()
         try:
             import segmentation_models_pytorch as smp  # type: ignore[import-not-found]
@@ -127,7 +129,7 @@ class SmpUnet(nn.Module):
                 encoder_weights=None,
                 decoder_channels=config.decoder,
                 in_channels=1,
-                classes=N_CLASSES,
+                classes=len(scheme.class_ids),
             )
         except (ImportError, KeyError, ValueError, RuntimeError) as error:
             reason = str(error).splitlines()[0][:120]
@@ -137,7 +139,7 @@ class SmpUnet(nn.Module):
             ) from error
 
     def forward(self, depth: Tensor) -> NetworkOutput:
-        """Return scores (B, 12, h, w) for depth (B, 1, h, w) float32."""
+        """Return scores (B, K, h, w) for depth (B, 1, h, w) float32."""
         h, w = depth.shape[-2:]
         down, right = -h % SMP_STRIDE, -w % SMP_STRIDE
         padded = nn.functional.pad(depth, (right // 2, right - right // 2, down // 2, down - down // 2))

@@ -12,18 +12,27 @@ from typing import NamedTuple
 
 import numpy as np
 
-from annotate.array_types import Float32, UInt8
+from annotate.array_types import Float32
 from annotate.cloud.coarse import CoarseFuser
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.crop import person_of
 from annotate.frame_labels import FrameLabels
+from annotate.labelset import convert
 from annotate.labelset.labelled_frames import LabelledFrames, camera_of, pinhole_of
-from annotate.parts import BACKGROUND
+from annotate.parts import PAPER
 from annotate.person.extract import PersonMask
 from annotate.person.planes import Plane, find_planes
-from annotate.segmentation.input_channels import SUBJECT, Rectangle, channels, rectangle, with_before
-from annotate.segmentation.segment import OTHER_PERSON, View, fine_pass
+from annotate.scheme.merging import conversion_table
+from annotate.scheme.scheme import BACKGROUND, Scheme
+from annotate.segmentation.input_channels import (
+    SUBJECT,
+    Rectangle,
+    channels,
+    fitted_to,
+    rectangle,
+    with_before,
+)
+from annotate.segmentation.segment import View, fine_pass, parts_of, placed
 from annotate.segmentation.suit_network import SuitNetwork
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
@@ -53,14 +62,18 @@ def camera_in(labels: LabelledFrames, first: FrameLabels) -> Intrinsics:
 
 
 def depth_view(
-    first: FrameLabels, camera: Intrinsics, planes: tuple[Plane, ...] | None = None
+    first: FrameLabels,
+    camera: Intrinsics,
+    planes: tuple[Plane, ...] | None = None,
+    scheme: Scheme = PAPER,
 ) -> tuple[ThermalCloud, View] | None:
     """Return a frame's cloud and the network input around the person in its first labels; None without a
     person.
 
-    planes: of the room; None = find them here.
+    planes: of the room; None = find them here. scheme: of the network. Raises FormatError where the first
+    labels do not convert to the scheme.
     """
-    mask = person_of(first.parts) & (first.depth_mm > 0)
+    mask = first.on_person & (first.depth_mm > 0)
     if not mask.any():
         return None
     whole, coarse = _fusers(camera)
@@ -69,42 +82,58 @@ def depth_view(
     where, pixels_per_m = rectangle(cloud, mask)
     planes = find_planes(coarse.fuse(first.depth_mm).cloud) if planes is None else planes
     room = DepthRoom(planes, cloud.temperature_c)
-    seen = with_before(channels(cloud, room, PersonMask(mask, "depth", persons), where), first, where)
+    seen = fitted_to(channels(cloud, room, PersonMask(mask, "depth", persons), where), scheme)
+    seen = with_before(seen, first, where, scheme)
     return cloud, View(where, seen, cloud.color_rgb[where], pixels_per_m, np.zeros((0, 3), np.uint8))
 
 
 def refine(
     camera: Intrinsics, first: FrameLabels, network: SuitNetwork, planes: tuple[Plane, ...] | None = None
 ) -> FrameLabels:
-    """Return a frame with refined labels of its person; other persons and a frame without person are
-    unchanged.
+    """Return a frame with refined labels, in the network's scheme, of its person; other persons and a frame
+    without person are unchanged.
 
-    first: labels of the network. planes: of the room; None = find them from depth.
+    first: labels of the network. planes: of the room; None = find them from depth. Raises FormatError where
+    the first labels do not convert to the schemes of the network.
     """
-    view_of_depth = depth_view(first, camera, planes)
+    view_of_depth = depth_view(first, camera, planes, network.own)
     if view_of_depth is None:
-        return first
+        return in_scheme(first, network.scheme)
     cloud, view = view_of_depth
-    where, named, sure = fine_pass(cloud, view, _near(view), None, network)
-    own = (named != BACKGROUND) & (named != OTHER_PERSON)
+    where, named, sure = fine_pass(cloud, view, _near(view, network.own), None, network)
+    own = parts_of(named, network.scheme)
     if first.persons is not None:
-        own &= first.persons[where] <= 1
-    parts: UInt8 = np.full(first.parts.shape, BACKGROUND, np.uint8)
-    confidence: Float32 = np.zeros(first.parts.shape, np.float32)
-    parts[where], confidence[where] = np.where(own, named, BACKGROUND), np.where(own, sure, 0)
-    on_body = parts != BACKGROUND
+        own = np.where(first.persons[where] <= 1, own, np.uint8(BACKGROUND))
+    parts, confidence = placed(first.parts.shape, where, own, sure)
+    on_body = network.scheme.on_body(parts)
     persons = first.persons
     if persons is not None:
         persons = np.where(on_body, np.uint8(1), np.where(persons == 1, np.uint8(0), persons))
     mean = round(float(confidence[on_body].mean()), 4) if on_body.any() else 0.0
     notes = first.notes | {"confidence": mean}
-    return replace(first, parts=parts, confidence=confidence, notes=notes, persons=persons)
+    return replace(
+        first,
+        parts=parts,
+        confidence=confidence,
+        notes=notes,
+        persons=persons,
+        scheme=network.scheme,
+    )
 
 
-def _near(view: View) -> Rectangle:
+def in_scheme(frame: FrameLabels, scheme: Scheme) -> FrameLabels:
+    """Return a frame with its labels in a coarser scheme. Raises FormatError where a part would be split."""
+    if frame.scheme == scheme:
+        return frame
+    return convert.in_scheme(frame, scheme, conversion_table(frame.scheme, scheme))
+
+
+def _near(view: View, scheme: Scheme) -> Rectangle:
     """Return slices of a view's rows and columns: the bounding box of its labelled person, enlarged
-    by ``NEAR_M``.
+    by ``NEAR_M``; the whole view in a scheme with things.
     """
+    if scheme.is_thing.any():
+        return Rectangle(*(slice(0, side) for side in view.planes.shape[1:]))
     own, margin = (view.planes[0] & SUBJECT) > 0, round(NEAR_M * view.pixels_per_m)
     ends = (np.flatnonzero(own.any(axis=1 - axis))[[0, -1]] for axis in (0, 1))
     sides = zip(ends, own.shape, strict=True)

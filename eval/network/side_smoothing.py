@@ -2,13 +2,15 @@
 constants are untuned.
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
-from annotate.array_types import Float64, UInt8
+from annotate.array_types import Float64
 from annotate.frame_labels import FrameLabels
-from annotate.parts import BACKGROUND, PART_ID, TWIN_PARTS, swap_left_right
+from annotate.scheme.regions import Region
+from annotate.scheme.scheme import Scheme
 from annotate.segmentation.segmented_person import Segmentation
 from eval.network.body_state import BodyState, body_state_notes
 from eval.scores.joints import JOINT
@@ -18,13 +20,15 @@ FAR_DEG = 110.0  # off the earlier facings, from which front is taken for back
 NEAR_DEG = 60.0  # off the earlier facings, below which the exchanged person fits
 SAME_PLACE = 0.6  # least overlap (IoU) with the frame before; a walking person has 0.8 at 30 frames/s
 REACH_PX = 4  # around a joint, in which its parts lie: a wrist's thickness at 2 m
+_FOREARM = (Region.LEFT_FOREARM, Region.LEFT_HAND, Region.LEFT_FINGERS)
+_LOWER_LEG = (Region.LEFT_LOWER_LEG, Region.LEFT_FOOT, Region.LEFT_TOES)
 LIMBS = {
-    "left_elbow": ("left_upper_arm", "left_forearm"),
-    "left_wrist": ("left_forearm",),
-    "left_knee": ("left_upper_leg", "left_lower_leg"),
-    "left_ankle": ("left_lower_leg",),
+    "left_elbow": (Region.LEFT_UPPER_ARM, *_FOREARM),
+    "left_wrist": _FOREARM,
+    "left_knee": (Region.LEFT_UPPER_LEG, *_LOWER_LEG),
+    "left_ankle": _LOWER_LEG,
 }
-"""Joints that lie in the parts of one side, and these parts."""
+"""Joints that lie in the regions of one side, and these regions."""
 
 
 def smooth_sides(labelled: Segmentation, before: FrameLabels | None, number: int = 1) -> Segmentation:
@@ -38,7 +42,7 @@ def smooth_sides(labelled: Segmentation, before: FrameLabels | None, number: int
     if state is None:
         return labelled
     own, faced = state.facing, np.zeros(2)
-    if before is not None and _overlap(labelled.parts, before, number) > SAME_PLACE:
+    if before is not None and _overlap(labelled, before, number) > SAME_PLACE:
         faced = KEPT * _faced(before, number)
     off, other_off = _off_deg(state, faced), _off_deg(state.exchanged(), faced)
     if off > FAR_DEG and other_off < NEAR_DEG and np.hypot(*faced) > np.hypot(*own):
@@ -47,19 +51,19 @@ def smooth_sides(labelled: Segmentation, before: FrameLabels | None, number: int
     return replace(labelled, bearing=state.note() | {"faced": np.round(faced + own, 4).tolist()})
 
 
-def _overlap(parts: UInt8, before: FrameLabels, number: int) -> float:
-    """Return the IoU of a person's pixels in parts (h, w) and in the previous frame. number: person id."""
-    own = parts != BACKGROUND
-    earlier = before.parts != BACKGROUND if before.persons is None else before.persons == number
+def _overlap(labelled: Segmentation, before: FrameLabels, number: int) -> float:
+    """Return the IoU of a person's pixels in this and in the previous frame. number: person id."""
+    own = labelled.scheme.on_person(labelled.parts)
+    earlier = before.on_person if before.persons is None else before.persons == number
     either = int(np.count_nonzero(own | earlier))
     return int(np.count_nonzero(own & earlier)) / either if either else 0.0
 
 
 def _exchanged(labelled: Segmentation) -> Segmentation:
-    kept = labelled.probabilities
+    kept, scheme = labelled.probabilities, labelled.scheme
     if kept is not None:
-        kept = replace(kept, planes=kept.planes[TWIN_PARTS])
-    return replace(labelled, parts=swap_left_right(labelled.parts), probabilities=kept)
+        kept = replace(kept, planes=kept.planes[scheme.twin_table[: len(kept.planes)]])
+    return replace(labelled, parts=scheme.swap_left_right(labelled.parts), probabilities=kept)
 
 
 def _faced(before: FrameLabels, number: int) -> Float64:
@@ -77,17 +81,22 @@ def _off_deg(state: BodyState, faced: Float64) -> float:
     return float(np.degrees(np.arctan2(abs(x[0] * y[1] - x[1] * y[0]), x @ y))) if y.any() else 0.0
 
 
-def sided_by_parts(state: BodyState, parts: UInt8) -> BodyState:
-    """Return the state, with sides exchanged where most joints lie on parts (h, w) of the other side.
+def sided_by_parts(state: BodyState, labels: FrameLabels) -> BodyState:
+    """Return the state, with sides exchanged where most joints lie on parts of the other side.
 
     Parts from a suit have reliable sides, parts from a network may not.
     """
-    own = other = 0
+    own, other, parts = 0, 0, labels.parts
     for joint, limbs in LIMBS.items():
         for side, twin in (("left", "right"), ("right", "left")):
             u, v = state.joints_px[JOINT[joint.replace("left", side)], :2].round().astype(np.int64)
             top, left = max(0, v - REACH_PX), max(0, u - REACH_PX)
             near = set(parts[top : max(0, v + REACH_PX), left : max(0, u + REACH_PX)].ravel().tolist())
-            own += not near.isdisjoint(PART_ID[part.replace("left", side)] for part in limbs)
-            other += not near.isdisjoint(PART_ID[part.replace("left", twin)] for part in limbs)
+            own += not near.isdisjoint(_ids(limbs, side, labels.scheme))
+            other += not near.isdisjoint(_ids(limbs, twin, labels.scheme))
     return state.exchanged() if other > own else state
+
+
+def _ids(regions: Iterable[Region], side: str, scheme: Scheme) -> tuple[int, ...]:
+    """Return the ids of the parts that hold regions of the left, or their twins."""
+    return scheme.ids_of(region if side == "left" else region.twin for region in regions)

@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from annotate.array_types import Float32, UInt8
-from annotate.parts import PART_ID
+from annotate.parts import PAPER
 from annotate.person.planes import Plane
 from annotate.posture import POSTURES
+from annotate.scheme.regions import Region
+from annotate.scheme.scheme import Scheme
 from eval.network.body_state import BodyState
 from eval.scores.joints import JOINT
 from sensors.rig.camera import Intrinsics
@@ -21,18 +23,26 @@ STEP_M = 0.25  # height of the lowest part from which furniture carries the pers
 LOW_SHARE, LEAST_POINTS = 0.1, 20  # share of the points below a part's height; least points
 STANDING_HIPS = 0.51  # of the head's height; 0.57 in standing adults (Drillis and Contini 1966), 0.44 seated
 LEAST_HIPS_M = 0.35  # above the floor; nearer hips decide nothing, because the floor may be a table's top
-_TRUNK, _LEGS = ("torso", "hip"), ("left_lower_leg", "right_lower_leg")
+_TRUNK = (
+    *(Region.CHEST, Region.BELLY, Region.LOWER_BELLY, Region.HIP),
+    *(Region.LEFT_SHOULDER, Region.RIGHT_SHOULDER),
+)
+_LEGS = tuple(
+    Region[f"{side}_{name}"] for side in ("LEFT", "RIGHT") for name in ("LOWER_LEG", "FOOT", "TOES")
+)
 CARRIED = {"sitting": _TRUNK, "lying": _TRUNK}
-"""Parts that lie on the support, by posture; in other postures the lower legs."""
+"""Regions that lie on the support, by posture; in other postures the lower legs and feet."""
 
 
-def support_of(posture: str, parts: UInt8, points_m: Float32, floor: Plane | None) -> str:
+def support_of(
+    posture: str, parts: UInt8, points_m: Float32, floor: Plane | None, scheme: Scheme = PAPER
+) -> str:
     """Return "floor", "furniture", or "" where the cloud shows no floor or too little of the parts.
 
-    parts: (h, w), of one person. points_m: (h, w, 3), frame of an upright camera, NaN = no reading. floor:
-    result of ``floor_of``. On a bed that hides the whole floor the result is "floor".
+    parts: (h, w), of one person, ids of ``scheme``. points_m: (h, w, 3), frame of an upright camera, NaN = no
+    reading. floor: result of ``floor_of``. On a bed that hides the whole floor the result is "floor".
     """
-    carried = np.isin(parts, [PART_ID[name] for name in CARRIED.get(posture, _LEGS)])
+    carried = np.isin(parts, scheme.ids_of(CARRIED.get(posture, _LEGS)))
     points = points_m[carried & np.isfinite(points_m[..., 2])]
     if floor is None or len(points) < LEAST_POINTS:
         return ""

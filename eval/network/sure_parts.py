@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from annotate.crop import person_of
 from annotate.frame_labels import FrameLabels
-from annotate.parts import BACKGROUND
+from annotate.scheme.scheme import BACKGROUND
 
 LEAST_SHARE = 0.01  # of the person's pixels, below which a part may be deleted; untuned
 SURE = 0.5  # mean first confidence, below which a part may be deleted; untuned
@@ -18,11 +17,12 @@ def keep_sure_parts(first: FrameLabels, refined: FrameLabels) -> FrameLabels:
 
     A part is sure if it covers ``LEAST_SHARE`` of the person or more with a mean confidence over ``SURE``.
     Where a refinement deletes more than ``MOST_DELETED`` of a sure part, the deleted pixels keep their first
-    labels and confidences. Otherwise a network trained in other rooms deletes whole legs on a sofa.
+    labels and confidences; both have one scheme. Otherwise a network trained in other rooms deletes whole
+    legs on a sofa.
     """
     if first.confidence is None or refined.confidence is None:
         return refined
-    on_person = person_of(first.parts)
+    on_person = first.on_person
     if first.persons is not None:
         on_person &= first.persons <= 1
     deleted = on_person & (refined.parts == BACKGROUND)

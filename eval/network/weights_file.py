@@ -2,31 +2,46 @@
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from annotate.parts import N_CLASSES
+from annotate.parts import PAPER
+from annotate.scheme.scheme import Scheme
+from annotate.scheme.scheme_file import scheme_from_fields, scheme_to_fields
 from eval.network.networks import NetworkConfig, build, config_from, described
 from eval.network.reference_networks import SmpConfig
 from sensors.errors import CloudError, FormatError, fault_of
 from sensors.files.atomic import replacing
 
 
-def save_weights(path: Path, model: nn.Module, config: NetworkConfig) -> None:
-    """Write a network's weights with its description, atomically. Raises CloudError on a full disk."""
+class Weights(NamedTuple):
+    """Network of a weights file, its configuration and the scheme of its classes."""
+
+    model: nn.Module
+    config: NetworkConfig
+    scheme: Scheme
+
+
+def save_weights(path: Path, model: nn.Module, config: NetworkConfig, scheme: Scheme = PAPER) -> None:
+    """Write a network's weights with its description, atomically. Raises CloudError on a full disk.
+
+    The scheme is written whole; a file without one is of ``paper``.
+    """
     # One entry: safetensors writes several in an order that changes from run to run.
-    meta = {"network": json.dumps({**described(config), "classes": N_CLASSES})}
-    write_tensors(path, model.state_dict(), meta)
+    network = {**described(config), "classes": len(scheme.class_ids)}
+    network |= {} if scheme == PAPER else {"scheme": scheme_to_fields(scheme)}
+    write_tensors(path, model.state_dict(), {"network": json.dumps(network)})
 
 
-def load_weights(path: Path) -> tuple[nn.Module, NetworkConfig]:
+def load_weights(path: Path) -> Weights:
     """Build the network that a weights file describes and fill it.
 
-    Raises FormatError where the file is not a weights file, is cut off, or has another number of classes.
+    Raises FormatError where the file is not a weights file, is cut off, or has another number of classes than
+    its scheme.
     """
     tensors, meta = read_tensors(path)
     if "network" not in meta:
@@ -34,6 +49,7 @@ def load_weights(path: Path) -> tuple[nn.Module, NetworkConfig]:
     try:
         description = json.loads(meta["network"])
         classes = description.pop("classes")
+        scheme = scheme_from_fields(description.pop("scheme")) if "scheme" in description else PAPER
         config = config_from(description)
     except (ValueError, RecursionError, AttributeError, KeyError, TypeError, IndexError) as error:
         raise FormatError(
@@ -41,16 +57,19 @@ def load_weights(path: Path) -> tuple[nn.Module, NetworkConfig]:
         ) from error
     except FormatError as error:
         raise FormatError(f"{path}: {error}") from error
-    if classes != N_CLASSES:
-        raise FormatError(f"{path} is for {classes!r} classes, not {N_CLASSES}; train it again")
-    _check_size(path, config, tensors)
-    model = build(config)
+    if classes != len(scheme.class_ids):
+        raise FormatError(
+            f"{path} is for {classes!r} classes, not {len(scheme.class_ids)} as scheme {scheme.name!r}; "
+            "train it again"
+        )
+    _check_size(path, config, scheme, tensors)
+    model = build(config, scheme)
     check_fits(path, model, tensors)
     model.load_state_dict(tensors)
-    return model, config
+    return Weights(model, config, scheme)
 
 
-def _check_size(path: Path, config: NetworkConfig, tensors: dict[str, Tensor]) -> None:
+def _check_size(path: Path, config: NetworkConfig, scheme: Scheme, tensors: dict[str, Tensor]) -> None:
     """Raise FormatError where the file lacks weights of the network; runs before memory is allocated."""
     if isinstance(config, SmpConfig):
         # Not all of its encoders can be outlined. Each stage of its decoder has a 3x3 of its own width.
@@ -59,7 +78,7 @@ def _check_size(path: Path, config: NetworkConfig, tensors: dict[str, Tensor]) -
         return
     try:
         with torch.device("meta"):
-            outline = build(config)
+            outline = build(config, scheme)
     except RuntimeError as error:
         raise FormatError(f"{path} describes a network of impossible size; train it again") from error
     check_fits(path, outline, tensors)

@@ -12,7 +12,8 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32, UInt8
 from annotate.crop import LEAST_VALUE, MARGIN, window_of
-from annotate.parts import BACKGROUND, swap_left_right
+from annotate.parts import PAPER
+from annotate.scheme.scheme import BACKGROUND, Scheme
 from eval.training.body_targets import JOINTS, move_joints, swap_sides
 from eval.training.occluders import add_blanket, add_board, random_shapes, sensor_noise, smooth_noise
 
@@ -54,8 +55,8 @@ Example = tuple[Float32, UInt8, Float32]
 """Depth (h, w), parts (h, w) and the row of ``eval.training.body_targets``."""
 
 
-def augment(example: Example, how: Augmentation, rng: np.random.Generator) -> Example:
-    """Return a randomly changed copy of a crop.
+def augment(example: Example, how: Augmentation, rng: np.random.Generator, scheme: Scheme = PAPER) -> Example:
+    """Return a randomly changed copy of a crop. scheme: of its parts.
 
     A removed pixel has depth 0 and is background; an added pixel has depth and is background. After a cut,
     the crop is fitted to the rest of the person, as around a real extraction.
@@ -71,12 +72,12 @@ def augment(example: Example, how: Augmentation, rng: np.random.Generator) -> Ex
     if how.noise and rng.random() < SMOOTH:
         smooth = np.maximum(cv2.medianBlur(depth, 5), LEAST_VALUE)
         depth = np.where(depth > 0, smooth, depth).astype(np.float32)
-    depth, parts = _incomplete(depth, parts, how, rng)
+    depth, parts = _incomplete(depth, parts, how, rng, scheme)
     if how.extras and rng.random() < 0.25:
         depth = _with_extras(depth, rng)
     if how.borders and rng.random() < FRAMED:
         depth, parts = _framed(depth, parts, rng)
-    depth, parts, whole = _placed((depth, parts, whole), how, rng)
+    depth, parts, whole = _placed((depth, parts, whole), how, rng, scheme)
     seen = depth > 0
     middle = np.median(depth[seen]) if seen.any() else np.float32(0.5)
     stretch, shift = (rng.uniform(0.9, 1.1), rng.normal(0, 0.02)) if how.place else (1.0, 0.0)
@@ -94,12 +95,14 @@ def _masked(kept: Bool, depth: Float32, parts: UInt8) -> Image:
     return np.where(kept, depth, np.float32(0)), np.where(kept, parts, np.uint8(BACKGROUND))
 
 
-def _incomplete(depth: Float32, parts: UInt8, how: Augmentation, rng: np.random.Generator) -> Image:
+def _incomplete(
+    depth: Float32, parts: UInt8, how: Augmentation, rng: np.random.Generator, scheme: Scheme = PAPER
+) -> Image:
     """Return a crop with parts of the person hidden and cut, or unchanged where too little would be left."""
     least, whole = MIN_LEFT, (depth, parts)
     if how.occluders:
         if rng.random() < BLANKETS:
-            depth, parts = add_blanket(depth, parts, rng)
+            depth, parts = add_blanket(depth, parts, rng, scheme)
             least = MIN_UNCOVERED
         if rng.random() < BOARDS:
             depth, parts = add_board(depth, parts, rng)
@@ -189,7 +192,7 @@ def _framed(depth: Float32, parts: UInt8, rng: np.random.Generator) -> Image:
     return _masked(kept, depth, parts)
 
 
-def _placed(example: Example, how: Augmentation, rng: np.random.Generator) -> Example:
+def _placed(example: Example, how: Augmentation, rng: np.random.Generator, scheme: Scheme) -> Example:
     """Mirror, rotate and stretch a crop, and fit its square roughly to the person, in one resampling."""
     depth, parts, whole = example
     size = depth.shape[0]
@@ -210,7 +213,7 @@ def _placed(example: Example, how: Augmentation, rng: np.random.Generator) -> Ex
     there = move_joints(whole, np.asarray(cv2.invertAffineTransform(matrix)), size)
     return (
         np.asarray(cv2.warpAffine(depth, matrix, (size, size), flags=flags), np.float32),
-        swap_left_right(placed) if mirror < 0 else placed,
+        scheme.swap_left_right(placed) if mirror < 0 else placed,
         swap_sides(there) if mirror < 0 else there,
     )
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from annotate.array_types import Float32, Float64
-from annotate.crop import RANGE_MM, SIZE, network_crop, person_of
+from annotate.crop import RANGE_MM, SIZE, network_crop
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.labelled_frames import LabelledFrames, camera_of, pinhole_of
 from annotate.posture import POSTURES
@@ -43,7 +43,7 @@ def _in_crop(frames: LabelledFrames, frame: FrameLabels, joints_mm: Float64) -> 
     """Return joints (J, 3), camera frame, as columns and rows in shares of the crop's side, and depth in its
     units.
     """
-    seen = person_of(frame.parts) & (frame.depth_mm > 0)
+    seen = frame.on_person & (frame.depth_mm > 0)
     camera, crop = pinhole_of(frame, camera_of(frames, frame)), network_crop(seen)
     x, y, z = joints_mm.T
     u = (x / z * camera.fx + camera.cx + 0.5 - crop.left) / crop.side

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from annotate.parts import N_CLASSES, TWIN_PARTS, UNDEFINED
+from annotate.scheme.scheme import UNDEFINED
 from eval.training.crops import Crops
 
 PIXELS = 200  # of an image that count, evenly spread; untuned
@@ -38,18 +38,21 @@ def temperature_of(scores: Tensor, target: Tensor) -> float:
 
 
 def _pixels(model: nn.Module, crops: Crops, batch: int) -> tuple[Tensor, Tensor]:
-    """Return scores (2, N, 12), of image and flip, and parts (N,) of some pixels of each crop."""
+    """Return scores (2, N, K), of image and flip, and classes (N,) of some pixels of each crop."""
     model.eval()
     device = next(model.parameters()).device
-    twins = torch.from_numpy(TWIN_PARTS.astype(np.int64))
-    scores, targets = [torch.empty(2, 0, N_CLASSES)], [torch.empty(0, dtype=torch.long)]
+    scheme = crops.scheme
+    twins = torch.from_numpy(scheme.twin_classes.astype(np.int64))
+    scores, targets = [torch.empty(2, 0, len(twins))], [torch.empty(0, dtype=torch.long)]
     for depth, parts in crops.batches(batch):
         images = torch.from_numpy(depth[:, None]).to(device)
         with torch.no_grad():
             own, other = (model(view).scores.float().cpu() for view in (images, images.flip(-1)))
         views = torch.stack([own, other[:, twins].flip(-1)], dim=1)
         counted = torch.from_numpy((depth > 0) & (parts != UNDEFINED))
-        for image, true, known in zip(views, torch.from_numpy(parts).long(), counted, strict=True):
+        for image, true, known in zip(
+            views, torch.from_numpy(scheme.class_table[parts]).long(), counted, strict=True
+        ):
             every = known.flatten().nonzero()[:, 0]
             some = every[torch.linspace(0, max(len(every) - 1, 0), min(PIXELS, len(every))).long()]
             scores.append(image.flatten(2)[:, :, some].transpose(1, 2))

@@ -13,10 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.array_types import Bool, Float32, Int64, UInt8, UInt16
-from annotate.crop import network_crop, normalize, person_of
+from annotate.crop import network_crop, normalize
 from annotate.frame_labels import FrameLabels
+from annotate.labelset.convert import in_scheme
 from annotate.labelset.labelled_frames import LabelledFrames, open_frames
-from annotate.parts import BACKGROUND, on_body
+from annotate.parts import PAPER
+from annotate.scheme.merging import conversion_table
+from annotate.scheme.scheme import BACKGROUND, Scheme
 from eval.training.body_targets import ROW, body_targets
 from eval.training.shared_bodies import bodies_in, held_out
 from sensors.errors import CloudError
@@ -31,7 +34,7 @@ def to_crop(frame: FrameLabels) -> tuple[Float32, UInt8]:
 
     Raises CloudError where the frame shows no person.
     """
-    mask = person_of(frame.parts)
+    mask = frame.on_person
     crop = network_crop(mask & (frame.depth_mm > 0))
     depth = normalize(crop.cut(frame.depth_mm, 0), crop.cut(mask, False))
     return depth, crop.cut(frame.parts, BACKGROUND)
@@ -44,7 +47,7 @@ class Crops:
     packed: bytes in an unlinked temporary file, deleted with the process. places: int64 (N, 3), offsets of
     the start of a crop's depth, its end, and the end of its parts. wholes: float32 (N, ROW), targets of
     ``eval.training.body_targets``. crc32: checksum of these crops. bodies: (N,), of each crop's person, by
-    ``eval.training.shared_bodies``.
+    ``eval.training.shared_bodies``. scheme: of the parts.
     """
 
     packed: UInt8
@@ -53,17 +56,19 @@ class Crops:
     wholes: Float32
     crc32: int
     bodies: tuple[frozenset[str], ...]
+    scheme: Scheme = PAPER
 
     @classmethod
     def of(
         cls,
         crops: Iterable[tuple[UInt16, UInt8, Float32]],
         bodies: Sequence[frozenset[str]] | None = None,
+        scheme: Scheme = PAPER,
     ) -> "Crops":
         """Compress crops: depth uint16 (h, w) in 1 / 65535 of its range, parts uint8 (h, w), targets (ROW,).
 
-        bodies: of each crop, a list that may grow with ``crops``; None = unknown. Raises CloudError without
-        any crop, OSError on a full disk.
+        bodies: of each crop, a list that may grow with ``crops``; None = unknown. scheme: of the parts.
+        Raises CloudError without any crop, OSError on a full disk.
         """
         places, wholes, shape, crc32 = array("q"), array("f"), (0, 0), 0
         with TemporaryFile() as file:
@@ -82,7 +87,7 @@ class Crops:
         known = np.array(wholes, np.float32).reshape(-1, ROW)
         whose = (frozenset({UNKNOWN}),) * len(known) if bodies is None else tuple(bodies)
         crc32 = zlib.crc32(known.tobytes(), crc32)
-        return cls(packed, np.array(places).reshape(-1, 3), shape, known, crc32, whose)
+        return cls(packed, np.array(places).reshape(-1, 3), shape, known, crc32, whose, scheme)
 
     def __len__(self) -> int:
         return len(self.places)
@@ -133,16 +138,23 @@ class Crops:
 
 
 def load_crops(
-    sources: list[Path], without: frozenset[str] = frozenset(), only: frozenset[str] | None = None
+    sources: list[Path],
+    without: frozenset[str] = frozenset(),
+    only: frozenset[str] | None = None,
+    scheme: Scheme | None = None,
 ) -> Crops:
     """Return the persons' crops of label sets and datasets.
 
     without: subjects or bodies to leave out, with every image that shares a body with them. only: subjects or
-    bodies to read; None = all. Frames without a labelled part are left out. Raises CloudError where no frame
-    remains, or on a full disk.
+    bodies to read; None = all. scheme: of the crops' parts; None = the sources'. Frames without a labelled
+    part are left out. Raises CloudError where no frame remains, on a full disk, or where sources have several
+    schemes or do not convert to ``scheme``.
     """
     names, bodies = ", ".join(map(str, sources)), list[frozenset[str]]()
-    taught = _labelled([open_frames(path) for path in sources], without, only)
+    opened = [open_frames(path) for path in sources]
+    scheme = scheme or common_scheme(opened)
+    tables = {id(frames): conversion_table(frames.scheme, scheme) for frames in opened}
+    taught = _labelled(opened, without, only)
     if (first := next(taught, None)) is None:
         whom = "" if only is None else f" of {', '.join(sorted(only))}"
         raise CloudError(f"{names} hold no labelled part{whom}; generate or label some first")
@@ -150,16 +162,28 @@ def load_crops(
     def kept() -> Iterator[tuple[UInt16, UInt8, Float32]]:
         for source, frame in chain([first], taught):
             bodies.append(bodies_in(source, frame))
-            depth, parts = to_crop(frame)
+            depth, parts = to_crop(in_scheme(frame, scheme, tables[id(source)]))
             yield np.rint(depth * DEPTH_STEPS).astype(np.uint16), parts, body_targets(source, frame)
 
     try:
-        return Crops.of(kept(), bodies)
+        return Crops.of(kept(), bodies, scheme)
     except OSError as error:
         raise CloudError(
             f"{names}: the images do not fit into {gettempdir()} ({error.strerror}); give fewer, or set "
             "TMPDIR"
         ) from error
+
+
+def common_scheme(sources: Sequence[LabelledFrames]) -> Scheme:
+    """Return the scheme of all sources. Raises CloudError where they differ."""
+    first = sources[0]
+    for other in sources[1:]:
+        if other.scheme != first.scheme:
+            raise CloudError(
+                f"{first.path} has scheme {first.scheme.name!r}, {other.path} has {other.scheme.name!r}; "
+                "give --scheme with a scheme that both convert to"
+            )
+    return first.scheme
 
 
 def _labelled(
@@ -171,5 +195,5 @@ def _labelled(
             known = bodies_in(source, frame) | {frame.subject}
             if not known.isdisjoint(left_out) or (only is not None and known.isdisjoint(only)):
                 continue
-            if (on_body(frame.parts) & (frame.depth_mm > 0)).any():
+            if (frame.on_body & (frame.depth_mm > 0)).any():
                 yield source, frame

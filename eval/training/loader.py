@@ -34,7 +34,7 @@ class Images(Dataset[Batch]):
         epoch, index = turn
         rng = stream(self.seed, "augmentation", epoch, index)
         example = *self.crops.image(index), self.crops.wholes[index]
-        depth, parts, whole = augment(example, self.augmentation, rng)
+        depth, parts, whole = augment(example, self.augmentation, rng, self.crops.scheme)
         return torch.from_numpy(depth[None]), torch.from_numpy(parts), torch.from_numpy(whole)
 
 

@@ -9,10 +9,21 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32, Int64, UInt8
 from annotate.crop import LEAST_VALUE, nearest_seen
-from annotate.parts import BACKGROUND
+from annotate.parts import PAPER
+from annotate.scheme.regions import Region
+from annotate.scheme.scheme import BACKGROUND, Scheme
 
-TRUNK, LEGS = (2,), (10, 11)  # part ids of the torso and the lower legs: a blanket lies between them
-UNDER = (2, 7, 8, 9, 10, 11)  # part ids of trunk and legs, which carry a blanket
+TRUNK = (
+    *(Region.CHEST, Region.BELLY, Region.LOWER_BELLY),
+    *(Region.LEFT_SHOULDER, Region.RIGHT_SHOULDER),
+)
+LEGS = (
+    *(Region.LEFT_LOWER_LEG, Region.LEFT_FOOT, Region.LEFT_TOES),
+    *(Region.RIGHT_LOWER_LEG, Region.RIGHT_FOOT, Region.RIGHT_TOES),
+)
+"""Regions of the trunk, and of the lower legs and feet: a blanket lies between them."""
+UNDER = (*TRUNK, Region.HIP, Region.LEFT_UPPER_LEG, Region.RIGHT_UPPER_LEG, *LEGS)
+"""Regions of trunk and legs, which carry a blanket."""
 UNSEEN = 0.4  # share of the blankets that hide the person and have no depth
 ROUGH = 0.006  # of 2000 mm: a larger step between neighbours is a border, not noise
 THICK = (0.005, 0.03)  # of 2000 mm: distance of a blanket in front of the nearest point under it
@@ -43,9 +54,9 @@ def random_shapes(person: Bool, count: int, half_px: tuple[float, float], rng: n
     return canvas > 0
 
 
-def blanket_band(parts: UInt8, rng: np.random.Generator) -> Bool:
+def blanket_band(parts: UInt8, rng: np.random.Generator, scheme: Scheme = PAPER) -> Bool:
     """Return a mask (h, w) from about the hip to the shins or beyond the feet; empty without legs."""
-    trunk, legs = (np.argwhere(np.isin(parts, ids)) for ids in (TRUNK, LEGS))
+    trunk, legs = (np.argwhere(np.isin(parts, scheme.ids_of(regions))) for regions in (TRUNK, LEGS))
     if not len(trunk) or not len(legs):
         return np.zeros(parts.shape, np.bool_)
     start, axis = trunk.mean(axis=0), legs.mean(axis=0) - trunk.mean(axis=0)
@@ -56,14 +67,16 @@ def blanket_band(parts: UInt8, rng: np.random.Generator) -> Bool:
     return np.asarray((along > begin) & (along < begin + rng.uniform(0.3, 0.9)), np.bool_)
 
 
-def add_blanket(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple[Float32, UInt8]:
+def add_blanket(
+    depth: Float32, parts: UInt8, rng: np.random.Generator, scheme: Scheme = PAPER
+) -> tuple[Float32, UInt8]:
     """Return a crop with a folded blanket over the person from the trunk down.
 
     The blanket spans between the legs and hangs beyond. Patches or all of it have no depth, as where an
     extraction removes it.
     """
-    under = (depth > 0) & np.isin(parts, UNDER)
-    band = blanket_band(parts, rng)
+    under = (depth > 0) & np.isin(parts, scheme.ids_of(UNDER))
+    band = blanket_band(parts, rng, scheme)
     if not (under & band).any():
         return depth, parts
     closed = cv2.morphologyEx(under.astype(np.uint8), cv2.MORPH_CLOSE, _disc(rng.integers(5, 30, 2)))

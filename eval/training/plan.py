@@ -9,7 +9,8 @@ import torch
 from torch import Tensor, nn
 
 from annotate.array_types import UInt8
-from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
+from annotate.parts import PAPER
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Scheme
 from eval.network.blocks import NetworkOutput
 from eval.network.compact import CompactConfig
 from eval.network.networks import NetworkConfig, described
@@ -132,14 +133,15 @@ def at_resolution(recipe: Recipe, depth: Tensor, parts: Tensor, share: float) ->
     return depth[..., at, :][..., at], parts[:, at][..., at]
 
 
-def class_weights(recipe: Recipe, parts: UInt8) -> Tensor:
-    """Return the weight of each class (12,) in the loss, of mean 1 over the pixels of labels (N, h, w).
+def class_weights(recipe: Recipe, parts: UInt8, scheme: Scheme = PAPER) -> Tensor:
+    """Return the weight of each class (K,) in the loss, of mean 1 over the pixels of labels (N, h, w).
 
-    Background inside a person's outline is an error of the mask and weighs as the rarest part.
+    scheme: of the labels. Background inside a person's outline is an error of the mask and weighs as the
+    rarest part.
     """
     if isinstance(recipe, PaperRecipe):
-        return torch.ones(N_CLASSES)
-    count = np.bincount(parts.ravel(), minlength=256)[:N_CLASSES].astype(np.float64)
+        return torch.ones(len(scheme.class_ids))
+    count = np.bincount(parts.ravel(), minlength=256)[scheme.class_ids].astype(np.float64)
     count[BACKGROUND] = 0
     share = count / max(1, count.sum())
     weight = np.where(share > 0, np.maximum(share, 0.01) ** -recipe.balance, 1.0)
@@ -151,18 +153,20 @@ def class_weights(recipe: Recipe, parts: UInt8) -> Tensor:
 class Loss:
     """Loss of a recipe.
 
-    weight: (12,), of the classes. group: the processes that share each batch; the mean of their losses is the
-    loss of the batch.
+    weight: (K,), of the classes of ``scheme``. group: the processes that share each batch; the mean of their
+    losses is the loss of the batch.
     """
 
     recipe: Recipe
     weight: Tensor
     group: ProcessGroup = ALONE
+    scheme: Scheme = PAPER
 
     def of(self, output: NetworkOutput, batch: Batch) -> tuple[Tensor, float]:
         """Return the loss to minimise, and the mean part loss per pixel to report."""
         depth, parts, whole = batch
-        scores, target, weight, group = output.scores.float(), parts.long(), self.weight, self.group
+        scores, weight, group = output.scores.float(), self.weight, self.group
+        target = torch.from_numpy(self.scheme.class_table).to(parts.device)[parts.long()].long()
         if isinstance(self.recipe, ModernRecipe):
             target = torch.where(depth[:, 0] > 0, target, UNDEFINED)
         else:

@@ -6,6 +6,7 @@ from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 from zlib import crc32
 
 import numpy as np
@@ -15,9 +16,11 @@ from torch import Tensor, nn
 from annotate.array_types import Int64, UInt8
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.images import encode_parts, encode_png
-from annotate.parts import BACKGROUND, N_CLASSES, PAPER
+from annotate.parts import PAPER
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED
+from annotate.scheme.scheme_file import scheme_to_fields
 from eval.network.networks import build
-from eval.scores.confusion import confusion_matrix, mean_recall, miou
+from eval.scores.confusion import mean_recall, miou
 from eval.training.crops import Crops
 from eval.training.loader import Batch, BatchOrder, Images, batches, workers_watched
 from eval.training.plan import Loss, Plan, at_resolution, class_weights
@@ -38,16 +41,20 @@ def predicted(model: nn.Module, crops: Crops, batch: int = 32) -> Iterator[UInt8
     for depth, _ in crops.batches(batch):
         x = torch.from_numpy(depth[:, None]).to(device).contiguous(memory_format=torch.channels_last)
         with torch.no_grad():
-            parts = model(x).scores[:, 1:].argmax(1) + 1
-        yield np.where(depth > 0, parts.cpu().numpy(), BACKGROUND).astype(np.uint8)
+            classes = model(x).scores[:, 1:].argmax(1) + 1
+        parts = crops.scheme.class_ids[classes.cpu().numpy()]
+        yield np.where(depth > 0, parts, np.uint8(BACKGROUND))
 
 
 def evaluate(model: nn.Module, crops: Crops, batch: int = 32) -> Int64:
-    """Return the confusion matrix (12, 12) of a network on crops; rows are the truth."""
-    total = np.zeros((N_CLASSES, N_CLASSES), np.int64)
+    """Return the confusion matrix (K, K) of a network's classes on crops; rows are the truth."""
+    table, count = crops.scheme.class_table, len(crops.scheme.class_ids)
+    total = np.zeros(count * count, np.int64)
     for (_, parts), labels in zip(crops.batches(batch), predicted(model, crops, batch), strict=True):
-        total += confusion_matrix(parts, labels, PAPER)
-    return total
+        known = parts != UNDEFINED
+        pairs = table[parts[known]].astype(np.int64) * count + table[labels[known]]
+        total += np.bincount(pairs, minlength=count * count)
+    return total.reshape(count, count)
 
 
 @dataclass(frozen=True)
@@ -93,7 +100,8 @@ def train(
     group.wait()
     with workers_watched(), Claim.take(out, login()) if group.first else nullcontext():
         torch.manual_seed(plan.seed)
-        model = (data.start if data.start is not None else build(plan.network)).to(group.device)
+        model = data.start if data.start is not None else build(plan.network, data.crops.scheme)
+        model = model.to(group.device)
         run = _NetworkTraining(data, out, plan, group, watch.checkpoint_s)
         state = resumed(model, run.schedule, out / CHECKPOINT)
         if group.first and not (out / CHECKPOINT).is_file():
@@ -135,8 +143,9 @@ class _NetworkTraining:
     @cached_property
     def _loss(self) -> Loss:
         _, weighed = next(self.data.crops.spread(WEIGHING_IMAGES).batches(WEIGHING_IMAGES))
-        weight = class_weights(self.plan.recipe, weighed).to(self.group.device)
-        return Loss(self.plan.recipe, weight, self.group)
+        scheme = self.data.crops.scheme
+        weight = class_weights(self.plan.recipe, weighed, scheme).to(self.group.device)
+        return Loss(self.plan.recipe, weight, self.group, scheme)
 
     def batches(self, step: int) -> Iterator[Batch]:
         images = Images(self.data.crops, self.plan.augmentation, self.plan.seed)
@@ -188,7 +197,7 @@ class _NetworkTraining:
         folder = self.out / "frame"
         folder.mkdir(exist_ok=True)
         write_bytes(folder / "depth.png", encode_png(self._frame.depth(0)))
-        write_bytes(folder / "truth.parts.png", encode_parts(self._frame.parts(0)))
+        write_bytes(folder / "truth.parts.png", encode_parts(self._frame.parts(0), self._frame.scheme))
         self._label_frame(model, 0)
 
     def _label_frame(self, model: nn.Module, epoch: int) -> None:
@@ -200,11 +209,14 @@ class _NetworkTraining:
         if epoch > 10 and epoch < self.plan.rounds and epoch % 10 ** (len(str(epoch)) - 1):
             return
         labels = next(predicted(model, self._frame))
-        write_bytes(self.out / "frame" / f"epoch-{epoch:03d}.parts.png", encode_parts(labels[0]))
+        write_bytes(
+            self.out / "frame" / f"epoch-{epoch:03d}.parts.png", encode_parts(labels[0], self._frame.scheme)
+        )
 
     def _write_history(self, state: State) -> None:
         history = {
             "plan": self.plan.described(),
+            **_scheme_of(self.data),
             "images": len(self.data.crops),
             "left_out": list(self.data.left_out),
             "parameters": sum(p.numel() for p in state.model.parameters()),
@@ -237,7 +249,8 @@ def _begin(out: Path, plan: Plan, data: Data) -> None:
     """
     images = {"images": len(data.crops), "crc32": data.crops.crc32}
     start = None if data.start is None else _crc32(data.start)
-    text = json.dumps({**plan.described(), "data": images, "init": start}, sort_keys=True, indent=1)
+    fields = {**plan.described(), **_scheme_of(data), "data": images, "init": start}
+    text = json.dumps(fields, sort_keys=True, indent=1)
     if (out / PLAN).is_file():
         if (out / PLAN).read_text() != text + "\n":
             raise ExistsError(
@@ -248,6 +261,12 @@ def _begin(out: Path, plan: Plan, data: Data) -> None:
         raise ExistsError(f"{out} exists and is not a training; choose another folder or pass --overwrite")
     out.mkdir(parents=True, exist_ok=True)
     write_bytes(out / PLAN, (text + "\n").encode())
+
+
+def _scheme_of(data: Data) -> dict[str, Any]:
+    """Return the scheme of a training as JSON values; empty for ``paper``."""
+    scheme = data.crops.scheme
+    return {} if scheme == PAPER else {"scheme": scheme_to_fields(scheme)}
 
 
 def _crc32(model: nn.Module) -> int:

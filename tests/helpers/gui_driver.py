@@ -17,7 +17,7 @@ from PySide6.QtWidgets import QApplication, QLabel, QPushButton
 from annotate.correction.correction import Correction
 from annotate.gui.commands import bind
 from annotate.gui.placement import LOOKS
-from annotate.gui.state.keys import Settings
+from annotate.gui.state.keys import Settings, commands_of
 from annotate.gui.state.point_colors import Look
 from annotate.gui.state.scene import SceneReader
 from annotate.gui.views.cloud_view import CloudView
@@ -35,11 +35,12 @@ class Driver:
     """Window on a label set, and a person at mouse and keys. said: last outcome in the status line."""
 
     def __init__(self, path: Path, session: Path | None = None, **options) -> None:
-        settings = options.pop("settings", Settings("dark"))
+        settings = options.pop("settings", None)
         other, memory = options.pop("other", None), options.pop("memory", None)
         size = options.pop("size", (1000, 760))
         self._begun: dict[str, int] = {}
         self.correction = Correction.open(path, options.pop("who", "mia"), **options)
+        settings = settings or Settings("dark", commands_of(self.correction.labels.scheme))
         reader = SceneReader(self.correction, session, other)
         self.window = CorrectionWindow(self.correction, reader, settings, memory)
         bind(self.window)

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from annotate.cloud.fuse import Fuser
+from annotate.parts import PAPER
 from annotate.person.extract import PersonMask
 from annotate.segmentation.segmented_person import unlabelled
 
@@ -12,7 +13,7 @@ from annotate.segmentation.segmented_person import unlabelled
 class CloudLabeller:
     """Labeller by a function of a whole cloud and the previous frame's labels."""
 
-    fuser = Fuser
+    fuser, scheme = Fuser, PAPER
 
     def __init__(self, label: Callable) -> None:
         self.label = label

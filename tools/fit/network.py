@@ -9,7 +9,7 @@ import json
 import sys
 from pathlib import Path
 
-from eval.network.onnx_export import LEAST_HALVED, export_network, halve_onnx
+from eval.network.onnx_export import LEAST_HALVED, export_network, halve_onnx, name_scheme
 from eval.network.onnx_network import SHIPPED_WEIGHTS
 from eval.network.weights_file import load_weights, save_weights
 from eval.training.calibration_split import LEAST_BODIES
@@ -28,7 +28,7 @@ They take 1 ms of 7 and are worth 0.002 of recall (standing and lying people, de
 def main() -> None:
     """Write both files."""
     run, calibration = map(Path, sys.argv[1:])
-    network, config = load_weights(run / "weights.safetensors")
+    network, config, scheme = load_weights(run / "weights.safetensors")
     check_inputs([calibration])
     left_out = json.loads((run / HISTORY).read_text())["left_out"]
     if not left_out:
@@ -38,13 +38,14 @@ def main() -> None:
     inputs = ({"depth": depth[:, None]} for depth, _ in crops.spread(CALIBRATED_ON).batches(1))
     with replacing(SHIPPED_WEIGHTS) as unfinished:
         full = run / "full.onnx"
-        export_network(network, full, temperature)
+        export_network(network, full, temperature, scheme)
         quantise(full, inputs, unfinished, EXACT)
         halve_onnx(unfinished)
+        name_scheme(unfinished, scheme)
     for name, value in network.state_dict().items():
         if value.is_floating_point() and value.numel() >= LEAST_HALVED:
             network.get_parameter(name).data = value.half()
-    save_weights(SHIPPED_WEIGHTS.with_suffix(".safetensors"), network, config)
+    save_weights(SHIPPED_WEIGHTS.with_suffix(".safetensors"), network, config, scheme)
     print(f"temperature {temperature:.4f}")
 
 

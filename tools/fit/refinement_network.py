@@ -15,14 +15,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from annotate.crop import person_of
 from annotate.label_recording import label_cloud, labels_of
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.labelled_frames import open_frames
-from annotate.parts import BACKGROUND
+from annotate.scheme.scheme import BACKGROUND
 from annotate.segmentation.input_channels import CHANNELS, VALID, Rectangle
-from annotate.segmentation.segment import OTHER_PERSON, SAMPLE_M
-from annotate.segmentation.suit_network import SuitNetwork, flip_averaged
+from annotate.segmentation.segment import SAMPLE_M
+from annotate.segmentation.suit_network import SuitNetwork, flip_averaged, other_person
 from eval.fine_tuning.by_depth import depth_example
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import NetworkLabeller
@@ -104,7 +103,7 @@ def of_refined(weights: Path, path: Path) -> Iterator[Example]:
         step = max(1, round(SAMPLE_M / example.pixel_m))
         everywhere = Rectangle(*(slice(0, side) for side in example.target.shape))
         named = flip_averaged(network, example.planes, step, everywhere).argmax(axis=0).astype(np.uint8)
-        there = (example.planes[0] & VALID > 0) & (named != OTHER_PERSON)
+        there = (example.planes[0] & VALID > 0) & (named != other_person(network.own))
         example.planes[CHANNELS.index("before")] = np.where(there, named, np.uint8(BACKGROUND))
         yield example
 
@@ -121,13 +120,13 @@ def of_rig(number: int, held_out: bool) -> Iterator[Example | None]:
     labeller, camera = NetworkLabeller(OnnxNetwork()), rig.calibration.depth.undistorted()
     fuser = labeller.fuser(rig.calibration)
     for frame, known in rig.with_truth():
-        truth = truth_labels(frame, known, rig.calibration.depth).parts
+        truth = truth_labels(frame, known, rig.calibration.depth)
         bare = replace(frame, color_encoded=None)
         bare = replace(bare, thermal_c=None) if rng.random() < COLD else bare
         cloud = fuser.fuse_frame(bare)
         found, person = label_cloud(labeller, cloud, None)
         first = labels_of("", cloud.depth_mm, found, person)
-        own, true = person_of(first.parts), person_of(truth)
+        own, true = first.on_person, truth.on_person
         if person.trusted and (own & true).sum() >= LEAST_IOU * (own | true).sum():
             yield depth_example(first, truth, camera)
 
@@ -139,8 +138,9 @@ def of_shard(dataset: Path, shard: int, held_out: bool) -> Iterator[Example | No
         frame = frames.load(entry)
         if bodies_in(frames, frame).isdisjoint(HELD_OUT) == held_out:
             continue
-        first = replace(frame, parts=network.segment(frame.depth_mm, person_of(frame.parts)).parts)
-        yield depth_example(first, frame.parts, camera_in(frames, frame))
+        found = network.segment(frame.depth_mm, frame.on_person)
+        first = replace(frame, parts=found.parts, scheme=found.scheme)
+        yield depth_example(first, frame, camera_in(frames, frame))
 
 
 if __name__ == "__main__":

@@ -37,6 +37,7 @@ from annotate.labelset.label_set import LabelSet
 from annotate.person.extract import PersonDetection, PersonMask
 from annotate.person.planes import Plane
 from annotate.person.warmth import WINDOW_C
+from annotate.scheme.scheme import Scheme
 from annotate.segmentation.input_channels import CHANNELS, OTHER, SEEN, SUBJECT, Rectangle
 from annotate.segmentation.segment import SuitSegmenter, view_of
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
@@ -142,6 +143,11 @@ class LabellerWithout:
     def worn(self) -> Suit | None:
         """Return the suit whose colours are used, if any."""
         return None if {"suit", "color"} & set(self.cut.inputs) else self.suit
+
+    @property
+    def scheme(self) -> Scheme:
+        """Return the scheme of the labels."""
+        return self.network.scheme
 
     def fuser(self, calibration: RigCalibration) -> Fuser:
         """Return the fusion of whole clouds."""

@@ -7,7 +7,7 @@ from annotate.cloud.color_map import heat_rgb, mapped_rgb
 from annotate.gui.state.point_colors import MAPS, ROOM_RGB, edges
 from annotate.gui.state.scene import FrameScene, levels, shade_of
 from annotate.live.live_frame import LiveFrame
-from annotate.parts import BACKGROUND, palette_rgb
+from annotate.scheme.scheme import BACKGROUND
 from sensors.rig.camera import project
 
 NEAR_M, FAR_M = 0.5, 4.5  # m; range of the depth colours: a Kinect v2's
@@ -30,7 +30,7 @@ def pictures(frame: LiveFrame) -> dict[str, UInt8]:
     heat[edges(persons[::STEP, ::STEP], cloud.valid[::STEP, ::STEP])] = 255
     labelled = (color if color.any() else depth) // np.uint8(DIM)
     body = parts != BACKGROUND
-    labelled[body] = palette_rgb()[parts[body]]
+    labelled[body] = frame.labels.scheme.palette_rgb()[parts[body]]
     return dict(zip(TITLES, (depth, color, heat, labelled), strict=True))
 
 

@@ -14,7 +14,6 @@ from annotate.crop import window_of
 from annotate.frame_labels import FrameLabels
 from annotate.gui.widgets.building_blocks import draw_card
 from annotate.gui.widgets.theme import DARK, Theme, scaled
-from annotate.parts import palette_rgb
 from sensors.errors import CloudError
 
 THUMBNAIL = QSize(78, 58)
@@ -35,7 +34,7 @@ def thumbnail(labels: FrameLabels) -> QImage:
     window = _window(labels.parts)
     parts, depth = labels.parts[window], labels.depth_mm[window].astype(np.float32)
     grey = np.where(depth > 0, 90 - np.clip(depth / 5000, 0, 1) * 70, 12)
-    rgb: UInt8 = np.where((parts > 0)[..., None], palette_rgb()[parts], grey[..., None])
+    rgb: UInt8 = np.where((parts > 0)[..., None], labels.scheme.palette_rgb()[parts], grey[..., None])
     rgb = np.ascontiguousarray(rgb.astype(np.uint8))
     height, width = parts.shape
     image = QImage(rgb.data, width, height, 3 * width, QImage.Format.Format_RGB888)

@@ -15,14 +15,15 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from annotate.correction.doubtful_places import part_title as title
 from annotate.gui.state.edit_controller import EditController
-from annotate.gui.state.keys import BODY_GRID, Settings, settings_path
+from annotate.gui.state.keys import Settings, settings_path
 from annotate.gui.state.outcome import Outcome, strokes_text
 from annotate.gui.views.drawing_layer import StrokeOptions
 from annotate.gui.widgets.building_blocks import Elided, laid, named
 from annotate.gui.widgets.theme import DARK, Theme, part_color, scaled
-from annotate.parts import PARTS
+from annotate.scheme.body_grid import body_grid, thing_grid
+from annotate.scheme.limbs import limb_names
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Scheme
 
 MOUSE = (
     ("Left button", "use the tool"),
@@ -40,12 +41,12 @@ MOUSE = (
     ("Alt + part", "fade the part, hide it, show it again"),
 )
 ONCE = {
-    "swap": "Click an arm or a leg: left and right are swapped",
+    "swap": "Click LIMB: left and right are swapped",
     "neighbour": "Click a patch: it goes to the part that it touches most",
     "merge": "Click a part: all of it becomes",
     "pick": "Click a part to choose it",
 }
-"""Effect of the next click after a command that needs a place."""
+"""Effect of the next click after a command that needs a place. LIMB: the scheme's limbs."""
 
 
 def next_click(options: StrokeOptions, edits: EditController, in_image: bool) -> str:
@@ -53,8 +54,10 @@ def next_click(options: StrokeOptions, edits: EditController, in_image: bool) ->
 
     in_image: True if the pointer is in the depth image, where no pixel hides another.
     """
+    title = edits.scheme.title
     if options.once:
-        whole = f"{ONCE[options.once]} {title(edits.part)}" if options.once == "merge" else ONCE[options.once]
+        whole = ONCE[options.once].replace("LIMB", limb_names(edits.scheme))
+        whole += f" {title(edits.part)}" if options.once == "merge" else ""
         return f"{whole} · Esc cancels"
     becomes = "is erased" if edits.part == 0 else f"becomes {title(edits.part)}"
     if edits.giver != "part":
@@ -105,7 +108,7 @@ class StatusLine(QWidget):
 
     def show_edits(self, edits: EditController, theme: Theme) -> None:
         """Update the chosen part's colour, the key for accepting, and the number of unsaved strokes."""
-        correction, color = edits.correction, part_color(edits.part, theme).name()
+        correction, color = edits.correction, part_color(edits.scheme, edits.part, theme).name()
         self.chip.setStyleSheet(f"background: {color}; border: 1px solid {theme.quiet}; border-radius: 7px")
         frame_id = edits.frame.frame_id
         verdict = correction.next_verdict(frame_id)
@@ -128,7 +131,7 @@ class KeyPage(QWidget):
 
     closed = Signal()
 
-    def __init__(self, parent: QWidget, settings: Settings) -> None:
+    def __init__(self, parent: QWidget, scheme: Scheme, settings: Settings) -> None:
         super().__init__(parent)
         self.theme = DARK
         self.setAccessibleName("All keys")
@@ -138,13 +141,12 @@ class KeyPage(QWidget):
         self.area.setWidget(self.card)
         self.area.viewport().installEventFilter(self)
         caption = _caption("Parts, laid out like a body that faces you")
-        parts = laid(QVBoxLayout(), caption, _body(settings), gap=10)
-        own = {part.name for part in PARTS}
+        parts = laid(QVBoxLayout(), caption, _body(scheme, settings), gap=10)
         rows = {
             menu: [
                 (c.key, (c.hint or c.title) + (f" (or {c.also})" if c.also else ""))
                 for c in settings.commands
-                if c.menu == menu and c.key and c.name not in own
+                if c.menu == menu and c.key and c.part in (None, UNDEFINED)
             ]
             for menu in ("Parts", "Tools", "Edit", "Frames", "View", "File", "Help")
         }
@@ -206,15 +208,17 @@ def _list(name: str, rows: Sequence[tuple[str, str]]) -> QVBoxLayout:
     return laid(QVBoxLayout(), _caption(name), grid, gap=5)
 
 
-def _body(settings: Settings) -> QGridLayout:
-    """Return a layout of the parts' keys, placed like the body's parts."""
+def _body(scheme: Scheme, settings: Settings) -> QGridLayout:
+    """Return a layout of the parts' keys, placed like the body's parts, and of the things' below."""
     grid = QGridLayout()
     grid.setHorizontalSpacing(6)
     grid.setVerticalSpacing(4)
-    for row, parts in enumerate(BODY_GRID):
+    for row, parts in enumerate((*body_grid(scheme), *thing_grid(scheme))):
         for column, part in enumerate(parts):
-            cap = named(QLabel(settings.key(PARTS[part].name)), "key")
-            grid.addWidget(cap, row, 2 * column, Qt.AlignmentFlag.AlignRight)
-            name = PARTS[part].title.split(" ", 1)[-1].capitalize() if part else "Erase"
+            if part is None:
+                continue
+            if key := settings.part_key(part):
+                grid.addWidget(named(QLabel(key), "key"), row, 2 * column, Qt.AlignmentFlag.AlignRight)
+            name = "Erase" if part == BACKGROUND else scheme.short_title(part)
             grid.addWidget(QLabel(name), row, 2 * column + 1)
     return grid

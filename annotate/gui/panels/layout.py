@@ -25,7 +25,8 @@ class Panels(QWidget):
     def __init__(self, views: ViewPair, frames: FrameOrder, settings: Settings) -> None:
         super().__init__()
         self._views, self._frames = views, frames
-        self.tools, self.palette_, self.header = ToolColumn(settings), Palette(settings), Header()
+        scheme = frames.correction.labels.scheme
+        self.tools, self.palette_, self.header = ToolColumn(settings), Palette(scheme, settings), Header()
         self.progress, self.status = ProgressPanel(), StatusLine(settings)
         self.strip = FrameStrip(frames.correction.frame, frames.correction.state, frames.confidence)
         self.panes = Panes(views, self.palette_, settings)
@@ -37,7 +38,7 @@ class Panels(QWidget):
             QVBoxLayout(named(self, "panel")), self.header, line(), row, line(), self.status, line(), foot
         )
         column.setStretchFactor(row, 1)
-        self.key_page = KeyPage(self, settings)
+        self.key_page = KeyPage(self, scheme, settings)
 
     def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
         """Fit the page of keys to the window (Qt's hook)."""

@@ -25,7 +25,7 @@ class Panes(QSplitter):
 
     def __init__(self, views: ViewPair, palette: Palette, settings: Settings) -> None:
         super().__init__(Qt.Orientation.Horizontal)
-        self.swapped = False
+        self.swapped, self._palette = False, palette
         self.bars = {view: PaneBar(view, settings) for view in views}
         self._framed = [self._frame(view) for view in views]
         self._side = named(QSplitter(Qt.Orientation.Vertical), "panel")
@@ -45,10 +45,14 @@ class Panes(QSplitter):
         self._side.splitterMoved.connect(self._keep)
 
     def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
-        """Set the palette to its natural height, or to about half of a low window (Qt's hook)."""
+        """Set the palette to its natural height, or to about half of a low window (Qt's hook).
+
+        A palette of many parts takes what it needs, as long as the view has its least height.
+        """
         super().resizeEvent(event)
         if not self._moved:
             parts = min(scaled(PALETTE_PX), round(PALETTE_SHARE * self.height()))
+            parts = max(parts, self._palette.needed_px)
             parts = max(0, min(parts, self.height() - PANE_PX))
             self._side.setSizes([self.height() - parts, parts])
 

@@ -10,20 +10,20 @@ from annotate.cleanup import filled, without_islands
 from annotate.correction import select
 from annotate.correction.correction import Correction
 from annotate.correction.doubtful_places import Doubt, pixels_text
-from annotate.correction.doubtful_places import part_title as title
-from annotate.correction.edit import ARMS, LEGS, Editor
+from annotate.correction.edit import Editor
 from annotate.correction.replay import STATE_NAMES
 from annotate.gui.state.drawing import Drawing
 from annotate.gui.state.open_frame import Display, OpenFrame, marked
 from annotate.gui.state.outcome import NOTHING, Outcome, described
 from annotate.gui.state.point_colors import Colors, Look, Painting
 from annotate.labelset.stroke import Gesture, Operation, Stroke
-from annotate.parts import BACKGROUND
+from annotate.scheme.colours import mark_rgb
+from annotate.scheme.limbs import limb_names, limbs_of
+from annotate.scheme.scheme import BACKGROUND, Scheme
 from sensors.errors import CloudError
 
 Giver = Literal["part", "other", "before"]
 """Source of the parts that strokes give: the chosen part, the compared set, or the frame before."""
-PREVIEW_RGB = (255, 255, 0)  # pixels that a clean-up would change: no part has this colour
 VERDICT_TITLES = {"accept": "Accepted", "agree": "Agreed", "reject": "Rejected"}
 
 
@@ -59,7 +59,8 @@ class EditController:
 
     correction: Correction
     frame: OpenFrame
-    part: int = 1
+    scheme: Scheme = field(init=False)
+    part: int = field(init=False)
     giver: Giver = "part"
     locks: set[int] = field(default_factory=set)
     display: Display = field(default_factory=Display)
@@ -69,6 +70,8 @@ class EditController:
     _doubt: int = -1
 
     def __post_init__(self) -> None:
+        self.scheme = self.correction.labels.scheme
+        self.part = self.scheme.parts[0].id
         self.open(self.frame)
 
     def open(self, frame: OpenFrame) -> None:
@@ -96,13 +99,13 @@ class EditController:
         """
         before = self.frame.before if self.display.onion else None
         painting = Painting(self.frame.scene, self.parts, look, self.display.visibility, ground, before)
-        return marked(painting, self.preview.pixels, PREVIEW_RGB) if self.preview else painting
+        return marked(painting, self.preview.pixels, mark_rgb(self.scheme)) if self.preview else painting
 
     def fade(self, part: int) -> Outcome:
         """Switch the visibility of a part: shown, faded, hidden, and shown again."""
         how = self.display.fade(part)
         changed = np.flatnonzero((self.parts == part) & (self.frame.scene.labels.depth_mm > 0))
-        return Outcome(f"{title(part).capitalize()} {how}", pixels=changed)
+        return Outcome(f"{self.scheme.title(part).capitalize()} {how}", pixels=changed)
 
     def next_doubt(self) -> tuple[Outcome, Doubt | None]:
         """Return a text for the status line, and the next doubtfully labelled place; None if none is left."""
@@ -118,7 +121,7 @@ class EditController:
         """Lock a part, or unlock it."""
         self.locks ^= {part}
         state = "locked: it cannot gain or lose pixels" if part in self.locks else "unlocked"
-        return Outcome(f"{title(part).capitalize()} {state}")
+        return Outcome(f"{self.scheme.title(part).capitalize()} {state}")
 
     def give_from(self, giver: Giver) -> Outcome:
         """Set the source of strokes' parts: the other set or the previous frame. The same source again resets
@@ -200,8 +203,7 @@ class EditController:
         return select.grow(scene.pieces, grown.parts, scene.labels.depth_mm, grown.pixels)
 
     def _grow(self, grown: _Grown, drawing: Drawing) -> Outcome:
-        pixels = self._larger(grown)
-        self.keys = 0
+        self.keys, pixels = 0, self._larger(grown)
         self._grown = _Grown(self.part, pixels, grown.parts)
         stroke = self._paint(pixels, drawing.gesture("grow"))
         return self._outcome(stroke, "It cannot grow further: its part ends here")
@@ -209,14 +211,13 @@ class EditController:
     # Keys for the place under the pointer
 
     def swap(self, pixel: int | None) -> Outcome:
-        """Exchange left and right of the arms or legs, of which one is under the pointer."""
+        """Exchange left and right of the limb of which one side is under the pointer."""
         part = BACKGROUND if pixel is None else int(self.parts.flat[pixel])
-        pairs = next((limb for limb in (ARMS, LEGS) if part in np.ravel(limb)), None)
-        if pairs is None:
-            return Outcome("Point at an arm or a leg to swap left and right", "warn")
-        limb = "arms" if pairs is ARMS else "legs"
-        stroke = self.editor().swap_left_right(pairs, how=self._key(pixel))
-        return self._outcome(stroke, f"This frame has no {limb} to swap", limb)
+        limb = next((limb for limb in limbs_of(self.scheme) if part in limb.ids), None)
+        if limb is None:
+            return Outcome(f"Point at {limb_names(self.scheme)} to swap left and right", "warn")
+        stroke = self.editor().swap_left_right(limb.pairs, how=self._key(pixel))
+        return self._outcome(stroke, f"This frame has no {limb.plural} to swap", limb.plural)
 
     def to_neighbour(self, pixel: int | None) -> Outcome:
         """Assign the connected patch under the pointer to the part with the longest contact."""
@@ -230,7 +231,7 @@ class EditController:
         """Assign the chosen part to all pixels of the part under the pointer."""
         source = BACKGROUND if pixel is None else int(self.parts.flat[pixel])
         if source in (BACKGROUND, self.part):
-            return Outcome(f"Point at the part that should become {title(self.part)}", "warn")
+            return Outcome(f"Point at the part that should become {self.scheme.title(self.part)}", "warn")
         return self._outcome(self.editor().merge(source, self.part, how=self._key(pixel)), self._locked())
 
     def pick(self, pixel: int | None) -> Outcome:
@@ -238,7 +239,7 @@ class EditController:
         if pixel is None:
             return Outcome("Point at a part to choose it", "warn")
         self.part, self.giver = int(self.parts.flat[pixel]), "part"
-        return Outcome(f"{title(self.part).capitalize()} chosen")
+        return Outcome(f"{self.scheme.title(self.part).capitalize()} chosen")
 
     # Whole frame; a clean-up is previewed first
 
@@ -299,10 +300,9 @@ class EditController:
             self.preview = None
             stroke = editor.replace(operation, preview.parts, part, self._key(keys=self.keys))
             return self._outcome(stroke, "Nothing to change")
-        dropped = self.cancel().pixels
-        pixels = editor.preview(parts)
+        dropped, pixels = self.cancel().pixels, editor.preview(parts)
         name = "holes" if operation == "fill_holes" else "islands"
-        name += f" in {title(part)}" if part is not None else ""
+        name += f" in {self.scheme.title(part)}" if part is not None else ""
         if not len(pixels):
             return Outcome(f"This frame has no {name}", pixels=dropped)
         self.preview = _Preview(operation, part, parts, pixels)
@@ -316,7 +316,8 @@ class EditController:
         """
         if stroke is None:
             return Outcome(nothing, "warn")
-        return Outcome(described(stroke, limb), pixels=np.union1d(stroke.pixels, self._drop_preview()))
+        pixels = np.union1d(stroke.pixels, self._drop_preview())
+        return Outcome(described(stroke, self.scheme, limb), pixels=pixels)
 
     def _drop_preview(self) -> Int64:
         """Drop a preview; return the pixels (n,) that were marked."""
@@ -329,14 +330,14 @@ class EditController:
         if not taken.any():
             if drawing.only:
                 return "Nothing inside belongs to the part at the start"
-            return "Only the room is inside: hold Shift and start on it to add it to the body"
+            return "Only the room is inside: hold Shift and start on it to label it"
         return self._locked() if self.locks else self._already(self.part)
 
     def _already(self, part: int) -> str:
-        return f"This is already {title(self.part)}" if part == self.part else self._locked()
+        return f"This is already {self.scheme.title(self.part)}" if part == self.part else self._locked()
 
     def _locked(self) -> str:
-        names = ", ".join(title(part) for part in sorted(self.locks))
+        names = ", ".join(self.scheme.title(part) for part in sorted(self.locks))
         locked = f"Nothing changed: {names} locked (Shift and the part's key unlocks)"
         return locked if names else "Nothing to change"
 

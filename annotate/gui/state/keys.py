@@ -13,18 +13,17 @@ from pathlib import Path
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence
 
-from annotate.parts import PARTS
+from annotate.parts import PAPER
+from annotate.scheme.body_grid import body_grid, thing_grid
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Scheme
+from annotate.scheme.scheme_file import SHIPPED, load_scheme
 from sensors.errors import CloudError
 from sensors.files.bounded import read_toml
 
 MAX_TOML_BYTES = 100_000  # largest window.toml
 THEMES = ("system", "light", "dark")
 
-BODY_KEYS = "123QWEASDZXC"
-BODY_GRID = ((4, 1, 3), (6, 2, 5), (9, 7, 8), (11, 0, 10))
-"""Part ids laid out like a body that faces the user: the right arm is at the left."""
-
-_AZERTY_DIGITS = dict(zip("123456", "&É\"'(-", strict=True))
+_AZERTY_DIGITS = dict(zip("1234567890", "&É\"'(-È_ÇÀ", strict=True))
 LAYOUTS: dict[str, dict[str, str]] = {
     "qwerty": {},
     "qwertz": {"Z": "Y", "Y": "Z", "`": "<", "[": "Ü", "]": "+"},
@@ -39,7 +38,8 @@ class Command:
     """Command of the window.
 
     name: as in window.toml. key, also: main and second key in Qt's notation, or "". title: in menus and on
-    buttons. hint: on the page of keys. repeats: True if a held key repeats it.
+    buttons. hint: on the page of keys. repeats: True if a held key repeats it. part: id of the part that the
+    command chooses, locks or fades, or None.
     """
 
     name: str
@@ -49,6 +49,7 @@ class Command:
     hint: str = ""
     also: str = ""
     repeats: bool = False
+    part: int | None = None
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -56,13 +57,8 @@ class Command:
         return tuple(filter(None, (self.key, self.also)))
 
 
-_PART_TITLES = {part.id: part.title if part.id else "Background: erase" for part in PARTS}
 COMMANDS: tuple[Command, ...] = (
-    *(
-        Command(PARTS[i].name, key, "Parts", _PART_TITLES[i])
-        for i, key in zip(chain(*BODY_GRID), BODY_KEYS, strict=True)
-    ),
-    Command("undefined", "Ctrl+X", "Parts", "Undefined"),
+    Command("undefined", "Ctrl+X", "Parts", "Undefined", part=UNDEFINED),
     Command("pick", "`", "Parts", "Part under the pointer", "Choose the part under the pointer"),
     Command("from_other", "Ctrl+4", "Parts", "As in the other set", "Strokes give the other set's parts"),
     Command(
@@ -120,30 +116,83 @@ COMMANDS: tuple[Command, ...] = (
     Command("close", "Ctrl+Shift+Q", "File", "Close"),
     Command("help", "F1", "Help", "All keys", "Show or hide this page"),
 )
-"""All commands, as delivered for US keyboards. Locks and fading follow from the parts' keys."""
+"""Commands of all schemes, as delivered for US keyboards."""
+
+
+def key_of(text: str) -> Qt.Key:
+    """Return the key of a text in Qt's notation without modifiers; Key_unknown unless it is one key."""
+    sequence = QKeySequence(text)
+    if sequence.count() != 1:
+        return Qt.Key.Key_unknown
+    key: Qt.Key = sequence[0].key()  # type: ignore[index]  # missing in PySide6's types
+    return key
+
+
+def part_commands(scheme: Scheme, commands: tuple[Command, ...] = COMMANDS) -> tuple[Command, ...]:
+    """Return the commands that choose the parts of a scheme, in the order of the palette.
+
+    commands: all others. A part without a key of its own, or with a key of these, has none; neither has a key
+    with Shift or Alt. A part with the name of a command gets the prefix ``part_``.
+    """
+    taken = {_folded(key) for command in commands for key in command.keys}
+    names = {command.name for command in commands}
+    names |= {f"{verb}_{part.name}" for verb in ("lock", "fade") for part in scheme.by_id.values()}
+    made = []
+    for part_id in chain(*body_grid(scheme), *thing_grid(scheme)):
+        if part_id is None:
+            continue
+        part = scheme.by_id[part_id]
+        is_free = key_of(part.key) != Qt.Key.Key_unknown and _folded(part.key) not in taken
+        key = part.key if is_free and not {"Shift", "Alt"} & {*_folded(part.key).split("+")} else ""
+        taken.add(_folded(key))
+        name = part.name
+        while name in names:
+            name = f"part_{name}"
+        names.add(name)
+        title = f"{part.title}: erase" if part_id == BACKGROUND else part.title
+        made.append(Command(name, key, "Parts", title, part=part_id))
+    return tuple(made)
 
 
 def derived(commands: tuple[Command, ...]) -> tuple[Command, ...]:
     """Return the commands that lock and fade each part.
 
-    Their keys are Shift and Alt with the part's key, or none if the part's key has modifiers itself.
+    Their keys are Shift and Alt with the part's key, or none if the part's key has modifiers itself or is
+    missing.
     """
-    keys = {command.name: command.key for command in commands}
     made = []
-    for part in PARTS:
-        key = keys[part.name] if "+" not in keys[part.name][:-1] else ""
+    for command in sorted((c for c in commands if c.part not in (None, UNDEFINED)), key=_part_of):
+        key = command.key if "+" not in command.key[:-1] else ""
         for verb, held in (("lock", "Shift"), ("fade", "Alt")):
-            title = f"{verb.capitalize()} {part.title.lower()}"
-            made.append(Command(f"{verb}_{part.name}", key and f"{held}+{key}", verb.capitalize(), title))
+            title = f"{verb.capitalize()} {command.title.removesuffix(': erase').lower()}"
+            of_part = key and f"{held}+{key}"
+            made.append(
+                Command(f"{verb}_{command.name}", of_part, verb.capitalize(), title, part=command.part)
+            )
     return tuple(made)
+
+
+def _part_of(command: Command) -> int:
+    assert command.part is not None
+    return command.part
+
+
+def _folded(key: str) -> str:
+    return QKeySequence(key).toString()
+
+
+def commands_of(scheme: Scheme) -> tuple[Command, ...]:
+    """Return all commands for a scheme, as delivered for US keyboards."""
+    parts = part_commands(scheme)
+    return (*parts, *COMMANDS, *derived(parts))
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of a user in window.toml. theme: of THEMES. commands: with the user's keys."""
+    """Settings of a user in window.toml. theme: of THEMES. commands: for one scheme, with the user's keys."""
 
     theme: str = "system"
-    commands: tuple[Command, ...] = (*COMMANDS, *derived(COMMANDS))
+    commands: tuple[Command, ...] = commands_of(PAPER)
 
     def command(self, name: str) -> Command:
         """Return a command by name. Raises KeyError for an unknown name."""
@@ -153,6 +202,10 @@ class Settings:
         """Return the main key of a command. Raises KeyError for an unknown name."""
         return self.command(name).key
 
+    def part_key(self, part: int) -> str:
+        """Return the key that chooses a part, or ""."""
+        return next(command.key for command in self.commands if command.part == part)
+
 
 def settings_path() -> Path:
     """Return window.toml in the user's configuration folder (XDG Base Directory Specification 0.8)."""
@@ -160,13 +213,13 @@ def settings_path() -> Path:
     return Path(home) / "annotate-cloud" / "window.toml"
 
 
-def load_settings(path: Path) -> Settings:
+def load_settings(path: Path, scheme: Scheme = PAPER) -> Settings:
     """Read ``theme``, ``layout`` and the table ``[keys]`` (name = "Ctrl+K"); the defaults without a file.
 
     Raises CloudError with the wrong line, the unknown name, or the key that two commands have.
     """
     if not path.exists():
-        return Settings()
+        return Settings(commands=commands_of(scheme))
     fields = read_toml(path, MAX_TOML_BYTES, "correct or remove it", CloudError)
     theme, layout = fields.pop("theme", "system"), fields.pop("layout", "qwerty")
     keys = fields.pop("keys", {})
@@ -176,11 +229,12 @@ def load_settings(path: Path) -> Settings:
         raise CloudError(f"{path}: theme is {theme!r}; use {', '.join(THEMES)}")
     if layout not in LAYOUTS:
         raise CloudError(f"{path}: layout is {layout!r}; use {', '.join(LAYOUTS)}")
-    return Settings(theme, _rebound(path, laid_out(layout), keys))
+    parts = part_commands(scheme)
+    return Settings(theme, _rebound(path, laid_out((*parts, *COMMANDS), layout), keys))
 
 
-def laid_out(layout: str) -> tuple[Command, ...]:
-    """Return all but the derived commands, with their keys on a keyboard layout."""
+def laid_out(commands: tuple[Command, ...], layout: str) -> tuple[Command, ...]:
+    """Return commands with their keys on a keyboard layout."""
     places = LAYOUTS[layout]
 
     def moved(key: str) -> str:
@@ -188,16 +242,21 @@ def laid_out(layout: str) -> tuple[Command, ...]:
         stays = "Ctrl" in "".join(held) and last.isalpha()
         return key if stays else "+".join([*held, places.get(last, last)])
 
-    return tuple(replace(c, key=moved(c.key), also=moved(c.also)) for c in COMMANDS)
+    return tuple(replace(c, key=moved(c.key), also=moved(c.also)) for c in commands)
 
 
 def _rebound(path: Path, commands: tuple[Command, ...], keys: object) -> tuple[Command, ...]:
+    """Return commands with the user's keys, and the commands that follow from them.
+
+    Names of parts in shipped schemes are allowed in every scheme.
+    """
     if not isinstance(keys, dict) or not all(isinstance(key, str) and key for key in keys.values()):
         raise CloudError(f'{path}: [keys] is not a table of keys; write lines such as undo = "Ctrl+Z"')
     mine = _with_keys(commands, keys)
     everything = (*mine, *_with_keys(derived(mine), keys))
     names = {command.name for command in everything}
-    if unknown := sorted(set(keys) - names):
+    elsewhere = {command.name for name in SHIPPED for command in commands_of(load_scheme(name))}
+    if unknown := sorted(set(keys) - names - elsewhere):
         raise CloudError(f"{path}: [keys] names {unknown[0]!r}; use one of {', '.join(sorted(names))}")
     for name, key in keys.items():
         if key_of(key) == Qt.Key.Key_unknown:
@@ -214,12 +273,3 @@ def _rebound(path: Path, commands: tuple[Command, ...], keys: object) -> tuple[C
 
 def _with_keys(commands: tuple[Command, ...], keys: Mapping[str, str]) -> tuple[Command, ...]:
     return tuple(replace(c, key=keys[c.name], also="") if c.name in keys else c for c in commands)
-
-
-def key_of(text: str) -> Qt.Key:
-    """Return the key of a text in Qt's notation without modifiers; Key_unknown unless it is one key."""
-    sequence = QKeySequence(text)
-    if sequence.count() != 1:
-        return Qt.Key.Key_unknown
-    key: Qt.Key = sequence[0].key()  # type: ignore[index]  # missing in PySide6's types
-    return key

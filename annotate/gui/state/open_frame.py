@@ -7,11 +7,10 @@ import numpy as np
 
 from annotate.array_types import Bool, Int64, UInt8
 from annotate.correction.doubtful_places import Doubt, doubts
-from annotate.correction.doubtful_places import part_title as title
 from annotate.correction.edit import Editor
 from annotate.gui.state.point_colors import Visibility
 from annotate.gui.state.scene import FrameScene
-from annotate.parts import BACKGROUND, PARTS, UNDEFINED
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED
 
 NEXT_VISIBILITY: dict[Visibility, Visibility] = {"shown": "faded", "faded": "hidden", "hidden": "shown"}
 
@@ -39,11 +38,12 @@ class OpenFrame:
     def counts(self) -> dict[int, int]:
         """Return the number of pixels with depth by part id."""
         numbers = np.bincount(self.parts[self.scene.labels.depth_mm > 0], minlength=256)
-        return {part: int(numbers[part]) for part in (*range(len(PARTS)), UNDEFINED)}
+        return {part: int(numbers[part]) for part in (*self.scene.labels.scheme.by_id, UNDEFINED)}
 
     def read_out(self, pixel: int) -> str:
         """Return a text on a pixel: part, depth, temperature, confidence, and the other set's part."""
         scene, part = self.scene, int(self.parts.flat[pixel])
+        title = scene.labels.scheme.title
         facts = [title(part), f"{scene.labels.depth_mm.flat[pixel] / 1000:.2f} m"]
         if np.isfinite(celsius := float(scene.cloud.temperature_c.flat[pixel])):
             facts.append(f"{celsius:.1f} °C")

@@ -5,9 +5,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from annotate.array_types import Int64
-from annotate.correction.doubtful_places import part_title as title
 from annotate.correction.doubtful_places import pixels_text
 from annotate.labelset.stroke import Stroke
+from annotate.scheme.scheme import Scheme
 
 NOTHING: Int64 = np.empty(0, np.int64)
 NAMED = 3  # parts that a sentence names
@@ -26,9 +26,9 @@ def strokes_text(count: int) -> str:
     return "1 stroke" if count == 1 else f"{count:,} strokes"
 
 
-def described(stroke: Stroke, limb: str = "") -> str:
+def described(stroke: Stroke, scheme: Scheme, limb: str = "") -> str:
     """Return a text on a stroke: number of pixels, old and new parts. limb: name of the limb, for a swap."""
-    count = pixels_text(len(stroke.pixels))
+    count, title = pixels_text(len(stroke.pixels)), scheme.title
     if stroke.operation in ("undo", "redo"):
         return f"{'Undone' if stroke.operation == 'undo' else 'Redone'}: {count}"
     if stroke.operation == "swap_left_right":

@@ -14,7 +14,7 @@ import numpy as np
 from annotate.array_types import Bool, Float32, Int64, UInt8
 from annotate.cloud.color_map import COLD_C, HEAT, HOT_C, heat_rgb, mapped_rgb
 from annotate.gui.state.scene import FrameScene
-from annotate.parts import BACKGROUND, palette_rgb
+from annotate.scheme.scheme import BACKGROUND
 
 Colouring = Literal["part", "colour", "temperature", "depth", "confidence", "disagreement"]
 Visibility = Literal["shown", "faded", "hidden"]
@@ -93,7 +93,7 @@ class Painting:
 
     @cached_property
     def _palette(self) -> Float32:
-        palette = palette_rgb().astype(np.float32)
+        palette = self.scene.labels.scheme.palette_rgb().astype(np.float32)
         palette[BACKGROUND] = self._room_rgb
         return palette
 

@@ -15,6 +15,7 @@ from annotate.correction.select import edit_supervoxels
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.label_set import LabelSet
 from annotate.labelset.source_recording import Recorded
+from annotate.scheme.merging import conversion_table
 from sensors.errors import CloudError, FormatError
 
 NEAR_PX = 10  # width of the room around the person that is shown in full: a limb may be missing; untuned
@@ -69,7 +70,7 @@ class SceneReader:
         """Open the recording, and check its frame size.
 
         session: recording for colours and temperatures. other: label set to compare. Raises FormatError where
-        the session or the other set has frames of another size.
+        the session or the other set has frames of another size, or the other set's scheme does not convert.
         """
         self._correction, self.other = correction, other
         labels = self.labels = correction.labels
@@ -80,6 +81,7 @@ class SceneReader:
                 f"{other.path} has frames of {other.intrinsics.shape}, {labels.path} of "
                 f"{labels.intrinsics.shape}; compare two sets of the same recording"
             )
+        self._in_scheme = conversion_table(other.scheme if other else labels.scheme, labels.scheme)
 
     def read(self, frame_id: str) -> FrameScene:
         """Read one frame. Raises FormatError with the file that is missing or corrupt.
@@ -91,7 +93,7 @@ class SceneReader:
         cloud, _, without = self._recorded.fused(labels)
         near, room, step = levels(labels, other)
         color = cloud.color_rgb if cloud.color_valid.any() else None
-        pieces = edit_supervoxels(labels.depth_mm, labels.parts, cloud.camera, color)
+        pieces = edit_supervoxels(labels, cloud.camera, color)
         remark = "; ".join(filter(None, [without, unlike]))
         scene = FrameScene(labels, cloud, other, near, room, step, shade_of(cloud), pieces, remark)
         return replace(scene, no_other=unlike) if unlike else scene
@@ -105,7 +107,7 @@ class SceneReader:
             return None, f"nothing to compare: {error}"
         if not np.array_equal(other.depth_mm, labels.depth_mm):
             return None, f"nothing to compare: {self.other.path} shows another depth image"
-        return other.parts, ""
+        return self._in_scheme[other.parts], ""
 
 
 def levels(

@@ -6,7 +6,7 @@ import numpy as np
 from PySide6.QtCore import QObject, QPointF, Signal
 
 from annotate.array_types import Int64
-from annotate.gui.state.edit_controller import PREVIEW_RGB, EditController
+from annotate.gui.state.edit_controller import EditController
 from annotate.gui.state.outcome import NOTHING
 from annotate.gui.state.point_colors import Colors, Look, colourings, legend
 from annotate.gui.views.cloud_view import CloudView
@@ -14,6 +14,7 @@ from annotate.gui.views.depth_pane import DepthPane
 from annotate.gui.views.drawing_layer import StrokeOptions
 from annotate.gui.widgets.overlay import outline
 from annotate.gui.widgets.theme import DARK, Rgb, Theme
+from annotate.scheme.colours import mark_rgb
 
 View = CloudView | DepthPane
 EDGE = 0.1  # share of a view at each edge from which a shown place is moved; untuned
@@ -158,5 +159,5 @@ class ViewPair(QObject):
             place = view.places(np.array([middle]))[0][0] / size
             if not (np.abs(place - 0.5) < 0.5 - EDGE).all():
                 view.bring(middle)
-            mark = outline(*view.places(pixels), (int(size[0]), int(size[1])), PREVIEW_RGB)
+            mark = outline(*view.places(pixels), (int(size[0]), int(size[1])), mark_rgb(self._edits.scheme))
             view.layer.show_under_pointer(mark, "")

@@ -6,7 +6,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QFontInfo, QGuiApplication, QPalette
 from PySide6.QtWidgets import QApplication
 
-from annotate.parts import PARTS, UNDEFINED
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED, UNDEFINED_RGB, Scheme
 
 Rgb = tuple[int, int, int]
 USUAL_PX = 13  # size of the desktop's font for which sizes are given, in logical pixels
@@ -64,11 +64,11 @@ def theme_of(name: str) -> Theme:
     return LIGHT if name == "light" else DARK
 
 
-def part_color(part: int, theme: Theme) -> QColor:
+def part_color(scheme: Scheme, part: int, theme: Theme) -> QColor:
     """Return the colour of a part in lists; the background has the grey of the room."""
     if part == UNDEFINED:
-        return QColor(128, 128, 128)
-    return QColor(*PARTS[part].rgb) if part else QColor(theme.line)
+        return QColor(*UNDEFINED_RGB)
+    return QColor(theme.line) if part == BACKGROUND else QColor(*scheme.by_id[part].rgb)
 
 
 def style_app(theme: Theme) -> None:

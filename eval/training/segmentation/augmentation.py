@@ -4,22 +4,23 @@ One generator draws all: the same seed gives the same sample. About 5 ms a sampl
 """
 
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from annotate.array_types import Index, UInt8
-from annotate.parts import BACKGROUND, BODY_PARTS, NEIGHBOURS, UNDEFINED, swap_left_right
-from annotate.segmentation.input_channels import CHANNELS, FELT, LIKELIHOODS, SEEN, SUBJECT, VALID
-from annotate.segmentation.suit_network import MULTIPLE, flipped
+from annotate.parts import PAPER
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Scheme
+from annotate.segmentation.input_channels import FELT, FIXED, SEEN, SUBJECT, VALID
+from annotate.segmentation.suit_network import MULTIPLE, flipped, swap_classes
 from eval.training.segmentation.examples import Example
 
-FLAGS, BEFORE = CHANNELS.index("flags"), CHANNELS.index("before")
-WARMTH = slice(CHANNELS.index("share"), CHANNELS.index("celsius") + 1)
-COLORS = slice(CHANNELS.index("shade"), CHANNELS.index("room") + 1)
-LIKE, LIKE_PARTS = slice(-len(LIKELIHOODS), None), slice(-len(BODY_PARTS), None)
-"""Places among the channels: flags, labels before, temperatures, colours, likeness to cloths and to parts."""
-TOUCHING = [tuple(sorted(pair)) for pair in sorted(map(sorted, NEIGHBOURS))]
+FLAGS, BEFORE = FIXED.index("flags"), FIXED.index("before")
+WARMTH = slice(FIXED.index("share"), FIXED.index("celsius") + 1)
+COLORS = slice(FIXED.index("shade"), FIXED.index("room") + 1)
+LIKE, LIKE_PARTS = slice(FIXED.index("skin"), None), slice(len(FIXED), None)
+"""Places among the channels: flags, labels before, temperatures, colours, likelihoods of cloths and parts."""
 ZOOM = 0.25  # largest log factor of the scale, as people and cameras differ
 TURNED, TURN_RAD = 0.6, 0.14  # share of the samples that are turned, and the angle's deviation
 WIDER = 0.06  # deviation of the log factor of the width
@@ -28,7 +29,7 @@ BESIDE = 0.3  # largest distance of a square's middle from its part, in sides
 
 
 class Sample(NamedTuple):
-    """Channels uint8 (24, h, w) and target uint8 (h, w) of pixels sampled from a frame; 255 = unknown."""
+    """Channels uint8 (n, h, w) and target uint8 (h, w) of pixels sampled from a frame; 255 = unknown."""
 
     planes: UInt8
     target: UInt8
@@ -49,18 +50,18 @@ class Sampling:
     degrade: bool = True
 
 
-def draw_sample(example: Example, how: Sampling, rng: np.random.Generator) -> Sample:
-    """Return a random square crop of an example as a training sample: planes (24, side, side), target
+def draw_sample(example: Example, how: Sampling, rng: np.random.Generator, scheme: Scheme = PAPER) -> Sample:
+    """Return a random square crop of an example as a training sample: planes (n, side, side), target
     (side, side).
 
     The crop is randomly shifted, scaled and rotated, mirrored with probability 0.5, and degraded where
-    ``how`` demands it.
+    ``how`` demands it. scheme: of the example.
     """
-    sample = take(example, *_places(example, how, rng))
+    sample = take(example, *_places(example, how, rng, scheme))
     if how.degrade:
-        degrade(sample.planes, rng)
+        degrade(sample.planes, rng, scheme)
     if rng.random() < 0.5:
-        sample = flip(sample)
+        sample = flip(sample, scheme)
     return without_unknown(sample)
 
 
@@ -78,9 +79,9 @@ def without_unknown(sample: Sample) -> Sample:
     return Sample(sample.planes, np.where(there, sample.target, np.uint8(UNDEFINED)))
 
 
-def flip(sample: Sample) -> Sample:
+def flip(sample: Sample, scheme: Scheme = PAPER) -> Sample:
     """Return the mirror image of a sample, left and right exchanged."""
-    return Sample(flipped(sample.planes), swap_left_right(sample.target[:, ::-1]))
+    return Sample(flipped(sample.planes, scheme), swap_classes(sample.target[:, ::-1], scheme))
 
 
 def take(example: Example, rows: Index, columns: Index) -> Sample:
@@ -88,11 +89,11 @@ def take(example: Example, rows: Index, columns: Index) -> Sample:
     height, width = example.target.shape
     inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
     flat = np.where(inside, rows * width + columns, 0)
-    planes = example.planes.reshape(len(CHANNELS), -1)[:, flat] * inside
+    planes = example.planes.reshape(len(example.planes), -1)[:, flat] * inside
     return Sample(planes, example.target.ravel()[flat] * inside)
 
 
-def _places(example: Example, how: Sampling, rng: np.random.Generator) -> tuple[Index, Index]:
+def _places(example: Example, how: Sampling, rng: np.random.Generator, scheme: Scheme) -> tuple[Index, Index]:
     """Return rows and columns (side, side) of the pixels to take, around the middle of the example.
 
     A square smaller than the example is placed near the subject or a part.
@@ -103,7 +104,7 @@ def _places(example: Example, how: Sampling, rng: np.random.Generator) -> tuple[
     wide = np.exp(rng.normal(0, WIDER))
     middle = np.array([height, width]) / 2
     if max(height, width) > how.side * step:
-        parts = np.intersect1d(example.target, [part.id for part in BODY_PARTS])
+        parts = np.intersect1d(example.target, np.arange(1, len(scheme.class_ids)))
         own = np.argwhere(example.planes[FLAGS, ::8, ::8] & SUBJECT)
         if how.by_part and len(parts):
             own = np.argwhere(example.target == parts[rng.integers(len(parts))])
@@ -118,12 +119,12 @@ def _places(example: Example, how: Sampling, rng: np.random.Generator) -> tuple[
     return np.floor(rows).astype(np.intp), np.floor(columns).astype(np.intp)
 
 
-def degrade(planes: UInt8, rng: np.random.Generator) -> None:
-    """Change channels (24, s, s) in place, as by faults of cameras, suits and earlier labels.
+def degrade(planes: UInt8, rng: np.random.Generator, scheme: Scheme = PAPER) -> None:
+    """Change channels (n, s, s) in place, as by faults of cameras, suits and earlier labels.
 
     The channels of depth and place stay.
     """
-    _degrade_before(planes[BEFORE], rng)
+    _degrade_before(planes[BEFORE], rng, scheme)
     if rng.random() < 0.06:  # an illuminant that cannot be fitted
         planes[LIKE] = 0
     elif rng.random() < 0.04:  # no colour camera
@@ -139,7 +140,7 @@ def degrade(planes: UInt8, rng: np.random.Generator) -> None:
         planes[FLAGS] &= np.uint8(255 ^ SUBJECT)
 
 
-def _degrade_before(before: UInt8, rng: np.random.Generator) -> None:
+def _degrade_before(before: UInt8, rng: np.random.Generator, scheme: Scheme) -> None:
     """Degrade labels (s, s) of the previous frame in place: clear them, swap sides, or move them with
     errors.
     """
@@ -147,34 +148,41 @@ def _degrade_before(before: UInt8, rng: np.random.Generator) -> None:
     if kind < 0.35:
         before[:] = BACKGROUND
     elif kind < 0.4:
-        before[:] = swap_left_right(before)
+        before[:] = swap_classes(before, scheme)
     elif kind < 0.8:
         before[:] = np.roll(before, rng.integers(-5, 6, 2), (0, 1))
         if rng.random() < 0.6:
-            _mislabel(before, rng)
+            _mislabel(before, rng, scheme)
 
 
-def _mislabel(before: UInt8, rng: np.random.Generator) -> None:
+def _mislabel(before: UInt8, rng: np.random.Generator, scheme: Scheme) -> None:
     """Turn some parts into their neighbours, or into background, in a square of labels (s, s)."""
-    table = np.arange(256, dtype=np.uint8)
-    for _ in range(rng.integers(1, 4)):
-        part, other = TOUCHING[rng.integers(len(TOUCHING))]
+    table, touching = np.arange(256, dtype=np.uint8), _touching(scheme)
+    for _ in range(rng.integers(1, 4) if touching else 0):
+        part, other = touching[rng.integers(len(touching))]
         table[part] = BACKGROUND if rng.random() < 0.3 else other
     side = len(before)
     square = _square(side, int(rng.integers(side // 8, side // 2)), rng)
     before[square] = table[before[square]]
 
 
+@cache
+def _touching(scheme: Scheme) -> list[tuple[int, int]]:
+    """Return the sorted pairs of classes of neighbours."""
+    pairs = sorted(sorted(scheme.class_table[list(pair)].tolist()) for pair in scheme.neighbours)
+    return [(one, other) for one, other in pairs]
+
+
 def _degrade_likeness(like: UInt8, rng: np.random.Generator) -> None:
-    """Change log likelihoods (13, s, s) in place as for faded, similar or hidden cloths; 0 (unmeasured)
+    """Change log likelihoods (n, s, s) in place as for faded, similar or hidden cloths; 0 (unmeasured)
     stays.
     """
     if rng.random() < 0.5:  # each cloth and all of them fit better or worse than measured
         off = rng.normal(0, 10, (len(like), 1, 1)) + rng.normal(0, 6)
         like[:] = np.where(like > 0, np.clip(like + off, 1, 255), 0).astype(np.uint8)
     if rng.random() < 0.25:  # two parts of one cloth
-        parts = like[LIKE_PARTS]
-        pair = rng.choice(len(parts), 2, replace=False)
+        parts = like[LIKE_PARTS.start - LIKE.start :]
+        pair = rng.choice(len(parts), min(2, len(parts)), replace=False)
         parts[pair] = parts[pair].max(axis=0)
     if rng.random() < 0.2:  # a blanket or a shadow without the suit's colours
         side = like.shape[1]

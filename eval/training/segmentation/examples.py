@@ -17,10 +17,10 @@ from annotate.frame_labels import FrameLabels
 from annotate.label_recording import SuitDetection, SuitLabeller, calibrated
 from annotate.labelset.cast_note import cast_note, check_trainable
 from annotate.labelset.label_set import LabelSet
-from annotate.parts import BACKGROUND
+from annotate.scheme.scheme import BACKGROUND
 from annotate.segmentation.input_channels import with_likelihoods
-from annotate.segmentation.segment import OTHER_PERSON, coarse_pass
-from annotate.segmentation.suit_network import SuitNetwork, shipped_suit_network
+from annotate.segmentation.segment import coarse_pass
+from annotate.segmentation.suit_network import SuitNetwork, other_person, shipped_suit_network
 from annotate.suit.color_model import fit_illuminant
 from annotate.suit.palette import Suit, load_suit, suit_to_toml
 from sensors.errors import CloudError, FormatError
@@ -35,9 +35,9 @@ OPEN_FILES = 256  # held open at once; a process may have about a thousand
 class Example(NamedTuple):
     """Frame to train on, cropped around its subject.
 
-    planes: uint8 (24, h, w), channels of every pixel (`annotate.segmentation.input_channels`). target: uint8
-    (h, w), the true part, 12 for another person, 255 for unknown. meta: float64, focal length in pixels and
-    the subject's distance in metres.
+    planes: uint8 (n, h, w), channels of every pixel (`annotate.segmentation.input_channels`). target: uint8
+    (h, w), the class of the true part in the labels' scheme, its ``other_person``, 255 for unknown. meta:
+    float64, focal length in pixels and the subject's distance in metres.
     """
 
     planes: UInt8
@@ -76,12 +76,16 @@ def detected_example(
     view = detection.view(person) if person.trusted else None
     if view is None:
         return None
-    view = view.after(before, suit)
-    target = truth.parts[view.where].copy()
+    scheme, found = truth.scheme, view
+    view = found.after(before, suit, scheme)
+    target = scheme.class_table[truth.parts[view.where]]
     if truth.persons is not None:
-        target[(truth.persons[view.where] > 1) & (target == BACKGROUND)] = OTHER_PERSON
-    light = coarse_pass(view, suit, network)[1] if network else fit_illuminant(suit, view.colors)
-    planes = with_likelihoods(view.planes, view.rgb, light)
+        target[(truth.persons[view.where] > 1) & (target == BACKGROUND)] = other_person(scheme)
+    if network:
+        light = coarse_pass(found.after(before, suit, network.own), suit, network)[1]
+    else:
+        light = fit_illuminant(suit, view.colors)
+    planes = with_likelihoods(view.planes, view.rgb, light, scheme=scheme)
     distance_m = np.median(cloud.points_m[..., 2][person.mask & cloud.valid])
     return Example(planes, target, np.array([cloud.camera.fx, distance_m]))
 

@@ -18,17 +18,19 @@ from torch import Tensor, nn
 
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.dataset import sha256
-from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
+from annotate.parts import PAPER
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Scheme
+from annotate.scheme.scheme_file import scheme_to_fields
 from annotate.segmentation.input_channels import network_input
 from annotate.segmentation.segment import SAMPLE_M
-from annotate.segmentation.suit_network import CLASSES
 from eval.training.plan import Precision
 from eval.training.resumable_loop import Schedule, State, fit, resumed
-from eval.training.segmentation.augmentation import Sampling, draw_sample
+from eval.training.segmentation.augmentation import Sample, Sampling, draw_sample
 from eval.training.segmentation.examples import Example, ExampleFiles, Recording, store_examples
 from eval.training.segmentation.network import (
     FULL_SUIT_NETWORK,
     SuitNet,
+    expanded_suit_network,
     export_suit_network,
     load_suit_network,
 )
@@ -72,11 +74,15 @@ class Stage:
 
 @dataclass(frozen=True)
 class SuitTraining:
-    """Training of the suit network for a stage; an ``eval.training.resumable_loop.Training``."""
+    """Training of the suit network for a stage; an ``eval.training.resumable_loop.Training``.
+
+    scheme: of the examples and the network.
+    """
 
     examples: ExampleFiles | Sequence[Example]
     stage: Stage
     seed: int
+    scheme: Scheme = PAPER
 
     @property
     def schedule(self) -> Schedule:
@@ -91,16 +97,18 @@ class SuitTraining:
         )
 
     def batches(self, step: int) -> Iterator[tuple[Tensor, Tensor]]:
-        """Yield inputs (B, 38, s, s) and targets (B, s, s)."""
+        """Yield inputs (B, n, s, s) and targets (B, s, s)."""
         for number in count(step):
             rng = np.random.default_rng((self.seed, number))
-            samples = [
-                draw_sample(self.examples[int(rng.integers(len(self.examples)))], self.stage.sampling, rng)
-                for _ in range(BATCH)
-            ]
-            inputs = torch.from_numpy(np.stack([network_input(sample.planes) for sample in samples]))
+            samples = [self._drawn(rng) for _ in range(BATCH)]
+            parts = len(self.scheme.parts)
+            inputs = torch.from_numpy(np.stack([network_input(sample.planes, parts) for sample in samples]))
             targets = torch.from_numpy(np.stack([sample.target for sample in samples])).long()
             yield inputs.contiguous(memory_format=torch.channels_last), targets
+
+    def _drawn(self, rng: np.random.Generator) -> Sample:
+        example = self.examples[int(rng.integers(len(self.examples)))]
+        return draw_sample(example, self.stage.sampling, rng, self.scheme)
 
     def loss(self, network: nn.Module, batch: tuple[Tensor, Tensor], share: float) -> tuple[Tensor, float]:
         """Return the loss to minimise and its value: cross entropy of known samples, weighted by
@@ -111,7 +119,7 @@ class SuitTraining:
         inputs, targets = batch
         with torch.autocast("cpu", torch.bfloat16, enabled=self.stage.precision == "bfloat16"):
             scores = network(inputs)
-        weight = sample_weights(targets)
+        weight = sample_weights(targets, len(self.scheme.parts))
         loss = nn.functional.cross_entropy(scores.float(), targets, ignore_index=UNDEFINED, reduction="none")
         loss = (weight * loss).sum() / weight.sum()
         return loss, loss.item()
@@ -132,20 +140,22 @@ def train_stage(network: SuitNet, training: SuitTraining, checkpoint: Path, watc
     return trained
 
 
-def sample_weights(targets: Tensor) -> Tensor:
-    """Return the loss weights (B, h, w) of samples by their targets (B, h, w).
+def sample_weights(targets: Tensor, parts: int) -> Tensor:
+    """Return the loss weights (B, h, w) of samples by their targets (B, h, w). parts: number in the scheme.
 
     The mean weight over the parts of an image is 1. The room weighs ``ROOM_WEIGHT``, another person 1, an
     unknown target 0.
     """
-    known = nn.functional.one_hot(targets.clamp(max=CLASSES), CLASSES + 1)
-    count = known.sum(dim=(1, 2))[:, 1:N_CLASSES].float()
+    # After the background and the parts: another person, unknown.
+    own, unknown = slice(1, parts + 1), parts + 2
+    known = nn.functional.one_hot(targets.clamp(max=unknown), unknown + 1)
+    count = known.sum(dim=(1, 2))[:, own].float()
     share = count / count.sum(dim=1, keepdim=True).clamp(min=1)
-    parts = share.clamp(min=RAREST) ** -BALANCE
-    table = torch.ones(len(targets), CLASSES + 1)
-    table[:, 1:N_CLASSES] = parts / (parts * share).sum(dim=1, keepdim=True).clamp(min=1e-9)
-    table[:, BACKGROUND], table[:, CLASSES] = ROOM_WEIGHT, 0
-    return table.gather(1, targets.clamp(max=CLASSES).flatten(1)).reshape(targets.shape)
+    weight = share.clamp(min=RAREST) ** -BALANCE
+    table = torch.ones(len(targets), unknown + 1)
+    table[:, own] = weight / (weight * share).sum(dim=1, keepdim=True).clamp(min=1e-9)
+    table[:, BACKGROUND], table[:, unknown] = ROOM_WEIGHT, 0
+    return table.gather(1, targets.clamp(max=unknown).flatten(1)).reshape(targets.shape)
 
 
 class Fitted(NamedTuple):
@@ -163,27 +173,35 @@ def train_labels(
 ) -> Fitted:
     """Train the shipped suit network further on labelled recordings; write ``out``/reader.onnx.
 
-    An interrupted run is resumed. The same recordings, steps and seed give the same weights. Examples, 3 MB a
-    frame, are removed at the end. Raises CloudError for one recording or no usable frame,
-    ExistsError for another or a finished training in ``out``, ClaimedError while it is in use.
+    The network gets the classes of the labels' scheme. An interrupted run is resumed. The same recordings,
+    steps and seed give the same weights. Examples, 3 MB a frame, are removed at the end. Raises CloudError
+    for one recording, several schemes or no usable frame. Raises ExistsError for another or a finished
+    training in ``out``, ClaimedError while it is in use.
     """
     if len(recordings) < 2:
         raise CloudError(
             "one recording is given; give two or more, because confidence is fitted on a held-out one"
         )
+    scheme = recordings[0].labels.scheme
+    if other := next((one for one in recordings if one.labels.scheme != scheme), None):
+        raise CloudError(
+            f"{recordings[0].labels.path} has scheme {scheme.name!r}, {other.labels.path} has "
+            f"{other.labels.scheme.name!r}; convert one of them"
+        )
     torch.set_num_threads(1)
     stage = Stage(SAMPLING, steps, PEAK_RATE, AVERAGED)
     sources = [[r.source.name, r.digest()] for r in recordings]
     start = sha256(FULL_SUIT_NETWORK)
-    claim(out, {"seed": seed, "stages": [asdict(stage)], "start": start, "recordings": sources})
+    plan = {"seed": seed, "stages": [asdict(stage)], "start": start, "recordings": sources}
+    claim(out, plan | ({} if scheme == PAPER else {"scheme": scheme_to_fields(scheme)}))
     with Claim.take(out, login()):
         files = [_stored(one, out / EXAMPLES / f"{i}.npz", progress) for i, one in enumerate(recordings)]
         test = files[::-HELD_OUT]
         learnt, held_out = ExampleFiles([file for file in files if file not in test]), ExampleFiles(test)
-        network = load_suit_network(FULL_SUIT_NETWORK)
+        network = expanded_suit_network(load_suit_network(FULL_SUIT_NETWORK), scheme)
         before = validate(network, held_out, SAMPLE_M)
         with progress("train, steps", steps) as advance:
-            trainings = [SuitTraining(learnt, stage, seed)]
+            trainings = [SuitTraining(learnt, stage, seed, scheme)]
             after = train_stages(network, trainings, held_out, out, by_steps(advance))
     shutil.rmtree(out / EXAMPLES)
     return Fitted(out / WEIGHTS, len(learnt), len(held_out), before, after)
