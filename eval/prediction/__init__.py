@@ -1,0 +1,1 @@
+"""Prediction in memory."""
