@@ -70,8 +70,9 @@ class LabelSet:
         return cls(path, intrinsics, info)
 
     @classmethod
-    def open(cls, path: Path) -> Self:
+    def open(cls, path: str | Path) -> Self:
         """Open a label set. Raises FormatError where its manifest is missing or malformed."""
+        path = Path(path)
         if not (path / MANIFEST).is_file():
             raise FormatError(_no_label_set(path))
         for name in (FRAMES, ORIGINAL, LEARNT):
