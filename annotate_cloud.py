@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from eval.training.torch_dataset import TorchDataset as Dataset
     from numpy.typing import NDArray
 
     from annotate.label_recording import Run
@@ -18,6 +17,7 @@ if TYPE_CHECKING:
     from annotate.scheme.scheme_file import load_scheme
     from annotate.suit.palette import Suit
     from eval.prediction.predictor import Person, Prediction, Predictor
+    from eval.training.torch_dataset import TorchDataset as Dataset
     from sensors.errors import CloudError
     from sensors.importers.options import ImportOptions
     from sensors.rig.camera import Intrinsics as Camera
@@ -70,7 +70,7 @@ def predict(
     depth_mm: "NDArray[Any]",
     camera: "Camera",
     *,
-    scheme: "Scheme | str | Path" = "paper",
+    scheme: "Scheme | str | Path | None" = None,
     everybody: bool = False,
 ) -> "Prediction":
     """Label one depth image with the shipped network; arguments and errors as in ``Predictor``.
@@ -86,19 +86,20 @@ def predict_source(
     source: "FrameSource | str | Path",
     out: str | Path,
     *,
+    scheme: "Scheme | str | Path | None" = None,
     everybody: bool = False,
     weights: str | Path | None = None,
 ) -> "Run":
     """Label every frame of a recording with a network, as the command ``predict`` does.
 
-    source: a recording, or its path. out: label set to write; an interrupted run continues there. Raises
-    ExistsError where ``out`` is of another recording or other settings.
+    source: a recording, or its path. out: label set to write; an interrupted run continues there. Other
+    arguments as in ``Predictor``. Raises ExistsError where ``out`` is of another recording or other settings.
     """
     from eval.network import predict_source as labelling
-    from eval.prediction.predictor import network_at, options_for
+    from eval.prediction.predictor import as_scheme, labeller_of
 
-    network, options = network_at(weights), options_for(everybody)
-    return labelling.predict_source(_opened(source), network, Path(out), _silent, options)
+    made = labeller_of(as_scheme(scheme), everybody, weights)
+    return labelling.predict_source(_opened(source), made.network, Path(out), _silent, made.options)
 
 
 def label(source: "FrameSource | str | Path", suit: "Suit | str | Path | None", out: str | Path) -> "Run":

@@ -1,6 +1,6 @@
 """Prediction of depth images in memory: a predictor for one camera, and its results."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -11,15 +11,12 @@ from numpy.typing import NDArray
 from annotate.array_types import Float32, Float64, UInt8, UInt16
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import label_cloud, labels_of
-from annotate.labelset.convert import in_scheme
 from annotate.labelset.label_set import as_read
-from annotate.parts import PAPER
-from annotate.scheme.merging import conversion_table
 from annotate.scheme.scheme import Scheme
 from annotate.scheme.scheme_file import load_scheme
 from eval.network.body_state import BodyState, body_state_notes, joint_row
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
-from eval.network.predict import PredictOptions
+from eval.network.predict import PredictOptions, fits
 from eval.network.predict_source import NetworkLabeller
 from eval.network.refine import shipped_refinement_network
 from sensors.errors import FormatError
@@ -96,22 +93,21 @@ class Prediction:
 class Predictor:
     """Networks loaded for the depth images of one camera; thread-safe.
 
-    scheme: of the labels; a shipped name, a file or a scheme. everybody: label all persons. weights: network
-    (.onnx); None = the shipped one. camera: of the undistorted images. Raises FormatError for malformed
-    files, or for a scheme that splits parts of the network.
+    scheme: of the labels; a shipped name, a file or a scheme; None = the network's usual one. everybody:
+    label all persons. weights: network (.onnx); None = the shipped one. camera: of the undistorted images.
+    Raises FormatError for malformed files, or for a scheme that the network cannot give.
     """
 
     def __init__(
         self,
         camera: Intrinsics,
         *,
-        scheme: Scheme | str | Path = "paper",
+        scheme: Scheme | str | Path | None = None,
         everybody: bool = False,
         weights: str | Path | None = None,
     ) -> None:
-        self.scheme = as_scheme(scheme)
-        self._table = conversion_table(PAPER, self.scheme)
-        self._labeller = NetworkLabeller(network_at(weights), options_for(everybody))
+        self._labeller = labeller_of(as_scheme(scheme), everybody, weights)
+        self.scheme = self._labeller.scheme
         self._fuser = self._labeller.fuser(RigCalibration(camera))
         self.camera = self._fuser.camera
 
@@ -128,11 +124,11 @@ class Predictor:
         states = {number: BodyState.from_note(note) for number, note in notes}
         assert frame.confidence is not None and frame.persons is not None
         return Prediction(
-            labels=in_scheme(frame, self.scheme, self._table).parts,
+            labels=frame.parts,
             confidence=frame.confidence,
             persons=frame.persons,
             people={number: Person.of(state, self.camera) for number, state in states.items() if state},
-            scheme=self.scheme,
+            scheme=frame.scheme,
             depth_mm=frame.depth_mm,
             camera=self.camera,
             notes=tuple(frame.notes["notes"]),
@@ -141,26 +137,25 @@ class Predictor:
 
 
 @lru_cache(KEPT)
-def kept_predictor(camera: Intrinsics, scheme: Scheme, everybody: bool) -> Predictor:
+def kept_predictor(camera: Intrinsics, scheme: Scheme | None, everybody: bool) -> Predictor:
     """Return a predictor with the shipped networks, loaded once for equal arguments."""
     return Predictor(camera, scheme=scheme, everybody=everybody)
 
 
-def as_scheme(scheme: Scheme | str | Path) -> Scheme:
+def as_scheme(scheme: Scheme | str | Path | None) -> Scheme | None:
     """Return a scheme, or the scheme of a shipped name or a file. Raises FormatError as ``load_scheme``."""
     return load_scheme(scheme) if isinstance(scheme, (str, Path)) else scheme
 
 
-def network_at(weights: str | Path | None) -> OnnxNetwork:
-    """Return the network of a file (.onnx); None = the shipped one."""
-    return OnnxNetwork(Path(weights or SHIPPED_WEIGHTS))
+def labeller_of(scheme: Scheme | None, everybody: bool, weights: str | Path | None) -> NetworkLabeller:
+    """Return the labeller of the command ``predict`` for recordings; arguments as in ``Predictor``.
 
-
-def options_for(everybody: bool) -> PredictOptions:
-    """Return the options of ``predict`` for recordings: the depth of the room refines one person's labels."""
-    return PredictOptions(
-        everybody=everybody, room_refiner=None if everybody else shipped_refinement_network()
-    )
+    The depth of the room refines the labels of one person, where the refinement network has the scheme.
+    """
+    network = OnnxNetwork(Path(weights or SHIPPED_WEIGHTS), scheme=scheme if weights else None)
+    alone = PredictOptions(everybody=everybody, scheme=scheme)
+    refined = replace(alone, room_refiner=None if everybody else shipped_refinement_network())
+    return NetworkLabeller(network, refined if fits(refined, network) else alone)
 
 
 def _whole_mm(depth_mm: NDArray[Any]) -> UInt16:
