@@ -44,7 +44,7 @@ PARAMETERS = {
 }
 MEMBERS = {
     "FrameSource": "name calibration times_ns notes path subject events frame",
-    "LabelSet": "open create frame_ids read write intrinsics info scheme",
+    "LabelSet": "open create frame_ids read write",
     "Prediction": "joints_mm posture facing_deg",
     "Predictor": "predict",
     "Scheme": "name parts twins neighbours part_id palette_rgb swap_left_right",
