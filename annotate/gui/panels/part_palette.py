@@ -2,7 +2,7 @@
 arranged in the same way.
 """
 
-from PySide6.QtCore import QRect, QRectF, Qt, Signal
+from PySide6.QtCore import QPoint, QPointF, QRect, QRectF, QSizeF, Qt, Signal
 from PySide6.QtGui import QColor, QFont, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
 
@@ -18,6 +18,7 @@ ICON_PX, HEIGHTS_PX = 16, (42, 62)  # size of lock and eye, least and greatest h
 LINE_PX = 18  # least height of a tile where rows are many; untuned
 ONE_LINE_PX, TWO_LINES_PX = 26, 40  # heights below which a tile has one line or two lines of text; untuned
 SMALL_ICON_PX = 11  # size of lock and eye in such a tile; untuned
+ICON_SIZE = QSizeF(ICON_PX + 2, ICON_PX + 4)  # of lock and eye in ``draw_icon``
 USUAL_ROWS = 4  # rows of parts, above which tiles may be of one line: the paper's
 
 
@@ -61,7 +62,7 @@ class PartTile(QWidget):
             size, left = SMALL_ICON_PX, self.width() - place * (SMALL_ICON_PX + 2) - 4
             return QRect(left, 3 if self._lines == 2 else (self.height() - size) // 2, size, size + 1)
         left = self.width() - place * ICON_PX - 2 - 4 * place
-        return QRect(left, self._icon_top, ICON_PX + 2, ICON_PX + 4)
+        return QRect(QPoint(left, self._icon_top), ICON_SIZE.toSize())
 
     @property
     def _is_low(self) -> bool:
@@ -103,8 +104,15 @@ class PartTile(QWidget):
         self._write(painter)
         painter.setOpacity(1)
         lock, lock_color = ("locked", theme.warn) if self.locked else ("unlocked", theme.line)
-        draw_icon(painter, QRectF(self.lock_rect), lock, lock_color, 1.5)
-        draw_icon(painter, QRectF(self.eye_rect), self.visibility, theme.quiet, 1.5)
+        for place, name, color in (
+            (self.lock_rect, lock, lock_color),
+            (self.eye_rect, self.visibility, theme.quiet),
+        ):
+            painter.save()
+            painter.translate(place.topLeft())
+            painter.scale(place.width() / ICON_SIZE.width(), place.height() / ICON_SIZE.height())
+            draw_icon(painter, QRectF(QPointF(), ICON_SIZE), name, color, 1.5)
+            painter.restore()
 
     def _write(self, painter: QPainter) -> None:
         """Draw the key at the top, the name in the middle, and the count at the bottom."""
