@@ -306,7 +306,7 @@ def test_labels_are_not_thrown_away_for_a_journal_that_lost_lines(folder):
     before = files(folder)
     with Correction.open(folder, "bob") as correction:
         for refused in (correction.frame, correction.edit, correction.restore):
-            with pytest.raises(FormatError, match=r"holds 1 entries .* include 3; restore it"):
+            with pytest.raises(FormatError, match=r"holds 1 entries .* 3 are applied; restore it"):
                 refused(FRAMES[0])
     assert files(folder) == before
 

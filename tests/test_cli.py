@@ -24,7 +24,7 @@ from synth.rig.simulate import suit_path, truth_path
 SCRIPT = Path(sys.executable).with_name("annotate-cloud")
 SCORES = {
     *("frames", "mean_recall", "recall", "miou", "iou"),
-    *("boundary_f", "left_right_swap_rate", "person_iou"),
+    *("boundary_f", "left_right_swap_rate", "person_iou", "joints", "scheme"),
 }
 
 

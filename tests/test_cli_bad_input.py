@@ -188,7 +188,7 @@ TORSO = next(line for line in PALETTE.splitlines() if line.startswith("torso"))
         ("x = " + "[" * 20_000, "cannot be read"),
         ("a = [\n", "cannot be read"),
         ("# \x00", "cannot be read"),
-        ("x" * 200_000, "larger than"),
+        ("x" * 400_000, "larger than"),
         (b"\xff\xfe\x00", "cannot be read"),
         (None, "cannot be read"),
     ],

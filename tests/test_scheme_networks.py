@@ -9,12 +9,12 @@ from annotate.parts import PAPER  # noqa: E402
 from annotate.scheme.merging import class_sums  # noqa: E402
 from annotate.scheme.scheme_file import load_scheme  # noqa: E402
 from eval.network.compact import CompactConfig  # noqa: E402
-from eval.network.expansion import expanded  # noqa: E402
 from eval.network.networks import build  # noqa: E402
 from eval.network.onnx_export import export_network  # noqa: E402
 from eval.network.onnx_network import OnnxNetwork  # noqa: E402
 from eval.network.reference_networks import PaperConfig  # noqa: E402
 from eval.network.weights_file import load_weights, save_weights  # noqa: E402
+from eval.training.expansion import expanded  # noqa: E402
 from sensors.errors import CloudError, FormatError  # noqa: E402
 from tests.helpers.schemes import WARD  # noqa: E402
 

@@ -240,8 +240,8 @@ def test_the_camera_info_of_colour_is_not_that_of_another_camera(opened, tmp_pat
         ({"k": np.zeros(9)}, "K is zero"),
         ({"distortion_model": "equidistant", "d": [0.1, 0.01, 0, 0]}, "equidistant"),
         ({"distortion_model": "equidistant", "d": np.zeros(4)}, "equidistant"),
-        ({"distortion_model": "rational_polynomial", "d": [0.1] * 14}, "14 numbers"),
-        ({"distortion_model": "rational_polynomial", "d": [0.1] * 20}, "20 numbers"),
+        ({"distortion_model": "rational_polynomial", "d": [0.1] * 14}, "14 lens coefficients"),
+        ({"distortion_model": "rational_polynomial", "d": [0.1] * 20}, "with 20 coefficients"),
         ({"d": [np.nan] * 5}, "not finite"),
         ({"d": [1200, -310, 0, 0, 90]}, "no inverse"),
     ],
@@ -296,7 +296,7 @@ def test_a_tilted_sensor_is_projected_as_opencv_does():
     truth = cv2.projectPoints(points, np.zeros(3), np.zeros(3), found.matrix, OAK)[0].reshape(-1, 2)
     np.testing.assert_allclose(project(found, points), truth, atol=0.1)
     info.d = np.array([*OAK[:8], *[0.1] * 6])
-    with pytest.raises(CalibrationError, match="lens of 14 numbers"):
+    with pytest.raises(CalibrationError, match="14 lens coefficients"):
         intrinsics_from(info, False, "x")
 
 

@@ -69,7 +69,9 @@ def read_map(path: Path) -> dict[str, str]:
             raise FormatError(f"{path}: name {theirs[:40]!r} has {str(ours)[:40]!r}; {_REMEDY}")
     by_plain = {plain(theirs): ours for theirs, ours in content.items()}
     if len(by_plain) < len(content):
-        raise FormatError(f"{path} has a name twice, but for letter case, spaces or hyphens; remove one")
+        raise FormatError(
+            f"{path} has a name twice (letter case, spaces and hyphens do not count); remove one"
+        )
     return by_plain
 
 
@@ -106,7 +108,8 @@ def check_names(names: Iterable[str], known: Mapping[str, int], scheme: Scheme, 
 def id_table(scheme: Scheme, theirs: Mapping[str, str], classes: Sequence[str] = ()) -> UInt8:
     """Return uint8 (256,): part id by others' id in label images; ids without a name stay.
 
-    classes: others' names by id. Raises FormatError for a name of ``theirs`` that is no id and no class.
+    classes: others' names by id. Raises FormatError for a name of ``theirs`` that is neither an
+    id nor a class.
     """
     table, known = np.arange(256, dtype=np.uint8), ids_by_name(scheme, theirs)
     places = {plain(name): i for i, name in enumerate(classes[:256])}

@@ -76,9 +76,9 @@ class _Choices:
 
     def plan(self, scheme: "Scheme") -> "tuple[Plan, nn.Module | None]":
         """Return the plan, and the network to start from if any, with the classes of a scheme."""
-        from eval.network.expansion import expanded
         from eval.network.weights_file import load_weights
         from eval.training.augment import Augmentation
+        from eval.training.expansion import expanded
         from eval.training.plan import ModernRecipe, PaperRecipe, Plan, best_precision
 
         weights, without = self.weights, self.without or []

@@ -15,9 +15,9 @@ from annotate.scheme.scheme import Scheme
 from annotate.segmentation.input_channels import FIXED, channel_names, network_input
 from annotate.segmentation.suit_network import MAX_BYTES, MULTIPLE, REMEDY, other_person
 from eval.network.blocks import convolution, self_attention
-from eval.network.expansion import parents_of, start_layer, started
 from eval.network.onnx_export import export_any_size, name_scheme
 from eval.network.weights_file import check_fits
+from eval.training.expansion import parents_of, start_layer, started
 from sensors.errors import FormatError
 from sensors.files.atomic import replacing
 from sensors.files.bounded import read_bounded
@@ -148,7 +148,7 @@ def load_suit_network(path: Path) -> SuitNet:
 def expanded_suit_network(network: SuitNet, scheme: Scheme) -> SuitNet:
     """Return a network for a scheme's classes and inputs, started from one of another scheme.
 
-    Classes start as in ``eval.network.expansion``. The parts of the previous frame share their parent's
+    Classes start as in ``eval.training.expansion``. The parts of the previous frame share their parent's
     filter. A part's likelihood has its share of the parent's filter, so that equal likelihoods of the
     children act as the parent's. A thing starts without effect.
     """
