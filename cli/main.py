@@ -6,15 +6,13 @@ import sys
 
 import typer
 
-from cli import benchmark, scheme
+from cli import benchmark, demo, installation, scheme
 from cli.verbs import (
     calibration,
     conversion,
-    demo,
     evaluation,
     exchange,
     info,
-    installation,
     labelling,
     learning,
     live,

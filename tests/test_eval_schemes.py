@@ -194,7 +194,7 @@ def test_a_result_names_its_scheme_whole(compared: dict[str, Comparison], tmp_pa
 def test_results_of_two_schemes_differ_in_their_finest_common_one(
     sets: dict, compared: dict[str, Comparison]
 ) -> None:
-    """As evaluations in that scheme differ; scores that need the images are unknown."""
+    """The differences equal differences of evaluations in that scheme; scores of images are null."""
     common = finest_common(WARD, SIX).scheme
     found = difference(Result("ward", compared["ward"]), Result("six", compared["six"]))
     in_common = [compare_sets(*sets[name], workers=1, scheme=common) for name in ("ward", "six")]

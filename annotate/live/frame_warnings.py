@@ -28,7 +28,7 @@ EVERY_NS, FRAMES = 500_000_000, 8  # ns between two checks of the alignment, and
 
 
 def person_warnings(cloud: ThermalCloud, person: Bool) -> Iterator[LiveWarning]:
-    """Yield warnings about a person who is badly lit, cut off or too far away. person: mask (h, w)."""
+    """Yield warnings about bad light, cut borders and distance of a person. person: mask (h, w)."""
     if np.count_nonzero(person) < LEAST_PIXELS:
         return
     yield from _light(cloud, person)

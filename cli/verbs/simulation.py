@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from annotate.scheme.scheme import Scheme
     from annotate.suit.palette import Suit
     from synth.rig.film import FilmRig
+    from synth.rig.plate_views import PlateViews
     from synth.rig.virtual_rig import VirtualRig
 
 PLATE = "plate"  # in place of a scene: the target of calibrate
@@ -95,9 +96,8 @@ def simulate(
     from sensors.recording.rig_templates import REFERENCE, template_named
 
     with needing("synth"):
-        from synth.rig.plate_views import PlateViews, record_plate
+        from synth.rig.plate_views import PlateViews
         from synth.rig.virtual_rig import RigOptions, VirtualRig
-
     cameras = template_named(rig or REFERENCE)
     check_free(out, overwrite)
     check_choice("difficulty", difficulty, difficulties())
@@ -105,15 +105,22 @@ def simulate(
     if scene == PLATE:
         if cast != TRAINING:
             raise CloudError(f"scene {PLATE} has no cast; leave out --cast {cast}")
-        with progress("simulate", frames) as advance:
-            truth = record_plate(PlateViews(cameras, frames, seed), out, advance, overwrite=overwrite)
-        result = {"frames": frames, "truth": str(truth), "suit": None}
-        finish(result, json, f"{frames} views of the hole plate in {out}, the true calibration in {truth}")
+        _record_plate(PlateViews(cameras, frames, seed), out, overwrite, json)
         return
     palette = _palette(suit, seed, cast, parts)
     options = RigOptions(scene, rig=cameras.name, suit=palette, cast=cast, scheme=parts)
     virtual = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, options)
     record_rig("simulate", virtual, out, overwrite, json)
+
+
+def _record_plate(views: "PlateViews", out: Path, overwrite: bool, json: bool) -> None:
+    """Record views of the hole plate with the true calibration, and print their files."""
+    from synth.rig.plate_views import record_plate
+
+    with progress("simulate", views.count) as advance:
+        truth = record_plate(views, out, advance, overwrite=overwrite)
+    result = {"frames": views.count, "truth": str(truth), "suit": None}
+    finish(result, json, f"{views.count} views of the hole plate in {out}, the true calibration in {truth}")
 
 
 def record_rig(title: str, rig: "VirtualRig | FilmRig", out: Path, overwrite: bool, json: bool) -> None:

@@ -192,8 +192,7 @@ def generate_(
         # After the start of the workers, so that an unreachable scheduler keeps the old dataset.
         clear(out, ORDER, overwrite, *inputs)
         made = generate(order, out, hands, advance, recording)
-    rate = made.images / (time.monotonic() - started)
-    _finish(made.dataset, rate, out, json)
+    _finish(made.dataset, made.images / (time.monotonic() - started), out, json)
 
 
 def _finish(dataset: "Dataset", rate: float, out: Path, json: bool) -> None:

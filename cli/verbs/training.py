@@ -95,6 +95,15 @@ class _Choices:
         return Plan(config, recipe, how, epochs, self.minutes, self.seed, precision), model
 
 
+PrecisionName = Annotated[
+    Precision,
+    Option(
+        help="bfloat16 is faster where the processor supports it.",
+        show_default="bfloat16 on a GPU that supports it, else float32",
+    ),
+]
+
+
 def train(
     data: Annotated[list[Path], Argument(help="Datasets and label sets.")],
     out: Annotated[Path, Option(help="Folder for weights; an interrupted run continues there.")],
@@ -123,13 +132,7 @@ def train(
         int | None, Option(min=1, max=1024, help="Images per step.", show_default="32, the paper's 12")
     ] = None,
     seed: Annotated[int, Option(min=0, help="The same seed, data and threads give the same network.")] = 0,
-    precision: Annotated[
-        Precision | None,
-        Option(
-            help="bfloat16 is faster where the processor supports it.",
-            show_default="bfloat16 on a GPU that supports it, else float32",
-        ),
-    ] = None,
+    precision: PrecisionName | None = None,
     workers: Annotated[int, Option(min=0, max=64, help="Processes that prepare images.")] = 0,
     checkpoint_minutes: Annotated[
         float, Option(min=0, help="Minutes between checkpoints in an epoch.")
