@@ -183,8 +183,7 @@ def generate_(
     chosen = _preset(preset, motion, garments, cast)
     chosen = replace(chosen, occluders=occluders, cut=cut, scheme=load_scheme(scheme))
     order = Order(chosen, chosen.count if count is None else count, seed)
-    recording = None if beside is None else distributions_at(beside)
-    started = time.monotonic()
+    recording, started = distributions_at(beside) if beside else None, time.monotonic()
     with (
         cluster(scheduler) if scheduler else processes(workers) as hands,
         progress("generate", order.count) as advance,
