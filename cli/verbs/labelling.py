@@ -14,6 +14,7 @@ from typer import Argument, Option
 
 from cli.console import Json, Overwrite, check_room, clear, finish, finish_run, progress, say
 from cli.extras import check_extra, needing
+from cli.scheme import PAPER
 from cli.sessions import EachOptions, Scheduler, label_each, sessions_in
 from sensors.files.atomic import check_free, check_there, write_bytes
 from sensors.importers.open_source import doubts_of, open_source, opener_at
@@ -110,14 +111,19 @@ def learn(
         Path | None,
         Option(
             help="Instead of labels: photograph of the suit's cloths on plain paper, "
-            "row by row from the head to the right lower leg."
+            "row by row in the order of the scheme's parts."
         ),
+    ] = None,
+    scheme: Annotated[
+        Path | None,
+        Option(help="Scheme of the photographed cloths, name or file (TOML).", show_default="paper"),
     ] = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Learn the suit's palette from corrected frames, or from a photograph of its cloths."""
+    """Learn the suit's palette, in the scheme of corrected frames, or from a photograph of its cloths."""
     from annotate.labelset.label_set import LabelSet
+    from annotate.scheme.scheme_file import load_scheme
     from annotate.suit.palette import suit_to_toml
     from annotate.suit.palette_learning import (
         clouds_with,
@@ -129,13 +135,13 @@ def learn(
     check_free(out, overwrite)
     if swatches is not None and labels is None and session is None and not frame:
         check_there(swatches)
-        palette = suit_from_photo(swatches, out.stem)
-    elif swatches is None and labels is not None and session is not None:
+        palette = suit_from_photo(swatches, out.stem, load_scheme(str(scheme or PAPER)))
+    elif swatches is None and scheme is None and labels is not None and session is not None:
         chosen, source = LabelSet.open(labels), open_source(session)
         ids = frame or corrected_frames(chosen)
-        palette = suit_from_labels(clouds_with(chosen, ids, source), out.stem)
+        palette = suit_from_labels(clouds_with(chosen, ids, source), out.stem, chosen.scheme)
     else:
-        raise typer.BadParameter("give labels with --session, or --swatches alone")
+        raise typer.BadParameter("give labels with --session, or --swatches with or without --scheme")
     write_bytes(out, suit_to_toml(palette).encode())
     say(*palette.notes)
     result = {"suit": str(out), "colors": len(palette.parts), "notes": list(palette.notes)}
