@@ -82,8 +82,8 @@ class ThermalCloud:
         size, pixel = camera.height * camera.width, cloud.point.pixel.numpy()[:, 0]
         if len(np.unique(pixel)) < len(pixel) or (len(pixel) and not 0 <= pixel.min() <= pixel.max() < size):
             raise FormatError(
-                f"pixel indices are not unique from 0 to {size - 1}; give the depth camera of the cloud, and "
-                "a selection of its points"
+                f"cloud has pixel indices that repeat or exceed {size - 1}; give a cloud of {camera.width} x "
+                f"{camera.height} pixels as to_open3d made it, or some of its points"
             )
         shape = camera.shape
         points_m, celsius = np.full((*shape, 3), np.nan, np.float32), np.full(shape, np.nan, np.float32)

@@ -198,7 +198,10 @@ class PredictChoices:
             self.probabilities, self.everybody, self.window_c, room, refiners, scheme=scheme
         )
         if room and self.again is None and not fits(options, network):
-            say(f"labels are not refined: the refinement network has scheme {room.own.name!r}")
+            say(
+                f"labels are not refined: the refinement network cannot give scheme "
+                f"{(scheme or network.usual_scheme).name!r} from {network.own.name!r}"
+            )
             options = replace(options, room_refiner=None)
         options.chained(network)
         return partial(predict_source, opened, network, out, options=options)

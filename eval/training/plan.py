@@ -124,7 +124,10 @@ def best_precision() -> Precision:
 
 
 def at_resolution(recipe: Recipe, depth: Tensor, parts: Tensor, share: float) -> tuple[Tensor, Tensor]:
-    """Return depth (B, 1, h, w) and parts (B, h, w), subsampled in the first share of the training."""
+    """Return depth (B, 1, h, w) and parts (B, h, w), subsampled in the first part of the training.
+
+    share: finished share of the training, 0 to 1.
+    """
     if share >= recipe.coarse:
         return depth, parts
     side = depth.shape[-1]

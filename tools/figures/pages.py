@@ -82,7 +82,7 @@ def table_block(table: Table, measured: Measured) -> str:
 
 
 def sources_block(tables: Iterable[Table], all_measured: dict[str, Measured]) -> str:
-    """Return the table of tables by kind, with pages and dates."""
+    """Return a table that lists all tables by kind, with their pages and dates of measurement."""
 
     def row(table: Table) -> list[str]:
         found = all_measured.get(table.name)

@@ -69,7 +69,7 @@ def simulated(rig: VirtualRig) -> Iterator[tuple[Path, Session, LabelSet]]:
 
 
 def ignore(count: int) -> None:
-    """Ignore progress."""
+    """Ignore the progress of a simulation."""
 
 
 def figures_of(found: Comparison) -> dict[str, Figure]:

@@ -90,7 +90,7 @@ class SilencedNetwork(SuitNetwork):
         self._silence = silence
 
     def probabilities(self, planes: UInt8, step: int, near: Rectangle | None = None) -> Float32:
-        """Return probabilities by the remaining channels."""
+        """Return the part probabilities from the channels that are not cut."""
         return super().probabilities(self._silence.over(planes), step, near)
 
 

@@ -93,7 +93,7 @@ class Tally:
 
 
 def groups(frame: FrameLabels, row: Float32) -> Iterator[str]:
-    """Yield the names of a frame's groups."""
+    """Yield the names of the groups that a frame belongs to. row: its joint and facing targets."""
     yield "all"
     azimuth = abs(np.degrees(np.arctan2(row[FACING][1], row[FACING][0])))
     if np.isfinite(azimuth):

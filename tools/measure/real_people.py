@@ -97,17 +97,17 @@ class People:
 
 
 def mean_hit_rate(counts: Int64) -> Float64:
-    """Return the mean over joints of the share of hits: counts (..., 20, 4) -> (...)."""
+    """Return the mean over joints of the share of hits. counts: (..., 20, 4), as in ``People``."""
     return present_mean(ratio(counts[..., 1], counts[..., 0]), axis=-1)
 
 
 def swap_rate(counts: Int64) -> Float64:
-    """Return the share of joints on the other side: counts (..., 20, 4) -> (...)."""
+    """Return the share of joints on the other side. counts: (..., 20, 4), as in ``People``."""
     return ratio(counts[..., 2].sum(-1), counts[..., 0].sum(-1))
 
 
 def far_swap_rate(counts: Int64) -> Float64:
-    """Return the share of joints more than ``NEAR_PX`` on the other side: counts (..., 20, 4) -> (...)."""
+    """Return the share of joints more than ``NEAR_PX`` on the other side. counts: as in ``swap_rate``."""
     return ratio(counts[..., 3].sum(-1), counts[..., 0].sum(-1))
 
 

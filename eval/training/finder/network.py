@@ -50,7 +50,7 @@ class FinderNet(nn.Module):
         self.rim = nn.Sequential(convolution(FINE, FINE), nn.Conv2d(FINE, 4, 1))
 
     def forward(self, image: Tensor) -> Tensor:
-        """Return log odds and votes of images."""
+        """Return log odds and votes of images (B, C, h, w)."""
         fine, x, kept = self.fine(image), self.stem(image), []
         for i, down in enumerate(self.down):
             kept.append(x)

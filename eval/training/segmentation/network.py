@@ -62,7 +62,7 @@ class SuitNet(nn.Module):
         self.leave = nn.Conv2d(JOINED, 4 * (other_person(scheme) + 1), 1)
 
     def forward(self, image: Tensor) -> Tensor:
-        """Return scores of images."""
+        """Return class scores of images (B, C, h, w)."""
         fine, x, kept = self.fine(image), self.enter(image), []
         for down in self.down:
             kept.append(x)
