@@ -57,10 +57,10 @@ class Statistics:
 
     pixels: of each part. shown: share of frames that show the part. depth: histogram of the person's pixels
     over DEPTH_EDGES_MM. visible: mean share not hidden by furniture or occluders, nor cut by holes in the
-    person's mask. azimuth, height: histograms of frames over the camera's azimuth (AZIMUTH_EDGES_DEG) and
-    height (HEIGHT_EDGES_M). joints_mm: (n, J, 3), camera frame, relative to the pelvis. activities, sensors,
-    clothes: number of frames by name, most frequent first. occluded, cut: share of frames with occluders,
-    and with holes in the mask.
+    person's mask; only [0] for a converted dataset. azimuth, height: histograms of frames over the camera's
+    azimuth (AZIMUTH_EDGES_DEG) and height (HEIGHT_EDGES_M). joints_mm: (n, J, 3), camera frame, relative to
+    the pelvis. activities, sensors, clothes: number of frames by name, most frequent first. occluded, cut:
+    share of frames with occluders, and with holes in the mask.
     """
 
     frames: int
