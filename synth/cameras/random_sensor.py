@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from synth.cameras.maker_filters import Filtered
+from synth.cameras.recorded_stereo import RecordedStereo
 from synth.cameras.sensor import Sensor
-from synth.cameras.stereo import Stereo
+from synth.cameras.smoothed_lidar import SmoothedLidar
 from synth.cameras.structured_light import StructuredLight
 from synth.cameras.time_of_flight import TimeOfFlight
 from synth.data_files import table
@@ -17,7 +18,8 @@ KINDS: dict[str, Callable[[np.random.Generator, dict[str, Any]], Sensor]] = {
     "structured_light": StructuredLight.sample,
     "time_of_flight": TimeOfFlight.sample,
     "azure_kinect": TimeOfFlight.azure_kinect,
-    "stereo": Stereo.sample,
+    "stereo": RecordedStereo.sample,
+    "lidar": SmoothedLidar.sample,
 }
 
 
