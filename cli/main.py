@@ -16,6 +16,7 @@ from cli.verbs import (
     labelling,
     learning,
     live,
+    models,
     motion,
     recording,
     rigs,
@@ -36,6 +37,7 @@ app = typer.Typer(
 )
 app.add_typer(labelling.suit_app, name="suit", rich_help_panel="Labels")
 app.add_typer(scheme.app, name="scheme", rich_help_panel="Labels")
+app.add_typer(models.app, name="models", rich_help_panel="Labels")
 app.add_typer(synthesis.app, name="synth", rich_help_panel="Synthetic people")
 app.add_typer(benchmark.app, name="benchmark", rich_help_panel="Networks and results")
 VERBS = {

@@ -42,7 +42,7 @@ ELSEWHERE = {
     "annotate-cloud record take.mcap --rig": "devices; docs/camera.md records from their twins",
     "annotate-cloud live": "devices and a screen: test_live.py, test_foxglove.py",
     "annotate-cloud benchmark": "recordings of others: test_benchmark.py",
-    "pip download": "models of others: test_tools_rgbd.py",
+    "annotate-cloud models": "models of others: test_annotate_witness.py",
     "python -m tools.measure.colour_people": "models of others: test_tools_rgbd.py",
     "podman": "a container engine",
     "dask": "scheduler and workers: the tests of generating",
