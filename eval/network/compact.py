@@ -13,9 +13,11 @@ from annotate.parts import PAPER
 from annotate.posture import POSTURES
 from annotate.scheme.scheme import Scheme
 from eval.network.blocks import NetworkOutput, convolution, self_attention
+from eval.network.joint_head import JointHead
 from eval.scores.joints import N_JOINTS
 
-JOINT_LEVEL = 2  # halvings after the first at which joints are located: 27 x 27 cells of a crop of 212
+JOINT_LEVELS = (2, 1)
+"""Halvings after the first of the coarse and fine maps of joints: 27 and 53 cells a side of a crop of 212."""
 HEAD_WIDTH = 32  # channels of an attention head
 TURNING = 64  # width of the layer between joints and facing
 
@@ -84,7 +86,8 @@ class CompactUNet(nn.Module):
             nn.Linear(3 * N_JOINTS, TURNING), nn.ReLU(inplace=True), nn.Linear(TURNING, 2)
         )
         self.posture = nn.Linear(whole, len(POSTURES))
-        self.places = nn.Conv2d(w[min(JOINT_LEVEL, len(w) - 1)], 2 * N_JOINTS, 1)
+        coarse, fine_cells = (w[min(level, len(w) - 1)] for level in JOINT_LEVELS)
+        self.joint_head = JointHead(coarse, fine_cells, whole, len(self.classes.of_class))
 
     def forward(self, depth: Tensor) -> NetworkOutput:
         """Return the output for depth (B, 1, H, W) float32; H and W are even."""
@@ -102,13 +105,18 @@ class CompactUNet(nn.Module):
             levels.append(x)
         # The raw pixels again, because the last stage needs edges at full resolution.
         x = self.refine(torch.cat([x, nn.functional.pixel_unshuffle(depth, 2)], dim=1))
-        joints = _located(self.places(levels[max(0, len(levels) - 1 - JOINT_LEVEL)]))
+        coarse, fine = (levels[max(0, len(levels) - 1 - level)] for level in JOINT_LEVELS)
+        labels = self._labels(x, whole, fine.shape[-2:]).detach()
+        joints, deviations, states, maps = self.joint_head((coarse, fine), labels, depth, whole)
         kinds = nn.functional.pixel_shuffle(self.kinds(x), 2)
         return NetworkOutput(
             _scores(self.classes, kinds, None if self.sides is None else self._side(self.sides, x, whole)),
             self.facing(whole) + self.turned((joints - joints.mean(dim=1, keepdim=True)).flatten(1)),
             self.posture(whole),
             joints,
+            deviations,
+            states,
+            maps,
         )
 
     def _attend(self, x: Tensor) -> tuple[Tensor, Tensor]:
@@ -121,10 +129,33 @@ class CompactUNet(nn.Module):
 
     def _side(self, sides: nn.Linear, x: Tensor, whole: Tensor) -> Tensor:
         """Return the score (B, 1, H, W) of left against right. whole: (B, C), mean of the attention cells."""
-        batch, channels, height, width = x.shape
-        weights = sides(whole).reshape(batch, 4, channels + 1)
-        side = weights[..., :-1] @ x.flatten(2) + weights[..., -1:]
-        return nn.functional.pixel_shuffle(side.reshape(batch, 4, height, width), 2)
+        return nn.functional.pixel_shuffle(_weighed(x, self._side_weights(sides, whole)), 2)
+
+    def _side_weights(self, sides: nn.Linear, whole: Tensor) -> Tensor:
+        """Return the weights (B, 4, C + 1) of a cell's four pixels, the last of them constants."""
+        weights: Tensor = sides(whole)
+        return weights.reshape(len(whole), 4, -1)
+
+    def _labels(self, x: Tensor, whole: Tensor, size: torch.Size) -> Tensor:
+        """Return label probabilities (B, K, h, w) of larger cells: the softmax of a cell's mean scores."""
+        cells = x if x.shape[-2:] == size else nn.functional.avg_pool2d(x, 2, ceil_mode=True)
+        layer, count = self.kinds, len(self.classes)
+        bias = layer.get_parameter("bias").reshape(count, 4).mean(dim=1)
+        weight = layer.weight.reshape(count, 4, -1, 1, 1).mean(dim=1)
+        kinds = torch.softmax(nn.functional.conv2d(cells, weight, bias), dim=1)
+        of_class = kinds[:, list(self.classes.of_class)]
+        if self.sides is None:
+            return of_class
+        weights = self._side_weights(self.sides, whole).mean(dim=1, keepdim=True)
+        left = torch.sigmoid(_weighed(cells, weights))
+        shares = torch.cat([torch.ones_like(left), left, 1 - left], dim=1)
+        return of_class * shares[:, [side % 3 for side in self.classes.sides]]
+
+
+def _weighed(x: Tensor, weights: Tensor) -> Tensor:
+    """Return weighted sums (B, n, h, w) of channels (B, C, h, w); weights: (B, n, C + 1), constants last."""
+    sums = weights[..., :-1] @ x.flatten(2) + weights[..., -1:]
+    return sums.reshape(len(x), -1, *x.shape[-2:])
 
 
 class _Attention(nn.Module):
@@ -159,17 +190,3 @@ def _scores(classes: Kinds, kinds: Tensor, side: Tensor | None) -> Tensor:
         own = kinds[:, kind, None]
         scores.append(own + of_side[which] if which else own)
     return torch.cat(scores, dim=1)
-
-
-def _located(places: Tensor) -> Tensor:
-    """Return joints (B, J, 3) from J heat maps and J depth maps (B, 2 J, h, w): mean position of each
-    softmax, and the depth there.
-
-    Source: Sun et al. 2018, Integral Human Pose Regression.
-    """
-    batch, _, height, width = places.shape
-    heat, depth = places.float().reshape(batch, 2, N_JOINTS, height * width).unbind(1)
-    share = torch.softmax(heat, dim=-1)
-    v, u = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
-    grid = torch.stack([(u.flatten() + 0.5) / width, (v.flatten() + 0.5) / height], dim=1).to(share.device)
-    return torch.cat([share @ grid, (share * depth).sum(dim=-1, keepdim=True)], dim=-1)

@@ -17,11 +17,13 @@ from sensors.files.atomic import replacing
 
 LEAST_HALVED = 1024  # numbers of a tensor from which half precision makes the file smaller
 
+OUTPUTS = ("probability", "facing", "posture", "joints", "joint_sd", "joint_state")
+
 
 class _Probabilities(nn.Module):
     """Network that outputs probabilities instead of scores; a pixel without depth is background.
 
-    Facing, probabilities of postures and joints follow if the network has them.
+    The other ``OUTPUTS`` follow if the network has them, postures and states as probabilities.
     """
 
     background: Tensor
@@ -34,28 +36,26 @@ class _Probabilities(nn.Module):
         self.register_buffer("background", background)
 
     def forward(self, depth: Tensor) -> tuple[Tensor, ...]:
-        """Return part probabilities (B, K, h, w), facing (B, 2), postures (B, P), joints (B, J, 3) for depth
-        (B, 1, h, w).
-        """
-        scores, facing, posture, joints = self.network(depth)
+        """Return the ``OUTPUTS`` for depth (B, 1, h, w); part probabilities are (B, K, h, w)."""
+        scores, facing, posture, joints, deviations, states, _ = self.network(depth)
         # A softmax written out: ONNX Runtime's own along this axis takes five times as long.
         odds = torch.exp((scores - scores.amax(dim=1, keepdim=True)) / self.temperature)
         parts = torch.where(depth > 0, odds / odds.sum(dim=1, keepdim=True), self.background)
         if facing is None:
             return (parts,)
-        return parts, facing, torch.softmax(posture, dim=1), joints
+        return parts, facing, torch.softmax(posture, dim=1), joints, deviations, torch.softmax(states, dim=2)
 
 
 def export_network(network: nn.Module, path: Path, temperature: float = 1.0, scheme: Scheme = PAPER) -> None:
     """Write a network as ONNX: ``depth`` (B, 1, 212, 212) -> ``probability`` (B, K, 212, 212).
 
-    Further outputs ``facing`` and ``joints`` are as in `NetworkOutput`, ``posture`` as probabilities.
+    Further outputs are as in `NetworkOutput`, ``posture`` and ``joint_state`` as probabilities.
     temperature: divides the scores. scheme: of the classes, written into the file's metadata.
     """
     whole = _Probabilities(network.cpu(), temperature, len(scheme.class_ids)).eval()
     example = torch.rand(1, 1, SIZE, SIZE)
     with torch.no_grad():
-        names = ["probability", "facing", "posture", "joints"][: len(whole(example))]
+        names = OUTPUTS[: len(whole(example))]
     with replacing(path) as temporary:
         _write(whole, example, temporary, {name: {0: "batch"} for name in ("depth", *names)})
         name_scheme(temporary, scheme)

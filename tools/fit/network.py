@@ -20,7 +20,7 @@ from sensors.files.atomic import replacing
 from tools.fit.quantise import CALIBRATED_ON, quantise
 from tools.fit.suit_network import check_inputs
 
-EXACT = ("stem.0", "down.0.0.0", "up.3.0", "refine.0", "kinds", "places")
+EXACT = ("stem.0", "down.0.0.0", "up.3.0", "refine.0", "kinds", "places", "correction")
 """Layers in full precision: the first, whose depth in eight bits has steps of 8 mm, the finest and the last.
 They take 1 ms of 7 and are worth 0.002 of recall (standing and lying people, development images)."""
 
