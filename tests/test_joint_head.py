@@ -59,7 +59,7 @@ def test_of_two_peaks_the_higher_is_the_place_and_not_their_middle():
 def test_deviations_do_not_move_joints():
     made, images = network(), torch.rand(2, 1, 64, 64)
     targets = JointTargets.of(torch.rand(2, N_JOINTS, 3), images)
-    only = JointWeights(heat=0, depth=0, deviation=1, state=0)
+    only = JointWeights(heat=0, depth=0, deviation=1, state=0, place=0)
     sum((loss * counted).sum() for loss, counted in joint_losses(made(images), targets, only)).backward()
     moved = {n for n, p in made.named_parameters() if p.grad is not None and p.grad.abs().max() > 0}
     assert moved and all(name.startswith(f"{HEAD}deviation.") for name in moved)

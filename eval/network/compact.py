@@ -13,6 +13,7 @@ from annotate.parts import PAPER
 from annotate.posture import POSTURES
 from annotate.scheme.scheme import Scheme
 from eval.network.blocks import NetworkOutput, convolution, self_attention
+from eval.network.class_scores import Kinds, class_scores
 from eval.network.joint_head import JointHead
 from eval.scores.joints import N_JOINTS
 
@@ -20,31 +21,6 @@ JOINT_LEVELS = (2, 1)
 """Halvings after the first of the coarse and fine maps of joints: 27 and 53 cells a side of a crop of 212."""
 HEAD_WIDTH = 32  # channels of an attention head
 TURNING = 64  # width of the layer between joints and facing
-
-
-@dataclass(frozen=True)
-class Kinds:
-    """Kinds of a scheme's classes: a kind is a class without its side, e.g. an arm.
-
-    of_class: (K,), the kind of each class. sides: (K,), 1 for left, -1 for right, 0 for a class in the
-    middle.
-    """
-
-    of_class: tuple[int, ...]
-    sides: tuple[int, ...]
-
-    @classmethod
-    def of(cls, scheme: Scheme) -> "Kinds":
-        """Return the kinds of a scheme's classes, in order of their first class."""
-        first = [min(i, twin) for i, twin in enumerate(scheme.twin_classes.tolist())]
-        order = sorted(set(first))
-        sides = [0] * len(first)
-        for left, right in scheme.twins:
-            sides[scheme.class_table[left]], sides[scheme.class_table[right]] = 1, -1
-        return cls(tuple(order.index(i) for i in first), tuple(sides))
-
-    def __len__(self) -> int:
-        return 1 + max(self.of_class)
 
 
 @dataclass(frozen=True)
@@ -91,6 +67,11 @@ class CompactUNet(nn.Module):
 
     def forward(self, depth: Tensor) -> NetworkOutput:
         """Return the output for depth (B, 1, H, W) float32; H and W are even."""
+        (kinds, side), others = self.factors(depth)
+        return NetworkOutput(class_scores(self.classes, kinds, side), *others)
+
+    def factors(self, depth: Tensor) -> tuple[tuple[Tensor, Tensor | None], tuple[Tensor, ...]]:
+        """Return scores of kinds (B, n, H, W) and of the side (B, 1, H, W), then the outputs after scores."""
         x = self.stem(depth)
         skips = [x]
         for stage in self.down:
@@ -109,15 +90,9 @@ class CompactUNet(nn.Module):
         labels = self._labels(x, whole, fine.shape[-2:]).detach()
         joints, deviations, states, maps = self.joint_head((coarse, fine), labels, depth, whole)
         kinds = nn.functional.pixel_shuffle(self.kinds(x), 2)
-        return NetworkOutput(
-            _scores(self.classes, kinds, None if self.sides is None else self._side(self.sides, x, whole)),
-            self.facing(whole) + self.turned((joints - joints.mean(dim=1, keepdim=True)).flatten(1)),
-            self.posture(whole),
-            joints,
-            deviations,
-            states,
-            maps,
-        )
+        side = None if self.sides is None else self._side(self.sides, x, whole)
+        facing = self.facing(whole) + self.turned((joints - joints.mean(dim=1, keepdim=True)).flatten(1))
+        return (kinds, side), (facing, self.posture(whole), joints, deviations, states, maps)
 
     def _attend(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Return cells (B, C, h, w) after attention, and their mean (B, C)."""
@@ -175,18 +150,3 @@ class _Attention(nn.Module):
         cells = cells + self.mixed(self_attention(projected, shape, self.heads))
         thought: Tensor = self.thought(self.after(cells))
         return cells + thought
-
-
-def _scores(classes: Kinds, kinds: Tensor, side: Tensor | None) -> Tensor:
-    """Return class scores (B, K, H, W) from scores of kinds and of the side (B, 1, H, W).
-
-    p(left arm) = p(arm) p(left): the logarithms are added. side: None for a scheme without sides.
-    """
-    if side is None:
-        return kinds[:, list(classes.of_class)]
-    of_side = {1: -nn.functional.softplus(-side), -1: -nn.functional.softplus(side)}
-    scores = []
-    for kind, which in zip(classes.of_class, classes.sides, strict=True):
-        own = kinds[:, kind, None]
-        scores.append(own + of_side[which] if which else own)
-    return torch.cat(scores, dim=1)

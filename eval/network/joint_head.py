@@ -95,7 +95,11 @@ def located(maps: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     heat, depth = maps.flatten(3).unbind(1)
     grid = grid_of(height, width).to(maps.device)
     centre = grid[heat.argmax(dim=-1)]
-    near = (grid - centre[:, :, None]).abs().amax(dim=-1) < WINDOW + 0.5
+    columns, rows = (
+        (torch.arange(n, device=maps.device) - centre[..., i, None]).abs() < WINDOW + 0.5
+        for i, n in enumerate((width, height))
+    )
+    near = (rows[..., :, None] & columns[..., None, :]).flatten(2)
     odds = torch.exp(heat - heat.amax(dim=-1, keepdim=True))
     within = odds * near
     total = within.sum(dim=-1, keepdim=True)

@@ -10,9 +10,11 @@ from torch import Tensor, nn
 
 from annotate.crop import SIZE
 from annotate.onnx_session import SCHEME
-from annotate.parts import BACKGROUND, PAPER
+from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
 from annotate.scheme.scheme_file import scheme_to_fields
+from eval.network.class_scores import Kinds, class_probabilities
+from eval.network.compact import CompactUNet
 from sensors.files.atomic import replacing
 
 LEAST_HALVED = 1024  # numbers of a tensor from which half precision makes the file smaller
@@ -26,24 +28,19 @@ class _Probabilities(nn.Module):
     The other ``OUTPUTS`` follow if the network has them, postures and states as probabilities.
     """
 
-    background: Tensor
-
-    def __init__(self, network: nn.Module, temperature: float, classes: int) -> None:
+    def __init__(self, network: nn.Module, temperature: float) -> None:
         super().__init__()
         self.network, self.temperature = network, temperature
-        background = torch.zeros(1, classes, 1, 1)
-        background[0, BACKGROUND] = 1
-        self.register_buffer("background", background)
 
     def forward(self, depth: Tensor) -> tuple[Tensor, ...]:
         """Return the ``OUTPUTS`` for depth (B, 1, h, w); part probabilities are (B, K, h, w)."""
-        scores, facing, posture, joints, deviations, states, _ = self.network(depth)
-        # A softmax written out: ONNX Runtime's own along this axis takes five times as long.
-        odds = torch.exp((scores - scores.amax(dim=1, keepdim=True)) / self.temperature)
-        parts = torch.where(depth > 0, odds / odds.sum(dim=1, keepdim=True), self.background)
-        if facing is None:
-            return (parts,)
-        return parts, facing, torch.softmax(posture, dim=1), joints, deviations, torch.softmax(states, dim=2)
+        if not isinstance(self.network, CompactUNet):
+            scores = self.network(depth).scores
+            without_sides = Kinds(tuple(range(scores.shape[1])), (0,) * scores.shape[1])
+            return (class_probabilities(without_sides, (scores, None), self.temperature, depth > 0),)
+        factors, (facing, posture, *joints, states, _) = self.network.factors(depth)
+        parts = class_probabilities(self.network.classes, factors, self.temperature, depth > 0)
+        return parts, facing, torch.softmax(posture, dim=1), *joints, torch.softmax(states, dim=2)
 
 
 def export_network(network: nn.Module, path: Path, temperature: float = 1.0, scheme: Scheme = PAPER) -> None:
@@ -52,7 +49,7 @@ def export_network(network: nn.Module, path: Path, temperature: float = 1.0, sch
     Further outputs are as in `NetworkOutput`, ``posture`` and ``joint_state`` as probabilities.
     temperature: divides the scores. scheme: of the classes, written into the file's metadata.
     """
-    whole = _Probabilities(network.cpu(), temperature, len(scheme.class_ids)).eval()
+    whole = _Probabilities(network.cpu(), temperature).eval()
     example = torch.rand(1, 1, SIZE, SIZE)
     with torch.no_grad():
         names = OUTPUTS[: len(whole(example))]

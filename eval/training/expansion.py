@@ -12,7 +12,8 @@ import torch
 from torch import Tensor, nn
 
 from annotate.scheme.scheme import Scheme
-from eval.network.compact import CompactConfig, Kinds
+from eval.network.class_scores import Kinds
+from eval.network.compact import CompactConfig
 from eval.network.joint_head import HEAD
 from eval.network.networks import NetworkConfig, build
 from eval.network.reference_networks import SmpConfig

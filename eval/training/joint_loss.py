@@ -11,17 +11,19 @@ from eval.network.joint_head import grid_of
 from eval.scores.joint_visibility import BEHIND_MM, OUTSIDE, REACHES_MM
 
 SPREAD = 0.02  # of the crop's side: Gaussian around a true place, 4 px of 212; untuned
+RIGHT = 0.08  # of the crop's side: a joint this near is at the right peak; untuned
 
 
 @dataclass(frozen=True)
 class JointWeights:
     """Weights in the loss, beside 1 for the parts; by trials (docs/adr/0028).
 
-    heat: cross entropy of heat maps. depth: absolute error of depth maps. deviation: negative log likelihood.
-    state: cross entropy of visibility.
+    heat: cross entropy of heat maps. place: absolute error in the image of joints at the right peak. depth:
+    absolute error of depth maps. deviation: negative log likelihood. state: cross entropy of visibility.
     """
 
     heat: float = 0.3
+    place: float = 2.0
     depth: float = 3.0
     deviation: float = 0.05
     state: float = 0.1
@@ -67,7 +69,10 @@ def joint_losses(
     entropy = torch.special.entr(share).sum(dim=-1)
     crossed = -(share * torch.log_softmax(heat, dim=-1)).sum(dim=-1) - entropy
     off = (share * (depth - targets.joints[..., 2:]).abs()).sum(dim=-1)
-    missed = (output.joints.float() - targets.joints).detach()
+    missed = output.joints.float() - targets.joints
+    near = missed[..., :2].abs().sum(dim=-1)
+    right = targets.inside & (near < RIGHT)
+    missed = missed.detach()
     squared = torch.stack([missed[..., :2].square().sum(dim=-1), missed[..., 2].square()], dim=-1)
     sd = output.joint_sd.float()
     unlikely = (sd.log() + squared / (2 * sd.square())).sum(dim=-1)
@@ -75,6 +80,7 @@ def joint_losses(
     named = nn.functional.cross_entropy(states, targets.states, reduction="none")
     return [
         (weights.heat * crossed, targets.inside),
+        (weights.place * near, right),
         (weights.depth * off, targets.inside),
         (weights.deviation * unlikely, targets.inside),
         (weights.state * named, targets.known),

@@ -1,0 +1,72 @@
+"""Scores and probabilities of classes from those of kinds and of a side: p(left arm) = p(arm) p(left)."""
+
+from dataclasses import dataclass
+from functools import reduce
+
+import torch
+from torch import Tensor, nn
+
+from annotate.scheme.scheme import BACKGROUND, Scheme
+
+
+@dataclass(frozen=True)
+class Kinds:
+    """Kinds of a scheme's classes: a kind is a class without its side, e.g. an arm.
+
+    of_class: (K,), the kind of each class. sides: (K,), 1 for left, -1 for right, 0 for a class in the
+    middle.
+    """
+
+    of_class: tuple[int, ...]
+    sides: tuple[int, ...]
+
+    @classmethod
+    def of(cls, scheme: Scheme) -> "Kinds":
+        """Return the kinds of a scheme's classes, in order of their first class."""
+        first = [min(i, twin) for i, twin in enumerate(scheme.twin_classes.tolist())]
+        order = sorted(set(first))
+        sides = [0] * len(first)
+        for left, right in scheme.twins:
+            sides[scheme.class_table[left]], sides[scheme.class_table[right]] = 1, -1
+        return cls(tuple(order.index(i) for i in first), tuple(sides))
+
+    def __len__(self) -> int:
+        return 1 + max(self.of_class)
+
+
+def class_scores(classes: Kinds, kinds: Tensor, side: Tensor | None) -> Tensor:
+    """Return class scores (B, K, H, W) from scores of kinds and of the side (B, 1, H, W).
+
+    The logarithms are added. side: None for a scheme without sides.
+    """
+    if side is None:
+        return kinds[:, list(classes.of_class)]
+    of_side = {1: -nn.functional.softplus(-side), -1: -nn.functional.softplus(side)}
+    scores = []
+    for kind, which in zip(classes.of_class, classes.sides, strict=True):
+        own = kinds[:, kind, None]
+        scores.append(own + of_side[which] if which else own)
+    return torch.cat(scores, dim=1)
+
+
+def class_probabilities(
+    classes: Kinds, factors: tuple[Tensor, Tensor | None], temperature: float, seen: Tensor
+) -> Tensor:
+    """Return the softmax (B, K, H, W) of class scores divided by a temperature, background where not seen.
+
+    factors: scores of kinds, and of the side. seen: (B, 1, H, W). The exponentials are of kinds, not of
+    classes, and ONNX Runtime's own softmax along this axis takes five times as long.
+    """
+    kinds, side = factors
+    odds = torch.exp((kinds - kinds.amax(dim=1, keepdim=True)) / temperature).chunk(len(classes), dim=1)
+    middle = [odds[kind] for kind, which in zip(classes.of_class, classes.sides, strict=True) if not which]
+    total, own = reduce(torch.add, middle), [torch.ones_like(odds[0])]
+    if side is not None:
+        lost = nn.functional.softplus(-side)
+        left, right = torch.exp(-lost / temperature), torch.exp(-(lost + side) / temperature)
+        limbs = [odds[kind] for kind, which in zip(classes.of_class, classes.sides, strict=True) if which > 0]
+        total, own = total + (left + right) * reduce(torch.add, limbs), [*own, left, right]
+    shares = [one * (seen.to(total.dtype) / total) for one in own]
+    planes = [odds[kind] * shares[which] for kind, which in zip(classes.of_class, classes.sides, strict=True)]
+    planes[BACKGROUND] = planes[BACKGROUND] + (1 - seen.to(total.dtype))
+    return torch.cat(planes, dim=1)
