@@ -126,11 +126,9 @@ def render(dataset: Dataset, beside: Distributions | None = None) -> str:
 
 
 def _counted_parts(scheme: Scheme) -> str:
-    """Return the number of parts in words, and the scheme's name unless it is the paper's."""
+    """Return the number of parts, and the scheme's name unless it is the default."""
     body = sum(not part.is_free for part in scheme.parts)
-    if scheme == PAPER:
-        return "eleven body parts"
-    return f"{body} body parts of scheme {scheme.name}"
+    return f"{body} body parts" + ("" if scheme == PAPER else f" of scheme {scheme.name}")
 
 
 def contact_sheet(frames: list[FrameLabels]) -> UInt8:
