@@ -22,7 +22,7 @@ from annotate.segmentation.suit_network import shipped_suit_network
 from annotate.suit.palette import Suit
 from cli.console import finish, say
 from cli.extras import needing
-from eval.network.body_state import BodyState, joint_row
+from eval.network.body_state import BodyState, joint_quality, joint_row
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import NetworkLabeller
 from eval.network.side_smoothing import sided_by_parts
@@ -159,6 +159,7 @@ def print_joints(frame: LiveFrame) -> None:
             "posture": pose.posture,
             "posture_sure": round(pose.posture_sure, 3),
             "joints_mm": joint_row(pose.joints_m * 1000),
+            **pose.joint_quality,
         }
     row["complaints"] = {warning.kind: warning.text for warning in frame.warnings}
     print(json_text.dumps(row), flush=True)
@@ -194,7 +195,8 @@ def _body_pose(state: BodyState | None, camera: Intrinsics) -> BodyPose | None:
         return None
     joints_m, posture_sure = state.joints_mm(camera) / 1000, float(state.posture.max())
     facing = state.facing_deg, state.facing_sure
-    return BodyPose(JOINT_NAMES, joints_m, BONE_ENDS, *facing, state.name, posture_sure)
+    quality = joint_quality(state.joints_sd_mm(camera), state.joint_visibility)
+    return BodyPose(JOINT_NAMES, joints_m, BONE_ENDS, *facing, state.name, posture_sure, quality)
 
 
 def _finish(running: Rig, pipeline: LivePipeline, json: bool) -> None:

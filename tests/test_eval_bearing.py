@@ -25,10 +25,13 @@ from synth.images.standing_statistics import facing_deg
 CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 
 
-def body_state(facing: float = 20.0, sure: float = 0.9) -> BodyState:
-    posture = np.eye(len(POSTURES), dtype=np.float32)[1]
-    joints = np.random.default_rng(0).uniform(10, 40, (N_JOINTS, 3)) + np.array([0, 0, 2000])
-    return BodyState(facing, sure, posture, joints)
+def body_state(facing: float = 20.0, sure: float = 0.9, quality: bool = False) -> BodyState:
+    posture, rng = np.eye(len(POSTURES), dtype=np.float32)[1], np.random.default_rng(0)
+    joints = rng.uniform(10, 40, (N_JOINTS, 3)) + np.array([0, 0, 2000])
+    if not quality:
+        return BodyState(facing, sure, posture, joints)
+    seen = np.eye(3)[np.arange(N_JOINTS) % 3]
+    return BodyState(facing, sure, posture, joints, "floor", rng.uniform(1, 20, (N_JOINTS, 2)), seen)
 
 
 def swapped(name: str) -> str:
@@ -75,6 +78,13 @@ def test_a_note_holds_the_state():
         {**body_state().note(), "facing_sure": float("nan")},
     ):
         assert BodyState.from_note(broken) is None
+    full = body_state(quality=True)
+    kept = BodyState.from_note(json.loads(json.dumps(full.note())))
+    assert (
+        kept is not None and kept.note() == full.note() and kept.exchanged().note() == full.exchanged().note()
+    )
+    for name in ("joints_sd", "joints_seen"):
+        assert BodyState.from_note({**full.note(), name: [[1.0]]}) is None
     others = {"2": {}, "9" * 5000: {}, "x": {}}
     assert body_state_notes({"bearing": {"others": others}}).keys() == {1, 2}
 
@@ -87,8 +97,21 @@ def test_an_output_for_the_crop_is_placed_in_the_image():
     )
     assert (found.facing_deg, found.facing_sure) == pytest.approx((-90, 0.5))
     np.testing.assert_allclose(found.joints_px[0], (0.5 * 40 - 0.5 + 6, 0.25 * 40 - 0.5 - 4, 1700), rtol=1e-5)
+    assert found.joints_sd is None and found.joints_sd_mm(CAMERA) is None and found.joint_visibility == ()
     u, v, z = found.joints_px[0]
     np.testing.assert_allclose(found.joints_mm(CAMERA)[0], ((u - 31.5) / 60 * z, (v - 23.5) / 60 * z, z))
+
+
+def test_deviations_are_of_the_distance_and_joints_beyond_the_image_are_outside():
+    depth, mask = np.full((48, 64), 1500, np.uint16), np.ones((48, 64), np.bool_)
+    joints = np.tile(np.array([0.5, 0.25, 0.6], np.float32), (N_JOINTS, 1))
+    joints[1, 1] = 0.05
+    outputs = np.array([0, 1], np.float32), np.ones(6, np.float32), joints
+    quality = np.tile(np.float32([0.1, 0.02]), (N_JOINTS, 1)), np.tile(np.float32([0.2, 0.7, 0.1]), (15, 1))
+    found = BodyState.of(Crop(-4, 6, 40), (depth, mask), (*outputs, *quality))
+    expected = np.hypot(0.1 * 40 / 60 * 1700, 0.02 * 2000)
+    np.testing.assert_allclose(found.joints_sd_mm(CAMERA), expected, rtol=1e-5)
+    assert found.joint_visibility == ("visible", "outside", *["visible"] * 13)
 
 
 def test_exchanged_sides_are_the_person_turned_about():
@@ -151,6 +174,7 @@ def test_joints_are_written_as_a_table(tmp_path, name):
     labels.write(FrameLabels("000002", *(np.zeros((48, 64), kind) for kind in (np.uint16, np.uint8))))
     assert write_joints(LabelSet.open(tmp_path / "labels"), tmp_path / name) == 2
     text = (tmp_path / name).read_text()
+    assert "_sd" not in text and "visibility" not in text
     expected = body_state().joints_mm(CAMERA)
     if name.endswith("csv"):
         rows = list(csv.DictReader(text.splitlines()))
@@ -162,3 +186,23 @@ def test_joints_are_written_as_a_table(tmp_path, name):
     np.testing.assert_allclose(first, expected[3], atol=3)
     with pytest.raises(CloudError, match="jsonl or"):
         write_joints(labels, tmp_path / "joints.txt")
+
+
+@pytest.mark.parametrize("name", ["joints.jsonl", "joints.csv"])
+def test_the_table_has_deviations_and_visibility_where_the_network_gives_them(tmp_path, name):
+    labels, state = LabelSet.create(tmp_path / "labels", CAMERA, {"source": "x"}), body_state(quality=True)
+    blank = [np.zeros((48, 64), kind) for kind in (np.uint16, np.uint8)]
+    for number, one in enumerate((state, body_state())):
+        labels.write(FrameLabels(f"{number:06d}", *blank, notes={"bearing": one.note()}))
+    write_joints(labels, tmp_path / name)
+    text, joint = (tmp_path / name).read_text(), JOINT_NAMES[4]
+    if name.endswith("csv"):
+        first, second = csv.DictReader(text.splitlines())
+        found = first[f"{joint}_sd_mm"], first[f"{joint}_visibility"]
+        assert second[f"{joint}_sd_mm"] == second[f"{joint}_visibility"] == ""
+    else:
+        first, second = map(json.loads, text.splitlines())
+        found = first["joint_sd_mm"][joint], first["joint_visibility"][joint]
+        assert "joint_sd_mm" not in second
+    assert float(found[0]) == pytest.approx(state.joints_sd_mm(CAMERA)[4], rel=0.01)
+    assert found[1] == "visible"

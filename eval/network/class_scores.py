@@ -1,4 +1,4 @@
-"""Scores and probabilities of classes from those of kinds and of a side: p(left arm) = p(arm) p(left)."""
+"""Scores and probabilities of classes from scores of kinds and of a side: p(left arm) = p(arm) p(left)."""
 
 from dataclasses import dataclass
 from functools import reduce

@@ -122,7 +122,7 @@ def _surface(depth: Tensor, share: Tensor, joints: Tensor, shape: torch.Size) ->
 
 
 def with_joint_head(tensors: dict[str, Tensor], untrained: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Return a network's weights with a joint head; those of release 0.3 and before lack all but ``places``.
+    """Return a network's weights with a joint head; files of release 0.3 and before hold only ``places``.
 
     untrained: weights of a network that was built, which complete these.
     """
