@@ -33,7 +33,7 @@ def test_rooms_are_the_same_for_a_seed_name_their_people_and_are_stored(tmp_path
     scenes, again = (list(room_scenes(3)) for _ in range(2))
     monkeypatch.setattr(finder_images, "rig_scenes", lambda _: ())
     monkeypatch.setattr(finder_images, "room_scenes", lambda _: scenes)
-    store_scenes(tmp_path, 3)
+    store_scenes(tmp_path, 1, 1)
     stock = load_scenes(tmp_path)
     stored = stock.rooms
     assert not stock.rig and [set(np.unique(p)) for _, _, p in stored] == [

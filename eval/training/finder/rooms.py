@@ -79,17 +79,17 @@ def _place(
     rng: np.random.Generator, turn: Float64, inside: Float64, corners: Float64
 ) -> tuple[Float64, Float64]:
     """Draw a rotation (3, 3) and a place (3,) for a thing: near people, at a wall, or anywhere."""
-    kind, yaw = rng.random(), rng.uniform(-np.pi, np.pi)
-    at = rng.uniform(*corners)
+    kind, yaw = rng.random(), float(rng.uniform(-np.pi, np.pi))
+    at: Float64 = corners[0] + rng.random(2) * (corners[1] - corners[0])
     if kind < NEAR_PEOPLE and len(inside) > 1:
         about = inside[int(rng.integers(1, len(inside))), :2]
         at = about + rng.uniform(0.35, 1.0) * np.array([np.cos(yaw), np.sin(yaw)])
-        yaw = rng.uniform(-np.pi, np.pi)
+        yaw = float(rng.uniform(-np.pi, np.pi))
     elif kind < NEAR_PEOPLE + AT_WALL:
         axis, end = (int(k) for k in rng.integers(2, size=2))
         inwards = 1 - 2 * end
         at[axis] = corners[end, axis] + inwards * 0.3
         # A thing's front faces -y.
-        yaw = np.arctan2(*(inwards * np.eye(2)[axis])[::-1]) + np.pi / 2
+        yaw = (0.0 if axis else -np.pi / 2) + (np.pi if inwards > 0 else 0.0)
     rotation = turn @ Rotation.from_euler("z", yaw).as_matrix()
     return rotation, turn @ np.array([*at, 0.0])
