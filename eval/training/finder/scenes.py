@@ -17,7 +17,7 @@ from annotate.person.subject import persons_before
 from eval.training.finder.floor_plan import FloorPlan
 from eval.training.finder.gathering import aim, gather, middle
 from eval.training.finder.panes import wandering
-from eval.training.finder.people import FIRST_PERSON
+from eval.training.finder.people import FIRST_PERSON, Figures
 from eval.training.finder.rooms import draw_surroundings
 from eval.training.finder.things import BLACK
 from eval.training.segmentation.scenes import training_rig
@@ -90,9 +90,6 @@ def _room(rng: np.random.Generator, people: list[Dressed], cast: Cast) -> Scene:
     middles = [middle(mesh) for mesh in meshes] or [np.array([0.0, 3.0, 1.0])]
     room = draw_surroundings(rng, np.stack([eye, *middles]), plan, cast, may_be_none=bool(meshes))
     whole = merge([*meshes, *(mesh for figures in placed for mesh in figures.things), *room.meshes])
-    dark = np.where(whole.tags == BLACK, np.float32(DARK_SCREEN), np.float32(0))
-    own = [dark for figures in placed for dark in figures.dark]
-    dark[: sum(map(len, own))] = np.concatenate([*own, dark[:0]])
     camera_from_world = aim(rng, eye, middles)
     image = _rendered(sensor.camera, camera_from_world, whole)
     depth, face = image.depth_m, image.face
@@ -101,10 +98,19 @@ def _room(rng: np.random.Generator, people: list[Dressed], cast: Cast) -> Scene:
         panes = _rendered(sensor.camera, camera_from_world, merge(room.panes))
         depth, shown = wandering(depth, panes.depth_m, rng)
         tags[~shown] = 0
-    reading = sensor.read(CleanDepth(sensor.camera, depth, np.append(dark, 0)[face]), rng)
+    dark = _darkness(whole, placed)[face]
+    reading = sensor.read(CleanDepth(sensor.camera, depth, dark), rng)
     unfelt = np.full(reading.depth_mm.shape, np.nan, np.float32)
     whole_px = tuple(_silhouette_px(sensor.camera, camera_from_world, mesh) for mesh in meshes)
     return Scene(sensor.camera, reading.depth_mm, unfelt, reading.carry(tags), sensor.kind, whole_px)
+
+
+def _darkness(whole: Mesh, placed: list[Figures]) -> Float32:
+    """Return the absorbed share of infrared (F + 1,) of people's faces, other faces and no face."""
+    dark = np.where(whole.tags == BLACK, np.float32(DARK_SCREEN), np.float32(0))
+    own = [dark for figures in placed for dark in figures.dark]
+    dark[: sum(map(len, own))] = np.concatenate([*own, dark[:0]])
+    return np.append(dark, np.float32(0))
 
 
 def _rendered(camera: Intrinsics, camera_from_world: Pose, mesh: Mesh) -> ZBuffer:
