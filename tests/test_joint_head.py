@@ -5,14 +5,18 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from annotate.crop import SIZE  # noqa: E402
 from annotate.parts import PAPER  # noqa: E402
 from annotate.scheme.scheme_file import load_scheme  # noqa: E402
+from eval.network.body_state import BodyState  # noqa: E402
 from eval.network.compact import CompactConfig  # noqa: E402
 from eval.network.joint_head import HEAD, WINDOW, located  # noqa: E402
 from eval.network.networks import build  # noqa: E402
+from eval.network.onnx_export import export_network  # noqa: E402
+from eval.network.onnx_network import JOINT_OUTPUTS, OnnxNetwork  # noqa: E402
 from eval.network.weights_file import load_weights, read_tensors, save_weights, write_tensors  # noqa: E402
 from eval.scores.joint_visibility import OUTSIDE, visibility  # noqa: E402
-from eval.scores.joints import N_JOINTS  # noqa: E402
+from eval.scores.joints import N_JOINTS, TWIN  # noqa: E402
 from eval.training.expansion import expanded  # noqa: E402
 from eval.training.joint_loss import JointTargets, JointWeights, joint_losses  # noqa: E402
 from sensors.rig.camera import Intrinsics  # noqa: E402
@@ -100,6 +104,31 @@ def test_weights_of_release_0_3_start_the_head(tmp_path):
     assert coarse.shape == (1, 2 * N_JOINTS, 8, 8)
     np.testing.assert_array_equal(found.scores, expected.scores)
     assert not first.joint_head.correction.weight.any()
+
+
+def test_an_exported_network_gives_flipped_joints_for_a_flipped_image_and_an_older_one_only_joints(tmp_path):
+    import onnx
+
+    path = tmp_path / "w.onnx"
+    export_network(network(), path)
+    rng = np.random.default_rng(0)
+    depth = rng.integers(1500, 2500, (SIZE, SIZE)).astype(np.uint16)
+    person = rng.random(depth.shape) < 0.7
+    newer = OnnxNetwork(path)
+    own, flipped = (
+        BodyState.from_note(newer.segment(*images).bearing)
+        for images in ((depth, person), (depth[:, ::-1], person[:, ::-1]))
+    )
+    np.testing.assert_allclose(flipped.joints_px[TWIN, 0], SIZE - 1 - own.joints_px[:, 0], atol=0.11)
+    np.testing.assert_allclose(flipped.joints_sd[TWIN], own.joints_sd, atol=0.11)
+    np.testing.assert_allclose(flipped.joints_seen[TWIN], own.joints_seen, atol=0.02)
+    model = onnx.load(path)
+    for output in [one for one in model.graph.output if one.name in JOINT_OUTPUTS]:
+        model.graph.output.remove(output)
+    onnx.save(model, path)
+    older = BodyState.from_note(OnnxNetwork(path).segment(depth, person).bearing)
+    assert older.joints_sd is older.joints_seen is None
+    np.testing.assert_allclose(older.joints_px, own.joints_px, atol=0.11)
 
 
 @pytest.mark.parametrize("scheme", ["atlas", "hands-and-feet"])

@@ -68,10 +68,10 @@ def test_a_network_without_a_bias_keeps_its_classes():
 @pytest.mark.parametrize("scheme", [PAPER, SIX, WARD, REGIONS], ids=lambda scheme: scheme.name)
 def test_probabilities_from_kinds_and_side_are_the_softmax_of_the_scores(scheme):
     classes, generator = Kinds.of(scheme), torch.Generator().manual_seed(0)
-    kinds = 20 * torch.randn(2, len(classes), 9, 9, generator=generator)
+    kinds = 10 * torch.randn(2, len(classes), 9, 9, generator=generator)
     side = 20 * torch.randn(2, 1, 9, 9, generator=generator) if any(classes.sides) else None
     seen = torch.rand(2, 1, 9, 9, generator=generator) < 0.7
-    found = class_probabilities(classes, (kinds, side), 0.8, seen)
+    found = class_probabilities(classes, (kinds / 0.8, side), 0.8, seen)
     expected = torch.softmax(class_scores(classes, kinds, side) / 0.8, dim=1)
     expected = torch.where(seen, expected, torch.eye(len(classes.of_class))[0][:, None, None])
     np.testing.assert_allclose(found, expected, atol=1e-6)

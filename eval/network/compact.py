@@ -13,7 +13,7 @@ from annotate.parts import PAPER
 from annotate.posture import POSTURES
 from annotate.scheme.scheme import Scheme
 from eval.network.blocks import NetworkOutput, convolution, self_attention
-from eval.network.class_scores import Kinds, class_scores
+from eval.network.class_scores import Kinds, class_scores, softmax
 from eval.network.joint_head import JointHead
 from eval.scores.joints import N_JOINTS
 
@@ -70,8 +70,12 @@ class CompactUNet(nn.Module):
         (kinds, side), others = self.factors(depth)
         return NetworkOutput(class_scores(self.classes, kinds, side), *others)
 
-    def factors(self, depth: Tensor) -> tuple[tuple[Tensor, Tensor | None], tuple[Tensor, ...]]:
-        """Return scores of kinds (B, n, H, W) and of the side (B, 1, H, W), then the outputs after scores."""
+    def factors(
+        self, depth: Tensor, temperature: float = 1.0
+    ) -> tuple[tuple[Tensor, Tensor | None], tuple[Tensor, ...]]:
+        """Return scores of kinds (B, n, H, W), divided by a temperature, and of the side (B, 1, H, W), None
+        without sides; then the outputs after the scores.
+        """
         x = self.stem(depth)
         skips = [x]
         for stage in self.down:
@@ -87,10 +91,11 @@ class CompactUNet(nn.Module):
         # The raw pixels again, because the last stage needs edges at full resolution.
         x = self.refine(torch.cat([x, nn.functional.pixel_unshuffle(depth, 2)], dim=1))
         coarse, fine = (levels[max(0, len(levels) - 1 - level)] for level in JOINT_LEVELS)
-        labels = self._labels(x, whole, fine.shape[-2:]).detach()
+        # Divided here, because ONNX Runtime then folds the factor into the convolution.
+        kinds = nn.functional.pixel_shuffle(self.kinds(x) * (1 / temperature), 2)
+        side = self._side(x, whole)
+        labels = self._labels(x, side, fine.shape[-2:]).detach()
         joints, deviations, states, maps = self.joint_head((coarse, fine), labels, depth, whole)
-        kinds = nn.functional.pixel_shuffle(self.kinds(x), 2)
-        side = None if self.sides is None else self._side(self.sides, x, whole)
         facing = self.facing(whole) + self.turned((joints - joints.mean(dim=1, keepdim=True)).flatten(1))
         return (kinds, side), (facing, self.posture(whole), joints, deviations, states, maps)
 
@@ -102,35 +107,36 @@ class CompactUNet(nn.Module):
             cells = layer(cells)
         return cells.transpose(1, 2).reshape(x.shape), cells.mean(dim=1)
 
-    def _side(self, sides: nn.Linear, x: Tensor, whole: Tensor) -> Tensor:
-        """Return the score (B, 1, H, W) of left against right. whole: (B, C), mean of the attention cells."""
-        return nn.functional.pixel_shuffle(_weighed(x, self._side_weights(sides, whole)), 2)
+    def _side(self, x: Tensor, whole: Tensor) -> Tensor | None:
+        """Return the score (B, 1, H, W) of left against right; None without sides.
 
-    def _side_weights(self, sides: nn.Linear, whole: Tensor) -> Tensor:
-        """Return the weights (B, 4, C + 1) of a cell's four pixels, the last of them constants."""
-        weights: Tensor = sides(whole)
-        return weights.reshape(len(whole), 4, -1)
-
-    def _labels(self, x: Tensor, whole: Tensor, size: torch.Size) -> Tensor:
-        """Return label probabilities (B, K, h, w) of larger cells: the softmax of a cell's mean scores."""
-        cells = x if x.shape[-2:] == size else nn.functional.avg_pool2d(x, 2, ceil_mode=True)
-        layer, count = self.kinds, len(self.classes)
-        bias = layer.get_parameter("bias").reshape(count, 4).mean(dim=1)
-        weight = layer.weight.reshape(count, 4, -1, 1, 1).mean(dim=1)
-        kinds = torch.softmax(nn.functional.conv2d(cells, weight, bias), dim=1)
-        of_class = kinds[:, list(self.classes.of_class)]
+        whole: (B, C), mean of the attention cells.
+        """
         if self.sides is None:
+            return None
+        batch, channels, height, width = x.shape
+        weights = self.sides(whole).reshape(batch, 4, channels + 1)
+        side = weights[..., :-1] @ x.flatten(2) + weights[..., -1:]
+        return nn.functional.pixel_shuffle(side.reshape(batch, 4, height, width), 2)
+
+    def _labels(self, x: Tensor, side: Tensor | None, size: torch.Size) -> Tensor:
+        """Return label probabilities (B, K, h, w) of larger cells: the softmax of a cell's mean scores.
+
+        side: (B, 1, H, W), None without sides. One convolution scores and averages the cells of ``x``.
+        """
+        step = 1 if x.shape[-2:] == size else 2
+        count, bias = len(self.classes), self.kinds.get_parameter("bias")
+        weight = self.kinds.weight.reshape(count, 4, -1, 1, 1).mean(dim=1) / step**2
+        odd = [-n % step for n in x.shape[:1:-1]]
+        if any(odd):
+            x = nn.functional.pad(x, (0, odd[0], 0, odd[1]), mode="replicate")
+        weight, bias = weight.expand(-1, -1, step, step), bias.reshape(count, 4).mean(dim=1)
+        of_class = softmax(nn.functional.conv2d(x, weight, bias, step))[:, list(self.classes.of_class)]
+        if side is None:
             return of_class
-        weights = self._side_weights(self.sides, whole).mean(dim=1, keepdim=True)
-        left = torch.sigmoid(_weighed(cells, weights))
+        left = torch.sigmoid(nn.functional.avg_pool2d(side, 2 * step, ceil_mode=True))
         shares = torch.cat([torch.ones_like(left), left, 1 - left], dim=1)
-        return of_class * shares[:, [side % 3 for side in self.classes.sides]]
-
-
-def _weighed(x: Tensor, weights: Tensor) -> Tensor:
-    """Return weighted sums (B, n, h, w) of channels (B, C, h, w); weights: (B, n, C + 1), constants last."""
-    sums = weights[..., :-1] @ x.flatten(2) + weights[..., -1:]
-    return sums.reshape(len(x), -1, *x.shape[-2:])
+        return of_class * shares[:, [which % 3 for which in self.classes.sides]]
 
 
 class _Attention(nn.Module):

@@ -55,7 +55,8 @@ class JointHead(nn.Module):
         maps = (above + self.correction(features)).float().unflatten(1, (2, N_JOINTS))
         joints, share, certain = located(maps)
         share, place = share.detach(), joints.detach()
-        local = torch.cat([share @ features.flatten(2).transpose(1, 2).float(), certain.detach()], dim=-1)
+        around = (features.flatten(2).float() @ share.transpose(1, 2)).transpose(1, 2)
+        local = torch.cat([around, certain.detach()], dim=-1)
         local = torch.cat([local, _surface(depth, share, place, fine.shape)], dim=-1)
         log_sd = self.deviation(local.detach(), whole.detach())
         return joints, log_sd.exp().clamp(*SD_RANGE), self.state(local, whole), maps

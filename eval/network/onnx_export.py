@@ -37,8 +37,8 @@ class _Probabilities(nn.Module):
         if not isinstance(self.network, CompactUNet):
             scores = self.network(depth).scores
             without_sides = Kinds(tuple(range(scores.shape[1])), (0,) * scores.shape[1])
-            return (class_probabilities(without_sides, (scores, None), self.temperature, depth > 0),)
-        factors, (facing, posture, *joints, states, _) = self.network.factors(depth)
+            return (class_probabilities(without_sides, (scores / self.temperature, None), 1.0, depth > 0),)
+        factors, (facing, posture, *joints, states, _) = self.network.factors(depth, self.temperature)
         parts = class_probabilities(self.network.classes, factors, self.temperature, depth > 0)
         return parts, facing, torch.softmax(posture, dim=1), *joints, torch.softmax(states, dim=2)
 

@@ -16,7 +16,7 @@ RIGHT = 0.08  # of the crop's side: a joint this near is at the right peak; untu
 
 @dataclass(frozen=True)
 class JointWeights:
-    """Weights in the loss, beside 1 for the parts; by trials (docs/adr/0028).
+    """Weights in the loss, beside 1 for the parts; by trials (docs/adr/0029).
 
     heat: cross entropy of heat maps. place: absolute error in the image of joints at the right peak. depth:
     absolute error of depth maps. deviation: negative log likelihood. state: cross entropy of visibility.
