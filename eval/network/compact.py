@@ -125,13 +125,14 @@ class CompactUNet(nn.Module):
         side: (B, 1, H, W), None without sides. One convolution scores and averages the cells of ``x``.
         """
         step = 1 if x.shape[-2:] == size else 2
-        count, bias = len(self.classes), self.kinds.get_parameter("bias")
+        count = len(self.classes)
+        bias = self.kinds.get_parameter("bias").reshape(count, 4).mean(dim=1)
         weight = self.kinds.weight.reshape(count, 4, -1, 1, 1).mean(dim=1) / step**2
         odd = [-n % step for n in x.shape[:1:-1]]
         if any(odd):
             x = nn.functional.pad(x, (0, odd[0], 0, odd[1]), mode="replicate")
-        weight, bias = weight.expand(-1, -1, step, step), bias.reshape(count, 4).mean(dim=1)
-        of_class = softmax(nn.functional.conv2d(x, weight, bias, step))[:, list(self.classes.of_class)]
+        kinds = nn.functional.conv2d(x, weight.expand(-1, -1, step, step), bias, step)
+        of_class = softmax(kinds)[:, list(self.classes.of_class)]
         if side is None:
             return of_class
         left = torch.sigmoid(nn.functional.avg_pool2d(side, 2 * step, ceil_mode=True))

@@ -1,7 +1,7 @@
 """Average of a network's outputs for an image and for its flip (docs/adr/0024).
 
-Outputs: probabilities (B, K, h, w); then, from some networks, facing (B, 2), posture (B, P), joints (B, 15,
-3), their deviations (B, 15, 2) and visibility (B, 15, 3), as in ``NetworkOutput``.
+Outputs: probabilities (B, K, h, w). From some networks also, as in ``NetworkOutput``: facing (B, 2), posture
+(B, P) and joints (B, 15, 3). From newer ones also deviations (B, 15, 2) and visibility (B, 15, 3) of joints.
 """
 
 import numpy as np
@@ -29,7 +29,7 @@ def averaged(own: list[Float32], other: list[Float32], twins: UInt8) -> list[Flo
     """Return the means of two outputs for the same images.
 
     Where the two disagree about left and right as a whole, the sides of the less sure facing are exchanged
-    before; those of ``other`` if both are equally sure.
+    before; if both are equally sure, the sides of ``other``.
     """
     half = np.float32(0.5)
     if len(own) > JOINTS:
@@ -53,7 +53,7 @@ def _length(facing: Float32) -> Float32:
 
 
 def _exchanged(outputs: list[Float32], twins: UInt8, which: Bool) -> list[Float32]:
-    """Return the outputs, those of the images ``which`` (B,) with left and right exchanged."""
+    """Return the outputs; the images ``which`` (B,) have left and right exchanged."""
     if not which.any():
         return outputs
     other = [
