@@ -82,7 +82,7 @@ def joint_losses(
         (weights.heat * crossed, targets.inside),
         (weights.place * near, right),
         (weights.depth * off, targets.inside),
-        (weights.deviation * unlikely, targets.inside),
+        (weights.deviation * unlikely, targets.known),
         (weights.state * named, targets.known),
     ]
 
