@@ -14,14 +14,14 @@ from synth.cameras.sensor import NOTHING, CleanDepth, Reading
 from synth.cameras.stereo import Stereo
 from synth.surface.rasterize import EXACT
 
-UNFILTERED, LIGHTLY = 0.45, 0.7  # cumulative shares; the rest are strongly filtered; untuned
+UNFILTERED, LIGHTLY = 0.15, 0.55  # cumulative shares; the rest are strongly filtered; untuned
 ALPHA = (0.35, 0.6)  # about librealsense's default, 0.5
 DELTA_PX = (5 / 32, 50 / 32)  # of a light filter; librealsense's default is 20 steps of 1/32 px
-MELTING_PX = 20.0  # librealsense's default while its steps were whole pixels: nothing is an edge
-STEADIED, DECIMATED = 0.5, 0.2  # shares with temporal filter, and with decimation by 2; untuned
-TEMPORAL_SD = (
-    0.5  # noise that the temporal filter leaves of independent noise: alpha / (2 - alpha), alpha 0.4
+MELTING_PX = (
+    20.0  # the same default in librealsense's first versions, by steps of a pixel: nothing is an edge
 )
+STEADIED, DECIMATED = 0.5, 0.2  # shares with temporal filter, and with decimation by 2; untuned
+TEMPORAL_SD = 0.5  # factor of the temporal filter on independent noise, at librealsense's alpha of 0.4
 FILLS = (0.3, 0.2, 0.35, 0.15)  # shares of the modes of ``Fill``; FARTHEST is the default; untuned
 REACH_PX = 16  # by which filled holes widen a cut-out person at most; untuned
 
@@ -56,18 +56,15 @@ class RecordedStereo:
         return self.raw.model
 
     @staticmethod
-    def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "Stereo | RecordedStereo":
-        """Draw a camera of the model ``entry`` in ``sensors.toml``: unfiltered, lightly or strongly filtered.
-
-        A model with ``depth_focal_px`` is aligned, filtered or not.
-        """
+    def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "RecordedStereo":
+        """Draw a camera of the model ``entry`` in ``sensors.toml``: lightly, strongly or not filtered."""
         raw, kind = Stereo.sample(rng, entry), rng.random()
-        finer = raw.camera.fx / entry["depth_focal_px"] if "depth_focal_px" in entry else 1.0
+        finer = max(1.0, raw.camera.fx / entry.get("depth_focal_px", raw.camera.fx))
         if finer > 1.0:
             raw = replace(raw, noise_px=raw.noise_px * finer, wave_px=raw.wave_px * finer)
             raw = replace(raw, steps=raw.steps / finer, banded=False)
         if kind < UNFILTERED:
-            return raw if finer == 1.0 else RecordedStereo(raw, finer, passes=0, fill=Fill.NONE)
+            return RecordedStereo(raw, finer, passes=0, fill=Fill.NONE)
         if rng.random() < STEADIED:
             patches = raw.patches**4 + 4 * raw.patches**3 * (1 - raw.patches)
             raw = replace(raw, noise_px=raw.noise_px * TEMPORAL_SD, patches=patches)

@@ -136,7 +136,10 @@ def key_of(rng: np.random.Generator) -> np.uint64:
 
 
 def drawn_camera(entry: dict[str, Any], rng: np.random.Generator) -> Intrinsics:
-    """Draw the camera intrinsics of the model ``entry`` in ``sensors.toml``."""
+    """Draw the intrinsics of the model ``entry`` in ``sensors.toml``, or return its ``camera``."""
+    if "camera" in entry:
+        own: Intrinsics = entry["camera"]
+        return own
     width, height = entry["size"]
     focal = float(rng.uniform(*entry["focal_px"]))
     cx, cy = ((side - 1) / 2 + width * rng.normal(0, CENTRE_SD) for side in (width, height))
