@@ -46,8 +46,8 @@ def paper_network(folder):
     """Return the paper's FCN with random weights, exported: 135 million parameters, 540 MB."""
     import torch
 
+    from eval.architecture.reference_networks import PaperFcn
     from eval.network.onnx_export import export_network
-    from eval.network.reference_networks import PaperFcn
 
     torch.manual_seed(0)
     export_network(PaperFcn(), folder / "paper.onnx")

@@ -8,10 +8,10 @@ torch = pytest.importorskip("torch")
 from annotate.crop import SIZE  # noqa: E402
 from annotate.parts import PAPER  # noqa: E402
 from annotate.scheme.scheme_file import load_scheme  # noqa: E402
+from eval.architecture.compact import CompactConfig  # noqa: E402
+from eval.architecture.joint_head import HEAD, WINDOW, located  # noqa: E402
+from eval.architecture.networks import build  # noqa: E402
 from eval.network.body_state import BodyState  # noqa: E402
-from eval.network.compact import CompactConfig  # noqa: E402
-from eval.network.joint_head import HEAD, WINDOW, located  # noqa: E402
-from eval.network.networks import build  # noqa: E402
 from eval.network.onnx_export import export_network  # noqa: E402
 from eval.network.onnx_network import JOINT_OUTPUTS, OnnxNetwork  # noqa: E402
 from eval.network.weights_file import load_weights, read_tensors, save_weights, write_tensors  # noqa: E402

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from torch import nn
 
     from annotate.scheme.scheme import Scheme
-    from eval.network.networks import NetworkConfig
+    from eval.architecture.networks import NetworkConfig
     from eval.training.calibration_split import CalibrationSplit
     from eval.training.crops import Crops
     from eval.training.plan import Plan
@@ -248,8 +248,8 @@ def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSpl
 
 
 def _config(network: NetworkName) -> "NetworkConfig":
-    from eval.network.compact import CompactConfig
-    from eval.network.reference_networks import PaperConfig, SmpConfig
+    from eval.architecture.compact import CompactConfig
+    from eval.architecture.reference_networks import PaperConfig, SmpConfig
 
     configs: dict[NetworkName, NetworkConfig] = {
         "compact": CompactConfig(),

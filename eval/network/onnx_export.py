@@ -13,8 +13,8 @@ from annotate.onnx_session import SCHEME
 from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
 from annotate.scheme.scheme_file import scheme_to_fields
-from eval.network.class_scores import Kinds, class_probabilities
-from eval.network.compact import CompactUNet
+from eval.architecture.class_scores import Kinds, class_probabilities
+from eval.architecture.compact import CompactUNet
 from sensors.files.atomic import replacing
 
 LEAST_HALVED = 1024  # numbers of a tensor from which half precision makes the file smaller
@@ -37,17 +37,18 @@ class _Probabilities(nn.Module):
         if not isinstance(self.network, CompactUNet):
             scores = self.network(depth).scores
             without_sides = Kinds(tuple(range(scores.shape[1])), (0,) * scores.shape[1])
-            return (class_probabilities(without_sides, (scores / self.temperature, None), 1.0, depth > 0),)
+            return (class_probabilities(without_sides, scores / self.temperature, None, depth > 0),)
         factors, (facing, posture, *joints, states, _) = self.network.factors(depth, self.temperature)
-        parts = class_probabilities(self.network.classes, factors, self.temperature, depth > 0)
+        parts = class_probabilities(self.network.classes, *factors, depth > 0)
         return parts, facing, torch.softmax(posture, dim=1), *joints, torch.softmax(states, dim=2)
 
 
 def export_network(network: nn.Module, path: Path, temperature: float = 1.0, scheme: Scheme = PAPER) -> None:
     """Write a network as ONNX: ``depth`` (B, 1, 212, 212) -> ``probability`` (B, K, 212, 212).
 
-    Further outputs are as in `NetworkOutput`, ``posture`` and ``joint_state`` as probabilities.
-    temperature: divides the scores. scheme: of the classes, written into the file's metadata.
+    Further outputs are as in `NetworkOutput`, ``posture`` and ``joint_state`` as probabilities. temperature:
+    divides the scores, of kinds and of the side where the network has these. scheme: of the classes, written
+    into the file's metadata.
     """
     whole = _Probabilities(network.cpu(), temperature).eval()
     example = torch.rand(1, 1, SIZE, SIZE)

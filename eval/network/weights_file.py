@@ -12,9 +12,9 @@ from torch import Tensor, nn
 from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
 from annotate.scheme.scheme_file import scheme_from_fields, scheme_to_fields
-from eval.network.joint_head import with_joint_head
-from eval.network.networks import NetworkConfig, build, config_from, described
-from eval.network.reference_networks import SmpConfig
+from eval.architecture.joint_head import with_joint_head
+from eval.architecture.networks import NetworkConfig, build, config_from, described
+from eval.architecture.reference_networks import SmpConfig
 from sensors.errors import CloudError, FormatError, fault_of
 from sensors.files.atomic import replacing
 

@@ -12,11 +12,11 @@ import torch
 from torch import Tensor, nn
 
 from annotate.scheme.scheme import Scheme
-from eval.network.class_scores import Kinds
-from eval.network.compact import CompactConfig
-from eval.network.joint_head import HEAD
-from eval.network.networks import NetworkConfig, build
-from eval.network.reference_networks import SmpConfig
+from eval.architecture.class_scores import Kinds
+from eval.architecture.compact import CompactConfig
+from eval.architecture.joint_head import HEAD
+from eval.architecture.networks import NetworkConfig, build
+from eval.architecture.reference_networks import SmpConfig
 from sensors.errors import CloudError
 
 Parents = Sequence[Sequence[int]]

@@ -6,8 +6,8 @@ import torch
 from torch import Tensor, nn
 
 from annotate.crop import RANGE_MM
-from eval.network.blocks import NetworkOutput
-from eval.network.joint_head import grid_of
+from eval.architecture.blocks import NetworkOutput
+from eval.architecture.joint_head import grid_of
 from eval.scores.joint_visibility import BEHIND_MM, OUTSIDE, REACHES_MM
 
 SPREAD = 0.02  # of the crop's side: Gaussian around a true place, 4 px of 212; untuned

@@ -11,9 +11,9 @@ from torch import Tensor, nn
 from annotate.array_types import UInt8
 from annotate.parts import PAPER
 from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Scheme
-from eval.network.blocks import NetworkOutput
-from eval.network.compact import CompactConfig
-from eval.network.networks import NetworkConfig, described
+from eval.architecture.blocks import NetworkOutput
+from eval.architecture.compact import CompactConfig
+from eval.architecture.networks import NetworkConfig, described
 from eval.training.augment import Augmentation
 from eval.training.body_targets import FACING, JOINTS, POSTURE
 from eval.training.joint_loss import JointTargets, JointWeights, joint_losses

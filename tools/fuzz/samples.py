@@ -20,10 +20,10 @@ from annotate.labelset.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, s
 from annotate.labelset.label_set import LabelSet
 from annotate.scheme.scheme_file import load_scheme, read_scheme, scheme_to_toml
 from annotate.suit.palette import DEFAULT_SUIT, load_suit, suit_to_toml
+from eval.architecture.compact import CompactConfig
+from eval.architecture.networks import build
 from eval.compare.compare import compare_sets
 from eval.compare.results import Result, load_result, save_result
-from eval.network.compact import CompactConfig
-from eval.network.networks import build
 from eval.network.onnx_export import export_network
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.weights_file import load_weights, save_weights

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from annotate.person.finder import MULTIPLE
-from eval.network.blocks import convolution
+from eval.architecture.blocks import convolution
 from eval.network.onnx_export import export_any_size, halve_onnx
 from eval.training.finder.images import Batch, SceneImages, draw_batch
 from eval.training.resumable_loop import Schedule, State, fit, resumed

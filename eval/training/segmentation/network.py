@@ -14,7 +14,7 @@ from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
 from annotate.segmentation.input_channels import FIXED, channel_names, network_input
 from annotate.segmentation.suit_network import MAX_BYTES, MULTIPLE, REMEDY, other_person
-from eval.network.blocks import convolution, self_attention
+from eval.architecture.blocks import convolution, self_attention
 from eval.network.onnx_export import export_any_size, name_scheme
 from eval.network.weights_file import check_fits
 from eval.training.expansion import parents_of, start_layer, started

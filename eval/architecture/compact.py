@@ -12,9 +12,9 @@ from torch import Tensor, nn
 from annotate.parts import PAPER
 from annotate.posture import POSTURES
 from annotate.scheme.scheme import Scheme
-from eval.network.blocks import NetworkOutput, convolution, self_attention
-from eval.network.class_scores import Kinds, class_scores, softmax
-from eval.network.joint_head import JointHead
+from eval.architecture.blocks import NetworkOutput, convolution, self_attention
+from eval.architecture.class_scores import Kinds, class_scores, softmax
+from eval.architecture.joint_head import JointHead
 from eval.scores.joints import N_JOINTS
 
 JOINT_LEVELS = (2, 1)
@@ -73,8 +73,8 @@ class CompactUNet(nn.Module):
     def factors(
         self, depth: Tensor, temperature: float = 1.0
     ) -> tuple[tuple[Tensor, Tensor | None], tuple[Tensor, ...]]:
-        """Return scores of kinds (B, n, H, W), divided by a temperature, and of the side (B, 1, H, W), None
-        without sides; then the outputs after the scores.
+        """Return scores of kinds (B, n, H, W) and of the side (B, 1, H, W), None without sides, divided by a
+        temperature; then the outputs after the scores.
         """
         x = self.stem(depth)
         skips = [x]
@@ -91,12 +91,13 @@ class CompactUNet(nn.Module):
         # The raw pixels again, because the last stage needs edges at full resolution.
         x = self.refine(torch.cat([x, nn.functional.pixel_unshuffle(depth, 2)], dim=1))
         coarse, fine = (levels[max(0, len(levels) - 1 - level)] for level in JOINT_LEVELS)
-        # Divided here, because ONNX Runtime then folds the factor into the convolution.
-        kinds = nn.functional.pixel_shuffle(self.kinds(x) * (1 / temperature), 2)
         side = self._side(x, whole)
         labels = self._labels(x, side, fine.shape[-2:]).detach()
         joints, deviations, states, maps = self.joint_head((coarse, fine), labels, depth, whole)
         facing = self.facing(whole) + self.turned((joints - joints.mean(dim=1, keepdim=True)).flatten(1))
+        # Divided before the shuffle, because ONNX Runtime then folds the factor into the convolution.
+        kinds = nn.functional.pixel_shuffle(self.kinds(x) * (1 / temperature), 2)
+        side = None if side is None else side * (1 / temperature)
         return (kinds, side), (facing, self.posture(whole), joints, deviations, states, maps)
 
     def _attend(self, x: Tensor) -> tuple[Tensor, Tensor]:
