@@ -16,7 +16,7 @@ from conftest import tree
 from typer.main import get_command
 
 import cli.rig_devices
-import eval.fine_tuning.fine_tune
+import eval.fine_tuning.cross_validation
 import eval.fine_tuning.run
 import synth.images.workers
 import synth.rig.film
@@ -143,8 +143,7 @@ def learn_a_little(labels: Path, monkeypatch) -> None:
             correction.edit(frame_id).judge("accept")
     monkeypatch.setattr(os, "nice", lambda by: 0)
     monkeypatch.setattr(eval.fine_tuning.run, "MOST_STEPS", 1)
-    monkeypatch.setattr(eval.fine_tuning.run, "MORE", 1.0)
-    monkeypatch.setattr(eval.fine_tuning.fine_tune.FineTuned, "better", True)
+    monkeypatch.setattr(eval.fine_tuning.cross_validation.Gain, "is_certain", True)
 
 
 def copied(paths: Iterable[Path], folder: Path) -> None:
