@@ -15,7 +15,7 @@ from eval.scores.intervals import quantile
 from eval.training.segmentation.train import Progress
 
 SHARES = (1.0, 0.5)  # of the way from the first to the trained network, among which held-out frames choose
-LEVEL = 0.9  # of the interval of the gain: one network in twenty that is no better passes
+LEVEL = 0.9  # of the interval of the gain: one in twenty networks without a gain passes
 
 
 @dataclass(frozen=True)
