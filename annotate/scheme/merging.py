@@ -62,13 +62,22 @@ def class_sums(planes: Float32, source: Scheme, target: Scheme) -> Float32:
     Further planes after the classes of ``source``, such as another person, follow unchanged. Raises
     FormatError where a part of ``source`` would be split.
     """
-    into = target.class_table[conversion_table(source, target)[source.class_ids]]
-    further = planes[len(into) :]
-    sums = np.zeros((len(target.class_ids) + len(further), *planes.shape[1:]), np.float32)
-    for plane, at in zip(planes, into, strict=False):
-        sums[at] += plane
-    sums[len(target.class_ids) :] = further
-    return sums
+    conversion_table(source, target)
+    return class_shares(planes, source, target)
+
+
+def class_shares(planes: Float32, source: Scheme, target: Scheme) -> Float32:
+    """Return ``class_sums``, where a part of ``source`` that lies in several parts of ``target`` gives each
+    an equal share.
+    """
+    things = {part.name: part.id for part in target.parts if part.is_free}
+    sums = np.zeros((len(target.class_ids), *planes.shape[1:]), np.float32)
+    sums[BACKGROUND] = planes[BACKGROUND]
+    for plane, part in zip(planes[1:], source.parts, strict=False):
+        into = target.ids_of(part.regions) or (things.get(part.name, BACKGROUND),)
+        for part_id in into:
+            sums[target.class_table[part_id]] += plane / np.float32(len(into))
+    return np.concatenate([sums, planes[len(source.class_ids) :]])
 
 
 def _split_parts(source: Scheme, target: Scheme) -> list[Part]:

@@ -10,6 +10,7 @@ import re
 import tomllib
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -100,6 +101,16 @@ def body_parts(scheme: Scheme) -> tuple[Part, ...]:
 def may_be_bare(part: Part) -> bool:
     """Return whether a suit may leave a part of the body without a colour: a hand or a foot."""
     return part.regions <= MAY_BE_BARE
+
+
+def divides(suit: Suit, scheme: Scheme) -> bool:
+    """Return whether parts of a suit that lie in one part of a scheme all differ in colour."""
+    alike = set(suit.look_alikes)
+    for part in body_parts(scheme):
+        within = suit.scheme.ids_of(part.regions)
+        if len(within) > 1 and (not np.isin(within, suit.parts).all() or alike & {*combinations(within, 2)}):
+            return False
+    return True
 
 
 def chromaticity(rgb: NDArray[Any]) -> Float64:

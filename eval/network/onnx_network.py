@@ -1,6 +1,5 @@
 """Exported network (ONNX) that labels the parts of a person."""
 
-import copy
 import hashlib
 import os
 from collections.abc import Sequence
@@ -17,8 +16,8 @@ from annotate.labelset.images import Probabilities
 from annotate.onnx_session import onnx_session, scheme_in_metadata
 from annotate.parts import PAPER
 from annotate.posture import POSTURES
-from annotate.scheme.merging import class_sums, conversion_table
 from annotate.scheme.scheme import BACKGROUND, Scheme
+from annotate.scheme.scheme_network import SchemeNetwork
 from annotate.segmentation.segmented_person import Segmentation
 from eval.network.body_state import BodyState
 from eval.network.flip_averaging import averaged, flipped_back
@@ -38,7 +37,7 @@ Image = tuple[UInt16, Bool]
 """Depth in millimetres and the person's pixels, both (h, w)."""
 
 
-class OnnxNetwork:
+class OnnxNetwork(SchemeNetwork):
     """Exported network on the CPU; loading executes no code from the file.
 
     sha256: hash of the file. flip: average the outputs for an image and its flip (docs/adr/0024), which takes
@@ -93,28 +92,9 @@ class OnnxNetwork:
             raise FormatError(f"weights {path} give {self._body} of other shapes than {shapes}; export again")
         self.sha256, self._flip = hashlib.sha256(data).hexdigest(), flip
 
-    @property
-    def usual_scheme(self) -> Scheme:
-        """Return the scheme of labels by default: ``scheme``, ``paper`` for a network of regions."""
-        return PAPER if self.scheme.is_of_regions else self.scheme
-
-    def in_scheme(self, scheme: Scheme) -> "OnnxNetwork":
-        """Return the network with labels in a scheme: each part has the summed probability of its classes.
-
-        Raises FormatError where a class would be split.
-        """
-        conversion_table(self.own, scheme)
-        converted = copy.copy(self)
-        converted.scheme = scheme
-        return converted
-
     def probabilities(self, crops: Float32) -> Float32:
         """Return class probabilities (B, K, 212, 212), in ``scheme``, of normalised crops (B, 212, 212)."""
-        return np.stack([self._in_scheme(planes) for planes in self.outputs(crops)[0]])
-
-    def _in_scheme(self, planes: Float32) -> Float32:
-        """Return probabilities (K, ...) of the classes of ``scheme`` from (K', ...) of ``own``."""
-        return planes if self.scheme == self.own else class_sums(planes, self.own, self.scheme)
+        return np.stack([self.merged(planes) for planes in self.outputs(crops)[0]])
 
     def outputs(self, crops: Float32) -> list[Float32]:
         """Return probabilities of the own classes of normalised crops (B, 212, 212), then facing, posture,
@@ -167,7 +147,7 @@ class OnnxNetwork:
             if body:
                 outputs = tuple(values[k] for values in body)
                 state = BodyState.of(crop, (images[i][0], masks[i]), outputs).note()
-            own = self._in_scheme(planes[k])
+            own = self.merged(planes[k])
             parts, confidence = _pasted(crop, depths[k] > 0, own, masks[i])
             kept = Probabilities(crop, self._by_id(own)) if probabilities else None
             parts = self.scheme.class_ids[parts]
