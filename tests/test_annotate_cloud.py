@@ -16,6 +16,8 @@ from conftest import tree
 
 import annotate_cloud
 from annotate.labelset.label_set import LabelSet, as_read
+from annotate.scheme.scheme_file import load_scheme
+from eval.network.onnx_network import OnnxNetwork
 from sensors.errors import CalibrationError, CloudError, FormatError
 from sensors.session.reader import Session
 from synth.rig.simulate import suit_path
@@ -190,6 +192,7 @@ def test_units_types_and_schemes_of_images(rig_session):
         annotate_cloud.predict(depth_mm, camera, scheme="smpl-24")
 
 
+@pytest.mark.filterwarnings("ignore:You are using the legacy TorchScript-based ONNX export")
 def test_the_blocks_of_the_page_run(tmp_path, rig_session, monkeypatch, capsys):
     text = (ROOT / "docs" / "python.md").read_text()
     table = " ".join(re.findall(r"^\| (`.*?) \|", text, re.M))
@@ -207,3 +210,5 @@ def test_the_blocks_of_the_page_run(tmp_path, rig_session, monkeypatch, capsys):
     said = capsys.readouterr().out
     assert "person 1: sitting" in said or "person 1: standing" in said
     assert "000002" in said and "not labelled: ()" in said
+    six = load_scheme("six")
+    assert OnnxNetwork(tmp_path / "mine.onnx", scheme=six).own == six
