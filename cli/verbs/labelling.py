@@ -22,6 +22,8 @@ from sensors.importers.open_source import doubts_of, open_source, opener_at
 if TYPE_CHECKING:
     from annotate.label_recording import Run, SuitLabeller
     from annotate.labelset.labelled_frames import LabelledFrames
+    from annotate.scheme.scheme import Scheme
+    from annotate.suit.palette import Suit
     from sensors.importers.open_source import Source
 
 suit_app = typer.Typer(help="Palettes of the colour-coded suit.", no_args_is_help=True)
@@ -80,7 +82,7 @@ def label(
         label_each("label", one, sessions, out, EachOptions(scheduler, overwrite, json))
         return
     clear(out, store.MANIFEST, overwrite, session, *given)
-    notes = [*source.notes, *doubts_of(source), *(palette.notes if palette else ())]
+    notes = [*source.notes, *doubts_of(source), *(_notes_on(palette, labeller.scheme) if palette else ())]
     say(*notes)
     started = time.monotonic()
     with progress("label", len(source)) as advance:
@@ -90,6 +92,17 @@ def label(
     result = {"frames": frames, "seconds_per_frame": round(seconds, 4), "review": review, "notes": notes}
     text = f"{frames} frames in {out}, {seconds:.2f} s each; review first: {', '.join(review[:5])}"
     finish_run(result, run, json, text)
+
+
+def _notes_on(suit: "Suit", scheme: "Scheme") -> list[str]:
+    """Return the warnings about a suit whose labels have a scheme."""
+    if suit.scheme == scheme:
+        return [*suit.notes]
+    why = (
+        f"labels have the parts of scheme {scheme.name!r}, because parts of the suit's scheme "
+        f"{suit.scheme.name!r} are coarser or lack a colour of their own"
+    )
+    return [*suit.notes, why]
 
 
 def _label(labeller: "SuitLabeller", session: Path, out: Path) -> "Run":
