@@ -107,7 +107,7 @@ def _rounded_box() -> tuple[Float64, Int32]:
 
 def _parts_beneath(naked: Body, middles_m: Float64) -> UInt8:
     trunk, thighs = (Region.CHEST, Region.HIP), (Region.LEFT_UPPER_LEG, Region.RIGHT_UPPER_LEG)
-    torso, hips, left, right = PAPER.table[[*trunk, *thighs]].tolist()
+    torso, hips, left, right = (int(PAPER.table[region]) for region in (*trunk, *thighs))
     crest = naked.vertices_m[naked.faces[naked.face_parts == hips], 2].max()
     thigh = naked.joints_m[JOINT_ID["left_hip"], 2] - 0.04
     parts = np.where(middles_m[:, 2] > thigh, hips, np.where(middles_m[:, 0] > 0, left, right))

@@ -147,7 +147,7 @@ def _parts_beneath(body: Body, at_rest: Float32, faces: Int32) -> UInt8:
     levels = {
         (b.before, b.beyond): b.level for b in borders(body.vertices_m.astype(np.float64), body.joints_m)
     }
-    torso, hip = PAPER.table[[Region.CHEST, Region.HIP]].tolist()
+    torso, hip = (int(PAPER.table[region]) for region in (Region.CHEST, Region.HIP))
     parts = np.where(levels[torso, hip](middles) > 0, hip, torso).astype(np.uint8)
     for side, own in (("left", middles[:, 0] > 0), ("right", middles[:, 0] <= 0)):
         thigh, shank = (int(PAPER.table[Region.on(side, name)]) for name in ("upper_leg", "lower_leg"))
