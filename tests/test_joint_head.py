@@ -8,6 +8,7 @@ torch = pytest.importorskip("torch")
 from annotate.crop import SIZE  # noqa: E402
 from annotate.parts import PAPER  # noqa: E402
 from annotate.scheme.scheme_file import load_scheme  # noqa: E402
+from eval.architecture.blocks import NetworkOutput  # noqa: E402
 from eval.architecture.compact import CompactConfig  # noqa: E402
 from eval.architecture.joint_head import HEAD, WINDOW, located  # noqa: E402
 from eval.architecture.networks import build  # noqa: E402
@@ -15,8 +16,11 @@ from eval.network.body_state import BodyState  # noqa: E402
 from eval.network.onnx_export import export_network  # noqa: E402
 from eval.network.onnx_network import JOINT_OUTPUTS, OnnxNetwork  # noqa: E402
 from eval.network.weights_file import load_weights, read_tensors, save_weights, write_tensors  # noqa: E402
-from eval.scores.joint_visibility import OUTSIDE, visibility  # noqa: E402
+from eval.scores.joint_visibility import HIDDEN, OUTSIDE, VISIBLE, visibility  # noqa: E402
 from eval.scores.joints import N_JOINTS, TWIN  # noqa: E402
+from eval.training.body_targets import JOINTS, no_targets  # noqa: E402
+from eval.training.crops import Crops  # noqa: E402
+from eval.training.deviation_factors import fitted_deviation_factors  # noqa: E402
 from eval.training.expansion import expanded  # noqa: E402
 from eval.training.joint_loss import JointTargets, JointWeights, joint_losses  # noqa: E402
 from sensors.rig.camera import Intrinsics  # noqa: E402
@@ -67,6 +71,37 @@ def test_deviations_do_not_move_joints():
     sum((loss * counted).sum() for loss, counted in joint_losses(made(images), targets, only)).backward()
     moved = {n for n, p in made.named_parameters() if p.grad is not None and p.grad.abs().max() > 0}
     assert moved and all(name.startswith(f"{HEAD}deviation.") for name in moved)
+
+
+class Centred(torch.nn.Module):
+    """Network that places every joint in the middle, with one deviation."""
+
+    def __init__(self, sd: float) -> None:
+        super().__init__()
+        self.sd = torch.nn.Parameter(torch.tensor(sd))
+
+    def forward(self, depth: torch.Tensor) -> NetworkOutput:
+        shapes = (2,), (6,), (N_JOINTS, 3), (N_JOINTS, 2), (N_JOINTS, 3)
+        facing, posture, joints, sd, states = (torch.ones(len(depth), *shape) for shape in shapes)
+        scores = torch.zeros(len(depth), 12, 2, 2)
+        return NetworkOutput(scores, facing, posture, joints / 2, sd * self.sd, states)
+
+
+def test_calibrated_deviations_hold_68_percent_of_the_errors():
+    rng, rows = np.random.default_rng(0), [no_targets() for _ in range(60)]
+    for row in rows:
+        row[JOINTS] = rng.normal(0.5, 0.1, 3 * N_JOINTS)
+    images = np.full((60, 8, 8), 30_000, np.uint16), np.ones((60, 8, 8), np.uint8)
+    crops = Crops.of(zip(*images, rows, strict=True))
+    factors = fitted_deviation_factors(Centred(0.02), crops)
+    truth = torch.tensor(np.array([row[JOINTS] for row in rows])).reshape(-1, N_JOINTS, 3)
+    states = JointTargets.of(truth, torch.from_numpy(images[0][:, None] / 65535).float()).states
+    errors = np.linalg.norm(truth - 0.5, axis=-1)
+    for state in (HIDDEN, VISIBLE):
+        within = errors[states == state] < factors[state] * 0.02 * 2**0.5
+        assert np.mean(within) == pytest.approx(0.683, abs=0.01)
+    assert factors[OUTSIDE] == 1.0
+    assert fitted_deviation_factors(Centred(0.04), crops)[0] == pytest.approx(factors[0] / 2)
 
 
 def test_states_are_those_of_the_scores():

@@ -233,12 +233,16 @@ def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSpl
     from eval.network.onnx_export import export_network
     from eval.network.weights_file import save_weights
     from eval.training.confidence_temperature import fitted_temperature
+    from eval.training.deviation_factors import UNCHANGED, fitted_deviation_factors
 
     weights, held = out / "weights.onnx", split.calibrated
     scheme = split.trained.scheme
     save_weights(weights.with_suffix(".safetensors"), model, plan.network, scheme)
-    temperature = 1.0 if held is None else fitted_temperature(model, held.spread(CALIBRATED_ON))
-    export_network(model, weights, temperature, scheme)
+    temperature, factors = 1.0, UNCHANGED
+    if held is not None:
+        held = held.spread(CALIBRATED_ON)
+        temperature, factors = fitted_temperature(model, held), fitted_deviation_factors(model, held)
+    export_network(model, weights, temperature, scheme, factors)
     calibrated_on = split.described()
     return {
         "temperature": round(temperature, 4),

@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from annotate.scheme.scheme import Scheme
 from annotate.scheme.scheme_file import scheme_to_fields
 from eval.architecture.class_scores import Kinds, class_probabilities
 from eval.architecture.compact import CompactUNet
+from eval.scores.joint_visibility import VISIBILITIES
 from sensors.files.atomic import replacing
 
 LEAST_HALVED = 1024  # numbers of a tensor from which half precision makes the file smaller
@@ -28,9 +30,12 @@ class _Probabilities(nn.Module):
     The other ``OUTPUTS`` follow if the network has them, postures and states as probabilities.
     """
 
-    def __init__(self, network: nn.Module, temperature: float) -> None:
+    factors: Tensor
+
+    def __init__(self, network: nn.Module, temperature: float, factors: Sequence[float]) -> None:
         super().__init__()
         self.network, self.temperature = network, temperature
+        self.register_buffer("factors", torch.tensor(factors)[:, None])
 
     def forward(self, depth: Tensor) -> tuple[Tensor, ...]:
         """Return the ``OUTPUTS`` for depth (B, 1, h, w); part probabilities are (B, K, h, w)."""
@@ -38,19 +43,27 @@ class _Probabilities(nn.Module):
             scores = self.network(depth).scores
             without_sides = Kinds(tuple(range(scores.shape[1])), (0,) * scores.shape[1])
             return (class_probabilities(without_sides, scores / self.temperature, None, depth > 0),)
-        factors, (facing, posture, *joints, states, _) = self.network.factors(depth, self.temperature)
+        factors, others = self.network.factors(depth, self.temperature)
+        facing, posture, joints, deviations, states, _ = others
         parts = class_probabilities(self.network.classes, *factors, depth > 0)
-        return parts, facing, torch.softmax(posture, dim=1), *joints, torch.softmax(states, dim=2)
+        seen = torch.softmax(states, dim=2)
+        return parts, facing, torch.softmax(posture, dim=1), joints, deviations * (seen @ self.factors), seen
 
 
-def export_network(network: nn.Module, path: Path, temperature: float = 1.0, scheme: Scheme = PAPER) -> None:
+def export_network(
+    network: nn.Module,
+    path: Path,
+    temperature: float = 1.0,
+    scheme: Scheme = PAPER,
+    factors: Sequence[float] = (1.0,) * len(VISIBILITIES),
+) -> None:
     """Write a network as ONNX: ``depth`` (B, 1, 212, 212) -> ``probability`` (B, K, 212, 212).
 
     Further outputs are as in `NetworkOutput`, ``posture`` and ``joint_state`` as probabilities. temperature:
     divides the scores, of kinds and of the side where the network has these. scheme: of the classes, written
-    into the file's metadata.
+    into the file's metadata. factors: of the joints' deviations, by ``VISIBILITIES``.
     """
-    whole = _Probabilities(network.cpu(), temperature).eval()
+    whole = _Probabilities(network.cpu(), temperature, factors).eval()
     example = torch.rand(1, 1, SIZE, SIZE)
     with torch.no_grad():
         names = OUTPUTS[: len(whole(example))]
