@@ -10,7 +10,7 @@ from annotate.parts import PAPER  # noqa: E402
 from annotate.scheme.scheme_file import load_scheme  # noqa: E402
 from eval.architecture.blocks import NetworkOutput  # noqa: E402
 from eval.architecture.compact import CompactConfig  # noqa: E402
-from eval.architecture.joint_head import HEAD, WINDOW, located  # noqa: E402
+from eval.architecture.joint_head import HEAD, PEAK, WINDOW, located  # noqa: E402
 from eval.architecture.networks import build  # noqa: E402
 from eval.network.body_state import BodyState  # noqa: E402
 from eval.network.onnx_export import export_network  # noqa: E402
@@ -47,7 +47,11 @@ def test_places_are_a_naive_twin_s():
     found, share, _ = located(maps)
     for b, j in np.ndindex(2, N_JOINTS):
         heat, depth = maps[b, 0, j].double().numpy(), maps[b, 1, j].double().numpy()
-        v, u = np.unravel_index(heat.argmax(), heat.shape)
+        sums = np.pad(np.exp(heat), PEAK)
+        sides = [
+            [sums[v : v + 2 * PEAK + 1, u : u + 2 * PEAK + 1].sum() for u in range(20)] for v in range(20)
+        ]
+        v, u = np.unravel_index(np.argmax(sides), heat.shape)
         near = np.s_[max(0, v - WINDOW) : v + WINDOW + 1, max(0, u - WINDOW) : u + WINDOW + 1]
         odds = np.exp(heat[near] - heat.max())
         odds /= odds.sum()
@@ -59,7 +63,7 @@ def test_places_are_a_naive_twin_s():
 
 def test_of_two_peaks_the_higher_is_the_place_and_not_their_middle():
     maps = torch.zeros(1, 2, N_JOINTS, 21, 21)
-    maps[:, 0, :, 10, 3], maps[:, 0, :, 10, 17] = 8.0, 9.0
+    maps[:, 0, :, 10, 3], maps[:, 0, :, 10, 17] = 9.0, 10.0
     maps[:, 1, :, :, :10], maps[:, 1, :, :, 10:] = 0.2, 0.7
     np.testing.assert_allclose(located(maps)[0][0, 0], [17.5 / 21, 10.5 / 21, 0.7], atol=0.01)
 

@@ -61,12 +61,14 @@ def class_probabilities(classes: Kinds, kinds: Tensor, side: Tensor | None, seen
     time than a softmax of the classes.
     """
     odds = torch.exp(kinds - kinds.amax(dim=1, keepdim=True))
-    share = seen.to(odds.dtype) / odds.sum(dim=1, keepdim=True)
+    # A product of matrices takes a fifth of the time of ONNX Runtime's sum along this axis.
+    total = (odds.new_ones(1, len(classes)) @ odds.flatten(2)).reshape(seen.shape)
+    share = seen.to(odds.dtype) / total
     shares = [share]
     if side is not None:
         left = share * torch.sigmoid(side)
         shares += [left, share - left]
-    each = odds.chunk(len(classes), dim=1)
+    each = torch.split(odds, 1, dim=1)
     planes = [each[kind] * shares[which] for kind, which in zip(classes.of_class, classes.sides, strict=True)]
     planes[BACKGROUND] = planes[BACKGROUND] + (1 - seen.to(odds.dtype))
     return torch.cat(planes, dim=1)

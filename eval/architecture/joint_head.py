@@ -12,7 +12,10 @@ from torch import Tensor, nn
 from eval.scores.joint_visibility import VISIBILITIES
 from eval.scores.joints import N_JOINTS
 
-WINDOW = 3  # cells on each side of the highest cell that the mean position includes
+PEAK, WINDOW = 2, 8
+"""Cells on each side of a cell: of which the sum of heat makes a peak, and which the mean position includes.
+Chosen by the mean error after 240 steps of training: 95 mm; 102 with 0 and 3, 96 with all cells, which puts
+fewer joints within 100 mm (development images)."""
 WIDTH = 64  # channels in which the labels and the features of a cell are combined
 STATE_WIDTH = 32  # hidden numbers of a joint from which deviation and visibility follow
 SD_AT_FIRST = 0.03  # share of a crop's side, and of its depth range: 55 mm before any training
@@ -85,23 +88,32 @@ def grid_of(height: int, width: int) -> Tensor:
     return torch.stack([u.flatten(), v.flatten()], dim=1).float()
 
 
+def _band(n: int) -> Tensor:
+    """Return a matrix (n, n), 1 where row and column differ by ``PEAK`` at most."""
+    cells = torch.arange(n)
+    return ((cells[:, None] - cells).abs() <= PEAK).float()
+
+
 def located(maps: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Return joints (B, J, 3), shares of the cells (B, J, h * w), and heat within the window (B, J, 1).
 
-    maps: heat and depth (B, 2, J, h, w). A joint is the mean position and depth of the cells within
-    ``WINDOW`` of the highest cell, weighted by the exponential of their heat. Heat within the window: log of
-    its share of the softmax over all cells.
+    maps: heat and depth (B, 2, J, h, w). Cells weigh the exponential of their heat. A joint is the mean
+    position and depth of the cells within ``WINDOW`` of the cell with the largest sum of weights within
+    ``PEAK``. Heat within the window: log of its share of the softmax over all cells.
     """
     height, width = maps.shape[-2:]
     heat, depth = maps.flatten(3).unbind(1)
+    odds = torch.exp(heat - heat.amax(dim=-1, keepdim=True))
+    # Sums over squares by two products of matrices: pooling takes nine times as long.
+    rows, columns = (_band(n).to(maps.device) for n in (height, width))
+    around = (rows @ odds.detach().reshape(len(maps), -1, height, width) @ columns).flatten(2)
     grid = grid_of(height, width).to(maps.device)
-    centre = grid[heat.argmax(dim=-1)]
-    columns, rows = (
+    centre = grid[around.argmax(dim=-1)]
+    in_columns, in_rows = (
         (torch.arange(n, device=maps.device) - centre[..., i, None]).abs() < WINDOW + 0.5
         for i, n in enumerate((width, height))
     )
-    near = (rows[..., :, None] & columns[..., None, :]).flatten(2)
-    odds = torch.exp(heat - heat.amax(dim=-1, keepdim=True))
+    near = (in_rows[..., :, None] & in_columns[..., None, :]).flatten(2)
     within = odds * near
     total = within.sum(dim=-1, keepdim=True)
     share = within / total
