@@ -27,7 +27,7 @@ from eval.network.onnx_export import export_network
 from eval.network.onnx_network import OnnxNetwork
 from eval.training.augment import Augmentation
 from eval.training.body_targets import ROW, no_targets
-from eval.training.confidence_temperature import fitted_temperature
+from eval.training.calibration.confidence_temperature import fitted_temperature
 from eval.training.crops import Crops
 from eval.training.loader import BatchOrder, Images, batches
 from eval.training.plan import Loss, ModernRecipe, PaperRecipe, Plan, class_weights

@@ -19,8 +19,8 @@ from eval.network.weights_file import load_weights, read_tensors, save_weights, 
 from eval.scores.joint_visibility import HIDDEN, OUTSIDE, VISIBLE, visibility  # noqa: E402
 from eval.scores.joints import N_JOINTS, TWIN  # noqa: E402
 from eval.training.body_targets import JOINTS, no_targets  # noqa: E402
+from eval.training.calibration.deviation_factors import fitted_deviation_factors  # noqa: E402
 from eval.training.crops import Crops  # noqa: E402
-from eval.training.deviation_factors import fitted_deviation_factors  # noqa: E402
 from eval.training.expansion import expanded  # noqa: E402
 from eval.training.joint_loss import JointTargets, JointWeights, joint_losses  # noqa: E402
 from sensors.rig.camera import Intrinsics  # noqa: E402

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from annotate.scheme.scheme import Scheme
     from eval.architecture.networks import NetworkConfig
-    from eval.training.calibration_split import CalibrationSplit
+    from eval.training.calibration.calibration_split import CalibrationSplit
     from eval.training.crops import Crops
     from eval.training.plan import Plan
     from eval.training.processes import ProcessGroup
@@ -232,8 +232,8 @@ def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSpl
     """Write a trained network in both formats; return its path, its temperature and the calibration set."""
     from eval.network.onnx_export import export_network
     from eval.network.weights_file import save_weights
-    from eval.training.confidence_temperature import fitted_temperature
-    from eval.training.deviation_factors import UNCHANGED, fitted_deviation_factors
+    from eval.training.calibration.confidence_temperature import fitted_temperature
+    from eval.training.calibration.deviation_factors import UNCHANGED, fitted_deviation_factors
 
     weights, held = out / "weights.onnx", split.calibrated
     scheme = split.trained.scheme
@@ -270,7 +270,7 @@ def _crops(
     data: list[Path], tests: list[Path], hold_out: frozenset[str], images: int, scheme: "Scheme"
 ) -> "tuple[CalibrationSplit, Crops | None]":
     """Return images to train on, to calibrate on, and to measure on if any; the three share no image."""
-    from eval.training.calibration_split import calibration_split
+    from eval.training.calibration.calibration_split import calibration_split
     from eval.training.crops import load_crops
 
     split = calibration_split(load_crops(data, without=hold_out, scheme=scheme))

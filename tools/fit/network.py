@@ -13,10 +13,10 @@ from eval.network.onnx_export import LEAST_HALVED, export_network, halve_onnx, n
 from eval.network.onnx_network import SHIPPED_WEIGHTS
 from eval.network.weights_file import load_weights, save_weights
 from eval.scores.joint_visibility import VISIBILITIES
-from eval.training.calibration_split import LEAST_BODIES
-from eval.training.confidence_temperature import fitted_temperature
+from eval.training.calibration.calibration_split import LEAST_BODIES
+from eval.training.calibration.confidence_temperature import fitted_temperature
+from eval.training.calibration.deviation_factors import fitted_deviation_factors
 from eval.training.crops import load_crops
-from eval.training.deviation_factors import fitted_deviation_factors
 from eval.training.train import HISTORY
 from sensors.files.atomic import replacing
 from tools.fit.quantise import CALIBRATED_ON, quantise
