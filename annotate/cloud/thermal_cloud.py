@@ -19,7 +19,8 @@ class ThermalCloud:
 
     camera: the undistorted depth camera, of shape (h, w). depth_mm: uint16 (h, w), 0 = no reading. points_m:
     float32 (h, w, 3), depth camera's frame, NaN = no reading. color_rgb: uint8 (h, w, 3), 0 where not
-    color_valid (h, w). temperature_c: float32 (h, w), NaN = no reading.
+    color_valid (h, w). temperature_c: float32 (h, w), NaN = no reading. stamp_ns: the depth camera's time, or
+    None.
 
     Raises FormatError for arrays that do not match the camera's shape.
     """
@@ -30,6 +31,7 @@ class ThermalCloud:
     color_rgb: UInt8
     color_valid: Bool
     temperature_c: Float32
+    stamp_ns: int | None = None
 
     def __post_init__(self) -> None:
         for name, channels in (

@@ -26,8 +26,8 @@ class BodyPose:
 
     names: of the joints. joints_m: (J, 3). bones: pairs of joint indices. facing_deg: azimuth of the camera
     about the trunk, 0 in front of the chest, 90 on the person's left. posture: one of
-    ``annotate.posture.POSTURES``. facing_sure, posture_sure: probabilities. joint_quality: by column, values
-    by joint; empty from networks that do not give it.
+    ``annotate.posture.POSTURES``, "" where it is unclear. facing_sure, posture_sure: probabilities.
+    joint_quality: by column, values by joint; empty from networks that do not give it.
     """
 
     names: tuple[str, ...]

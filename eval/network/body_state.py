@@ -15,6 +15,7 @@ from synth.body.skeleton import N_JOINTS as N_SKELETON
 
 QUALITIES = ("joint_sd_mm", "joint_visibility")
 """Columns of each joint beside its place: standard deviation in millimetres, one of ``VISIBILITIES``."""
+LEAST_SURE = 0.6  # least probability of a posture that is named; below it the posture is ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +60,14 @@ class BodyState:
         return replace(own, joints_sd=deviations * np.array([crop.side, RANGE_MM]), joints_seen=seen)
 
     @property
-    def name(self) -> str:
+    def likeliest(self) -> str:
         """Return the likeliest posture."""
         return POSTURES[int(self.posture.argmax())]
+
+    @property
+    def name(self) -> str:
+        """Return the likeliest posture, "" where its probability is below ``LEAST_SURE``."""
+        return self.likeliest if self.posture.max() >= LEAST_SURE else ""
 
     @property
     def facing(self) -> Float64:
@@ -110,6 +116,12 @@ class BodyState:
     def joint_visibility(self) -> tuple[str, ...]:
         """Return the likeliest of ``VISIBILITIES`` of each joint; empty without them."""
         return () if self.joints_seen is None else tuple(VISIBILITIES[i] for i in self.joints_seen.argmax(1))
+
+    def placed(self, joints_mm: Float64, camera: Intrinsics) -> "BodyState":
+        """Return the state with joints (15, 3) from millimetres; inverse of ``joints_mm``."""
+        x, y, z = joints_mm.T
+        u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
+        return replace(self, joints_px=np.column_stack([u, v, z]))
 
     def note(self) -> dict[str, Any]:
         """Return the state as JSON values, a frame's note ``bearing``."""

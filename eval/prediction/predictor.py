@@ -35,10 +35,10 @@ class Person:
 
     joints_mm: float64 (3,) by name: millimetres in the camera's frame, x right, y down, z forward. Left and
     right are the person's own; hidden joints are estimates. facing_deg: azimuth of the camera about the
-    trunk, 0 in front of the chest, 90 on the person's left. posture_sure, facing_sure: [0, 1]. support:
-    "floor", "furniture", or "" where the image does not show the support. joint_sd_mm: standard deviation by
-    name. joint_visibility: "visible", "hidden" or "outside" by name. Both are empty if the network does not
-    give them.
+    trunk, 0 in front of the chest, 90 on the person's left. posture: "" where it is unclear. posture_sure,
+    facing_sure: [0, 1]. support: "floor", "furniture", or "" where the image does not show the support.
+    joint_sd_mm: standard deviation by name. joint_visibility: "visible", "hidden" or "outside" by name. Both
+    are empty if the network does not give them.
     """
 
     joints_mm: dict[str, Float64]
@@ -119,7 +119,8 @@ class Predictor:
     def predict(self, depth_mm: NDArray[Any], before: Prediction | None = None) -> Prediction:
         """Label a depth image (h, w): integers or floats, millimetres along z; 0, NaN = no reading.
 
-        before: prediction for the previous image of a recording, which keeps the people's numbers and sides.
+        before: prediction for the previous image of a recording, 1/30 s earlier, which keeps the people's
+        numbers and sides and steadies their joints.
         Raises CalibrationError for another size than the camera's, FormatError for images that are not depth.
         """
         cloud = self._fuser.fuse(_whole_mm(depth_mm))

@@ -60,6 +60,7 @@ SHARES = {
     "facing to 30 degrees": ("facing", "faced"),
     "posture standing": ("standing", "matched"),
     "posture sitting": ("sitting", "matched"),
+    "posture unclear": ("unclear", "matched"),
 }
 """Counts that give a column: numerator and denominator."""
 ABOUT = (
@@ -68,11 +69,15 @@ ABOUT = (
     "depth at the judge's pixel: across the line of sight, and behind the surface. Phantoms: people beyond "
     "the judge's. Frames of a recording show the same people, so intervals need four recordings."
 )
-OF_LABELS = ("parts right", "other side", "missing", "posture standing", "posture sitting")
+OF_LABELS = ("parts right", "other side", "missing", "posture standing", "posture sitting", "posture unclear")
 """Columns that the colour network lacks."""
 PHANTOMS, ACROSS, BEHIND = "phantoms a frame", "across, mm", "behind, mm"
 COLUMNS = {"frames": ".0f", **dict.fromkeys(SHARES, ".3f"), PHANTOMS: ".2f", ACROSS: ".0f", BEHIND: ".0f"}
-SHOWN = {name: spec for name, spec in COLUMNS.items() if name not in ("posture standing", BEHIND)}
+SHOWN = {
+    name: spec
+    for name, spec in COLUMNS.items()
+    if name not in ("posture standing", "posture unclear", BEHIND)
+}
 """Columns of ``table``."""
 
 

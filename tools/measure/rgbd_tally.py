@@ -111,7 +111,7 @@ class Tally:
             n["wide"] += int((off[best] / trunk < WIDE).sum())
             n["facing"] += bool(abs((one.facing_deg - facing + 180) % 360 - 180) <= NEAR_DEG)
             n["matched"] += 1
-            n[one.posture] += 1
+            n[one.posture or "unclear"] += 1
             self._add_distances(at[sure], one.at[AS_JOINTS][sure], seen.depth_mm)
         n["phantoms"] += len(seen.found) - len(used)
         return n
