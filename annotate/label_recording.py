@@ -173,13 +173,17 @@ def label_source(
     source: FrameSource, labeller: SuitLabeller, out: Path, progress: Callable[[int], None]
 ) -> Run:
     """Label every frame of ``source`` into the label set ``out``; arguments and errors as in ``run``."""
+    return run(source, {"label": suit_step(labeller)}, out, labeller, progress)
+
+
+def suit_step(labeller: SuitLabeller) -> dict[str, Any]:
+    """Return the entry of a label set's manifest about the labels by a suit."""
     suit, window_c = labeller.suit, labeller.window_c
-    step = {
+    return {
         "suit": suit_to_toml(suit) if suit else None,
         "window_c": list(window_c) if window_c else None,
         "weights_sha256": (labeller.network or shipped_suit_network()).sha256,
     }
-    return run(source, {"label": step}, out, labeller, progress)
 
 
 def run(

@@ -9,7 +9,7 @@ from helpers.pose_network import pose_onnx
 
 from annotate.witness import blazepose, model_files
 from annotate.witness.onnx_pose import NAMES, OnnxPose, decode_heat, decode_simcc
-from annotate.witness.person_crop import PersonCrop, crop_of_mask, upright
+from annotate.witness.person_crop import PersonCrop, crop_of_points, upright
 from annotate.witness.pose_network import PosedPerson, people_in
 from sensors.errors import FormatError
 
@@ -37,11 +37,10 @@ def test_a_plane_of_a_crop_returns_to_its_place():
     assert back[:20].max() == 0
 
 
-def test_the_crop_of_a_mask_holds_it_with_a_margin():
-    mask = np.zeros((60, 80), bool)
-    mask[10:50, 20:30] = True
-    assert crop_of_mask(mask) == (25, 30, 50, 0)
-    assert crop_of_mask(np.zeros((4, 4), bool)) is None
+def test_the_crop_of_points_holds_them_with_a_margin():
+    corners = np.array([[20.5, 10.5], [29.5, 49.5]])
+    assert crop_of_points(corners) == (25, 30, 50, 0)
+    assert crop_of_points(corners[:0]) is None
 
 
 def test_heat_moves_a_landmark_to_its_centroid():

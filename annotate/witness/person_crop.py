@@ -5,7 +5,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from annotate.array_types import Bool, Float32, Float64, UInt8
+from annotate.array_types import Float32, Float64, UInt8
 
 WIDER = 1.25  # side of a crop over the circle about the person (MediaPipe's graph)
 
@@ -52,10 +52,9 @@ def upright(centre: Float64, rim: Float64) -> PersonCrop:
     return PersonCrop(*map(float, centre), 2 * WIDER * float(np.hypot(dx, dy)), float(np.arctan2(dx, -dy)))
 
 
-def crop_of_mask(mask: Bool) -> PersonCrop | None:
-    """Return the upright crop about the pixels (h, w) of a person; None without any."""
-    v, u = np.nonzero(mask)
-    if not len(v):
+def crop_of_points(at_px: Float64) -> PersonCrop | None:
+    """Return the upright crop about points (n, 2) of a person; None without any."""
+    if not len(at_px):
         return None
-    (left, right), (top, bottom) = ((x.min(), x.max() + 1) for x in (u, v))
-    return PersonCrop((left + right) / 2, (top + bottom) / 2, WIDER * float(max(right - left, bottom - top)))
+    low, high = at_px.min(axis=0) - 0.5, at_px.max(axis=0) + 0.5
+    return PersonCrop(*map(float, (low + high) / 2), WIDER * float((high - low).max()))

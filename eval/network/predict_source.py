@@ -122,7 +122,7 @@ class NetworkDetection:
             (number, self._smoothed(self._labelled(person, number), before, number))
             for number in self._numbers(person)
         ]
-        return _joined(results, unlabelled(person.mask, scheme=self._network.scheme)), person
+        return joined(results, unlabelled(person.mask, scheme=self._network.scheme)), person
 
     def _smoothed(self, found: Segmentation, before: FrameLabels | None, number: int) -> Segmentation:
         """Return a person's labels with sides and joints smoothed over the recording."""
@@ -171,7 +171,7 @@ def _without_things(found: Segmentation, person: PersonMask) -> tuple[Segmentati
     return found, replace(person, mask=person.mask & ~things, persons=persons)
 
 
-def _joined(results: Sequence[tuple[int, Segmentation]], empty: Segmentation) -> Segmentation:
+def joined(results: Sequence[tuple[int, Segmentation]], empty: Segmentation) -> Segmentation:
     """Return the merged labels of several persons of one image.
 
     results: person ids with their labels. empty: labels of an image without persons.
