@@ -180,4 +180,6 @@ def _placed(state: BodyState, skeleton: Skeleton, cloud: ColouredCloud) -> BodyS
     joints_m, camera = skeleton.joints_m[:N_JOINTS], cloud.cloud.camera
     at = np.column_stack([project(camera, joints_m), 1000 * joints_m[:, 2]])
     known = np.isfinite(at).all(axis=1)
-    return replace(state, joints_px=np.where(known[:, None], at, state.joints_px)).faced_by_joints(camera)
+    joints_px = np.where(known[:, None], at, state.joints_px)
+    placed = replace(state, joints_px=joints_px, joints_sd=None, joints_seen=None)
+    return placed.faced_by_joints(camera)
