@@ -19,6 +19,7 @@ from annotate.witness.limbs import distances
 from annotate.witness.skeleton import HALF_THICK, JOINT, Skeleton
 
 LEAST = 1e-4  # of a depth network's probability, because its confident errors are not that rare; untuned
+UNKNOWN = -1.5  # log likelihood of a limb with unknown joints: between its own points and others; untuned
 HEAD_NEAR = 0.35  # trunks about a witness's head; untuned
 HEAD_LEAST = 0.3  # mean probability of the head there, below which the witness is wrong; untuned
 HEAD_PX = 5  # points of a head by depth; untuned
@@ -42,12 +43,12 @@ class Spreads:
     def log_likelihood(self, far: Float32, sd: Float32) -> Float32:
         """Return the log likelihood (n, 24) of distances (n, 24) with joints' uncertainty (24,), in trunks.
 
-        A limb with unknown joints has the likelihood of a limb at two spreads.
+        A limb with unknown joints has the likelihood ``UNKNOWN``.
         """
         wide = np.hypot(self.spread[KIND], sd)
         off = np.maximum(far - self.radius[KIND], 0) / wide
-        off = np.where(np.isfinite(off), off, 2.0)
-        return np.asarray(self.bias[KIND] - self.weight[KIND] * np.log1p(off**2), np.float32)
+        likely = self.bias[KIND] - self.weight[KIND] * np.log1p(off**2)
+        return np.where(np.isfinite(likely), likely, UNKNOWN).astype(np.float32)
 
 
 @cache
