@@ -1,6 +1,6 @@
 """Errors of a network's joints, and how honest their deviations are.
 
-``python -m tools.measure.joint_deviations WEIGHTS.onnx LABELS...`` prints a table for each dataset, with a row
+``python -m tools.measure.joint_deviations WEIGHTS.onnx LABELS...`` prints a table for each dataset, a row
 each for hidden, visible and outside joints. Columns: mean error; shares of the errors within 50 and 100 mm,
 and within one and two deviations; mean deviation; share of the joints whose visibility is named right. A
 person is cut out as labelled.
