@@ -15,7 +15,7 @@ from annotate.onnx_session import onnx_session, scheme_in_metadata
 from annotate.parts import PAPER
 from annotate.scheme.merging import converts
 from annotate.scheme.scheme import Scheme
-from annotate.scheme.scheme_network import SchemeNetwork
+from annotate.scheme_network import SchemeNetwork
 from annotate.segmentation.input_channels import FIXED, Rectangle, fitted_to, network_input
 from annotate.segmentation.split_network import INPUT, PLACE, split_network
 from annotate.suit.palette import Suit, divides

@@ -17,7 +17,7 @@ from annotate.onnx_session import onnx_session, scheme_in_metadata
 from annotate.parts import PAPER
 from annotate.posture import POSTURES
 from annotate.scheme.scheme import BACKGROUND, Scheme
-from annotate.scheme.scheme_network import SchemeNetwork
+from annotate.scheme_network import SchemeNetwork
 from annotate.segmentation.segmented_person import Segmentation
 from eval.network.body_state import BodyState
 from eval.network.flip_averaging import averaged, flipped_back
