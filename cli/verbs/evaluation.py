@@ -66,10 +66,7 @@ def evaluate(
         job = _Job(predicted, truth, out, title, chosen, overwrite, provenance())
         _save(job, guesses, targets, comparison)
     result = {**comparison.to_evaluation_json(), **details(comparison)}
-    if note := _scheme_note(guesses, targets, comparison):
-        say(note)
-    if comparison.ci_note:
-        say(comparison.ci_note)
+    say(*_notes(guesses, targets, comparison), *([comparison.ci_note] if comparison.ci_note else []))
     finish(result, json, scores_text(comparison, intervals=True))
 
 
@@ -162,6 +159,14 @@ def _scheme_note(predicted: "LabelledFrames", truth: "LabelledFrames", compariso
     return f"{scheme_note(comparison.scheme)} (labels: {predicted.scheme.name}, truth: {truth.scheme.name})"
 
 
+def _notes(predicted: "LabelledFrames", truth: "LabelledFrames", comparison: "Comparison") -> list[str]:
+    """Return the notes of a comparison: its scheme, and people that trained the shipped networks."""
+    from annotate.labelset.cast_note import known_people_note
+
+    notes = _scheme_note(predicted, truth, comparison), known_people_note(truth.info)
+    return [note for note in notes if note]
+
+
 def compare(
     a: Annotated[Path, Argument(help="Result that 'evaluate --out' wrote.")],
     b: Annotated[Path, Argument(help="Result to compare with the first.")],
@@ -196,8 +201,7 @@ def diff(
 
     with progress("compare", len(sets[1])) as advance:
         comparison = compare_sets(*sets, advance)
-    if note := _scheme_note(*sets, comparison):
-        say(note)
+    say(*_notes(*sets, comparison))
     finish(comparison.to_json(), json, scores_text(comparison, intervals=False))
 
 
