@@ -16,6 +16,7 @@ from sensors.errors import CalibrationError, FormatError
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics
 from tools.measure import colour_people, rgbd
+from tools.measure.people_file import PEOPLE_FILE, read_people
 from tools.measure.rgbd_tally import AS_JOINTS, JUDGED, Found, Seen, Tally
 
 CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
@@ -95,3 +96,30 @@ def test_unregistered_colour_is_refused(tmp_path):
         with pytest.raises(error, match=match):
             colour_people.make_people(tmp_path, None)
         (tmp_path / "color" / "0.png").unlink(missing_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("{", "is malformed"),
+        ("[]", "is malformed"),
+        ('{"0": 3}', "is malformed"),
+        ('{"0": [[[1, 2, 3]]]}', "33 x 3 numbers"),
+        (json.dumps({"0": [[[1, 2, None]] * 33]}), "33 x 3 numbers"),
+        ('{"0.png": []}', "has no image '0'"),
+        ('{"0": [], "1": []}', "depth/ has no image '1'"),
+    ],
+)
+def test_malformed_people_are_refused(text, fault, tmp_path):
+    path = tmp_path / PEOPLE_FILE
+    path.write_text(text)
+    with pytest.raises(FormatError, match=fault) as refused:
+        read_people(path, ["0"])
+    assert "\n" not in str(refused.value)
+    path.write_text(json.dumps({"0": [standing().tolist()]}))
+    np.testing.assert_array_equal(read_people(path, ["0"])["0"], [standing()])
+
+
+def test_a_folder_without_recordings_is_refused(tmp_path):
+    with pytest.raises(FormatError, match="has no recording"):
+        rgbd.recordings(tmp_path / "absent")

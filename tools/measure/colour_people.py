@@ -10,7 +10,9 @@ landmarks in each crop. The crops of the next frame follow from the landmarks.
 
 import argparse
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -22,10 +24,13 @@ from annotate.witness.pose_network import people_in
 from sensors.errors import CalibrationError, CloudError, ExistsError, FormatError
 from sensors.files.atomic import write_bytes
 from sensors.files.natural_order import paths_in_order
+from tools.measure.people_file import PEOPLE_FILE, read_people
 
 SURE = 0.7  # least visibility of compared landmarks, as in the recordings' score.py
 BODY = slice(11, len(NAMES))  # landmarks without the face
 COLOURS = (".jpg", ".jpeg", ".png")
+Landmarks: TypeAlias = dict[str, list[list[list[float]]]]
+"""Landmarks (33, 3) of each person by image, as ``people.json`` holds them."""
 
 
 def distance(a: Float64, b: Float64) -> float:
@@ -33,12 +38,12 @@ def distance(a: Float64, b: Float64) -> float:
     return float(np.median(np.hypot(*(a - b)[:, :2].T)))
 
 
-def make_people(folder: Path, network: BlazePose) -> dict[str, list[list[list[float]]]]:
-    """Return the landmarks of each frame's people, as ``people.json`` holds them.
+def make_people(folder: Path, network: BlazePose) -> Landmarks:
+    """Return the landmarks of each frame's people.
 
     Raises FormatError for a missing image, CalibrationError for colour of another size than depth.
     """
-    people: dict[str, list[list[list[float]]]] = {}
+    people: Landmarks = {}
     crops: list[PersonCrop] = []
     for depth in paths_in_order((folder / "depth").glob("*.png")):
         names = [folder / "color" / f"{depth.stem}{ending}" for ending in COLOURS]
@@ -57,13 +62,13 @@ def make_people(folder: Path, network: BlazePose) -> dict[str, list[list[list[fl
     return people
 
 
-def compare(made: dict, given: dict) -> str:
+def compare(made: Landmarks, given: Mapping[str, Sequence[Float64]]) -> str:
     """Return the distance of made landmarks from given visible ones as text."""
     off, body, found, extra = [], [], 0, 0
     for frame, persons in given.items():
         own = [np.array(person) for person in made.get(frame, [])]
         extra += max(0, len(own) - len(persons))
-        for person in map(np.array, persons if own else []):
+        for person in persons if own else ():
             nearest = min(own, key=lambda one: distance(one, person))
             px, sure = np.hypot(*(nearest - person)[:, :2].T), person[:, 2] >= SURE
             off.append(px[sure])
@@ -84,18 +89,18 @@ def main() -> None:
     parser.add_argument("models", type=Path, nargs="?")
     parser.add_argument("--compare", type=Path, metavar="FILE")
     options = parser.parse_args()
-    made = options.folder / "people.json"
+    made = options.folder / PEOPLE_FILE
     try:
         if made.exists() and not options.compare:
             raise ExistsError(f"{made} already exists; move it away first")
         people = make_people(options.folder, BlazePose(options.models))
+        if options.compare:
+            print(compare(people, read_people(options.compare, people)))
+            return
     except CloudError as error:
         parser.error(str(error))
-    if options.compare:
-        print(compare(people, json.loads(options.compare.read_text())))
-    else:
-        write_bytes(made, json.dumps(people).encode())
-        print(f"{made}: {sum(map(len, people.values()))} people in {len(people)} frames")
+    write_bytes(made, json.dumps(people).encode())
+    print(f"{made}: {sum(map(len, people.values()))} people in {len(people)} frames")
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ agree with the recordings' score.py.
 """
 
 import argparse
-import json
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -22,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from annotate.array_types import Float64
 from annotate.labelset.label_set import LabelSet
@@ -33,7 +33,7 @@ from eval.network.predict_source import predict_source
 from eval.network.refine import shipped_refinement_network
 from eval.scores.intervals import FEW
 from eval.scores.joints import N_JOINTS
-from sensors.errors import CloudError
+from sensors.errors import CloudError, FormatError
 from sensors.files.natural_order import paths_in_order
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics, project, undistort
@@ -41,6 +41,7 @@ from tools.figures.figure import Figure, Rows, Statistic, average, median, of_va
 from tools.figures.pages import markdown
 from tools.figures.worst_frames import Sheets
 from tools.measure.colour_people import make_people
+from tools.measure.people_file import PEOPLE_FILE, read_people
 from tools.measure.rgbd_tally import AS_JOINTS, JUDGED, Found, Seen, Tally, judged_facing_deg, looked_up_mm
 
 RECORDINGS = Path(__file__).resolve().parents[3] / "shared" / "data" / "rgbd"
@@ -114,8 +115,8 @@ def found_by_colour(people: Sequence[Sequence[Float64]], labels: LabelSet) -> It
 def measure_recording(folder: Path, network: OnnxNetwork, colour: BlazePose | None) -> dict[str, Tally]:
     """Measure a recording by reading; colour: None leaves its row out."""
     names = [path.stem for path in paths_in_order((folder / "depth").glob("*.png"))]
-    truth = folder / "people.json"
-    given = json.loads(truth.read_text()) if truth.is_file() else {}
+    truth = folder / PEOPLE_FILE
+    given = read_people(truth, names) if truth.is_file() else {}
     source = open_source(folder)
     people = [[undistorted(source.calibration.depth, p) for p in given.get(name, [])] for name in names]
     tallies = {}
@@ -140,7 +141,7 @@ def tally_of(camera: Intrinsics, people: Sequence[Sequence[Float64]], frames: It
     return tally
 
 
-def undistorted(camera: Intrinsics, person: Sequence[Sequence[float]]) -> Float64:
+def undistorted(camera: Intrinsics, person: ArrayLike) -> Float64:
     """Return landmarks (33, 3) in the image without the lens's distortion."""
     moved = np.array(person, np.float64)
     if any(camera.distortion):
@@ -150,10 +151,11 @@ def undistorted(camera: Intrinsics, person: Sequence[Sequence[float]]) -> Float6
 
 
 def recordings(folder: Path) -> list[Path]:
-    """Return a folder that is a recording, or the recordings in a folder."""
-    if (folder / "depth").is_dir():
-        return [folder]
-    return [path for path in sorted(folder.iterdir()) if (path / "depth").is_dir()]
+    """Return a folder that is a recording, or the recordings in a folder. Raises FormatError without any."""
+    found = [path for path in (folder, *sorted(folder.glob("*"))) if (path / "depth").is_dir()]
+    if not found:
+        raise FormatError(f"{folder} has no recording; give a folder with depth/")
+    return found[:1] if found[0] == folder else found
 
 
 def figures(tallies: dict[str, Tally], reading: str) -> dict[str, Figure]:
@@ -184,7 +186,7 @@ def tallied(folders: Sequence[Path], models: Path | None) -> dict[str, dict[str,
     """Measure recordings; return the counts by recording and reading."""
     network = OnnxNetwork(SHIPPED_WEIGHTS)
     colour = colour_network(models)
-    ordered = sorted(folders, key=lambda folder: not (folder / "people.json").is_file())
+    ordered = sorted(folders, key=lambda folder: not (folder / PEOPLE_FILE).is_file())
     return {folder.name: measure_recording(folder, network, colour) for folder in ordered}
 
 
@@ -236,8 +238,10 @@ def main() -> None:
     parser.add_argument("folders", type=Path, nargs="*", default=[RECORDINGS])
     parser.add_argument("--models", type=Path)
     options = parser.parse_args()
-    folders = [path for folder in options.folders for path in recordings(folder)]
-    rows = measure(folders, options.models)
+    try:
+        rows = measure([path for one in options.folders for path in recordings(one)], options.models)
+    except CloudError as error:
+        sys.exit(f"error: {error}")
     cells = [[row[c].text(spec) for c, spec in COLUMNS.items()] for row in rows.values()]
     print(markdown(["", *COLUMNS], [[name, *line] for name, line in zip(rows, cells, strict=True)]))
     print(f"\nRecordings of real people: {ABOUT}")
