@@ -30,7 +30,8 @@ def scores_text(comparison: Comparison, *, intervals: bool) -> str:
         for part in scheme.parts
     ]
     recall = {part.title: of("recall", part.id) for part in scheme.parts}
-    heading = f"{len(comparison.frame_ids)} frames of {comparison.n_subjects} people"
+    people = "1 person" if comparison.n_subjects == 1 else f"{comparison.n_subjects} people"
+    heading = f"{len(comparison.frame_ids)} frames of {people}"
     bracket = " [95 % interval]" if intervals else ""
     tables = (
         table(("score", f"value{bracket}"), whole, heading),

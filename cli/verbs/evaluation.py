@@ -25,7 +25,10 @@ def evaluate(
     out: Annotated[
         Path | None, Option(help="Result (.npz) to write, for 'compare' and 'report'; of folders, a folder.")
     ] = None,
-    title: Annotated[str, Option(help="Name of the result in the report.")] = "Network",
+    title: Annotated[
+        str | None,
+        Option(help="Name of the result in comparisons and reports.", show_default="the name of the labels"),
+    ] = None,
     scheme: Annotated[
         str | None,
         Option(
@@ -41,7 +44,7 @@ def evaluate(
     """Measure labels against the truth, with confidence intervals and the confusion matrix."""
     from annotate.scheme.scheme_file import load_scheme
 
-    chosen = load_scheme(scheme) if scheme else None
+    chosen, title = load_scheme(scheme) if scheme else None, title or predicted.resolve().name
     if pairs := label_sets_in(predicted, truth, scheduler):
         given = _Job(predicted, truth, out, title, chosen, overwrite, provenance())
         jobs = _jobs(pairs, given)
@@ -144,7 +147,7 @@ def _save(job: _Job, predicted: "LabelledFrames", truth: "LabelledFrames", compa
         **{f"{name} hash": value for name, value in comparison.hashes.items()},
         "source": str(truth.info.get("source", "")),
         "network": weights if isinstance(weights, str) else "",
-        "schemes": _scheme_note(predicted, truth, comparison),
+        "notes": "; ".join(_notes(predicted, truth, comparison)),
     }
     facts = {name: fact for name, fact in facts.items() if fact}
     save_result(job.out, Result(job.title, comparison, facts), job.overwrite)
@@ -160,10 +163,15 @@ def _scheme_note(predicted: "LabelledFrames", truth: "LabelledFrames", compariso
 
 
 def _notes(predicted: "LabelledFrames", truth: "LabelledFrames", comparison: "Comparison") -> list[str]:
-    """Return the notes of a comparison: its scheme, and people that trained the shipped networks."""
+    """Return the notes of a comparison: its scheme, exchanged sets, people that trained the networks."""
     from annotate.labelset.cast_note import known_people_note
 
-    notes = _scheme_note(predicted, truth, comparison), known_people_note(truth.info)
+    exchanged = predicted.info.get("made_by") == "simulate" and truth.info.get("made_by") != "simulate"
+    notes = (
+        _scheme_note(predicted, truth, comparison),
+        f"{predicted.path} is a simulation's truth; name the truth second" if exchanged else "",
+        known_people_note(truth.info),
+    )
     return [note for note in notes if note]
 
 
