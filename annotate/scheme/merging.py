@@ -37,7 +37,7 @@ def converts(source: Scheme, target: Scheme) -> bool:
 def conversion_table(source: Scheme, target: Scheme) -> UInt8:
     """Return uint8 (256,): the id in ``target`` by the id in ``source``; unused ids become undefined.
 
-    A free part becomes the free part of its name, or background where ``target`` has none. Raises FormatError
+    A thing becomes the thing of its name, or background where ``target`` has none. Raises FormatError
     where a part of ``source`` would be split.
     """
     for part in _split_parts(source, target):
@@ -89,7 +89,7 @@ def _split_parts(source: Scheme, target: Scheme) -> list[Part]:
 def finest_common(first: Scheme, second: Scheme) -> CommonScheme:
     """Return the finest scheme that both schemes convert into; the order of the two does not matter.
 
-    Body parts that overlap are joined; free parts stay where both schemes have the name. Parts of the scheme
+    Body parts that overlap are joined; things stay where both schemes have the name. Parts of the scheme
     with fewer parts keep id, name, colour and key; joined parts have a shipped scheme's name, if any.
     """
     one, other = sorted((first, second), key=lambda scheme: (len(scheme.parts), scheme.name))
@@ -118,7 +118,7 @@ def _is_made_of(scheme: Scheme, classes: list[Regions], free: set[str]) -> bool:
 
 
 def _scheme(one: Scheme, other: Scheme, classes: list[Regions], free: set[str]) -> Scheme:
-    """Return a new scheme of classes of regions and names of free parts."""
+    """Return a new scheme of classes of regions and names of things."""
     kept = [part for part in one.parts if part.regions in classes or (part.is_free and part.name in free)]
     own = {part.regions: part for part in other.parts}
     parts, here = list(kept), {part.regions for part in kept}

@@ -89,8 +89,9 @@ def decode_simcc(columns: Float32, rows: Float32) -> tuple[Float64, Float64]:
 
 
 def decode_heat(heat: Float32) -> tuple[Float64, Float64]:
-    """Return cells (k, 2) of the highest heat of maps (k, h, w), a quarter cell towards the warmer neighbour
-    inside the map, and the heat there (k,). Cell centres are at halves.
+    """Return the places (k, 2) of the highest heat of maps (k, h, w), in cells, and the heat there (k,).
+
+    A place is moved by a quarter cell towards the warmer neighbour. Cell centres are at halves.
     """
     k, _, width = heat.shape
     v, u = np.divmod(heat.reshape(k, -1).argmax(axis=1), width)

@@ -49,9 +49,9 @@ class PoseNetwork(Protocol):
 
 
 def people_in(image: UInt8, network: PoseNetwork, crops: Iterable[PersonCrop]) -> list[PosedPerson]:
-    """Return the people of an image (h, w, 3), those in the proposed crops first, then detected ones.
+    """Return the people of an image (h, w, 3), first in the proposed crops, then detected ones.
 
-    A person whose landmarks overlap those of an earlier one is left out.
+    A person whose landmarks overlap an earlier person's is left out.
     """
     found: list[PosedPerson] = []
     detected = network.detect(image)

@@ -44,7 +44,7 @@ THING_NAMES: dict[Surface, str] = {
     Surface.BLANKET: "blanket",
     Surface.PILLOW: "pillow",
 }
-"""Name of the free part of a scheme that carries a surface.
+"""Name of the thing of a scheme that carries a surface.
 
 Chairs and sofas are a "seat". Shelves, and wooden frames and legs of the judging cast's furniture, are a
 "table".

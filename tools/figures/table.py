@@ -172,7 +172,7 @@ def _rows_text(rows: Rows) -> str:
 
 
 def save(table: Table, measured: Measured, folder: Path = KEPT) -> None:
-    """Write a measurement."""
+    """Write a table's measurement into its JSON file."""
     names = [one.name for one in fields(Measured)]
     texts = {name: json.dumps(getattr(measured, name)) for name in names if name not in ("rows", "before")}
     texts |= {"rows": _rows_text(measured.rows), "before": _rows_text(measured.before)}

@@ -74,7 +74,7 @@ class Tally:
     tiles: list[Tile] = field(default_factory=list)
 
     def add(self, persons: Sequence[Float64], seen: Seen) -> None:
-        """Count a frame. persons: judged (33, 3)."""
+        """Count a frame. persons: landmarks (33, 3) of each person by the judge."""
         labels = Counter() if seen.parts is None else count_labels(persons, seen.parts)
         self.counts.append(n := labels + self._of_people(persons, seen))
         if seen.parts is not None and (n["joints"] or (not persons and n["phantoms"])):
