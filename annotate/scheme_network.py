@@ -3,9 +3,9 @@
 from typing import Self
 
 from annotate.array_types import Float32
-from annotate.parts import PAPER
 from annotate.scheme.merging import class_shares, conversion_table
 from annotate.scheme.scheme import Scheme
+from annotate.scheme.scheme_file import load_scheme
 
 
 class SchemeNetwork:
@@ -20,7 +20,7 @@ class SchemeNetwork:
     @property
     def usual_scheme(self) -> Scheme:
         """Return the scheme of labels by default: ``scheme``, ``paper`` for a network of regions."""
-        return PAPER if self.scheme.is_of_regions else self.scheme
+        return load_scheme("paper") if self.scheme.is_of_regions else self.scheme
 
     def in_scheme(self, scheme: Scheme) -> Self:
         """Return the network with labels in a scheme: each part has the summed probability of its classes.
