@@ -19,7 +19,7 @@ from eval.training.finder.images import (
     load_scenes,
     store_scenes,
 )
-from eval.training.finder.network import FinderNet, FinderTraining, export_finder
+from eval.training.finder.network import FinderNet, FinderTraining, export_finder, load_finder
 from eval.training.finder.panes import wandering
 from eval.training.finder.scenes import room_scenes
 from eval.training.finder.warm import UNFELT, degraded_warmth, random_warmth
@@ -120,11 +120,11 @@ def test_a_step_learns_and_the_exported_network_answers_as_the_trained_one(tmp_p
         losses.append(float(loss.detach()))
     assert losses[-1] < 0.9 * losses[0]
     export_finder(network, tmp_path / "x.onnx")
-    read = onnx_session((tmp_path / "x.onnx").read_bytes())
+    read, again = onnx_session((tmp_path / "x.onnx").read_bytes()), load_finder(tmp_path / "x.onnx").eval()
     for shape in ((32, 64), (96, 128)):
         image = np.random.default_rng(1).normal(size=(1, 24, *shape)).astype(np.float32)
         with torch.no_grad():
+            trained = network(torch.from_numpy(image))
             # Weights are stored in half precision.
-            assert np.allclose(
-                read.run(None, {"image": image})[0], network(torch.from_numpy(image)), atol=0.05
-            )
+            assert np.allclose(read.run(None, {"image": image})[0], trained, atol=0.05)
+            assert np.allclose(again(torch.from_numpy(image)), trained, atol=0.05)

@@ -14,6 +14,7 @@ from annotate.array_types import Float32, UInt8, UInt16
 from annotate.person.finder import FOCAL_PX, network_input
 from eval.training.finder.scenes import Scene, rig_scenes, room_scenes
 from eval.training.finder.warm import degraded_warmth, random_warmth
+from sensors.files.atomic import replacing
 
 HEIGHT, WIDTH = 192, 256  # of a training image
 LEAST_PX, FARTHEST_M = 20, 2.0  # least pixels (at half the sides) of a voting person; longest vote on an axis
@@ -60,7 +61,8 @@ def store_scenes(folder: Path, rigs: int, rooms: int) -> None:
                     for i, image in enumerate(images)
                     for name, a in zip("dwp", image, strict=True)
                 }
-                np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+                with replacing(path) as temporary, temporary.open("wb") as file:
+                    np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
 
 def load_scenes(folder: Path) -> SceneImages:

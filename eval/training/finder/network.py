@@ -85,15 +85,15 @@ def _twice(x: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class FinderTraining:
-    """Training of the finder for a number of minutes; an ``eval.training.resumable_loop.Training``."""
+    """Training of the finder for a number of steps; an ``eval.training.resumable_loop.Training``."""
 
     images: SceneImages
-    minutes: float
+    steps: int
     peak_rate: float = RATE
 
     @property
     def schedule(self) -> Schedule:
-        return Schedule(self.peak_rate, AVERAGED, minutes=self.minutes, weight_decay=1e-3)
+        return Schedule(self.peak_rate, AVERAGED, epoch_steps=self.steps, weight_decay=1e-3)
 
     def batches(self, step: int) -> Iterator[Batch]:
         """Yield batches; a step's batch depends on its number alone."""
