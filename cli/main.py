@@ -44,7 +44,8 @@ VERBS = {
     "Getting started": (demo.demo, installation.doctor, installation.compile_),
     "Recordings": (
         *(simulation.simulate, recording.devices, rigs.rig, recording.record, live.live),
-        *(recording.repair, calibration.calibrate, exchange.import_, info.info, info.validate),
+        *(recording.repair, calibration.calibrate, exchange.import_, recording.strip),
+        *(info.info, info.validate),
     ),
     "Labels": (
         *(labelling.label, suit_training.train_labels, labelling.fix, learning.learn),

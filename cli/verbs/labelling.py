@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from cli.console import Json, Overwrite, check_room, clear, finish, finish_run, progress, say
+from cli.console import Json, Names, Overwrite, check_room, clear, finish, finish_run, progress, say
 from cli.extras import check_extra, needing
 from cli.scheme import PAPER
-from cli.sessions import EachOptions, Scheduler, label_each, sessions_in
+from cli.sessions import EachOptions, Scheduler, label_each, open_recording, sessions_in
 from sensors.files.atomic import check_free, check_there, write_bytes
 from sensors.importers.open_source import doubts_of, open_source, opener_at
 
@@ -142,6 +142,7 @@ def label(
     everybody: Annotated[
         bool, Option("--everybody", help="With --by: label all persons, not the subject.")
     ] = False,
+    names: Names = False,
     scheduler: Scheduler = None,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -152,13 +153,14 @@ def label(
     choices = LabelChoices(suit, window, weights, by, scheme, everybody)
     given = [path for path in (suit, weights, Path(by) if by and by != COLOUR else None) if path]
     sessions = sessions_in(session, scheduler)
-    source = None if sessions else open_source(session)
+    source = None if sessions else open_recording(session, names)
     check_there(*given)
     if source is not None:
         check_room(out, store.MANIFEST, overwrite, session, *given)
     work = choices.work()
     if source is None:
-        label_each("label", partial(_label, choices), sessions, out, EachOptions(scheduler, overwrite, json))
+        one = partial(_label, choices, names)
+        label_each("label", one, sessions, out, EachOptions(scheduler, overwrite, json))
         return
     clear(out, store.MANIFEST, overwrite, session, *given)
     suit_notes = _notes_on(choices.by_suit.suit, choices.by_suit.scheme) if choices.by_suit.suit else ()
@@ -185,8 +187,8 @@ def _notes_on(suit: "Suit", scheme: "Scheme") -> list[str]:
     return [*suit.notes, why]
 
 
-def _label(choices: LabelChoices, session: Path, out: Path) -> "Run":
-    return choices.work()(open_source(session), out, lambda _: None)
+def _label(choices: LabelChoices, names: bool, session: Path, out: Path) -> "Run":
+    return choices.work()(open_recording(session, names), out, lambda _: None)
 
 
 @suit_app.command()
@@ -326,6 +328,7 @@ def predict(
             show_default="the network's; paper for a network of regions",
         ),
     ] = None,
+    names: Names = False,
     scheduler: Scheduler = None,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -343,10 +346,10 @@ def predict(
     if sessions := sessions_in(source, scheduler):
         if joints is not None:
             raise typer.BadParameter("--joints is for one session; its notes in each label set hold them")
-        one = partial(_predict, choices)
+        one = partial(_predict, choices, names)
         label_each("predict", one, sessions, out, EachOptions(scheduler, overwrite, json))
         return
-    opened = _opened(source, everybody)
+    opened = _opened(source, everybody, names)
     check_room(out, store.MANIFEST, overwrite, source, *given)
     work = choices.work(opened, out)
     clear(out, store.MANIFEST, overwrite, source, *given)
@@ -360,11 +363,11 @@ def predict(
     finish_run(result, run, json, f"{len(run.labels)} frames in {out}, {ms:.0f} ms each")
 
 
-def _predict(choices: PredictChoices, session: Path, out: Path) -> "Run":
-    return choices.work(open_source(session), out)(lambda _: None)
+def _predict(choices: PredictChoices, names: bool, session: Path, out: Path) -> "Run":
+    return choices.work(open_recording(session, names), out)(lambda _: None)
 
 
-def _opened(source: Path, everybody: bool) -> "LabelledFrames | Source":
+def _opened(source: Path, everybody: bool, names: bool) -> "LabelledFrames | Source":
     """Open labels or a recording; print what a recording lacks."""
     from annotate.labelset.labelled_frames import holds_frames, open_frames
     from eval.network.predict import check_one_person
@@ -377,7 +380,7 @@ def _opened(source: Path, everybody: bool) -> "LabelledFrames | Source":
         labels = open_frames(source)
         check_one_person(labels)
         return labels
-    frames = open_source(source)
+    frames = open_recording(source, names)
     say(*frames.notes, *doubts_of(frames))
     return frames
 

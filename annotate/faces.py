@@ -1,0 +1,150 @@
+"""Removal of faces from the colour images of a session, by the heads of its depth labels or by landmarks.
+
+A face becomes a few blurred cells. Constants are untuned.
+"""
+
+import json
+from abc import ABC, abstractmethod
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from annotate.array_types import Bool, Float64, UInt8
+from annotate.frame_labels import FrameLabels
+from annotate.labelset.label_set import MANIFEST, LabelSet
+from annotate.scheme.regions import Region
+from sensors.errors import CalibrationError, FormatError
+from sensors.files.bounded import read_bounded
+from sensors.files.natural_order import in_order
+from sensors.rig.camera import project, unproject
+from sensors.rig.frame import RigFrame
+from sensors.session.reader import Session
+
+CELLS = 4  # across the box of a head; the face is 3 of them wide, too few to recognise anybody
+MARGIN = 0.3  # of a head's side, by which its outline grows: hair without depth, motion between two images
+N_FACE = 11  # landmarks of the face, the first of 33 (Bazarevsky et al., arXiv:2006.10204)
+HEAD = 2.0  # side of a head over the widest distance of its landmarks from their mean
+QUALITY = 95  # of JPEG
+MAX_POSE_BYTES = 1 << 28
+
+
+class Heads(ABC):
+    """Outlines of the heads in the colour image of each frame."""
+
+    @abstractmethod
+    def outlines_px(self, index: int) -> list[Float64]:
+        """Return points (n, 2) about each head of a frame, column and row; none where no head is known."""
+
+
+class LabelledHeads(Heads):
+    """Heads of a label set, seen from the colour camera.
+
+    Raises CalibrationError without the colour camera's calibration, FormatError for labels of another camera.
+    """
+
+    def __init__(self, labels: LabelSet, session: Session) -> None:
+        camera, pose = session.calibration.color, session.calibration.color_from_depth
+        if camera is None or pose is None:
+            raise CalibrationError(
+                f"{session.path} lacks the calibration of its colour camera; give a pose file to --faces, or "
+                "strip --colour"
+            )
+        if labels.intrinsics.shape != session.calibration.depth.shape:
+            raise FormatError(f"{labels.path} has another image size than {session.path}; give its labels")
+        self._labels, self._camera, self._pose = labels, camera, pose
+        self._ids = set(labels.frame_ids)
+
+    def outlines_px(self, index: int) -> list[Float64]:
+        if (frame_id := f"{index:06d}") not in self._ids:
+            return []
+        frame = self._labels.read(frame_id)
+        points_m = unproject(self._labels.whole_image, frame.depth_mm.astype(np.float32) / 1000)
+        count, which = cv2.connectedComponents(head_of(frame).astype(np.uint8))
+        seen_px = [project(self._camera, self._pose.apply(points_m[which == n])) for n in range(1, count)]
+        in_front = [points_px[np.isfinite(points_px).all(axis=1)] for points_px in seen_px]
+        return [points_px for points_px in in_front if len(points_px)]
+
+
+class PosedHeads(Heads):
+    """Heads of a pose file (``people.json``: landmarks of each person by image, in the frames' order).
+
+    Raises FormatError for another file, or for another number of images than frames.
+    """
+
+    def __init__(self, path: Path, session: Session) -> None:
+        try:
+            known = json.loads(read_bounded(path, MAX_POSE_BYTES, "give a pose file"))
+            self._faces = [
+                [np.array(person, np.float64)[:N_FACE, :2] for person in known[name]]
+                for name in in_order(known)
+            ]
+        except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as error:
+            raise FormatError(f"{path} is not a pose file; give people.json or a label set") from error
+        if len(self._faces) != len(session):
+            raise FormatError(
+                f"{path} has {len(self._faces)} images, {session.path} has {len(session)} frames; give its "
+                "pose file"
+            )
+
+    def outlines_px(self, index: int) -> list[Float64]:
+        corners = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]) / 2
+        found = []
+        for face in self._faces[index]:
+            middle = face.mean(axis=0)
+            found.append(middle + HEAD * np.linalg.norm(face - middle, axis=1).max() * corners)
+        return found
+
+
+class FaceBlur:
+    """Function that returns a colour image without faces (``sensors.session.strip.Blur``).
+
+    An image without a known head is left out, because a face may be in it. Raises FormatError for a broken
+    image.
+    """
+
+    def __init__(self, session: Session, heads: Heads) -> None:
+        self._frames, self._heads = session.frame_of_color, heads
+
+    def __call__(self, stamp_ns: int, encoded: bytes) -> bytes | None:
+        index = self._frames.get(stamp_ns)
+        outlines = [] if index is None else self._heads.outlines_px(index)
+        if index is None or not outlines:
+            return None
+        image = RigFrame(index, stamp_ns, np.zeros((1, 1), np.uint16), encoded).decode_color()
+        assert image is not None
+        for outline in outlines:
+            blur_head(image, outline)
+        kind = ".png" if encoded.startswith(b"\x89PN") else ".jpg"
+        return cv2.imencode(kind, image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+
+
+def heads_of(path: Path, session: Session) -> Heads:
+    """Return the heads that a label set or a pose file names. Raises as the two classes do."""
+    if path.is_dir() or path.name == MANIFEST:
+        return LabelledHeads(LabelSet.open(path), session)
+    return PosedHeads(path, session)
+
+
+def head_of(frame: FrameLabels) -> Bool:
+    """Return the mask (h, w) of the part that holds the head, where there is depth."""
+    ids = frame.scheme.ids_of([Region.HEAD])
+    return np.isin(frame.parts, ids) & (frame.depth_mm > 0)
+
+
+def blur_head(image: UInt8, outline_px: Float64) -> None:
+    """Replace a head in an image (h, w, 3) by a few cells, in place. outline_px: points (n, 2) about it."""
+    low, high = outline_px.min(axis=0), outline_px.max(axis=0)
+    margin = MARGIN * float((high - low).max()) + 1
+    left, top = np.maximum(np.floor(low - margin), 0).astype(int)
+    right, bottom = np.minimum(np.ceil(high + margin) + 1, image.shape[1::-1]).astype(int)
+    if left >= right or top >= bottom:
+        return
+    box = image[top:bottom, left:right]
+    mask = np.zeros(box.shape[:2], np.uint8)
+    hull = cv2.convexHull(np.rint(outline_px - (left, top)).astype(np.int32))
+    cv2.fillConvexPoly(mask, hull, 255)
+    size = 2 * round(margin) + 1
+    mask = cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
+    cells = cv2.resize(box, (CELLS, CELLS), interpolation=cv2.INTER_AREA)
+    box[mask > 0] = cv2.resize(cells, box.shape[1::-1], interpolation=cv2.INTER_LINEAR)[mask > 0]
