@@ -11,7 +11,7 @@ import pytest
 from conftest import assert_refused, tree
 from mcap.records import Attachment
 
-from annotate.faces import FaceBlur, LabelledHeads, PosedHeads, blur_head, head_of
+from annotate.faces import FaceBlur, LabelledHeads, Outline, PosedHeads, blur, head_of, headless_of
 from annotate.labelset.label_set import LabelSet
 from sensors.errors import FormatError
 from sensors.session.mcap_records import contents_at, record_offsets
@@ -33,7 +33,7 @@ def named(rig_session, tmp_path) -> Path:
     with SessionWriter(path, source.calibration, f"{NAME} on a sofa", metadata=metadata) as writer:
         for frame in source:
             writer.write(replace(frame, infrared=frame.depth_mm))
-        writer.event(source.times_ns[0], f"{NAME.lower()} enters")
+        writer.event(int(source.times_ns[0]), f"{NAME.lower()} enters")
         picture = next(iter(source)).color_encoded
         number = writer._writer.register_channel("/webcam", "", 0, {"who": NAME})
         writer._writer.add_message(number, 1, picture, 1)
@@ -133,7 +133,9 @@ def test_the_heads_of_labels_are_blurred_in_colour_and_nothing_else(rig_session,
     for old, new in zip(source, Session(out), strict=True):
         before, after = old.decode_color(), new.decode_color()
         head = np.zeros(before.shape[:2], np.bool_)
-        for column, row in np.rint(np.concatenate(heads.outlines_px(old.index))).astype(int):
+        for column, row in np.rint(np.concatenate([o.points_px for o in heads.outlines(old.index)])).astype(
+            int
+        ):
             if 0 <= row < head.shape[0] and 0 <= column < head.shape[1]:
                 head[row, column] = True
         assert detail(after, head) < 0.1 * detail(before, head)
@@ -158,9 +160,9 @@ def test_landmarks_give_a_square_about_the_face(rig_session, tmp_path):
     people = {f"{n}.png": [face + [[0, 0, 0]] * 22] if n else [] for n in range(3)}
     (tmp_path / "people.json").write_text(json.dumps(people))
     heads = PosedHeads(tmp_path / "people.json", Session(rig_session))
-    assert heads.outlines_px(0) == []
-    (outline,) = heads.outlines_px(1)
-    np.testing.assert_allclose([outline.min(axis=0), outline.max(axis=0)], [(80, 30), (120, 70)])
+    assert heads.outlines(0) == []
+    ((corners_px, _),) = heads.outlines(1)
+    np.testing.assert_allclose([corners_px.min(axis=0), corners_px.max(axis=0)], [(80, 30), (120, 70)])
     (tmp_path / "people.json").write_text("[1]")
     with pytest.raises(FormatError, match="not a pose file"):
         PosedHeads(tmp_path / "people.json", Session(rig_session))
@@ -169,7 +171,16 @@ def test_landmarks_give_a_square_about_the_face(rig_session, tmp_path):
 def test_a_head_at_the_border_or_outside_is_no_error():
     image = np.random.default_rng(0).integers(0, 256, (40, 60, 3), np.uint8)
     same = image.copy()
-    blur_head(image, np.array([(-500.0, -500.0), (-480, -490)]))
+    blur(image, Outline(np.array([(-500.0, -500.0), (-480, -490)])))
     np.testing.assert_array_equal(image, same)
-    blur_head(image, np.array([(-10.0, -10.0), (10, -10), (10, 10), (-10, 10)]))
+    blur(image, Outline(np.array([(-10.0, -10.0), (10, -10), (10, 10), (-10, 10)])))
     assert (image[:8, :8] != same[:8, :8]).any() and (image[30:] == same[30:]).all()
+
+
+def test_people_without_a_labelled_head_are_blurred_whole(rig_session):
+    labels = LabelSet.open(truth_path(rig_session))
+    first = labels.read("000000")
+    assert headless_of(first) == []
+    persons = np.where((first.persons == 0) & (first.depth_mm > 0), np.uint8(2), first.persons)
+    (other,) = headless_of(replace(first, persons=persons))
+    np.testing.assert_array_equal(other, persons == 2)
