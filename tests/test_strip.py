@@ -14,6 +14,7 @@ from mcap.records import Attachment
 from annotate.faces import FaceBlur, LabelledHeads, Outline, PosedHeads, blur, head_of, headless_of
 from annotate.labelset.label_set import LabelSet
 from sensors.errors import FormatError
+from sensors.rig.rig_calibration import calibration_to_json
 from sensors.session.mcap_records import contents_at, record_offsets
 from sensors.session.messages import COLOR, INFRARED, SUBJECT, THERMAL
 from sensors.session.reader import Session
@@ -66,7 +67,7 @@ def test_a_copy_lacks_the_removed_images_and_holds_the_rest(named, tmp_path, top
         assert (new.infrared is None) == (INFRARED in topics)
         kept = None if THERMAL in topics else old.thermal_c
         assert new.thermal_c is kept is None or np.array_equal(new.thermal_c, kept, equal_nan=True)
-    assert Session(out).calibration == Session(named).calibration
+    assert calibration_to_json(Session(out).calibration) == calibration_to_json(Session(named).calibration)
     assert Session(out).events == Session(named).events and Session(out).subject == NAME
 
 
@@ -133,12 +134,11 @@ def test_the_heads_of_labels_are_blurred_in_colour_and_nothing_else(rig_session,
     for old, new in zip(source, Session(out), strict=True):
         before, after = old.decode_color(), new.decode_color()
         head = np.zeros(before.shape[:2], np.bool_)
-        for column, row in np.rint(np.concatenate([o.points_px for o in heads.outlines(old.index)])).astype(
-            int
-        ):
+        points_px = np.concatenate([one.points_px for one in heads.outlines(old.index)])
+        for column, row in np.rint(points_px).astype(int):
             if 0 <= row < head.shape[0] and 0 <= column < head.shape[1]:
                 head[row, column] = True
-        assert detail(after, head) < 0.1 * detail(before, head)
+        assert detail(after, head) < 0.2 * detail(before, head)
         side = int(np.ptp(np.argwhere(head), axis=0).max())
         far = cv2.dilate(head.astype(np.uint8), np.ones((2 * side + 1, 2 * side + 1))) == 0
         assert far.mean() > 0.5 and np.abs(after.astype(int) - before)[far].mean() < 2
