@@ -190,4 +190,5 @@ def blur(image: UInt8, outline: Outline) -> None:
     size = 2 * round(margin) + 1
     mask = cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
     cells = cv2.resize(box, (CELLS, CELLS), interpolation=cv2.INTER_AREA)
-    box[mask > 0] = cv2.resize(cells, box.shape[1::-1], interpolation=cv2.INTER_LINEAR)[mask > 0]
+    smooth = np.asarray(cv2.resize(cells, box.shape[1::-1], interpolation=cv2.INTER_LINEAR))
+    box[mask > 0] = smooth[mask > 0]

@@ -127,7 +127,7 @@ def test_the_gain_is_of_shares_that_other_folds_choose():
     even = gain_of(before, before + np.stack([steady, steady]), np.arange(4))
     half = 2.3534 * np.std(steady, ddof=1) / 2
     assert (even.low, even.high) == pytest.approx((0.025 - half, 0.025 + half), abs=1e-5)
-    assert even.is_certain
+    assert even.is_certain and even.sure == pytest.approx(0.9984, abs=1e-4)
 
 
 def test_the_interval_covers_the_mean_change():

@@ -36,7 +36,8 @@ class FrameKinds:
 
     def distance_m(self, frame: int) -> Float32:
         """Return the distance (n,) of all frames from one, by its index."""
-        return self.apart_m[self.kinds[frame]][self.kinds]
+        from_it: Float32 = self.apart_m[self.kinds[frame]]
+        return from_it[self.kinds]
 
 
 def thumbnail_m(depth_mm: UInt16) -> Float32:

@@ -20,7 +20,7 @@ def teaching_order(correction: Correction) -> list[str]:
     doubt = np.array([1 - (confidence_of(correction, i) or 0.0) for i in ids])
     left = np.array([i in free for i in ids])
     away = np.full(len(ids), np.inf)
-    for known in np.flatnonzero(~left):
+    for known in np.flatnonzero(~left).tolist():
         away = np.minimum(away, kinds.distance_m(known))
     order: list[str] = []
     while left.any():

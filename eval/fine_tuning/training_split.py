@@ -71,7 +71,7 @@ def folds(frames: Sequence[CorrectedFrame]) -> Int64:
         owner = [next(n for n, group in enumerate(people) if not group.isdisjoint(f.bodies)) for f in frames]
         return np.array(owner) % FOLDS
     apart_m = distances_m([thumbnail_m(frame.first.depth_mm) for frame in frames])
-    return apart_m[farthest_first(apart_m, FOLDS)].argmin(axis=0)
+    return np.asarray(apart_m[farthest_first(apart_m, FOLDS)].argmin(axis=0), np.int64)
 
 
 def _people(frames: Sequence[CorrectedFrame]) -> list[frozenset[str]]:

@@ -146,4 +146,4 @@ def _stripped(topic: str, message: Message, removal: Removal) -> bytes | None:
     if topic == COLOR and removal.blur:
         image = removal.blur(message.publish_time, color_from(message.data))
         return None if image is None else color_message(image, message.publish_time).SerializeToString()
-    return message.data
+    return bytes(message.data)
