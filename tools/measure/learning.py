@@ -1,9 +1,9 @@
 """Gain and harm of ``learn`` on simulated sets: ``python -m tools.measure.learning FOLDER``.
 
-A set has frames of one to three scenes with other people in each, labelled by a suit or by depth alone. The
-first frames of "Teaches most" get their true labels as corrections. The change that ``learn`` reports is
-compared with the true change of the frames that no one corrected. Finished sets are kept in
-FOLDER/results.jsonl; the same command continues.
+A set has frames of one to three scenes with another person in each, labelled by a suit or by depth alone.
+The first frames of "Most useful first" get their true labels as corrections. Each line has the change that
+``learn`` reports, and the true change on all other frames, also where ``learn`` refuses the network. Finished
+sets are kept in FOLDER/results.jsonl; the same command continues.
 """
 
 import argparse
@@ -15,6 +15,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -25,7 +26,8 @@ from annotate.effort.annotator import TOLERANCE_PX
 from annotate.label_recording import SuitLabeller, label_source
 from annotate.labelset.label_set import LabelSet
 from annotate.suit.palette import load_suit
-from eval.fine_tuning.fine_tune import FineTuned, fine_tune, fine_tuner_of
+from eval.fine_tuning.cross_validation import Gain
+from eval.fine_tuning.fine_tune import fine_tune, fine_tuner_of
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import PredictOptions
 from eval.network.predict_source import predict_source
@@ -137,12 +139,12 @@ def measured(mixture: Mixture, suit: bool, count: int, folder: Path) -> dict[str
     taught(labels, truth, count, work)
     shutil.rmtree(out, ignore_errors=True)
     known = LabelSet.open(work)
-    done: FineTuned = fine_tune(work, out, fine_tuner_of(known, session if suit else None, None), quiet)
-    free = LabelSet.open(done.labels).frame_ids if done.labels else []
-    before = agreements(known, truth, free)
-    after = agreements(LabelSet.open(done.labels), truth, free) if done.labels else []
-    change = np.subtract(after, before).mean() if free else 0.0
-    return {**asdict(done.gain), "accepted": done.labels is not None, "true_change": float(change)}
+    with patch.object(Gain, "is_certain", True):  # a refused network is measured too
+        done = fine_tune(work, out, fine_tuner_of(known, session if suit else None, None), quiet)
+    assert done.labels is not None
+    learnt = LabelSet.open(done.labels)
+    change = np.subtract(*(agreements(labels, truth, learnt.frame_ids) for labels in (learnt, known)))
+    return {**asdict(done.gain), "accepted": done.gain.is_certain, "true_change": float(change.mean())}
 
 
 def planned(seed: int, cast: Cast, frames: int) -> Iterator[tuple[Mixture, bool, int]]:
