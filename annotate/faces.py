@@ -188,7 +188,7 @@ def blur(image: UInt8, outline: Outline) -> None:
     hull = cv2.convexHull(np.rint(points_px - (left, top)).astype(np.int32))
     cv2.fillConvexPoly(mask, hull, 255)
     size = 2 * round(margin) + 1
-    mask = cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
+    near = cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))) > 0
     cells = cv2.resize(box, (CELLS, CELLS), interpolation=cv2.INTER_AREA)
     smooth = np.asarray(cv2.resize(cells, box.shape[1::-1], interpolation=cv2.INTER_LINEAR))
-    box[mask > 0] = smooth[mask > 0]
+    box[near] = smooth[near]

@@ -142,8 +142,10 @@ def _stripped(topic: str, message: Message, removal: Removal) -> bytes | None:
         return None
     if topic == EVENTS and removal.name:
         stamp_ns = message.publish_time
-        return event_message(stamp_ns, removal.text(event_from(message.data))).SerializeToString()
+        return bytes(event_message(stamp_ns, removal.text(event_from(message.data))).SerializeToString())
     if topic == COLOR and removal.blur:
         image = removal.blur(message.publish_time, color_from(message.data))
-        return None if image is None else color_message(image, message.publish_time).SerializeToString()
+        if image is None:
+            return None
+        return bytes(color_message(image, message.publish_time).SerializeToString())
     return bytes(message.data)
