@@ -124,7 +124,7 @@ def test_a_limb_a_metre_nearer_whose_votes_fall_short_belongs_to_the_trunk():
     trunk, leg = rng.normal((0, 0, 3), (0.15, 0.3, 0.08), (300, 3)), rng.normal((0, 0.4, 2), 0.1, (150, 3))
     points = np.concatenate([trunk, leg])
     middle = (points / points[:, 2:]).mean(axis=0) * points[:, 2].mean()
-    short = np.repeat([0.0, 0.4], (300, 150))[:, None] * (points - middle)
+    short = np.repeat([0.0, 0.6], (300, 150))[:, None] * (points - middle)
     votes = rng.normal(middle + short, 0.04)
     assert set(persons_by_votes(voters_of(votes, points))) == {1}
     # The same limb whose votes meet in itself is another person, a child for instance.
