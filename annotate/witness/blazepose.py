@@ -55,7 +55,7 @@ class BlazePose:
         pad = (side - width) / 2, (side - height) / 2
         # Shrunk by area before the cut, because the detector misses people in aliased images.
         small = cv2.resize(image, None, fx=(k := DETECTOR_PX / side), fy=k, interpolation=cv2.INTER_AREA)
-        out = self._detector(2 * _padded(small) - 1)
+        out = self._detector(2 * _padded(np.asarray(small, np.uint8)) - 1)
         score, raw = _sigmoid(out["Identity_1"][:, 0]), out["Identity"] / DETECTOR_PX
         sure = score >= LEAST
         score, raw, centre = score[sure], raw[sure], _anchors()[sure]

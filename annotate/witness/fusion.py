@@ -1,8 +1,9 @@
 """Fusion of a depth network's part probabilities with the distances of points from a witness's limbs.
 
-p(region | point) is proportional to p(part of the region | depth)^a times a likelihood of the point's
-distance d from the region's limb: exp(bias) (1 + (max(d - radius, 0) / spread)^2)^-weight, Student's t with a
-flat middle. ``tools.fit.witness`` fits the numbers on simulated people with a witness that errs.
+p(region | point) is proportional to q^trust, where q = (1 - doubt) p(part of the region | depth) + doubt / k,
+times a likelihood of the point's distance d from the region's limb: exp(bias)
+(1 + (max(d - radius, 0) / spread)^2)^-weight, Student's t with a flat middle. ``tools.fit.witness`` fits the
+numbers on simulated people with a witness that errs.
 """
 
 import json
@@ -18,7 +19,6 @@ from annotate.scheme.scheme import Scheme
 from annotate.witness.limbs import distances
 from annotate.witness.skeleton import HALF_THICK, JOINT, Skeleton
 
-LEAST = 1e-4  # of a depth network's probability, because its confident errors are not that rare; untuned
 UNKNOWN = -1.5  # log likelihood of a limb with unknown joints: between its own points and others; untuned
 HEAD_NEAR = 0.35  # trunks about a witness's head; untuned
 HEAD_LEAST = 0.3  # mean probability of the head there, below which the witness is wrong; untuned
@@ -31,7 +31,7 @@ KIND = np.array([KINDS.index(region.label.removeprefix("left_").removeprefix("ri
 @dataclass(frozen=True, eq=False)
 class Spreads:
     """Parameters by ``KINDS``: radius and spread in trunks, weight and bias; trust: exponent of the depth
-    network's probabilities.
+    network's probabilities; doubt: share of points at which any part is as likely.
     """
 
     radius: Float64
@@ -39,6 +39,7 @@ class Spreads:
     weight: Float64
     bias: Float64
     trust: float
+    doubt: float
 
     def log_likelihood(self, far: Float32, sd: Float32) -> Float32:
         """Return the log likelihood (n, 24) of distances (n, 24) with joints' uncertainty (24,), in trunks.
@@ -56,7 +57,7 @@ def shipped_spreads() -> Spreads:
     """Return the parameters that ship with the package."""
     fields = json.loads(files("annotate").joinpath("witness/spreads.json").read_text())
     rows = (np.array([fields["kinds"][kind][name] for kind in KINDS]) for name in _FIELDS)
-    return Spreads(*rows, trust=float(fields["trust"]))
+    return Spreads(*rows, trust=float(fields["trust"]), doubt=float(fields["doubt"]))
 
 
 _FIELDS = ("radius", "spread", "weight", "bias")
@@ -68,13 +69,18 @@ def fused(planes: Float32, own: Scheme, points_m: Float32, skeleton: Skeleton, s
     planes: probabilities (k, n) of the depth network's classes there, in the scheme ``own``.
     """
     likely = spreads.log_likelihood(*distances(points_m, skeleton))
-    return _normalised(spreads.trust * depth_evidence(planes, own) + likely.T)
+    chance = doubted(depth_chance(planes, own), own, spreads.doubt)
+    return _normalised(spreads.trust * np.log(chance) + likely.T)
 
 
-def depth_evidence(planes: Float32, own: Scheme) -> Float32:
-    """Return the log probability (24, n) of each region's part, from probabilities (k, n) by class."""
-    classes = own.class_table[own.table[1 : N_REGIONS + 1]]
-    return np.log(np.maximum(planes[classes], np.float32(LEAST)))
+def depth_chance(planes: Float32, own: Scheme) -> Float32:
+    """Return the probability (24, n) of each region's part, from probabilities (k, n) by class."""
+    return planes[own.class_table[own.table[1 : N_REGIONS + 1]]]
+
+
+def doubted(chance: Float32, own: Scheme, doubt: float) -> Float32:
+    """Return probabilities of parts mixed with the even distribution over the scheme's classes."""
+    return np.asarray((1 - doubt) * chance + doubt / len(own.class_ids), np.float32)
 
 
 def _normalised(score: Float32) -> Float32:

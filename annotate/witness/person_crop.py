@@ -49,7 +49,8 @@ class PersonCrop(NamedTuple):
 def upright(centre: Float64, rim: Float64) -> PersonCrop:
     """Return the crop of a circle about a person; rim: its point above the head."""
     dx, dy = rim - centre
-    return PersonCrop(*map(float, centre), 2 * WIDER * float(np.hypot(dx, dy)), float(np.arctan2(dx, -dy)))
+    x, y = map(float, centre)
+    return PersonCrop(x, y, 2 * WIDER * float(np.hypot(dx, dy)), float(np.arctan2(dx, -dy)))
 
 
 def crop_of_points(at_px: Float64) -> PersonCrop | None:
@@ -57,4 +58,5 @@ def crop_of_points(at_px: Float64) -> PersonCrop | None:
     if not len(at_px):
         return None
     low, high = at_px.min(axis=0) - 0.5, at_px.max(axis=0) + 0.5
-    return PersonCrop(*map(float, (low + high) / 2), WIDER * float((high - low).max()))
+    x, y = map(float, (low + high) / 2)
+    return PersonCrop(x, y, WIDER * float((high - low).max()))

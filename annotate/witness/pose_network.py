@@ -70,12 +70,12 @@ def shared(a: Float64, b: Float64) -> float:
     return float(both[0] / max(min(own, other[0]), 1e-9))
 
 
-def intersection(box: Float64, others: Float64) -> tuple[Float64, Float64, Float64]:
+def intersection(box: Float64, others: Float64) -> tuple[Float64, float, Float64]:
     """Return the shared area (n,) of a box (4,) with others (n, 4), and both areas.
 
     A box: left, top, right, bottom.
     """
     low, high = np.maximum(box[:2], others[:, :2]), np.minimum(box[2:], others[:, 2:])
     both = np.prod(np.maximum(high - low, 0), axis=-1)
-    own = np.prod(np.maximum(box[2:] - box[:2], 0))
+    own = float(np.prod(np.maximum(box[2:] - box[:2], 0)))
     return both, own, np.prod(np.maximum(others[:, 2:] - others[:, :2], 0), axis=1)

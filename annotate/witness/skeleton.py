@@ -137,14 +137,17 @@ def _trunk_m(points_m: Float64) -> float:
     """Return the length of the trunk from points (19, 3) on the surface: the second longest of its measures,
     because a view shortens bones and a point on another surface lengthens one.
     """
-    measures = [np.linalg.norm(points_m[JOINT["neck"]] - points_m[JOINT["pelvis"]])]
+    measures = [float(np.linalg.norm(points_m[JOINT["neck"]] - points_m[JOINT["pelvis"]]))]
     for kind, share in ACROSS.items():
         both = points_m[[JOINT[f"{side}_{kind}"] for side in ("left", "right")]]
-        measures.append(np.linalg.norm(both[0] - both[1]) / share)
+        measures.append(float(np.linalg.norm(both[0] - both[1])) / share)
     bones = (points_m[child] - points_m[parent] for parent, child, _ in _bones())
-    measures += [np.linalg.norm(bone) / length for bone, (*_, length) in zip(bones, _bones(), strict=True)]
+    measures += [
+        float(np.linalg.norm(bone)) / length for bone, (*_, length) in zip(bones, _bones(), strict=True)
+    ]
     known = sorted(one for one in measures if np.isfinite(one))
-    return float(np.clip(known[-2:][0] if known else np.mean(TRUNK_M), *TRUNK_M))
+    low_m, high_m = TRUNK_M
+    return min(max(known[-2:][0], low_m), high_m) if known else (low_m + high_m) / 2
 
 
 def _in_reach(parent: Float64, child: Float64, most_m: float) -> Float64:
@@ -155,9 +158,9 @@ def _in_reach(parent: Float64, child: Float64, most_m: float) -> Float64:
         return child
     ray = child / np.linalg.norm(child)
     middle = float(ray @ parent)
-    beside = np.linalg.norm(middle * ray - parent)
-    reach = np.sqrt(max(most_m**2 - beside**2, 0.0))
-    return ray * float(np.clip(np.linalg.norm(child), middle - reach, middle + reach))
+    beside = float(np.linalg.norm(middle * ray - parent))
+    reach = max(most_m**2 - beside**2, 0.0) ** 0.5
+    return ray * min(max(float(np.linalg.norm(child)), middle - reach), middle + reach)
 
 
 def _extend(placed: Float64, sd: Float64, before: int, wrist: int, hand: int) -> None:

@@ -2,8 +2,8 @@
 
 DATASET: of ``synth generate --scheme atlas``, training cast. A simulated witness gives each person's joints
 with errors (``WitnessErrors``), and the depth network gives its probabilities. The parameters of
-``annotate.witness.fusion.Spreads`` maximise the likelihood of the true regions. Half of the depth network's
-probabilities are made less sure, because on real rooms it is right in 0.47 to 0.94 of the joints only.
+``annotate.witness.fusion.Spreads`` maximise the likelihood of the true regions. In a third of the images some
+points have wrong probabilities by depth, because the network is right less often on real people.
 """
 
 import argparse
@@ -20,9 +20,10 @@ from annotate.array_types import Float32, UInt8
 from annotate.crop import crop_around, nearest_seen, normalize
 from annotate.labelset.cast_note import cast_of
 from annotate.labelset.labelled_frames import LabelledFrames, camera_of, open_frames, pinhole_of
+from annotate.parts import PAPER
 from annotate.scheme.regions import N_REGIONS, Region
 from annotate.scheme.scheme import Scheme
-from annotate.witness.fusion import KIND, KINDS, depth_evidence, head_by_depth
+from annotate.witness.fusion import KIND, KINDS, depth_chance, head_by_depth
 from annotate.witness.limbs import distances
 from annotate.witness.skeleton import Surface, skeleton_of
 from eval.network.body_state import BodyState
@@ -35,15 +36,16 @@ from tools.fit.witness_errors import NAMES, WitnessErrors
 PIXELS = 100  # of each person
 STEPS = 200
 PEOPLE = 70  # of each dataset
-BLUR = 0.5  # share of a wrong image's probabilities mixed in where the depth network is made unsure
+WRONG = 0.5  # most points of an image with wrong probabilities
 
 
 class Sample(NamedTuple):
-    """Points of people: distances and uncertainty (n, 24), depth evidence (n, 24), true region (n,)."""
+    """Points of people: distances and uncertainty (n, 24), probability of the
+    region's part by depth (n, 24), true region (n,)."""
 
     far: Float32
     sd: Float32
-    evidence: Float32
+    chance: Float32
     truth: UInt8
 
 
@@ -71,22 +73,22 @@ def samples(frames: LabelledFrames, network: OnnxNetwork, rng: np.random.Generat
             crop.paste(nearest_seen(depth > 0), mask.shape, 0).ravel()[chosen],
             points.reshape(-1, 3)[chosen],
         )
-        own = blurred(planes[0].reshape(len(planes[0]), -1)[:, pixel], network.own, rng)
+        own = disturbed(planes[0].reshape(len(planes[0]), -1)[:, pixel], network.own, rng)
         head = own[network.own.class_table[network.own.table[Region.HEAD]]]
         skeleton = head_by_depth(skeleton_of(landmarks, NAMES, surface), some, head)
         skeleton = skeleton.completed(state.joints_mm(camera) / 1000)
         far, sd = distances(some, skeleton)
-        evidence = depth_evidence(own, network.own).T
-        yield Sample(far, np.tile(sd, (PIXELS, 1)), evidence, frame.parts.ravel()[chosen])
+        chance = depth_chance(own, network.own).T
+        yield Sample(far, np.tile(sd, (PIXELS, 1)), chance, frame.parts.ravel()[chosen])
 
 
-def blurred(planes: Float32, own: Scheme, rng: np.random.Generator) -> Float32:
-    """Return probabilities (k, n), in every second image those of points that the network takes for others:
-    a part of them has the other side's or another point's probabilities.
+def disturbed(planes: Float32, own: Scheme, rng: np.random.Generator) -> Float32:
+    """Return probabilities (k, n); in a third of the images a part of the points has the other side's or
+    another point's probabilities.
     """
-    if rng.random() < 0.5:
+    if rng.random() < 2 / 3:
         return planes
-    wrong = rng.random(planes.shape[1]) < BLUR * rng.random()
+    wrong = rng.random(planes.shape[1]) < WRONG * rng.random()
     other = planes[own.twin_classes] if rng.random() < 0.3 else planes[:, rng.permutation(planes.shape[1])]
     return np.where(wrong, other, planes)
 
@@ -94,16 +96,18 @@ def blurred(planes: Float32, own: Scheme, rng: np.random.Generator) -> Float32:
 def fit(sample: Sample) -> dict[str, object]:
     """Return the parameters by kind that maximise the likelihood of the true regions."""
     n = len(KINDS)
-    far, sd, evidence = (torch.nan_to_num(torch.tensor(one), nan=9.0) for one in sample[:3])
+    far, sd, chance = (torch.nan_to_num(torch.tensor(one), nan=9.0) for one in sample[:3])
     truth, kind = torch.tensor(sample.truth.astype(np.int64)) - 1, torch.tensor(KIND)
     radius, spread = torch.full((n,), -2.5, requires_grad=True), torch.full((n,), -2.5, requires_grad=True)
     weight, bias = torch.zeros(n, requires_grad=True), torch.zeros(n, requires_grad=True)
-    trust = torch.tensor(-0.5, requires_grad=True)
-    all_of = [radius, spread, weight, bias, trust]
+    trust, doubt = torch.tensor(0.0, requires_grad=True), torch.tensor(-2.0, requires_grad=True)
+    all_of = [radius, spread, weight, bias, trust, doubt]
     optimiser = torch.optim.Adam(all_of, lr=0.1)
     for _ in range(STEPS):
         wide = torch.hypot(spread.exp()[kind], sd)
         off = torch.relu(far - radius.exp()[kind]) / wide
+        wrong = torch.sigmoid(doubt)
+        evidence = torch.log((1 - wrong) * chance + wrong / len(PAPER.class_ids))
         score = trust.exp() * evidence + bias[kind] - weight.exp()[kind] * torch.log1p(off**2)
         loss = torch.nn.functional.cross_entropy(score, truth)
         optimiser.zero_grad()
@@ -114,7 +118,7 @@ def fit(sample: Sample) -> dict[str, object]:
     named = zip(("radius", "spread", "weight", "bias"), rows, strict=True)
     by_name = {name: [round(value, 4) for value in row.tolist()] for name, row in named}
     kinds = {kind: {name: row[k] for name, row in by_name.items()} for k, kind in enumerate(KINDS)}
-    return {"trust": round(trust.exp().item(), 4), "kinds": kinds}
+    return {"trust": round(trust.exp().item(), 4), "doubt": round(wrong.item(), 4), "kinds": kinds}
 
 
 def main() -> None:
