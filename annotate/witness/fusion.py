@@ -56,11 +56,11 @@ class Spreads:
 def shipped_spreads() -> Spreads:
     """Return the parameters that ship with the package."""
     fields = json.loads(files("annotate").joinpath("witness/spreads.json").read_text())
-    rows = (np.array([fields["kinds"][kind][name] for kind in KINDS]) for name in _FIELDS)
-    return Spreads(*rows, trust=float(fields["trust"]), doubt=float(fields["doubt"]))
-
-
-_FIELDS = ("radius", "spread", "weight", "bias")
+    radius, spread, weight, bias = (
+        np.array([fields["kinds"][kind][name] for kind in KINDS], np.float64)
+        for name in ("radius", "spread", "weight", "bias")
+    )
+    return Spreads(radius, spread, weight, bias, float(fields["trust"]), float(fields["doubt"]))
 
 
 def fused(planes: Float32, own: Scheme, points_m: Float32, skeleton: Skeleton, spreads: Spreads) -> Float32:
@@ -70,7 +70,7 @@ def fused(planes: Float32, own: Scheme, points_m: Float32, skeleton: Skeleton, s
     """
     likely = spreads.log_likelihood(*distances(points_m, skeleton))
     chance = doubted(depth_chance(planes, own), own, spreads.doubt)
-    return _normalised(spreads.trust * np.log(chance) + likely.T)
+    return _normalised(np.float32(spreads.trust) * np.log(chance) + likely.T)
 
 
 def depth_chance(planes: Float32, own: Scheme) -> Float32:

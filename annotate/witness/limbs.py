@@ -76,7 +76,7 @@ def distances(points_m: Float32, skeleton: Skeleton) -> tuple[Float32, Float32]:
         (start, start_sd), (end, end_sd) = (_place(one, skeleton) for one in (segment.a, segment.b))
         a, b = (start + share * (end - start) for share in (segment.start, segment.end))
         bone = b - a
-        share = np.clip((points - a) @ bone / max(bone @ bone, 1e-9), 0, 1)
+        share = np.clip((points - a) @ bone / max(float(bone @ bone), 1e-9), 0, 1)
         off = points - (a + share[:, None] * bone)
         along = np.einsum("ij,ij->i", off, rays)
         square = np.einsum("ij,ij->i", off, off) - (1 - ALONG**2) * along**2

@@ -40,7 +40,7 @@ def person_outline(
 
 def _inner(shown: Bool, border_px: float) -> Bool:
     """Return the pixels (h, w) of a mask off its border, where depth mixes surfaces; all of a thin mask."""
-    size = 2 * round(border_px) + 1
+    size = 2 * round(border_px / 3) + 1
     inner = cv2.erode(shown.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
     return np.asarray(inner, np.bool_) if inner.sum() >= LEAST_PX else shown
 

@@ -160,7 +160,7 @@ def _in_reach(parent: Float64, child: Float64, most_m: float) -> Float64:
     middle = float(ray @ parent)
     beside = float(np.linalg.norm(middle * ray - parent))
     reach = max(most_m**2 - beside**2, 0.0) ** 0.5
-    return ray * min(max(float(np.linalg.norm(child)), middle - reach), middle + reach)
+    return np.asarray(ray * min(max(float(np.linalg.norm(child)), middle - reach), middle + reach))
 
 
 def _extend(placed: Float64, sd: Float64, before: int, wrist: int, hand: int) -> None:
