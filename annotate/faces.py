@@ -30,6 +30,7 @@ N_FACE = 11  # landmarks of the face, the first of 33 (Bazarevsky et al., arXiv:
 HEAD = 2.0  # side of a head over the widest distance of its landmarks from their mean
 QUALITY = 95  # of JPEG
 MAX_POSE_BYTES = 1 << 28
+FAR_PX = 1e5  # from the image's corner; landmarks farther away are damage
 
 
 class Outline(NamedTuple):
@@ -94,14 +95,7 @@ class PosedHeads(Heads):
     """
 
     def __init__(self, path: Path, session: Session) -> None:
-        try:
-            known = json.loads(read_bounded(path, MAX_POSE_BYTES, "give a pose file"))
-            self._faces = [
-                [np.array(person, np.float64)[:N_FACE, :2] for person in known[name]]
-                for name in in_order(known)
-            ]
-        except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as error:
-            raise FormatError(f"{path} is not a pose file; give people.json or a label set") from error
+        self._faces = read_faces(path)
         if len(self._faces) != len(session):
             raise FormatError(
                 f"{path} has {len(self._faces)} images, {session.path} has {len(session)} frames; give its "
@@ -109,13 +103,7 @@ class PosedHeads(Heads):
             )
 
     def outlines(self, index: int) -> list[Outline]:
-        corners = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]) / 2
-        found = []
-        for face in self._faces[index]:
-            middle = face.mean(axis=0)
-            side = HEAD * np.linalg.norm(face - middle, axis=1).max()
-            found.append(Outline(middle + side * corners))
-        return found
+        return [square_about(face) for face in self._faces[index]]
 
 
 class FaceBlur:
@@ -159,6 +147,26 @@ def heads_of(path: Path, session: Session) -> Heads:
     return PosedHeads(path, session)
 
 
+def read_faces(path: Path) -> list[list[Float64]]:
+    """Return the landmarks (n, 2) of each face in each image of a pose file. Raises FormatError."""
+    try:
+        known = json.loads(read_bounded(path, MAX_POSE_BYTES, "give a pose file"))
+        faces = [[np.array(one, np.float64)[:N_FACE, :2] for one in known[name]] for name in in_order(known)]
+    except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as error:
+        raise FormatError(f"{path} is not a pose file; give people.json or a label set") from error
+    for face in (face for image in faces for face in image):
+        if face.shape != (N_FACE, 2) or not (np.abs(face) < FAR_PX).all():
+            raise FormatError(f"{path} has impossible landmarks; give people.json or a label set")
+    return faces
+
+
+def square_about(face: Float64) -> Outline:
+    """Return the square about a face's landmarks (n, 2)."""
+    middle = face.mean(axis=0)
+    side = HEAD * np.linalg.norm(face - middle, axis=1).max()
+    return Outline(middle + side / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]))
+
+
 def head_of(frame: FrameLabels) -> Bool:
     """Return the mask (h, w) of the part that holds the head, where there is depth."""
     ids = frame.scheme.ids_of([Region.HEAD])
@@ -178,7 +186,7 @@ def blur(image: UInt8, outline: Outline) -> None:
     """Replace the inside of an outline in an image (h, w, 3) by a few cells, in place."""
     points_px = outline.points_px
     low, high = points_px.min(axis=0), points_px.max(axis=0)
-    margin = outline.margin * float((high - low).max()) + 1
+    margin = outline.margin * min(float((high - low).max()), max(image.shape)) + 1
     left, top = np.maximum(np.floor(low - margin), 0).astype(int)
     right, bottom = np.minimum(np.ceil(high + margin) + 1, image.shape[1::-1]).astype(int)
     if left >= right or top >= bottom:

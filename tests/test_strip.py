@@ -11,7 +11,16 @@ import pytest
 from conftest import assert_refused, tree
 from mcap.records import Attachment
 
-from annotate.faces import FaceBlur, LabelledHeads, Outline, PosedHeads, blur, head_of, headless_of
+from annotate.faces import (
+    FaceBlur,
+    LabelledHeads,
+    Outline,
+    PosedHeads,
+    blur,
+    head_of,
+    headless_of,
+    read_faces,
+)
 from annotate.labelset.label_set import LabelSet
 from sensors.errors import FormatError
 from sensors.rig.rig_calibration import calibration_to_json
@@ -163,9 +172,10 @@ def test_landmarks_give_a_square_about_the_face(rig_session, tmp_path):
     assert heads.outlines(0) == []
     ((corners_px, _),) = heads.outlines(1)
     np.testing.assert_allclose([corners_px.min(axis=0), corners_px.max(axis=0)], [(80, 30), (120, 70)])
-    (tmp_path / "people.json").write_text("[1]")
-    with pytest.raises(FormatError, match="not a pose file"):
-        PosedHeads(tmp_path / "people.json", Session(rig_session))
+    for text, why in (("[1]", "not a pose"), ('{"0.png": [[[1e9, 0]]]}', "impossible"), ('{"0": [[]]}', "")):
+        (tmp_path / "people.json").write_text(text)
+        with pytest.raises(FormatError, match=why):
+            read_faces(tmp_path / "people.json")
 
 
 def test_a_head_at_the_border_or_outside_is_no_error():
