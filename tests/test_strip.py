@@ -174,7 +174,7 @@ def test_landmarks_give_a_square_about_the_face(rig_session, tmp_path):
     np.testing.assert_allclose([corners_px.min(axis=0), corners_px.max(axis=0)], [(80, 30), (120, 70)])
     for text in ("[1]", '{"0": [[]]}', json.dumps({"0": [[[1e9, 0, 1]] * 33]})):
         (tmp_path / "people.json").write_text(text)
-        with pytest.raises(FormatError, match="pose file|landmarks"):
+        with pytest.raises(FormatError, match=r"pose file|landmarks"):
             read_faces(tmp_path / "people.json")
 
 
