@@ -55,7 +55,7 @@ class Surface(NamedTuple):
     camera. camera: the colour camera. depth_from_color: pose of the depth camera.
     """
 
-    at_px: Float32
+    at_px: Float64
     ahead_m: Float32
     camera: Intrinsics
     depth_from_color: Pose

@@ -179,7 +179,7 @@ def _placed(state: BodyState, skeleton: Skeleton, cloud: ColouredCloud) -> BodyS
     """Return the state with the skeleton's joints, and the facing that follows from them."""
     joints_m, camera = skeleton.joints_m[:N_JOINTS], cloud.cloud.camera
     at = np.column_stack([project(camera, joints_m), 1000 * joints_m[:, 2]])
-    known = np.isfinite(at).all(axis=1)
-    joints_px = np.where(known[:, None], at, state.joints_px)
+    known = np.isfinite(at).all(axis=1, keepdims=True)
+    joints_px = np.where(known, at, state.joints_px)
     placed = replace(state, joints_px=joints_px, joints_sd=None, joints_seen=None)
     return placed.faced_by_joints(camera)

@@ -53,10 +53,8 @@ class SuitAndColourLabeller:
             return by_suit, person
         both = (by_suit.confidence > 0) & (by_colour.confidence > 0)
         parts, sure = by_suit.parts.copy(), by_suit.confidence.copy()
-        parts[both], sure[both] = product(
-            *((one.parts[both], one.confidence[both]) for one in (by_suit, by_colour)),
-            len(self.scheme.body_classes),
-        )
+        first, second = ((one.parts[both], one.confidence[both]) for one in (by_suit, by_colour))
+        parts[both], sure[both] = product(first, second, len(self.scheme.body_classes))
         return replace(by_suit, parts=parts, confidence=sure, bearing=by_colour.bearing), person
 
 
