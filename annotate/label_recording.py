@@ -1,6 +1,4 @@
-"""Label the frames of a recording: fuse each frame to a cloud, detect its persons, label their parts, store
-the result.
-"""
+"""Label the frames of a recording: fuse each to a cloud, detect its persons, label their parts, store all."""
 
 import shutil
 from collections import deque
@@ -21,6 +19,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.cast_note import cast_note
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.label_set import LabelSet, as_read
+from annotate.labelset.nameless import person_code
 from annotate.labelset.scheme_note import scheme_note
 from annotate.labelset.source_recording import recording_entry
 from annotate.person.extract import PersonDetection, PersonMask
@@ -173,13 +172,17 @@ def label_source(
     source: FrameSource, labeller: SuitLabeller, out: Path, progress: Callable[[int], None]
 ) -> Run:
     """Label every frame of ``source`` into the label set ``out``; arguments and errors as in ``run``."""
+    return run(source, {"label": suit_step(labeller)}, out, labeller, progress)
+
+
+def suit_step(labeller: SuitLabeller) -> dict[str, Any]:
+    """Return the entry of a label set's manifest about the labels by a suit."""
     suit, window_c = labeller.suit, labeller.window_c
-    step = {
+    return {
         "suit": suit_to_toml(suit) if suit else None,
         "window_c": list(window_c) if window_c else None,
         "weights_sha256": (labeller.network or shipped_suit_network()).sha256,
     }
-    return run(source, {"label": step}, out, labeller, progress)
 
 
 def run(
@@ -214,7 +217,7 @@ def _run(
     progress: Callable[[int], None],
 ) -> list[tuple[str, str]]:
     """Label all frames that have no labels yet; return (frame id, reason) of the failed frames."""
-    done = set(labels.frame_ids)
+    done, subject = set(labels.frame_ids), source.subject if source.named else person_code(source.subject)
     failed: list[tuple[str, str]] = []
     before: FrameLabels | None = None
 
@@ -241,7 +244,7 @@ def _run(
                     before = None
                     progress(1)
                 else:
-                    labelled = replace(labelled, subject=source.subject)
+                    labelled = replace(labelled, subject=subject)
                     unwritten.append(writers.submit(labels.write, labelled, result.probabilities))
                     before = as_read(labelled)
             while unwritten and (len(unwritten) > MOST_UNWRITTEN or unwritten[0].done()):

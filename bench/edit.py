@@ -25,7 +25,7 @@ ROUNDS = 25
 
 
 def median_s(action, rounds=ROUNDS):
-    """Median seconds of an action given its round; the first, which loads the kernels, left out."""
+    """Return the median seconds of an action, called with its round; round 0, which compiles, is left out."""
     times = []
     for i in range(rounds + 1):
         start = time.perf_counter()
@@ -35,13 +35,13 @@ def median_s(action, rounds=ROUNDS):
 
 
 def lasso(i):
-    """A lasso of 60 corners, somewhere else every time."""
+    """Return a lasso of 60 corners, at another place in each round."""
     angle = np.linspace(0, 2 * np.pi, 60)
     return np.stack([500 + 3 * i + 130 * np.cos(angle), 420 + 110 * np.sin(angle)], axis=1)
 
 
 def actions(editor: Editor, view: select.ScreenPoints, pieces):
-    """Return the actions of a person by name; each takes its round."""
+    """Return the actions of an annotator by name; each is called with the number of its round."""
     at = int(np.flatnonzero((pieces >= 0) & (editor.parts == 2))[0])
     piece = select.supervoxel(pieces, editor.parts, at)
     everywhere = np.arange(editor.parts.size)
@@ -71,7 +71,7 @@ def actions(editor: Editor, view: select.ScreenPoints, pieces):
 
 
 def open_s(path: Path, frame_id: str) -> float:
-    """Seconds to open a label set that a killed session left, and an editor on its frame."""
+    """Return the seconds that opening a label set of a killed session takes, with an editor on its frame."""
     start = time.perf_counter()
     with Correction.open(path, "bench") as correction:
         correction.edit(frame_id)
@@ -79,7 +79,7 @@ def open_s(path: Path, frame_id: str) -> float:
 
 
 def bench():
-    """Rows (what, seconds, naive seconds); medians."""
+    """Return rows of medians: (name, seconds, seconds of the naive way)."""
     rig = VirtualRig(2, 1, "hard", 77)
     camera = Fuser(rig.calibration).camera
     rows = []

@@ -26,7 +26,7 @@ CALIBRATION = RigCalibration(
 
 
 def random_scene(seed, calibration=CALIBRATION):
-    """Hills with boxes before them, holes, a random colour and a smooth thermal image."""
+    """Return images of hills with boxes in front: depth with holes, random colours, smooth temperatures."""
     rng = np.random.default_rng(seed)
     height, width = calibration.depth.shape
     hills = cv2.GaussianBlur(rng.random((height, width), F), (0, 0), width / 30)
@@ -42,7 +42,7 @@ def random_scene(seed, calibration=CALIBRATION):
 
 
 def fuse_naive(calibration, depth_mm, color_rgb, thermal_c):
-    """Fusion with whole-array NumPy: what ``Fuser.fuse`` must equal."""
+    """Fuse with whole-array NumPy, as the naive twin of ``Fuser.fuse``."""
     camera = calibration.depth.undistorted()
     source = undistortion_index(calibration.depth)
     undistorted = np.where(source >= 0, depth_mm.ravel()[source], 0).astype(np.uint16)
@@ -63,7 +63,7 @@ def fuse_naive(calibration, depth_mm, color_rgb, thermal_c):
 
 
 def _view(other, pose, points, window, slacks):
-    """Project points of (camera, metres); return places, metres ahead, slack, visibility and z-buffers."""
+    """Project points (camera, metres); return pixels, distance along z, tolerance, visibility, z-buffers."""
     (camera, z), (tolerance, reach) = points, slacks
     turned = np.einsum("ij,hwj->ihw", pose.rotation, rays(camera)).astype(F)
     t = pose.translation_m.astype(F)
@@ -92,7 +92,7 @@ def _pixel(coordinate):
 
 
 def _slope(z):
-    """The lesser difference to each side, across plus down; 0 beside a gap and on the border."""
+    """Return the smaller difference to a neighbour, by row plus by column; 0 beside gaps and borders."""
     slope = np.zeros_like(z)
     inner = z[1:-1, 1:-1]
     left, right = abs(z[1:-1, :-2] - inner), abs(z[1:-1, 2:] - inner)
@@ -102,7 +102,7 @@ def _slope(z):
 
 
 def _bilinear(image, u, v, seen, depth):
-    """Bilinear mean over the pixels with a reading that show the point's own surface alone."""
+    """Return the bilinear mean over pixels that have a reading and show only the point's surface."""
     nearest, front, image = (np.pad(plane, 1, constant_values=np.nan) for plane in (*depth[2:], image))
     ahead, slack = depth[:2]
     x, y, z = u[seen] + F(1), v[seen] + F(1), ahead[seen]
@@ -122,7 +122,7 @@ def _bilinear(image, u, v, seen, depth):
 
 
 def median_seconds(call: Callable[[], object], repeats: int) -> float:
-    """Median wall time of ``repeats`` calls, after one that compiles."""
+    """Return the median wall time of ``repeats`` calls, after one call that compiles."""
     call()
     times = []
     for _ in range(repeats):
@@ -133,7 +133,7 @@ def median_seconds(call: Callable[[], object], repeats: int) -> float:
 
 
 def bench() -> list[tuple[str, float, float]]:
-    """(name, seconds a frame, seconds of the naive way), full Kinect v2 and Optris sizes."""
+    """Return rows (name, seconds a frame, seconds of the naive way) at the sizes of Kinect v2 and Optris."""
     depth, color, thermal = random_scene(0)
     fuser = Fuser(CALIBRATION)
     return [

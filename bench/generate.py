@@ -26,7 +26,7 @@ from synth.surface.rasterize import rasterize
 IMAGES = 2048
 WORKERS = 2
 SETS = ("sitting-train", "recumbent", "standing", "people")
-"""Naked people before a Kinect v2; then dressed ones through drawn sensors."""
+"""Naked people in front of a Kinect v2; then dressed people through drawn sensors."""
 BLENDER_S = 1 / 6.6
 """Seconds of Blender 5.0.1 (bpy) for the depth of one posed body: Cycles, 1 sample, emission materials, depth
 pass to EXR, 512 x 424, two cores; measured once."""
@@ -45,12 +45,12 @@ def scenes(sample, people=paper_person, number=24):
 
 
 def in_camera(scene):
-    """Vertices (V, 3) in the camera frame."""
+    """Return the draped vertices (V, 3) of a scene of ``scenes`` in the camera frame."""
     return scene[3].apply(scene[1]).astype(np.float32)
 
 
 def per_item(call, items):
-    """Seconds of wall time a call, the first one not counted: it compiles."""
+    """Return the wall time of a call in seconds, without the first call, which compiles."""
     call(items[0])
     start = time.perf_counter()
     for item in items:
@@ -59,7 +59,7 @@ def per_item(call, items):
 
 
 def ray_cast(faces):
-    """A function from vertices to Open3D's depth and faces over the whole 512 x 424 image, on all cores."""
+    """Return a function that renders vertices with Open3D: depth and faces, 512 x 424 pixels, all cores."""
     directions = rays(KINECT2_PINHOLE).astype(np.float32)
     all_rays = o3d.core.Tensor(np.concatenate([np.zeros_like(directions), directions], axis=2))
 
@@ -72,7 +72,7 @@ def ray_cast(faces):
 
 
 def finished(name):
-    """Seconds a finished sample takes: pose, skin, render, noise, crop, encode, write; and its bytes."""
+    """Return the seconds and bytes of a finished sample: pose, skin, render, noise, crop, encode, write."""
     with tempfile.TemporaryDirectory() as folder, processes(WORKERS) as workers:
         # The workers start and load compiled code first, as in any run that is long enough to matter.
         warm_up = Order(PRESETS[name], 2 * WORKERS * 16, 1, shard_frames=16)
@@ -85,7 +85,7 @@ def finished(name):
 
 
 def bench() -> list[tuple[str, float, float]]:
-    """(name, seconds an image, seconds of Open3D's ray caster for the bare depth of it)."""
+    """Return rows (name, seconds an image, seconds of Open3D's ray caster for its depth alone)."""
     seated = scenes(sitting)
     faces, points = seated[0][0].faces, [in_camera(scene) for scene in seated]
     cast = per_item(ray_cast(faces), points[:6])

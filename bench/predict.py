@@ -32,7 +32,7 @@ CROPS, RECORDED = 64, 5
 
 
 class Silent(OnnxNetwork):
-    """Network whose outputs are computed once: the rest of the time is the work around it."""
+    """Network that returns stored outputs, so that only the work around a network takes time."""
 
     @cache  # noqa: B019
     def _outputs(self, n):
@@ -46,8 +46,8 @@ def paper_network(folder):
     """Return the paper's FCN with random weights, exported: 135 million parameters, 540 MB."""
     import torch
 
+    from eval.architecture.reference_networks import PaperFcn
     from eval.network.onnx_export import export_network
-    from eval.network.reference_networks import PaperFcn
 
     torch.manual_seed(0)
     export_network(PaperFcn(), folder / "paper.onnx")
@@ -55,7 +55,7 @@ def paper_network(folder):
 
 
 def segment_naive(network, depth_mm, person):
-    """Pixel by pixel in Python: every class's plane spread over the image, decided afterwards."""
+    """Label pixel by pixel in Python: enlarge every class to the image, then take the most likely class."""
     mask = person & (depth_mm > 0)
     crop = crop_around(mask)
     depth = np.zeros((SIZE, SIZE), np.float32)

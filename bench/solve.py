@@ -24,7 +24,7 @@ TRIALS = (
 
 
 def bench() -> list[tuple[str, float, float]]:
-    """Name, seconds of processor time a frame, and the naive way's, for each trial that is there."""
+    """Return rows (trial, processor seconds a frame, the same of the naive way) of the trials on disk."""
     truth = synthesise(0, 60)
     solve(truth.moving, truth.static)  # compiles
     naive, rows = naive_seconds(), []
@@ -42,7 +42,7 @@ def bench() -> list[tuple[str, float, float]]:
 
 
 def naive_seconds() -> float:
-    """Seconds of processor time of SciPy's least squares with numeric derivatives on one frame."""
+    """Return the processor seconds of SciPy's least squares with numeric derivatives on one frame."""
     markerset = plug_in_gait()
     template = Template.of(markerset)
     subject = template.subject(template.shape(1.0))

@@ -29,7 +29,7 @@ FRAMES = 8
 
 
 def bench() -> list[tuple[str, float, float]]:
-    """Rows (what, seconds, seconds allowed), from a process of its own, on an Xvfb without a screen."""
+    """Return rows (name, seconds, seconds allowed), measured in a process of its own on Xvfb."""
     command = [sys.executable, "-m", "bench.window"]
     if not os.environ.get("DISPLAY"):
         if not shutil.which("xvfb-run"):
@@ -41,7 +41,7 @@ def bench() -> list[tuple[str, float, float]]:
 
 
 def main() -> None:
-    """Measure, and print one line for each."""
+    """Measure every action and print a line for each."""
     with tempfile.TemporaryDirectory() as folder:
         for shape, what in (((424, 512), "217,088 points"), ((1000, 1000), "1,000,000 points")):
             path = Path(folder) / str(shape[0])
@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def made_set(path: Path, shape: tuple[int, int], frames: int) -> int:
-    """A wall and a bulging figure of about 20,000 pixels in front of it; returns their number."""
+    """Write a wall and a rounded figure in front of it; return the figure's pixels, about 20,000."""
     height, width = shape
     focal = 0.713 * width
     labels = LabelSet.create(path, Intrinsics(width, height, focal, focal, width / 2, height / 2), {})
@@ -62,7 +62,7 @@ def made_set(path: Path, shape: tuple[int, int], frames: int) -> int:
 
 
 def figure(height: int, width: int, shift: float) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
-    """Depth and parts: eleven ellipsoids arranged like a body."""
+    """Return depth and parts of eleven ellipsoids arranged like a body."""
     v, u = np.mgrid[:height, :width] / height
     u = u - width / height / 2 - shift
     depth = np.full((height, width), 3000.0)
@@ -80,7 +80,7 @@ def figure(height: int, width: int, shift: float) -> tuple[NDArray[np.uint16], N
 
 
 def measured(path: Path, small: bool) -> Iterator[tuple[str, float, float]]:
-    """Strokes, moves and next frames, from the event to the screen."""
+    """Measure strokes, pointer moves and next frames, from the event to the screen."""
     from PySide6.QtCore import QPoint, Qt
     from PySide6.QtTest import QTest
 
@@ -133,7 +133,7 @@ def measured(path: Path, small: bool) -> Iterator[tuple[str, float, float]]:
 
 
 def noting_application() -> Any:
-    """A new application. longest_s: CPU seconds of its thread in the longest event since this was set."""
+    """Application that measures its events. longest_s: CPU seconds of the longest event since a reset."""
     from PySide6.QtWidgets import QApplication
 
     class Noting(QApplication):
@@ -153,13 +153,13 @@ def noting_application() -> Any:
 
 
 def repeated(action: Callable[[int], None], times: int) -> None:
-    """One after the other."""
+    """Run actions one after the other."""
     for i in range(times):
         action(i)
 
 
 def timed(app: Any, action: Callable[[], None]) -> float:
-    """Seconds until everything that an action asks for is done, repaints included."""
+    """Return the seconds until an action and its repaints are done."""
     started = time.perf_counter()
     action()
     app.processEvents()

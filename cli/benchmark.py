@@ -58,7 +58,9 @@ def joints(
     from sensors.importers.open_source import doubts_of, open_source
 
     path = truth or recording / JOINTS_FILE
-    check_there(path, *([weights] if weights else []))
+    check_there(recording, *([weights] if weights else []))
+    if not truth and not path.is_file():
+        raise FormatError(f"{recording} has no {JOINTS_FILE}; give --truth FILE")
     source = open_source(recording)
     given = read_joint_truth(source, path)
     for note in (*source.notes, *doubts_of(source)):

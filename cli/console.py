@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 Json = Annotated[bool, Option("--json", help="Print one JSON object on stdout.")]
 Overwrite = Annotated[bool, Option("--overwrite", help="Replace existing output.")]
+Names = Annotated[bool, Option("--names", help="Keep names of people in place of codes.")]
 
 LINE_SECONDS = 5.0  # s between two lines of progress without a terminal; untuned
 WIDTH = 110  # columns of a table without a terminal; untuned

@@ -18,7 +18,7 @@ COSTS = {
     "train": "no training (train, train-labels, learn); predict works",
     "smp": "no training of networks from segmentation-models-pytorch (train --network smp)",
     "benchmark": "no ITOP (benchmark itop); benchmark joints works",
-    "colour": "no people on RGB-D recordings by a colour network (tools.measure.colour_people)",
+    "colour": "no labels by a colour network (label --by colour)",
     "cluster": "no work on several machines (synth generate, label, predict, evaluate with --scheduler)",
     "kinect": "no Azure Kinect as a device; its recordings can be imported",
     "realsense": "no RealSense cameras as devices; their recordings can be imported",

@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,16 +14,21 @@ from typing import Any
 import typer
 
 from annotate.cloud.coarse import CoarseCloud
+from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import SuitLabeller, label_cloud
 from annotate.live.live_frame import BodyPose, Labelling, LiveFrame, Rig
 from annotate.live.pipeline import LivePipeline
+from annotate.person.extract import PersonMask
+from annotate.segmentation.segmented_person import Segmentation
 from annotate.segmentation.suit_network import shipped_suit_network
 from annotate.suit.palette import Suit
 from cli.console import finish, say
 from cli.extras import needing
-from eval.network.body_state import BodyState, joint_row
+from eval.network.body_state import BodyState, joint_quality, joint_row
+from eval.network.joint_filter import filter_joints
 from eval.network.onnx_network import OnnxNetwork
+from eval.network.posture_model import with_posture
 from eval.network.predict_source import NetworkLabeller
 from eval.network.side_smoothing import sided_by_parts
 from eval.scores.joints import BONES, JOINT, JOINT_NAMES
@@ -159,6 +164,7 @@ def print_joints(frame: LiveFrame) -> None:
             "posture": pose.posture,
             "posture_sure": round(pose.posture_sure, 3),
             "joints_mm": joint_row(pose.joints_m * 1000),
+            **pose.joint_quality,
         }
     row["complaints"] = {warning.kind: warning.text for warning in frame.warnings}
     print(json_text.dumps(row), flush=True)
@@ -174,27 +180,33 @@ def labelling_by(suit: Suit | None) -> Labelling:
     network = network.in_scheme(network.usual_scheme)
     if suit is None:
         coarse = NetworkLabeller(network, single_pass=True)
-        return Labelling(
-            lambda cloud, before: label_cloud(coarse, CoarseCloud.of(cloud), before),
-            lambda labels, camera: _body_pose(BodyState.from_note(labels.notes.get("bearing")), camera),
-        )
+        return Labelling(lambda cloud, before: label_cloud(coarse, CoarseCloud.of(cloud), before), _body_pose)
     labeller = SuitLabeller(suit, shipped_suit_network().for_suit(suit), single_pass=True)
-    return Labelling(partial(label_cloud, labeller), partial(_suit_body_pose, network))
+    return Labelling(partial(_suit_labels, labeller, network), _body_pose)
 
 
-def _suit_body_pose(network: OnnxNetwork, labels: FrameLabels, camera: Intrinsics) -> BodyPose | None:
-    """Return the network's body pose of a person, with left and right corrected by the suit's parts."""
-    assert labels.persons is not None
-    state = BodyState.from_note(network.segment(labels.depth_mm, labels.persons == 1).bearing)
-    return _body_pose(state and sided_by_parts(state, labels).faced_by_joints(camera), camera)
+def _suit_labels(
+    labeller: SuitLabeller, network: OnnxNetwork, cloud: ThermalCloud, before: FrameLabels | None
+) -> tuple[Segmentation, PersonMask]:
+    """Return labels by the suit, with the network's joints, whose sides the suit's parts correct."""
+    result, person = label_cloud(labeller, cloud, before)
+    state = BodyState.from_note(network.segment(cloud.depth_mm, person.mask).bearing)
+    if state is None:
+        return result, person
+    labels = FrameLabels("", cloud.depth_mm, result.parts, scheme=result.scheme)
+    state = with_posture(state, (cloud.depth_mm, person.mask), cloud.camera)
+    bearing = sided_by_parts(state, labels).faced_by_joints(cloud.camera).note()
+    return filter_joints(replace(result, bearing=bearing), before, cloud.camera, cloud.stamp_ns), person
 
 
-def _body_pose(state: BodyState | None, camera: Intrinsics) -> BodyPose | None:
+def _body_pose(labels: FrameLabels, camera: Intrinsics) -> BodyPose | None:
+    state = BodyState.from_note(labels.notes.get("bearing"))
     if state is None:
         return None
     joints_m, posture_sure = state.joints_mm(camera) / 1000, float(state.posture.max())
     facing = state.facing_deg, state.facing_sure
-    return BodyPose(JOINT_NAMES, joints_m, BONE_ENDS, *facing, state.name, posture_sure)
+    quality = joint_quality(state.joints_sd_mm(camera), state.joint_visibility)
+    return BodyPose(JOINT_NAMES, joints_m, BONE_ENDS, *facing, state.name, posture_sure, quality)
 
 
 def _finish(running: Rig, pipeline: LivePipeline, json: bool) -> None:

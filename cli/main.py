@@ -16,6 +16,7 @@ from cli.verbs import (
     labelling,
     learning,
     live,
+    models,
     motion,
     recording,
     rigs,
@@ -36,13 +37,15 @@ app = typer.Typer(
 )
 app.add_typer(labelling.suit_app, name="suit", rich_help_panel="Labels")
 app.add_typer(scheme.app, name="scheme", rich_help_panel="Labels")
+app.add_typer(models.app, name="models", rich_help_panel="Labels")
 app.add_typer(synthesis.app, name="synth", rich_help_panel="Synthetic people")
 app.add_typer(benchmark.app, name="benchmark", rich_help_panel="Networks and results")
 VERBS = {
     "Getting started": (demo.demo, installation.doctor, installation.compile_),
     "Recordings": (
         *(simulation.simulate, recording.devices, rigs.rig, recording.record, live.live),
-        *(recording.repair, calibration.calibrate, exchange.import_, info.info, info.validate),
+        *(recording.repair, calibration.calibrate, exchange.import_, recording.strip),
+        *(info.info, info.validate),
     ),
     "Labels": (
         *(labelling.label, suit_training.train_labels, labelling.fix, learning.learn),

@@ -30,7 +30,8 @@ def scores_text(comparison: Comparison, *, intervals: bool) -> str:
         for part in scheme.parts
     ]
     recall = {part.title: of("recall", part.id) for part in scheme.parts}
-    heading = f"{len(comparison.frame_ids)} frames of {comparison.n_subjects} people"
+    people = "1 person" if comparison.n_subjects == 1 else f"{comparison.n_subjects} people"
+    heading = f"{len(comparison.frame_ids)} frames of {people}"
     bracket = " [95 % interval]" if intervals else ""
     tables = (
         table(("score", f"value{bracket}"), whole, heading),
@@ -68,15 +69,18 @@ def difference_text(found: Difference) -> str:
 
 
 def joint_text(found: JointEstimates | JointDifference, sign: str = "") -> str:
-    """Return a table of the scores of joints, with 95 % intervals, by visibility and by joint."""
+    """Return a table of the scores of joints, with 95 % intervals, by visibility and by joint.
+
+    The share within the largest distance is left out, so that the table fits a terminal.
+    """
+    shown = SCORES[:-1]
+    of = {group: [joint_estimate(found, name, group) for name in shown] for group in GROUPS}
     rows = [
-        (
-            group.replace("_", " "),
-            *(printed(name, joint_estimate(found, name, group), sign) for name in SCORES),
-        )
-        for group in GROUPS
+        (group.replace("_", " "), *(printed(*pair, sign) for pair in zip(shown, scores, strict=True)))
+        for group, scores in of.items()
+        if any(score.known for score in scores)
     ]
-    return table(("joints [95 % interval]", *JOINT_SCORES.values()), rows)
+    return table(("joints", *(JOINT_SCORES[name] for name in shown)), rows, "Joints [95 % interval]")
 
 
 def _extremes(recall: Mapping[str, Estimate], best: str, worst: str, sign: str = "") -> str:

@@ -17,11 +17,13 @@ from typer import Option
 from cli.console import clear, finish, progress, say, table
 from sensors.errors import CloudError
 from sensors.files.natural_order import paths_in_order
+from sensors.importers.open_source import open_source
 from sensors.session.recording_file import SUFFIX
 from sensors.versions import code_digest, different, versions
 
 if TYPE_CHECKING:
     from annotate.label_recording import Run
+    from sensors.importers.open_source import Source
     from synth.images.workers import Workers
 
 T = TypeVar("T")
@@ -46,6 +48,13 @@ def recordings_in(folder: Path, *, foreign: bool = False) -> list[Path]:
     sessions, others, unknown = mcap_files(folder)
     wanted = sessions if foreign else not others
     return paths_in_order([*sessions, *others, *unknown]) if wanted else []
+
+
+def open_recording(path: Path, names: bool) -> "Source":
+    """Open a recording. names: its labels may hold the subject's name."""
+    source = open_source(path)
+    source.named = names
+    return source
 
 
 def sessions_in(folder: Path, scheduler: str | None) -> dict[str, Path]:

@@ -10,6 +10,7 @@ import pytest
 
 from annotate.cloud.fuse import Fuser
 from annotate.labelset.label_set import LabelSet
+from annotate.labelset.nameless import person_code
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics, project, rays
 from sensors.rig.rig_calibration import Pose
@@ -86,7 +87,7 @@ def test_the_command_prints_what_it_assumes_and_keeps_the_subject(annotate_cloud
     assert np.diff(session.times_ns).tolist() == [100_000_000] * (len(session) - 1)
     annotate_cloud("predict", out, "--out", tmp_path / "p")
     labels = LabelSet.open(tmp_path / "p")
-    assert {frame.subject for frame in labels} == {"anna"}
+    assert {frame.subject for frame in labels} == {person_code("anna")}
     refused = annotate_cloud("import", folder, tmp_path / "labels", "--turn", "90")
     assert refused.code != 0 and "out.mcap" in refused.err
 

@@ -16,6 +16,8 @@ from conftest import tree
 
 import annotate_cloud
 from annotate.labelset.label_set import LabelSet, as_read
+from annotate.scheme.scheme_file import load_scheme
+from eval.network.onnx_network import OnnxNetwork
 from sensors.errors import CalibrationError, CloudError, FormatError
 from sensors.session.reader import Session
 from synth.rig.simulate import suit_path
@@ -36,7 +38,7 @@ PARAMETERS = {
     "Camera": "width height fx fy cx cy k1 k2 p1 p2 k3",
     "Dataset": "path scheme",
     "ImportOptions": "intrinsics depth_unit_mm turn_deg mirror subject rate_hz topics axes",
-    "Person": "joints_mm posture posture_sure facing_deg facing_sure support",
+    "Person": "joints_mm posture posture_sure facing_deg facing_sure support joint_sd_mm joint_visibility",
     "Prediction": "labels confidence persons people scheme depth_mm camera notes frame",
     "Predictor": "camera scheme everybody weights",
     "Run": "labels failed",
@@ -138,7 +140,7 @@ def test_predictions_are_the_commands(depth_folder, tmp_path, command, everybody
             assert {name: xyz.tolist() for name, xyz in person.joints_mm.items()} == row["joints_mm"]
             others = asdict(person)
             del others["joints_mm"]
-            assert others == {name: row[name] for name in others}
+            assert others == {name: row.get(name, {}) for name in others}
             people += 1
     assert found and people == len(rows)
     first = annotate_cloud.predict(source.frame(0).depth_mm, camera, scheme=scheme, everybody=everybody)
@@ -190,6 +192,7 @@ def test_units_types_and_schemes_of_images(rig_session):
         annotate_cloud.predict(depth_mm, camera, scheme="smpl-24")
 
 
+@pytest.mark.filterwarnings("ignore:You are using the legacy TorchScript-based ONNX export")
 def test_the_blocks_of_the_page_run(tmp_path, rig_session, monkeypatch, capsys):
     text = (ROOT / "docs" / "python.md").read_text()
     table = " ".join(re.findall(r"^\| (`.*?) \|", text, re.M))
@@ -207,3 +210,5 @@ def test_the_blocks_of_the_page_run(tmp_path, rig_session, monkeypatch, capsys):
     said = capsys.readouterr().out
     assert "person 1: sitting" in said or "person 1: standing" in said
     assert "000002" in said and "not labelled: ()" in said
+    six = load_scheme("six")
+    assert OnnxNetwork(tmp_path / "mine.onnx", scheme=six).own == six

@@ -187,7 +187,7 @@ def test_semantic_kitti_is_read_as_its_own_tools_do(export):
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_export_and_import_by_command(annotate_cloud, labels, tmp_path, name):
-    done = annotate_cloud("export", labels.path, tmp_path / "out", "--format", name, "--json")
+    done = annotate_cloud("export", labels.path, tmp_path / "out", "--format", name, "--names", "--json")
     assert (done.code, done.result["frames"], done.result["left_out"]) == (0, 2, list(FORMATS[name].lacks))
     assert all(f"{what}" in done.err for what in FORMATS[name].lacks)
     done = annotate_cloud("import", tmp_path / "out", tmp_path / "back", "--json")

@@ -13,6 +13,7 @@ from annotate.person import finder
 from annotate.person.extract import PersonDetection
 from annotate.person.finder import Person
 from annotate.person.tracking import assign_track_ids
+from annotate.person.votes import Voters, persons_by_votes
 from sensors.rig.camera import Intrinsics
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import RigOptions, VirtualRig
@@ -101,15 +102,35 @@ def test_on_the_virtual_rig_without_temperatures():
         assert iou(found.mask & known, (labels.persons == 1) & known) > 0.75
 
 
+def voters_of(votes, points, odds=5.0):
+    """Voters of a square millimetre a thousand, equally sure."""
+    equal = np.full(len(votes), 0.001, np.float32)
+    return Voters(votes.astype(np.float32), points.astype(np.float32), equal, odds * equal / 0.001)
+
+
 def test_votes_for_two_middles_are_two_persons_and_stray_ones_the_nearer_ones():
     rng = np.random.default_rng(0)
-    votes = np.concatenate([rng.normal((x, 0, 2), 0.06, (300, 3)) for x in (-0.3, 0.3)]).astype(np.float32)
-    votes = np.concatenate([votes, np.array([[-0.7, 0, 2], [9, 9, 9]], np.float32)])
-    surface = np.full(len(votes), 0.001, np.float32)
-    whose = finder._by_votes(votes, surface, np.full(len(votes), 5.0, np.float32))
+    middles = np.repeat([(-0.2, 0, 2), (0.2, 0, 2), (-0.6, 0, 2), (9, 9, 9)], (300, 300, 1, 1), axis=0)
+    voters = voters_of(rng.normal(middles, 0.06), rng.normal(middles, (0.15, 0.4, 0.1)))
+    whose = persons_by_votes(voters)
     assert set(whose[:300]) != set(whose[300:600]) and set(whose[:600]) == {1, 2}
     assert whose[600] == whose[0] and whose[601] == 0
-    assert not finder._by_votes(votes, surface, np.full(len(votes), 0.1, np.float32)).any()
+    assert not persons_by_votes(voters._replace(odds=voters.odds * 0.02)).any()
+    assert persons_by_votes(voters.chosen(np.s_[:0])).shape == (0,)
+
+
+def test_a_limb_a_metre_nearer_whose_votes_fall_short_belongs_to_the_trunk():
+    rng = np.random.default_rng(1)
+    trunk, leg = rng.normal((0, 0, 3), (0.15, 0.3, 0.08), (300, 3)), rng.normal((0, 0.4, 2), 0.1, (150, 3))
+    points = np.concatenate([trunk, leg])
+    middle = (points / points[:, 2:]).mean(axis=0) * points[:, 2].mean()
+    short = np.repeat([0.0, 0.6], (300, 150))[:, None] * (points - middle)
+    votes = rng.normal(middle + short, 0.04)
+    assert set(persons_by_votes(voters_of(votes, points))) == {1}
+    # The same limb whose votes meet in itself is another person, a child for instance.
+    votes[300:] = rng.normal(leg.mean(axis=0), 0.04, (150, 3))
+    votes[:300] = rng.normal(trunk.mean(axis=0), 0.04, (300, 3))
+    assert set(persons_by_votes(voters_of(votes, points))) == {1, 2}
 
 
 def walked(places, before, *, subject_first):

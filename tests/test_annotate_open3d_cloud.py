@@ -59,9 +59,9 @@ def test_a_plane_of_open3d_is_a_plane_of_pixels():
 
 def test_foreign_clouds_are_refused():
     cloud = CLOUD.to_open3d()
-    with pytest.raises(FormatError, match="give the depth camera of the cloud"):
+    with pytest.raises(FormatError, match="exceed"):
         ThermalCloud.from_open3d(cloud, replace(CLOUD.camera, width=100))
-    with pytest.raises(FormatError, match="not unique"):
+    with pytest.raises(FormatError, match="repeat"):
         ThermalCloud.from_open3d(cloud.append(cloud), CLOUD.camera)
     with pytest.raises(FormatError, match="no attribute 'colors'"):
         ThermalCloud.from_open3d(o3d.t.geometry.PointCloud(cloud.point.positions), CLOUD.camera)

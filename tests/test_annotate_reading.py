@@ -18,7 +18,7 @@ from annotate.suit.palette import DEFAULT_SUIT, Suit
 from eval.scores.confusion import confusion_matrix, left_right_swap_rate, recall
 from sensors.session.reader import Session
 from synth.rig.simulate import truth_path
-from tools.measure.labels import worst_first
+from tools.figures.reliability import worst_first
 
 TORSO, HIP = PART_ID["torso"], PART_ID["hip"]
 

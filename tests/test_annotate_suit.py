@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from annotate.labelset.label_set import LabelSet
-from annotate.parts import BODY_PARTS
+from annotate.parts import BODY_PARTS, PAPER
+from annotate.scheme.merging import conversion_table
+from annotate.scheme.scheme_file import load_scheme
 from annotate.suit.color_model import BARE_COST, GAIN, SIGMA, under, unfitted
 from annotate.suit.palette import (
     DEFAULT_SUIT,
@@ -26,6 +28,7 @@ from annotate.suit.palette_learning import clouds_with, corrected_frames, suit_f
 from sensors.errors import CloudError
 from sensors.session.reader import Session
 
+SIX, HANDS = load_scheme("six"), load_scheme("hands-and-feet")
 law = settings(deadline=None, max_examples=60)
 
 colors = st.tuples(*[st.integers(30, 255)] * 3)
@@ -120,6 +123,22 @@ def test_a_palette_is_learnt_from_right_frames(rig_session):
     assert not learnt.look_alikes
 
 
+def test_a_palette_is_learnt_in_the_scheme_of_the_labels(rig_session):
+    """Both arms are one part of ``six``, with the colours of both sides."""
+    truth = LabelSet.open(rig_session.with_suffix(".truth"))
+    table = conversion_table(PAPER, SIX)
+    frames = clouds_with(truth, corrected_frames(truth), Session(rig_session))
+    in_six = ((cloud, replace(one, parts=table[one.parts], scheme=SIX)) for cloud, one in frames)
+    learnt = suit_from_labels(in_six, "learnt", SIX)
+    assert learnt.scheme == SIX
+    for part in SIX.parts:
+        own = [one for one in PAPER.parts if one.regions <= part.regions]
+        worn = chromaticity(np.concatenate([DEFAULT_SUIT.swatches_of(one.id) for one in own]))
+        found = chromaticity(learnt.swatches_of(part.id))
+        assert np.linalg.norm(found[:, None] - worn, axis=2).min(axis=1).max() < 0.06, part.name
+    assert len(learnt.swatches_of(SIX.part_id["upper_arms"])) == 2
+
+
 def test_what_cannot_be_learnt_from_is_named(rig_session, rig_labels):
     with pytest.raises(CloudError, match="holds no corrected frame"):
         corrected_frames(rig_labels)
@@ -134,10 +153,8 @@ def swatches(path: Path, columns: int, shown: int = 11) -> Path:
     image = np.full((420, 560, 3), (206, 204, 198), np.uint8)
     for i in range(shown):
         row, column = divmod(i, columns)
-        color = DEFAULT_SUIT.colors_rgb[DEFAULT_SUIT.parts == i + 1][0] // (2 if i == 0 else 1)
-        image[30 + 90 * row : 90 + 90 * row, 30 + 90 * column : 90 + 90 * column] = color // (
-            2 if i == 0 else 1
-        )
+        color = DEFAULT_SUIT.swatches_of(i % 11 + 1)[0] // (4 if i % 11 == 0 else 1)
+        image[30 + 90 * row : 90 + 90 * row, 30 + 90 * column : 90 + 90 * column] = color
     noise = np.random.default_rng(0).normal(0, 3, image.shape)
     cv2.imwrite(str(path), np.clip(image + noise, 0, 255).astype(np.uint8)[..., ::-1])
     return path
@@ -148,6 +165,13 @@ def test_a_palette_is_learnt_from_a_photograph(tmp_path, columns):
     learnt = suit_from_photo(swatches(tmp_path / "cloths.png", columns), "cloths")
     assert len(learnt.parts) == 11
     assert max(nearest(DEFAULT_SUIT, learnt).values()) < 0.03
+
+
+def test_bare_hands_and_feet_are_left_out_of_a_photograph(tmp_path):
+    learnt = suit_from_photo(swatches(tmp_path / "cloths.png", 4), "cloths", HANDS)
+    assert learnt.scheme == HANDS and learnt.parts.tolist() == [*range(1, 12)]
+    with pytest.raises(CloudError, match=r"show 12 patches; lay 15 apart .* left_foot, right_foot"):
+        suit_from_photo(swatches(tmp_path / "twelve.png", 4, 12), "s", HANDS)
 
 
 def test_a_photograph_taken_with_the_telephone_on_its_side_shows_the_cloths_upright(tmp_path):

@@ -136,6 +136,7 @@ def test_any_recording_with_joints_is_measured(rig_session, truth, tmp_path, ann
         path.write_text(broken)
         refused = annotate_cloud("benchmark", "joints", rig_session, "--truth", path, "--out", labels)
         assert_refused(refused, "line 1 is malformed")
+    assert_refused(annotate_cloud("benchmark", "joints", rig_session, "--out", labels), "give --truth FILE")
 
 
 def test_names_and_sides_of_itop_are_those_of_the_network():

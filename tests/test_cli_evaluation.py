@@ -7,7 +7,11 @@ from pathlib import Path
 import pytest
 from conftest import assert_refused
 
+from annotate.labelset.cast_note import known_people_note
 from eval.compare.results import load_result
+from synth.data_files import JUDGE, TRAINING
+from synth.images.generate import Order
+from synth.images.presets import preset_named
 from tests.helpers.shards import write_dataset
 from tests.test_eval_compare import guess_frame, label_set, truth_frame
 
@@ -56,3 +60,14 @@ def test_evaluate_keeps_a_result_and_compare_tells_two_apart(annotate_cloud, fol
 def test_labels_of_other_images_are_refused(annotate_cloud, folder):
     done = annotate_cloud("evaluate", folder / "other", folder / "truth")
     assert_refused(done, "frame 000000 has another depth image", remarks=done.err.count("evaluate: "))
+
+
+def test_scores_on_people_that_trained_the_networks_have_a_note(rig_session, annotate_cloud):
+    truth = rig_session.with_suffix(".truth")
+    done = annotate_cloud("diff", truth, truth)
+    assert done.code == 0 and "--cast judge" in done.err and "second" not in done.err
+    notes = [
+        known_people_note(Order(preset_named("people", cast), 1, 0).manifest()) for cast in (TRAINING, JUDGE)
+    ]
+    assert [bool(note) for note in notes] == [True, False]
+    assert not known_people_note({"source": "ward", "steps": {}})

@@ -16,7 +16,7 @@ from conftest import tree
 from typer.main import get_command
 
 import cli.rig_devices
-import eval.fine_tuning.fine_tune
+import eval.fine_tuning.cross_validation
 import eval.fine_tuning.run
 import synth.images.workers
 import synth.rig.film
@@ -42,7 +42,8 @@ ELSEWHERE = {
     "annotate-cloud record take.mcap --rig": "devices; docs/camera.md records from their twins",
     "annotate-cloud live": "devices and a screen: test_live.py, test_foxglove.py",
     "annotate-cloud benchmark": "recordings of others: test_benchmark.py",
-    "pip download": "models of others: test_tools_rgbd.py",
+    "annotate-cloud models": "models of others: test_annotate_witness.py",
+    "annotate-cloud label people.mcap --by colour": "models of others: test_witness_labels.py",
     "python -m tools.measure.colour_people": "models of others: test_tools_rgbd.py",
     "podman": "a container engine",
     "dask": "scheduler and workers: the tests of generating",
@@ -143,8 +144,7 @@ def learn_a_little(labels: Path, monkeypatch) -> None:
             correction.edit(frame_id).judge("accept")
     monkeypatch.setattr(os, "nice", lambda by: 0)
     monkeypatch.setattr(eval.fine_tuning.run, "MOST_STEPS", 1)
-    monkeypatch.setattr(eval.fine_tuning.run, "MORE", 1.0)
-    monkeypatch.setattr(eval.fine_tuning.fine_tune.FineTuned, "better", True)
+    monkeypatch.setattr(eval.fine_tuning.cross_validation.Gain, "is_certain", True)
 
 
 def copied(paths: Iterable[Path], folder: Path) -> None:

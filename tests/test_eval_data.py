@@ -16,7 +16,7 @@ from annotate.labelset.label_set import LabelSet
 from annotate.labelset.labelled_frames import camera_of, pinhole_of
 from annotate.parts import BACKGROUND, UNDEFINED
 from eval.training.body_targets import no_targets
-from eval.training.calibration_split import calibration_split
+from eval.training.calibration.calibration_split import calibration_split
 from eval.training.crops import DEPTH_STEPS, Crops, load_crops, to_crop
 from sensors.calibration_files.kinect2_factory import KINECT2_PINHOLE
 from sensors.errors import CloudError

@@ -3,10 +3,13 @@
 import cv2
 import numpy as np
 import torch
+from scipy.spatial import cKDTree
 
 from annotate.onnx_session import onnx_session
 from annotate.person.finder import FOCAL_PX
 from eval.training.finder import images as finder_images
+from eval.training.finder.floor_plan import FloorPlan
+from eval.training.finder.gathering import gather
 from eval.training.finder.images import (
     HEIGHT,
     WIDTH,
@@ -16,16 +19,21 @@ from eval.training.finder.images import (
     load_scenes,
     store_scenes,
 )
-from eval.training.finder.network import FinderNet, FinderTraining, export_finder
+from eval.training.finder.network import FinderNet, FinderTraining, export_finder, load_finder
+from eval.training.finder.panes import wandering
 from eval.training.finder.scenes import room_scenes
 from eval.training.finder.warm import UNFELT, degraded_warmth, random_warmth
+from synth.body.crowd import crowd
+from synth.clothes.dress import naked
+from synth.data_files import TRAINING
+from synth.surface.rasterize import box
 
 
 def test_rooms_are_the_same_for_a_seed_name_their_people_and_are_stored(tmp_path, monkeypatch):
     scenes, again = (list(room_scenes(3)) for _ in range(2))
     monkeypatch.setattr(finder_images, "rig_scenes", lambda _: ())
     monkeypatch.setattr(finder_images, "room_scenes", lambda _: scenes)
-    store_scenes(tmp_path, 3)
+    store_scenes(tmp_path, 1, 1)
     stock = load_scenes(tmp_path)
     stored = stock.rooms
     assert not stock.rig and [set(np.unique(p)) for _, _, p in stored] == [
@@ -34,6 +42,32 @@ def test_rooms_are_the_same_for_a_seed_name_their_people_and_are_stored(tmp_path
     assert all(np.array_equal(a.depth_mm, b.depth_mm) for a, b in zip(scenes, again, strict=True))
     assert all((scene.depth_mm[scene.persons > 0] > 0).all() for scene in scenes)
     assert {int(scene.persons.max()) for scene in scenes} >= {0, 1}
+
+
+def test_a_place_is_taken_once():
+    plan, cube = FloorPlan(), box((0, 0, 0), (1, 1, 1), 0)
+    for x, y, free in ((0, 0, True), (0.5, 0.5, False), (1.1, 0, True), (-1.1, 0.5, True), (30, 0, False)):
+        assert plan.take([cube.placed(np.eye(3), np.array([x, y, 0]))]) == free
+
+
+def test_people_stand_beside_each_other_but_not_in_each_other():
+    rng, people = np.random.default_rng(5), [naked(body) for body in crowd()[:6]]
+    placed = [mesh for one in gather(rng, people, FloorPlan(), 0.5, TRAINING) for mesh in one.people]
+    trees = [cKDTree(mesh.vertices_m) for mesh in placed]
+    apart = [one.query(mesh.vertices_m)[0].min() for mesh in placed for one in trees]
+    others = np.array(apart).reshape(len(placed), -1)[~np.eye(len(placed), dtype=bool)]
+    assert len(placed) >= 4 and 0.005 < others.min() < 0.3
+
+
+def test_depth_wanders_only_where_a_pane_is_in_front():
+    rng, behind = np.random.default_rng(0), np.full((60, 80), 3, np.float32)
+    pane = np.full((60, 80), np.nan, np.float32)
+    pane[:, 20:40], pane[:, 60:] = 2, 4
+    depth, shown = wandering(behind, pane, rng)
+    assert (depth == behind)[~(pane < behind)].all() and shown[~(pane < behind)].all()
+    other = depth[:, 20:40][~shown[:, 20:40]]
+    assert len(other) > 100 and np.nanmax(other) > 2.2 and not (other < 1.5).any()
+    assert (depth[shown] == 3).all()
 
 
 def test_people_in_an_invented_warmth_are_warm_and_what_is_spoilt_was_felt():
@@ -86,11 +120,11 @@ def test_a_step_learns_and_the_exported_network_answers_as_the_trained_one(tmp_p
         losses.append(float(loss.detach()))
     assert losses[-1] < 0.9 * losses[0]
     export_finder(network, tmp_path / "x.onnx")
-    read = onnx_session((tmp_path / "x.onnx").read_bytes())
+    read, again = onnx_session((tmp_path / "x.onnx").read_bytes()), load_finder(tmp_path / "x.onnx").eval()
     for shape in ((32, 64), (96, 128)):
         image = np.random.default_rng(1).normal(size=(1, 24, *shape)).astype(np.float32)
         with torch.no_grad():
+            trained = network(torch.from_numpy(image))
             # Weights are stored in half precision.
-            assert np.allclose(
-                read.run(None, {"image": image})[0], network(torch.from_numpy(image)), atol=0.05
-            )
+            assert np.allclose(read.run(None, {"image": image})[0], trained, atol=0.05)
+            assert np.allclose(again(torch.from_numpy(image)), trained, atol=0.05)

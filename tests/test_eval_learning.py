@@ -1,6 +1,7 @@
 """Fine-tuning on corrections helps on the next frames; an interruption changes nothing."""
 
 from contextlib import contextmanager
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,21 +10,25 @@ import pytest
 
 pytest.importorskip("torch")
 
+import torch
 from conftest import tree
 
 from annotate.correction.correction import Correction
 from annotate.correction.relabel import relabel
-from annotate.correction.review_queue import teaching_order
+from annotate.correction.teaching_order import teaching_order
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.label_set import LabelSet
-from annotate.parts import BACKGROUND
+from annotate.parts import BACKGROUND, UNDEFINED
 from annotate.segmentation.input_channels import CHANNELS, FELT, SEEN
 from eval.fine_tuning import fine_tune as tuning
 from eval.fine_tuning import run
 from eval.fine_tuning.by_depth import DepthFineTuner, depth_example
-from eval.fine_tuning.training_split import HELD_OUT, LEAST_FRAMES, corrected_frames, split_frames
+from eval.fine_tuning.cross_validation import SHARES, Gain, gain_of
+from eval.fine_tuning.rehearsal import rehearsed_frames
+from eval.fine_tuning.training_split import FOLDS, corrected_frames, folds
 from eval.training.segmentation import train
 from eval.training.segmentation.augmentation import Sampling
+from eval.training.segmentation.network import load_suit_network
 from eval.training.segmentation.train import Stage
 from sensors.errors import CloudError, ExistsError
 from sensors.rig.camera import Intrinsics
@@ -89,26 +94,73 @@ def test_an_example_has_the_room_the_first_labels_and_the_seat_as_background(cor
     assert (before > 0).sum() > (example.target > 0).sum()
     assert not (example.planes[0] & (SEEN | FELT)).any()
     assert example.pixel_m == pytest.approx(1.4 / 60)
-    for count in range(LEAST_FRAMES, len(found) + 1):
-        trained, held = split_frames(found[:count])
-        assert len(held) == max(1, count // HELD_OUT)
-        assert sorted(frame.first.frame_id for frame in (*trained, *held)) == list(DONE[:count])
 
 
-@pytest.mark.parametrize(
-    ("places", "held"),
-    [
-        ((0, 1, 2, 3, 50), [50]),  # the one frame of another moment, not a neighbour of four
-        ((0, 1, 2, 3, 4, 5, 200, 201), [200, 201]),  # the other moment whole, not each of its neighbours
-        ((0, 30, 60, 90, 120, 150, 180, 210), [0, 30]),
-        ((7, 8, 9), [7]),
-    ],
-)
-def test_frames_are_measured_on_far_from_those_trained_on(corrected, places, held):
-    frame = corrected_frames(corrected)[0]
-    trained, measured = split_frames([replace(frame, place=place) for place in places])
-    assert [one.place for one in measured] == held
-    assert [one.place for one in trained] == [place for place in places if place not in held]
+def room(far_mm: int, row: int) -> np.ndarray:
+    """Return depth of a wall with a person in front, in one row of the image."""
+    depth = np.full((SIDE, SIDE), far_mm, np.uint16)
+    depth[row : row + 20, 10:20] = 1200
+    return depth
+
+
+def test_a_fold_is_one_kind_of_frames_whenever_they_were_taken(corrected):
+    """Frames alternate between three rooms and one more posture; neighbours in time never share a fold."""
+    frame, kinds = corrected_frames(corrected)[0], ((2000, 2), (3000, 2), (4000, 2), (2000, 26))
+    frames = [
+        replace(frame, place=n, first=replace(frame.first, depth_mm=room(*kinds[n % 4]))) for n in range(12)
+    ]
+    fold_of = folds(frames)
+    assert len(set(fold_of[:FOLDS])) == FOLDS == 4
+    np.testing.assert_array_equal(fold_of, np.tile(fold_of[:4], 3))
+    assert sorted(set(folds(frames[:3]))) == [0, 1, 2]
+
+
+def test_the_gain_is_of_shares_that_other_folds_choose():
+    """By hand: a share that is good by chance in one fold only, and equal gains."""
+    before, steady = np.array([0.9, 0.9, 0.8, 0.8]), np.array([0.02, 0.03, 0.02, 0.03])
+    lucky = np.array([0.2, -0.01, -0.01, -0.01])
+    found = gain_of(before, before + np.stack([lucky, steady]), np.arange(4))
+    # Frame 0 makes the first share best for the other frames; without frame 0 the second share is best.
+    assert found.share == SHARES[0]
+    assert found.after - found.before == pytest.approx(np.mean([0.02, -0.01, -0.01, -0.01]))
+    assert not found.is_certain
+    even = gain_of(before, before + np.stack([steady, steady]), np.arange(4))
+    half = 2.3534 * np.std(steady, ddof=1) / 2
+    assert (even.low, even.high) == pytest.approx((0.025 - half, 0.025 + half), abs=1e-5)
+    assert even.is_certain and even.sure == pytest.approx(0.9984, abs=1e-4)
+
+
+def test_the_interval_covers_the_mean_change():
+    rng, hit = np.random.default_rng(0), 0
+    for _ in range(400):
+        found = gain_of(np.full(5, 0.9), 0.9 + rng.normal(0.01, 0.02, (1, 5)).repeat(2, 0), np.arange(5))
+        hit += found.low < 0.01 < found.high
+    assert 0.86 < hit / 400 < 0.94
+
+
+def test_rehearsed_frames_are_untouched_and_keep_sure_parts_only(corrected):
+    with Correction.open(corrected) as correction:
+        labels = correction.labels
+        sure = labels.read(IDS[6])
+        sure.confidence[:24] = 0.95
+        labels.write(sure)
+    (found,) = rehearsed_frames(corrected)
+    assert found.first.frame_id == IDS[6] and found.place == 6
+    body = sure.parts > 0
+    np.testing.assert_array_equal(found.corrected.parts[:24], sure.parts[:24])
+    assert (found.corrected.parts[24:][body[24:]] == UNDEFINED).all()
+    assert (found.corrected.parts[~body] == BACKGROUND).all()
+
+
+def test_a_network_part_of_the_way_lies_between_start_and_end(corrected, tmp_path):
+    tuning_ = tuner(corrected)
+    moved = deepcopy(tuning_.start_network)
+    with torch.no_grad():
+        moved.leave.bias += 1
+    for share in (0.0, 0.25, 1.0):
+        tuning_.save(moved, share, tmp_path / "w.onnx")
+        off = load_suit_network(tmp_path / "w.onnx").leave.bias - tuning_.start_network.leave.bias
+        torch.testing.assert_close(off, torch.full_like(off, share))
 
 
 def test_another_training_does_not_resume_from_a_checkpoint(corrected):
@@ -143,8 +195,8 @@ def test_fine_tuning_helps_on_other_frames_and_changes_no_label_by_itself(correc
     before, first = tree(corrected), LabelSet.open(corrected).read(IDS[0], original=True).parts
     done = tuning.fine_tune(corrected, tmp_path / "model", tuner(corrected), silent)
     assert tree(corrected) == before
-    assert (done.frames, done.held_out) == (5, 1)
-    assert done.better and done.before < 0.75 < done.after
+    assert done.measured_on == DONE
+    assert done.gain.is_certain and done.gain.before < 0.75 < done.gain.after
     assert LabelSet.open(done.labels).frame_ids == list(IDS[5:])
     with Correction.open(corrected, "ann") as correction:
         relabel(correction, LabelSet.open(done.labels))
@@ -156,7 +208,7 @@ def test_fine_tuning_helps_on_other_frames_and_changes_no_label_by_itself(correc
 def test_an_interrupted_run_ends_with_the_same_network(corrected, few_steps, tmp_path, monkeypatch):
     monkeypatch.setattr(run, "STEPS_EACH", 1)
     monkeypatch.setattr(train, "CHECKPOINT_S", 0.0)
-    monkeypatch.setattr(tuning.FineTuned, "better", True)
+    monkeypatch.setattr(Gain, "is_certain", True)
     done = tuning.fine_tune(corrected, tmp_path / "model", tuner(corrected), silent)
     seen = 0
 
@@ -177,12 +229,15 @@ def test_an_interrupted_run_ends_with_the_same_network(corrected, few_steps, tmp
     assert not (tmp_path / "again" / "run").exists()
 
 
-def test_the_frame_that_teaches_most_is_unsure_and_far_from_finished_frames(tmp_path):
-    path = written(tmp_path / "labels")
+def test_the_frames_that_teach_most_are_of_all_kinds_and_the_unsure_ones_among_these(tmp_path):
+    """Eight frames of three rooms, in any order: three corrections cover all rooms, least sure first."""
+    path, rooms = written(tmp_path / "labels"), (2000, 2000, 3000, 2000, 2000, 4000, 3000, 2000)
+    labels = LabelSet.open(path)
+    for frame_id, far_mm in zip(IDS, rooms, strict=True):
+        labels.write(replace(labels.read(frame_id), depth_mm=room(far_mm, 2)))
     with Correction.open(path, "ann") as correction:
-        assert sorted(teaching_order(correction)) == list(IDS)
-        assert teaching_order(correction)[0] == IDS[0]
-        correction.edit(IDS[0]).judge("accept")
         order = teaching_order(correction)
-        assert order[0] == min(IDS[4:], key=lambda i: correction.labels.notes(i)["confidence"])
-        assert IDS[0] not in order
+        assert sorted(order) == list(IDS) and order[0] == IDS[0]
+        assert order[:3] == [IDS[0], IDS[2], IDS[5]]
+        correction.edit(IDS[5]).judge("accept")
+        assert teaching_order(correction)[:2] == [IDS[0], IDS[2]]

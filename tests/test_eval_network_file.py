@@ -15,9 +15,9 @@ from safetensors.torch import save_file
 
 from annotate.crop import SIZE
 from annotate.parts import N_CLASSES
+from eval.architecture.compact import CompactConfig
+from eval.architecture.networks import build
 from eval.network import weights_file
-from eval.network.compact import CompactConfig
-from eval.network.networks import build
 from eval.network.onnx_export import export_network
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.weights_file import load_weights, save_weights

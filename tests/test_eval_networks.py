@@ -11,9 +11,9 @@ torch = pytest.importorskip("torch")
 
 from annotate.crop import SIZE  # noqa: E402
 from annotate.parts import N_CLASSES  # noqa: E402
-from eval.network.compact import CompactConfig  # noqa: E402
-from eval.network.networks import build, config_from, described  # noqa: E402
-from eval.network.reference_networks import PaperConfig, PaperFcn, SmpConfig, _bilinear  # noqa: E402
+from eval.architecture.compact import CompactConfig  # noqa: E402
+from eval.architecture.networks import build, config_from, described  # noqa: E402
+from eval.architecture.reference_networks import PaperConfig, PaperFcn, SmpConfig, _bilinear  # noqa: E402
 from sensors.errors import CloudError, FormatError  # noqa: E402
 
 CONFIGS = (CompactConfig((4, 6, 8)), PaperConfig(2, 4), SmpConfig(decoder=(16, 8, 8, 4, 4)))

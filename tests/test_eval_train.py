@@ -19,15 +19,15 @@ from safetensors.torch import load_file
 from annotate.crop import SIZE
 from annotate.labelset.images import decode_parts
 from annotate.parts import N_CLASSES, UNDEFINED
-from eval.network.blocks import NetworkOutput
-from eval.network.compact import CompactConfig
-from eval.network.networks import build
+from eval.architecture.blocks import NetworkOutput
+from eval.architecture.compact import CompactConfig
+from eval.architecture.networks import build
+from eval.architecture.reference_networks import PaperConfig
 from eval.network.onnx_export import export_network
 from eval.network.onnx_network import OnnxNetwork
-from eval.network.reference_networks import PaperConfig
 from eval.training.augment import Augmentation
 from eval.training.body_targets import ROW, no_targets
-from eval.training.confidence_temperature import fitted_temperature
+from eval.training.calibration.confidence_temperature import fitted_temperature
 from eval.training.crops import Crops
 from eval.training.loader import BatchOrder, Images, batches
 from eval.training.plan import Loss, ModernRecipe, PaperRecipe, Plan, class_weights

@@ -22,7 +22,7 @@ from synth.images.presets import preset_named
 from tools.figures import network, run
 from tools.figures import table as measuring
 from tools.figures.figure import Figure, average, median, moved, of_values, over_people, ratio
-from tools.figures.pages import DERIVED, MARK, MOVED, PAGES, SOURCES, spliced, write_pages
+from tools.figures.pages import DERIVED, MARK, MOVED, PAGES, spliced, write_pages
 from tools.figures.table import (
     FIRST_SEED,
     KEPT,
@@ -63,7 +63,7 @@ def house(tmp_path, monkeypatch):
     """A folder of pages, one with the marks of the table."""
     (tmp_path / "docs").mkdir()
     for page in ("page.md", *PAGES):
-        marks = {"page.md": ["one"], "docs/figures.md": [SOURCES, MOVED]}.get(page, [])
+        marks = {"page.md": ["one"], "docs/figures.md": [MOVED]}.get(page, [])
         blocks = "".join(f"<!-- figures: {name} -->\nold\n<!-- end of figures -->\n" for name in marks)
         (tmp_path / page).write_text(f"before\n\n{blocks}after\n")
     return tmp_path
@@ -274,7 +274,7 @@ def test_the_documentation_holds_the_figures_that_were_kept(tmp_path):
     known = {table.name: table for table in TABLES}
     for page in {page for table in TABLES for page in table.pages} | PAGES:
         text = (ROOT / page).read_text()
-        marked = {match["name"] for match in MARK.finditer(text)} - {SOURCES, MOVED} - DERIVED.keys()
+        marked = {match["name"] for match in MARK.finditer(text)} - {MOVED} - DERIVED.keys()
         assert marked == {name for name, table in known.items() if page in table.pages}, page
         (tmp_path / page).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / page).write_text(text)
@@ -305,6 +305,6 @@ def test_a_seed_that_somebody_chose_is_found(seed, tmp_path):
 def test_no_seed_of_development_stands_beside_a_figure():
     """Commands of examples may have one: nothing is claimed of their recordings."""
     seeds = re.compile(r"(?<!--)\bseeds? (\d+)")
-    for path in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]:
+    for path in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]:
         found = [int(number) for number in seeds.findall(path.read_text())]
         assert all(number >= FIRST_SEED for number in found), (path.name, found)

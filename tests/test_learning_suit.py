@@ -17,6 +17,7 @@ from annotate.labelset.label_set import LabelSet  # noqa: E402
 from annotate.segmentation.suit_network import SHIPPED_SUIT_NETWORK, SuitNetwork  # noqa: E402
 from eval.fine_tuning import by_suit, run, training_split  # noqa: E402
 from eval.fine_tuning import fine_tune as tuning  # noqa: E402
+from eval.fine_tuning.cross_validation import Gain  # noqa: E402
 from eval.training.segmentation.network import (  # noqa: E402
     FULL_SUIT_NETWORK,
     export_suit_network,
@@ -39,7 +40,7 @@ def tuner(path: Path, session: Path, start: Path | None = None):
 
 @pytest.fixture
 def corrected(rig_session, rig_labels, tmp_path, monkeypatch) -> Path:
-    """Labels of three frames, two corrected and accepted, of which one is held out; few small steps."""
+    """Labels of three frames, two corrected and accepted, each left out once; few small steps."""
     path = shutil.copytree(rig_labels.path, tmp_path / "labels")
     truth = LabelSet.open(truth_path(rig_session))
     with Correction.open(path, "ann") as correction:
@@ -48,8 +49,7 @@ def corrected(rig_session, rig_labels, tmp_path, monkeypatch) -> Path:
             editor.replace("paint", truth.read(frame_id).parts)
             editor.judge("accept")
     monkeypatch.setattr(training_split, "LEAST_FRAMES", 2)
-    monkeypatch.setattr(tuning, "split_frames", lambda all_: (all_[:1], all_[1:]))
-    for name, small in (("STEPS_EACH", 2), ("MORE", 0.5), ("SIDE", 32)):
+    for name, small in (("STEPS_EACH", 2), ("SIDE", 32)):
         monkeypatch.setattr(run, name, small)
     return path
 
@@ -57,10 +57,10 @@ def corrected(rig_session, rig_labels, tmp_path, monkeypatch) -> Path:
 def test_untouched_frames_get_the_same_labels_twice_and_after_an_interruption(
     corrected, rig_session, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(tuning.FineTuned, "better", True)
+    monkeypatch.setattr(Gain, "is_certain", True)
     before = tree(corrected)
     done = tuning.fine_tune(corrected, tmp_path / "model", tuner(corrected, rig_session), silent)
-    assert tree(corrected) == before and (done.frames, done.held_out) == (2, 1)
+    assert tree(corrected) == before and done.measured_on == DONE
     assert LabelSet.open(done.labels).frame_ids == [LEFT]
     assert SuitNetwork(done.weights).sha256 != SuitNetwork(SHIPPED_SUIT_NETWORK).sha256
 
@@ -68,17 +68,17 @@ def test_untouched_frames_get_the_same_labels_twice_and_after_an_interruption(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(by_suit.SuitFineTuner, "parts", killed)
+        patch.setattr(by_suit.SuitFineTuner, "labels", killed)
         tuning.fine_tune(corrected, tmp_path / "again", tuner(corrected, rig_session), silent)
     assert tree(corrected) == before
     steps = []
 
     @contextmanager
     def counted(what, total):
-        yield lambda n: steps.append(what)
+        yield lambda n: steps.append(what) if what == "learn, steps" else None
 
     again = tuning.fine_tune(corrected, tmp_path / "again", tuner(corrected, rig_session), counted)
-    assert steps.count("learn, steps") == 2, "the others are not taken twice"
+    assert not steps, "the steps are not taken twice"
     assert again.weights.read_bytes() == done.weights.read_bytes()
     one, two = (LabelSet.open(found.labels).read(LEFT).parts for found in (done, again))
     np.testing.assert_array_equal(one, two)
@@ -91,13 +91,11 @@ def test_untouched_frames_get_the_same_labels_twice_and_after_an_interruption(
     np.testing.assert_array_equal(labels.read(LEFT).parts, labels.read(LEFT, original=True).parts)
 
 
-def test_a_network_that_is_no_better_on_the_held_out_frame_is_not_kept(
-    corrected, rig_session, tmp_path, monkeypatch
-):
-    first = lambda self, held, weights: [one.first.parts for one in held]  # noqa: E731
+def test_a_network_without_a_certain_gain_is_not_kept(corrected, rig_session, tmp_path, monkeypatch):
+    first = lambda self, held, weights: [[one.first.parts] * len(weights) for one in held]  # noqa: E731
     monkeypatch.setattr(by_suit.SuitFineTuner, "parts", first)
     done = tuning.fine_tune(corrected, tmp_path / "model", tuner(corrected, rig_session), silent)
-    assert done.before == done.after and done.weights is done.labels is None
+    assert done.gain.before == done.gain.after and done.weights is done.labels is None
     assert [file.name for file in (tmp_path / "model").iterdir()] == [tuning.RECORD]
 
 

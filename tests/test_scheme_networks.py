@@ -8,11 +8,12 @@ torch = pytest.importorskip("torch")
 from annotate.parts import PAPER  # noqa: E402
 from annotate.scheme.merging import class_sums  # noqa: E402
 from annotate.scheme.scheme_file import load_scheme  # noqa: E402
-from eval.network.compact import CompactConfig  # noqa: E402
-from eval.network.networks import build  # noqa: E402
+from eval.architecture.class_scores import Kinds, class_probabilities, class_scores  # noqa: E402
+from eval.architecture.compact import CompactConfig  # noqa: E402
+from eval.architecture.networks import build  # noqa: E402
+from eval.architecture.reference_networks import PaperConfig  # noqa: E402
 from eval.network.onnx_export import export_network  # noqa: E402
 from eval.network.onnx_network import OnnxNetwork  # noqa: E402
-from eval.network.reference_networks import PaperConfig  # noqa: E402
 from eval.network.weights_file import load_weights, save_weights  # noqa: E402
 from eval.training.expansion import expanded  # noqa: E402
 from sensors.errors import CloudError, FormatError  # noqa: E402
@@ -62,6 +63,18 @@ def test_a_network_without_a_bias_keeps_its_classes():
     config = PaperConfig(4, 8)
     with pytest.raises(CloudError, match="leave out --init"):
         expanded(build(config), config, PAPER, HANDS)
+
+
+@pytest.mark.parametrize("scheme", [PAPER, SIX, WARD, REGIONS], ids=lambda scheme: scheme.name)
+def test_probabilities_from_kinds_and_side_are_the_softmax_of_the_scores(scheme):
+    classes, generator = Kinds.of(scheme), torch.Generator().manual_seed(0)
+    kinds = 10 * torch.randn(2, len(classes), 9, 9, generator=generator)
+    side = 20 * torch.randn(2, 1, 9, 9, generator=generator) if any(classes.sides) else None
+    seen = torch.rand(2, 1, 9, 9, generator=generator) < 0.7
+    found = class_probabilities(classes, kinds, side, seen)
+    expected = torch.softmax(class_scores(classes, kinds, side), dim=1)
+    expected = torch.where(seen, expected, torch.eye(len(classes.of_class))[0][:, None, None])
+    np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("scheme", [PAPER, SIX, WARD, REGIONS], ids=lambda scheme: scheme.name)

@@ -124,10 +124,10 @@ def test_a_thing_that_a_user_drew_is_a_class_of_the_fine_tuned_network(tmp_path,
     corrected = CorrectedFrame(frame, replace(frame, parts=parts), 0)
     (example,) = tuner.examples([corrected], None)
     assert {12, 1, 2, 0} <= set(np.unique(example.target).tolist()) <= {12, 1, 2, 0, 255}
-    tuner.save(tmp_path / "w.onnx")
+    tuner.save(tuner.start_network, 1.0, tmp_path / "w.onnx")
     network = SuitNetwork(tmp_path / "w.onnx")
     assert network.own == scheme
-    (found,) = tuner.parts([corrected], tmp_path / "w.onnx")
+    ((found,),) = tuner.parts([corrected], [tmp_path / "w.onnx"])
     before = refine(CAMERA, person.read("000000"), SuitNetwork(FULL_REFINEMENT_NETWORK))
     same = found == in_scheme(before, scheme, conversion_table(PAPER, scheme)).parts
     assert scheme.unknown_ids(found).size == 0 and same[frame.parts > 0].mean() > 0.98

@@ -185,6 +185,14 @@ def test_correction_and_views_know_no_part():
                 )
 
 
+def test_the_product_knows_the_scheme_of_the_paper_alone():
+    """No list, number or table of its parts is imported."""
+    root = Path(annotate.__file__).parents[1]
+    for package in ("sensors", "annotate", "synth", "eval", "cli"):
+        for file in (root / package).rglob("*.py"):
+            assert imported(file.read_text()) <= {"PAPER", "BACKGROUND", "UNDEFINED"}, file
+
+
 def imported(source: str) -> set[str]:
     nodes = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ImportFrom)]
     return {alias.name for node in nodes if node.module == "annotate.parts" for alias in node.names}

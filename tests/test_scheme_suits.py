@@ -6,10 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from annotate.label_recording import SuitLabeller, label_cloud
 from annotate.parts import BODY_PARTS, PAPER
+from annotate.scheme.merging import class_shares, class_sums
 from annotate.scheme.regions import Region
 from annotate.scheme.scheme import scheme_of
 from annotate.scheme.scheme_file import SHIPPED, load_scheme, scheme_to_toml
+from annotate.segmentation.input_channels import CHANNELS, Rectangle
+from annotate.segmentation.segment import View
+from annotate.segmentation.suit_network import shipped_suit_network
 from annotate.suit.color_model import unfitted
 from annotate.suit.palette import (
     DEFAULT_SUIT,
@@ -27,9 +32,12 @@ from synth.appearance.photograph import CLEAN, NORMAL
 from synth.appearance.random_suit import random_suit
 from synth.body.atlas_border import face_regions
 from synth.body.body import shipped_bodies
-from tests.helpers.schemes import WARD
+from synth.rig.truth import truth_labels
+from synth.rig.virtual_rig import RigOptions, VirtualRig
+from tests.helpers.schemes import WARD, frame_in
 
 SCHEMES = [*map(load_scheme, SHIPPED), WARD]
+HANDS = load_scheme("hands-and-feet")
 SUITS = [random_suit(3, scheme=scheme) for scheme in (load_scheme("six"), load_scheme("atlas"), WARD)]
 
 
@@ -148,3 +156,59 @@ def test_a_coarse_suit_is_open_at_hands_and_feet_alone():
     shown = {Region(region).label.removeprefix("left_").removeprefix("right_") for region in regions[bare]}
     ends = {"head", "neck", "hand", "fingers", "foot", "toes"}
     assert ends <= shown <= ends | {"forearm", "lower_leg"}
+
+
+def in_gloves(alike: bool = False) -> Suit:
+    """A suit with gloves and socks of their own; alike: the gloves have their sleeves' colours."""
+    suit = random_suit(4, scheme=HANDS)
+    rgb = suit.colors_rgb.copy()
+    if alike:
+        rgb[HANDS.part_id["left_hand"] - 1] = rgb[HANDS.part_id["left_forearm"] - 1]
+    return replace(suit, colors_rgb=rgb)
+
+
+def test_labels_have_the_suit_s_parts_where_its_colours_tell_them_apart():
+    network, gloves = shipped_suit_network(), in_gloves()
+    covered = np.flatnonzero(gloves.parts < 12)
+    bare = replace(gloves, colors_rgb=gloves.colors_rgb[covered], parts=gloves.parts[covered])
+    for suit, scheme in (
+        (None, PAPER),
+        (DEFAULT_SUIT, PAPER),
+        (gloves, HANDS),
+        (bare, PAPER),
+        (in_gloves(alike=True), PAPER),
+        (random_suit(4, scheme=load_scheme("six")), PAPER),
+        (SUITS[2], WARD),
+    ):
+        assert network.for_suit(suit).scheme == scheme
+    assert network.scheme == PAPER
+
+
+@pytest.mark.parametrize("scheme", [HANDS, WARD, load_scheme("atlas")], ids=lambda scheme: scheme.name)
+def test_shares_of_a_divided_class_are_equal_and_add_up(scheme):
+    chance = np.random.default_rng(0).random((13, 4, 5)).astype(np.float32)
+    shares = class_shares(chance, PAPER, scheme)
+    np.testing.assert_allclose(class_sums(shares, scheme, PAPER), chance, rtol=1e-6)
+    for part in PAPER.parts:
+        rows = scheme.class_table[list(scheme.ids_of(part.regions))]
+        assert (shares[rows] == shares[rows[0]]).all()
+
+
+def test_gloves_and_socks_are_labelled_by_their_colours():
+    rig = VirtualRig(1, 1, "clean", 5, RigOptions(draft=True, suit=in_gloves(), scheme=HANDS))
+    ((frame, truth),) = rig.with_truth()
+    true = truth_labels(frame, truth, rig.calibration.depth, HANDS).parts
+    labeller = SuitLabeller(rig.suit, shipped_suit_network().for_suit(rig.suit))
+    found, _ = label_cloud(labeller, labeller.fuser(rig.calibration).fuse_frame(frame), None)
+    assert found.scheme == HANDS
+    for name in ("left_hand", "right_hand", "left_foot", "right_foot", "left_forearm"):
+        part = HANDS.part_id[name]
+        assert (found.parts[true == part] == part).mean() > 0.7, name
+
+
+def test_earlier_labels_that_do_not_convert_are_no_input():
+    where = Rectangle(slice(0, 24), slice(0, 32))
+    empty = np.zeros((len(CHANNELS), 24, 32), np.uint8)
+    view = View(where, empty, np.zeros((24, 32, 3), np.uint8), 100.0, np.zeros((0, 3), np.uint8))
+    assert not view.after(frame_in(load_scheme("six")), None).planes.any()
+    assert view.after(frame_in(HANDS), None).planes.any()

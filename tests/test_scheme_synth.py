@@ -1,11 +1,13 @@
 """Synthetic data in any scheme: the same images, parts that are unions of regions, things by their names."""
 
 import hashlib
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from annotate.labelset.convert import convert
 from annotate.labelset.dataset import MANIFEST, Dataset, encode_shard, sha256
 from annotate.labelset.scheme_note import scheme_in, scheme_note
 from annotate.parts import PAPER, UNDEFINED
@@ -23,6 +25,7 @@ from synth.rig.virtual_rig import RigOptions, VirtualRig
 from synth.surface.furniture import THING_NAMES, Surface
 from synth.surface.wheelchair import draw_wheelchair
 from tests.helpers.schemes import WARD
+from tests.helpers.shards import write_dataset
 
 ATLAS = load_scheme("atlas")
 SHARDS = {
@@ -92,6 +95,19 @@ def test_a_dataset_and_its_page_name_the_scheme(tmp_path):
     pixels = statistics_of(frames, ATLAS).pixels
     assert pixels.shape == (25,) and pixels.sum() == 2 * 212 * 212
     assert not (tmp_path / MANIFEST).exists() and scheme_note(ATLAS)["scheme"]["name"] == "atlas"
+
+
+def test_shares_of_joined_parts_are_left_out_by_convert_and_by_the_page(tmp_path):
+    frames = images("people", ATLAS)
+    dataset = write_dataset(tmp_path / "atlas", frames)
+    made = convert(dataset, load_scheme("six"), tmp_path / "six", lambda _: None, overwrite=False)
+    assert [one.notes["visible"] for one in made] == [one.notes["visible"][:1] for one in frames]
+    info = Order(preset_named("people"), 2, 3).manifest()
+    cells = [
+        re.findall(r'<td class="num">([^<]*)</td></tr>', render(replace(one, info=info)))
+        for one in (dataset, made)
+    ]
+    assert cells[1] == ["-"] * 6 and len(cells[0]) == 24 and all(cell.endswith(" %") for cell in cells[0])
 
 
 def truth_of(scene, scheme, difficulty="clean", cast="training"):

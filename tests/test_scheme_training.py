@@ -13,7 +13,7 @@ from annotate.labelset.scheme_note import scheme_note  # noqa: E402
 from annotate.parts import PAPER  # noqa: E402
 from annotate.scheme.merging import conversion_table  # noqa: E402
 from annotate.scheme.scheme_file import load_scheme  # noqa: E402
-from eval.network.networks import build  # noqa: E402
+from eval.architecture.networks import build  # noqa: E402
 from eval.training.augment import Augmentation, augment  # noqa: E402
 from eval.training.body_targets import no_targets  # noqa: E402
 from eval.training.crops import Crops, load_crops, to_crop  # noqa: E402

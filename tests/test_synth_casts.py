@@ -12,7 +12,7 @@ from conftest import assert_refused
 from annotate.labelset.dataset import Dataset
 from annotate.labelset.label_set import LabelSet
 from annotate.suit.palette import DEFAULT_SUIT
-from eval.fine_tuning.training_split import CorrectedFrame, split_frames
+from eval.fine_tuning.training_split import FOLDS, CorrectedFrame, folds
 from eval.training.crops import load_crops
 from eval.training.finder.scenes import room_scenes
 from eval.training.segmentation import scenes
@@ -327,14 +327,14 @@ def test_a_subject_of_a_rig_stands_for_its_bodies(tmp_path):
     assert len(rest) == sum(own.isdisjoint(held) for own in bodies.values())
 
 
-def test_learning_holds_out_whole_people_where_there_are_enough():
+def test_learning_leaves_out_whole_people_where_there_are_enough():
     pairs = [("a", "b"), ("b", "c"), ("d",), ("e",), ("f", "g"), ("d",)]
     frames = [CorrectedFrame(blocks(i), blocks(i), i, frozenset(p)) for i, p in enumerate(pairs)]
-    trained, held = split_frames(frames)
-    assert held and len(trained) + len(held) == len(frames)
-    assert set().union(*(f.bodies for f in trained)).isdisjoint(*(f.bodies for f in held))
-    trained, held = split_frames([replace(frame, bodies=frozenset({"a"})) for frame in frames])
-    assert len(held) == 1 and len(trained) == 5
+    fold_of = folds(frames)
+    for fold in range(FOLDS):
+        held = [f for f, n in zip(frames, fold_of, strict=True) if n == fold]
+        rest = [f for f, n in zip(frames, fold_of, strict=True) if n != fold]
+        assert held and set().union(*(f.bodies for f in rest)).isdisjoint(*(f.bodies for f in held))
 
 
 def test_ways_of_standing_and_attire_follow_the_cast():

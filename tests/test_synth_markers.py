@@ -8,7 +8,7 @@ from pathlib import Path
 import c3d
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from sensors.errors import CloudError, FormatError
@@ -273,6 +273,7 @@ MUTATIONS = settings(deadline=None, suppress_health_check=[HealthCheck.function_
 @pytest.mark.parametrize("suffix", [".c3d", ".trc", ".bvh"])
 @settings(MUTATIONS, max_examples=60)
 @given(changes=CHANGES, cut=st.floats(0, 1))
+@example(changes=[(0.7751152584826952, 127)], cut=1.0)  # a number becomes a NaN that signals
 def test_changed_bytes_are_read_or_refused(tmp_path, suffix, changes, cut):
     path = tmp_path / f"m{suffix}"
     assert_read_or_refused(path, bytearray(original(path)), changes, cut)

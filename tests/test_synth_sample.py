@@ -129,7 +129,7 @@ def test_points_inside_the_image_are_those_that_project_there():
 def test_visibility_by_hand():
     whole = np.array([[1, 1, 2, 2], [0, 3, 3, 3]], np.uint8)
     parts = np.array([[1, 0, 2, 2], [0, 0, 0, 0]], np.uint8)
-    shares = visibility(parts, whole)
+    shares = visibility(parts, whole, N_CLASSES)
     assert shares[[1, 2, 3, 4]].tolist() == [0.5, 1, 0, 1] and shares[0] == pytest.approx(3 / 7)
 
 

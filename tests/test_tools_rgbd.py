@@ -1,9 +1,8 @@
-"""RGB-D recordings: the measures agree with an outside judge's; a colour network's models and geometry."""
+"""RGB-D recordings: the measures agree with an outside judge's; unregistered colour is refused."""
 
 import json
 import runpy
 import shutil
-import zipfile
 from collections import Counter
 
 import cv2
@@ -17,6 +16,7 @@ from sensors.errors import CalibrationError, FormatError
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics
 from tools.measure import colour_people, rgbd
+from tools.measure.people_file import PEOPLE_FILE, read_people
 from tools.measure.rgbd_tally import AS_JOINTS, JUDGED, Found, Seen, Tally
 
 CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
@@ -88,29 +88,7 @@ def test_a_person_in_place_is_right_and_another_one_is_a_phantom():
     np.testing.assert_allclose(moved.across_mm, 2 * 1900 / 60)
 
 
-def test_a_crop_is_mapped_there_and_back():
-    crop = (40.0, 30.0, 20.0, 0.5)
-    corners = np.column_stack([[[-0.5, -0.5], [255.5, -0.5], [127.5, 127.5]], np.ones(3)])
-    at = corners @ colour_people.placement(crop, 256).T + 0.5
-    np.testing.assert_allclose(at[2], crop[:2])
-    np.testing.assert_allclose(np.linalg.norm(at[1] - at[0]), crop[2])
-    rim = at[2] + 4 * np.array([np.sin(0.5), -np.cos(0.5)])
-    np.testing.assert_allclose(colour_people.upright(at[2], rim), (40, 30, 2 * 1.25 * 4, 0.5))
-    assert colour_people.anchors().shape == (2254, 2)
-
-
-def test_heat_moves_a_landmark_to_its_centroid():
-    heat, at = np.zeros((64, 64, 2), np.float32), np.array([[30.2 / 64, 21.9 / 64], [0.5, 0.5]])
-    heat[20, 31:33, 0] = 0.9
-    np.testing.assert_allclose(colour_people.refined(at, heat), [[31.5 / 64, 20 / 64], [0.5, 0.5]])
-
-
-def test_other_models_and_unregistered_colour_are_refused(tmp_path):
-    with zipfile.ZipFile(tmp_path / "other.whl", "w") as wheel:
-        wheel.writestr(f"mediapipe/{colour_people.DETECTOR}", b"another")
-    for models, match in ((tmp_path / "other.whl", "SHA-256"), (tmp_path, "no such file")):
-        with pytest.raises(FormatError, match=match):
-            colour_people.model_bytes(models, colour_people.DETECTOR)
+def test_unregistered_colour_is_refused(tmp_path):
     for folder, shape in (("depth", (48, 64)), ("color", (24, 32, 3))):
         (tmp_path / folder).mkdir()
         cv2.imwrite(str(tmp_path / folder / "0.png"), np.zeros(shape, np.uint8))
@@ -118,3 +96,30 @@ def test_other_models_and_unregistered_colour_are_refused(tmp_path):
         with pytest.raises(error, match=match):
             colour_people.make_people(tmp_path, None)
         (tmp_path / "color" / "0.png").unlink(missing_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("{", "is malformed"),
+        ("[]", "is malformed"),
+        ('{"0": 3}', "is malformed"),
+        ('{"0": [[[1, 2, 3]]]}', "33 x 3 numbers"),
+        (json.dumps({"0": [[[1, 2, None]] * 33]}), "33 x 3 numbers"),
+        ('{"0.png": []}', "has no image '0'"),
+        ('{"0": [], "1": []}', "depth/ has no image '1'"),
+    ],
+)
+def test_malformed_people_are_refused(text, fault, tmp_path):
+    path = tmp_path / PEOPLE_FILE
+    path.write_text(text)
+    with pytest.raises(FormatError, match=fault) as refused:
+        read_people(path, ["0"])
+    assert "\n" not in str(refused.value)
+    path.write_text(json.dumps({"0": [standing().tolist()]}))
+    np.testing.assert_array_equal(read_people(path, ["0"])["0"], [standing()])
+
+
+def test_a_folder_without_recordings_is_refused(tmp_path):
+    with pytest.raises(FormatError, match="has no recording"):
+        rgbd.recordings(tmp_path / "absent")

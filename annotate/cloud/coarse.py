@@ -52,6 +52,7 @@ class CoarseCloud:
             whole.color_rgb.reshape(-1, 3).take(at, axis=0),
             whole.color_valid.take(at),
             whole.temperature_c.take(at),
+            whole.stamp_ns,
         )
         return cls(whole.camera, whole.depth_mm, cloud, pixel, stride)
 
@@ -88,7 +89,8 @@ class CoarseFuser:
 
     def fuse_frame(self, frame: RigFrame) -> CoarseCloud:
         """Fuse a frame without decoding its colour image. Raises CalibrationError as ``Fuser.fuse``."""
-        return self.fuse(frame.depth_mm, frame.thermal_c)
+        fused = self.fuse(frame.depth_mm, frame.thermal_c)
+        return replace(fused, cloud=replace(fused.cloud, stamp_ns=frame.stamp_ns))
 
     def fuse(self, depth_mm: UInt16, thermal_c: Float32 | None = None) -> CoarseCloud:
         """Fuse simultaneous images to a coarse cloud; arguments as in ``Fuser.fuse``."""

@@ -5,6 +5,7 @@ So a person's heat is not copied onto the wall behind the person.
 """
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -79,7 +80,8 @@ class Fuser:
         """Fuse a frame, decoding its colour image. Raises FormatError for a broken image, CalibrationError as
         ``fuse``.
         """
-        return self.fuse(frame.depth_mm, frame.decode_color(), frame.thermal_c)
+        fused = self.fuse(frame.depth_mm, frame.decode_color(), frame.thermal_c)
+        return replace(fused, stamp_ns=frame.stamp_ns)
 
     def fuse(
         self, depth_mm: UInt16, color_rgb: UInt8 | None = None, thermal_c: Float32 | None = None

@@ -19,7 +19,8 @@ class ThermalCloud:
 
     camera: the undistorted depth camera, of shape (h, w). depth_mm: uint16 (h, w), 0 = no reading. points_m:
     float32 (h, w, 3), depth camera's frame, NaN = no reading. color_rgb: uint8 (h, w, 3), 0 where not
-    color_valid (h, w). temperature_c: float32 (h, w), NaN = no reading.
+    color_valid (h, w). temperature_c: float32 (h, w), NaN = no reading. stamp_ns: the depth camera's time, or
+    None.
 
     Raises FormatError for arrays that do not match the camera's shape.
     """
@@ -30,6 +31,7 @@ class ThermalCloud:
     color_rgb: UInt8
     color_valid: Bool
     temperature_c: Float32
+    stamp_ns: int | None = None
 
     def __post_init__(self) -> None:
         for name, channels in (
@@ -82,8 +84,8 @@ class ThermalCloud:
         size, pixel = camera.height * camera.width, cloud.point.pixel.numpy()[:, 0]
         if len(np.unique(pixel)) < len(pixel) or (len(pixel) and not 0 <= pixel.min() <= pixel.max() < size):
             raise FormatError(
-                f"pixel indices are not unique from 0 to {size - 1}; give the depth camera of the cloud, and "
-                "a selection of its points"
+                f"cloud has pixel indices that repeat or exceed {size - 1}; give a cloud of {camera.width} x "
+                f"{camera.height} pixels as to_open3d made it, or some of its points"
             )
         shape = camera.shape
         points_m, celsius = np.full((*shape, 3), np.nan, np.float32), np.full(shape, np.nan, np.float32)

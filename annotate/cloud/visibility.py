@@ -70,7 +70,7 @@ class PointView:
 
     @staticmethod
     def of_thermal(depth: Intrinsics, thermal: Intrinsics, thermal_from_depth: Pose) -> "PointView":
-        """Return the view of a thermal camera; its slope reach is half the window's width."""
+        """Return the view of a thermal camera. ``slope_reach`` is half a window, in depth pixels."""
         reach = (THERMAL_HALF_WINDOW + 0.5) * depth.fx / thermal.fx
         half_window = THERMAL_HALF_WINDOW, THERMAL_HALF_WINDOW
         return PointView(thermal, *_turned(depth, thermal_from_depth), half_window, THERMAL_TOLERANCE, reach)

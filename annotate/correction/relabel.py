@@ -48,7 +48,7 @@ class Relabelled:
 
 
 def untouched(correction: Correction) -> list[str]:
-    """Return the ids of the automatic frames without any stroke or verdict of a person, even undone."""
+    """Return the ids of automatic frames without strokes or verdicts of a person; undone ones count too."""
     free = [i for i in correction.labels.frame_ids if correction.state(i) == "auto"]
     return [i for i in free if not any(stroke.by_person for stroke in correction.journal.strokes(i))]
 

@@ -7,10 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
-import numpy as np
-
 from annotate.correction.correction import Correction
-from annotate.correction.relabel import untouched
 from annotate.correction.replay import is_stroke, rejected_by, verdicts
 from annotate.labelset.stroke import Stroke
 from sensors.errors import CloudError
@@ -18,7 +15,6 @@ from sensors.errors import CloudError
 HASTY_S = 1.5  # active seconds on an accepted frame below which a review is worth while
 LEAST_DONE = 3  # finished frames before the time left is estimated, because first frames take longer
 UNSURE = 0.9  # mean confidence below which labels that were accepted unchanged are worth a look
-REACH = 10  # frames around the farthest one, among which the least sure teaches most
 
 
 @dataclass(frozen=True)
@@ -67,29 +63,6 @@ def is_queued(correction: Correction, frame_id: str) -> bool:
         return False
     standing = verdicts(correction.journal.strokes(frame_id))
     return not standing or (standing[-1].who != correction.who and standing[-1].operation != "agree")
-
-
-def teaching_order(correction: Correction) -> list[str]:
-    """Return the untouched frames in the order in which correcting them helps fine-tuning most.
-
-    The first has the lowest confidence. Each next one is the least confident frame near the frame that is
-    farthest in time from all corrected and earlier ones.
-    """
-    ids, free = correction.labels.frame_ids, set(untouched(correction))
-    doubt = np.array([1 - (confidence_of(correction, i) or 0.0) for i in ids])
-    at, left = np.arange(len(ids)), np.array([i in free for i in ids])
-    away = np.full(len(ids), len(ids))
-    for known in np.flatnonzero(~left):
-        away = np.minimum(away, abs(at - known))
-    order: list[str] = []
-    while left.any():
-        farthest = int(np.where(left, away, -1).argmax())
-        is_first = away[farthest] == len(ids)
-        reach = len(ids) if is_first else min(REACH, away[farthest] // 2)
-        best = int(np.where(left & (abs(at - farthest) <= reach), doubt, -np.inf).argmax())
-        order.append(ids[best])
-        left[best], away = False, np.minimum(away, abs(at - best))
-    return order
 
 
 def progress(correction: Correction, frame_ids: list[str]) -> Progress:

@@ -151,7 +151,7 @@ def repairs(patch: Patch, view: View) -> Iterator[Repair]:
 
 
 def repairs_of_frame(view: View, wanted: set[int]) -> Iterator[Repair]:
-    """Yield every repair of the frame as a whole. wanted: parts that lack pixels."""
+    """Yield the repairs that act on the whole frame, not on one patch. wanted: parts that lack pixels."""
     parts, depth_mm = view.editor.parts, view.editor.depth_mm
     twins = view.editor.scheme.swap_left_right(parts)
     for pairs in (limb.pairs for limb in limbs_of(view.editor.scheme)):

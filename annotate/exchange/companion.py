@@ -54,7 +54,7 @@ class Companion:
 
     @cached_property
     def ids_by_name(self) -> dict[str, int]:
-        """Return part ids by others' plain names. Raises FormatError for a wrong ``theirs``."""
+        """Return our part ids by the other tool's names. Raises FormatError for a wrong ``theirs``."""
         return ids_by_name(self.scheme, self.theirs)
 
     def own_ids(self, labels: UInt8, classes: Sequence[str] = ()) -> UInt8:

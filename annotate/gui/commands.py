@@ -283,6 +283,7 @@ def _close(window: CorrectionWindow) -> None:
 def _export(window: CorrectionWindow) -> Outcome | None:
     # Its import takes half a second.
     from annotate.exchange.formats import FORMATS, export_labels
+    from annotate.labelset.nameless import NamelessLabelSet
 
     if not (chosen := ask_export(window, {name: one.title for name, one in FORMATS.items()})):
         return Outcome("Not exported")
@@ -290,7 +291,8 @@ def _export(window: CorrectionWindow) -> Outcome | None:
     _save(window)
 
     def work() -> tuple[str, ...]:
-        return export_labels(window.correction.labels, folder, name, lambda _: None)
+        labels = NamelessLabelSet.open(window.correction.labels.path)
+        return export_labels(labels, folder, name, lambda _: None)
 
     def then(lost: tuple[str, ...]) -> None:
         left_out = f"; it cannot carry {' and '.join(lost)}" if lost else ""

@@ -120,12 +120,11 @@ class Learner(QObject):
             self._learnt(json.loads(text))
 
     def _learnt(self, result: dict[str, Any]) -> None:
-        before, after = f"{result['before']:.1%}", f"{result['after']:.1%}"
+        held = f"Held-out frames: {result['text']}"
         if result["labels"] is None:
-            text = f"No improvement ({before} before, {after} now), so labels stay. Correct more frames"
+            text = f"{held}. No gain is certain, so labels stay. Correct more frames"
             self._window.say(Outcome(text, "warn"))
             return
-        held = f"Right on held-out frames: {before} before, {after} now"
         assert self._command is not None
         learnt = partial(_relabelled, self._window.correction, self._command.labels)
         self._take(

@@ -22,6 +22,17 @@ def cast_of(info: Mapping[str, Any]) -> str:
     return str(info.get(CAST, TRAINING))
 
 
+def known_people_note(info: Mapping[str, Any]) -> str:
+    """Return a note for a truth that shows the training cast; "" for another cast and for real people.
+
+    info: manifest of the virtual rig's truth or of a dataset.
+    """
+    synthetic = info.get("made_by") == "simulate" or "preset" in info
+    if not synthetic or cast_of(info) != TRAINING:
+        return ""
+    return "the truth shows the training cast, so scores of shipped networks are too good; use --cast judge"
+
+
 def check_trainable(path: Path, info: Mapping[str, Any]) -> None:
     """Raise CloudError for a manifest or metadata of another cast than the training cast."""
     if (cast := cast_of(info)) != TRAINING:

@@ -22,15 +22,19 @@ from annotate.scheme.scheme import UNDEFINED, Scheme
 from sensors.errors import FormatError
 from sensors.files.atomic import write_bytes
 
+BY_PART = ("visible",)
+"""Notes of synthetic images with a share of the whole person, then of each part by id."""
+
 
 def convert(
     frames: LabelledFrames, scheme: Scheme, out: Path, advance: Callable[[int], None], *, overwrite: bool
 ) -> LabelledFrames:
     """Write a label set or a dataset in another scheme; ``out`` appears only when complete.
 
-    Journal and first labels of corrections are left out; their result and all other fields stay. advance:
-    called with 1 for each frame. Raises FormatError where a part would be split, or where the journal is
-    ahead of the labels; ExistsError where ``out`` exists, unless it is replaceable and ``overwrite`` is True.
+    Journal and first labels of corrections are left out, and in another scheme the shares of single parts in
+    notes; all other fields stay. advance: called with 1 for each frame. Raises FormatError where a part would
+    be split, or where the journal is ahead of the labels; ExistsError where ``out`` exists, unless it is
+    replaceable and ``overwrite`` is True.
     """
     table = conversion_table(frames.scheme, scheme)
     if isinstance(frames, Dataset):
@@ -50,8 +54,14 @@ def convert(
 
 
 def in_scheme(frame: FrameLabels, scheme: Scheme, table: UInt8) -> FrameLabels:
-    """Return a frame in another scheme. table: of ``conversion_table``, from the frame's scheme."""
-    return replace(frame, parts=table[frame.parts], scheme=scheme)
+    """Return a frame in another scheme, without the shares of single parts in ``BY_PART``, which do not add
+    up. table: of ``conversion_table``, from the frame's scheme.
+    """
+    notes = frame.notes
+    if scheme != frame.scheme:
+        shares = {key: notes[key][:1] for key in BY_PART if isinstance(notes.get(key), list)}
+        notes = notes | shares
+    return replace(frame, parts=table[frame.parts], notes=notes, scheme=scheme)
 
 
 def _info(info: Mapping[str, Any], scheme: Scheme) -> dict[str, Any]:

@@ -212,8 +212,8 @@ class LabelSet:
     def write(self, frame: FrameLabels, probabilities: Probabilities | None = None) -> None:
         """Add or replace one frame, with a network's probabilities if they are to be stored.
 
-        The frame's notes must hold ``probabilities.note()`` then. Raises FormatError for an image size that
-        or a scheme that is not the set's.
+        The frame's notes must hold ``probabilities.note()`` then. Raises FormatError for an image size or a
+        scheme that is not the set's.
         """
         check_scheme(frame.frame_id, frame.scheme, self.path, self.scheme)
         if frame.depth_mm.shape != self.intrinsics.shape:

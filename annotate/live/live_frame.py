@@ -2,9 +2,9 @@
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from annotate.array_types import Float64
 from annotate.cloud.thermal_cloud import ThermalCloud
@@ -26,7 +26,8 @@ class BodyPose:
 
     names: of the joints. joints_m: (J, 3). bones: pairs of joint indices. facing_deg: azimuth of the camera
     about the trunk, 0 in front of the chest, 90 on the person's left. posture: one of
-    ``annotate.posture.POSTURES``. facing_sure, posture_sure: probabilities.
+    ``annotate.posture.POSTURES``, "" where it is unclear. facing_sure, posture_sure: probabilities.
+    joint_quality: by column, values by joint; empty from networks that do not give it.
     """
 
     names: tuple[str, ...]
@@ -36,6 +37,7 @@ class BodyPose:
     facing_sure: float
     posture: str
     posture_sure: float
+    joint_quality: dict[str, dict[str, Any]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -13,27 +13,20 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numba import njit
-from scipy.spatial import cKDTree
 
-from annotate.array_types import Bool, Float32, Float64, Index, UInt8
+from annotate.array_types import Bool, Float32, Float64, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.onnx_session import Network, onnx_session
+from annotate.person.votes import Voters, persons_by_votes
 
 FOCAL_PX = 183.0  # of the images that the network is trained on, half of a Kinect v2's
 MULTIPLE = 64  # sides are padded to multiples, because the network halves an image six times
 LOCAL_GAINS = {61: 8.0, 15: 40.0}  # factors of log depth less its local mean, by side of the mean's window
 MOST_LOCAL = 4.0  # bound of these channels
 WARMTH = (-1.0, 2.0)  # range of the channel: from a cold pane to a radiator
-VOTE_M = 0.1  # scatter of votes for one middle
-MIDDLES_M = 0.25  # least distance of two persons' middles; of 134 persons 8 split, 9 merge (0.45: 4, 13)
-STRAY_M = 0.7  # reach of a person's votes for stray ones; 0.25 finds 1 % fewer persons that are cut out
-MOST_VOTES = 500  # that decide on the middles, for speed
 CUT_OUT_ODDS = 4.0  # added where the background is cut away; finds 0.997 of these persons instead of 0.99
-SURE_ODDS = 1.0  # mean log odds of a person's pixels, below which it is a thing
 BESIDE_SURFACE = 0.03  # share of the depth at which a neighbour's weight falls to 1/e
-MIN_PERSON_M2 = 0.03  # visible surface: a head with a shoulder
 MOST_PERSON_M2 = 2.5  # visible surface: twice the front of a tall adult
-MOST_PERSONS = 255  # in a frame, because an image of persons is 8-bit
 
 
 @dataclass(frozen=True)
@@ -65,8 +58,8 @@ def find_people(cloud: ThermalCloud, warmth: Float32, *, single_pass: bool = Fal
     likely = (odds > 0) & (z > 0)
     voting = likely[::2, ::2]
     whose = np.zeros(odds.shape, np.uint8)
-    some = (votes_m, 4 * surface_m2[::2, ::2], odds[::2, ::2])
-    whose[::2, ::2][voting] = _by_votes(*(values[voting] for values in some))
+    voters = Voters(votes_m, small_m[::2, ::2], 4 * surface_m2[::2, ::2], odds[::2, ::2])
+    whose[::2, ::2][voting] = persons_by_votes(voters.chosen(voting))
     # Every second pixel votes; pixels between take their neighbours' person.
     between = cv2.dilate(whose, np.ones((3, 3), np.uint8))
     whose = np.where(whose > 0, whose, np.where(likely, between, 0)).astype(np.uint8)
@@ -143,53 +136,6 @@ def _found(points_m: Float32, warmth: Float32, single_pass: bool = False) -> tup
     ray = (z + away) / z
     x, y = voters[..., 0] + right, voters[..., 1] + down
     return odds[:height, :width].copy(), np.stack([x * ray, y * ray, z + away], axis=-1)
-
-
-def _by_votes(votes_m: Float32, surface_m2: Float32, odds: Float32) -> UInt8:
-    """Return the person number (n,) of pixels, 0 = no person, from their votes (n, 3), surface areas (n,) and
-    log odds (n,).
-    """
-    step = 1 + len(votes_m) // MOST_VOTES
-    some, weight = votes_m[::step], surface_m2[::step] * step
-    leader = _leaders(some, weight)
-    while (leader[leader] != leader).any():
-        leader = leader[leader]
-    _, person = np.unique(leader, return_inverse=True)
-    area = np.bincount(person, weight)
-    sure = np.bincount(person, weight * odds[::step]) >= SURE_ODDS * area
-    kept = np.flatnonzero(sure & (area >= MIN_PERSON_M2))[:MOST_PERSONS]
-    if not len(kept):
-        return np.zeros(len(votes_m), np.uint8)
-    # Votes of rejected clusters go to the nearest person, if near.
-    among = np.flatnonzero(np.isin(person, kept))
-    number = np.searchsorted(kept, person[among]) + 1
-    _, nearest = cKDTree(some[among]).query(votes_m, distance_upper_bound=STRAY_M)
-    return np.asarray(np.append(number, 0)[nearest], np.uint8)
-
-
-@njit(cache=True, nogil=True)
-def _leaders(votes: Float32, weight: Float32) -> Index:
-    """Return for each vote the index (n,) of the nearest vote of higher density within ``MIDDLES_M``; its own
-    index at a density peak.
-    """
-    density, leader = np.zeros(len(votes), np.float32), np.arange(len(votes))
-    for i in range(len(votes)):
-        for j in range(len(votes)):
-            square = np.float32(0)
-            for axis in range(3):
-                square += (votes[i, axis] - votes[j, axis]) ** 2
-            if square < np.float32((4 * VOTE_M) ** 2):
-                density[i] += weight[j] * np.exp(square * np.float32(-0.5 / VOTE_M**2))
-    for i in range(len(votes)):
-        least = np.float32(MIDDLES_M**2)
-        for j in range(len(votes)):
-            if density[j] > density[i] or (density[j] == density[i] and j < i):
-                square = np.float32(0)
-                for axis in range(3):
-                    square += (votes[i, axis] - votes[j, axis]) ** 2
-                if square <= least:
-                    least, leader[i] = square, j
-    return leader
 
 
 class _Small(NamedTuple):

@@ -6,7 +6,8 @@ from itertools import count
 import numpy as np
 
 from annotate.frame_labels import FrameLabels
-from annotate.person.finder import MOST_PERSONS, Person
+from annotate.person.finder import Person
+from annotate.person.votes import MOST_PERSONS
 
 REACH_M = 0.8  # between a person's middles in two frames: half a second of walking; untuned
 

@@ -80,7 +80,7 @@ def pair_faults(
 
 
 def color_faults(scheme: Scheme, where: str) -> Iterator[str]:
-    """Yield faults of colours: the same twice, or too near for some eyes. where: file for the remedy."""
+    """Yield messages on equal colours, and on colours too similar for some eyes. where: the scheme's file."""
     remedy = f"run annotate-cloud scheme colours {shlex.quote(where)}"
     for pair in near_pairs(scheme):
         one = "the background" if pair.one == BACKGROUND_PART else repr(pair.one.name)

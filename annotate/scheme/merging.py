@@ -37,7 +37,7 @@ def converts(source: Scheme, target: Scheme) -> bool:
 def conversion_table(source: Scheme, target: Scheme) -> UInt8:
     """Return uint8 (256,): the id in ``target`` by the id in ``source``; unused ids become undefined.
 
-    A free part becomes the free part of its name, or background where ``target`` has none. Raises FormatError
+    A thing becomes the thing of its name, or background where ``target`` has none. Raises FormatError
     where a part of ``source`` would be split.
     """
     for part in _split_parts(source, target):
@@ -62,13 +62,22 @@ def class_sums(planes: Float32, source: Scheme, target: Scheme) -> Float32:
     Further planes after the classes of ``source``, such as another person, follow unchanged. Raises
     FormatError where a part of ``source`` would be split.
     """
-    into = target.class_table[conversion_table(source, target)[source.class_ids]]
-    further = planes[len(into) :]
-    sums = np.zeros((len(target.class_ids) + len(further), *planes.shape[1:]), np.float32)
-    for plane, at in zip(planes, into, strict=False):
-        sums[at] += plane
-    sums[len(target.class_ids) :] = further
-    return sums
+    conversion_table(source, target)
+    return class_shares(planes, source, target)
+
+
+def class_shares(planes: Float32, source: Scheme, target: Scheme) -> Float32:
+    """Return ``class_sums``, where a part of ``source`` that lies in several parts of ``target`` gives each
+    an equal share.
+    """
+    things = {part.name: part.id for part in target.parts if part.is_free}
+    sums = np.zeros((len(target.class_ids), *planes.shape[1:]), np.float32)
+    sums[BACKGROUND] = planes[BACKGROUND]
+    for plane, part in zip(planes[1:], source.parts, strict=False):
+        into = target.ids_of(part.regions) or (things.get(part.name, BACKGROUND),)
+        for part_id in into:
+            sums[target.class_table[part_id]] += plane / np.float32(len(into))
+    return np.concatenate([sums, planes[len(source.class_ids) :]])
 
 
 def _split_parts(source: Scheme, target: Scheme) -> list[Part]:
@@ -80,7 +89,7 @@ def _split_parts(source: Scheme, target: Scheme) -> list[Part]:
 def finest_common(first: Scheme, second: Scheme) -> CommonScheme:
     """Return the finest scheme that both schemes convert into; the order of the two does not matter.
 
-    Body parts that overlap are joined; free parts stay where both schemes have the name. Parts of the scheme
+    Body parts that overlap are joined; things stay where both schemes have the name. Parts of the scheme
     with fewer parts keep id, name, colour and key; joined parts have a shipped scheme's name, if any.
     """
     one, other = sorted((first, second), key=lambda scheme: (len(scheme.parts), scheme.name))
@@ -109,7 +118,7 @@ def _is_made_of(scheme: Scheme, classes: list[Regions], free: set[str]) -> bool:
 
 
 def _scheme(one: Scheme, other: Scheme, classes: list[Regions], free: set[str]) -> Scheme:
-    """Return a new scheme of classes of regions and names of free parts."""
+    """Return a new scheme of classes of regions and names of things."""
     kept = [part for part in one.parts if part.regions in classes or (part.is_free and part.name in free)]
     own = {part.regions: part for part in other.parts}
     parts, here = list(kept), {part.regions for part in kept}

@@ -51,6 +51,11 @@ class Region(IntEnum):
         other = {"LEFT": "RIGHT", "RIGHT": "LEFT"}.get(side)
         return Region[f"{other}_{rest}"] if other else self
 
+    @staticmethod
+    def on(side: str, name: str) -> "Region":
+        """Return the region of a side ("left", "right") by its name without side, such as ``hand``."""
+        return Region[f"{side}_{name}".upper()]
+
 
 N_REGIONS = len(Region)
 

@@ -21,7 +21,7 @@ _SIDE = re.compile(r"\b(?:left|right)\b", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Part:
-    """Part of a scheme. A free part, a thing, has no regions.
+    """Part of a scheme. A thing (``is_free``) has no regions.
 
     id: 1 to 254, the value in label images. name: in files. title: for people. rgb: 8-bit sRGB. key: in the
     correction window, or "".
@@ -129,7 +129,7 @@ class Scheme:
 
     @cached_property
     def is_thing(self) -> Bool:
-        """Return flags (256,) by id: True for free parts."""
+        """Return flags (256,) by id: True for things."""
         return self._flags([part.id for part in self.parts if part.is_free])
 
     def _flags(self, ids: list[int]) -> Bool:
@@ -209,7 +209,7 @@ def scheme_of(
 ) -> Scheme:
     """Return the scheme of parts with distinct ids.
 
-    twins, neighbours: pairs of ids to add to the pairs that follow from regions, such as pairs of free parts.
+    twins, neighbours: pairs of ids to add to the pairs that follow from regions, such as pairs of things.
     """
     by_id = tuple(sorted(parts, key=lambda part: part.id))
     all_twins = sorted({*derived_twins(by_id), *twins})

@@ -14,6 +14,7 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.parts import PAPER
 from annotate.person.extract import PersonDetection, PersonMask
+from annotate.scheme.merging import converts
 from annotate.scheme.scheme import BACKGROUND, Scheme
 from annotate.segmentation.border_refinement import refine_borders
 from annotate.segmentation.input_channels import (
@@ -70,12 +71,13 @@ class View(NamedTuple):
     def after(self, before: FrameLabels | None, suit: Suit | None, scheme: Scheme = PAPER) -> "View":
         """Return the view with the labels and illuminant of the previous frame, if any.
 
-        scheme: of the network that takes the view.
+        scheme: of the network that takes the view. Labels that do not convert into it are left out.
         """
         planes = fitted_to(self.planes, scheme)
         if before is None:
             return self._replace(planes=planes)
-        planes = with_before(planes, before, self.where, scheme)
+        if converts(before.scheme, scheme):
+            planes = with_before(planes, before, self.where, scheme)
         return self._replace(planes=planes, kept=_kept(suit, before) if suit is not None else None)
 
     def step(self, sample_m: float) -> int:

@@ -3,7 +3,6 @@
 Its training: `annotate/segmentation/suit_network.md`.
 """
 
-import copy
 import hashlib
 from functools import cache
 from importlib.resources import files
@@ -14,11 +13,12 @@ import numpy as np
 from annotate.array_types import Float32, UInt8
 from annotate.onnx_session import onnx_session, scheme_in_metadata
 from annotate.parts import PAPER
-from annotate.scheme.merging import class_sums, conversion_table
+from annotate.scheme.merging import converts
 from annotate.scheme.scheme import Scheme
+from annotate.scheme_network import SchemeNetwork
 from annotate.segmentation.input_channels import FIXED, Rectangle, fitted_to, network_input
 from annotate.segmentation.split_network import INPUT, PLACE, split_network
-from annotate.suit.palette import Suit
+from annotate.suit.palette import Suit, divides
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 
@@ -34,7 +34,7 @@ def other_person(scheme: Scheme) -> int:
     return len(scheme.class_ids)
 
 
-class SuitNetwork:
+class SuitNetwork(SchemeNetwork):
     """Trained suit segmentation network. sha256: hash of its file. Several threads may call it.
 
     own: scheme of the network's classes and inputs, named in the file or ``paper``. scheme: of the
@@ -61,30 +61,18 @@ class SuitNetwork:
         self.scheme = scheme
 
     def for_suit(self, suit: Suit | None) -> "SuitNetwork":
-        """Return the network with labels in the suit's scheme if the classes are regions, else in the usual
-        scheme.
+        """Return the network with labels in the suit's scheme, or in the usual scheme without a suit.
+
+        Where the suit's parts are finer than the classes, its colours divide them. If a finer part has no
+        colour of its own, or if the suit's parts join classes, the usual scheme is kept.
         """
-        return self.in_scheme(suit.scheme if suit and self.own.is_of_regions else self.usual_scheme)
-
-    @property
-    def usual_scheme(self) -> Scheme:
-        """Return the scheme of labels by default: ``scheme``, ``paper`` for a network of regions."""
-        return PAPER if self.scheme.is_of_regions else self.scheme
-
-    def in_scheme(self, scheme: Scheme) -> "SuitNetwork":
-        """Return the network with probabilities of a scheme's classes, sums of the own ones.
-
-        Raises FormatError where a class would be split.
-        """
-        conversion_table(self.own, scheme)
-        converted = copy.copy(self)
-        converted.scheme = scheme
-        return converted
-
-    def __copy__(self) -> "SuitNetwork":
-        converted = object.__new__(type(self))
-        converted.__dict__.update(self.__dict__)
-        return converted
+        if suit is None:
+            return self.in_scheme(self.usual_scheme)
+        if self.own.is_of_regions:
+            return self.in_scheme(suit.scheme)
+        if converts(suit.scheme, self.own) and divides(suit, self.own):
+            return self.labelling(suit.scheme)
+        return self.in_scheme(self.usual_scheme)
 
     def _load(self, file: bytes) -> None:
         self._file, self.sha256 = file, hashlib.sha256(file).hexdigest()
@@ -118,7 +106,7 @@ class SuitNetwork:
                 found[:, top::step, left::step] = self._of_own(own[:, top::step, left::step], moved)
         inner = (slice(own.start % place, own.start % place + own.stop - own.start) for own in near)
         chance = _softmax(found[:, *inner])
-        return chance if self.scheme == self.own else class_sums(chance, self.own, self.scheme)
+        return self.merged(chance)
 
     def _input(self, planes: UInt8) -> Float32:
         return network_input(planes, len(self.own.parts))[None]

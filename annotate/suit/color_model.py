@@ -50,12 +50,11 @@ class ColorModel:
     (K,), True for a swatch that is skin or hair, not cloth. log_gain: (2,), natural logarithms of the red and
     blue gains relative to green. parts: name of the suit's part by swatch, "" for one that is bare.
 
-    The suit's scheme gives the regions of a swatch; colours are matched by swatch. Probabilities and
-    likelihoods of parts are of the suit network's scheme: a part's likelihood is the greatest of its
-    regions. So a suit of any scheme is segmented into the network's parts, with losses. Colours of a finer
-    suit, such as a glove, count for the whole part, and its borders within a part are lost. Parts of a
-    coarser suit, such as both arms in one colour, are equally likely by colour; only shape and depth separate
-    left from right.
+    The suit's scheme gives the regions of a swatch; colours are matched by swatch. A part's likelihood is the
+    greatest of its regions, so a suit of any scheme serves a network and labels of any scheme, with losses.
+    Colours of a finer suit, such as a glove, count for the network's whole part; they divide it at the end,
+    where the labels are in the suit's scheme. Parts of a coarser suit, such as both arms in one colour, are
+    equally likely by colour; only shape and depth separate left from right.
     """
 
     palette: Float64

@@ -10,6 +10,7 @@ import re
 import tomllib
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +54,7 @@ class Suit:
 
     def __post_init__(self) -> None:
         for part in body_parts(self.scheme):
-            if part.id not in self.parts and not part.regions <= MAY_BE_BARE:
+            if part.id not in self.parts and not may_be_bare(part):
                 raise CloudError(f"suit {self.name!r} has no colour for {part.name}; add it under [colors]")
 
     def swatches_of(self, part: int) -> UInt8:
@@ -95,6 +96,21 @@ class Suit:
 def body_parts(scheme: Scheme) -> tuple[Part, ...]:
     """Return the parts of a scheme that a suit covers: all but things."""
     return tuple(part for part in scheme.parts if not part.is_free)
+
+
+def may_be_bare(part: Part) -> bool:
+    """Return whether a suit may leave a part of the body without a colour: a hand or a foot."""
+    return part.regions <= MAY_BE_BARE
+
+
+def divides(suit: Suit, scheme: Scheme) -> bool:
+    """Return whether parts of a suit that lie in one part of a scheme all differ in colour."""
+    alike = set(suit.look_alikes)
+    for part in body_parts(scheme):
+        within = suit.scheme.ids_of(part.regions)
+        if len(within) > 1 and (not np.isin(within, suit.parts).all() or alike & {*combinations(within, 2)}):
+            return False
+    return True
 
 
 def chromaticity(rgb: NDArray[Any]) -> Float64:

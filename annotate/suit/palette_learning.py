@@ -14,9 +14,10 @@ from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.label_set import LabelSet
-from annotate.parts import BODY_PARTS
+from annotate.parts import PAPER
+from annotate.scheme.scheme import Scheme
 from annotate.suit.color_model import evenly, readable
-from annotate.suit.palette import MIN_CHROMA_DISTANCE, Suit, chromaticity
+from annotate.suit.palette import MIN_CHROMA_DISTANCE, Suit, body_parts, chromaticity, may_be_bare
 from sensors.errors import CloudError
 from sensors.rig.frame import FrameSource
 
@@ -58,13 +59,16 @@ def clouds_with(
         yield fuser.fuse_frame(source.frame(int(frame_id))), labels.read(frame_id)
 
 
-def suit_from_labels(frames: Iterable[tuple[ThermalCloud, FrameLabels]], name: str) -> Suit:
-    """Fit the palette of a suit, one or two main colours a part, to clouds with correct labels.
+def suit_from_labels(
+    frames: Iterable[tuple[ThermalCloud, FrameLabels]], name: str, scheme: Scheme = PAPER
+) -> Suit:
+    """Fit the palette of a suit, one or two main colours a part, to clouds with correct labels in a scheme.
 
-    Raises CloudError when labels are of another depth image, or no frame shows enough of a part.
+    A hand or foot that is a part and hardly shows stays without a colour. Raises CloudError when labels are
+    of another depth image, or no frame shows enough of another part.
     """
     beside = np.ones((2 * SEAM_PX + 1,) * 2, np.uint8)
-    seen: dict[int, list[UInt8]] = {part.id: [] for part in BODY_PARTS}
+    seen: dict[int, list[UInt8]] = {part.id: [] for part in body_parts(scheme)}
     for cloud, labels in frames:
         if not np.array_equal(cloud.depth_mm, labels.depth_mm):
             raise CloudError(
@@ -72,19 +76,19 @@ def suit_from_labels(frames: Iterable[tuple[ThermalCloud, FrameLabels]], name: s
                 "give the session they were made from"
             )
         inner = cv2.dilate(labels.parts, beside) == cv2.erode(labels.parts, beside)
-        for part in BODY_PARTS:
+        for part in body_parts(scheme):
             here = labels.parts == part.id
             here = here & inner if (here & inner).sum() >= LEAST_COLORS else here
             rgb = cloud.color_rgb[here]
             seen[part.id].append(rgb[readable(rgb, cloud.color_valid[here])])
-    return _suit({part: np.concatenate(colors) for part, colors in seen.items() if colors}, name)
+    return _suit({part: np.concatenate(colors) for part, colors in seen.items() if colors}, name, scheme)
 
 
-def suit_from_photo(path: Path, name: str) -> Suit:
-    """Fit a palette to a photograph (PNG or JPEG) of eleven patches of cloth on plain paper.
+def suit_from_photo(path: Path, name: str, scheme: Scheme = PAPER) -> Suit:
+    """Fit a palette to a photograph (PNG or JPEG) of patches of cloth on plain paper, one for each part.
 
-    The patches lie apart, row by row in the order of the parts: head, torso, left upper arm and so on. Raises
-    CloudError for an unreadable picture or another number of patches.
+    The patches lie apart, row by row in the order of the scheme's parts of the body; those that may be bare
+    are all there, or none. Raises CloudError for an unreadable picture or another number of patches.
     """
     rgb = _read(path)
     lab = cv2.cvtColor(rgb.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
@@ -93,32 +97,35 @@ def suit_from_photo(path: Path, name: str) -> Suit:
     spots = cv2.morphologyEx((away > CONTRAST).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
     _, labels, stats, _ = cv2.connectedComponentsWithStats(spots)
     patches = [i for i in range(1, len(stats)) if stats[i, cv2.CC_STAT_AREA] >= LEAST_PATCH * spots.size]
-    if len(patches) != len(BODY_PARTS):
+    covered = [part for part in body_parts(scheme) if not may_be_bare(part)]
+    cloths = body_parts(scheme) if len(patches) > len(covered) else covered
+    if len(patches) != len(cloths):
         raise CloudError(
-            f"swatches {path} show {len(patches)} patches; lay {len(BODY_PARTS)} apart on plain paper, "
-            f"row by row in this order: {', '.join(part.name for part in BODY_PARTS)}"
+            f"swatches {path} show {len(patches)} patches; lay {len(cloths)} apart on plain paper, "
+            f"row by row in this order: {', '.join(part.name for part in cloths)}"
         )
     inner = cv2.erode(spots, np.ones((5, 5), np.uint8), borderValue=0) > 0
     ordered = _row_by_row(stats[patches])
     found = {}
-    for part, i in zip(BODY_PARTS, ordered, strict=True):
+    for part, i in zip(cloths, ordered, strict=True):
         colors = rgb[inner & (labels == patches[i])]
         found[part.id] = colors[readable(colors, np.ones(len(colors), np.bool_))]
-    return _suit(found, name)
+    return _suit(found, name, scheme)
 
 
-def _suit(colors: dict[int, UInt8], name: str) -> Suit:
+def _suit(colors: dict[int, UInt8], name: str, scheme: Scheme) -> Suit:
     swatches = []
-    for part in BODY_PARTS:
+    for part in body_parts(scheme):
         own = colors.get(part.id, np.zeros((0, 3), np.uint8))
-        if len(own) < LEAST_COLORS:
+        if len(own) >= LEAST_COLORS:
+            swatches += [(rgb, part.id) for rgb in _main_colors(own)]
+        elif not may_be_bare(part):
             raise CloudError(
                 f"{part.name} shows {len(own)} readable colours, {LEAST_COLORS} are needed; "
                 "add a frame that shows it in even light"
             )
-        swatches += [(rgb, part.id) for rgb in _main_colors(own)]
     colors_rgb, parts = (np.array(column, np.uint8) for column in zip(*swatches, strict=True))
-    return Suit(name, colors_rgb, parts)
+    return Suit(name, colors_rgb, parts, scheme)
 
 
 def _main_colors(rgb: UInt8) -> list[tuple[int, ...]]:

@@ -25,7 +25,10 @@ def evaluate(
     out: Annotated[
         Path | None, Option(help="Result (.npz) to write, for 'compare' and 'report'; of folders, a folder.")
     ] = None,
-    title: Annotated[str, Option(help="Name of the result in the report.")] = "Network",
+    title: Annotated[
+        str | None,
+        Option(help="Name of the result in comparisons and reports.", show_default="the name of the labels"),
+    ] = None,
     scheme: Annotated[
         str | None,
         Option(
@@ -41,7 +44,7 @@ def evaluate(
     """Measure labels against the truth, with confidence intervals and the confusion matrix."""
     from annotate.scheme.scheme_file import load_scheme
 
-    chosen = load_scheme(scheme) if scheme else None
+    chosen, title = load_scheme(scheme) if scheme else None, title or predicted.resolve().name
     if pairs := label_sets_in(predicted, truth, scheduler):
         given = _Job(predicted, truth, out, title, chosen, overwrite, provenance())
         jobs = _jobs(pairs, given)
@@ -66,10 +69,7 @@ def evaluate(
         job = _Job(predicted, truth, out, title, chosen, overwrite, provenance())
         _save(job, guesses, targets, comparison)
     result = {**comparison.to_evaluation_json(), **details(comparison)}
-    if note := _scheme_note(guesses, targets, comparison):
-        say(note)
-    if comparison.ci_note:
-        say(comparison.ci_note)
+    say(*_notes(guesses, targets, comparison), *([comparison.ci_note] if comparison.ci_note else []))
     finish(result, json, scores_text(comparison, intervals=True))
 
 
@@ -147,7 +147,7 @@ def _save(job: _Job, predicted: "LabelledFrames", truth: "LabelledFrames", compa
         **{f"{name} hash": value for name, value in comparison.hashes.items()},
         "source": str(truth.info.get("source", "")),
         "network": weights if isinstance(weights, str) else "",
-        "schemes": _scheme_note(predicted, truth, comparison),
+        "notes": "; ".join(_notes(predicted, truth, comparison)),
     }
     facts = {name: fact for name, fact in facts.items() if fact}
     save_result(job.out, Result(job.title, comparison, facts), job.overwrite)
@@ -160,6 +160,19 @@ def _scheme_note(predicted: "LabelledFrames", truth: "LabelledFrames", compariso
     if predicted.scheme == truth.scheme == comparison.scheme:
         return ""
     return f"{scheme_note(comparison.scheme)} (labels: {predicted.scheme.name}, truth: {truth.scheme.name})"
+
+
+def _notes(predicted: "LabelledFrames", truth: "LabelledFrames", comparison: "Comparison") -> list[str]:
+    """Return the notes of a comparison: its scheme, exchanged sets, people that trained the networks."""
+    from annotate.labelset.cast_note import known_people_note
+
+    exchanged = predicted.info.get("made_by") == "simulate" and truth.info.get("made_by") != "simulate"
+    notes = (
+        _scheme_note(predicted, truth, comparison),
+        f"{predicted.path} is a simulation's truth; name the truth second" if exchanged else "",
+        known_people_note(truth.info),
+    )
+    return [note for note in notes if note]
 
 
 def compare(
@@ -196,8 +209,7 @@ def diff(
 
     with progress("compare", len(sets[1])) as advance:
         comparison = compare_sets(*sets, advance)
-    if note := _scheme_note(*sets, comparison):
-        say(note)
+    say(*_notes(*sets, comparison))
     finish(comparison.to_json(), json, scores_text(comparison, intervals=False))
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, BadParameter, Option
 
-from cli.console import Json, Overwrite, finish, progress, say
+from cli.console import Json, Names, Overwrite, finish, progress, say
 from cli.scheme import names
 from sensors.errors import FormatError
 from sensors.files.atomic import check_free
@@ -122,6 +122,7 @@ def export(
             "beside them). For pcd and ply, the labelled cloud: its own points get the labels."
         ),
     ] = None,
+    names: Names = False,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -129,9 +130,11 @@ def export(
     from annotate.exchange.formats import FORMATS, export_labels
     from annotate.exchange.labelled_points import CLOUD_FORMATS, export_points
     from annotate.labelset.label_set import LabelSet
+    from annotate.labelset.nameless import NamelessLabelSet
 
     check_choice("format", format_, (*FORMATS, FOXGLOVE))
-    label_set, output = LabelSet.open(labels), Output(out, overwrite, json)
+    label_set = (LabelSet if names else NamelessLabelSet).open(labels)
+    output = Output(out, overwrite, json)
     result: dict[str, Any] = {"frames": len(label_set), "format": format_, "path": str(out)}
     if format_ == FOXGLOVE:
         remarks = _export_foxglove(label_set, session, output)

@@ -5,10 +5,11 @@ import time
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Argument, Option
+from typer import Argument, BadParameter, Option
 
 from cli.console import Json, finish, progress, say
 from cli.extras import check_extra, needing
+from sensors.errors import CloudError
 from sensors.files.atomic import check_there
 
 LOW = 10  # niceness of the process, because other work has priority; untuned
@@ -17,8 +18,9 @@ LOW = 10  # niceness of the process, because other work has priority; untuned
 def learn(
     labels: Annotated[Path, Argument(help="Label set with some corrected and accepted frames.")],
     out: Annotated[
-        Path, Option(metavar="MODEL", help="Folder for the network; an interrupted run continues there.")
-    ],
+        Path | None,
+        Option(metavar="MODEL", help="Folder for the network; an interrupted run continues there."),
+    ] = None,
     session: Annotated[
         Path | None,
         Option(help="Recording of labels made by a suit.", show_default="the one beside the labels"),
@@ -26,16 +28,25 @@ def learn(
     weights: Annotated[
         Path | None, Option(help="Network (.onnx) to start from.", show_default="the shipped one")
     ] = None,
+    undo: Annotated[
+        bool, Option("--undo", help="Restore the labels from before the last fine-tuning instead.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Fine-tune on corrected frames, then label the untouched frames. Needs the extra 'train'.
 
-    With a suit, the suit network is fine-tuned; without one, the network that refines labels by depth. The
-    command runs at low priority on one core. A window that starts it takes over the new labels; close other
-    windows of the set first.
+    With a suit, the suit network is fine-tuned; without one, the network that refines labels by depth. Labels
+    stay unless the gain on corrected frames that the network has not seen is certain. The command runs at
+    low priority on one core. A window that starts it takes over the new labels; close other windows of the
+    set first.
     """
     from annotate.labelset.label_set import LabelSet
 
+    if undo:
+        _undo(labels, json)
+        return
+    if out is None:
+        raise BadParameter("give --out MODEL, a folder for the network; or --undo")
     check_extra("train", "torch", "onnx", "safetensors")
     known = LabelSet.open(labels)
     check_there(*(given for given in (session, weights) if given))
@@ -48,19 +59,27 @@ def learn(
     torch.set_num_threads(1)
     started = time.monotonic()
     done = fine_tune(labels, out, fine_tuner_of(known, session, weights), progress)
-    fields = vars(done).items()
-    result: dict[str, Any] = {name: str(v) if isinstance(v, Path) else v for name, v in fields}
-    gain = f"{done.before:.1%} before, {done.after:.1%} after"
-    measured = f"{done.held_out} held out ({', '.join(done.measured_on)})"
-    text = f"{done.frames} corrected frames learnt; right on {measured}: {gain}"
+    frames = ", ".join(done.measured_on)
+    text = f"{len(done.measured_on)} corrected frames, each held out once ({frames}): {done.gain.text}"
     if done.labels is None:
-        say(f"no improvement on held-out frames ({gain}), so labels stay; correct more frames")
-    else:
-        taken = _taken_over(labels, done.labels)
-        text += f"; {taken.pop('text')}" if taken else ""
+        text += f"; {labels} keeps its labels, because no gain is certain; correct more frames"
+    result = done.fields() | {"seconds": round(time.monotonic() - started, 1)}
+    if done.labels is not None and (taken := _taken_over(labels, done.labels)):
+        text += f"; {taken.pop('text')}"
         result |= taken
-    result["seconds"] = round(time.monotonic() - started, 1)
     finish(result, json, text)
+
+
+def _undo(labels: Path, json: bool) -> None:
+    """Take back the last fine-tuning in frames without later work of a person."""
+    from annotate.correction.correction import Correction
+    from annotate.correction.relabel import take_back
+
+    with Correction.open(labels) as correction:
+        done = take_back(correction)
+    if done is None:
+        raise CloudError(f"{labels} has no labels of learn; there is nothing to take back")
+    finish({"restored": done.frames}, json, done.text_of_taking_back)
 
 
 def _taken_over(labels: Path, learnt: Path) -> dict[str, Any]:

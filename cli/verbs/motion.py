@@ -30,7 +30,9 @@ def solve(
     picture: Annotated[
         Path | None, Option(help="Picture of the markers on the body at a few moments (.png).")
     ] = None,
-    film: Annotated[Path | None, Option(help="The same as an animation: .webp, .gif or .png.")] = None,
+    film: Annotated[
+        Path | None, Option(help="Animation of the markers on the body (.webp, .gif, .png).")
+    ] = None,
     up: Annotated[
         str | None, Option(help="Vertical axis of the recording: x, y, z, -x, -y, -z. Default: found.")
     ] = None,

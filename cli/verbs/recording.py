@@ -1,4 +1,4 @@
-"""Verbs on devices and recordings: devices, record, repair."""
+"""Verbs on devices and recordings: devices, record, repair, strip."""
 
 import math
 import time
@@ -13,16 +13,18 @@ from rich.console import Console
 from rich.table import Table
 from typer import Argument, Option
 
-from cli.console import LINE_SECONDS, Json, Overwrite, cell, event_lines, finish, say, table
+from cli.console import LINE_SECONDS, Json, Overwrite, cell, event_lines, finish, progress, say, table
 from cli.extras import check_window
 from sensors.device.address import KINDS
-from sensors.files.atomic import check_free
+from sensors.files.atomic import check_free, check_there
 from sensors.interrupt import Ending, ended_by_signals, interrupted_by_signals
 
 if TYPE_CHECKING:
     from sensors.recording.live_rig import LiveRig
     from sensors.recording.stream_health import Health
+    from sensors.session.reader import Session
     from sensors.session.repair import Repaired
+    from sensors.session.strip import Blur
 
 CHECK_S = 1.0  # s between two checks of a recording's state; untuned
 
@@ -187,6 +189,57 @@ def _repaired_text(done: "Repaired", source: Path) -> str:
 
 def _count(number: int, name: str) -> str:
     return f"{number} {name}" + ("" if number == 1 else "s")
+
+
+def strip(
+    session: Annotated[Path, Argument(help="Session to copy.")],
+    out: Annotated[Path, Argument(metavar="out.mcap", help="Session to write.")],
+    colour: Annotated[
+        bool, Option("--colour", help="Leave out colour and infrared images, which show faces.")
+    ] = False,
+    thermal: Annotated[bool, Option("--thermal", help="Leave out temperatures.")] = False,
+    faces: Annotated[
+        Path | None,
+        Option(
+            metavar="LABELS",
+            help="Blur the heads of this label set, or of this pose file (people.json), in colour images; "
+            "leave out images without a known head, and infrared images.",
+        ),
+    ] = None,
+    subject: Annotated[
+        str, Option(metavar="NAME", help="Remove this name from all texts.", show_default="no name")
+    ] = "",
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Copy a session without what the options name; the copy is whole, and the session stays as it is."""
+    from sensors.session.messages import INFRARED
+    from sensors.session.reader import Session
+    from sensors.session.strip import COLOURS, TEMPERATURES, Removal
+    from sensors.session.strip import strip as strip_session
+
+    if not (colour or thermal or faces or subject):
+        raise typer.BadParameter("give --colour, --thermal, --faces or --subject")
+    if colour and faces:
+        raise typer.BadParameter("--colour leaves no image for --faces; give one of the two")
+    check_there(session, *([faces] if faces else []))
+    source = Session(session)
+    topics = (COLOURS if colour else frozenset()) | (TEMPERATURES if thermal else frozenset())
+    blur = _blur(source, faces) if faces else None
+    removal = Removal(topics | ({INFRARED} if faces else frozenset()), subject, blur)
+    with progress("strip, frames", len(source)) as advance:
+        done = strip_session(session, out, removal, advance, overwrite=overwrite)
+    left_out = {topic: count for topic, count in sorted(done.left_out.items()) if count}
+    text = f"{done.frames} frames in {out}"
+    if left_out:
+        text += "; left out: " + ", ".join(f"{count} of {topic}" for topic, count in left_out.items())
+    finish({"frames": done.frames, "left_out": left_out, "session": str(out)}, json, text)
+
+
+def _blur(source: "Session", faces: Path) -> "Blur":
+    from annotate.faces import FaceBlur, heads_of
+
+    return FaceBlur(source, heads_of(faces, source))
 
 
 def devices(json: Json = False) -> None:

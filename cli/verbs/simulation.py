@@ -1,11 +1,12 @@
 """The verb ``simulate``: people, or the plate for calibration, on the virtual rig."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from cli.console import Json, Overwrite, finish, progress
+from cli.console import Json, Overwrite, finish, progress, say
 from cli.extras import needing
 from cli.scheme import PAPER, SchemeName
 from cli.verbs.rigs import names
@@ -48,6 +49,13 @@ CastName = Annotated[
         autocompletion=casts,
     ),
 ]
+CameraFile = Annotated[
+    Path | None,
+    Option(
+        metavar="FILE",
+        help='Intrinsics of a depth camera, as for import; the key "sensor" of a JSON file names its faults.',
+    ),
+]
 Difficulty = Annotated[str, Option(help="clean, normal or hard.", autocompletion=difficulties)]
 
 
@@ -85,6 +93,7 @@ def simulate(
             show_default="the virtual rig's; drawn by the seed in another scheme than paper",
         ),
     ] = None,
+    camera: CameraFile = None,
     cast: CastName = TRAINING,
     scheme: SchemeName = PAPER,
     seed: Annotated[int, Option(help="The same seed gives the same session.", min=0)] = 0,
@@ -96,19 +105,23 @@ def simulate(
     from sensors.recording.rig_templates import REFERENCE, template_named
 
     with needing("synth"):
+        from synth.own_camera import read_own_camera
         from synth.rig.plate_views import PlateViews
         from synth.rig.virtual_rig import RigOptions, VirtualRig
     cameras = template_named(rig or REFERENCE)
     check_free(out, overwrite)
     check_choice("difficulty", difficulty, difficulties())
-    parts = load_scheme(scheme)
+    parts, own = load_scheme(scheme), read_own_camera(camera) if camera else None
+    if own is not None:
+        say(own.described(f"faults of {cameras.name}'s"))
+        cameras = replace(cameras, calibration=replace(cameras.calibration, depth=own.pinhole))
     if scene == PLATE:
         if cast != TRAINING:
             raise CloudError(f"scene {PLATE} has no cast; leave out --cast {cast}")
         _record_plate(PlateViews(cameras, frames, seed), out, overwrite, json)
         return
     palette = _palette(suit, seed, cast, parts)
-    options = RigOptions(scene, rig=cameras.name, suit=palette, cast=cast, scheme=parts)
+    options = RigOptions(scene, rig=cameras.name, suit=palette, cast=cast, scheme=parts, camera=own)
     virtual = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, options)
     record_rig("simulate", virtual, out, overwrite, json)
 

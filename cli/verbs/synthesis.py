@@ -15,7 +15,7 @@ from cli.console import Json, Overwrite, check_room, clear, finish, progress, sa
 from cli.console import table as draw_table
 from cli.extras import needing
 from cli.scheme import PAPER, SchemeName
-from cli.verbs.simulation import CastName, Difficulty, difficulties, record_rig
+from cli.verbs.simulation import CameraFile, CastName, Difficulty, difficulties, record_rig
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free, check_there
 from sensors.importers.open_source import opener_at
@@ -162,6 +162,7 @@ def generate_(
     garments: Annotated[
         Path | None, Option(help="Folder of MakeHuman garments (.mhclo) that half of the people wear.")
     ] = None,
+    camera: CameraFile = None,
     beside: Beside = None,
     cast: CastName = TRAINING,
     scheme: SchemeName = PAPER,
@@ -176,12 +177,17 @@ def generate_(
         from synth.images.distributions import distributions_at
         from synth.images.generate import Order, generate
         from synth.images.workers import cluster, processes
+        from synth.own_camera import read_own_camera
 
     _check_sources(preset, motion, garments, beside)
-    inputs = list(filter(None, (motion, garments, beside)))
+    inputs = list(filter(None, (motion, garments, camera, beside)))
     check_room(out, ORDER, overwrite, *inputs)
     chosen = _preset(preset, motion, garments, cast)
     chosen = replace(chosen, occluders=occluders, cut=cut, scheme=load_scheme(scheme))
+    if camera is not None:
+        own = read_own_camera(camera)
+        say(own.described("faults of all sensors in turn"))
+        chosen = replace(chosen, sensor=own)
     order = Order(chosen, chosen.count if count is None else count, seed)
     recording, started = distributions_at(beside) if beside else None, time.monotonic()
     with (

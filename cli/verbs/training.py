@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from torch import nn
 
     from annotate.scheme.scheme import Scheme
-    from eval.network.networks import NetworkConfig
-    from eval.training.calibration_split import CalibrationSplit
+    from eval.architecture.networks import NetworkConfig
+    from eval.training.calibration.calibration_split import CalibrationSplit
     from eval.training.crops import Crops
     from eval.training.plan import Plan
     from eval.training.processes import ProcessGroup
@@ -232,13 +232,17 @@ def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSpl
     """Write a trained network in both formats; return its path, its temperature and the calibration set."""
     from eval.network.onnx_export import export_network
     from eval.network.weights_file import save_weights
-    from eval.training.confidence_temperature import fitted_temperature
+    from eval.training.calibration.confidence_temperature import fitted_temperature
+    from eval.training.calibration.deviation_factors import UNCHANGED, fitted_deviation_factors
 
     weights, held = out / "weights.onnx", split.calibrated
     scheme = split.trained.scheme
     save_weights(weights.with_suffix(".safetensors"), model, plan.network, scheme)
-    temperature = 1.0 if held is None else fitted_temperature(model, held.spread(CALIBRATED_ON))
-    export_network(model, weights, temperature, scheme)
+    temperature, factors = 1.0, UNCHANGED
+    if held is not None:
+        held = held.spread(CALIBRATED_ON)
+        temperature, factors = fitted_temperature(model, held), fitted_deviation_factors(model, held)
+    export_network(model, weights, temperature, scheme, factors)
     calibrated_on = split.described()
     return {
         "temperature": round(temperature, 4),
@@ -248,8 +252,8 @@ def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSpl
 
 
 def _config(network: NetworkName) -> "NetworkConfig":
-    from eval.network.compact import CompactConfig
-    from eval.network.reference_networks import PaperConfig, SmpConfig
+    from eval.architecture.compact import CompactConfig
+    from eval.architecture.reference_networks import PaperConfig, SmpConfig
 
     configs: dict[NetworkName, NetworkConfig] = {
         "compact": CompactConfig(),
@@ -266,7 +270,7 @@ def _crops(
     data: list[Path], tests: list[Path], hold_out: frozenset[str], images: int, scheme: "Scheme"
 ) -> "tuple[CalibrationSplit, Crops | None]":
     """Return images to train on, to calibrate on, and to measure on if any; the three share no image."""
-    from eval.training.calibration_split import calibration_split
+    from eval.training.calibration.calibration_split import calibration_split
     from eval.training.crops import load_crops
 
     split = calibration_split(load_crops(data, without=hold_out, scheme=scheme))

@@ -42,7 +42,7 @@ def read_joint_truth(source: FrameSource, path: Path) -> BenchmarkSet:
             for name, place in row["joints_mm"].items():
                 true_m[index, names.index(name)] = np.array(place, np.float64) / 1000
             if (np.abs(true_m[index]) > FARTHEST_MM / 1000).any():
-                raise ValueError("a joint is farther than 100 m")
+                raise ValueError("a joint is farther than 100 m from the camera")
             visible[index, [names.index(name) for name in row.get("hidden", ())]] = False
             subjects[index] = str(row.get("subject") or subjects[index])
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError) as error:

@@ -1,4 +1,4 @@
-"""Pairs of predicted and true frames, counted in one process or on all cores."""
+"""Confusion counts of pairs of predicted and true frames, in one process or on all cores."""
 
 import hashlib
 import os

@@ -31,9 +31,11 @@ class DepthFineTuner(FineTuner):
         found = (depth_example(f.first, f.corrected, camera_in(self._labels, f.first)) for f in frames)
         return [example for example in found if example]
 
-    def parts(self, frames: Sequence[CorrectedFrame], weights: Path) -> list[UInt8]:
-        network = SuitNetwork(weights)
-        return [refine(camera_in(self._labels, f.first), f.first, network).parts for f in frames]
+    def parts(self, frames: Sequence[CorrectedFrame], weights: Sequence[Path]) -> Iterator[list[UInt8]]:
+        networks = [SuitNetwork(path) for path in weights]
+        for frame in frames:
+            camera = camera_in(self._labels, frame.first)
+            yield [refine(camera, frame.first, network).parts for network in networks]
 
     def step(self, weights: Path) -> dict[str, Any]:
         return {"predict": {"readers": [SuitNetwork(weights).sha256]}}

@@ -64,18 +64,13 @@ class SuitFineTuner(FineTuner):
                     if example is not None:
                         self._examples[frame_id] = example
                     advance(1)
-        known = [self._examples[frame_id] for frame_id in ids if frame_id in self._examples]
-        if not known:
-            raise CloudError(
-                f"accepted frames of {self._labels.path} do not show a readable suit; accept frames that "
-                "show the suit in even light"
-            )
-        return known
+        return [self._examples[frame_id] for frame_id in ids if frame_id in self._examples]
 
-    def parts(self, frames: Sequence[CorrectedFrame], weights: Path) -> list[UInt8]:
-        labeller = SuitLabeller(self._suit, SuitNetwork(weights))
-        found = self._detections([frame.first.frame_id for frame in frames])
-        return [labeller.label(one, self._first_before(frame_id))[0].parts for frame_id, one in found]
+    def parts(self, frames: Sequence[CorrectedFrame], weights: Sequence[Path]) -> Iterator[list[UInt8]]:
+        labellers = [SuitLabeller(self._suit, SuitNetwork(path)) for path in weights]
+        for frame_id, found in self._detections([frame.first.frame_id for frame in frames]):
+            before = self._first_before(frame_id)
+            yield [labeller.label(found, before)[0].parts for labeller in labellers]
 
     def step(self, weights: Path) -> dict[str, Any]:
         return {"label": suit_step(self._labels) | {"weights_sha256": SuitNetwork(weights).sha256}}

@@ -2,16 +2,12 @@
 
 import json
 import shutil
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from annotate.correction.correction import Correction
 from annotate.correction.relabel import untouched
-from annotate.effort.agreement import Agreement
-from annotate.effort.annotator import TOLERANCE_PX
 from annotate.labelset.atomic_folder import appearing
 from annotate.labelset.cast_note import cast_note, cast_of
 from annotate.labelset.claim import Claim, login
@@ -19,8 +15,10 @@ from annotate.labelset.label_set import MANIFEST, LabelSet
 from annotate.labelset.scheme_note import scheme_note
 from eval.fine_tuning.by_depth import DepthFineTuner
 from eval.fine_tuning.by_suit import SuitFineTuner, suit_step
+from eval.fine_tuning.cross_validation import Gain, cross_validate
+from eval.fine_tuning.rehearsal import rehearsed_frames
 from eval.fine_tuning.run import FineTuner
-from eval.fine_tuning.training_split import CorrectedFrame, corrected_frames, split_frames
+from eval.fine_tuning.training_split import corrected_frames
 from eval.training.segmentation.train import Progress
 from sensors.errors import ExistsError
 from sensors.files.atomic import is_taken, write_bytes
@@ -34,24 +32,25 @@ RECORD, RUN = "learnt.json", "run"
 class FineTuned:
     """Result of a fine-tuning.
 
-    frames: number of corrected frames. held_out: number of frames kept for measuring. measured_on: ids of the
-    held-out frames. before, after: mean agreement within 2 px with the held-out frames, of the first labels
-    and of the new labels. weights: file of the network, labels: its labels of the untouched frames; both None
-    where the network is not better.
+    measured_on: ids of the corrected frames, each held out of one training. gain: on these. weights: file of
+    the network, labels: its labels of the untouched frames; both None where the gain is not certain.
     """
 
-    frames: int
-    held_out: int
-    before: float
-    after: float
-    measured_on: tuple[str, ...] = ()
+    measured_on: tuple[str, ...]
+    gain: Gain
     weights: Path | None = None
     labels: Path | None = None
 
-    @property
-    def better(self) -> bool:
-        """Return True if the network is better on the held-out frames."""
-        return self.after > self.before
+    def fields(self) -> dict[str, Any]:
+        """Return the result as JSON values."""
+        files = {"weights": self.weights, "labels": self.labels}
+        return {
+            "frames": len(self.measured_on),
+            "measured_on": list(self.measured_on),
+            **asdict(self.gain),
+            "text": self.gain.text,
+            **{name: str(path) if path else None for name, path in files.items()},
+        }
 
 
 def fine_tuner_of(labels: LabelSet, session: Path | None, start: Path | None) -> FineTuner:
@@ -76,35 +75,21 @@ def fine_tune(path: Path, out: Path, tuner: FineTuner, progress: Progress) -> Fi
     out: folder for the network and its labels; an interrupted run is resumed there. Raises CloudError for too
     few frames, ExistsError where ``out`` is another folder, ClaimedError while another process works there.
     """
-    frames = corrected_frames(path)
+    frames, rehearsed = corrected_frames(path), rehearsed_frames(path)
     check_folder(out)
     (out / RUN).mkdir(parents=True, exist_ok=True)
     with Claim.take(out, login()):
-        trained, held = split_frames(frames)
-        tuner.train(trained, False, out / RUN, progress)
-        before, after = _measure(tuner, held, out / RUN / WEIGHTS)
-        ids = tuple(frame.first.frame_id for frame in held)
-        done = FineTuned(len(frames), len(held), before, after, ids)
-        if done.better:
-            tuner.train(frames, True, out / RUN, progress)
-            tuner.save(out / WEIGHTS)
+        gain = cross_validate(tuner, frames, rehearsed, out / RUN, progress)
+        done = FineTuned(tuple(frame.first.frame_id for frame in frames), gain)
+        if gain.is_certain:
+            network = tuner.train(frames, rehearsed, out / RUN, progress)
+            tuner.save(network, gain.share, out / WEIGHTS)
             _label(path, tuner, out, progress)
             done = replace(done, weights=out / WEIGHTS, labels=out / LABELS)
-        names = {"weights": WEIGHTS, "labels": LABELS} if done.better else {}
-        write_bytes(out / RECORD, (json.dumps(asdict(done) | names, indent=1) + "\n").encode())
+        names = {"weights": WEIGHTS, "labels": LABELS} if gain.is_certain else {}
+        write_bytes(out / RECORD, (json.dumps(done.fields() | names, indent=1) + "\n").encode())
         shutil.rmtree(out / RUN, ignore_errors=True)
     return done
-
-
-def _measure(tuner: FineTuner, held: Sequence[CorrectedFrame], trial: Path) -> tuple[float, float]:
-    """Return the mean agreement with held-out frames: of the first labels, and of the new labels."""
-    tuner.save(trial)
-    scores = []
-    for frame, parts in zip(held, tuner.parts(held, trial), strict=True):
-        truth = Agreement(frame.corrected.parts, frame.first.depth_mm > 0, TOLERANCE_PX)
-        scores.append((truth.of(frame.first.parts), truth.of(parts)))
-    before, after = np.mean(scores, axis=0).tolist()
-    return before, after
 
 
 def _label(path: Path, tuner: FineTuner, out: Path, progress: Progress) -> None:

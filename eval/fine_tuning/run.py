@@ -3,6 +3,7 @@
 import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -19,17 +20,18 @@ from eval.fine_tuning.training_split import CorrectedFrame
 from eval.training.segmentation.augmentation import Sampling
 from eval.training.segmentation.examples import Example
 from eval.training.segmentation.network import (
+    SuitNet,
     expanded_suit_network,
     export_suit_network,
     load_suit_network,
 )
 from eval.training.segmentation.train import Progress, Stage, SuitTraining, by_steps, train_stage
+from sensors.errors import CloudError
 
 STEPS_EACH, MOST_STEPS = (
     25,
     200,
-)  # steps a frame, and at most; best of 60, 100, 200 on 8 and 20 frames (65002)
-MORE = 0.3  # share of the steps that follow on all frames
+)  # steps a corrected frame, and at most; best of 60, 100, 200 on 8 and 20 frames (65002)
 SIDE = 112  # samples along a drawn square, 1.3 m; untuned
 RATE, AVERAGED = 2e-3, 0.9  # peak of the learning rate (better than 1e-3, seed 61001), decay of the average
 SEED = 0  # of the samples; the same corrections give the same network
@@ -42,18 +44,20 @@ class FineTuner(ABC):
     included. degrade: as in ``Sampling``. Raises FormatError if ``start`` holds no weights of a suit network.
     """
 
+    start_network: SuitNet
+
     def __init__(self, labels: LabelSet, start: Path, *, degrade: bool) -> None:
         self._labels = labels
-        self._network = expanded_suit_network(load_suit_network(start), labels.scheme)
+        self.start_network = expanded_suit_network(load_suit_network(start), labels.scheme)
         self._start, self._degrade = sha256(start), degrade
 
     @abstractmethod
     def examples(self, frames: Sequence[CorrectedFrame], progress: Progress) -> list[Example]:
-        """Return the training examples of corrected frames."""
+        """Return the training examples of frames."""
 
     @abstractmethod
-    def parts(self, frames: Sequence[CorrectedFrame], weights: Path) -> list[UInt8]:
-        """Return parts (h, w) of frames, predicted with saved weights, in place of the first labels."""
+    def parts(self, frames: Sequence[CorrectedFrame], weights: Sequence[Path]) -> Iterator[list[UInt8]]:
+        """Yield the parts (h, w) of each frame as each of the saved weights predicts them."""
 
     @abstractmethod
     def step(self, weights: Path) -> dict[str, Any]:
@@ -63,28 +67,48 @@ class FineTuner(ABC):
     def labels(self, correction: Correction, weights: Path) -> Iterator[FrameLabels]:
         """Yield labels of the untouched frames, predicted with saved weights."""
 
-    def train(self, frames: Sequence[CorrectedFrame], more: bool, run: Path, progress: Progress) -> None:
-        """Train on corrected frames.
+    def train(
+        self,
+        frames: Sequence[CorrectedFrame],
+        rehearsed: Sequence[CorrectedFrame],
+        run: Path,
+        progress: Progress,
+    ) -> SuitNet:
+        """Return the first network, trained on corrected and rehearsed frames in equal shares.
 
-        more: True for the shorter training on all frames, which continues the training on some. run: folder
-        of checkpoints, to resume from.
+        run: folder of checkpoints, to resume from. Raises CloudError where no corrected frame is usable.
         """
         torch.set_num_threads(1)
-        examples = self.examples(frames, progress)
-        steps = round(min(STEPS_EACH * len(examples), MOST_STEPS) * (MORE if more else 1))
+        taught = self.examples(frames, progress)
+        if not taught:
+            raise CloudError(
+                f"accepted frames of {self._labels.path} show no readable person or suit; accept frames that "
+                "show it in even light"
+            )
+        kept = self.examples(rehearsed, progress) if rehearsed else []
+        examples = taught * max(1, round(len(kept) / len(taught))) + kept
+        steps = min(STEPS_EACH * len(taught), MOST_STEPS)
         # By part: feet below a blanket are few pixels, far from the rest, and most often wrong.
         sampling = Sampling(SAMPLE_M, SIDE, by_part=True, degrade=self._degrade)
         stage = Stage(sampling, steps, RATE, AVERAGED, statistics=False)
-        name = f"{'all' if more else 'some'}.safetensors"
-        checkpoint = run / digest_of(self._start, examples, stage) / name
-        checkpoint.parent.mkdir(parents=True, exist_ok=True)
+        checkpoint = run / f"{digest_of(self._start, examples, stage)}.safetensors"
         with progress("learn, steps", steps) as advance:
             training = SuitTraining(examples, stage, SEED, self._labels.scheme)
-            self._network = train_stage(self._network, training, checkpoint, by_steps(advance))
+            return train_stage(deepcopy(self.start_network), training, checkpoint, by_steps(advance))
 
-    def save(self, path: Path) -> None:
-        """Write the network (.onnx); a training can start from the file."""
-        export_suit_network(self._network, path)
+    def save(self, network: SuitNet, share: float, path: Path) -> None:
+        """Write the network at a share of the way from the first to a trained one (.onnx).
+
+        A training can start from the file. A network between the two keeps more of the first one's abilities
+        (Wortsman et al., Robust fine-tuning of zero-shot models, CVPR 2022).
+        """
+        between = deepcopy(network)
+        first = self.start_network.state_dict()
+        with torch.no_grad():
+            for name, value in between.state_dict().items():
+                if value.is_floating_point():
+                    value.lerp_(first[name], 1 - share)
+        export_suit_network(between, path)
 
 
 def digest_of(start: str, examples: Sequence[Example], stage: Stage) -> str:

@@ -1,4 +1,4 @@
-"""Corrected frames of a label set, split into frames to train on and frames to measure on."""
+"""Corrected frames of a label set, split into folds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,13 +8,14 @@ import numpy as np
 
 from annotate.array_types import Int64
 from annotate.correction.correction import Correction
+from annotate.correction.frame_kinds import distances_m, farthest_first, thumbnail_m
 from annotate.frame_labels import FrameLabels
 from eval.network.predict import check_one_person
 from eval.training.shared_bodies import bodies_in
 from sensors.errors import CloudError
 
 LEAST_FRAMES = 3  # corrected frames; fewer show one side of the person; untuned
-HELD_OUT = 4  # one of this many corrected frames, or people, is held out; untuned
+FOLDS = 4  # groups of corrected frames, each left out of one training; more take longer; untuned
 
 
 @dataclass(frozen=True)
@@ -58,24 +59,19 @@ def _shows_parts(frame: CorrectedFrame) -> bool:
     return bool((there & frame.corrected.on_body).any())
 
 
-def split_frames(frames: Sequence[CorrectedFrame]) -> tuple[list[CorrectedFrame], list[CorrectedFrame]]:
-    """Return frames to train on, and at least one frame to measure on.
+def folds(frames: Sequence[CorrectedFrame]) -> Int64:
+    """Return the fold (n,) of each frame, from 0; a fold is left out of a training and measured on.
 
-    With ``HELD_OUT`` people or more, all frames of some people are measured on; a blend of two bodies belongs
-    to both. With fewer people, consecutive frames are measured on, as far in time from the rest as possible,
-    because neighbouring frames show nearly the same picture.
+    With ``FOLDS`` people or more, all frames of a person are in one fold; a blend of two bodies belongs to
+    both. With fewer people, a fold holds frames of one kind (`annotate.correction.frame_kinds`), because
+    frames of one kind show nearly the same picture.
     """
     people = _people(frames)
-    if len(people) >= HELD_OUT:
-        chosen = set().union(*people[-max(1, len(people) // HELD_OUT) :])
-        return [f for f in frames if f.bodies.isdisjoint(chosen)], [
-            f for f in frames if not f.bodies.isdisjoint(chosen)
-        ]
-    count = max(1, len(frames) // HELD_OUT)
-    places = np.array([frame.place for frame in frames])
-    first = max(range(len(frames) - count + 1), key=lambda at: _mean_gap(places, at, count))
-    held = range(first, first + count)
-    return [frame for n, frame in enumerate(frames) if n not in held], [frames[n] for n in held]
+    if len(people) >= FOLDS:
+        owner = [next(n for n, group in enumerate(people) if not group.isdisjoint(f.bodies)) for f in frames]
+        return np.array(owner) % FOLDS
+    apart_m = distances_m([thumbnail_m(frame.first.depth_mm) for frame in frames])
+    return np.asarray(apart_m[farthest_first(apart_m, FOLDS)].argmin(axis=0), np.int64)
 
 
 def _people(frames: Sequence[CorrectedFrame]) -> list[frozenset[str]]:
@@ -88,13 +84,3 @@ def _people(frames: Sequence[CorrectedFrame]) -> list[frozenset[str]]:
         joined = bodies.union(*(group for group in groups if not group.isdisjoint(bodies)))
         groups = [*apart, joined]
     return sorted(groups, key=lambda group: -sum(not f.bodies.isdisjoint(group) for f in frames))
-
-
-def _mean_gap(places: Int64, first: int, count: int) -> float:
-    """Return the mean distance of a block of frames from the nearest frame outside, in frames.
-
-    places: (n,), ascending frame numbers in the set. The block is ``places[first : first + count]``.
-    """
-    inside = places[first : first + count]
-    others = np.concatenate([places[:first], places[first + count :]])
-    return float(np.abs(inside[:, None] - others).min(axis=1).mean()) if len(others) else 0.0

@@ -1,1 +1,1 @@
-"""Networks: architectures, weights, prediction."""
+"""Networks: weights, prediction."""

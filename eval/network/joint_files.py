@@ -9,7 +9,7 @@ from typing import Any
 
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.labelled_frames import LabelledFrames, camera_of, pinhole_of
-from eval.network.body_state import BodyState, body_state_notes, joint_row
+from eval.network.body_state import QUALITIES, BodyState, body_state_notes, joint_quality, joint_row
 from eval.scores.joint_errors import TRUE_JOINTS, true_joints_mm
 from eval.scores.joints import JOINT_NAMES
 from sensors.errors import CloudError
@@ -29,7 +29,7 @@ def write_joints(labels: LabelledFrames, path: Path) -> int:
 
     Columns: frame; person, 1 = subject; facing_deg, facing_sure, posture, posture_sure, support as in
     ``BodyState``; joints in millimetres, coordinates of the undistorted depth camera (x right, y down, z
-    forward). Raises CloudError as ``check_kind`` does.
+    forward); ``QUALITIES`` from networks that give them. Raises CloudError as ``check_kind`` does.
     """
     check_kind(path)
     rows = list(_rows(labels))
@@ -59,8 +59,8 @@ def _rows(labels: LabelledFrames) -> Iterator[dict[str, Any]]:
         for number, given in sorted(body_state_notes(frame.notes).items()):
             state = BodyState.from_note(given)
             if state is not None:
-                note = state.note()
-                yield {
+                note, sd_mm = state.note(), state.joints_sd_mm(camera)
+                row = {
                     "frame": frame.frame_id,
                     "person": number,
                     **{name: note[name] for name in ("facing_deg", "facing_sure", "posture")},
@@ -68,6 +68,7 @@ def _rows(labels: LabelledFrames) -> Iterator[dict[str, Any]]:
                     "support": state.support,
                     "joints_mm": joint_row(state.joints_mm(camera)),
                 }
+                yield row | joint_quality(sd_mm, state.joint_visibility)
 
 
 def _csv(rows: list[dict[str, Any]]) -> str:
@@ -75,8 +76,10 @@ def _csv(rows: list[dict[str, Any]]) -> str:
     places = [f"{name}_{axis}_mm" for name in JOINT_NAMES for axis in "xyz"]
     names = ["frame", "person", "facing_deg", "facing_sure", "posture", "posture_sure", "support"]
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names + places)
+    own = [(kind, joint) for kind in QUALITIES if any(kind in row for row in rows) for joint in JOINT_NAMES]
+    writer.writerow(names + places + [f"{joint}_{kind.removeprefix('joint_')}" for kind, joint in own])
     for row in rows:
         joints = [x for joint in row["joints_mm"].values() for x in joint]
-        writer.writerow([row[name] for name in names] + joints)
+        quality = [row[kind][joint] if kind in row else "" for kind, joint in own]
+        writer.writerow([row[name] for name in names] + joints + quality)
     return text.getvalue()

@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,52 +11,62 @@ from torch import Tensor, nn
 
 from annotate.crop import SIZE
 from annotate.onnx_session import SCHEME
-from annotate.parts import BACKGROUND, PAPER
+from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
 from annotate.scheme.scheme_file import scheme_to_fields
+from eval.architecture.class_scores import Kinds, class_probabilities
+from eval.architecture.compact import CompactUNet
+from eval.scores.joint_visibility import VISIBILITIES
 from sensors.files.atomic import replacing
 
 LEAST_HALVED = 1024  # numbers of a tensor from which half precision makes the file smaller
+
+OUTPUTS = ("probability", "facing", "posture", "joints", "joint_sd", "joint_state")
 
 
 class _Probabilities(nn.Module):
     """Network that outputs probabilities instead of scores; a pixel without depth is background.
 
-    Facing, probabilities of postures and joints follow if the network has them.
+    The other ``OUTPUTS`` follow if the network has them, postures and states as probabilities.
     """
 
-    background: Tensor
+    factors: Tensor
 
-    def __init__(self, network: nn.Module, temperature: float, classes: int) -> None:
+    def __init__(self, network: nn.Module, temperature: float, factors: Sequence[float]) -> None:
         super().__init__()
         self.network, self.temperature = network, temperature
-        background = torch.zeros(1, classes, 1, 1)
-        background[0, BACKGROUND] = 1
-        self.register_buffer("background", background)
+        self.register_buffer("factors", torch.tensor(factors)[:, None])
 
     def forward(self, depth: Tensor) -> tuple[Tensor, ...]:
-        """Return part probabilities (B, K, h, w), facing (B, 2), postures (B, P), joints (B, J, 3) for depth
-        (B, 1, h, w).
-        """
-        scores, facing, posture, joints = self.network(depth)
-        # A softmax written out: ONNX Runtime's own along this axis takes five times as long.
-        odds = torch.exp((scores - scores.amax(dim=1, keepdim=True)) / self.temperature)
-        parts = torch.where(depth > 0, odds / odds.sum(dim=1, keepdim=True), self.background)
-        if facing is None:
-            return (parts,)
-        return parts, facing, torch.softmax(posture, dim=1), joints
+        """Return the ``OUTPUTS`` for depth (B, 1, h, w); part probabilities are (B, K, h, w)."""
+        if not isinstance(self.network, CompactUNet):
+            scores = self.network(depth).scores
+            without_sides = Kinds(tuple(range(scores.shape[1])), (0,) * scores.shape[1])
+            return (class_probabilities(without_sides, scores / self.temperature, None, depth > 0),)
+        factors, others = self.network.factors(depth, self.temperature)
+        facing, posture, joints, deviations, states, _ = others
+        parts = class_probabilities(self.network.classes, *factors, depth > 0)
+        seen = torch.softmax(states, dim=2)
+        return parts, facing, torch.softmax(posture, dim=1), joints, deviations * (seen @ self.factors), seen
 
 
-def export_network(network: nn.Module, path: Path, temperature: float = 1.0, scheme: Scheme = PAPER) -> None:
+def export_network(
+    network: nn.Module,
+    path: Path,
+    temperature: float = 1.0,
+    scheme: Scheme = PAPER,
+    factors: Sequence[float] = (1.0,) * len(VISIBILITIES),
+) -> None:
     """Write a network as ONNX: ``depth`` (B, 1, 212, 212) -> ``probability`` (B, K, 212, 212).
 
-    Further outputs ``facing`` and ``joints`` are as in `NetworkOutput`, ``posture`` as probabilities.
-    temperature: divides the scores. scheme: of the classes, written into the file's metadata.
+    Further outputs are as in `NetworkOutput`, ``posture`` and ``joint_state`` as probabilities. temperature:
+    divides the scores, of kinds and of the side where the network has these. scheme: of the classes, written
+    into the file's metadata. factors: of the joints' deviations, by ``VISIBILITIES``.
     """
-    whole = _Probabilities(network.cpu(), temperature, len(scheme.class_ids)).eval()
+    whole = _Probabilities(network.cpu(), temperature, factors).eval()
     example = torch.rand(1, 1, SIZE, SIZE)
     with torch.no_grad():
-        names = ["probability", "facing", "posture", "joints"][: len(whole(example))]
+        names = OUTPUTS[: len(whole(example))]
     with replacing(path) as temporary:
         _write(whole, example, temporary, {name: {0: "batch"} for name in ("depth", *names)})
         name_scheme(temporary, scheme)

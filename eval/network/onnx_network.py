@@ -1,6 +1,5 @@
 """Exported network (ONNX) that labels the parts of a person."""
 
-import copy
 import hashlib
 import os
 from collections.abc import Sequence
@@ -17,11 +16,13 @@ from annotate.labelset.images import Probabilities
 from annotate.onnx_session import onnx_session, scheme_in_metadata
 from annotate.parts import PAPER
 from annotate.posture import POSTURES
-from annotate.scheme.merging import class_sums, conversion_table
 from annotate.scheme.scheme import BACKGROUND, Scheme
+from annotate.scheme_network import SchemeNetwork
 from annotate.segmentation.segmented_person import Segmentation
 from eval.network.body_state import BodyState
-from eval.scores.joints import N_JOINTS, TWIN
+from eval.network.flip_averaging import averaged, flipped_back
+from eval.scores.joint_visibility import VISIBILITIES
+from eval.scores.joints import N_JOINTS
 from sensors.errors import FormatError, one_line
 from sensors.files.bounded import read_bounded
 
@@ -30,17 +31,19 @@ MAX_WEIGHT_BYTES = 1_000_000_000  # of a network's file, read whole; the paper's
 ROUNDING = 1 / 255  # of a probability, which some networks give in eight bits
 AT_ONCE = min(4, os.cpu_count() or 1)  # crops at once, a thread each: threads that share a crop wait
 BODY_OUTPUTS = {"facing": (2,), "posture": (len(POSTURES),), "joints": (N_JOINTS, 3)}
+JOINT_OUTPUTS = {"joint_sd": (N_JOINTS, 2), "joint_state": (N_JOINTS, len(VISIBILITIES))}
+"""Outputs of networks from release 0.4, beside ``BODY_OUTPUTS``."""
 Image = tuple[UInt16, Bool]
 """Depth in millimetres and the person's pixels, both (h, w)."""
 
 
-class OnnxNetwork:
+class OnnxNetwork(SchemeNetwork):
     """Exported network on the CPU; loading executes no code from the file.
 
     sha256: hash of the file. flip: average the outputs for an image and its flip (docs/adr/0024), which takes
     twice as long. The network, in any precision, gives probabilities (B, K, 212, 212) for (B, 1, 212, 212),
     the background first, then the parts by id. It may also give ``facing``, ``posture`` and ``joints`` as in
-    `NetworkOutput`.
+    `NetworkOutput`, and with these ``joint_sd`` and ``joint_state``, the latter as probabilities.
 
     own: scheme of the classes, named in the file. A file that names none is of ``scheme`` where the number of
     classes is the same, else of ``paper``. scheme: of the labels, ``own`` or by ``in_scheme``. Raises
@@ -57,7 +60,8 @@ class OnnxNetwork:
             self._session = onnx_session(data)
             depth = self._session.get_inputs()[0]
             named = {output.name for output in self._session.get_outputs()}
-            self._body = list(BODY_OUTPUTS) if named >= set(BODY_OUTPUTS) else []
+            wanted = BODY_OUTPUTS | (JOINT_OUTPUTS if named >= set(JOINT_OUTPUTS) else {})
+            self._body = list(wanted) if named >= set(BODY_OUTPUTS) else []
             self._input, self._float = depth.name, np.float16 if "float16" in depth.type else np.float32
             # A file's declaration of its inputs and outputs may be wrong.
             trial, *body = self._each(np.full((2, SIZE, SIZE), 0.5, np.float32))
@@ -83,56 +87,24 @@ class OnnxNetwork:
             raise FormatError(
                 f"weights {path} do not give probabilities; export the network with its softmax"
             )
-        shapes = [(2, *shape) for shape in BODY_OUTPUTS.values()]
-        if body and [values.shape for values in body] != shapes:
-            raise FormatError(
-                f"weights {path} give facing, posture and joints of other shapes than {shapes}; export again"
-            )
+        shapes = [(2, *wanted[name]) for name in self._body]
+        if [values.shape for values in body] != shapes:
+            raise FormatError(f"weights {path} give {self._body} of other shapes than {shapes}; export again")
         self.sha256, self._flip = hashlib.sha256(data).hexdigest(), flip
-
-    @property
-    def usual_scheme(self) -> Scheme:
-        """Return the scheme of labels by default: ``scheme``, ``paper`` for a network of regions."""
-        return PAPER if self.scheme.is_of_regions else self.scheme
-
-    def in_scheme(self, scheme: Scheme) -> "OnnxNetwork":
-        """Return the network with labels in a scheme: each part has the summed probability of its classes.
-
-        Raises FormatError where a class would be split.
-        """
-        conversion_table(self.own, scheme)
-        converted = copy.copy(self)
-        converted.scheme = scheme
-        return converted
 
     def probabilities(self, crops: Float32) -> Float32:
         """Return class probabilities (B, K, 212, 212), in ``scheme``, of normalised crops (B, 212, 212)."""
-        return np.stack([self._in_scheme(planes) for planes in self.outputs(crops)[0]])
-
-    def _in_scheme(self, planes: Float32) -> Float32:
-        """Return probabilities (K, ...) of the classes of ``scheme`` from (K', ...) of ``own``."""
-        return planes if self.scheme == self.own else class_sums(planes, self.own, self.scheme)
+        return np.stack([self.merged(planes) for planes in self.outputs(crops)[0]])
 
     def outputs(self, crops: Float32) -> list[Float32]:
-        """Return probabilities of the own classes of normalised crops (B, 212, 212), then facing, posture
-        and joints if the network gives them.
+        """Return probabilities of the own classes of normalised crops (B, 212, 212), then facing, posture,
+        joints, their deviations and visibility if the network gives them.
         """
         if not self._flip:
             return self._each(crops)
         pairs = [np.split(output, 2) for output in self._each(np.concatenate([crops, crops[..., ::-1]]))]
-        back = self._flipped_back([other for _, other in pairs])
-        half = np.float32(0.5)
-        return [half * (own + other) for (own, _), other in zip(pairs, back, strict=True)]
-
-    def _flipped_back(self, outputs: list[Float32]) -> list[Float32]:
-        """Return outputs for flipped images as outputs for the images."""
-        planes, *body = outputs
-        planes = planes[:, self.own.twin_classes, :, ::-1]
-        if not body:
-            return [planes]
-        facing, posture, joints = body
-        joints = np.array([1, 0, 0], np.float32) + joints[:, TWIN] * np.array([-1, 1, 1], np.float32)
-        return [planes, facing * np.array([1, -1], np.float32), posture, joints]
+        twins, (own, other) = self.own.twin_classes, zip(*pairs, strict=True)
+        return averaged(list(own), flipped_back(list(other), twins), twins)
 
     def _each(self, crops: Float32) -> list[Float32]:
         """Return the outputs for crops, without test-time augmentation."""
@@ -175,7 +147,7 @@ class OnnxNetwork:
             if body:
                 outputs = tuple(values[k] for values in body)
                 state = BodyState.of(crop, (images[i][0], masks[i]), outputs).note()
-            own = self._in_scheme(planes[k])
+            own = self.merged(planes[k])
             parts, confidence = _pasted(crop, depths[k] > 0, own, masks[i])
             kept = Probabilities(crop, self._by_id(own)) if probabilities else None
             parts = self.scheme.class_ids[parts]

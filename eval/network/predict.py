@@ -20,6 +20,7 @@ from annotate.segmentation.segmented_person import Segmentation
 from annotate.segmentation.suit_network import SuitNetwork
 from eval.network.body_state import BodyState
 from eval.network.onnx_network import OnnxNetwork
+from eval.network.posture_model import with_posture
 from eval.network.refine import camera_in, in_scheme, refine
 from sensors.errors import CloudError, FormatError
 
@@ -182,7 +183,9 @@ def _write(
 ) -> None:
     notes = notes_of(result)
     if (state := BodyState.from_note(result.bearing)) is not None:
-        notes["bearing"] = state.faced_by_joints(camera_in(frames, frame)).note()
+        camera = camera_in(frames, frame)
+        state = with_posture(state, (frame.depth_mm, frame.on_person), camera)
+        notes["bearing"] = state.faced_by_joints(camera).note()
     notes |= {name: frame.notes[name] for name in ("crop", "intrinsics") if name in frame.notes}
     labelled = replace(
         frame,

@@ -15,7 +15,9 @@ from annotate.person.extract import PersonDetection, PersonMask
 from annotate.scheme.scheme import Scheme
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
 from eval.network.body_state import BodyState
+from eval.network.joint_filter import filter_joints
 from eval.network.onnx_network import OnnxNetwork
+from eval.network.posture_model import with_posture
 from eval.network.predict import DEFAULT, Networks, PredictOptions
 from eval.network.refine import in_scheme, refine
 from eval.network.side_smoothing import smooth_sides
@@ -117,10 +119,15 @@ class NetworkDetection:
         if not person.trusted:
             return unlabelled(person.mask, scheme=self._network.scheme), person
         results = [
-            (number, smooth_sides(self._labelled(person, number), before, number))
+            (number, self._smoothed(self._labelled(person, number), before, number))
             for number in self._numbers(person)
         ]
-        return _joined(results, unlabelled(person.mask, scheme=self._network.scheme)), person
+        return joined(results, unlabelled(person.mask, scheme=self._network.scheme)), person
+
+    def _smoothed(self, found: Segmentation, before: FrameLabels | None, number: int) -> Segmentation:
+        """Return a person's labels with sides and joints smoothed over the recording."""
+        sided = smooth_sides(found, before, number)
+        return filter_joints(sided, before, self.cloud.camera, self.cloud.cloud.stamp_ns, number)
 
     def _numbers(self, person: PersonMask) -> list[int]:
         """Return the person ids to label: all ids of the mask, or the subject's 1."""
@@ -143,8 +150,9 @@ class NetworkDetection:
             return result
         parts = np.where(coarse.pixel >= 0, result.parts.ravel()[coarse.pixel], np.uint8(0))
         floor = floor_of(self.planes, coarse.cloud.points_m)
+        state = with_posture(state, (coarse.depth_mm, mask), coarse.camera)
         state = exclude_standing(state, coarse.camera, floor)
-        support = support_of(state.name, parts, coarse.cloud.points_m, floor, result.scheme)
+        support = support_of(state.likeliest, parts, coarse.cloud.points_m, floor, result.scheme)
         state = replace(state, support=support).faced_by_joints(coarse.camera)
         return replace(result, bearing=state.note())
 
@@ -163,7 +171,7 @@ def _without_things(found: Segmentation, person: PersonMask) -> tuple[Segmentati
     return found, replace(person, mask=person.mask & ~things, persons=persons)
 
 
-def _joined(results: Sequence[tuple[int, Segmentation]], empty: Segmentation) -> Segmentation:
+def joined(results: Sequence[tuple[int, Segmentation]], empty: Segmentation) -> Segmentation:
     """Return the merged labels of several persons of one image.
 
     results: person ids with their labels. empty: labels of an image without persons.

@@ -4,10 +4,11 @@ constants are untuned.
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from annotate.array_types import Float64
+from annotate.array_types import Int8, UInt8
 from annotate.frame_labels import FrameLabels
 from annotate.scheme.regions import Region
 from annotate.scheme.scheme import Scheme
@@ -15,10 +16,9 @@ from annotate.segmentation.segmented_person import Segmentation
 from eval.network.body_state import BodyState, body_state_notes
 from eval.scores.joints import JOINT
 
-KEPT = 0.8  # weight of the earlier facings, a frame: a turn of half a second is followed
-FAR_DEG = 110.0  # off the earlier facings, from which front is taken for back
-NEAR_DEG = 60.0  # off the earlier facings, below which the exchanged person fits
+KEPT = 0.8  # weight of the earlier frames, a frame: half a second of other sides is followed
 SAME_PLACE = 0.6  # least overlap (IoU) with the frame before; a walking person has 0.8 at 30 frames/s
+SIDED = 0.2  # share of the person with a side in both frames from which the labels decide alone
 REACH_PX = 4  # around a joint, in which its parts lie: a wrist's thickness at 2 m
 _FOREARM = (Region.LEFT_FOREARM, Region.LEFT_HAND, Region.LEFT_FINGERS)
 _LOWER_LEG = (Region.LEFT_LOWER_LEG, Region.LEFT_FOOT, Region.LEFT_TOES)
@@ -34,21 +34,58 @@ LIMBS = {
 def smooth_sides(labelled: Segmentation, before: FrameLabels | None, number: int = 1) -> Segmentation:
     """Return a person's labels with left and right consistent with the previous frames.
 
-    number: person id. Sides are exchanged where the facings of all earlier frames outweigh this frame. The
-    note ``bearing`` gets ``faced``: the sum (2,) of the network's facings so far, so that a wrong start is
-    outvoted.
+    number: person id. Sides are exchanged where left and right lie on the other side than in the previous
+    frame, and the earlier frames outweigh this frame. The joints then follow the labels. The note ``bearing``
+    gets ``sided``: the decayed certainty of the frames so far, so that a wrong start is outvoted.
     """
     state = BodyState.from_note(labelled.bearing)
     if state is None:
         return labelled
-    own, faced = state.facing, np.zeros(2)
-    if before is not None and _overlap(labelled, before, number) > SAME_PLACE:
-        faced = KEPT * _faced(before, number)
-    off, other_off = _off_deg(state, faced), _off_deg(state.exchanged(), faced)
-    if off > FAR_DEG and other_off < NEAR_DEG and np.hypot(*faced) > np.hypot(*own):
-        state = state.exchanged()
-        labelled = _exchanged(labelled)
-    return replace(labelled, bearing=state.note() | {"faced": np.round(faced + own, 4).tolist()})
+    note, sure, trust = earlier_note(labelled, before, number), state.facing_sure, 0.0
+    if note is not None and before is not None:
+        trust = KEPT * _certainty(note)
+        if _agreement(labelled, before, number) + _turned(state, BodyState.from_note(note)) < 0:
+            if trust > sure:
+                labelled, state, sure = _exchanged(labelled), state.exchanged(), -sure
+            else:
+                trust = 0.0
+            state = sided_by_parts(state, labelled)
+    return replace(labelled, bearing=state.note() | {"sided": round(trust + sure, 4)})
+
+
+def _agreement(labelled: Segmentation, before: FrameLabels, number: int) -> float:
+    """Return the agreement of left and right with the previous frame, from -1 (exchanged) to 1 (the same).
+
+    It is nearer to 0 where few pixels have a side in both frames. number: person id.
+    """
+    earlier = before.on_person if before.persons is None else before.persons == number
+    sides = _sides(labelled.scheme, labelled.parts) * _sides(before.scheme, before.parts) * earlier
+    least = SIDED * np.count_nonzero(labelled.scheme.on_person(labelled.parts))
+    return float(sides.sum() / max(np.count_nonzero(sides), least, 1))
+
+
+def _sides(scheme: Scheme, parts: UInt8) -> Int8:
+    """Return the side of each pixel: 1 left, -1 right, 0 neither."""
+    side = np.zeros(256, np.int8)
+    for left, right in scheme.twins:
+        side[left], side[right] = 1, -1
+    return side[parts]
+
+
+def _turned(state: BodyState, earlier: BodyState | None) -> float:
+    """Return the cosine of the turn since the previous frame, times both certainties, [-0.5, 0.5]."""
+    return 0.0 if earlier is None else 0.5 * float(state.facing @ earlier.facing)
+
+
+def earlier_note(labelled: Segmentation, before: FrameLabels | None, number: int) -> dict[str, Any] | None:
+    """Return the previous frame's note ``bearing`` of a person; None without one, or in another place.
+
+    number: person id.
+    """
+    note = None if before is None else body_state_notes(before.notes).get(number)
+    if before is None or not isinstance(note, dict) or _overlap(labelled, before, number) <= SAME_PLACE:
+        return None
+    return note
 
 
 def _overlap(labelled: Segmentation, before: FrameLabels, number: int) -> float:
@@ -66,25 +103,16 @@ def _exchanged(labelled: Segmentation) -> Segmentation:
     return replace(labelled, parts=scheme.swap_left_right(labelled.parts), probabilities=kept)
 
 
-def _faced(before: FrameLabels, number: int) -> Float64:
-    """Return the decayed sum (2,) of a person's facings over the earlier frames; 0 without any. number:
-    person id.
-    """
-    note = body_state_notes(before.notes).get(number)
-    faced = np.array(note.get("faced", ()) if isinstance(note, dict) else (), np.float64)
-    return faced if faced.shape == (2,) and np.isfinite(faced).all() else np.zeros(2)
+def _certainty(note: dict[str, Any]) -> float:
+    """Return the certainty of a person's sides in a note of the previous frame; 0 without any."""
+    certainty = note.get("sided")
+    return min(certainty, 1 / (1 - KEPT)) if isinstance(certainty, float) and certainty > 0 else 0.0
 
 
-def _off_deg(state: BodyState, faced: Float64) -> float:
-    """Return the angle between a frame's facing and the summed facing of earlier frames; 0 without these."""
-    x, y = state.facing, faced
-    return float(np.degrees(np.arctan2(abs(x[0] * y[1] - x[1] * y[0]), x @ y))) if y.any() else 0.0
-
-
-def sided_by_parts(state: BodyState, labels: FrameLabels) -> BodyState:
+def sided_by_parts(state: BodyState, labels: FrameLabels | Segmentation) -> BodyState:
     """Return the state, with sides exchanged where most joints lie on parts of the other side.
 
-    Parts from a suit have reliable sides, parts from a network may not.
+    labels: from a suit, or from a network and smoothed over the recording.
     """
     own, other, parts = 0, 0, labels.parts
     for joint, limbs in LIMBS.items():

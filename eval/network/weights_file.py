@@ -12,8 +12,9 @@ from torch import Tensor, nn
 from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
 from annotate.scheme.scheme_file import scheme_from_fields, scheme_to_fields
-from eval.network.networks import NetworkConfig, build, config_from, described
-from eval.network.reference_networks import SmpConfig
+from eval.architecture.joint_head import with_joint_head
+from eval.architecture.networks import NetworkConfig, build, config_from, described
+from eval.architecture.reference_networks import SmpConfig
 from sensors.errors import CloudError, FormatError, fault_of
 from sensors.files.atomic import replacing
 
@@ -63,7 +64,11 @@ def load_weights(path: Path) -> Weights:
             "train it again"
         )
     _check_size(path, config, scheme, tensors)
-    model = build(config, scheme)
+    # Layers that an older file lacks are drawn at random; a training that resumes needs the same ones.
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(0)
+        model = build(config, scheme)
+    tensors = with_joint_head(tensors, model.state_dict())
     check_fits(path, model, tensors)
     model.load_state_dict(tensors)
     return Weights(model, config, scheme)
@@ -81,7 +86,7 @@ def _check_size(path: Path, config: NetworkConfig, scheme: Scheme, tensors: dict
             outline = build(config, scheme)
     except RuntimeError as error:
         raise FormatError(f"{path} describes a network of impossible size; train it again") from error
-    check_fits(path, outline, tensors)
+    check_fits(path, outline, with_joint_head(tensors, outline.state_dict()))
 
 
 def check_fits(path: Path, model: nn.Module, tensors: dict[str, Tensor]) -> None:

@@ -14,7 +14,7 @@ from annotate.label_recording import label_cloud, labels_of
 from annotate.labelset.label_set import as_read
 from annotate.scheme.scheme import Scheme
 from annotate.scheme.scheme_file import load_scheme
-from eval.network.body_state import BodyState, body_state_notes, joint_row
+from eval.network.body_state import BodyState, body_state_notes, joint_quality, joint_row
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict import PredictOptions, fits
 from eval.network.predict_source import NetworkLabeller
@@ -35,8 +35,10 @@ class Person:
 
     joints_mm: float64 (3,) by name: millimetres in the camera's frame, x right, y down, z forward. Left and
     right are the person's own; hidden joints are estimates. facing_deg: azimuth of the camera about the
-    trunk, 0 in front of the chest, 90 on the person's left. posture_sure, facing_sure: [0, 1]. support:
-    "floor", "furniture", or "" where the image does not show the support.
+    trunk, 0 in front of the chest, 90 on the person's left. posture: "" where it is unclear. posture_sure,
+    facing_sure: [0, 1]. support: "floor", "furniture", or "" where the image does not show the support.
+    joint_sd_mm: standard deviation by name. joint_visibility: "visible", "hidden" or "outside" by name. Both
+    are empty if the network does not give them.
     """
 
     joints_mm: dict[str, Float64]
@@ -45,13 +47,16 @@ class Person:
     facing_deg: float
     facing_sure: float
     support: str
+    joint_sd_mm: dict[str, float] = field(default_factory=dict)
+    joint_visibility: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, state: BodyState, camera: Intrinsics) -> "Person":
         """Return the person of a body state. camera: of the undistorted depth image."""
         joints = {name: np.array(xyz) for name, xyz in joint_row(state.joints_mm(camera)).items()}
         sure = round(float(state.posture.max()), 3)
-        return cls(joints, state.name, sure, state.facing_deg, state.facing_sure, state.support)
+        quality = joint_quality(state.joints_sd_mm(camera), state.joint_visibility)
+        return cls(joints, state.name, sure, state.facing_deg, state.facing_sure, state.support, **quality)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +119,8 @@ class Predictor:
     def predict(self, depth_mm: NDArray[Any], before: Prediction | None = None) -> Prediction:
         """Label a depth image (h, w): integers or floats, millimetres along z; 0, NaN = no reading.
 
-        before: prediction for the previous image of a recording, which keeps the people's numbers and sides.
+        before: prediction for the previous image of a recording, 1/30 s earlier, which keeps the people's
+        numbers and sides and steadies their joints.
         Raises CalibrationError for another size than the camera's, FormatError for images that are not depth.
         """
         cloud = self._fuser.fuse(_whole_mm(depth_mm))

@@ -58,7 +58,8 @@ class Sources:
 
     results: the first is the baseline. ceiling: one person's corrections against another's. sessions:
     recordings of the labels. trainings: folders of `train`. audited: corrected label sets. shown: label sets
-    without a truth, each with a note. facts: command, seed, hashes. each: frames of a group.
+    without a truth, each with a note. facts: command, seed, hashes. each: number of
+    frames in a group of the gallery.
     """
 
     results: Sequence[Result]

@@ -87,12 +87,12 @@ def standard_error(resampled: Scores, n: Int64 | int) -> Scores:
     return np.where((n > 1) & (count > 0), widened, np.nan)
 
 
-def quantile(degrees: Float64 | Int64 | int) -> Float64:
-    """Return the half width of a t interval in standard errors."""
+def quantile(degrees: Float64 | Int64 | int, level: float = LEVEL) -> Float64:
+    """Return the half width of a t interval in standard errors. level: its coverage."""
     # As scipy.stats.t.ppf, but faster to import and to call.
     from scipy.special import stdtrit
 
-    return np.asarray(stdtrit(np.maximum(degrees, 1), (1 + LEVEL) / 2), np.float64)
+    return np.asarray(stdtrit(np.maximum(degrees, 1), (1 + level) / 2), np.float64)
 
 
 def interval(estimate: Scores, resampled: Scores, n: Int64 | int) -> Float64:

@@ -23,7 +23,8 @@ REACH_MM = MappingProxyType(
 """Thickness of the body in front of a joint, mm: 90 % of the readings of the parts that meet at the joint are
 nearer to it (540 development images of five presets)."""
 BEHIND_MM = 60.0  # mm; readings behind a joint by noise; the real people's score.py has the same
-_REACHES_MM = np.array([REACH_MM[name.split("_")[-1]] for name in JOINT_NAMES])
+REACHES_MM = np.array([REACH_MM[name.split("_")[-1]] for name in JOINT_NAMES])
+"""``REACH_MM`` of each joint (15,)."""
 
 
 def inside(true_mm: Float64, camera: Intrinsics) -> Bool:
@@ -41,5 +42,5 @@ def visibility(true_mm: Float64, depth_mm: UInt16, pinhole: Intrinsics) -> UInt8
     u, v = np.floor(np.where(own[:, None], project(pinhole, true_mm), 0.0) + 0.5).astype(np.intp).T
     reading_mm = depth_mm[v, u].astype(np.float64)
     in_front_mm = true_mm[:, 2] - reading_mm
-    near = (in_front_mm <= _REACHES_MM) & (in_front_mm >= -BEHIND_MM)
+    near = (in_front_mm <= REACHES_MM) & (in_front_mm >= -BEHIND_MM)
     return np.where(own & (reading_mm > 0) & near, VISIBLE, HIDDEN).astype(np.uint8)

@@ -141,7 +141,10 @@ def _facing(truth: FrameLabels) -> str:
 
 
 def _side(azimuth_deg: object) -> str:
-    """azimuth_deg: of the camera, from the sofa's front or the bed's foot to the sitter's left."""
+    """Return the side of the furniture on which the camera stands; "" for no number.
+
+    azimuth_deg: 0 in front of the sofa or at the foot of the bed, 90 on the sitter's left.
+    """
     angle = _number(azimuth_deg)
     if math.isnan(angle):
         return ""

@@ -12,9 +12,11 @@ import torch
 from torch import Tensor, nn
 
 from annotate.scheme.scheme import Scheme
-from eval.network.compact import CompactConfig, Kinds
-from eval.network.networks import NetworkConfig, build
-from eval.network.reference_networks import SmpConfig
+from eval.architecture.class_scores import Kinds
+from eval.architecture.compact import CompactConfig
+from eval.architecture.joint_head import HEAD
+from eval.architecture.networks import NetworkConfig, build
+from eval.architecture.reference_networks import SmpConfig
 from sensors.errors import CloudError
 
 Parents = Sequence[Sequence[int]]
@@ -58,6 +60,15 @@ def start_layer(values: dict[str, Tensor], layer: str, parents: Parents, n_old: 
         values[name] = start(blocks, parents).flatten(0, 1)
 
 
+def start_inputs(values: dict[str, Tensor], name: str, parents: Parents, n_old: int) -> None:
+    """Replace weights (n, c, ...) of a layer whose last inputs are ``n_old`` class probabilities.
+
+    A class has the weights of its parents, so that children that share a probability count as before.
+    """
+    others, own = values[name][:, :-n_old], values[name][:, -n_old:]
+    values[name] = torch.cat([others, started(own.transpose(0, 1), parents).transpose(0, 1)], dim=1)
+
+
 def expanded(model: nn.Module, config: NetworkConfig, old: Scheme, new: Scheme) -> nn.Module:
     """Return a network for the classes of ``new`` from one for the classes of ``old``.
 
@@ -69,6 +80,7 @@ def expanded(model: nn.Module, config: NetworkConfig, old: Scheme, new: Scheme) 
     values = dict(model.state_dict())
     if isinstance(config, CompactConfig):
         start_layer(values, "kinds", _parents_of_kinds(old, new), len(Kinds.of(old)))
+        start_inputs(values, f"{HEAD}finer.0.weight", parents_of(old, new), len(old.class_ids))
     elif isinstance(config, SmpConfig):
         start_layer(values, "unet.segmentation_head.0", parents_of(old, new), len(old.class_ids))
     else:

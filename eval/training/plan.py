@@ -11,11 +11,12 @@ from torch import Tensor, nn
 from annotate.array_types import UInt8
 from annotate.parts import PAPER
 from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Scheme
-from eval.network.blocks import NetworkOutput
-from eval.network.compact import CompactConfig
-from eval.network.networks import NetworkConfig, described
+from eval.architecture.blocks import NetworkOutput
+from eval.architecture.compact import CompactConfig
+from eval.architecture.networks import NetworkConfig, described
 from eval.training.augment import Augmentation
 from eval.training.body_targets import FACING, JOINTS, POSTURE
+from eval.training.joint_loss import JointTargets, JointWeights, joint_losses
 from eval.training.loader import Batch
 from eval.training.processes import ALONE, ProcessGroup
 from eval.training.resumable_loop import Schedule
@@ -42,7 +43,7 @@ class ModernRecipe:
     balance: float = 0.5
     facing: float = 0.3
     posture: float = 0.1
-    joints: float = 3.0
+    joints: JointWeights = field(default_factory=JointWeights)
     clip: float = 2.0
     averaged: float = 0.999
     coarse: float = 0.5
@@ -124,7 +125,10 @@ def best_precision() -> Precision:
 
 
 def at_resolution(recipe: Recipe, depth: Tensor, parts: Tensor, share: float) -> tuple[Tensor, Tensor]:
-    """Return depth (B, 1, h, w) and parts (B, h, w), subsampled in the first share of the training."""
+    """Return depth (B, 1, h, w) and parts (B, h, w), subsampled in the first part of the training.
+
+    share: finished share of the training, 0 to 1.
+    """
     if share >= recipe.coarse:
         return depth, parts
     side = depth.shape[-1]
@@ -175,26 +179,22 @@ class Loss:
         summed = nn.functional.cross_entropy(scores, target, weight, ignore_index=UNDEFINED, reduction="sum")
         mean = float(group.total(summed) / counted)
         if isinstance(self.recipe, ModernRecipe):
-            return group.world * summed / counted + self._of_body(self.recipe, output, whole), mean
+            return group.world * summed / counted + self._of_body(self.recipe, output, whole, depth), mean
         return group.world * summed, mean
 
-    def _of_body(self, recipe: ModernRecipe, output: NetworkOutput, whole: Tensor) -> Tensor:
+    def _of_body(self, recipe: ModernRecipe, output: NetworkOutput, whole: Tensor, depth: Tensor) -> Tensor:
         """Return the weighted loss of facing, posture and joints; unknown targets are left out."""
         if output.facing is None or output.posture is None or output.joints is None:
             return torch.zeros(())
+        targets = JointTargets.of(whole[:, JOINTS].reshape(output.joints.shape), depth)
         known, whole = torch.isfinite(whole), whole.nan_to_num(0)
-        joints = whole[:, JOINTS].reshape(output.joints.shape)
-        inside = known[:, JOINTS].reshape(joints.shape) & (
-            (joints[..., :2] - 0.5).abs().amax(dim=-1, keepdim=True) < 0.5
-        )
         posture = torch.where(known[:, POSTURE], whole[:, POSTURE].long(), -1)
         named = nn.functional.cross_entropy(output.posture.float(), posture, ignore_index=-1, reduction="sum")
         counted = self.group.total(known[:, POSTURE].sum()).clamp(min=1)
-        return (
-            recipe.facing * self._mean((output.facing.float() - whole[:, FACING]).square(), known[:, FACING])
-            + recipe.joints * self._mean((output.joints.float() - joints).abs(), inside)
-            + recipe.posture * self.group.world * named / counted
-        )
+        turned = self._mean((output.facing.float() - whole[:, FACING]).square(), known[:, FACING])
+        joints = (self._mean(*one) for one in joint_losses(output, targets, recipe.joints))
+        posture_loss = recipe.posture * self.group.world * named / counted
+        return recipe.facing * turned + posture_loss + sum(joints)
 
     def _mean(self, values: Tensor, known: Tensor) -> Tensor:
         """Return the mean of the known values, 0 without any."""

@@ -19,7 +19,7 @@ from annotate.labelset.images import encode_parts, encode_png
 from annotate.parts import PAPER
 from annotate.scheme.scheme import BACKGROUND, UNDEFINED
 from annotate.scheme.scheme_file import scheme_to_fields
-from eval.network.networks import build
+from eval.architecture.networks import build
 from eval.scores.confusion import mean_recall, miou
 from eval.training.crops import Crops
 from eval.training.loader import Batch, BatchOrder, Images, batches, workers_watched

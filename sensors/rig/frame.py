@@ -110,7 +110,8 @@ class FrameSource(ABC):
 
     name: a file's stem. calibration: valid for every frame. times_ns: int64 (n,), the depth stamps in the
     order of the frames. notes: absences and assumptions, one sentence each. path: the recording's file or
-    folder, or None. subject: name of the recorded person, "" = unknown. events: (stamp in nanoseconds, text).
+    folder, or None. subject: name of the recorded person, "" = unknown. named: True where labels of the
+    frames may hold that name. events: (stamp in nanoseconds, text).
     cast: of a simulated recording's people (``synth.data_files``); real people count as ``training``.
     A subclass sets these and implements ``_frame``.
     """
@@ -121,6 +122,7 @@ class FrameSource(ABC):
     notes: tuple[str, ...] = ()
     path: Path | None = None
     subject: str = ""
+    named: bool = False
     events: tuple[tuple[int, str], ...] = ()
     cast: str = "training"
 

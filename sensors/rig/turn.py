@@ -28,7 +28,7 @@ class Turn:
         return np.ascontiguousarray(np.rot90(image[:, ::-1] if self.mirror else image, -self.quarters))
 
     def camera(self, camera: Intrinsics) -> Intrinsics:
-        """Return the camera of the upright image."""
+        """Return the intrinsics of the upright image."""
         if self.mirror:
             camera = replace(camera, cx=camera.width - 1 - camera.cx, p2=-camera.p2)
         for _ in range(self.quarters):

@@ -135,6 +135,12 @@ class Session(FrameSource):
         spot = reference.spot()
         return None if spot is None else reference.offsets_k(spot, times_s)
 
+    @property
+    def frame_of_color(self) -> dict[int, int]:
+        """Return the index of the frame that a colour image belongs to, by the image's device stamp."""
+        stamps_ns, pairs = self._places[COLOR]["stamp_ns"], self._pairs[COLOR]
+        return {int(stamps_ns[at]): frame for frame, at in enumerate(pairs) if at >= 0}
+
     def _target_c(self, index: int) -> float:
         """Return a reading of the pyrometer; NaN where it is damaged."""
         try:

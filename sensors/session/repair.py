@@ -252,6 +252,10 @@ class Copier:
             case Message():
                 self.nameless += 1
 
+    def topic_of(self, message: Message) -> str | None:
+        """Return the topic of a message; None where no channel of it was copied."""
+        return self._topics.get(message.channel_id)
+
     def add_beside(self, record: McapRecord, index: StoredIndex | None) -> None:
         """Copy metadata or an attachment, except the index, and metadata that the index contains."""
         match record:

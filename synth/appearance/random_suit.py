@@ -8,12 +8,13 @@ from functools import cache
 import numpy as np
 
 from annotate.array_types import Float64, UInt8
-from annotate.parts import BODY_PARTS, NEIGHBOURS, PAPER, PART_ID
+from annotate.parts import PAPER
+from annotate.scheme.regions import Region
 from annotate.scheme.scheme import Scheme
 from annotate.suit.palette import DEFAULT_SUIT, Suit, body_parts, chromaticity, load_suit
 from synth.data_files import JUDGE, TRAINING, Cast, shipped
 
-COLORS = (8, 11)  # number of cloths; with fewer than eleven some parts share one
+FEWEST = 8  # cloths; parts share cloths where these are fewer than the parts
 APART = (0.03, 0.09)  # least distance in chromaticity; see ``palette.MIN_CHROMA_DISTANCE``
 GREY, SKIN_NAMED = 0.25, 0.5  # chances of a grey cloth, and of skin in the palette
 SKIN_RGB = (201, 143, 115)  # as in ``DEFAULT_SUIT``
@@ -49,16 +50,17 @@ def random_suit(seed: int, cast: Cast = TRAINING, scheme: Scheme = PAPER) -> Sui
     if scheme != PAPER:
         parts = np.array([part.id for part in body_parts(scheme)], np.uint8)
         return Suit(f"random suit {seed} of {scheme.name}", _apart_cloths(scheme, parts, rng), parts, scheme)
-    count = int(rng.integers(COLORS[0], COLORS[1] + 1))
+    parts = np.array([part.id for part in PAPER.parts], np.uint8)
+    count = int(rng.integers(FEWEST, len(parts) + 1))
     colors = _cloths(count, float(rng.uniform(*APART)), rng)
-    cloths = np.concatenate([np.arange(count), rng.choice(count, len(BODY_PARTS) - count, replace=False)])
+    cloths = np.concatenate([np.arange(count), rng.choice(count, len(parts) - count, replace=False)])
     cloth = rng.permutation(cloths)
-    while any(cloth[a - 1] == cloth[b - 1] for a, b in map(tuple, NEIGHBOURS)):
+    while any(cloth[a - 1] == cloth[b - 1] for a, b in map(tuple, PAPER.neighbours)):
         cloth = rng.permutation(cloths)
-    worn, parts = colors[cloth], np.array([part.id for part in BODY_PARTS], np.uint8)
+    worn = colors[cloth]
     if rng.random() < SKIN_NAMED:
         worn = np.concatenate([worn, np.array([SKIN_RGB], np.uint8)])
-        parts = np.append(parts, np.uint8(PART_ID["head"]))
+        parts = np.append(parts, PAPER.table[Region.HEAD])
     return Suit(f"random suit {seed}", worn, parts)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from annotate.array_types import Bool, Float32, Float64, Int32, Int64
-from annotate.parts import BODY_PARTS, N_CLASSES, PART_ID
+from annotate.parts import PAPER
+from annotate.scheme.regions import Region
 from synth.body.body import Body, hair_faces
 from synth.body.skeleton import JOINT_ID
 from synth.surface.furniture import SURFACES, Surface
@@ -17,13 +18,16 @@ from synth.surface.rasterize import face_means
 
 PART_C = {
     "head": 33.5,
-    "torso": 30.5,
+    "chest": 30.5,
     "hip": 30.0,
     "upper_arm": 30.0,
     "forearm": 30.5,
     "upper_leg": 29.5,
     "lower_leg": 28.8,
-}  # of a person at rest in a room of 21 C, between skin and air (ISO 7933, clothing surface temperature)
+}
+"""Degrees Celsius of the paper's part with a region, by the region's name without side: a person at rest in a
+room of 21 C, between skin and air (ISO 7933, clothing surface temperature).
+"""
 MEAN_ROOM_C = 20.5  # room of ``PART_C``
 FOLLOWS_ROOM = 0.4  # degrees of cloth a degree of the room
 HAIR_C = 27.5
@@ -54,7 +58,7 @@ class Clothing:
     @staticmethod
     def sample(rng: np.random.Generator, strength: float) -> "Clothing":
         """Draw a person's differences. strength: factor on their size, ``Difficulty.warmth``."""
-        limbs = [PART_ID[f"{side}_{limb}"] for side in ("left", "right") for limb in ("forearm", "lower_leg")]
+        limbs = [_part(side, limb) for side in ("left", "right") for limb in ("forearm", "lower_leg")]
         loose = tuple(part for part in limbs if rng.random() < 0.05 * strength**2)
         return Clothing(
             offset_c=0.5 * strength * float(rng.normal()),
@@ -113,11 +117,13 @@ def surface_temperatures(tags: Int32, room_c: float, spread: float, rng: np.rand
 
 def _apart(body: Body, clothing: Clothing, room_c: float, rng: np.random.Generator) -> Float64:
     """Return the temperature (F,), degrees Celsius, of a body's faces where nothing touches them."""
-    by_part = np.zeros(N_CLASSES)
-    for part in BODY_PARTS:
-        celsius = PART_C[part.name.removeprefix("left_").removeprefix("right_")]
-        by_part[part.id] = celsius + (0 if part.name == "head" else clothing.offset_c)
-        by_part[part.id] -= SLEEVE_DROP_C * (part.id in clothing.cold_sleeves)
+    by_part = np.zeros(PAPER.n_classes)
+    for region in Region:
+        celsius = PART_C.get(region.label.removeprefix("left_").removeprefix("right_"))
+        if celsius is not None:
+            part = PAPER.table[region]
+            by_part[part] = celsius + (0 if region == Region.HEAD else clothing.offset_c)
+            by_part[part] -= SLEEVE_DROP_C * (part in clothing.cold_sleeves)
     temperature = by_part[body.face_parts]
     joint = body.strongest_joints
     for ends, warm, cold, share in (
@@ -141,14 +147,18 @@ def _looseness(body: Body, worn: Body) -> Float64:
     return np.asarray(face_means(np.clip(off_m / LOOSE_M, 0, 1), body.faces), np.float64)
 
 
+def _part(side: str, limb: str) -> int:
+    return int(PAPER.table[Region.on(side, limb)])
+
+
 def _limb_vertices(body: Body) -> list[tuple[Int64, Int64]]:
     """Return pairs of vertex sets that can touch: arm and trunk, arm and leg, both legs."""
     part = body.vertex_parts
     sides: dict[str, dict[str, Int64]] = {}
     for side in ("left", "right"):
-        ids = {limb: PART_ID[f"{side}_{limb}"] for limb in ("upper_arm", "forearm", "upper_leg", "lower_leg")}
+        ids = {limb: _part(side, limb) for limb in ("upper_arm", "forearm", "upper_leg", "lower_leg")}
         sides[side] = {limb: np.flatnonzero(part == p) for limb, p in ids.items()}
-    trunk = np.flatnonzero(np.isin(part, (PART_ID["torso"], PART_ID["hip"])))
+    trunk = np.flatnonzero(np.isin(part, PAPER.ids_of((Region.CHEST, Region.HIP))))
     pairs = []
     for own in sides.values():
         shoulder = body.vertices_m[trunk, 2] > body.vertices_m[own["upper_arm"], 2].max() - 0.18

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from annotate.array_types import Bool, Float64, UInt8
-from annotate.parts import PART_ID
+from annotate.parts import PAPER
 from annotate.scheme.regions import Region
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
@@ -33,9 +33,11 @@ _PALM, _SOLE = 0.56, 0.73
 
 
 class _Division(NamedTuple):
-    """Division of one of the paper's parts: faces flagged in ``beyond`` (F,) belong to ``region``."""
+    """Division of the paper's part that holds ``within``: faces flagged in ``beyond`` (F,) belong to
+    ``region``.
+    """
 
-    part: str
+    within: Region
     region: Region
     beyond: Bool
 
@@ -48,7 +50,7 @@ def regions_of_faces(face_parts: UInt8, points_m: Points, joints_m: Float64) -> 
     """
     regions = _WHOLE[face_parts]
     for division in _divisions(face_parts, points_m, joints_m):
-        regions[(face_parts == PART_ID[division.part]) & division.beyond] = division.region
+        regions[(face_parts == PAPER.table[division.within]) & division.beyond] = division.region
     return regions
 
 
@@ -56,35 +58,29 @@ def _divisions(parts: UInt8, points: Points, joints_m: Float64) -> Iterator[_Div
     at = {name: joints_m[i] for name, i in JOINT_ID.items()}
     x, _, z = points.T
     jaw = at["neck"] + _JAW * (at["head"] - at["neck"])
-    yield _Division("head", Region.NECK, ~_beyond(points, jaw, (0.0, -_JAW_SLOPE, 1.0)))
+    yield _Division(Region.HEAD, Region.NECK, ~_beyond(points, jaw, (0.0, -_JAW_SLOPE, 1.0)))
     middle, upper, top = (at[name][2] for name in ("spine_middle", "spine_upper", "neck"))
-    yield _Division("torso", Region.BELLY, z < upper + _RIBS * (top - upper))
-    yield _Division("torso", Region.LOWER_BELLY, z < middle + _NAVEL * (upper - middle))
+    yield _Division(Region.CHEST, Region.BELLY, z < upper + _RIBS * (top - upper))
+    yield _Division(Region.CHEST, Region.LOWER_BELLY, z < middle + _NAVEL * (upper - middle))
     for side, sign in (("left", 1), ("right", -1)):
         clavicle, shoulder = at[f"{side}_clavicle"], at[f"{side}_shoulder"]
         collar = clavicle + _COLLAR * (shoulder - clavicle)
         yield _Division(
-            "torso",
-            _of(side, "shoulder"),
+            Region.CHEST,
+            Region.on(side, "shoulder"),
             _beyond(points, collar, (sign, 0.0, _SHOULDER_SLOPE)) & (sign * x > 0),
         )
         wrist, along = at[f"{side}_wrist"], at[f"{side}_wrist"] - at[f"{side}_elbow"]
-        forearm, shank = f"{side}_forearm", f"{side}_lower_leg"
+        forearm, shank = Region.on(side, "forearm"), Region.on(side, "lower_leg")
         hand = _beyond(points, wrist, along)
-        yield _Division(forearm, _of(side, "hand"), hand)
-        yield _Division(
-            forearm, _of(side, "fingers"), _end(points, hand & (parts == PART_ID[forearm]), along, _PALM)
-        )
+        yield _Division(forearm, Region.on(side, "hand"), hand)
+        own = hand & (parts == PAPER.table[forearm])
+        yield _Division(forearm, Region.on(side, "fingers"), _end(points, own, along, _PALM))
         ankle, forwards = at[f"{side}_ankle"], np.array([0.0, -1.0, 0.0])
         foot = _beyond(points, ankle, (0.0, -_INSTEP_SLOPE, -1.0))
-        yield _Division(shank, _of(side, "foot"), foot)
-        yield _Division(
-            shank, _of(side, "toes"), _end(points, foot & (parts == PART_ID[shank]), forwards, _SOLE)
-        )
-
-
-def _of(side: str, name: str) -> Region:
-    return Region[f"{side}_{name}".upper()]
+        yield _Division(shank, Region.on(side, "foot"), foot)
+        own = foot & (parts == PAPER.table[shank])
+        yield _Division(shank, Region.on(side, "toes"), _end(points, own, forwards, _SOLE))
 
 
 def _beyond(points: Points, border_m: Float64, normal: Float64 | tuple[float, float, float]) -> Bool:
@@ -101,9 +97,8 @@ def _end(points: Points, own: Bool, along: Float64, share: float) -> Bool:
 
 
 _WHOLE = np.zeros(256, np.uint8)
-for _name, _id in PART_ID.items():
-    if _name != "background":
-        _WHOLE[_id] = {"torso": Region.CHEST}.get(_name) or Region[_name.upper()]
+for _part in PAPER.parts:
+    _WHOLE[_part.id] = min(_part.regions)
 
 
 @lru_cache(maxsize=64)

@@ -8,7 +8,8 @@ import numba
 import numpy as np
 
 from annotate.array_types import Bool, Float32, Float64, Int32, Int64, UInt8
-from annotate.parts import PART_ID
+from annotate.parts import PAPER
+from annotate.scheme.regions import Region
 from sensors.errors import FormatError, fault_of
 from sensors.files.atomic import replacing
 from sensors.files.npz import load_arrays
@@ -94,7 +95,7 @@ class Body:
 
 def hair_faces(body: Body) -> Bool:
     """Return flags (F,) of the faces with hair: the head above the brow, and its back down to the neck."""
-    on_head: Bool = body.face_parts == PART_ID["head"]
+    on_head: Bool = body.face_parts == PAPER.table[Region.HEAD]
     _, y, z = body.vertices_m[body.faces[on_head]].mean(axis=1).T
     head = body.joints_m[JOINT_ID["head"]]
     top = body.vertices_m[:, 2].max()

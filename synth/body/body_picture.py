@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.array_types import Float32, UInt8
-from annotate.parts import PARTS
+from annotate.scheme.scheme_file import load_scheme
 from sensors.files.atomic import write_bytes
 from sensors.rig.camera import Intrinsics
 from synth.body.body import Body
@@ -22,7 +22,7 @@ PAPER, INK, FLOOR = (255, 255, 255), (40, 40, 44), (205, 205, 210)
 SPAN_M, AWAY_M = 2.25, 30.0  # shown height, and distance of the camera
 FLOOR_SHARE = 0.48  # of the span, floor below the middle
 _ROW, _FINER = 8, 3
-_COLOURS = np.array([part.rgb for part in PARTS], np.float32)
+_COLOURS = load_scheme("paper").palette_rgb().astype(np.float32)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ import numpy as np
 from scipy.sparse import csr_array, eye_array, vstack
 
 from annotate.array_types import Float32, Float64, Int32, Int64, UInt8
-from annotate.parts import PART_ID
+from annotate.parts import PAPER
+from annotate.scheme.regions import Region
 from synth.body.skeleton import JOINT_ID, JOINTS
 from synth.data_files import table
 
@@ -80,16 +81,16 @@ def borders(vertices_m: Float64, joints_m: Float64) -> tuple[Border, ...]:
     at = {name: joints_m[i] for name, i in JOINT_ID.items()}
     up = np.array([0.0, 0.0, 1.0])
     crest = at["left_hip"] + _CREST * (at["left_hip"][2] - at["left_knee"][2]) * up
+    torso, head, hips = PAPER.table[[Region.CHEST, Region.HEAD, Region.HIP]].tolist()
     made = [
-        Border(PART_ID["torso"], PART_ID["head"], _plane(at["neck"], np.array([0.0, -_COLLAR_SLOPE, 1.0]))),
-        Border(PART_ID["torso"], PART_ID["hip"], _plane(crest, -up)),
+        Border(torso, head, _plane(at["neck"], np.array([0.0, -_COLLAR_SLOPE, 1.0]))),
+        Border(torso, hips, _plane(crest, -up)),
     ]
     for side, sign in (("left", 1), ("right", -1)):
         shoulder, elbow, wrist = (at[f"{side}_{joint}"] for joint in ("shoulder", "elbow", "wrist"))
         hip, knee, ankle = (at[f"{side}_{joint}"] for joint in ("hip", "knee", "ankle"))
-        arm, forearm, thigh, shank = (
-            PART_ID[f"{side}_{part}"] for part in ("upper_arm", "forearm", "upper_leg", "lower_leg")
-        )
+        limbs = [Region.on(side, name) for name in ("upper_arm", "forearm", "upper_leg", "lower_leg")]
+        arm, forearm, thigh, shank = PAPER.table[limbs].tolist()
         # From the acromion down into the armpit, front and back.
         across = np.array([sign, -_ARMPIT_SLOPE[0], _ARMPIT_SLOPE[1]])
         armpit = shoulder + _ARMPIT * (at[f"{side}_clavicle"] - shoulder)
@@ -97,9 +98,9 @@ def borders(vertices_m: Float64, joints_m: Float64) -> tuple[Border, ...]:
         below_knee = _bisector(hip, knee, ankle) + np.array([0.0, 2 * _KNEE_SLOPE, 0.0])
         groin = partial(_groin, hip, sign, _crotch_z(vertices_m, hip[2]), _thigh_m(vertices_m, hip))
         made += [
-            Border(PART_ID["torso"], arm, _plane(armpit, across)),
+            Border(torso, arm, _plane(armpit, across)),
             Border(arm, forearm, _plane(elbow + _CREASE * (shoulder - elbow), fold)),
-            Border(PART_ID["hip"], thigh, groin),
+            Border(hips, thigh, groin),
             Border(thigh, shank, _plane(knee + _JOINT_LINE * (ankle - knee), below_knee)),
         ]
     return tuple(made)
@@ -139,11 +140,11 @@ def _groin(hip: Float64, sign: int, crotch_z: float, thigh_m: float, points: Flo
 
 
 def _roughly(faces: Int32, by_joint: Float32) -> UInt8:
-    by_part = np.zeros((len(by_joint), len(PART_ID)), np.float32)
+    by_part = np.zeros((len(by_joint), PAPER.n_classes), np.float32)
     for joint, weights in zip(JOINTS, by_joint.T, strict=True):
-        part = table("joints")[joint.kind]["part"]
-        sided = joint.name.replace(joint.kind, part)
-        by_part[:, PART_ID[sided if sided in PART_ID else part]] += weights
+        region = table("joints")[joint.kind]["region"].upper()
+        sided = joint.name.upper().replace(joint.kind.upper(), region)
+        by_part[:, PAPER.table[Region[sided if sided in Region.__members__ else region]]] += weights
     return np.asarray(by_part[faces].mean(axis=1).argmax(axis=1), np.uint8)
 
 

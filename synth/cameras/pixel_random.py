@@ -54,9 +54,9 @@ def ramps(log2: int) -> Float32:
 
 @numba.njit(cache=True)
 def lattice(key: np.uint64, height: int, width: int, log2: int, normals: Float32) -> Float32:
-    """Return a normal random number for every corner of the blocks (rows, columns) of an image.
+    """Return a normal random number for every corner of an image's square blocks, (rows, columns).
 
-    normals: table ``NORMALS``.
+    log2: of the blocks' edge in pixels. normals: table ``NORMALS``.
     """
     corners = np.empty(((height >> log2) + 2, (width >> log2) + 2), np.float32)
     for i in range(corners.shape[0]):

@@ -12,6 +12,7 @@ from synth.cameras.relief import FAR_M
 
 NOTHING = -1  # source of a pixel without a reading
 REACH_PX = 4  # pixels by which rims grow at most
+BEHIND_M = (0.05, 3.0)  # from a cut-out person to a drawn wall; untuned
 CENTRE_SD = 0.012  # of the principal point, share of the width; Kinect v2: 254 to 264 of 512
 
 
@@ -49,6 +50,15 @@ class CleanDepth:
     def filled(self) -> Float32:
         """Return the depth (h, w) with ``FAR_M`` in place of NaN."""
         return np.where(np.isnan(self.depth_m), np.float32(FAR_M), self.depth_m)
+
+    def behind(self, rng: np.random.Generator) -> Float32:
+        """Return the depth (h, w) without NaN: a drawn wall behind a cut-out person, ``FAR_M`` behind a
+        scene.
+        """
+        if self.person is None:
+            return self.filled()
+        wall_m = float(self.depth_m[self.person].max()) + rng.uniform(*BEHIND_M)
+        return np.where(np.isnan(self.depth_m), np.float32(min(wall_m, FAR_M)), self.depth_m)
 
     def wanted(self, reach_px: int) -> Bool:
         """Return the mask (h, w) of pixels to measure, at most ``reach_px`` from the person."""
@@ -126,7 +136,10 @@ def key_of(rng: np.random.Generator) -> np.uint64:
 
 
 def drawn_camera(entry: dict[str, Any], rng: np.random.Generator) -> Intrinsics:
-    """Draw the camera intrinsics of the model ``entry`` in ``sensors.toml``."""
+    """Draw the intrinsics of the model ``entry`` in ``sensors.toml``, or return its ``camera``."""
+    if "camera" in entry:
+        own: Intrinsics = entry["camera"]
+        return own
     width, height = entry["size"]
     focal = float(rng.uniform(*entry["focal_px"]))
     cx, cy = ((side - 1) / 2 + width * rng.normal(0, CENTRE_SD) for side in (width, height))

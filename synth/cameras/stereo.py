@@ -34,18 +34,20 @@ class Stereo:
     noise_px, wave_px: standard deviations of disparity noise over a matching window and over a wide region.
     fattened_px: growth of silhouettes. steps: disparity steps per pixel, 0 = continuous. shadow: empty share
     of the strip hidden from the second camera, ``baseline_m`` to the right. grazing, dark: share lost at 90
-    degrees of incidence, and on absorbing surfaces. patches: share lost in patches without texture.
+    degrees of incidence, and on absorbing surfaces. patches: share lost in patches without texture. banded:
+    True if the whole image shows the left band outside the second camera's view.
     """
 
     noise_px: float = 0.06
     wave_px: float = 0.05
     fattened_px: float = 1.5
-    steps: int = 32
+    steps: float = 32
     shadow: float = 1.0
     grazing: float = 0.5
     dark: float = 0.3
     patches: float = 0.0
     baseline_m: float = 0.050
+    banded: bool = True
     camera: Intrinsics = D435
     model: str = "realsense-d435"
     kind: ClassVar[str] = "stereo"
@@ -68,7 +70,7 @@ class Stereo:
         )
 
     def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
-        """Return the reading of a clean image; the left band outside the second camera's view is empty."""
+        """Return the reading of a clean image, as ``Sensor.read``."""
         reading, pixels = clean.blank(), clean.pixels(REACH_PX)
         depth, parallax = pixels.depth, clean.window.fx * self.baseline_m
         side = 2 * REACH_PX + 1
@@ -77,7 +79,7 @@ class Stereo:
         strengths = np.array((*faults, self.grazing, self.dark, self.patches), np.float32)
         noise = (nearest, NORMALS, ramps(MATCH_LOG2), ramps(WAVE_LOG2))
         _read(pixels, strengths, key_of(rng), noise, reading)
-        if depth.shape == self.camera.shape:
+        if self.banded and depth.shape == self.camera.shape:
             alone = parallax / depth > np.arange(depth.shape[1])
             reading.depth_mm[alone], reading.source[alone] = 0, NOTHING
         return reading

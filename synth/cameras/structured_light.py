@@ -51,7 +51,7 @@ class StructuredLight:
     def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "StructuredLight":
         """Draw the parameters of one camera of the model ``entry`` in ``sensors.toml``."""
         camera = drawn_camera(entry, rng)
-        fine = camera.width // 320
+        fine = max(1, camera.width // 320)
         mirror = -1 if rng.random() < 0.5 else 1
         return StructuredLight(
             step_per_m=0.0 if rng.random() < 0.1 else float(rng.uniform(*entry["step_per_m"])),

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from annotate.array_types import Float32, Float64, Int32, UInt8
-from annotate.parts import PART_ID
+from annotate.parts import PAPER
+from annotate.scheme.regions import Region
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
 from synth.clothes.skin_map import Limb, SkinMap
@@ -105,8 +106,9 @@ def _rounded_box() -> tuple[Float64, Int32]:
 
 
 def _parts_beneath(naked: Body, middles_m: Float64) -> UInt8:
-    crest = naked.vertices_m[naked.faces[naked.face_parts == PART_ID["hip"]], 2].max()
+    trunk, thighs = (Region.CHEST, Region.HIP), (Region.LEFT_UPPER_LEG, Region.RIGHT_UPPER_LEG)
+    torso, hips, left, right = (int(PAPER.table[region]) for region in (*trunk, *thighs))
+    crest = naked.vertices_m[naked.faces[naked.face_parts == hips], 2].max()
     thigh = naked.joints_m[JOINT_ID["left_hip"], 2] - 0.04
-    side = np.where(middles_m[:, 0] > 0, PART_ID["left_upper_leg"], PART_ID["right_upper_leg"])
-    parts = np.where(middles_m[:, 2] > thigh, PART_ID["hip"], side)
-    return np.where(middles_m[:, 2] > crest, PART_ID["torso"], parts).astype(np.uint8)
+    parts = np.where(middles_m[:, 2] > thigh, hips, np.where(middles_m[:, 0] > 0, left, right))
+    return np.where(middles_m[:, 2] > crest, torso, parts).astype(np.uint8)

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from annotate.array_types import Float32, Float64, Int32, UInt8
-from annotate.parts import PART_ID
+from annotate.parts import PAPER
+from annotate.scheme.regions import Region
 from synth.body.body import Body
 from synth.body.part_border import borders
 from synth.body.skeleton import JOINT_ID
@@ -146,10 +147,10 @@ def _parts_beneath(body: Body, at_rest: Float32, faces: Int32) -> UInt8:
     levels = {
         (b.before, b.beyond): b.level for b in borders(body.vertices_m.astype(np.float64), body.joints_m)
     }
-    torso, hip = PART_ID["torso"], PART_ID["hip"]
+    torso, hip = (int(PAPER.table[region]) for region in (Region.CHEST, Region.HIP))
     parts = np.where(levels[torso, hip](middles) > 0, hip, torso).astype(np.uint8)
     for side, own in (("left", middles[:, 0] > 0), ("right", middles[:, 0] <= 0)):
-        thigh, shank = PART_ID[f"{side}_upper_leg"], PART_ID[f"{side}_lower_leg"]
+        thigh, shank = (int(PAPER.table[Region.on(side, name)]) for name in ("upper_leg", "lower_leg"))
         parts[own & (levels[hip, thigh](middles) > 0)] = thigh
         parts[(parts == thigh) & (levels[thigh, shank](middles) > 0)] = shank
     return parts

@@ -57,10 +57,10 @@ class Statistics:
 
     pixels: of each part. shown: share of frames that show the part. depth: histogram of the person's pixels
     over DEPTH_EDGES_MM. visible: mean share not hidden by furniture or occluders, nor cut by holes in the
-    person's mask. azimuth, height: histograms of frames over the camera's azimuth (AZIMUTH_EDGES_DEG) and
-    height (HEIGHT_EDGES_M). joints_mm: (n, J, 3), camera frame, relative to the pelvis. activities, sensors,
-    clothes: number of frames by name, most frequent first. occluded, cut: share of frames with occluders,
-    and with holes in the mask.
+    person's mask; only [0] for a converted dataset. azimuth, height: histograms of frames over the camera's
+    azimuth (AZIMUTH_EDGES_DEG) and height (HEIGHT_EDGES_M). joints_mm: (n, J, 3), camera frame, relative to
+    the pelvis. activities, sensors, clothes: number of frames by name, most frequent first. occluded, cut:
+    share of frames with occluders, and with holes in the mask.
     """
 
     frames: int
@@ -126,11 +126,9 @@ def render(dataset: Dataset, beside: Distributions | None = None) -> str:
 
 
 def _counted_parts(scheme: Scheme) -> str:
-    """Return the number of parts in words, and the scheme's name unless it is the paper's."""
+    """Return the number of parts, and the scheme's name unless it is the default."""
     body = sum(not part.is_free for part in scheme.parts)
-    if scheme == PAPER:
-        return "eleven body parts"
-    return f"{body} body parts of scheme {scheme.name}"
+    return f"{body} body parts" + ("" if scheme == PAPER else f" of scheme {scheme.name}")
 
 
 def contact_sheet(frames: list[FrameLabels]) -> UInt8:

@@ -21,6 +21,7 @@ from synth.images.people import Wardrobe
 from synth.images.posed_scenes import MotionScenes
 from synth.images.presets import Preset, sample
 from synth.images.workers import Workers
+from synth.own_camera import OwnCamera
 
 
 def _versions() -> dict[str, str]:
@@ -62,6 +63,7 @@ class Order:
             "preset": self.preset.name,
             **cast_note(self.preset.cast),
             **scheme_note(self.preset.scheme),
+            **({"camera": own.manifest()} if isinstance(own := self.preset.sensor, OwnCamera) else {}),
             **({"motion": scene.repertoire.manifest()} if isinstance(scene, MotionScenes) else {}),
             "occluders": self.preset.occluders,
             "cut": self.preset.cut,

@@ -110,7 +110,11 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
         if labels.any():
             break
     else:
-        raise AssertionError(f"sample {preset.name}/{seed}/{index} shows no person")
+        c = sensor.camera
+        raise CloudError(
+            f"image {index} of preset {preset.name} shows no person in {TRIES} views by a camera of "
+            f"{c.width}x{c.height}, fx {c.fx:.0f}; give a camera with more pixels or a wider view"
+        )
     scheme = preset.scheme
     shown_parts = scheme.table[np.where(mask, view.regions, np.uint8(0))]
     notes = {

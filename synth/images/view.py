@@ -7,7 +7,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Bool, Float32, Float64, Int32, Int64, UInt8
-from annotate.parts import N_CLASSES
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose
 from synth.clothes.dressed import Dressed
@@ -71,7 +70,7 @@ def _layers(
     return nearest, regions, whole, dark
 
 
-def visibility(parts: UInt8, whole: UInt8, n_classes: int = N_CLASSES) -> Float64:
+def visibility(parts: UInt8, whole: UInt8, n_classes: int) -> Float64:
     """Return the share (n_classes,) of each part's pixels in ``whole`` that are visible in ``parts``.
 
     [0] is for the whole person. A part without pixels has share 1. n_classes: of the scheme of the parts.

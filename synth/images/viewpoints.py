@@ -46,7 +46,7 @@ EVERY = 19  # stride of the skin's vertices by which a view is planned
 
 
 def unplanned(place: PlaceSampler) -> Viewpoint:
-    """Return a sampler of viewpoints: places from ``place``, random roll, regardless of the image."""
+    """Return a sampler of viewpoints from ``place``, with random roll; the image may cut the person."""
 
     def view(rng: np.random.Generator, vertices_m: Float32, joints_m: Float64, camera: Intrinsics) -> Shot:
         eye, target = place(rng, joints_m.mean(axis=0))

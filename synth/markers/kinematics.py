@@ -215,8 +215,11 @@ class Derivative(NamedTuple):
 
 @numba.njit(cache=True)
 def derive(tree: Tree, j: int, placed: tuple[Float64, Float64], at: Float64, into: Derivative) -> int:
-    """Write the derivative of a marker at joint ``j``; return the number K of variables. placed: axes and
-    joints. at: marker's position.
+    """Write the derivative of a marker's position in the joint angles above it; return the number K of
+    variables.
+
+    j: joint that carries the marker. placed: rotation axes (J, 3, 3) and positions (J, 3) of the joints. at:
+    position (3,) of the marker. Positions in the world, metres.
     """
     axes, joints = placed
     columns, index = into

@@ -60,7 +60,7 @@ def parse_c3d(data: bytes, most: int) -> C3dPoints:
         claim = f"{layout.frames} frames of {layout.points} points"
         raise FormatError(f"{claim} are over {most} positions; cut the recording")
     numbers, scale = _decoded(_raw(file, layout)), _scale(file, assumed)
-    with np.errstate(invalid="ignore"):  # A NaN that signals.
+    with np.errstate(invalid="ignore"):  # a NaN that signals
         positions = numbers[..., :3] * np.float64(1 if layout.floats else scale)
         positions[~(np.isfinite(numbers).all(axis=2) & (numbers[..., 3] >= 0))] = np.nan
     vertical = next(iter(file.texts("POINT:Y_SCREEN")), "").strip().lower().lstrip("+")
@@ -238,7 +238,8 @@ def _layout(file: _File, assumed: list[str]) -> _Layout:
         if len(set(stated)) > 1:
             shown = " and ".join(str(value) for value in dict.fromkeys(stated))
             assumed.append(f"{what}: the file states {shown}; {used} fits and is used")
-    written = np.flatnonzero(_raw(file, found).any(axis=(1, 2)))
+    with np.errstate(invalid="ignore"):  # a NaN that signals
+        written = np.flatnonzero(_raw(file, found).any(axis=(1, 2)))
     if not len(written):
         raise FormatError("the file has no position in any frame; record again")
     found = found._replace(frames=int(written[-1]) + 1)

@@ -59,7 +59,7 @@ def no_rows() -> Rows:
 
 @numba.njit(cache=True)
 def add_pulls(rows: Rows, n: int, positions: Float64, pulls: Pulls, strength: float) -> int:
-    """Add half-spaces behind the first n of ``rows`` that pull joints to targets; return the new number."""
+    """Append half-spaces that pull joints to targets to the first n of ``rows``; return the new number."""
     pulled, ends = pulls.joints, pulls.ends
     for k in range(len(pulled)):
         way = (ends[k, :3] - positions[pulled[k]]) * ends[k, 3:]

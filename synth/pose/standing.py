@@ -42,7 +42,7 @@ class Stood(NamedTuple):
 
 
 def stand(body: Body, how: Standing) -> Stood:
-    """Foot on the floor: position (3,) of its ankle when flat, yaw, and angle by which the heel is raised."""
+    """Pose a standing body, with its lowest vertex on the floor, and give it the objects that it carries."""
     vertices, joints = pose(body, stood(body, how))
     up = np.array([0.0, 0.0, -FLOOR.give_m - float(vertices[:, 2].min())])
     vertices, joints = vertices + up.astype(np.float32), joints + up

@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 
 from annotate.array_types import Float32, Float64, Int64
-from annotate.parts import PART_ID
+from annotate.parts import PAPER
+from annotate.scheme.regions import Region
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
 from synth.rig.locations import Location
@@ -20,6 +21,7 @@ BED_TOP_Y_M, OVER_EDGE_M, BED_HANG_M = (-0.35, 0.1), 0.05, 0.3  # a bed's blanke
 CARRIED_M = 0.06  # height over the hem of supported cloth
 STIFF_CELLS = 5  # width of hollows that the cloth spans
 _SIDES = ("left", "right")
+_LEGS = tuple(Region.on(side, name) for side in _SIDES for name in ("upper_leg", "lower_leg"))
 
 
 def lap_blanket(location: Location, body: Body, rng: np.random.Generator) -> Thing:
@@ -30,7 +32,7 @@ def lap_blanket(location: Location, body: Body, rng: np.random.Generator) -> Thi
     width = location.furniture.footprint.half_width_m
     half = min(HALF_WIDTH_M, width)
     n, m = (round(length / CELL_M) for length in (2 * half, 0.9))
-    legs = _vertices_of(body, ("upper_leg", "lower_leg"))
+    legs = _vertices_of(body, _LEGS)
 
     def where(person_m: Float32, joints_m: Float64) -> Float32:
         hips, knees = (joints_m[[JOINT_ID[f"{s}_{name}"] for s in _SIDES]] for name in ("hip", "knee"))
@@ -50,7 +52,7 @@ def bed_blanket(location: Location, body: Body, rng: np.random.Generator) -> Thi
     y = np.arange(front_y - OVER_EDGE_M, rng.uniform(*BED_TOP_Y_M), CELL_M)
     on_bed = (np.abs(x)[:, None] <= half) & (y >= front_y)
     below = np.where(on_bed, height, height - BED_HANG_M)
-    covered = np.union1d(_vertices_of(body, ("upper_leg", "lower_leg")), _vertices_of(body, ("torso", "hip")))
+    covered = _vertices_of(body, (*_LEGS, Region.CHEST, Region.HIP))
 
     def where(person_m: Float32, joints_m: Float64) -> Float32:
         return _drape(person_m[covered], x, y, below).reshape(-1, 3)
@@ -58,9 +60,10 @@ def bed_blanket(location: Location, body: Body, rng: np.random.Generator) -> Thi
     return _thing(len(x), len(y), where)
 
 
-def _vertices_of(body: Body, names: tuple[str, ...]) -> Int64:
-    ids = [PART_ID[p] for name in names for p in (name, *(f"{s}_{name}" for s in _SIDES)) if p in PART_ID]
-    return np.unique(body.faces[np.isin(body.face_parts, ids)]).astype(np.int64)
+def _vertices_of(body: Body, regions: tuple[Region, ...]) -> Int64:
+    """Return the vertices of the paper's parts that hold a region of ``regions``."""
+    own = np.isin(body.face_parts, PAPER.ids_of(regions))
+    return np.unique(body.faces[own]).astype(np.int64)
 
 
 def _drape(under_m: Float32, x: Float64, y: Float64, base_m: Float64) -> Float32:

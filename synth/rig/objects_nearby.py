@@ -7,7 +7,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Float32, Float64
-from annotate.parts import PART_ID
+from annotate.parts import PAPER
+from annotate.scheme.regions import Region
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
 from synth.surface.furniture import Surface
@@ -22,7 +23,7 @@ LID_BEYOND_M = 0.03  # between the foremost finger and the lid's hinge
 MUG_RADIUS_M, MUG_HEIGHT_M = 0.042, 0.095  # as sold
 TO_MOUTH_M = 0.30  # distance of wrist and head joint of a drinking person; untuned
 TABLE_THICK_M = 0.035
-_LEG = ("upper_leg", "lower_leg")
+_LEGS = [Region.on(side, name) for side in ("left", "right") for name in ("upper_leg", "lower_leg")]
 # Boxes about a place of the back wall; panel radiators are 45 to 75 cm high, as sold.
 _ON_WALL = {
     "radiator": (Surface.RADIATOR, (-0.45, -0.12, 0.12), (0.45, -0.03, 0.70)),
@@ -101,7 +102,7 @@ def laptop(aside_m: Float64, body: Body, on_lap: bool) -> Thing:
     tilt = Rotation.from_euler("x", LID_RAD - np.pi / 2).as_matrix()
     mesh = merge([base, keys, merge([lid, panel]).placed(tilt, np.array([0, -d / 2, h]))])
     still = moved(mesh, aside_m)
-    legs = np.isin(body.vertex_parts, [PART_ID[f"{s}_{limb}"] for s in ("left", "right") for limb in _LEG])
+    legs = np.isin(body.vertex_parts, PAPER.ids_of(_LEGS))
 
     def where(person_m: Float32, joints_m: Float64) -> Float32:
         hips, knees = (

@@ -5,11 +5,17 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
+import numpy as np
+
 from sensors.recording.rig_templates import CAMERAS, TEMPLATES, template_named
 from sensors.rig.rig_calibration import RigCalibration
+from synth.cameras.maker_filters import Filtered
 from synth.cameras.sensor import Sensor
+from synth.cameras.stereo import Stereo
 from synth.cameras.thermal_camera import ThermalNoise
-from synth.rig.difficulty import Difficulty
+from synth.cameras.time_of_flight import TimeOfFlight
+from synth.own_camera import OwnCamera
+from synth.rig.difficulty import CLEAN, Difficulty
 
 BOLOMETER_S = 0.012  # time constant of a Lepton's pixels (8 to 12 ms); of a Boson's untuned
 FLAT_FIELD_EVERY_S = (60.0, 180.0)  # three minutes or 1.5 K (Lepton's data sheet); lower end untuned
@@ -87,6 +93,24 @@ _CAMERAS: dict[str, tuple[Callable[[Difficulty], Sensor], Callable[[ThermalNoise
     "azure-boson": (_azure_kinect, partial(_bolometer, _BOSON), 2),
 }
 VARIANTS = {name: Variant(TEMPLATES[name].calibration, *cameras) for name, cameras in _CAMERAS.items()}
+
+
+def with_camera(variant: Variant, own: OwnCamera, rng: np.random.Generator) -> Variant:
+    """Return a variant with a user's depth camera in the place of its own.
+
+    A camera of no stated sensor has the faults of the variant's. Faults of a stated sensor are drawn, strong
+    to none, whatever the difficulty; at ``CLEAN`` there are none.
+    """
+    pinhole, drawn = own.pinhole.undistorted(), own(rng)
+
+    def sensor(faults: Difficulty) -> Sensor:
+        if own.sensor is not None:
+            return Filtered(0.0, camera=pinhole) if faults is CLEAN else drawn
+        usual = variant.sensor(faults)
+        assert isinstance(usual, TimeOfFlight | Stereo)  # the templates have no other cameras
+        return replace(usual, camera=pinhole)
+
+    return replace(variant, calibration=replace(variant.calibration, depth=own.pinhole), sensor=sensor)
 
 
 def variant_named(name: str) -> Variant:

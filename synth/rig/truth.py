@@ -100,7 +100,7 @@ def _follow_edges(tag: Int32, seen: ZBuffer, depth_mm: NDArray[np.uint16], senso
 
 
 def thing_table(scheme: Scheme) -> UInt8:
-    """Return part ids uint8 (256,) by ``Surface``: the free part of its name in ``THING_NAMES``, or 0."""
+    """Return part ids uint8 (256,) by ``Surface``: the thing of its name in ``THING_NAMES``, or 0."""
     table = np.zeros(256, np.uint8)
     things = {part.name: part.id for part in scheme.parts if part.is_free}
     for surface, name in THING_NAMES.items():

@@ -28,11 +28,12 @@ from synth.cameras.sensor import CleanDepth, Sensor
 from synth.cameras.thermal_camera import ThermalState, thermograph, through_lens, warmth_seen
 from synth.cameras.time_of_flight import TimeOfFlight
 from synth.data_files import CASTS, JUDGE, TRAINING, Cast, check_choice
+from synth.own_camera import OwnCamera
 from synth.random_stream import stream
 from synth.rig.difficulty import DIFFICULTIES
 from synth.rig.episode import Episode, EpisodeSetup, Scene, SceneState
 from synth.rig.locations import SCENES, located
-from synth.rig.rig_variants import variant_named
+from synth.rig.rig_variants import variant_named, with_camera
 from synth.rig.truth import Truth, camera_hardships, scene_hardships, whose_readings
 from synth.surface.rasterize import Mesh, ZBuffer
 
@@ -51,7 +52,7 @@ class RigOptions:
     the thermal camera. suit: None = the cast's own, or one drawn by the seed in another scheme than
     ``paper``. draft: small colour images and coarse multipath, in half the time. wearers: bodies of the
     people; None = all of the cast's. scheme: of the truth's parts; images depend on it through the suit
-    alone.
+    alone. camera: depth camera in the place of the rig's.
     """
 
     scene: str = "sofa"
@@ -63,6 +64,7 @@ class RigOptions:
     cast: Cast = TRAINING
     wearers: tuple[Body, ...] | None = None
     scheme: Scheme = PAPER
+    camera: OwnCamera | None = None
 
     def __post_init__(self) -> None:
         check_choice("cast", self.cast, CASTS)
@@ -100,6 +102,9 @@ class VirtualRig(FrameSource):
         kind = f"{JUDGE}-{kind}" if self.cast == JUDGE else kind
         self.name = f"virtual-{kind}{self.scene}-{difficulty}-{seed}"
         self.rig, self._variant = rig, variant_named(rig)
+        if (own := options.camera) is not None:
+            self._variant = with_camera(self._variant, own, stream(seed, "own camera"))
+            self.name = f"{self.name}-own-camera"
         self.calibration = _drafted(self._variant.calibration) if draft else self._variant.calibration
         self._stride = DRAFT_STRIDE if draft else STRIDE
         self.scheme = options.scheme

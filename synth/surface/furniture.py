@@ -44,7 +44,7 @@ THING_NAMES: dict[Surface, str] = {
     Surface.BLANKET: "blanket",
     Surface.PILLOW: "pillow",
 }
-"""Name of the free part of a scheme that carries a surface.
+"""Name of the thing of a scheme that carries a surface.
 
 Chairs and sofas are a "seat". Shelves, and wooden frames and legs of the judging cast's furniture, are a
 "table".
@@ -150,7 +150,7 @@ class Seat(Furniture):
     back_tilt_rad: float
 
     def back_y(self, z_m: Float32) -> Float64:
-        """Return y of the back rest's front face at world heights z."""
+        """Return y (n,) of the back rest's front face at world heights z (n,), metres."""
         above = np.maximum(z_m.astype(np.float64) - self.height, 0)
         return np.asarray(self.depth + np.tan(self.back_tilt_rad) * above, np.float64)
 

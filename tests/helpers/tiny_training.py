@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from eval.network.compact import CompactConfig
+from eval.architecture.compact import CompactConfig
 from eval.training.body_targets import FACING, POSTURE, no_targets
 from eval.training.crops import Crops
 from eval.training.plan import ModernRecipe, Plan

@@ -12,12 +12,12 @@ from tools.figures.table import IMAGES, ROOT, Measured, Table, changes, load, or
 KINDS = {
     "real": "Recordings of real people",
     "mixed": "Recordings of real people, virtual rig, synthetic images",
+    "simulated": "Virtual rig, synthetic images",
     "virtual": "Virtual rig",
     "synthetic": "Synthetic images",
 }
 MARK = re.compile(r"(<!-- figures: (?P<name>[\w-]+) -->\n).*?(<!-- end of figures -->)", re.S)
-SOURCES, MOVED = "sources", "moved"
-# Marks of the table of tables, and of the figures that moved.
+MOVED = "moved"  # mark of the figures that moved
 PAGES = {"README.md", "docs/figures.md"}  # with marks of derived blocks
 RGBD, REAL_PEOPLE = "rgbd", "real-people"  # tables
 SHEETS = {
@@ -81,20 +81,6 @@ def table_block(table: Table, measured: Measured) -> str:
     return f"{markdown_of(table, measured.rows)}\n\n{from_} {table.shared}"
 
 
-def sources_block(tables: Iterable[Table], all_measured: dict[str, Measured]) -> str:
-    """Return the table of tables by kind, with pages and dates."""
-
-    def row(table: Table) -> list[str]:
-        found = all_measured.get(table.name)
-        pages = ", ".join(f"`{page}`" for page in table.pages)
-        minutes = f"{found.cpu_s / 60:.0f}" if found and found.cpu_s else "-"
-        when = [origin(found), minutes] if found else ["not yet", "-"]
-        return [f"`{table.name}`", table.kind, pages, *when]
-
-    order = sorted(tables, key=lambda table: list(KINDS).index(table.kind))
-    return markdown(("table", "kind", "stands in", "measured", "CPU minutes"), map(row, order))
-
-
 def digest(measured: Mapping[str, Measured]) -> str | None:
     """Return the small table of real people, from the rows that were measured."""
     lines = []
@@ -149,8 +135,6 @@ def write_pages(tables: list[Table], root: Path = ROOT) -> list[Path]:
     measured = {name: found for name, table in known.items() if (found := load(table, root / "docs/figures"))}
 
     def block_of(name: str) -> str | None:
-        if name == SOURCES:
-            return sources_block(tables, measured)
         if name == MOVED:
             return moved_block(tables, measured)
         if name in DERIVED:

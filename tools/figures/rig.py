@@ -43,8 +43,8 @@ from tools.figures.figure import (
     without_each,
 )
 from tools.figures.parallel import each
+from tools.figures.reliability import reliability
 from tools.measure import pyrometer
-from tools.measure.labels import reliability
 
 SCENES, DIFFICULTIES = ("sofa", "chair", "bed", "floor"), ("normal", "hard")
 FRAMES, PEOPLE = 320, 8  # of a recording
@@ -69,7 +69,7 @@ def simulated(rig: VirtualRig) -> Iterator[tuple[Path, Session, LabelSet]]:
 
 
 def ignore(count: int) -> None:
-    """Ignore progress."""
+    """Ignore the progress of a simulation."""
 
 
 def figures_of(found: Comparison) -> dict[str, Figure]:

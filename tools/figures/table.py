@@ -43,7 +43,7 @@ PRODUCT = (*FOLDERS, ":!*.md", *(f":!tools/figures/{name}.py" for name in PRINTE
 FIRST_SEED = 1_000_000_000  # of judging: above every seed that was chosen by hand
 DIGITS = 7  # of a commit's SHA, hexadecimal, that give its seed
 COUNT = ".0f"  # format of columns of sample sizes
-Kind = Literal["real", "mixed", "virtual", "synthetic"]
+Kind = Literal["real", "mixed", "simulated", "virtual", "synthetic"]
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def _rows_text(rows: Rows) -> str:
 
 
 def save(table: Table, measured: Measured, folder: Path = KEPT) -> None:
-    """Write a measurement."""
+    """Write a table's measurement into its JSON file."""
     names = [one.name for one in fields(Measured)]
     texts = {name: json.dumps(getattr(measured, name)) for name in names if name not in ("rows", "before")}
     texts |= {"rows": _rows_text(measured.rows), "before": _rows_text(measured.before)}

@@ -99,7 +99,7 @@ def fitted(model: BodyModel, sketch: Sketch) -> Float64:
 
 
 def beyond_anny(model: BodyModel, phenotype: Float64, height_cm: float, bmi: float) -> tuple[Float64, float]:
-    """Return phenotypes (6,), and steps beyond them to a height and a BMI; 0 within anny."""
+    """Return phenotypes (6,) and an extrapolation factor for a height and a BMI; 0 within anny's range."""
     cm, kg, _ = model.measure(phenotype)
     if kg / (cm / 100) ** 2 > bmi - NEAR_BMI:
         return phenotype, 0.0
@@ -125,13 +125,13 @@ def lighter(phenotype: Float64) -> Float64:
 
 
 def baked(model: BodyModel, name: str, phenotype: Float64, beyond: float) -> Body:
-    """Return the body of phenotypes (6,), so far beyond them."""
+    """Return the body of phenotypes (6,), extrapolated in weight by the factor ``beyond``."""
     body = model.bake(name, phenotype)
     return blend(model.bake(name, lighter(phenotype)), body, 1 + beyond) if beyond else body
 
 
 def base_mesh(model: BodyModel, phenotype: Float64, beyond: float) -> Float64:
-    """Return vertices (19158, 3) of hm08 of phenotypes (6,), so far beyond; ``model`` has the full mesh."""
+    """Return vertices (19158, 3) of anny's full mesh (hm08), as by ``baked``. model: of that mesh."""
     vertices = model.shape(phenotype)[0]
     return vertices + beyond * (vertices - model.shape(lighter(phenotype))[0]) if beyond else vertices
 

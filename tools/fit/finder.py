@@ -1,4 +1,4 @@
-"""Train the person finder: python -m tools.fit.finder FOLDER OUT.onnx [--seeds 120] [--minutes 60].
+"""Train the person finder: python -m tools.fit.finder FOLDER OUT.onnx [--start annotate/person/finder.onnx].
 
 FOLDER keeps the rendered scenes, and OUT.safetensors the checkpoint: the same command resumes an interrupted
 run.
@@ -11,7 +11,7 @@ import cv2
 import torch
 
 from eval.training.finder.images import load_scenes, store_scenes
-from eval.training.finder.network import FinderTraining, export_finder, train_finder
+from eval.training.finder.network import RATE, FinderTraining, export_finder, train_finder
 from tools.fit.suit_network import lines
 
 
@@ -20,17 +20,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--seeds", type=int, default=120, help="each makes 32 frames of the rig and 8 rooms")
-    parser.add_argument("--minutes", type=float, default=60, help="of training, earlier runs included")
+    parser.add_argument("--rigs", type=int, default=120, help="recordings of the rig, 32 frames each")
+    parser.add_argument("--rooms", type=int, default=120, help="groups of 10 random rooms")
+    parser.add_argument("--start", type=Path, help="ONNX file of the first weights; default: random ones")
+    parser.add_argument("--rate", type=float, default=RATE, help="greatest learning rate")
+    parser.add_argument("--steps", type=int, default=12_000, help="of 16 images, earlier runs included")
     parser.add_argument("--threads", type=int, default=1)
     given = parser.parse_args()
     torch.set_num_threads(given.threads)
     cv2.setNumThreads(given.threads)
     given.folder.mkdir(parents=True, exist_ok=True)
-    for seed in range(1, given.seeds + 1):
-        store_scenes(given.folder, seed)
-    training = FinderTraining(load_scenes(given.folder), given.minutes)
-    export_finder(train_finder(training, given.out.with_suffix(".safetensors"), lines(50)), given.out)
+    store_scenes(given.folder, given.rigs, given.rooms)
+    training = FinderTraining(load_scenes(given.folder), given.steps, given.rate)
+    checkpoint = given.out.with_suffix(".safetensors")
+    export_finder(train_finder(training, checkpoint, lines(50), given.start), given.out)
 
 
 if __name__ == "__main__":

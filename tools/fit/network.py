@@ -12,15 +12,17 @@ from pathlib import Path
 from eval.network.onnx_export import LEAST_HALVED, export_network, halve_onnx, name_scheme
 from eval.network.onnx_network import SHIPPED_WEIGHTS
 from eval.network.weights_file import load_weights, save_weights
-from eval.training.calibration_split import LEAST_BODIES
-from eval.training.confidence_temperature import fitted_temperature
+from eval.scores.joint_visibility import VISIBILITIES
+from eval.training.calibration.calibration_split import LEAST_BODIES
+from eval.training.calibration.confidence_temperature import fitted_temperature
+from eval.training.calibration.deviation_factors import fitted_deviation_factors
 from eval.training.crops import load_crops
 from eval.training.train import HISTORY
 from sensors.files.atomic import replacing
 from tools.fit.quantise import CALIBRATED_ON, quantise
 from tools.fit.suit_network import check_inputs
 
-EXACT = ("stem.0", "down.0.0.0", "up.3.0", "refine.0", "kinds", "places")
+EXACT = ("stem.0", "down.0.0.0", "up.3.0", "refine.0", "kinds", "places", "correction")
 """Layers in full precision: the first, whose depth in eight bits has steps of 8 mm, the finest and the last.
 They take 1 ms of 7 and are worth 0.002 of recall (standing and lying people, development images)."""
 
@@ -34,11 +36,11 @@ def main() -> None:
     if not left_out:
         sys.exit(f"{run} has left out 0 bodies; train with --hold-out, or on {LEAST_BODIES} bodies or more")
     crops = load_crops([calibration], only=frozenset(left_out))
-    temperature = fitted_temperature(network, crops)
+    temperature, factors = fitted_temperature(network, crops), fitted_deviation_factors(network, crops)
     inputs = ({"depth": depth[:, None]} for depth, _ in crops.spread(CALIBRATED_ON).batches(1))
     with replacing(SHIPPED_WEIGHTS) as unfinished:
         full = run / "full.onnx"
-        export_network(network, full, temperature, scheme)
+        export_network(network, full, temperature, scheme, factors)
         quantise(full, inputs, unfinished, EXACT)
         halve_onnx(unfinished)
         name_scheme(unfinished, scheme)
@@ -46,7 +48,8 @@ def main() -> None:
         if value.is_floating_point() and value.numel() >= LEAST_HALVED:
             network.get_parameter(name).data = value.half()
     save_weights(SHIPPED_WEIGHTS.with_suffix(".safetensors"), network, config, scheme)
-    print(f"temperature {temperature:.4f}")
+    named = ", ".join(f"{name} {one:.2f}" for name, one in zip(VISIBILITIES, factors, strict=True))
+    print(f"temperature {temperature:.4f}; factors of deviations: {named}")
 
 
 if __name__ == "__main__":

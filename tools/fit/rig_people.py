@@ -1,6 +1,6 @@
 """Write label sets of the virtual rig's people, to train on: ``python -m tools.fit.rig_people FOLDER N``.
 
-FOLDER/NUMBER, for N recordings of those that train the suit network, has the true parts of every person that
+FOLDER/NUMBER, for N recordings of those that train the suit network, has the true regions of every person that
 is found, within the outline found: with some of the bed, or without a hand. ``annotate-cloud train FOLDER/*
 DATASET... --out RUN`` trains on them. The same command resumes an interrupted run.
 """
@@ -15,8 +15,10 @@ import numpy as np
 from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.labelset.label_set import LabelSet
-from annotate.parts import BACKGROUND
+from annotate.labelset.scheme_note import scheme_note
 from annotate.person.extract import PersonDetection
+from annotate.scheme.scheme import BACKGROUND
+from annotate.scheme.scheme_file import load_scheme
 from eval.training.segmentation.scenes import training_rig
 from eval.training.shared_bodies import BODIES
 from synth.rig.truth import truth_labels
@@ -28,10 +30,10 @@ RESTING = {"sofa": "sitting", "chair": "sitting", "bed": "lying"}
 
 def store_people(rig: VirtualRig, out: Path) -> int:
     """Write a rig's frames with a person to the new label set ``out``; return their number."""
-    fuser = Fuser(rig.calibration)
-    labels = LabelSet.create(out, fuser.camera, {"source": rig.name})
+    fuser, regions = Fuser(rig.calibration), load_scheme("atlas")
+    labels = LabelSet.create(out, fuser.camera, {"source": rig.name} | scheme_note(regions))
     for frame, known in rig.with_truth():
-        truth = truth_labels(frame, known, rig.calibration.depth)
+        truth = truth_labels(frame, known, rig.calibration.depth, regions)
         person = PersonDetection(CoarseCloud.of(fuser.fuse_frame(frame)), suit=rig.suit).person()
         parts = np.where(person.mask, truth.parts, np.uint8(BACKGROUND))
         if parts.any():

@@ -72,7 +72,7 @@ def _examples(number: int, held_out: bool) -> Iterator[Example]:
 
 
 def one_thread() -> None:
-    """Use one thread, because the result depends on their number."""
+    """Limit this process to one thread, because the result depends on the number of threads."""
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
 

@@ -14,16 +14,17 @@ from mcap.writer import CompressionType, Writer
 
 from annotate.exchange.companion import Companion
 from annotate.exchange.formats import FORMATS, import_labels
+from annotate.faces import read_faces
 from annotate.frame_labels import FrameLabels
 from annotate.labelset import dataset, label_set
 from annotate.labelset.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, sha256
 from annotate.labelset.label_set import LabelSet
 from annotate.scheme.scheme_file import load_scheme, read_scheme, scheme_to_toml
 from annotate.suit.palette import DEFAULT_SUIT, load_suit, suit_to_toml
+from eval.architecture.compact import CompactConfig
+from eval.architecture.networks import build
 from eval.compare.compare import compare_sets
 from eval.compare.results import Result, load_result, save_result
-from eval.network.compact import CompactConfig
-from eval.network.networks import build
 from eval.network.onnx_export import export_network
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.weights_file import load_weights, save_weights
@@ -246,6 +247,8 @@ def _joints(path: Path) -> None:
 PLACE = '{ joint = "left_knee", at_m = [0.05, 0, 0], spread_mm = 30, weight = 1 }'
 MARKER_SET = f'name = "mine"\n[markers]\nLKNE = {PLACE}\nRKNE = {PLACE}\n'
 
+POSES = json.dumps({"0.png": [[[9.5, 8.25, 0.9]] * 33]}).encode()
+
 # A reader's name: name of the sample in its folder ("" = the folder itself), its writer or bytes, its reader.
 TABLE = {
     "session": ("x.mcap", _session, _read_session),
@@ -275,6 +278,7 @@ TABLE = {
     "motion": ("m.npz", _motion, load_motion),
     "marker-set": ("m.toml", lambda path: path.write_text(MARKER_SET), load_marker_set),
     "scheme": ("s.toml", lambda path: path.write_text(scheme_to_toml(load_scheme("paper"))), read_scheme),
+    "poses": ("people.json", lambda path: write(path, POSES), read_faces),
     "suit": ("suit.toml", lambda path: path.write_text(suit_to_toml(DEFAULT_SUIT)), load_suit),
     "rig": ("rig.toml", _rig, load_rig),
     "calibration": ("c.json", lambda path: save_calibration(path, RIG), load_calibration),

@@ -90,7 +90,7 @@ class SilencedNetwork(SuitNetwork):
         self._silence = silence
 
     def probabilities(self, planes: UInt8, step: int, near: Rectangle | None = None) -> Float32:
-        """Return probabilities by the remaining channels."""
+        """Return the part probabilities from the channels that are not cut."""
         return super().probabilities(self._silence.over(planes), step, near)
 
 
@@ -262,7 +262,7 @@ def changes(whole: Found, without: Found) -> dict[str, tuple[float, float, float
 
 
 def row(name: str, whole: Found, without: Found) -> str:
-    """Return a line of the table."""
+    """Return a Markdown row: scores without an input, each with the interval of its change."""
     cells, changed = [name], changes(whole, without)
     for score, (heading, digits) in SHOWN.items():
         _, low, high = changed[heading]

@@ -20,6 +20,7 @@ from annotate.parts import PAPER, UNDEFINED
 from annotate.posture import POSTURES
 from eval.network.body_state import BodyState
 from eval.network.onnx_network import OnnxNetwork
+from eval.network.posture_model import with_posture
 from eval.network.refine import camera_in
 from eval.scores.confusion import confusion_matrix
 from eval.scores.intervals import UNKNOWN
@@ -82,7 +83,8 @@ CHANGES: dict[str, Callable[[Crop], Crop | None]] = {
 class Tally:
     """Counts of a group of n images.
 
-    facing, posture: (right, known) of each. true_postures: names; "" if unknown.
+    facing, posture: (right, known) of each; a posture that cannot be told is not right. true_postures: names;
+    "" if unknown.
     """
 
     subjects: list[str] = field(default_factory=list)
@@ -93,7 +95,7 @@ class Tally:
 
 
 def groups(frame: FrameLabels, row: Float32) -> Iterator[str]:
-    """Yield the names of a frame's groups."""
+    """Yield the names of the groups that a frame belongs to. row: its joint and facing targets."""
     yield "all"
     azimuth = abs(np.degrees(np.arctan2(row[FACING][1], row[FACING][0])))
     if np.isfinite(azimuth):
@@ -123,16 +125,16 @@ def measured(network: OnnxNetwork, path: Path) -> dict[str, Tally]:
             matrix = confusion_matrix(np.where(depth > 0, parts, np.uint8(UNDEFINED)), found, PAPER)
             facing = posture = (False, False)
             true_posture = ""
-            if whole and row is not None and np.isfinite(row[FACING]).all():
+            if whole and row is not None:
                 mask = person_of(frame.parts) & (frame.depth_mm > 0)
-                own = BodyState.of(
-                    network_crop(mask), (frame.depth_mm, mask), tuple(values[k] for values in whole)
-                )
-                azimuth = np.radians(own.faced_by_joints(camera_in(frames, frame)).facing_deg)
-                facing = bool(np.array([np.cos(azimuth), np.sin(azimuth)]) @ row[FACING] > COS), True
-            if whole and row is not None and np.isfinite(row[POSTURE]):
-                posture = int(whole[1][k].argmax()) == row[POSTURE], True
-                true_posture = POSTURES[int(row[POSTURE])]
+                image, camera = (frame.depth_mm, mask), camera_in(frames, frame)
+                own = BodyState.of(network_crop(mask), image, tuple(values[k] for values in whole))
+                if np.isfinite(row[FACING]).all():
+                    azimuth = np.radians(own.faced_by_joints(camera).facing_deg)
+                    facing = bool(np.array([np.cos(azimuth), np.sin(azimuth)]) @ row[FACING] > COS), True
+                if np.isfinite(row[POSTURE]):
+                    true_posture = POSTURES[int(row[POSTURE])]
+                    posture = with_posture(own, image, camera).name == true_posture, True
             for name in names:
                 tally = tallies[name]
                 tally.subjects.append(frame.subject or UNKNOWN)

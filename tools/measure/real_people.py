@@ -21,6 +21,7 @@ from eval.scores.confusion import present_mean, ratio
 from eval.scores.joints import IN_SKELETON, JOINT_NAMES, N_JOINTS
 from sensors.files.natural_order import in_order
 from sensors.importers.open_source import open_source
+from sensors.importers.options import ImportOptions
 from synth.body.skeleton import JOINT_ID
 from synth.images.standing_statistics import facing_deg
 from tools.figures.worst_frames import COUNT, Tile, of_real
@@ -97,17 +98,17 @@ class People:
 
 
 def mean_hit_rate(counts: Int64) -> Float64:
-    """Return the mean over joints of the share of hits: counts (..., 20, 4) -> (...)."""
+    """Return the mean over joints of the share of hits. counts: (..., 20, 4), as in ``People``."""
     return present_mean(ratio(counts[..., 1], counts[..., 0]), axis=-1)
 
 
 def swap_rate(counts: Int64) -> Float64:
-    """Return the share of joints on the other side: counts (..., 20, 4) -> (...)."""
+    """Return the share of joints on the other side. counts: (..., 20, 4), as in ``People``."""
     return ratio(counts[..., 2].sum(-1), counts[..., 0].sum(-1))
 
 
 def far_swap_rate(counts: Int64) -> Float64:
-    """Return the share of joints more than ``NEAR_PX`` on the other side: counts (..., 20, 4) -> (...)."""
+    """Return the share of joints more than ``NEAR_PX`` on the other side. counts: as in ``swap_rate``."""
     return ratio(counts[..., 3].sum(-1), counts[..., 0].sum(-1))
 
 
@@ -116,8 +117,10 @@ def measure_people(folder: Path, network: OnnxNetwork) -> People:
     joints = json.loads((folder / "joints.json").read_text())
     camera = json.loads((folder / "intrinsics.json").read_text())
     names = in_order(joints)  # as the folder is imported
+    # A second lies between single frames, so that joints are not filtered over them.
+    apart = ImportOptions(rate_hz=None if folder.parent.name == "takes" else 1.0)
     with tempfile.TemporaryDirectory() as out:
-        labels = predict_source(open_source(folder), network, Path(out) / "p", lambda n: None).labels
+        labels = predict_source(open_source(folder, apart), network, Path(out) / "p", lambda n: None).labels
         counts = joint_counts(labels, [joints[name] for name in names])
         tiles = worst_tiles(labels, [joints[name] for name in names], counts)
         notes = [labels.notes(frame_id).get("bearing") for frame_id in labels.frame_ids]

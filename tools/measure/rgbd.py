@@ -3,7 +3,8 @@
 FOLDER: a recording as ``import`` reads it, or a folder of recordings; ../shared/data/rgbd by default. Its
 ``people.json`` holds, for each depth image by name, 33 landmarks (column, row, visibility) of each person by
 MediaPipe Pose, as ``tools.measure.colour_people`` writes them. A recording without the file has no people.
-PATH: models for ``colour_people``; they add a row of the colour network with the depth looked up.
+PATH: models for ``colour_people``, by default those in the user's cache; they add a row of the colour
+network with the depth looked up.
 
 The judge is a colour network: it gives pixels, and no depth. Shares are of its visible joints. A joint is
 right if the labels within 2 px have a part that meets there. Distances across the line of sight are in
@@ -12,7 +13,6 @@ agree with the recordings' score.py.
 """
 
 import argparse
-import json
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -21,9 +21,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from annotate.array_types import Float64
 from annotate.labelset.label_set import LabelSet
+from annotate.witness.blazepose import BlazePose
 from eval.network.body_state import BodyState, body_state_notes, joint_row
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict import PredictOptions
@@ -31,18 +33,18 @@ from eval.network.predict_source import predict_source
 from eval.network.refine import shipped_refinement_network
 from eval.scores.intervals import FEW
 from eval.scores.joints import N_JOINTS
+from sensors.errors import CloudError, FormatError
 from sensors.files.natural_order import paths_in_order
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics, project, undistort
 from tools.figures.figure import Figure, Rows, Statistic, average, median, of_values, ratio
 from tools.figures.pages import markdown
 from tools.figures.worst_frames import Sheets
-from tools.measure.colour_people import ColourNetwork, make_people
+from tools.measure.colour_people import make_people
+from tools.measure.people_file import PEOPLE_FILE, read_people
 from tools.measure.rgbd_tally import AS_JOINTS, JUDGED, Found, Seen, Tally, judged_facing_deg, looked_up_mm
 
 RECORDINGS = Path(__file__).resolve().parents[3] / "shared" / "data" / "rgbd"
-MODELS = Path(__file__).resolve().parents[2] / "build" / "colour"
-"""Folder of the wheel with the colour network's models; not in the repository."""
 READINGS = {
     "`predict`": lambda: PredictOptions(room_refiner=shipped_refinement_network()),
     "`predict --no-again`": PredictOptions,
@@ -59,6 +61,7 @@ SHARES = {
     "facing to 30 degrees": ("facing", "faced"),
     "posture standing": ("standing", "matched"),
     "posture sitting": ("sitting", "matched"),
+    "posture unclear": ("unclear", "matched"),
 }
 """Counts that give a column: numerator and denominator."""
 ABOUT = (
@@ -67,11 +70,15 @@ ABOUT = (
     "depth at the judge's pixel: across the line of sight, and behind the surface. Phantoms: people beyond "
     "the judge's. Frames of a recording show the same people, so intervals need four recordings."
 )
-OF_LABELS = ("parts right", "other side", "missing", "posture standing", "posture sitting")
+OF_LABELS = ("parts right", "other side", "missing", "posture standing", "posture sitting", "posture unclear")
 """Columns that the colour network lacks."""
 PHANTOMS, ACROSS, BEHIND = "phantoms a frame", "across, mm", "behind, mm"
 COLUMNS = {"frames": ".0f", **dict.fromkeys(SHARES, ".3f"), PHANTOMS: ".2f", ACROSS: ".0f", BEHIND: ".0f"}
-SHOWN = {name: spec for name, spec in COLUMNS.items() if name not in ("posture standing", BEHIND)}
+SHOWN = {
+    name: spec
+    for name, spec in COLUMNS.items()
+    if name not in ("posture standing", "posture unclear", BEHIND)
+}
 """Columns of ``table``."""
 
 
@@ -105,11 +112,11 @@ def found_by_colour(people: Sequence[Sequence[Float64]], labels: LabelSet) -> It
         yield Seen(depth_mm, None, found)
 
 
-def measure_recording(folder: Path, network: OnnxNetwork, colour: ColourNetwork | None) -> dict[str, Tally]:
+def measure_recording(folder: Path, network: OnnxNetwork, colour: BlazePose | None) -> dict[str, Tally]:
     """Measure a recording by reading; colour: None leaves its row out."""
     names = [path.stem for path in paths_in_order((folder / "depth").glob("*.png"))]
-    truth = folder / "people.json"
-    given = json.loads(truth.read_text()) if truth.is_file() else {}
+    truth = folder / PEOPLE_FILE
+    given = read_people(truth, names) if truth.is_file() else {}
     source = open_source(folder)
     people = [[undistorted(source.calibration.depth, p) for p in given.get(name, [])] for name in names]
     tallies = {}
@@ -134,7 +141,7 @@ def tally_of(camera: Intrinsics, people: Sequence[Sequence[Float64]], frames: It
     return tally
 
 
-def undistorted(camera: Intrinsics, person: Sequence[Sequence[float]]) -> Float64:
+def undistorted(camera: Intrinsics, person: ArrayLike) -> Float64:
     """Return landmarks (33, 3) in the image without the lens's distortion."""
     moved = np.array(person, np.float64)
     if any(camera.distortion):
@@ -144,10 +151,11 @@ def undistorted(camera: Intrinsics, person: Sequence[Sequence[float]]) -> Float6
 
 
 def recordings(folder: Path) -> list[Path]:
-    """Return a folder that is a recording, or the recordings in a folder."""
-    if (folder / "depth").is_dir():
-        return [folder]
-    return [path for path in sorted(folder.iterdir()) if (path / "depth").is_dir()]
+    """Return a folder that is a recording, or the recordings in a folder. Raises FormatError without any."""
+    found = [path for path in (folder, *sorted(folder.glob("*"))) if (path / "depth").is_dir()]
+    if not found:
+        raise FormatError(f"{folder} has no recording; give a folder with depth/")
+    return found[:1] if found[0] == folder else found
 
 
 def figures(tallies: dict[str, Tally], reading: str) -> dict[str, Figure]:
@@ -177,10 +185,8 @@ def over_recordings(values: list[tuple[str, Any]], statistic: Statistic) -> Figu
 def tallied(folders: Sequence[Path], models: Path | None) -> dict[str, dict[str, Tally]]:
     """Measure recordings; return the counts by recording and reading."""
     network = OnnxNetwork(SHIPPED_WEIGHTS)
-    colour = ColourNetwork.of(models) if models else None
-    if not colour:
-        print(f"models of the {COLOUR} are missing; put MediaPipe's wheel in {MODELS}", file=sys.stderr)
-    ordered = sorted(folders, key=lambda folder: not (folder / "people.json").is_file())
+    colour = colour_network(models)
+    ordered = sorted(folders, key=lambda folder: not (folder / PEOPLE_FILE).is_file())
     return {folder.name: measure_recording(folder, network, colour) for folder in ordered}
 
 
@@ -213,12 +219,16 @@ def sheets(seed: int) -> Sheets:
 
 @lru_cache(maxsize=1)
 def _shipped() -> dict[str, dict[str, Tally]]:
-    return tallied(recordings(RECORDINGS), wheel_in(MODELS))
+    return tallied(recordings(RECORDINGS), None)
 
 
-def wheel_in(folder: Path) -> Path | None:
-    """Return the first wheel with the colour network's models in a folder, if any."""
-    return next(iter(sorted(folder.glob("mediapipe*.whl"))), None)
+def colour_network(models: Path | None) -> BlazePose | None:
+    """Return the colour network; print a line and return None without its models or the extra."""
+    try:
+        return BlazePose(models)
+    except CloudError as error:
+        print(f"{COLOUR}: {error}", file=sys.stderr)
+        return None
 
 
 def main() -> None:
@@ -226,10 +236,12 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("folders", type=Path, nargs="*", default=[RECORDINGS])
-    parser.add_argument("--models", type=Path, default=wheel_in(MODELS))
+    parser.add_argument("--models", type=Path)
     options = parser.parse_args()
-    folders = [path for folder in options.folders for path in recordings(folder)]
-    rows = measure(folders, options.models)
+    try:
+        rows = measure([path for one in options.folders for path in recordings(one)], options.models)
+    except CloudError as error:
+        sys.exit(f"error: {error}")
     cells = [[row[c].text(spec) for c, spec in COLUMNS.items()] for row in rows.values()]
     print(markdown(["", *COLUMNS], [[name, *line] for name, line in zip(rows, cells, strict=True)]))
     print(f"\nRecordings of real people: {ABOUT}")

@@ -74,7 +74,7 @@ class Tally:
     tiles: list[Tile] = field(default_factory=list)
 
     def add(self, persons: Sequence[Float64], seen: Seen) -> None:
-        """Count a frame. persons: judged (33, 3)."""
+        """Count a frame. persons: landmarks (33, 3) of each person by the judge."""
         labels = Counter() if seen.parts is None else count_labels(persons, seen.parts)
         self.counts.append(n := labels + self._of_people(persons, seen))
         if seen.parts is not None and (n["joints"] or (not persons and n["phantoms"])):
@@ -111,7 +111,7 @@ class Tally:
             n["wide"] += int((off[best] / trunk < WIDE).sum())
             n["facing"] += bool(abs((one.facing_deg - facing + 180) % 360 - 180) <= NEAR_DEG)
             n["matched"] += 1
-            n[one.posture] += 1
+            n[one.posture or "unclear"] += 1
             self._add_distances(at[sure], one.at[AS_JOINTS][sure], seen.depth_mm)
         n["phantoms"] += len(seen.found) - len(used)
         return n

@@ -226,7 +226,8 @@ class LiveWindow(QMainWindow):
         facts = [self._message, f"person: {self.subject}" if self.subject else ""]
         if frame is not None:
             if (body_pose := frame.body_pose) is not None:
-                facts.append(f"{body_pose.posture}, facing {body_pose.facing_deg:+.0f}°")
+                posture = body_pose.posture or "posture unclear"
+                facts.append(f"{posture}, facing {body_pose.facing_deg:+.0f}°")
             rate = f"{self.rate_hz:.0f} labelled frames a second, {frame.latency_ms:.0f} ms old"
             facts.append(f"{self.shown} frames shown" if ended else rate)
         if not ended:

@@ -141,7 +141,7 @@ class PaneBar(QWidget):
         row.addWidget(swap)
 
     def show_look(self, look: Look, edits: EditController) -> None:
-        """Update the buttons to a look."""
+        """Show a view's colouring, outlines and opacity on the buttons."""
         there = colourings(edits.frame.scene)
         shown = look.colouring if look.colouring in there else "part"
         self.colouring.setText(f"{COLOURINGS[shown]} ▾")

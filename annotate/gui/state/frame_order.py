@@ -14,8 +14,8 @@ from annotate.correction.review_queue import (
     is_queued,
     progress,
     review_queue,
-    teaching_order,
 )
+from annotate.correction.teaching_order import teaching_order
 from annotate.gui.state.open_frame import OpenFrame
 from annotate.gui.state.scene import FrameScene, SceneReader
 from sensors.errors import CloudError

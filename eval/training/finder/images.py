@@ -14,6 +14,7 @@ from annotate.array_types import Float32, UInt8, UInt16
 from annotate.person.finder import FOCAL_PX, network_input
 from eval.training.finder.scenes import Scene, rig_scenes, room_scenes
 from eval.training.finder.warm import degraded_warmth, random_warmth
+from sensors.files.atomic import replacing
 
 HEIGHT, WIDTH = 192, 256  # of a training image
 LEAST_PX, FARTHEST_M = 20, 2.0  # least pixels (at half the sides) of a voting person; longest vote on an axis
@@ -45,18 +46,23 @@ class Batch(NamedTuple):
     known: Float32
 
 
-def store_scenes(folder: Path, seed: int) -> None:
-    """Write training images once: a recording of the rig, ``rig_SEED.npz``, and random rooms,
-    ``room_SEED.npz``.
+def store_scenes(folder: Path, rigs: int, rooms: int) -> None:
+    """Write training images once: recordings of the rig, ``rig_SEED.npz``, and random rooms,
+    ``room_SEED.npz``; seeds from 1 on.
     """
-    for kind, scenes in (("rig", rig_scenes), ("room", room_scenes)):
-        path = folder / f"{kind}_{seed:06d}.npz"
-        if not path.exists():
-            images = map(_image_of, scenes(seed))
-            arrays = {
-                f"{name}{i}": a for i, pair in enumerate(images) for name, a in zip("dwp", pair, strict=True)
-            }
-            np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+    kinds = (("room", room_scenes, rooms), ("rig", rig_scenes, rigs))
+    for kind, scenes, count in kinds:
+        for seed in range(1, count + 1):
+            path = folder / f"{kind}_{seed:06d}.npz"
+            if not path.exists():
+                images = map(_image_of, scenes(seed))
+                arrays = {
+                    f"{name}{i}": a
+                    for i, image in enumerate(images)
+                    for name, a in zip("dwp", image, strict=True)
+                }
+                with replacing(path) as temporary, temporary.open("wb") as file:
+                    np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
 
 def load_scenes(folder: Path) -> SceneImages:

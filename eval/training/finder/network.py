@@ -5,12 +5,13 @@ from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from annotate.person.finder import MULTIPLE
-from eval.network.blocks import convolution
+from eval.architecture.blocks import convolution
 from eval.network.onnx_export import export_any_size, halve_onnx
 from eval.training.finder.images import Batch, SceneImages, draw_batch
 from eval.training.resumable_loop import Schedule, State, fit, resumed
@@ -50,7 +51,7 @@ class FinderNet(nn.Module):
         self.rim = nn.Sequential(convolution(FINE, FINE), nn.Conv2d(FINE, 4, 1))
 
     def forward(self, image: Tensor) -> Tensor:
-        """Return log odds and votes of images."""
+        """Return log odds and votes of images (B, C, h, w)."""
         fine, x, kept = self.fine(image), self.stem(image), []
         for i, down in enumerate(self.down):
             kept.append(x)
@@ -84,14 +85,15 @@ def _twice(x: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class FinderTraining:
-    """Training of the finder for a number of minutes; an ``eval.training.resumable_loop.Training``."""
+    """Training of the finder for a number of steps; an ``eval.training.resumable_loop.Training``."""
 
     images: SceneImages
-    minutes: float
+    steps: int
+    peak_rate: float = RATE
 
     @property
     def schedule(self) -> Schedule:
-        return Schedule(RATE, AVERAGED, minutes=self.minutes, weight_decay=1e-3)
+        return Schedule(self.peak_rate, AVERAGED, epoch_steps=self.steps, weight_decay=1e-3)
 
     def batches(self, step: int) -> Iterator[Batch]:
         """Yield batches; a step's batch depends on its number alone."""
@@ -121,11 +123,30 @@ class FinderTraining:
 
 
 def train_finder(
-    training: FinderTraining, checkpoint: Path, watch: Callable[[int, float], None]
+    training: FinderTraining, checkpoint: Path, watch: Callable[[int, float], None], start: Path | None = None
 ) -> nn.Module:
-    """Train a finder, or resume from its checkpoint; return the moving average."""
+    """Train a finder, or resume from its checkpoint; return the moving average.
+
+    start: ONNX file by ``export_finder`` with the first weights; None = random ones.
+    """
     torch.manual_seed(0)
-    return fit(training, resumed(FinderNet(), training.schedule, checkpoint), checkpoint, watch)
+    network = load_finder(start) if start else FinderNet()
+    return fit(training, resumed(network, training.schedule, checkpoint), checkpoint, watch)
+
+
+def load_finder(path: Path) -> FinderNet:
+    """Return the network in a file by ``export_finder``."""
+    import onnx
+    from onnx import numpy_helper
+
+    network = FinderNet()
+    stored = {
+        tensor.name.removesuffix("_half"): torch.from_numpy(numpy_helper.to_array(tensor).astype(np.float32))
+        for tensor in onnx.load(path).graph.initializer
+    }
+    counters = {name: value for name, value in network.state_dict().items() if "num_batches" in name}
+    network.load_state_dict(stored | counters)
+    return network
 
 
 def export_finder(network: nn.Module, path: Path) -> None:

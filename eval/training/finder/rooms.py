@@ -1,113 +1,95 @@
-"""Random rooms to train the person finder: floor, walls, furniture, objects of any shape. Constants are
-untuned.
-"""
+"""Random rooms about a camera and people: floor, walls, panes and things. Constants are untuned."""
+
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Float64
-from synth.surface.furniture import Bed, Chair, Sofa, Surface
-from synth.surface.rasterize import Mesh, box, grid_faces, merge, sheet, tagged
+from eval.training.finder.floor_plan import FloorPlan
+from eval.training.finder.panes import draw_pane
+from eval.training.finder.things import draw_thing
+from synth.data_files import Cast
+from synth.surface.furniture import Surface
+from synth.surface.rasterize import Mesh, box, sheet
 
-EMPTY, WALLS, WALL, CEILING = 0.1, 0.85, 0.8, 0.2  # shares: no room; rooms with walls; each wall; ceilings
-BEYOND_M, ROOM_HEIGHT_M = (0.4, 4.0), (2.2, 3.2)  # walls beyond camera and people; height of the room
-MOST_THINGS = 11  # in a room
-CLEAR_M, IN_THE_WAY = 0.45, 0.12  # distance from people and the way to them; share of things without it
+EMPTY, WALL, CEILING = 0.06, 0.8, 0.25  # shares: no room; each wall; ceilings
+BEYOND_M, ROOM_HEIGHT_M = (0.3, 3.0), (2.2, 3.2)  # from camera and people to the walls; height of the room
+MOST_THINGS = 16  # in a room
+NEAR_PEOPLE, AT_WALL = 0.4, 0.35  # shares of things by place; the rest stand anywhere
+PANES = (0.5, 0.3, 0.2)  # shares of rooms with none, one and two
+OFF_WALL_M = 0.02  # from a wall to its panes
+TRIES = 4  # places drawn for a thing
 
 
-def surroundings(
-    rng: np.random.Generator, eye_m: Float64, middle_m: Float64, *, may_be_none: bool
-) -> list[Mesh]:
-    """Return meshes of a random room around a camera (3,) and a person's middle (3,), world frame, metres.
+class Room(NamedTuple):
+    """Meshes of a room, and of its panes (`eval.training.finder.panes`), world frame, metres."""
 
-    may_be_none: allow an empty list.
+    meshes: list[Mesh]
+    panes: list[Mesh]
+
+
+def draw_surroundings(
+    rng: np.random.Generator, points_m: Float64, plan: FloorPlan, cast: Cast, *, may_be_none: bool
+) -> Room:
+    """Draw a room around points (n, 3): the camera, then people. Its things stand on free cells of ``plan``.
+
+    may_be_none: allow a room without meshes.
     """
     if rng.random() < EMPTY and may_be_none:
-        return []
+        return Room([], [])
+    turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix()
+    inside = points_m @ turn  # in the room's frame: turn.T p
     beyond = np.exp(rng.uniform(np.log(BEYOND_M[0]), np.log(BEYOND_M[1]), (2, 2)))
-    low = np.minimum(np.minimum(eye_m, middle_m)[:2] - beyond[0], -0.4)
-    high = np.maximum(np.maximum(eye_m, middle_m)[:2] + beyond[1], 0.4)
+    low, high = inside[:, :2].min(axis=0) - beyond[0], inside[:, :2].max(axis=0) + beyond[1]
+    meshes, panes = _shell(rng, low, high)
+    nobody = np.zeros(3)
+    room = Room([mesh.placed(turn, nobody) for mesh in meshes], [pane.placed(turn, nobody) for pane in panes])
+    for _ in range(int(rng.integers(MOST_THINGS + 1))):
+        thing = draw_thing(rng, cast)
+        for _ in range(TRIES):
+            moved = thing.placed(*_place(rng, turn, inside, np.array([low, high])))
+            if plan.take([moved]):
+                room.meshes.append(moved)
+                break
+    return room
+
+
+def _shell(rng: np.random.Generator, low: Float64, high: Float64) -> tuple[list[Mesh], list[Mesh]]:
+    """Return floor, walls, a pillar and a ceiling, and panes, between two corners (2,)."""
     corner, up = np.array([*low, 0.0]), np.array([0.0, 0.0, rng.uniform(*ROOM_HEIGHT_M)])
     along, across = np.array([high[0] - low[0], 0, 0]), np.array([0, high[1] - low[1], 0])
     meshes = [sheet(corner, along, across, Surface.FLOOR)]
-    if rng.random() < WALLS:
-        walls = [(corner, along), (corner, across), (corner + across, along), (corner + along, across)]
-        meshes += [sheet(at, side, up, Surface.WALL) for at, side in walls if rng.random() < WALL]
+    walls = [(corner, along), (corner, across), (corner + across, along), (corner + along, across)]
+    meshes += [sheet(at, side, up, Surface.WALL) for at, side in walls if rng.random() < WALL]
+    middle, panes = np.array([*(low + high) / 2, 0.0]), []
+    for _ in range(int(rng.choice(len(PANES), p=PANES))):
+        at, side = walls[int(rng.integers(4))]
+        inwards = OFF_WALL_M * np.sign(np.round(middle - at - side / 2, 6))
+        panes.append(draw_pane(rng, at + inwards, side))
     if rng.random() < CEILING:
         meshes.append(sheet(corner + up, along, across, Surface.WALL))
-    for _ in range(int(rng.integers(MOST_THINGS + 1))):
-        at = rng.uniform(low, high)
-        clear = min(float(np.linalg.norm(at - middle_m[:2])), _off_way(at, eye_m[:2], middle_m[:2]) + 0.15)
-        if clear > CLEAR_M or rng.random() < IN_THE_WAY:
-            turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix()
-            meshes.append(_thing(rng).placed(turn, np.array([*at, 0.0])))
-    return meshes
+    if rng.random() < 0.2:
+        x, y = low + rng.uniform(0, 1, 2) * (high - low) * (1, 0)
+        meshes.append(box((x - 0.2, y - 0.01, 0), (x + 0.2, y + 0.25, float(up[2])), Surface.WALL))
+    return meshes, panes
 
 
-def _off_way(point: Float64, one: Float64, other: Float64) -> float:
-    """Return the distance of a point (2,) from the line segment between two others, metres."""
-    way = other - one
-    share = np.clip(np.dot(point - one, way) / max(np.dot(way, way), 1e-6), 0, 1)
-    return float(np.linalg.norm(point - one - share * way))
-
-
-def _thing(rng: np.random.Generator) -> Mesh:
-    """Return a piece of furniture, or an object of random shape, at the origin."""
-    shapes = (_table, _cupboard, _any_box, _heap, _lamp, _curtain)
-    kind = int(rng.integers(3 + len(shapes)))
-    return (Sofa, Chair, Bed)[kind].sample(rng).mesh() if kind < 3 else shapes[kind - 3](rng)
-
-
-def _table(rng: np.random.Generator) -> Mesh:
-    x, y, z = rng.uniform((0.3, 0.25, 0.4), (0.9, 0.5, 1.05))
-    legs = [
-        box((dx * x - 0.03, dy * y - 0.03, 0), (dx * x + 0.03, dy * y + 0.03, z), Surface.TABLE)
-        for dx in (-0.95, 0.95)
-        for dy in (-0.95, 0.95)
-    ]
-    places = [np.array([rng.uniform(-x, x), rng.uniform(-y, y), z + 0.1]) for _ in range(rng.integers(4))]
-    things = [_blob(rng, 0.05, 0.25, at) for at in places]
-    return merge([box((-x, -y, z - 0.04), (x, y, z), Surface.TABLE), *legs, *things])
-
-
-def _cupboard(rng: np.random.Generator) -> Mesh:
-    x, y, z = np.exp(rng.uniform(*np.log(((0.1, 0.02, 0.3), (0.8, 0.4, 2.2)))))
-    return box((-x, -y, 0), (x, y, z), Surface.TABLE)
-
-
-def _any_box(rng: np.random.Generator) -> Mesh:
-    """Return a box at a random height and angle."""
-    x, y, z = np.exp(rng.uniform(np.log(0.04), np.log(0.6), 3))
-    turn = Rotation.random(rng=rng).as_matrix()
-    return box((-x, -y, -z), (x, y, z), Surface.TABLE).placed(turn, np.array([0, 0, rng.uniform(0, 2)]))
-
-
-def _heap(rng: np.random.Generator) -> Mesh:
-    """Return a cluster of blobs: a plant, a heap of clothes."""
-    places = [np.array([*rng.normal(0, 0.2, 2), rng.uniform(0, 1.6)]) for _ in range(rng.integers(2, 12))]
-    return merge([_blob(rng, 0.05, 0.3, at) for at in places])
-
-
-def _lamp(rng: np.random.Generator) -> Mesh:
-    """Return a post or a column with a head: a floor lamp, a coat stand, a barrel."""
-    radius, height = rng.uniform(0.01, 0.3), rng.uniform(0.6, 1.8)
-    z, turn = np.meshgrid(np.linspace(0, height, 6), np.linspace(0, 2 * np.pi, 16), indexing="ij")
-    post = np.stack([radius * np.cos(turn), radius * np.sin(turn), z], -1).reshape(-1, 3)
-    head = _blob(rng, 0.08, 0.3, np.array([0, 0, height]))
-    return merge([tagged(post.astype(np.float32), grid_faces(6, 16), Surface.TABLE), head])
-
-
-def _curtain(rng: np.random.Generator) -> Mesh:
-    u, v = np.meshgrid(np.linspace(-1, 1, 60), np.linspace(0, 1, 12), indexing="ij")
-    width, wave, deep, height = rng.uniform((0.3, 3, 0.01, 1.5), (1.5, 20, 0.08, 2.5))
-    folds = np.stack([width * u, deep * np.sin(wave * u + 0.6 * np.sin(3 * v)), height * v], -1)
-    return tagged(folds.reshape(-1, 3).astype(np.float32), grid_faces(60, 12), Surface.WALL)
-
-
-def _blob(rng: np.random.Generator, least_m: float, most_m: float, at_m: Float64) -> Mesh:
-    """Return an ellipsoid at a random angle about a place (3,). least_m, most_m: range of its radii."""
-    polar, turn = np.meshgrid(np.linspace(0, np.pi, 10), np.linspace(0, 2 * np.pi, 16), indexing="ij")
-    ball = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], -1)
-    axes = np.exp(rng.uniform(np.log(least_m), np.log(most_m), 3))
-    mesh = tagged((ball.reshape(-1, 3) * axes).astype(np.float32), grid_faces(10, 16), Surface.TABLE)
-    return mesh.placed(Rotation.random(rng=rng).as_matrix(), at_m)
+def _place(
+    rng: np.random.Generator, turn: Float64, inside: Float64, corners: Float64
+) -> tuple[Float64, Float64]:
+    """Draw a rotation (3, 3) and a place (3,) for a thing: near people, at a wall, or anywhere."""
+    kind, yaw = rng.random(), float(rng.uniform(-np.pi, np.pi))
+    at: Float64 = corners[0] + rng.random(2) * (corners[1] - corners[0])
+    if kind < NEAR_PEOPLE and len(inside) > 1:
+        about = inside[int(rng.integers(1, len(inside))), :2]
+        at = about + rng.uniform(0.35, 1.0) * np.array([np.cos(yaw), np.sin(yaw)])
+        yaw = float(rng.uniform(-np.pi, np.pi))
+    elif kind < NEAR_PEOPLE + AT_WALL:
+        axis, end = (int(k) for k in rng.integers(2, size=2))
+        inwards = 1 - 2 * end
+        at[axis] = corners[end, axis] + inwards * 0.3
+        # A thing's front faces -y.
+        yaw = (0.0 if axis else -np.pi / 2) + (np.pi if inwards > 0 else 0.0)
+    rotation = turn @ Rotation.from_euler("z", yaw).as_matrix()
+    return rotation, turn @ np.array([*at, 0.0])

@@ -14,7 +14,7 @@ from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
 from annotate.segmentation.input_channels import FIXED, channel_names, network_input
 from annotate.segmentation.suit_network import MAX_BYTES, MULTIPLE, REMEDY, other_person
-from eval.network.blocks import convolution, self_attention
+from eval.architecture.blocks import convolution, self_attention
 from eval.network.onnx_export import export_any_size, name_scheme
 from eval.network.weights_file import check_fits
 from eval.training.expansion import parents_of, start_layer, started
@@ -62,7 +62,7 @@ class SuitNet(nn.Module):
         self.leave = nn.Conv2d(JOINED, 4 * (other_person(scheme) + 1), 1)
 
     def forward(self, image: Tensor) -> Tensor:
-        """Return scores of images."""
+        """Return class scores of images (B, C, h, w)."""
         fine, x, kept = self.fine(image), self.enter(image), []
         for down in self.down:
             kept.append(x)

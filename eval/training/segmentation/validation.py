@@ -10,7 +10,7 @@ from annotate.array_types import Int64
 from annotate.scheme.scheme import UNDEFINED
 from annotate.segmentation.input_channels import network_input
 from annotate.segmentation.suit_network import other_person
-from eval.training.confidence_temperature import temperature_of
+from eval.training.calibration.confidence_temperature import temperature_of
 from eval.training.segmentation.augmentation import flip, sample_as_labelled
 from eval.training.segmentation.examples import Example, ExampleFiles
 from eval.training.segmentation.network import SuitNet

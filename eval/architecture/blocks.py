@@ -12,13 +12,18 @@ class NetworkOutput(NamedTuple):
     facing: (B, 2), cosine and sine of the camera's azimuth about the trunk, 0 in front of the chest, positive
     on the person's left; the length is the certainty. posture: (B, P), scores by ``POSTURES``. joints: (B,
     15, 3) by ``JOINT_NAMES``, column and row as shares of the crop's side, depth in the crop's units (1 =
-    2000 mm).
+    2000 mm). joint_sd: (B, 15, 2), root mean square error of a joint in the image, in shares of the side, and
+    in depth, in the crop's units. joint_state: (B, 15, 3), scores by ``VISIBILITIES``, outside = beyond the
+    crop. joint_maps: (B, 2, 15, h', w'), heat (scores of the cells) and depth, to train on.
     """
 
     scores: Tensor
     facing: Tensor | None = None
     posture: Tensor | None = None
     joints: Tensor | None = None
+    joint_sd: Tensor | None = None
+    joint_state: Tensor | None = None
+    joint_maps: Tensor | None = None
 
 
 def convolution(c_in: int, c_out: int, side: int = 3, pad: int = 1, stride: int = 1) -> nn.Sequential:

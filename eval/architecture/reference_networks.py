@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
-from eval.network.blocks import NetworkOutput, convolution
+from eval.architecture.blocks import NetworkOutput, convolution
 from sensors.errors import CloudError
 
 STAGES = ((1, 1), (2, 2), (4, 4, 4), (8, 8, 8), (8, 8, 8))

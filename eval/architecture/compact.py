@@ -12,37 +12,15 @@ from torch import Tensor, nn
 from annotate.parts import PAPER
 from annotate.posture import POSTURES
 from annotate.scheme.scheme import Scheme
-from eval.network.blocks import NetworkOutput, convolution, self_attention
+from eval.architecture.blocks import NetworkOutput, convolution, self_attention
+from eval.architecture.class_scores import Kinds, class_scores, softmax
+from eval.architecture.joint_head import JointHead
 from eval.scores.joints import N_JOINTS
 
-JOINT_LEVEL = 2  # halvings after the first at which joints are located: 27 x 27 cells of a crop of 212
+JOINT_LEVELS = (2, 1)
+"""Halvings after the first of the coarse and fine maps of joints: 27 and 53 cells a side of a crop of 212."""
 HEAD_WIDTH = 32  # channels of an attention head
 TURNING = 64  # width of the layer between joints and facing
-
-
-@dataclass(frozen=True)
-class Kinds:
-    """Kinds of a scheme's classes: a kind is a class without its side, e.g. an arm.
-
-    of_class: (K,), the kind of each class. sides: (K,), 1 for left, -1 for right, 0 for a class in the
-    middle.
-    """
-
-    of_class: tuple[int, ...]
-    sides: tuple[int, ...]
-
-    @classmethod
-    def of(cls, scheme: Scheme) -> "Kinds":
-        """Return the kinds of a scheme's classes, in order of their first class."""
-        first = [min(i, twin) for i, twin in enumerate(scheme.twin_classes.tolist())]
-        order = sorted(set(first))
-        sides = [0] * len(first)
-        for left, right in scheme.twins:
-            sides[scheme.class_table[left]], sides[scheme.class_table[right]] = 1, -1
-        return cls(tuple(order.index(i) for i in first), tuple(sides))
-
-    def __len__(self) -> int:
-        return 1 + max(self.of_class)
 
 
 @dataclass(frozen=True)
@@ -84,10 +62,20 @@ class CompactUNet(nn.Module):
             nn.Linear(3 * N_JOINTS, TURNING), nn.ReLU(inplace=True), nn.Linear(TURNING, 2)
         )
         self.posture = nn.Linear(whole, len(POSTURES))
-        self.places = nn.Conv2d(w[min(JOINT_LEVEL, len(w) - 1)], 2 * N_JOINTS, 1)
+        coarse, fine_cells = (w[min(level, len(w) - 1)] for level in JOINT_LEVELS)
+        self.joint_head = JointHead(coarse, fine_cells, whole, len(self.classes.of_class))
 
     def forward(self, depth: Tensor) -> NetworkOutput:
         """Return the output for depth (B, 1, H, W) float32; H and W are even."""
+        (kinds, side), others = self.factors(depth)
+        return NetworkOutput(class_scores(self.classes, kinds, side), *others)
+
+    def factors(
+        self, depth: Tensor, temperature: float = 1.0
+    ) -> tuple[tuple[Tensor, Tensor | None], tuple[Tensor, ...]]:
+        """Return scores of kinds (B, n, H, W) and of the side (B, 1, H, W), None without sides, divided by a
+        temperature; then the outputs after the scores.
+        """
         x = self.stem(depth)
         skips = [x]
         for stage in self.down:
@@ -102,14 +90,15 @@ class CompactUNet(nn.Module):
             levels.append(x)
         # The raw pixels again, because the last stage needs edges at full resolution.
         x = self.refine(torch.cat([x, nn.functional.pixel_unshuffle(depth, 2)], dim=1))
-        joints = _located(self.places(levels[max(0, len(levels) - 1 - JOINT_LEVEL)]))
-        kinds = nn.functional.pixel_shuffle(self.kinds(x), 2)
-        return NetworkOutput(
-            _scores(self.classes, kinds, None if self.sides is None else self._side(self.sides, x, whole)),
-            self.facing(whole) + self.turned((joints - joints.mean(dim=1, keepdim=True)).flatten(1)),
-            self.posture(whole),
-            joints,
-        )
+        coarse, fine = (levels[max(0, len(levels) - 1 - level)] for level in JOINT_LEVELS)
+        side = self._side(x, whole)
+        labels = self._labels(x, side, fine.shape[-2:]).detach()
+        joints, deviations, states, maps = self.joint_head((coarse, fine), labels, depth, whole)
+        facing = self.facing(whole) + self.turned((joints - joints.mean(dim=1, keepdim=True)).flatten(1))
+        # Divided before the shuffle, because ONNX Runtime then folds the factor into the convolution.
+        kinds = nn.functional.pixel_shuffle(self.kinds(x) * (1 / temperature), 2)
+        side = None if side is None else side * (1 / temperature)
+        return (kinds, side), (facing, self.posture(whole), joints, deviations, states, maps)
 
     def _attend(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Return cells (B, C, h, w) after attention, and their mean (B, C)."""
@@ -119,12 +108,37 @@ class CompactUNet(nn.Module):
             cells = layer(cells)
         return cells.transpose(1, 2).reshape(x.shape), cells.mean(dim=1)
 
-    def _side(self, sides: nn.Linear, x: Tensor, whole: Tensor) -> Tensor:
-        """Return the score (B, 1, H, W) of left against right. whole: (B, C), mean of the attention cells."""
+    def _side(self, x: Tensor, whole: Tensor) -> Tensor | None:
+        """Return the score (B, 1, H, W) of left against right; None without sides.
+
+        whole: (B, C), mean of the attention cells.
+        """
+        if self.sides is None:
+            return None
         batch, channels, height, width = x.shape
-        weights = sides(whole).reshape(batch, 4, channels + 1)
+        weights = self.sides(whole).reshape(batch, 4, channels + 1)
         side = weights[..., :-1] @ x.flatten(2) + weights[..., -1:]
         return nn.functional.pixel_shuffle(side.reshape(batch, 4, height, width), 2)
+
+    def _labels(self, x: Tensor, side: Tensor | None, size: torch.Size) -> Tensor:
+        """Return label probabilities (B, K, h, w) of larger cells: the softmax of a cell's mean scores.
+
+        side: (B, 1, H, W), None without sides. One convolution scores and averages the cells of ``x``.
+        """
+        step = 1 if x.shape[-2:] == size else 2
+        count = len(self.classes)
+        bias = self.kinds.get_parameter("bias").reshape(count, 4).mean(dim=1)
+        weight = self.kinds.weight.reshape(count, 4, -1, 1, 1).mean(dim=1) / step**2
+        odd = [-n % step for n in x.shape[:1:-1]]
+        if any(odd):
+            x = nn.functional.pad(x, (0, odd[0], 0, odd[1]), mode="replicate")
+        kinds = nn.functional.conv2d(x, weight.expand(-1, -1, step, step), bias, step)
+        of_class = softmax(kinds)[:, list(self.classes.of_class)]
+        if side is None:
+            return of_class
+        left = torch.sigmoid(nn.functional.avg_pool2d(side, 2 * step, ceil_mode=True))
+        shares = torch.cat([torch.ones_like(left), left, 1 - left], dim=1)
+        return of_class * shares[:, [which % 3 for which in self.classes.sides]]
 
 
 class _Attention(nn.Module):
@@ -144,32 +158,3 @@ class _Attention(nn.Module):
         cells = cells + self.mixed(self_attention(projected, shape, self.heads))
         thought: Tensor = self.thought(self.after(cells))
         return cells + thought
-
-
-def _scores(classes: Kinds, kinds: Tensor, side: Tensor | None) -> Tensor:
-    """Return class scores (B, K, H, W) from scores of kinds and of the side (B, 1, H, W).
-
-    p(left arm) = p(arm) p(left): the logarithms are added. side: None for a scheme without sides.
-    """
-    if side is None:
-        return kinds[:, list(classes.of_class)]
-    of_side = {1: -nn.functional.softplus(-side), -1: -nn.functional.softplus(side)}
-    scores = []
-    for kind, which in zip(classes.of_class, classes.sides, strict=True):
-        own = kinds[:, kind, None]
-        scores.append(own + of_side[which] if which else own)
-    return torch.cat(scores, dim=1)
-
-
-def _located(places: Tensor) -> Tensor:
-    """Return joints (B, J, 3) from J heat maps and J depth maps (B, 2 J, h, w): mean position of each
-    softmax, and the depth there.
-
-    Source: Sun et al. 2018, Integral Human Pose Regression.
-    """
-    batch, _, height, width = places.shape
-    heat, depth = places.float().reshape(batch, 2, N_JOINTS, height * width).unbind(1)
-    share = torch.softmax(heat, dim=-1)
-    v, u = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
-    grid = torch.stack([(u.flatten() + 0.5) / width, (v.flatten() + 0.5) / height], dim=1).to(share.device)
-    return torch.cat([share @ grid, (share * depth).sum(dim=-1, keepdim=True)], dim=-1)

@@ -8,8 +8,8 @@ from torch import nn
 
 from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
-from eval.network.compact import CompactConfig, CompactUNet
-from eval.network.reference_networks import PaperConfig, PaperFcn, SmpConfig, SmpUnet
+from eval.architecture.compact import CompactConfig, CompactUNet
+from eval.architecture.reference_networks import PaperConfig, PaperFcn, SmpConfig, SmpUnet
 from sensors.errors import CloudError, FormatError, fault_of
 
 NetworkConfig = CompactConfig | PaperConfig | SmpConfig

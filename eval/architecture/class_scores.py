@@ -1,0 +1,74 @@
+"""Scores and probabilities of classes from scores of kinds and of a side: p(left arm) = p(arm) p(left)."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from annotate.scheme.scheme import BACKGROUND, Scheme
+
+
+@dataclass(frozen=True)
+class Kinds:
+    """Kinds of a scheme's classes: a kind is a class without its side, e.g. an arm.
+
+    of_class: (K,), the kind of each class. sides: (K,), 1 for left, -1 for right, 0 for a class in the
+    middle.
+    """
+
+    of_class: tuple[int, ...]
+    sides: tuple[int, ...]
+
+    @classmethod
+    def of(cls, scheme: Scheme) -> "Kinds":
+        """Return the kinds of a scheme's classes, in order of their first class."""
+        first = [min(i, twin) for i, twin in enumerate(scheme.twin_classes.tolist())]
+        order = sorted(set(first))
+        sides = [0] * len(first)
+        for left, right in scheme.twins:
+            sides[scheme.class_table[left]], sides[scheme.class_table[right]] = 1, -1
+        return cls(tuple(order.index(i) for i in first), tuple(sides))
+
+    def __len__(self) -> int:
+        return 1 + max(self.of_class)
+
+
+def class_scores(classes: Kinds, kinds: Tensor, side: Tensor | None) -> Tensor:
+    """Return class scores (B, K, H, W) from scores of kinds and of the side (B, 1, H, W).
+
+    The logarithms are added. side: None for a scheme without sides.
+    """
+    if side is None:
+        return kinds[:, list(classes.of_class)]
+    of_side = {1: -nn.functional.softplus(-side), -1: -nn.functional.softplus(side)}
+    scores = []
+    for kind, which in zip(classes.of_class, classes.sides, strict=True):
+        own = kinds[:, kind, None]
+        scores.append(own + of_side[which] if which else own)
+    return torch.cat(scores, dim=1)
+
+
+def softmax(scores: Tensor) -> Tensor:
+    """Return the softmax of scores (B, n, H, W) over n; ONNX Runtime's own takes five times as long there."""
+    odds = torch.exp(scores - scores.amax(dim=1, keepdim=True))
+    return odds / odds.sum(dim=1, keepdim=True)
+
+
+def class_probabilities(classes: Kinds, kinds: Tensor, side: Tensor | None, seen: Tensor) -> Tensor:
+    """Return the softmax (B, K, H, W) of class scores, background where not seen.
+
+    kinds, side: as in ``class_scores``. seen: (B, 1, H, W). Kinds are fewer than classes, so this takes less
+    time than a softmax of the classes.
+    """
+    odds = torch.exp(kinds - kinds.amax(dim=1, keepdim=True))
+    # A product of matrices takes a fifth of the time of ONNX Runtime's sum along this axis.
+    total = (odds.new_ones(1, len(classes)) @ odds.flatten(2)).reshape(seen.shape)
+    share = seen.to(odds.dtype) / total
+    shares = [share]
+    if side is not None:
+        left = share * torch.sigmoid(side)
+        shares += [left, share - left]
+    each = torch.split(odds, 1, dim=1)
+    planes = [each[kind] * shares[which] for kind, which in zip(classes.of_class, classes.sides, strict=True)]
+    planes[BACKGROUND] = planes[BACKGROUND] + (1 - seen.to(odds.dtype))
+    return torch.cat(planes, dim=1)

@@ -1,0 +1,185 @@
+"""Labels of recordings by a colour network: its people, landmarks and masks beside the depth network."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from annotate.array_types import Bool, Float32, UInt8
+from annotate.cloud.coarse import CoarseCloud
+from annotate.crop import nearest_seen, network_crop, normalize
+from annotate.frame_labels import FrameLabels
+from annotate.label_recording import Run, run
+from annotate.person.extract import PersonDetection, PersonMask
+from annotate.scheme.regions import Region
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Scheme
+from annotate.segmentation.segmented_person import Segmentation, unlabelled
+from annotate.witness.coloured_cloud import ColouredCloud, ColourFuser
+from annotate.witness.fusion import fused, head_by_depth, in_scheme, shipped_spreads
+from annotate.witness.person_outline import person_outline
+from annotate.witness.pose_network import PosedPerson, PoseNetwork, people_in
+from annotate.witness.skeleton import Skeleton
+from eval.network.body_state import BodyState
+from eval.network.onnx_network import OnnxNetwork
+from eval.network.predict_source import joined
+from eval.scores.joints import N_JOINTS
+from sensors.rig.camera import project
+from sensors.rig.frame import FrameSource
+from sensors.rig.rig_calibration import RigCalibration
+
+SAME = 0.3  # least share of a witnessed person that lies on a person found in depth; untuned
+NO_COLOUR = "no colour image: parts are undefined"
+NOBODY = "the colour network shows no person: parts are undefined"
+UNSEEN = "the colour network does not show a person found in depth, which is undefined"
+
+
+def label_by_colour(
+    source: FrameSource, labeller: "ColourLabeller", out: Path, progress: Callable[[int], None]
+) -> Run:
+    """Label the people of every frame of a source into the label set ``out``; resume an interrupted run.
+
+    Raises the errors of ``label_recording.run``, and CalibrationError for colour without a calibration.
+    """
+    return run(source, {"label_by_colour": labeller.step}, out, labeller, progress)
+
+
+@dataclass(frozen=True, eq=False)
+class ColourDetection:
+    """Frame with the people found in depth, and the pixels (h, w) and labels of each witnessed person."""
+
+    cloud: ColouredCloud
+    persons: PersonDetection
+    witnessed: list[tuple[Bool, Segmentation]]
+
+
+@dataclass(frozen=True, eq=False)
+class ColourLabeller:
+    """Labeller by a 2-D pose network on colour (``annotate.label_recording.Labeller``).
+
+    everybody: label all witnessed people, not the subject alone. window_c: as in ``PersonDetection``.
+    """
+
+    witness: PoseNetwork
+    network: OnnxNetwork
+    scheme: Scheme
+    everybody: bool = False
+    window_c: tuple[float, float] | None = None
+
+    @property
+    def step(self) -> dict[str, Any]:
+        """Return the entry of a label set's manifest about the networks."""
+        return {
+            "witness": self.witness.sha256,
+            "weights": self.network.sha256,
+            "window_c": list(self.window_c) if self.window_c else None,
+            "everybody": self.everybody,
+        }
+
+    def fuser(self, calibration: RigCalibration) -> ColourFuser:
+        """Return the fusion of depth and colour. Raises CalibrationError as ``ColourFuser``."""
+        return ColourFuser(calibration)
+
+    def detect(self, cloud: ColouredCloud) -> ColourDetection:
+        """Find the people of a frame in depth and in colour, and label each witnessed person."""
+        persons = PersonDetection(CoarseCloud.of(cloud.cloud), self.window_c, everybody=True)
+        witnessed = list[tuple[Bool, Segmentation]]()
+        if cloud.rgb is not None:
+            whose = persons.person().persons
+            taken = np.zeros(whose.shape, np.bool_)
+            for person in self._people(cloud, whose):
+                shown = person_outline(cloud, person, tuple(self.witness.names), (whose > 0) & ~taken)
+                if shown is not None and (mask := shown[0] & ~taken).any():
+                    witnessed.append((mask, self._labelled(cloud, mask, shown[1])))
+                    taken |= mask
+        return ColourDetection(cloud, persons, witnessed)
+
+    def _people(self, cloud: ColouredCloud, whose: UInt8) -> list[PosedPerson]:
+        """Return the people in colour. whose: (h, w), persons found in depth by number, 0 = none.
+
+        Landmarks give a better crop than an outline, so each such crop is found anew.
+        """
+        assert cloud.rgb is not None
+        crops = [cloud.crop(whose == number) for number in np.unique(whose[whose > 0])]
+        first = [self.witness.landmark(cloud.rgb, crop) for crop in crops if crop]
+        return people_in(cloud.rgb, self.witness, [person.crop for person in first if person])
+
+    def _labelled(self, cloud: ColouredCloud, mask: Bool, skeleton: Skeleton) -> Segmentation:
+        """Return the labels of a person's pixels (h, w), with its joints."""
+        planes, state = self._by_depth(cloud, mask)
+        points_m, own = cloud.cloud.points_m[mask], self.network.own
+        head = planes[own.class_table[own.table[Region.HEAD]]]
+        skeleton = head_by_depth(skeleton, points_m, head)
+        if state is not None:
+            skeleton = skeleton.completed(state.joints_mm(cloud.cloud.camera) / 1000)
+        chance = in_scheme(fused(planes, own, points_m, skeleton, shipped_spreads()), self.scheme)
+        best = chance[1:].argmax(axis=0) + 1
+        parts, sure = np.full(mask.shape, BACKGROUND, np.uint8), np.zeros(mask.shape, np.float32)
+        parts[mask], sure[mask] = self.scheme.class_ids[best], chance.max(axis=0)
+        bearing = None if state is None else _placed(state, skeleton, cloud).note()
+        return Segmentation(parts, sure, bearing=bearing, scheme=self.scheme)
+
+    def _by_depth(self, cloud: ColouredCloud, mask: Bool) -> tuple[Float32, BodyState | None]:
+        """Return the network's probabilities (k, n) at a mask's pixels, in its own scheme, and its state."""
+        crop = network_crop(mask)
+        depth = normalize(crop.cut(cloud.depth_mm, 0), crop.cut(mask, False))
+        planes, *body = self.network.outputs(depth[None])
+        at = crop.paste(nearest_seen(depth > 0), (mask.shape[0], mask.shape[1]), 0)[mask]
+        outputs = tuple(one[0] for one in body)
+        state = BodyState.of(crop, (cloud.depth_mm, mask), outputs) if body else None
+        return planes[0].reshape(len(planes[0]), -1)[:, at], state
+
+    def label(
+        self, detection: ColourDetection, before: FrameLabels | None
+    ) -> tuple[Segmentation, PersonMask]:
+        """Return the labels and the persons of a frame. before: labels of the previous frame."""
+        found = detection.persons.person(before)
+        numbers = _numbers([mask for mask, _ in detection.witnessed], found.persons, self.everybody)
+        persons, notes = np.zeros_like(found.persons), set[str]()
+        results = []
+        for number, (mask, labels) in zip(numbers, detection.witnessed, strict=True):
+            persons[mask] = number
+            if number == 1 or self.everybody:
+                results.append((number, labels))
+        unseen = (found.persons > 0) & ~np.isin(found.persons, numbers)
+        unseen &= persons == 0
+        nothing = unlabelled(found.mask & unseen, scheme=self.scheme)
+        labels = joined(results, nothing)
+        if detection.cloud.rgb is None:
+            notes.add(NO_COLOUR)
+        elif not results:
+            notes.add(NOBODY)
+        elif unseen.any():
+            notes.add(UNSEEN)
+        parts = np.where(unseen & (labels.parts == BACKGROUND), np.uint8(UNDEFINED), labels.parts)
+        persons = np.where(unseen, np.maximum(found.persons, 2), persons).astype(np.uint8)
+        labels = replace(labels, parts=parts, notes=tuple(sorted(notes)))
+        return labels, replace(found, mask=persons == 1, persons=persons, notes=(), trusted=True)
+
+
+def _numbers(masks: list[Bool], persons: UInt8, everybody: bool) -> list[int]:
+    """Return the person ids of witnessed people (h, w): of the person found in depth there, or a new one.
+
+    everybody: False gives the largest person id 1 where no one else has it.
+    """
+    numbers = list[int]()
+    fresh = iter(range(int(persons.max(initial=0)) + 1, 256))
+    for mask in masks:
+        there = np.bincount(persons[mask], minlength=2)
+        there[[0, *numbers]] = 0
+        best = int(there.argmax())
+        numbers.append(best if there[best] >= SAME * mask.sum() else max(2, next(fresh)))
+    if masks and not everybody and 1 not in numbers:
+        numbers[int(np.argmax([mask.sum() for mask in masks]))] = 1
+    return numbers
+
+
+def _placed(state: BodyState, skeleton: Skeleton, cloud: ColouredCloud) -> BodyState:
+    """Return the state with the skeleton's joints, and the facing that follows from them."""
+    joints_m, camera = skeleton.joints_m[:N_JOINTS], cloud.cloud.camera
+    at = np.column_stack([project(camera, joints_m), 1000 * joints_m[:, 2]])
+    known = np.isfinite(at).all(axis=1, keepdims=True)
+    joints_px = np.where(known, at, state.joints_px)
+    placed = replace(state, joints_px=joints_px, joints_sd=None, joints_seen=None)
+    return placed.faced_by_joints(camera)

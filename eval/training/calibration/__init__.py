@@ -1,0 +1,1 @@
+"""Calibration of confidences and deviations on bodies that were not trained on."""
