@@ -1,8 +1,8 @@
 """Simulated witness: landmarks of a person's true joints with the errors of a colour network.
 
-Measured on two recordings of real people (BlazePose, crops from the finder, against landmarks from other
-crops and the sharp faces): median distance 3 to 4 % of the trunk in the image, a tenth of the joints beyond
-10 %, heads up to a trunk off where the face is blurred.
+Errors of BlazePose on two recordings of real people, against landmarks from other crops and the sharp faces:
+the median distance is 3 to 4 % of the trunk in the image. A tenth of the joints is off by more than 10 %.
+Heads with blurred faces are off by up to a trunk.
 """
 
 from dataclasses import dataclass
