@@ -9,7 +9,7 @@ from numba import njit
 
 from annotate.array_types import Bool, Float32, UInt8, UInt16
 
-BORDER = 0.018  # of the crop's side, within which depth decides: three errors of 1.5 px of a mask of 256
+BORDER = 0.018  # of the crop's side, within which depth decides: five pixels of a mask of 256
 SAME_SURFACE = 0.02  # share of the depth at which a neighbour's weight falls to exp(-1/2)
 FOUND = 0.3  # vote of the depth network's outline, as a share of all votes
 LEAST_PX = 3
