@@ -1,14 +1,8 @@
 """Simulated witness: landmarks of a person's true joints with the errors of a colour network.
 
-<<<<<<< HEAD
-Errors of BlazePose on two recordings of real people, against landmarks from other crops and the sharp faces:
-the median distance is 3 to 4 % of the trunk in the image. A tenth of the joints is off by more than 10 %.
-Heads with blurred faces are off by up to a trunk.
-=======
 Jitter and lost heads are measured on ten frames of one man on a sofa (BlazePose, crops from the finder,
-against landmarks made before the faces were blurred): median distance 3 to 4 % of the trunk in the image,
-heads up to a trunk off. Shares of missed and exchanged landmarks are assumed.
->>>>>>> b580d0e1 (Simulated witness: which errors are measured, which assumed)
+against landmarks made before the faces were blurred): the median distance is 3 to 4 % of the
+trunk in the image, heads are up to a trunk off. Shares of missed and exchanged landmarks are assumed.
 """
 
 from dataclasses import dataclass
