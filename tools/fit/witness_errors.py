@@ -1,7 +1,7 @@
 """Simulated witness: landmarks of a person's true joints with the errors of a colour network.
 
-Jitter and lost heads are measured on ten frames of one man on a sofa (BlazePose, crops from the finder,
-against landmarks made before the faces were blurred). The median distance is 3 to 4 % of the trunk in the
+Jitter and lost heads are BlazePose's on ten frames of one man on a sofa, with crops from the finder. The
+reference is landmarks made before the faces were blurred. The median distance is 3 to 4 % of the trunk in the
 image. Heads are off by up to a trunk. Shares of missed and exchanged landmarks are assumed.
 """
 
