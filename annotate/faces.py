@@ -1,6 +1,6 @@
 """Removal of faces from the colour images of a session, by the heads of its depth labels or by landmarks.
 
-A face becomes a few blurred cells. Constants are untuned.
+Blurring leaves a few cells of a face. Constants are untuned.
 """
 
 import json

@@ -2,7 +2,7 @@
 
 import shutil
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import count
@@ -23,8 +23,9 @@ from annotate.labelset.nameless import person_code
 from annotate.labelset.scheme_note import scheme_note
 from annotate.labelset.source_recording import recording_entry
 from annotate.person.extract import PersonDetection, PersonMask
-from annotate.scheme.scheme import BACKGROUND, Scheme
-from annotate.segmentation.segment import ILLUMINANT, SuitSegmenter, View, view_of
+from annotate.scheme.scheme import Scheme
+from annotate.segmentation.labels_of_frame import labels_of
+from annotate.segmentation.segment import SuitSegmenter, View, view_of
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
 from annotate.segmentation.suit_network import SuitNetwork, shipped_suit_network
 from annotate.suit.palette import Suit, suit_to_toml
@@ -309,36 +310,6 @@ def finished(labels: LabelSet, failed: list[tuple[str, str]]) -> Run:
             f"none of the {len(failed)} frames could be labelled; frame {failed[0][0]}: {failed[0][1]}"
         )
     return Run(labels, tuple(failed))
-
-
-def notes_of(result: Segmentation, remarks: Sequence[str] = ()) -> dict[str, Any]:
-    """Return a frame's notes on its segmentation, as JSON values.
-
-    The notes are the mean confidence on the person and all remarks. Where the result has them, the position
-    of the probabilities' crop and the person's bearing (joints, facing, posture) follow.
-    """
-    on_person = result.confidence[result.parts != BACKGROUND]
-    return {
-        "confidence": round(float(on_person.mean()), 4) if on_person.size else 0.0,
-        "notes": [*remarks, *result.notes],
-        **(result.probabilities.note() if result.probabilities else {}),
-        **({"bearing": result.bearing} if result.bearing else {}),
-    }
-
-
-def labels_of(
-    frame_id: str, depth_mm: UInt16, result: Segmentation, person: PersonMask, left_out: Sequence[str] = ()
-) -> FrameLabels:
-    """Assemble a frame's labels from its segmentation and person mask.
-
-    depth_mm: (h, w), undistorted. left_out: notes on streams or steps that this frame lacks.
-    """
-    notes = notes_of(result, [*left_out, *person.notes]) | {"extraction": person.method}
-    notes |= {"people": person.tracks} if person.tracks else {}
-    notes |= {ILLUMINANT: result.illuminant.log_gain.round(3).tolist()} if result.illuminant else {}
-    persons = np.where(person.mask, np.uint8(1), np.where(person.others, person.persons, np.uint8(0)))
-    images = depth_mm, result.parts, result.confidence
-    return FrameLabels(frame_id, *images, notes=notes, persons=persons, scheme=result.scheme)
 
 
 def calibrated(frame: RigFrame, calibration: RigCalibration) -> tuple[RigFrame, list[str]]:

@@ -13,7 +13,6 @@ from cli.verbs import (
     evaluation,
     exchange,
     info,
-    labelling,
     learning,
     live,
     models,
@@ -25,6 +24,7 @@ from cli.verbs import (
     synthesis,
     training,
 )
+from cli.verbs.labels import correction, labelling, palette, prediction
 from sensors.errors import CloudError, one_line
 from sensors.interrupt import interruptible
 
@@ -35,7 +35,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.add_typer(labelling.suit_app, name="suit", rich_help_panel="Labels")
+app.add_typer(palette.suit_app, name="suit", rich_help_panel="Labels")
 app.add_typer(scheme.app, name="scheme", rich_help_panel="Labels")
 app.add_typer(models.app, name="models", rich_help_panel="Labels")
 app.add_typer(synthesis.app, name="synth", rich_help_panel="Synthetic people")
@@ -48,12 +48,12 @@ VERBS = {
         *(info.info, info.validate),
     ),
     "Labels": (
-        *(labelling.label, suit_training.train_labels, labelling.fix, learning.learn),
+        *(labelling.label, suit_training.train_labels, correction.fix, learning.learn),
         *(evaluation.diff, conversion.convert, exchange.export),
     ),
     "Synthetic people": (motion.solve,),
     "Networks and results": (
-        *(training.train, labelling.predict),
+        *(training.train, prediction.predict),
         *(evaluation.evaluate, evaluation.compare, evaluation.report),
     ),
 }

@@ -10,9 +10,10 @@ from annotate.cloud.fuse import Fuser
 from annotate.cloud.supervoxels import supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.label_recording import SuitLabeller, label_cloud, labels_of
+from annotate.label_recording import SuitLabeller, label_cloud
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import BACKGROUND, LEFT_RIGHT, PAPER, PART_ID, UNDEFINED, swap_left_right
+from annotate.segmentation.labels_of_frame import labels_of
 from annotate.segmentation.segmented_person import Segmentation
 from annotate.suit.palette import DEFAULT_SUIT, Suit
 from eval.scores.confusion import confusion_matrix, left_right_swap_rate, recall

@@ -5,7 +5,7 @@ import subprocess
 import pytest
 
 from annotate.gui.display import check_screen
-from cli.verbs.labelling import learn_command
+from cli.verbs.labels.correction import learn_command
 from sensors.errors import CloudError
 
 

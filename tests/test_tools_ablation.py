@@ -9,12 +9,13 @@ import pytest
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.label_recording import SuitLabeller, label_source, labels_of
+from annotate.label_recording import SuitLabeller, label_source
 from annotate.parts import N_CLASSES
 from annotate.person import extract
 from annotate.person.finder import find_people
 from annotate.person.planes import Plane
 from annotate.segmentation.input_channels import CHANNELS
+from annotate.segmentation.labels_of_frame import labels_of
 from annotate.suit.palette import DEFAULT_SUIT, Suit
 from sensors.session.reader import Session
 from synth.appearance.random_suit import random_suit

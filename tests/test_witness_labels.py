@@ -17,9 +17,9 @@ from annotate.witness.fusion import KIND, fused, head_by_depth, in_scheme, shipp
 from annotate.witness.limbs import ALONG, SEGMENTS, distances
 from annotate.witness.outline import outline
 from annotate.witness.skeleton import HALF_THICK, JOINT, JOINTS, Skeleton, Surface, skeleton_of
-from eval.network.colour_labeller import ColourLabeller, label_by_colour
+from eval.network.colour.colour_labeller import ColourLabeller, label_by_colour
+from eval.network.colour.suit_and_colour import product
 from eval.network.onnx_network import OnnxNetwork
-from eval.network.suit_and_colour import product
 from eval.scores.confusion import confusion_matrix, mean_recall, person_iou
 from sensors.errors import CalibrationError
 from sensors.rig.camera import Intrinsics, project

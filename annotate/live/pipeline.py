@@ -15,12 +15,13 @@ from annotate.array_types import Bool
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.label_recording import calibrated, labels_of
+from annotate.label_recording import calibrated
 from annotate.live.drift_watch import DriftWatch
 from annotate.live.frame_warnings import ShiftWatch, color_warning, person_warnings
 from annotate.live.live_frame import Labelling, LiveFrame, Rig
 from annotate.live.rig_warnings import rig_warnings
 from annotate.live.warning import ActiveWarnings, LiveWarning
+from annotate.segmentation.labels_of_frame import labels_of
 from annotate.suit.color_model import ColorModel
 from sensors.errors import CloudError, FormatError
 from sensors.recording.frame_assembly import SyncedFrame

@@ -1,4 +1,4 @@
-"""Cloud of a frame with the colour image that a witness looks at, and the cloud's pixels in that image."""
+"""Cloud of a frame with its whole colour image, and the cloud's pixels in this image."""
 
 from dataclasses import dataclass
 
@@ -19,8 +19,10 @@ from sensors.rig.rig_calibration import Pose, RigCalibration
 
 @dataclass(frozen=True)
 class ColouredCloud:
-    """cloud: full cloud of the frame. rgb: uint8 (h', w', 3), or None without a colour image. projection: of
-    the cloud's points in the colour image. camera, depth_from_color: the colour camera.
+    """Cloud of a frame with its colour image.
+
+    cloud: full cloud. rgb: uint8 (h', w', 3), or None without a colour image. projection: of the cloud's
+    points in the colour image. camera, depth_from_color: intrinsics and pose of the colour camera.
     """
 
     cloud: ThermalCloud
@@ -53,7 +55,7 @@ class ColouredCloud:
         return np.where(self.cloud.color_valid, found, np.float32(np.nan))
 
     def px_per_px(self) -> float:
-        """Return pixels of the depth image for one of the colour image."""
+        """Return the size of a colour pixel in depth pixels, by the focal lengths."""
         return self.cloud.camera.fx / self.camera.fx
 
     def _at_px(self, mask: Bool) -> Float64:

@@ -1,9 +1,9 @@
 """Fusion of a depth network's part probabilities with the distances of points from a witness's limbs.
 
-p(region | point) is proportional to q^trust, where q = (1 - doubt) p(part of the region | depth) + doubt / k,
-times a likelihood of the point's distance d from the region's limb: exp(bias)
-(1 + (max(d - radius, 0) / spread)^2)^-weight, Student's t with a flat middle. ``tools.fit.witness`` fits the
-numbers on simulated people with a witness that errs.
+p(region | point) is proportional to q^trust times a likelihood of the distance d from the point to the
+region's limb. Here q = (1 - doubt) p(part of the region | depth) + doubt / k, with k parts. The likelihood is
+exp(bias) (1 + (max(d - radius, 0) / spread)^2)^-weight, Student's t with a flat middle. ``tools.fit.witness``
+fits the numbers on simulated people with a witness that errs.
 """
 
 import json
@@ -97,10 +97,10 @@ def in_scheme(regions: Float32, scheme: Scheme) -> Float32:
 
 
 def head_by_depth(skeleton: Skeleton, points_m: Float32, chance: Float32) -> Skeleton:
-    """Return the skeleton with its head among the points (n, 3) that a depth network takes for the head, if
-    the witness's head is elsewhere, as on people with blurred faces.
+    """Return the skeleton with its head at the depth network's head, if the witness's head is elsewhere.
 
-    chance: (n,), probability of the head.
+    Blurred faces displace the witness's head. points_m: (n, 3). chance: (n,), the depth network's probability
+    of the head.
     """
     at = skeleton.joints_m[JOINT["head"]]
     near = np.linalg.norm(points_m - at, axis=1) < HEAD_NEAR * skeleton.trunk_m

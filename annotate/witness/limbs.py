@@ -6,7 +6,7 @@ import numpy as np
 
 from annotate.array_types import Float32, Float64
 from annotate.scheme.regions import N_REGIONS, Region
-from annotate.witness.skeleton import JOINT, Skeleton
+from annotate.witness.skeleton import JOINT, SIDES, Skeleton
 
 ALONG = 0.5  # weight of a distance along the line of sight: depth of joints is less sure than their place
 
@@ -29,7 +29,7 @@ def _at(name: str) -> tuple[str, str, float]:
 
 def _across(share: float, width: float) -> Segment:
     """Return the segment across the trunk at a share of the way from the neck to the pelvis."""
-    left, right = ((f"{side}_shoulder", f"{side}_hip", share) for side in ("left", "right"))
+    left, right = ((f"{side}_shoulder", f"{side}_hip", share) for side in SIDES)
     return Segment(left, right, 0.5 - width / 2, 0.5 + width / 2)
 
 
@@ -42,7 +42,7 @@ def _segments() -> dict[Region, Segment]:
         Region.LOWER_BELLY: _across(0.75, 0.7),
         Region.HIP: _across(1.0, 1.0),
     }
-    for side in ("left", "right"):
+    for side in SIDES:
         ankle, toes = _at(f"{side}_ankle"), _at(f"{side}_toes")
         wrist, hand = _at(f"{side}_wrist"), _at(f"{side}_hand")
         shoulder, elbow = _at(f"{side}_shoulder"), _at(f"{side}_elbow")

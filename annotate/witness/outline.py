@@ -9,11 +9,11 @@ from numba import njit
 
 from annotate.array_types import Bool, Float32, UInt8, UInt16
 
-BORDER = 0.018  # of the crop's side, within which depth decides: three errors of 1.5 px of a mask of 256
+BORDER = 0.018  # of the crop's side, within which depth decides: five pixels of a mask of 256
 SAME_SURFACE = 0.02  # share of the depth at which a neighbour's weight falls to exp(-1/2)
 FOUND = 0.3  # vote of the depth network's outline, as a share of all votes
-LEAST_PX = 3
-INSIDE, BETWEEN = 2, 1
+LEAST_PX = 3  # least width of the border
+INSIDE, BETWEEN = 2, 1  # zones: the person's pixels, and the border where neighbours vote; 0 = outside
 
 
 def outline(depth_mm: UInt16, mask: Float32, found: Bool, known: Bool, border_px: float) -> Bool:

@@ -19,7 +19,7 @@ class PersonCrop(NamedTuple):
     lean: float = 0.0
 
     def placement(self, width: int, height: int) -> Float64:
-        """Return the affine map (2, 3) from pixel indices of the crop's image to those of the whole image.
+        """Return the affine map (2, 3) from the crop's pixel indices to the whole image's pixel indices.
 
         width, height: of the crop's image, whose shorter side is the crop's side.
         """

@@ -16,6 +16,7 @@ from annotate.joint_names import JOINT_NAMES
 from sensors.rig.camera import Intrinsics, undistort
 from sensors.rig.rig_calibration import Pose
 
+SIDES = ("left", "right")
 JOINTS = (*JOINT_NAMES, "left_hand", "right_hand", "left_toes", "right_toes")
 JOINT = {name: i for i, name in enumerate(JOINTS)}
 SEEN = 0.3  # least visibility of a landmark that is used
@@ -37,15 +38,12 @@ LENGTHS = {
 ACROSS = {"shoulder": 0.9, "hip": 0.55}  # distances between the landmarks of both sides
 SOURCES = {
     "head": (("left_ear", "right_ear"), ("nose",)),
-    **{f"{side}_hand": ((f"{side}_index", f"{side}_pinky"),) for side in ("left", "right")},
-    **{f"{side}_toes": ((f"{side}_foot_index",),) for side in ("left", "right")},
+    **{f"{side}_hand": ((f"{side}_index", f"{side}_pinky"),) for side in SIDES},
+    **{f"{side}_toes": ((f"{side}_foot_index",),) for side in SIDES},
     "neck": (("left_shoulder", "right_shoulder"),),
     "pelvis": (("left_hip", "right_hip"),),
 }
 """Landmarks whose mean is a joint, the first that a network has; other joints are landmarks themselves."""
-
-
-_SIDES = ("left", "right")
 
 
 class Surface(NamedTuple):
@@ -82,7 +80,7 @@ class Skeleton:
             bone, most = placed[child] - placed[parent], OVERLONG * length * self.trunk_m
             if unknown[child] and np.linalg.norm(bone) > most:
                 placed[child] = placed[parent] + bone * most / np.linalg.norm(bone)
-        for side in ("left", "right"):
+        for side in SIDES:
             _extend(placed, sd, *(JOINT[f"{side}_{name}"] for name in ("elbow", "wrist", "hand")))
         return replace(self, joints_m=placed, sd=sd)
 
@@ -90,8 +88,8 @@ class Skeleton:
 def skeleton_of(landmarks: Float64, names: Sequence[str], surface: Surface) -> Skeleton:
     """Return the skeleton of landmarks (n, 3): column, row, visibility in the colour image.
 
-    names: of the landmarks. A joint lies half a limb behind the surface; a bone that is too long because the
-    surface there is another one is shortened along the line of sight.
+    names: of the landmarks. A joint lies half a limb behind the surface. A bone to a landmark on another
+    surface is too long, and is shortened along the line of sight.
     """
     at = _joints_px(dict(zip(names, landmarks, strict=True)))
     known = at[:, 2] >= SEEN
@@ -117,7 +115,7 @@ def _kind(name: str) -> str:
 
 def _bones() -> list[tuple[int, int, float]]:
     """Return parent, child and length of the limbs' bones, from the trunk outwards."""
-    both = ((f"{side}_{a}", f"{side}_{b}", length) for (a, b), length in LENGTHS.items() for side in _SIDES)
+    both = ((f"{side}_{a}", f"{side}_{b}", length) for (a, b), length in LENGTHS.items() for side in SIDES)
     return [(JOINT[a], JOINT[b], length) for a, b, length in both]
 
 
@@ -139,7 +137,7 @@ def _trunk_m(points_m: Float64) -> float:
     """
     measures = [float(np.linalg.norm(points_m[JOINT["neck"]] - points_m[JOINT["pelvis"]]))]
     for kind, share in ACROSS.items():
-        both = points_m[[JOINT[f"{side}_{kind}"] for side in ("left", "right")]]
+        both = points_m[[JOINT[f"{side}_{kind}"] for side in SIDES]]
         measures.append(float(np.linalg.norm(both[0] - both[1])) / share)
     bones = (points_m[child] - points_m[parent] for parent, child, _ in _bones())
     measures += [
@@ -151,8 +149,9 @@ def _trunk_m(points_m: Float64) -> float:
 
 
 def _in_reach(parent: Float64, child: Float64, most_m: float) -> Float64:
-    """Return a child joint, moved along its line of sight to at most ``most_m`` from its parent, or as near
-    as it gets.
+    """Return a child joint, moved along its line of sight to within ``most_m`` of its parent.
+
+    A line of sight that stays farther away gives its nearest point.
     """
     if not (np.linalg.norm(child - parent) > most_m):
         return child
@@ -163,8 +162,8 @@ def _in_reach(parent: Float64, child: Float64, most_m: float) -> Float64:
     return np.asarray(ray * min(max(float(np.linalg.norm(child)), middle - reach), middle + reach))
 
 
-def _extend(placed: Float64, sd: Float64, before: int, wrist: int, hand: int) -> None:
+def _extend(placed: Float64, sd: Float64, elbow: int, wrist: int, hand: int) -> None:
     """Place an unknown hand in the direction of the forearm, in place."""
     if np.isnan(placed[hand, 0]):
-        placed[hand] = placed[wrist] + 0.5 * (placed[wrist] - placed[before])
+        placed[hand] = placed[wrist] + 0.5 * (placed[wrist] - placed[elbow])
         sd[hand] = sd[wrist] + NETWORK_SD / 2

@@ -11,9 +11,10 @@ from annotate.cloud.fuse import Fuser
 from annotate.correction.correction import Correction
 from annotate.correction.relabel import untouched
 from annotate.frame_labels import FrameLabels
-from annotate.label_recording import SuitDetection, SuitLabeller, calibrated, labels_of
+from annotate.label_recording import SuitDetection, SuitLabeller, calibrated
 from annotate.labelset.label_set import LabelSet, as_read
 from annotate.labelset.source_recording import find_session
+from annotate.segmentation.labels_of_frame import labels_of
 from annotate.segmentation.suit_network import SuitNetwork, shipped_suit_network
 from annotate.suit.palette import suit_from_toml
 from eval.fine_tuning.run import FineTuner

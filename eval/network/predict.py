@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from annotate.frame_labels import FrameLabels
-from annotate.label_recording import Run, check_same, finished, notes_of
+from annotate.label_recording import Run, check_same, finished
 from annotate.labelset.cast_note import cast_note, cast_of
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.label_set import LabelSet
 from annotate.labelset.labelled_frames import LabelledFrames
 from annotate.labelset.scheme_note import scheme_note
 from annotate.scheme.scheme import Scheme
+from annotate.segmentation.labels_of_frame import notes_of
 from annotate.segmentation.segmented_person import Segmentation
 from annotate.segmentation.suit_network import SuitNetwork
 from eval.network.body_state import BodyState

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from annotate.array_types import Float32, Float64, UInt8, UInt16
 from annotate.frame_labels import FrameLabels
-from annotate.label_recording import label_cloud, labels_of
+from annotate.label_recording import label_cloud
 from annotate.labelset.label_set import as_read
 from annotate.scheme.scheme import Scheme
 from annotate.scheme.scheme_file import load_scheme
+from annotate.segmentation.labels_of_frame import labels_of
 from eval.network.body_state import BodyState, body_state_notes, joint_quality, joint_row
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict import PredictOptions, fits

@@ -1,6 +1,4 @@
-"""Copy of a session without its colour, its temperatures or a person's name; one record is in memory at a
-time.
-"""
+"""Copy of a session without colour, temperatures or a person's name. One record at a time is in memory."""
 
 import re
 from collections import Counter

@@ -15,11 +15,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from annotate.label_recording import label_cloud, labels_of
+from annotate.label_recording import label_cloud
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.labelled_frames import open_frames
 from annotate.scheme.scheme import BACKGROUND
 from annotate.segmentation.input_channels import CHANNELS, VALID, Rectangle
+from annotate.segmentation.labels_of_frame import labels_of
 from annotate.segmentation.segment import SAMPLE_M
 from annotate.segmentation.suit_network import SuitNetwork, flip_averaged, other_person
 from eval.fine_tuning.by_depth import depth_example

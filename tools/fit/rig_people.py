@@ -1,8 +1,8 @@
 """Write label sets of the virtual rig's people, to train on: ``python -m tools.fit.rig_people FOLDER N``.
 
-FOLDER/NUMBER, for N recordings of those that train the suit network, has the true regions of every person that
-is found, within the outline found: with some of the bed, or without a hand. ``annotate-cloud train FOLDER/*
-DATASET... --out RUN`` trains on them. The same command resumes an interrupted run.
+FOLDER/NUMBER, for N recordings of those that train the suit network, has the true regions of every person
+that is found, within the outline found: with some of the bed, or without a hand. ``annotate-cloud train
+FOLDER/* DATASET... --out RUN`` trains on them. The same command resumes an interrupted run.
 """
 
 import shutil

@@ -2,10 +2,11 @@
 
 PATH: an RGB-D recording with ``people.json``, or a session of ``simulate`` with its truth. Every Nth frame.
 
-Recordings: the judge's visible joints whose parts are right (``rgbd_tally``), for all joints, and for a third
-of the joints, drawn at random, that are withheld from the labels with the landmarks about them. Sessions: a
-simulated witness with errors of the measured size and of twice the size (``tools.fit.witness_errors``); mean
-recall of the parts, IoU of the person, mean confidence less the share of right pixels.
+Recordings: share of the judge's visible joints whose parts are right (``rgbd_tally``), for all joints and for
+withheld joints. A third of the joints, drawn at random, is withheld from the labels with landmarks nearby.
+Sessions: a simulated witness with errors of the measured size and of twice the size
+(``tools.fit.witness_errors``). The line has the mean recall of the parts, the IoU of the person, and the mean
+confidence less the share of right pixels.
 """
 
 import argparse
@@ -28,7 +29,7 @@ from annotate.witness.blazepose import NAMES, BlazePose
 from annotate.witness.coloured_cloud import ColourFuser
 from annotate.witness.person_crop import PersonCrop
 from annotate.witness.pose_network import LEAST, PosedPerson, PoseNetwork
-from eval.network.colour_labeller import ColourLabeller
+from eval.network.colour.colour_labeller import ColourLabeller
 from eval.network.onnx_network import OnnxNetwork
 from eval.scores.confusion import confusion_matrix, mean_recall, person_iou
 from sensors.errors import CloudError
@@ -46,7 +47,7 @@ ABOUT = {
 }
 """Landmarks that are withheld with a judged one: face, hands, feet."""
 MASK_PX = 256  # side of a simulated mask's crop
-MASK_ERROR_PX = 1.5  # standard deviation of its border; that of BlazePose beside depth's borders
+MASK_ERROR_PX = 1.5  # standard deviation of its border; assumed
 
 
 def withheld(image: UInt8) -> list[int]:

@@ -66,7 +66,7 @@ def middle(mesh: Mesh) -> Float64:
 def _places(
     rng: np.random.Generator, others: list[Float64], half_view_rad: float
 ) -> Iterator[tuple[Float64, Float64]]:
-    """Yield places (3,) on the floor, and steps (3,) away from the person beside or before."""
+    """Yield places (3,) on the floor, and steps (3,) away from the neighbour or the person in front."""
     for _ in range(PLACES):
         kind = rng.random() if others else 1.0
         away, azimuth = np.exp(rng.uniform(*np.log(DISTANCE_M))), rng.uniform(-1, 1) * IN_VIEW * half_view_rad

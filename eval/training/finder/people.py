@@ -1,4 +1,4 @@
-"""People of random scenes: postures, what carries them and what stands before them. Constants are untuned."""
+"""People of random scenes: their postures, supports, and furniture in front. Constants are untuned."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

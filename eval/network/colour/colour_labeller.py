@@ -18,8 +18,9 @@ from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Scheme
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
 from annotate.witness.coloured_cloud import ColouredCloud, ColourFuser
 from annotate.witness.fusion import fused, head_by_depth, in_scheme, shipped_spreads
+from annotate.witness.person_crop import PersonCrop
 from annotate.witness.person_outline import person_outline
-from annotate.witness.pose_network import PosedPerson, PoseNetwork, people_in
+from annotate.witness.pose_network import LEAST, SURER, WIDENED, PosedPerson, PoseNetwork, people_in
 from annotate.witness.skeleton import Skeleton
 from eval.network.body_state import BodyState
 from eval.network.onnx_network import OnnxNetwork
@@ -102,8 +103,14 @@ class ColourLabeller:
         """
         assert cloud.rgb is not None
         crops = [cloud.crop(whose == number) for number in np.unique(whose[whose > 0])]
-        first = [self.witness.landmark(cloud.rgb, crop) for crop in crops if crop]
+        first = [self._in_wider(cloud.rgb, crop) for crop in crops if crop]
         return people_in(cloud.rgb, self.witness, [person.crop for person in first if person])
+
+    def _in_wider(self, rgb: UInt8, crop: PersonCrop) -> PosedPerson | None:
+        """Return the person in a crop or, as of an upper body, in a wider one."""
+        each = ((1.0, LEAST), *((k, SURER) for k in WIDENED))
+        found = (self.witness.landmark(rgb, crop._replace(side=k * crop.side), least) for k, least in each)
+        return next((person for person in found if person), None)
 
     def _labelled(self, cloud: ColouredCloud, mask: Bool, skeleton: Skeleton) -> Segmentation:
         """Return the labels of a person's pixels (h, w), with its joints."""

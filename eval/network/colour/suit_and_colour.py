@@ -11,13 +11,13 @@ from annotate.person.extract import PersonMask
 from annotate.scheme.scheme import Scheme
 from annotate.segmentation.segmented_person import Segmentation
 from annotate.witness.coloured_cloud import ColouredCloud, ColourFuser
-from eval.network.colour_labeller import ColourDetection, ColourLabeller
+from eval.network.colour.colour_labeller import ColourDetection, ColourLabeller
 from sensors.rig.rig_calibration import RigCalibration
 
 
 @dataclass(frozen=True, eq=False)
 class SuitAndColourLabeller:
-    """Labeller whose outline and subject are the suit's, and whose parts are those of both.
+    """Labeller whose outline and subject are the suit's, and whose parts come from both.
 
     Frames that the suit leaves undefined are labelled by colour, and the other way round. Both have one
     scheme.

@@ -1,0 +1,1 @@
+"""Labels by colour: a 2-D pose network, alone or with the suit."""
