@@ -188,8 +188,9 @@ def test_units_types_and_schemes_of_images(rig_session):
     ):
         with pytest.raises(error, match=said):
             annotate_cloud.predict(wrong, camera)
-    with pytest.raises(CloudError, match="smpl-24"):
-        annotate_cloud.predict(depth_mm, camera, scheme="smpl-24")
+    fine = annotate_cloud.predict(depth_mm, camera, scheme="smpl-24")
+    assert np.array_equal(fine.labels > 0, fine.persons == 1) and len(np.unique(fine.labels)) > 12
+    assert fine.people[1].joint_sd_mm.keys() == fine.joints_mm.keys()
 
 
 @pytest.mark.filterwarnings("ignore:You are using the legacy TorchScript-based ONNX export")

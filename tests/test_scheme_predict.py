@@ -21,7 +21,7 @@ from annotate.segmentation.segmented_person import Segmentation
 from annotate.segmentation.suit_network import SuitNetwork
 from eval.fine_tuning.by_depth import DepthFineTuner
 from eval.fine_tuning.training_split import CorrectedFrame
-from eval.network.onnx_network import OnnxNetwork
+from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork, shipped_weights
 from eval.network.predict import PredictOptions, fits, predict_frames
 from eval.network.predict_source import _without_things
 from eval.network.refine import refine, shipped_refinement_network
@@ -78,9 +78,23 @@ def test_a_scheme_that_the_networks_cannot_give_is_refused_in_one_line(tmp_path,
     assert not fits(PredictOptions(scheme=HANDS), network)
     with pytest.raises(FormatError, match="several parts of scheme 'hands-and-feet'"):
         predicted(person, tmp_path / "p", scheme=HANDS)
-    done = annotate_cloud("predict", person.path, "--scheme", "hands-and-feet", "--out", tmp_path / "p")
+    wanted = ("--scheme", "hands-and-feet", "--out", tmp_path / "p")
+    done = annotate_cloud("predict", person.path, "--weights", SHIPPED_WEIGHTS, *wanted)
     assert done.code == 1 and len(done.err.strip().splitlines()) == 1
     assert "'hands-and-feet'" in done.err and not (tmp_path / "p").exists()
+
+
+def test_a_scheme_that_splits_the_papers_parts_is_given_by_the_network_of_regions(
+    tmp_path, person, annotate_cloud
+):
+    assert shipped_weights() == shipped_weights(SIX) == shipped_weights(PAPER) == SHIPPED_WEIGHTS
+    assert shipped_weights(HANDS) == shipped_weights(ATLAS)
+    wanted = ("--scheme", "hands-and-feet", "--out", tmp_path / "p")
+    assert annotate_cloud("predict", person.path, *wanted).code == 0
+    frame = LabelSet.open(tmp_path / "p").read("000000")
+    network = OnnxNetwork(shipped_weights(ATLAS))
+    expected = network.in_scheme(HANDS).segment(frame.depth_mm, frame.on_person)
+    np.testing.assert_array_equal(frame.parts, expected.parts)
 
 
 @pytest.mark.parametrize("coarse", [PAPER, SIX], ids=lambda scheme: scheme.name)

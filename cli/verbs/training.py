@@ -65,14 +65,13 @@ class _Choices:
         if self.init and self.network:
             raise CloudError(f"{self.init} determines the network; leave out --network {self.network}")
 
-    @property
-    def weights(self) -> Path | None:
-        """Return the weights file to start from, if any."""
+    def weights(self, scheme: "Scheme") -> Path | None:
+        """Return the weights file from which to start a training on a scheme, if any."""
         if self.init != SHIPPED:
             return self.init
-        from eval.network.onnx_network import SHIPPED_WEIGHTS
+        from eval.network.onnx_network import shipped_weights
 
-        return SHIPPED_WEIGHTS.with_suffix(".safetensors")
+        return shipped_weights(scheme).with_suffix(".safetensors")
 
     def plan(self, scheme: "Scheme") -> "tuple[Plan, nn.Module | None]":
         """Return the plan, and the network to start from if any, with the classes of a scheme."""
@@ -81,7 +80,7 @@ class _Choices:
         from eval.training.expansion import expanded
         from eval.training.plan import ModernRecipe, PaperRecipe, Plan, best_precision
 
-        weights, without = self.weights, self.without or []
+        weights, without = self.weights(scheme), self.without or []
         model: nn.Module | None = None
         if weights:
             start, config, known = load_weights(weights)
