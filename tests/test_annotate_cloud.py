@@ -18,7 +18,7 @@ import annotate_cloud
 from annotate.labelset.label_set import LabelSet, as_read
 from annotate.scheme.scheme_file import load_scheme
 from eval.network.onnx_network import OnnxNetwork
-from sensors.errors import CalibrationError, CloudError, FormatError
+from sensors.errors import CalibrationError, FormatError
 from sensors.session.reader import Session
 from synth.rig.simulate import suit_path
 from tests.helpers.page_material import write_image_folder
@@ -194,6 +194,7 @@ def test_units_types_and_schemes_of_images(rig_session):
 
 
 @pytest.mark.filterwarnings("ignore:You are using the legacy TorchScript-based ONNX export")
+@pytest.mark.filterwarnings("ignore:The feature will be removed")
 def test_the_blocks_of_the_page_run(tmp_path, rig_session, monkeypatch, capsys):
     text = (ROOT / "docs" / "python.md").read_text()
     table = " ".join(re.findall(r"^\| (`.*?) \|", text, re.M))
