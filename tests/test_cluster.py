@@ -125,7 +125,7 @@ def test_a_folder_of_sessions_is_labelled_and_measured_though_a_worker_is_killed
     kept = {path.name: path.read_bytes() for path in results.iterdir()}
     assert annotate_cloud("evaluate", labels, ward, "--out", results, "--json").result["sessions"] == measured
     assert {path.name: path.read_bytes() for path in results.iterdir()} == kept
-    assert load_result(results / "monday.npz").title == "Network: monday"
+    assert load_result(results / "monday.npz").title == "labels: monday"
 
 
 def test_a_scheduler_that_dies_is_one_line_and_the_run_goes_on_elsewhere(tmp_path, dask):

@@ -18,6 +18,7 @@ import sensors.recording.device_readers
 import sensors.recording.live_rig
 import sensors.recording.recorder
 from annotate.label_recording import run
+from annotate.labelset.nameless import person_code
 from annotate.live.rig_warnings import rig_warnings
 from sensors.device.protocol import DepthImage, DeviceReading, Spot
 from sensors.errors import (
@@ -133,7 +134,7 @@ def test_recordings_from_key_to_key_have_no_gap_and_the_name_of_the_person(rig_o
     assert info["subject"] == "anna" and "anna" in annotate_cloud("info", tmp_path / "a.mcap").out
     assert before <= datetime.fromisoformat(info["started"]) <= datetime.now().astimezone()
     made = run(Session(tmp_path / "a.mcap"), {}, tmp_path / "l", CloudLabeller(no_person), lambda n: None)
-    assert len(made.labels) and {frame.subject for frame in made.labels} == {"anna"}
+    assert len(made.labels) and {frame.subject for frame in made.labels} == {person_code("anna")}
 
 
 def test_the_collector_passes_over_what_was_there_while_devices_are_read(rig_of, tmp_path):

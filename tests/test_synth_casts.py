@@ -334,7 +334,8 @@ def test_learning_leaves_out_whole_people_where_there_are_enough():
     for fold in range(FOLDS):
         held = [f for f, n in zip(frames, fold_of, strict=True) if n == fold]
         rest = [f for f, n in zip(frames, fold_of, strict=True) if n != fold]
-        assert held and set().union(*(f.bodies for f in rest)).isdisjoint(*(f.bodies for f in held))
+        learnt, others = (set[str]().union(*(f.bodies for f in part)) for part in (rest, held))
+        assert held and learnt.isdisjoint(others)
 
 
 def test_ways_of_standing_and_attire_follow_the_cast():

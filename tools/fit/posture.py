@@ -19,6 +19,7 @@ from annotate.posture import POSTURES
 from eval.network.body_state import LEAST_SURE, BodyState
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.posture_model import FEATURES, PostureModel, posture_features
+from tools.fit.suit_network import check_inputs
 
 OUT = Path(__file__).resolve().parents[2] / "eval" / "weights" / "posture.json"
 LEAST_PX = 400  # of a person after a cut
@@ -98,8 +99,9 @@ def scores(shares: Float64, postures: Int64) -> str:
 
 def main() -> None:
     """Fit, print the held-out scores, and write the weights."""
-    network = OnnxNetwork()
-    rows = [row for folder in sys.argv[1:] for row in examples(Path(folder), network)]
+    network, folders = OnnxNetwork(), [Path(folder) for folder in sys.argv[1:]]
+    check_inputs(folders)
+    rows = [row for folder in folders for row in examples(folder, network)]
     features, postures = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
     _, person = np.unique([row[2] for row in rows], return_inverse=True)
     held = person % 4 == 0

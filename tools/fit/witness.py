@@ -18,7 +18,6 @@ import torch
 
 from annotate.array_types import Float32, UInt8
 from annotate.crop import crop_around, nearest_seen, normalize
-from annotate.labelset.cast_note import cast_of
 from annotate.labelset.labelled_frames import LabelledFrames, camera_of, open_frames, pinhole_of
 from annotate.parts import PAPER
 from annotate.scheme.regions import N_REGIONS, Region
@@ -31,6 +30,7 @@ from eval.network.onnx_network import OnnxNetwork
 from sensors.files.atomic import write_bytes
 from sensors.rig.camera import project, unproject
 from sensors.rig.rig_calibration import Pose
+from tools.fit.suit_network import check_inputs
 from tools.fit.witness_errors import NAMES, WitnessErrors
 
 PIXELS = 100  # of each person
@@ -127,13 +127,9 @@ def main() -> None:
     parser.add_argument("datasets", type=Path, nargs="+")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
+    check_inputs(options.datasets)
     network, rng = OnnxNetwork(flip=False), np.random.default_rng(options.seed)
-    found: list[Sample] = []
-    for path in options.datasets:
-        frames = open_frames(path)
-        if cast_of(frames.info) == "judge":
-            parser.error(f"{path} is of the judging cast; give a dataset of the training cast")
-        found += samples(frames, network, rng)
+    found = [sample for path in options.datasets for sample in samples(open_frames(path), network, rng)]
     sample = Sample(*(np.concatenate(column) for column in zip(*found, strict=True)))
     known = (sample.truth >= 1) & (sample.truth <= N_REGIONS)
     fields = fit(Sample(*(column[known] for column in sample)))
