@@ -1,7 +1,7 @@
 """Write the shipped weights of a training: ``python -m tools.fit.network RUN CALIBRATION_SET``.
 
-eval/weights/compact.onnx, or regions.onnx for a network of the atlas' regions, most of whose convolutions are
-quantised, and the safetensors file beside it in half precision, both from RUN's weights.safetensors. The
+Writes eval/weights/compact.onnx, or regions.onnx for a network of the atlas' regions; most convolutions are
+quantised. The safetensors file beside it has half precision. Both come from RUN's weights.safetensors. The
 calibration set is a dataset that was not trained on. Its images of the bodies that RUN left out give the
 temperature and the ranges of the quantisation.
 """
