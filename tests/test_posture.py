@@ -17,7 +17,7 @@ LEGS_MM = {"pelvis": 0, "hip": 30, "knee": 450, "ankle": 850}
 
 
 def standing(pixels: int) -> tuple[BodyState, tuple[np.ndarray, np.ndarray], Intrinsics]:
-    """A person who stands 2.5 m in front of a camera of that many rows: state, depth and pixels, camera."""
+    """Return the state, depth and mask, and camera of a person who stands 2.5 m away. pixels: of a side."""
     middle = (pixels - 1) / 2
     camera = Intrinsics(pixels, pixels, pixels * 1.1, pixels * 1.1, middle, middle)
     heights = STANDING_MM | LEGS_MM

@@ -55,7 +55,7 @@ def _in_wheel(name: str, wheel: Path) -> bytes | None:
                 return None
             with members.open(entry) as member:
                 return member.read(MAX_BYTES)
-    except (OSError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
+    except (OSError, zipfile.BadZipFile, RuntimeError) as error:
         raise FormatError(f"{wheel} is not a readable wheel ({error}); {REMEDY}") from error
 
 

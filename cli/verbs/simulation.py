@@ -17,6 +17,7 @@ from synth.data_files import CASTS, TRAINING, Cast, check_choice, table
 if TYPE_CHECKING:
     from annotate.scheme.scheme import Scheme
     from annotate.suit.palette import Suit
+    from synth.own_camera import OwnCamera
     from synth.rig.film import FilmRig
     from synth.rig.plate_views import PlateViews
     from synth.rig.virtual_rig import VirtualRig
@@ -49,6 +50,14 @@ CastName = Annotated[
         autocompletion=casts,
     ),
 ]
+RigName = Annotated[
+    str | None,
+    Option(
+        help="Rig with these cameras; the verb rig lists all.",
+        autocompletion=names,
+        show_default="kinect2-optris",
+    ),
+]
 CameraFile = Annotated[
     Path | None,
     Option(
@@ -78,14 +87,7 @@ def simulate(
         ),
     ] = "sofa",
     difficulty: Difficulty = "normal",
-    rig: Annotated[
-        str | None,
-        Option(
-            help="Rig with these cameras; the verb rig lists all.",
-            autocompletion=names,
-            show_default="kinect2-optris",
-        ),
-    ] = None,
+    rig: RigName = None,
     suit: Annotated[
         str | None,
         Option(
@@ -105,25 +107,38 @@ def simulate(
     from sensors.recording.rig_templates import REFERENCE, template_named
 
     with needing("synth"):
-        from synth.own_camera import read_own_camera
         from synth.rig.plate_views import PlateViews
         from synth.rig.virtual_rig import RigOptions, VirtualRig
     cameras = template_named(rig or REFERENCE)
     check_free(out, overwrite)
     check_choice("difficulty", difficulty, difficulties())
-    parts, own = load_scheme(scheme), read_own_camera(camera) if camera else None
+    parts, own = load_scheme(scheme), own_camera(camera, f"faults of {cameras.name}'s")
     if own is not None:
-        say(own.described(f"faults of {cameras.name}'s"))
         cameras = replace(cameras, calibration=replace(cameras.calibration, depth=own.pinhole))
     if scene == PLATE:
-        if cast != TRAINING:
-            raise CloudError(f"scene {PLATE} has no cast; leave out --cast {cast}")
+        _check_plate(cast)
         _record_plate(PlateViews(cameras, frames, seed), out, overwrite, json)
         return
     palette = _palette(suit, seed, cast, parts)
     options = RigOptions(scene, rig=cameras.name, suit=palette, cast=cast, scheme=parts, camera=own)
     virtual = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, options)
     record_rig("simulate", virtual, out, overwrite, json)
+
+
+def own_camera(file: Path | None, unnamed: str) -> "OwnCamera | None":
+    """Return the camera in a file, if given, and print what it is. unnamed: as in ``OwnCamera.described``."""
+    with needing("synth"):
+        from synth.own_camera import read_own_camera
+    if file is None:
+        return None
+    own = read_own_camera(file)
+    say(own.described(unnamed))
+    return own
+
+
+def _check_plate(cast: str) -> None:
+    if cast != TRAINING:
+        raise CloudError(f"scene {PLATE} has no cast; leave out --cast {cast}")
 
 
 def _record_plate(views: "PlateViews", out: Path, overwrite: bool, json: bool) -> None:

@@ -15,7 +15,7 @@ from cli.console import Json, Overwrite, check_room, clear, finish, progress, sa
 from cli.console import table as draw_table
 from cli.extras import needing
 from cli.scheme import PAPER, SchemeName
-from cli.verbs.simulation import CameraFile, CastName, Difficulty, difficulties, record_rig
+from cli.verbs.simulation import CameraFile, CastName, Difficulty, difficulties, own_camera, record_rig
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free, check_there
 from sensors.importers.open_source import opener_at
@@ -131,6 +131,11 @@ def _check_beside(recording: Path | None) -> None:
         opener_at(recording)
 
 
+Count = Annotated[
+    int | None, Option(help="Number of images. Default: the preset's own.", min=1, max=1_000_000_000)
+]
+
+
 @app.command("generate")
 def generate_(
     out: Annotated[Path, Option(help="Folder for the shards; an interrupted run continues there.")],
@@ -145,9 +150,7 @@ def generate_(
         Path | None,
         Option(help=f"Instead of a preset: poses of recorded people. {Motion}, or a folder of these."),
     ] = None,
-    count: Annotated[
-        int | None, Option(help="Number of images. Default: the preset's own.", min=1, max=1_000_000_000)
-    ] = None,
+    count: Count = None,
     workers: Annotated[int, Option(help="Processes on this machine.", min=1, max=256)] = 2,
     scheduler: Annotated[
         str | None, Option(help="Use a dask cluster instead: address of the scheduler, tcp://HOST:8786.")
@@ -177,17 +180,13 @@ def generate_(
         from synth.images.distributions import distributions_at
         from synth.images.generate import Order, generate
         from synth.images.workers import cluster, processes
-        from synth.own_camera import read_own_camera
 
     _check_sources(preset, motion, garments, beside)
     inputs = list(filter(None, (motion, garments, camera, beside)))
     check_room(out, ORDER, overwrite, *inputs)
-    chosen = _preset(preset, motion, garments, cast)
-    chosen = replace(chosen, occluders=occluders, cut=cut, scheme=load_scheme(scheme))
-    if camera is not None:
-        own = read_own_camera(camera)
-        say(own.described("faults of all sensors in turn"))
-        chosen = replace(chosen, sensor=own)
+    own = own_camera(camera, "faults of all sensors in turn")
+    chosen = replace(_preset(preset, motion, garments, cast), occluders=occluders, cut=cut)
+    chosen = replace(chosen, scheme=load_scheme(scheme), sensor=own or chosen.sensor)
     order = Order(chosen, chosen.count if count is None else count, seed)
     recording, started = distributions_at(beside) if beside else None, time.monotonic()
     with (

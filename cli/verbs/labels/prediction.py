@@ -139,9 +139,8 @@ def predict(
     with progress("predict", total) as advance:
         run = work(advance)
     ms = 1000 * (time.monotonic() - started) / max(1, total)
-    result = {"frames": len(run.labels), "ms_per_frame": round(ms, 2)}
-    if joints is not None:
-        result["people"] = write_joints(run.labels, joints)
+    people = {"people": write_joints(run.labels, joints)} if joints else {}
+    result = {"frames": len(run.labels), "ms_per_frame": round(ms, 2), **people}
     finish_run(result, run, json, f"{len(run.labels)} frames in {out}, {ms:.0f} ms each")
 
 
