@@ -18,7 +18,9 @@ from sensors.recording.rig_templates import REFERENCE
 from synth.appearance.random_suit import random_suit
 from synth.body.body import Body
 from synth.body.crowd import suit_wearers
+from synth.cameras.random_sensor import draw_sensor
 from synth.data_files import TRAINING
+from synth.own_camera import OwnCamera
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import RigOptions, VirtualRig
 
@@ -28,6 +30,7 @@ OTHER_SUIT, FULL_COLOR = 0.7, 0.05  # shares of recordings in a random suit, and
 PLACES = {"sofa": 0.2, "chair": 0.15, "bed": 0.35, "floor": 0.3}  # shares; lying people are the hardest
 OTHER_RIGS = ("d455-lepton", "bolt-lepton", "azure-boson")
 CLOSED = 0.08  # share of frames behind a closed thermal flag
+MELTING, RECORDED_STEREO = "recorded_stereo", 0.4  # kind of depth camera whose filters melt depth; its share
 
 
 def draw_scene(
@@ -57,7 +60,9 @@ def training_rig(number: int, held_out: bool = False) -> VirtualRig:
     difficulty, scene, rig = draw_scene(rng, 0.6, PLACES, 0.18)
     suit = random_suit(FIRST_SUIT + number) if rng.random() < OTHER_SUIT else DEFAULT_SUIT
     draft, seed = bool(rng.random() >= FULL_COLOR), FIRST_SEED + number
-    options = RigOptions(scene, rig=rig, suit=suit, draft=draft, wearers=wearers(held_out))
+    stereo = draw_sensor(rng, MELTING)
+    camera = OwnCamera(stereo.camera, MELTING) if rng.random() < RECORDED_STEREO else None
+    options = RigOptions(scene, rig=rig, suit=suit, draft=draft, wearers=wearers(held_out), camera=camera)
     return VirtualRig(FRAMES, SUBJECTS, difficulty, seed, options)
 
 
