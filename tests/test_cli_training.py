@@ -57,5 +57,6 @@ def test_a_run_goes_on_and_its_weights_start_another_and_predict(
     start = tmp_path / "t" / "weights.safetensors"
     more = annotate_cloud("train", labels.path, "--init", start, "--epochs", 1, "--out", tmp_path / "u")
     assert more.code == 0, more.err
-    plan = json.loads((tmp_path / "u" / "plan.json").read_text())
+    recipe, plan = plan["recipe"], json.loads((tmp_path / "u" / "plan.json").read_text())
+    assert plan["recipe"]["peak_rate"] < recipe["peak_rate"] and plan["recipe"]["coarse"] == 0
     assert plan["network"] == {"kind": "compact", "widths": [16, 24, 32, 48, 64], "layers": 2}

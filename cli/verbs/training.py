@@ -90,6 +90,8 @@ class _Choices:
         how = Augmentation(**{f.name: f.name not in without for f in fields(Augmentation)})
         kind = PaperRecipe if self.recipe == "paper" else ModernRecipe
         recipe = kind() if self.batch is None else kind(self.batch)
+        if weights and isinstance(recipe, ModernRecipe):
+            recipe = recipe.continued()
         epochs, precision = self.epochs or EPOCHS, self.precision or best_precision()
         return Plan(config, recipe, how, epochs, self.minutes, self.seed, precision), model
 

@@ -22,6 +22,7 @@ from eval.training.processes import ALONE, ProcessGroup
 from eval.training.resumable_loop import Schedule
 
 COARSE, COARSE_STEP = 0.7, 4  # side of coarse over whole images, and its multiple in px; untuned
+CONTINUED_RATE = 1.5e-3  # peak rate of a training from trained weights, which a higher one unlearns; untuned
 ENDLESS = 10_000  # epochs that a training by the clock does not reach
 Precision = Literal["float32", "bfloat16"]
 
@@ -48,6 +49,10 @@ class ModernRecipe:
     averaged: float = 0.999
     coarse: float = 0.5
     statistics: bool = True
+
+    def continued(self) -> "ModernRecipe":
+        """Return the recipe of a training from trained weights: a lower rate, whole images only."""
+        return replace(self, peak_rate=CONTINUED_RATE, coarse=0.0)
 
 
 @dataclass(frozen=True)
