@@ -24,7 +24,7 @@ from cli.verbs import (
     synthesis,
     training,
 )
-from cli.verbs.labels import correction, labelling, palette, prediction
+from cli.verbs.labels import correction, labelling, palette, prediction, trial
 from sensors.errors import CloudError, one_line
 from sensors.interrupt import interruptible
 
@@ -41,7 +41,7 @@ app.add_typer(models.app, name="models", rich_help_panel="Labels")
 app.add_typer(synthesis.app, name="synth", rich_help_panel="Synthetic people")
 app.add_typer(benchmark.app, name="benchmark", rich_help_panel="Networks and results")
 VERBS = {
-    "Getting started": (demo.demo, installation.doctor, installation.compile_),
+    "Getting started": (demo.demo, trial.try_, installation.doctor, installation.compile_),
     "Recordings": (
         *(simulation.simulate, recording.devices, rigs.rig, recording.record, live.live),
         *(recording.repair, calibration.calibrate, exchange.import_, recording.strip),
@@ -63,7 +63,16 @@ for heading, verbs in VERBS.items():
     for verb in verbs:
         app.command(verb.__name__.strip("_").replace("_", "-"), rich_help_panel=heading)(verb)
 
-CONTINUED = ("label", "predict", "train", "learn", "synth generate", "benchmark itop", "benchmark joints")
+CONTINUED = (
+    "label",
+    "predict",
+    "try",
+    "train",
+    "learn",
+    "synth generate",
+    "benchmark itop",
+    "benchmark joints",
+)
 """Verbs that continue an interrupted run when the same command is given again."""
 
 

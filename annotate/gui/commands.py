@@ -39,7 +39,7 @@ MENUS = {
     "Help": "&Help",
 }
 SUBMENUS = {"Lock": "Parts", "Fade": "Parts"}
-CHECKABLE = {*TOOLS, *SWITCHES, "onion", "solo", "peek", "from_other", "from_before", "help"}
+CHECKABLE = {*TOOLS, *SWITCHES, "onion", "witness", "solo", "peek", "from_other", "from_before", "help"}
 
 
 def bind(window: CorrectionWindow, learn: LearnCommand | None = None) -> None:
@@ -94,7 +94,12 @@ def _check(window: CorrectionWindow) -> None:
     """Update the check marks of the menu entries that can be on or off."""
     options, display = window.options, window.edits.display
     on = {options.tool, *(name for name in SWITCHES if getattr(options, name)), f"from_{window.edits.giver}"}
-    states = {"onion": display.onion, "solo": display.alone, "peek": window.views.peeking}
+    states = {
+        "onion": display.onion,
+        "witness": display.witness,
+        "solo": display.alone,
+        "peek": window.views.peeking,
+    }
     on |= {name for name, state in states.items() if state}
     for name in CHECKABLE:
         window.actions_by_name[name].setChecked(name in on)
@@ -151,6 +156,7 @@ def _actions(window: CorrectionWindow, verdicts: Verdicts, learner: Learner) -> 
         "outlines": partial(_over_colouring, window, lambda look: replace(look, outlines=not look.outlines)),
         "tint": partial(_over_colouring, window, lambda look: replace(look, tint=_after(TINTS, look.tint))),
         "onion": partial(_switch, window, "onion"),
+        "witness": partial(_switch, window, "witness"),
         "solo": partial(_switch, window, "alone"),
         "peek": lambda: window.views.peek(not window.views.peeking),
         "swap_views": window.panels.panes.swap,
@@ -177,6 +183,8 @@ def _switch(window: CorrectionWindow, name: str) -> Outcome | None:
     window.views.recolor()
     if name == "onion" and window.edits.display.onion and window.edits.frame.before is None:
         return Outcome("No frame lies before this one", "warn")
+    if name == "witness" and window.edits.display.witness and not window.edits.frame.scene.witnessed:
+        return Outcome("No colour network labelled this frame: label --by colour does", "warn")
     return None
 
 

@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 from typer import Argument, Option
 
+from cli.agreement import agreement_text, are_label_sets, compared, open_sets, write_page
 from cli.console import Json, Overwrite, finish, progress, provenance, say
 from cli.extras import check_extra, needing
 from cli.scheme import names
 from cli.sessions import Scheduler, each, finish_each, label_sets_in
 from sensors.errors import ExistsError
 from sensors.files.atomic import check_free, check_there
+from sensors.importers.open_source import opener_at
 
 if TYPE_CHECKING:
     from annotate.labelset.labelled_frames import LabelledFrames
@@ -176,16 +178,27 @@ def _notes(predicted: "LabelledFrames", truth: "LabelledFrames", comparison: "Co
 
 
 def compare(
-    a: Annotated[Path, Argument(help="Result that 'evaluate --out' wrote.")],
-    b: Annotated[Path, Argument(help="Result to compare with the first.")],
+    paths: Annotated[
+        list[Path],
+        Argument(
+            metavar="A B ...",
+            help="Two results of 'evaluate --out'; or two or more label sets of the same frames.",
+        ),
+    ],
     json: Json = False,
 ) -> None:
-    """Show the differences of scores between results A and B, with 95 % intervals."""
-    check_there(a, b)
+    """Show the differences of scores between results A and B, or how far label sets agree, each with each."""
+    check_there(*paths)
+    if are_label_sets(paths):
+        agreements = compared(open_sets(paths))
+        finish({"pairs": [one.to_json() for one in agreements]}, json, agreement_text(agreements))
+        return
+    if len(paths) != 2:
+        raise typer.BadParameter(f"{len(paths)} results are given; give two")
     from eval.compare.results import check_results, load_result
 
-    check_results(a, b)
-    first, second = load_result(a), load_result(b)
+    check_results(*paths)
+    first, second = map(load_result, paths)
     from cli.score_tables import difference_text
     from eval.compare.difference import difference
 
@@ -214,8 +227,15 @@ def diff(
 
 
 def report(
-    results: Annotated[list[Path], Argument(help="Results of 'evaluate --out'; the first is the baseline.")],
-    out: Annotated[Path, Option(help="HTML file to write; .csv, .json and .tex are saved beside it.")],
+    results: Annotated[
+        list[Path],
+        Argument(
+            help="Results of 'evaluate --out', the first is the baseline; or label sets of the same frames."
+        ),
+    ],
+    out: Annotated[
+        Path, Option(help="HTML file to write; of results, .csv, .json and .tex are saved beside it.")
+    ],
     ceiling: Annotated[
         Path | None, Option(help="Result of one person's corrections against another's.")
     ] = None,
@@ -235,8 +255,13 @@ def report(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Write one page with all results and the paper's results; the page opens offline."""
+    """Write one page with all results and the paper's, or on label sets, each with each; it opens offline."""
     check_extra("report", "jinja2", "plotly")
+    if are_label_sets(results):
+        if ceiling or history or audit or shown or note or len(session or []) > 1:
+            raise typer.BadParameter("a report on label sets takes --session alone, once")
+        _report_on_sets(results, next(iter(session or []), None), out, overwrite, json)
+        return
     notes, sets = note or [], shown or []
     if len(notes) > len(sets):
         raise typer.BadParameter(f"{len(notes)} notes for {len(sets)} label sets; give --shown for each")
@@ -266,3 +291,14 @@ def report(
     material = gather(sources)
     written = write_report(out, material, overwrite)
     finish({"path": str(out), "files": [str(path) for path in written]}, json, str(out))
+
+
+def _report_on_sets(paths: list[Path], session: Path | None, out: Path, overwrite: bool, json: bool) -> None:
+    check_free(out, overwrite)
+    if session is not None:
+        opener_at(session)
+    sets = open_sets(paths)
+    found = compared(sets)
+    write_page(sets, found, session, out)
+    pairs = [one.to_json() for one in found]
+    finish({"path": str(out), "pairs": pairs}, json, f"{agreement_text(found)}\n\n{out}")

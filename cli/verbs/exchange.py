@@ -177,16 +177,23 @@ def _export_foxglove(labels: "LabelSet", session: Path | None, output: Output) -
 
 
 def _import_images(source: Path, options: ImportOptions, output: Output) -> None:
+    frames = open_source(source, options)
+    streams, notes = write_session(frames, output.path, overwrite=output.overwrite)
+    result = {"frames": streams["depth"], "streams": dict(streams), "notes": notes}
+    output.finish(result, f"{streams['depth']} frames with {', '.join(sorted(streams))}")
+
+
+def write_session(
+    frames: "FrameSource", path: Path, *, overwrite: bool = False
+) -> tuple[Counter[str], list[str]]:
+    """Write a recording as a session, and print what was assumed; return frames by stream, and the notes."""
     from annotate.labelset.cast_note import cast_note
     from sensors.session.messages import SUBJECT
     from sensors.session.writer import RepeatableWriter
 
-    frames = open_source(source, options)
     notes, streams, faults = judged_notes(frames), Counter[str](), Counter[str]()
     metadata = {**({SUBJECT: frames.subject} if frames.subject else {}), **cast_note(frames.cast)}
-    file = RepeatableWriter(
-        output.path, frames.calibration, frames.name, overwrite=output.overwrite, metadata=metadata
-    )
+    file = RepeatableWriter(path, frames.calibration, frames.name, overwrite=overwrite, metadata=metadata)
     with file as writer, progress("import", len(frames)) as advance:
         for frame in map(partial(_without_broken_color, faults), frames):
             writer.write(frame)
@@ -195,8 +202,7 @@ def _import_images(source: Path, options: ImportOptions, output: Output) -> None
             advance(1)
     notes = (*notes, *(f"colour of {count} frames is {fault}: left out" for fault, count in faults.items()))
     say(*notes, _camera_note(frames))
-    result = {"frames": streams["depth"], "streams": dict(streams), "notes": list(notes)}
-    output.finish(result, f"{streams['depth']} frames with {', '.join(sorted(streams))}")
+    return streams, list(notes)
 
 
 def _without_broken_color(faults: Counter[str], frame: "RigFrame") -> "RigFrame":

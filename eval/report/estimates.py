@@ -1,16 +1,17 @@
 """Scores with their intervals, as text."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from annotate.array_types import Float64, Index
 from annotate.scheme.scheme import BACKGROUND_PART, Part, Scheme
+from eval.compare.agreement import Agreement
 from eval.compare.compare import Comparison
 from eval.scores import confusion, intervals
-from eval.scores.joint_scores import GROUPS, SCORES, WITHIN_MM, JointDifference, JointEstimates
+from eval.scores.joint_scores import GROUPS, INSIDE, SCORES, WITHIN_MM, JointDifference, JointEstimates
 
 SUMMARY = {
     "mean_recall": "Mean recall",
@@ -28,6 +29,8 @@ MILLIMETRES = SCORES[0]
 """Score in millimetres; lower is better."""
 JOINT_SCORES = dict(zip(SCORES, ("Error, mm", *(f"Within {mm:.0f} mm" for mm in WITHIN_MM)), strict=True))
 """Titles of the scores of joints."""
+AGREED_JOINTS = {MILLIMETRES: "Joints apart, mm", "pck_100mm": "Joints within 100 mm"}
+"""Titles of the scores of joints of an agreement."""
 
 
 @dataclass(frozen=True)
@@ -112,3 +115,30 @@ def in_shown_order(table: Float64, scheme: Scheme) -> Float64:
 def summary_of(scheme: Scheme) -> dict[str, str]:
     """Return the titles of the summary's scores by name; without swaps where no part has a twin."""
     return {name: title for name, title in SUMMARY.items() if scheme.twins or name != SWAPS}
+
+
+def agreed(found: Agreement, name: str, *index: int, joint: str = INSIDE) -> Estimate:
+    """Return a score of an agreement by its name; index: as in ``estimate``; joint: of ``GROUPS``.
+
+    The interval is over people; it is unknown for fewer than two known people.
+    """
+    joints = found.comparison.joints
+    if name in SCORES and joints is None:
+        return Estimate(np.nan, np.nan, np.nan)
+    if name in SCORES and joints is not None:
+        of = joint_estimate(joints.estimates, name, joint)
+        return of if found.has_people else replace(of, low=np.nan, high=np.nan)
+    if found.has_people:
+        return estimate(found.comparison, name, *index)
+    return Estimate(float(found.comparison.scores[name][index]), np.nan, np.nan)
+
+
+def agreement_row(found: Agreement) -> dict[str, str]:
+    """Return an agreement's scores by their titles, as text."""
+    titles = {name: title for name, title in summary_of(found.comparison.scheme).items() if name != "ece"}
+    titles |= AGREED_JOINTS
+    scores = {title: printed(name, agreed(found, name)) for name, title in titles.items()}
+    shares = {"Same facing": found.same_facing, "Same posture": found.same_posture}
+    return scores | {
+        title: f"{same} of {frames}" if frames else "--" for title, (same, frames) in shares.items()
+    }

@@ -211,6 +211,16 @@ def people(results: Sequence[Result]) -> go.Figure:
     return _figure(traces, 340, "", "mIoU of a frame").update_layout(boxmode="group")
 
 
+def over_frames(results: Sequence[Result]) -> go.Figure:
+    """Return a chart of the frames' mIoU in the order of the recording."""
+    traces = []
+    for i, result in enumerate(results):
+        c = result.comparison
+        chosen = np.linspace(0, len(c.frame_ids) - 1, min(SPREAD_FRAMES, len(c.frame_ids))).astype(int)
+        traces.append(_curve(result.title, chosen, c.frame_miou[chosen], i))
+    return _figure(traces, 260, "frame, in the order of the recording", "mIoU").update_yaxes(range=[0, 1.01])
+
+
 def pck(results: Sequence[Result]) -> go.Figure:
     """Return a chart of the share of joints within each distance of the truth."""
     traces = []

@@ -90,6 +90,28 @@ def make_shown_frame(labels: FrameLabels, cloud_image: CloudImage | None = None)
     return GalleryFrame(labels.frame_id, columns, subject=labels.subject)
 
 
+def compared_images(
+    labels: Mapping[str, FrameLabels], pair: tuple[str, str], color_rgb: Image | None
+) -> dict[str, Image]:
+    """Return the images of a frame in several label sets of one scheme, by title.
+
+    pair: sets whose differences are drawn. color_rgb: camera colours (h, w, 3), or None.
+    """
+    first = labels[pair[0]]
+    person = np.logical_or.reduce([frame.on_body for frame in labels.values()])
+    crop = _square(person)
+    parts = {name: crop.cut(frame.parts, BACKGROUND) for name, frame in labels.items()}
+    columns = {"Depth": _depth(first, np.ones_like(person), crop)}
+    if color_rgb is not None:
+        columns = {"Camera": crop.cut(color_rgb, 0)}
+    columns |= {name: images.colorize_parts(part, first.scheme) for name, part in parts.items()}
+    columns["Differences"] = images.colorize_error(parts[pair[1]], parts[pair[0]], first.scheme)
+    for name, frame in labels.items():
+        drawn = _joints(frame, np.ones_like(person), crop)
+        columns |= {f"{name}, joints": image for image in drawn.values()}
+    return columns
+
+
 def _depth(frame: FrameLabels, person: Bool, crop: Crop) -> Image:
     return images.colorize_depth(crop.cut(np.where(person, frame.depth_mm, np.uint16(0)), 0))
 

@@ -1,18 +1,8 @@
-"""The report: one HTML file that opens offline, on a screen or on paper, and tables beside it."""
+"""The report on results: its sections, and the tables beside it."""
 
-import base64
-import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from importlib.metadata import version
-from importlib.resources import files
 from pathlib import Path
 from typing import Literal
-
-import pandas as pd
-import plotly.graph_objects as go
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
 
 from annotate.parts import PAPER
 from annotate.scheme.scheme import Part, Scheme
@@ -21,44 +11,13 @@ from eval.compare.common_scheme import scheme_note
 from eval.compare.results import Result
 from eval.report import figures, numbers
 from eval.report.estimates import in_shown_order, row_shares, shown_order
-from eval.report.frame_images import ERROR_KINDS, Image, data_uri
 from eval.report.gather import Material
+from eval.report.html_page import Head, Section, html_of
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free, write_bytes
 
-PLOTLY = files("plotly").joinpath("package_data", "plotly.min.js")
 CHARTED: Mapping[Literal["recall", "iou"], str] = {"recall": "Recall", "iou": "IoU"}
 """Scores by part with a chart."""
-_PAGES = Environment(
-    loader=PackageLoader("eval.report"),
-    autoescape=True,
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
-_PAGES.filters["picture"] = data_uri
-
-
-@dataclass(frozen=True)
-class Section:
-    """A section of the page, with its blocks in their order; every text is escaped.
-
-    figures: by caption; without data, a figure is left out. legends: parts of the rows' images, by heading.
-    """
-
-    title: str
-    lead: str
-    notes: Sequence[str] = ()
-    figures: Mapping[str, go.Figure] = field(default_factory=dict)
-    tables: Sequence[tuple[str, pd.DataFrame]] = ()
-    rows: Sequence[tuple[str, Mapping[str, Image]]] = ()
-    legends: Mapping[str, Sequence[Part]] = field(default_factory=dict)
-    facts: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def drawn(self) -> dict[str, go.Figure]:
-        """Figures with data."""
-        return {caption: figure for caption, figure in self.figures.items() if figure.data}
 
 
 def write_report(path: Path, material: Material, overwrite: bool = False) -> list[Path]:
@@ -90,43 +49,16 @@ def free_outputs(path: Path, overwrite: bool) -> list[Path]:
 
 def render(material: Material) -> str:
     """Return the page as HTML; the same material gives the same bytes."""
-    shown = {f"s{i}": section for i, section in enumerate(sections(material))}
-    drawn = {
-        f"{name}-{k}": figure
-        for name, section in shown.items()
-        for k, figure in enumerate(section.drawn.values())
-    }
-    script = _PAGES.loader.get_source(_PAGES, "page.js")[0]  # type: ignore[union-attr]
-    plotly = PLOTLY.read_text()
-    return _PAGES.get_template("page.html.j2").render(
-        version=version("annotate-cloud"),
-        policy=policy(plotly, script),
-        results=material.results,
-        schemes=[scheme.name for scheme in material.schemes],
-        citation=paper.CITATION if paper.published(material.schemes) else "",
-        sections=shown,
-        errors=[kind for name, kind in ERROR_KINDS.items() if name != "background"],
-        data=Markup(embedded(drawn)),
-        plotly=Markup(plotly),
-        script=Markup(script),
+    results, citation = material.results, paper.CITATION if paper.published(material.schemes) else ""
+    measured = (
+        f"{r.title} on {len(r.comparison.frame_ids)} frames of {r.comparison.n_subjects} people. "
+        for r in results
     )
-
-
-def policy(*scripts: str) -> str:
-    """Return the page's content security policy: only these scripts, its own pictures, no request."""
-    hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
-    allowed = " ".join(f"'sha256-{value}'" for value in hashes)
-    # Plotly makes a style sheet and draws its pictures from blobs of the page.
-    return (
-        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:; "
-        "base-uri 'none'; form-action 'none'"
-    )
-
-
-def embedded(drawn: Mapping[str, go.Figure]) -> str:
-    """Return the figures as JSON for a script element; no text of it is markup."""
-    text = "{" + ",".join(f'"{name}":{figure.to_json()}' for name, figure in drawn.items()) + "}"
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+    schemes = " and ".join(scheme.name for scheme in material.schemes)
+    beside = f", beside the results of {citation}" if citation else ""
+    lead = f"{''.join(measured)}Scores are per pixel, over the parts of scheme {schemes}{beside}."
+    footer = "The same numbers stand beside it as CSV, JSON and LaTeX."
+    return html_of(Head("Body-part labels: comparison report", lead, footer), sections(material))
 
 
 def sections(material: Material) -> Iterator[Section]:

@@ -106,6 +106,7 @@ COMMANDS: tuple[Command, ...] = (
     Command("outlines", "Ctrl+W", "View", "Part outlines", "Outlines of parts over the pane"),
     Command("tint", "Ctrl+Q", "View", "Part opacity", "Parts over the pane: none, faint, half, strong"),
     Command("onion", "Ctrl+B", "View", "Outlines of the frame before", "Outlines of the frame before"),
+    Command("witness", "Ctrl+G", "View", "Colour network", "Joints and outline by the colour network"),
     Command("peek", "H", "View", "Peek (hold)", "Hold it to see the pane without parts"),
     Command("solo", "Ctrl+A", "View", "Chosen part alone", "Show only the chosen part, or all again"),
     Command("swap_views", "F7", "View", "Swap the views", "Cloud and depth image swap places"),

@@ -64,12 +64,13 @@ class Display:
     """Display of the parts of every frame.
 
     visibility: of faded and hidden parts. alone: True to draw only the chosen part. onion: True to draw the
-    outlines of the previous frame.
+    outlines of the previous frame. witness: True to draw what a colour network shows.
     """
 
     visibility: dict[int, Visibility] = field(default_factory=dict)
     alone: bool = False
     onion: bool = False
+    witness: bool = False
 
     def fade(self, part: int) -> Visibility:
         """Switch the visibility of a part: shown, faded, hidden, and shown again."""

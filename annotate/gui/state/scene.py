@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.label_set import LabelSet
 from annotate.labelset.source_recording import Recorded
 from annotate.scheme.merging import conversion_table
+from annotate.witness.shown_person import ShownPerson, shown_people
 from sensors.errors import CloudError, FormatError
 
 NEAR_PX = 10  # width of the room around the person that is shown in full: a limb may be missing; untuned
@@ -31,6 +33,7 @@ class FrameScene:
     w,), points that are all drawn. room: int64 (k,), other pixels that are drawn, every ``room_step``th along
     each side. shade: float32 (h * w,), 0 edge-on to 1 head-on. pieces: int32 (h, w), supervoxels for clicks,
     -1 = none. remark: missing data and the reason, or "". no_other: the reason why no set is compared.
+    witnessed: people as a colour network shows them, by the notes of this set, or else of the compared one.
     """
 
     labels: FrameLabels
@@ -43,6 +46,7 @@ class FrameScene:
     pieces: Int32
     remark: str = ""
     no_other: str = "nothing to compare: give another label set with --compare"
+    witnessed: tuple[ShownPerson, ...] = ()
 
     @property
     def points_m(self) -> Float32:
@@ -89,25 +93,27 @@ class SceneReader:
         Colours, temperatures and parts of the other set that cannot be read are left out with a remark.
         """
         labels = self._correction.frame(frame_id)
-        other, unlike = self._compared(labels)
+        other, unlike, notes = self._compared(labels)
         cloud, _, without = self._recorded.fused(labels)
         near, room, step = levels(labels, other)
         color = cloud.color_rgb if cloud.color_valid.any() else None
         pieces = edit_supervoxels(labels, cloud.camera, color)
         remark = "; ".join(filter(None, [without, unlike]))
         scene = FrameScene(labels, cloud, other, near, room, step, shade_of(cloud), pieces, remark)
-        return replace(scene, no_other=unlike) if unlike else scene
+        witnessed = tuple(shown_people(labels.notes) or shown_people(notes))
+        return replace(scene, witnessed=witnessed, no_other=unlike or scene.no_other)
 
-    def _compared(self, labels: FrameLabels) -> tuple[UInt8 | None, str]:
+    def _compared(self, labels: FrameLabels) -> tuple[UInt8 | None, str, dict[str, Any]]:
+        """Return the other parts (h, w), the reason why there are none, and the other set's notes."""
         if self.other is None:
-            return before_step(self._correction, labels.frame_id), ""
+            return before_step(self._correction, labels.frame_id), "", {}
         try:
             other = self.other.read(labels.frame_id)
         except CloudError as error:
-            return None, f"nothing to compare: {error}"
+            return None, f"nothing to compare: {error}", {}
         if not np.array_equal(other.depth_mm, labels.depth_mm):
-            return None, f"nothing to compare: {self.other.path} shows another depth image"
-        return self._in_scheme[other.parts], ""
+            return None, f"nothing to compare: {self.other.path} shows another depth image", {}
+        return self._in_scheme[other.parts], "", other.notes
 
 
 def levels(

@@ -168,11 +168,19 @@ class CloudView(QWidget):
     def view(self) -> ScreenPoints:
         """Return the screen positions of all points, computed once after every move."""
         if self._seen is None:
-            matrix = self.plotter.camera.GetCompositeProjectionTransformMatrix(self._aspect, -1, 1)
-            numbers = np.array([[matrix.GetElement(r, c) for c in range(4)] for r in range(4)])
-            size = self.plotter.width(), self.plotter.height()
-            self._seen = project(self.scene.points_m, self._shown, numbers, size, self._spacing_px)
+            self._seen = self._projected(self.scene.points_m, self._shown)
         return self._seen
+
+    def _projected(self, points_m: Float32, shown: Bool) -> ScreenPoints:
+        matrix = self.plotter.camera.GetCompositeProjectionTransformMatrix(self._aspect, -1, 1)
+        numbers = np.array([[matrix.GetElement(r, c) for c in range(4)] for r in range(4)])
+        size = self.plotter.width(), self.plotter.height()
+        return project(points_m, shown, numbers, size, self._spacing_px)
+
+    def places_of(self, points_m: Float64) -> Float64:
+        """Return the positions (n, 2) of points (n, 3) of space on the view, NaN for unknown ones."""
+        known = np.isfinite(points_m).all(axis=1)
+        return self._projected(points_m.astype(np.float32), known).xy_px.astype(np.float64)
 
     def pixel_at(self, place: QPointF) -> int | None:
         """Return the pixel whose point is drawn at a position of the view, or None."""
@@ -275,6 +283,7 @@ class CloudView(QWidget):
             points.actor.prop.point_size = size_px * factor * self.devicePixelRatioF()
         self._seen = None
         self.plotter.update()
+        self.layer.update()
 
     @property
     def _aspect(self) -> float:

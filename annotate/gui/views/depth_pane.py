@@ -5,7 +5,7 @@ from PySide6.QtCore import QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QResizeEvent, QWheelEvent
 from PySide6.QtWidgets import QWidget
 
-from annotate.array_types import Bool, Float32, Int64, UInt8
+from annotate.array_types import Bool, Float32, Float64, Int64, UInt8
 from annotate.correction import select
 from annotate.correction.select import ScreenPoints
 from annotate.crop import window_of
@@ -14,6 +14,7 @@ from annotate.gui.state.point_colors import Colors, Look
 from annotate.gui.state.scene import FrameScene
 from annotate.gui.views.drawing_layer import DrawingLayer, StrokeOptions
 from annotate.gui.widgets.theme import DARK
+from sensors.rig.camera import project
 
 SCALES = (0.2, 40.0)  # least and greatest zoom, logical pixels per pixel of the image
 REACH_PX = 6.0  # from the pointer to a pixel with depth that a click finds, in logical pixels; untuned
@@ -129,6 +130,14 @@ class DepthPane(QWidget):
         corner = np.array([self._corner.x(), self._corner.y()])
         xy_px = corner + (np.stack([u, v], axis=1) + 0.5) * self._scale
         return xy_px.astype(np.float32), self._scale
+
+    def places_of(self, points_m: Float64) -> Float64:
+        """Return the positions (n, 2) of points (n, 3) of space on the pane, NaN for unknown ones."""
+        return self.places_at(project(self.scene.cloud.camera, points_m))
+
+    def places_at(self, at_px: Float64) -> Float64:
+        """Return the positions (n, 2) of columns and rows (n, 2) of the image on the pane."""
+        return np.array([self._corner.x(), self._corner.y()]) + (at_px + 0.5) * self._scale
 
     def bring(self, pixel: int) -> None:
         """Pan so that a pixel is in the middle of the pane."""

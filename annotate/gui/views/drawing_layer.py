@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QWidget
 from annotate.array_types import UInt8
 from annotate.gui.state.drawing import Drawing, Tool
 from annotate.gui.widgets.overlay import Outline, draw_scale, draw_words
+from annotate.gui.widgets.witness import Witness, draw_witness
 
 BRUSH_PX = (3.0, 120.0)  # least and greatest radius of the brush in logical pixels; untuned
 _MODIFIER = Qt.KeyboardModifier
@@ -83,6 +84,7 @@ class DrawingLayer(QWidget):
         self._outline: Outline | None = None
         self._words = ""
         self.scale: tuple[str, str, UInt8] | None = None
+        self.witness: Callable[[], Witness | None] = lambda: None
         self._view = view
         view.setMouseTracking(True)
         view.installEventFilter(self)
@@ -104,6 +106,8 @@ class DrawingLayer(QWidget):
         painter = QPainter(self)
         draw_scale(painter, QRectF(self.rect()), self.scale)
         draw_words(painter, QRectF(self.rect()), self._words)
+        if witness := self.witness():
+            draw_witness(painter, witness)
         if self._outline and not self.drawing:
             painter.drawImage(self._outline.corner, self._outline.image)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)

@@ -1,6 +1,7 @@
 """Cloud view and depth view of the open frame: their colourings, and marks in both."""
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from PySide6.QtCore import QObject, QPointF, Signal
@@ -14,6 +15,7 @@ from annotate.gui.views.depth_pane import DepthPane
 from annotate.gui.views.drawing_layer import StrokeOptions
 from annotate.gui.widgets.overlay import outline
 from annotate.gui.widgets.theme import DARK, Rgb, Theme
+from annotate.gui.widgets.witness import Witness
 from annotate.scheme.colours import mark_rgb
 
 View = CloudView | DepthPane
@@ -36,6 +38,8 @@ class ViewPair(QObject):
         self.last: View = self.cloud
         self.peeking = False
         self._shown = edits.shown()
+        for view in self:
+            view.layer.witness = partial(self._witness, view)
 
     def __iter__(self) -> Iterator[View]:
         yield from (self.cloud, self.depth)
@@ -81,6 +85,19 @@ class ViewPair(QObject):
             if not np.array_equal(before, self._shown):
                 view.set_shown(self._shown)
             view.recolor(pixels, self.colors(view))
+            view.layer.update()
+
+    def _witness(self, view: View) -> Witness | None:
+        """Return what a colour network shows of the frame's people, if it is to be drawn over a view."""
+        people = self._edits.frame.scene.witnessed
+        if not self._edits.display.witness or not people:
+            return None
+        # In space the outline of an image has no place.
+        outlines = [one for person in people for one in person.outlines] if view is self.depth else []
+        return Witness(
+            [view.places_of(person.joints_mm / 1000) for person in people],
+            [self.depth.places_at(one) for one in outlines],
+        )
 
     def set_look(self, view: View, look: Look) -> None:
         """Set the colouring of a view."""

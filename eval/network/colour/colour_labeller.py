@@ -21,6 +21,7 @@ from annotate.witness.fusion import fused, head_by_depth, in_scheme, shipped_spr
 from annotate.witness.person_crop import PersonCrop
 from annotate.witness.person_outline import person_outline
 from annotate.witness.pose_network import LEAST, SURER, WIDENED, PosedPerson, PoseNetwork, people_in
+from annotate.witness.shown_person import NOTE, ShownPerson
 from annotate.witness.skeleton import Skeleton
 from eval.network.body_state import BodyState
 from eval.network.onnx_network import OnnxNetwork
@@ -92,7 +93,9 @@ class ColourLabeller:
             for person in self._people(cloud, whose):
                 shown = person_outline(cloud, person, tuple(self.witness.names), (whose > 0) & ~taken)
                 if shown is not None and (mask := shown[0] & ~taken).any():
-                    witnessed.append((mask, self._labelled(cloud, mask, shown[1])))
+                    labels, note = self._labelled(cloud, mask, shown[1]), _shown(cloud, person, shown[1])
+                    bearing = (labels.bearing or {}) | {NOTE: note}
+                    witnessed.append((mask, replace(labels, bearing=bearing)))
                     taken |= mask
         return ColourDetection(cloud, persons, witnessed)
 
@@ -180,6 +183,12 @@ def _numbers(masks: list[Bool], persons: UInt8, everybody: bool) -> list[int]:
     if masks and not everybody and 1 not in numbers:
         numbers[int(np.argmax([mask.sum() for mask in masks]))] = 1
     return numbers
+
+
+def _shown(cloud: ColouredCloud, person: PosedPerson, skeleton: Skeleton) -> dict[str, Any]:
+    """Return the note on what the witness shows of a person."""
+    mask = None if person.mask is None else np.nan_to_num(cloud.seen(person.mask)) >= 0.5
+    return ShownPerson.of(skeleton, mask).note()
 
 
 def _placed(state: BodyState, skeleton: Skeleton, cloud: ColouredCloud) -> BodyState:
