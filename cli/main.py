@@ -53,7 +53,7 @@ VERBS = {
     ),
     "Synthetic people": (motion.solve,),
     "Networks and results": (
-        *(training.train, prediction.predict),
+        *(training.train, learning.adapt, prediction.predict),
         *(evaluation.evaluate, evaluation.compare, evaluation.report),
     ),
 }
@@ -64,14 +64,8 @@ for heading, verbs in VERBS.items():
         app.command(verb.__name__.strip("_").replace("_", "-"), rich_help_panel=heading)(verb)
 
 CONTINUED = (
-    "label",
-    "predict",
-    "try",
-    "train",
-    "learn",
-    "synth generate",
-    "benchmark itop",
-    "benchmark joints",
+    *("label", "predict", "try", "train", "learn", "adapt"),
+    *("synth generate", "benchmark itop", "benchmark joints"),
 )
 """Verbs that continue an interrupted run when the same command is given again."""
 

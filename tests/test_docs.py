@@ -43,6 +43,8 @@ ELSEWHERE = {
     "annotate-cloud live": "devices and a screen: test_live.py, test_foxglove.py",
     "annotate-cloud benchmark": "recordings of others: test_benchmark.py",
     "annotate-cloud models": "models of others: test_annotate_witness.py",
+    "annotate-cloud adapt": "labels by a model of others: test_eval_adaptation.py",
+    "annotate-cloud predict people.mcap --weights adapted": "the network of adapt",
     "annotate-cloud label people.mcap --by colour": "models of others: test_witness_labels.py",
     "python -m tools.measure.colour_people": "models of others: test_tools_rgbd.py",
     "podman": "a container engine",

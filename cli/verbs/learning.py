@@ -1,4 +1,4 @@
-"""The verb ``learn``: fine-tune a network on the corrections of labels that the network predicted."""
+"""The verbs ``learn`` and ``adapt``: fine-tune networks on corrections, and on labelled recordings."""
 
 import os
 import time
@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from typer import Argument, BadParameter, Option
 
-from cli.console import Json, finish, progress, say
+from cli.console import Json, Overwrite, check_room, clear, finish, progress, say
 from cli.extras import check_extra, needing
 from sensors.errors import CloudError
 from sensors.files.atomic import check_there
@@ -68,6 +68,41 @@ def learn(
         text += f"; {taken.pop('text')}"
         result |= taken
     finish(result, json, text)
+
+
+def adapt(
+    labels: Annotated[
+        list[Path],
+        Argument(help="Label sets of label by suit or colour, or accepted frames of predict."),
+    ],
+    out: Annotated[Path, Option(help="Folder for the network; an interrupted run continues there.")],
+    minutes: Annotated[float, Option(min=0.1, help="How long to train.")] = 10.0,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Fine-tune the depth network on labelled recordings. Needs the extra 'train'.
+
+    People, recordings or moments are held out; without a certain gain on these no network is written.
+    Synthetic people are trained on too, so that nothing is forgotten.
+    """
+    check_extra("train", "torch", "onnx", "safetensors")
+    check_there(*labels)
+    with needing("train"):
+        from eval.fine_tuning.adaptation.adapt import ORDER
+        from eval.fine_tuning.adaptation.adapt import adapt as run
+        from eval.fine_tuning.adaptation.labelled_people import check_scheme, taught_frames
+    sets = [taught_frames(path) for path in labels]
+    check_scheme(sets)
+    check_room(out, ORDER, overwrite, *labels)
+    clear(out, ORDER, overwrite, *labels)
+    started = time.monotonic()
+    done = run(sets, out, minutes, progress)
+    text = done.gain.text
+    if done.weights is None:
+        text += "; no network is written, because no gain is certain; label more recordings"
+    else:
+        text += f"; use predict --weights {done.weights}"
+    finish(done.fields() | {"seconds": round(time.monotonic() - started, 1)}, json, text)
 
 
 def _undo(labels: Path, json: bool) -> None:

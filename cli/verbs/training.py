@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from eval.training.resumable_loop import Epoch
     from eval.training.train import Watch
 
-CALIBRATED_ON = 512  # images, at most, that the temperature of the confidences is fitted on; untuned
 EPOCHS = 12  # passes over all images by default; untuned
 PLAN = "plan.json"
 """First file of a training in its folder."""
@@ -231,23 +230,13 @@ def _say_unchecked(paths: list[Path]) -> None:
 
 def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSplit") -> dict[str, Any]:
     """Write a trained network in both formats; return its path, its temperature and the calibration set."""
-    from eval.network.onnx_export import export_network
-    from eval.network.weights_file import save_weights
-    from eval.training.calibration.confidence_temperature import fitted_temperature
-    from eval.training.calibration.deviation_factors import UNCHANGED, fitted_deviation_factors
+    from eval.training.calibration.calibrated_export import export_calibrated
 
-    weights, held = out / "weights.onnx", split.calibrated
-    scheme = split.trained.scheme
-    save_weights(weights.with_suffix(".safetensors"), model, plan.network, scheme)
-    temperature, factors = 1.0, UNCHANGED
-    if held is not None:
-        held = held.spread(CALIBRATED_ON)
-        temperature, factors = fitted_temperature(model, held), fitted_deviation_factors(model, held)
-    export_network(model, weights, temperature, scheme, factors)
-    calibrated_on = split.described()
+    weights = out / "weights.onnx"
+    temperature = export_calibrated(model, plan.network, split.trained.scheme, split.calibrated, weights)
     return {
         "temperature": round(temperature, 4),
-        "calibrated_on": calibrated_on,
+        "calibrated_on": split.described(),
         "weights": str(weights),
     }
 

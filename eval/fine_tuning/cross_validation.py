@@ -78,16 +78,27 @@ def cross_validate(
 def gain_of(before: Float64, after: Float64, fold_of: Int64) -> Gain:
     """Return the gain for agreements before (n,) and after (s, n), one row a share.
 
-    The share of a frame is chosen by frames of other folds, because a choice by the frame itself would
-    flatter it. The share of the final network is chosen by all.
+    The share of a frame is chosen by ``chosen_by_others``. The share of the final network is chosen by all.
     """
+    change = after - before
+    honest = change[chosen_by_others(change, fold_of), np.arange(len(before))]
+    return gain(before, honest, SHARES[int(change.mean(axis=1).argmax())])
+
+
+def chosen_by_others(change: Float64, fold_of: Int64) -> Int64:
+    """Return the index (n,) of the share with the best mean of changes (s, n) in other folds than a frame's.
+
+    A choice by the frame itself would flatter the share.
+    """
+    return np.array([change[:, fold_of != fold].mean(axis=1).argmax() for fold in fold_of], np.int64)
+
+
+def gain(before: Float64, change: Float64, share: float) -> Gain:
+    """Return the gain for agreements before (n,) and their changes (n,), n of 2 or more."""
     from scipy.special import stdtr
 
-    change = after - before
-    others = np.array([change[:, fold_of != fold].mean(axis=1).argmax() for fold in fold_of])
-    honest = change[others, np.arange(len(before))]
-    mean, share = float(honest.mean()), SHARES[int(change.mean(axis=1).argmax())]
-    error = float(honest.std(ddof=1)) / np.sqrt(len(honest))
-    half = error * float(quantile(len(honest) - 1, LEVEL))
-    sure = float(stdtr(len(honest) - 1, mean / error)) if error else float(mean > 0)
+    mean = float(change.mean())
+    error = float(change.std(ddof=1)) / np.sqrt(len(change))
+    half = error * float(quantile(len(change) - 1, LEVEL))
+    sure = float(stdtr(len(change) - 1, mean / error)) if error else float(mean > 0)
     return Gain(float(before.mean()), float(before.mean()) + mean, mean - half, mean + half, sure, share)

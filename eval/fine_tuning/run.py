@@ -17,6 +17,7 @@ from annotate.labelset.dataset import sha256
 from annotate.labelset.label_set import LabelSet
 from annotate.segmentation.segment import SAMPLE_M
 from eval.fine_tuning.training_split import CorrectedFrame
+from eval.fine_tuning.weights_between import between
 from eval.training.segmentation.augmentation import Sampling
 from eval.training.segmentation.examples import Example
 from eval.training.segmentation.network import (
@@ -99,16 +100,9 @@ class FineTuner(ABC):
     def save(self, network: SuitNet, share: float, path: Path) -> None:
         """Write the network at a share of the way from the first to a trained one (.onnx).
 
-        A training can start from the file. A network between the two keeps more of the first one's abilities
-        (Wortsman et al., Robust fine-tuning of zero-shot models, CVPR 2022).
+        A training can start from the file.
         """
-        between = deepcopy(network)
-        first = self.start_network.state_dict()
-        with torch.no_grad():
-            for name, value in between.state_dict().items():
-                if value.is_floating_point():
-                    value.lerp_(first[name], 1 - share)
-        export_suit_network(between, path)
+        export_suit_network(between(self.start_network, network, share), path)
 
 
 def digest_of(start: str, examples: Sequence[Example], stage: Stage) -> str:

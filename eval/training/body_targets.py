@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from annotate.array_types import Float32, Float64
+from annotate.array_types import Bool, Float32, Float64, UInt16
 from annotate.crop import RANGE_MM, SIZE, network_crop
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.labelled_frames import LabelledFrames, camera_of, pinhole_of
 from annotate.posture import POSTURES
 from eval.scores.joints import IN_SKELETON, N_JOINTS, TWIN
+from sensors.rig.camera import Intrinsics
 from synth.body.skeleton import N_JOINTS as N_SKELETON
 from synth.pose.pose_parameters import posture_class
 
@@ -24,8 +25,6 @@ def no_targets() -> Float32:
 
 def body_targets(frames: LabelledFrames, frame: FrameLabels) -> Float32:
     """Return the row (ROW,) of targets from a frame's notes, joints in the crop of ``to_crop``."""
-    from synth.images.standing_statistics import facing_deg
-
     row = no_targets()
     posture = frame.notes.get("posture", posture_class(str(frame.notes.get("activity", ""))))
     if posture in POSTURES:
@@ -33,23 +32,30 @@ def body_targets(frames: LabelledFrames, frame: FrameLabels) -> Float32:
     joints_mm = np.array(frame.notes.get("joints_mm", ()), np.float64)
     if joints_mm.shape != (N_SKELETON, 3) or not np.isfinite(joints_mm).all():
         return row
-    azimuth = np.radians(facing_deg(joints_mm))
-    row[FACING] = np.cos(azimuth), np.sin(azimuth)
-    row[JOINTS] = _in_crop(frames, frame, joints_mm[IN_SKELETON]).ravel()
-    return row
-
-
-def _in_crop(frames: LabelledFrames, frame: FrameLabels, joints_mm: Float64) -> Float64:
-    """Return joints (J, 3), camera frame, as columns and rows in shares of the crop's side, and depth in its
-    units.
-    """
+    camera = pinhole_of(frame, camera_of(frames, frame))
     seen = frame.on_person & (frame.depth_mm > 0)
-    camera, crop = pinhole_of(frame, camera_of(frames, frame)), network_crop(seen)
-    x, y, z = joints_mm.T
+    return with_joints(row, joints_mm[IN_SKELETON], camera, (frame.depth_mm, seen))
+
+
+def with_joints(row: Float32, joints_mm: Float64, camera: Intrinsics, image: tuple[UInt16, Bool]) -> Float32:
+    """Return a row of targets with joints (J, 3), millimetres in the camera frame, and the facing by them.
+
+    camera: pinhole camera of the image. image: depth and the pixels of the crop's person, both (h, w). Joints
+    become columns and rows in shares of the crop's side, and depth in its units.
+    """
+    from synth.images.standing_statistics import facing_deg
+
+    skeleton = np.full((N_SKELETON, 3), np.nan)
+    skeleton[IN_SKELETON] = joints_mm
+    azimuth = np.radians(facing_deg(skeleton))
+    (depth_mm, seen), (x, y, z) = image, joints_mm.T
+    crop = network_crop(seen)
     u = (x / z * camera.fx + camera.cx + 0.5 - crop.left) / crop.side
     v = (y / z * camera.fy + camera.cy + 0.5 - crop.top) / crop.side
-    middle = float(np.median(frame.depth_mm[seen]))
-    return np.column_stack([u, v, (z - middle) / RANGE_MM + 0.5])
+    z = (z - float(np.median(depth_mm[seen]))) / RANGE_MM + 0.5
+    other = row.copy()
+    other[FACING], other[JOINTS] = (np.cos(azimuth), np.sin(azimuth)), np.column_stack([u, v, z]).ravel()
+    return other
 
 
 def swap_sides(row: Float32) -> Float32:

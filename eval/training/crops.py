@@ -34,10 +34,14 @@ def to_crop(frame: FrameLabels) -> tuple[Float32, UInt8]:
 
     Raises CloudError where the frame shows no person.
     """
-    mask = frame.on_person
-    crop = network_crop(mask & (frame.depth_mm > 0))
-    depth = normalize(crop.cut(frame.depth_mm, 0), crop.cut(mask, False))
-    return depth, crop.cut(frame.parts, BACKGROUND)
+    return person_crop(frame.depth_mm, frame.on_person, frame.parts)
+
+
+def person_crop(depth_mm: UInt16, mask: Bool, parts: UInt8) -> tuple[Float32, UInt8]:
+    """Return ``to_crop`` of a person's pixels in an image; depth, mask and parts are (h, w)."""
+    crop = network_crop(mask & (depth_mm > 0))
+    depth = normalize(crop.cut(depth_mm, 0), crop.cut(mask, False))
+    return depth, crop.cut(parts, BACKGROUND)
 
 
 @dataclass(frozen=True)

@@ -129,6 +129,12 @@ def best_precision() -> Precision:
     return "bfloat16" if torch.cuda.is_available() and torch.cuda.is_bf16_supported() else "float32"
 
 
+def fastest_precision() -> Precision:
+    """Return ``best_precision``, or bfloat16 on a processor that computes in it, which rounds more."""
+    able = torch.cpu.get_capabilities()
+    return "bfloat16" if able.get("avx512_bf16") or able.get("amx_bf16") else best_precision()
+
+
 def at_resolution(recipe: Recipe, depth: Tensor, parts: Tensor, share: float) -> tuple[Tensor, Tensor]:
     """Return depth (B, 1, h, w) and parts (B, h, w), subsampled in the first part of the training.
 

@@ -1,0 +1,174 @@
+"""Adaptation of the depth network to labelled recordings: train, compare on held-out people, export."""
+
+import json
+from collections.abc import Iterator, Sequence
+from copy import deepcopy
+from dataclasses import asdict, dataclass, replace
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from torch import nn
+
+from annotate.array_types import Float32, UInt8, UInt16
+from annotate.labelset.claim import Claim, login
+from annotate.labelset.dataset import Dataset
+from annotate.scheme.scheme import Scheme
+from eval.architecture.networks import NetworkConfig
+from eval.fine_tuning.adaptation.adaptation_gain import AdaptationGain, adaptation_gain
+from eval.fine_tuning.adaptation.adaptation_split import AdaptationSplit, split_of
+from eval.fine_tuning.adaptation.labelled_people import (
+    LabelledPerson,
+    TaughtFrames,
+    chosen_frames,
+    people_in,
+)
+from eval.fine_tuning.adaptation.scores_on_crops import scores_on_crops
+from eval.fine_tuning.cross_validation import SHARES
+from eval.fine_tuning.weights_between import between
+from eval.network.onnx_export import export_network
+from eval.network.onnx_network import OnnxNetwork, shipped_weights
+from eval.network.weights_file import load_weights
+from eval.training.body_targets import body_targets
+from eval.training.calibration.calibrated_export import export_calibrated
+from eval.training.crops import DEPTH_STEPS, Crops, to_crop
+from eval.training.expansion import expanded
+from eval.training.plan import ModernRecipe, Plan, fastest_precision
+from eval.training.processes import ALONE
+from eval.training.segmentation.train import Progress
+from eval.training.train import Data, Watch, train, work_left
+from sensors.errors import ExistsError
+from sensors.files.atomic import is_taken, write_bytes
+from synth.data_files import TRAINING
+from synth.images import workers
+from synth.images.generate import Order, generate
+from synth.images.presets import preset_named
+
+WEIGHTS, RECORD, ORDER = "weights.onnx", "adapted.json", "adapt.json"
+SYNTHETIC, TRAINED, TRIAL = "synthetic", "training", "trial.onnx"
+"""Files of an adaptation: network, result, names of the label sets; images, training, trial network."""
+IMAGES, SHARD, CHECKED = 640, 64, 5  # synthetic images, in shards; one of five is not trained on; untuned
+RECIPE = ModernRecipe(batch=16, peak_rate=3e-4, averaged=0.99, coarse=0.0, statistics=False)
+SEED = 0  # of synthetic images
+CHECKPOINT_S = 30.0
+
+
+@dataclass(frozen=True)
+class Adapted:
+    """Result of an adaptation. weights: file of the network; None where no gain is certain."""
+
+    gain: AdaptationGain
+    weights: Path | None = None
+
+    def fields(self) -> dict[str, Any]:
+        """Return the result as JSON values."""
+        weights = str(self.weights) if self.weights else None
+        return {**asdict(self.gain), "text": self.gain.text, "weights": weights}
+
+
+@dataclass(frozen=True)
+class Start:
+    """Network to start from, with the classes of the labels, and the shipped file that it stands for."""
+
+    model: nn.Module
+    config: NetworkConfig
+    shipped: Path
+
+    @classmethod
+    def of(cls, scheme: Scheme) -> "Start":
+        """Return the shipped network for a scheme."""
+        shipped = shipped_weights(scheme)
+        model, config, own = load_weights(shipped.with_suffix(".safetensors"))
+        return cls(expanded(model, config, own, scheme), config, shipped)
+
+
+def planned(config: NetworkConfig, minutes: float) -> Plan:
+    """Return the plan of the training."""
+    return Plan(config, RECIPE, minutes=minutes, precision=fastest_precision())
+
+
+def adapt(sets: Sequence[TaughtFrames], out: Path, minutes: float, progress: Progress) -> Adapted:
+    """Adapt the shipped depth network to label sets of one scheme, in a folder; resume an interrupted run.
+
+    minutes: of training. Raises CloudError for too few labels, ExistsError where ``out`` holds something
+    else, ClaimedError while another process works there.
+    """
+    begin(sets, out, minutes)
+    with Claim.take(out, login()):
+        split = prepared(sets, out / SYNTHETIC, progress)
+        scheme = split.crops.scheme
+        start = Start.of(scheme)
+        plan = planned(start.config, minutes)
+        data = Data(split.mixed, start=deepcopy(start.model))
+        left, unit = work_left(out / TRAINED, plan, data.crops)
+        with progress(f"train, {unit}", left) as advance:
+            last, _ = train(data, out / TRAINED, plan, ALONE, Watch(advance, checkpoint_s=CHECKPOINT_S))
+        gain = measured(start, last, split, out / TRIAL, progress)
+        weights = out / WEIGHTS if gain.is_certain else None
+        if weights:
+            final = between(start.model, last, gain.share)
+            export_calibrated(final, start.config, scheme, split.left_out, weights)
+        done = Adapted(gain, weights)
+        fields = done.fields() | {"weights": WEIGHTS if weights else None}
+        write_bytes(out / RECORD, (json.dumps(fields, indent=1) + "\n").encode())
+    return done
+
+
+def begin(sets: Sequence[TaughtFrames], out: Path, minutes: float) -> None:
+    """Write the order of a new adaptation, or check it. Raises ExistsError for another one."""
+    named = [str(taught.labels.path.resolve()) for taught in sets]
+    text = json.dumps({"labels": named, "minutes": minutes}, indent=1) + "\n"
+    if (out / ORDER).is_file():
+        if (out / ORDER).read_text() != text:
+            raise ExistsError(f"{out} holds another adaptation; choose another folder or pass --overwrite")
+        return
+    if is_taken(out):
+        raise ExistsError(f"{out} already exists; choose another folder")
+    out.mkdir(parents=True, exist_ok=True)
+    write_bytes(out / ORDER, text.encode())
+
+
+def prepared(sets: Sequence[TaughtFrames], synthetic: Path, progress: Progress) -> AdaptationSplit:
+    """Return the crops of label sets and of synthetic people, which are generated into ``synthetic``."""
+    people, chosen = list[LabelledPerson](), chosen_frames(sets)
+    with progress("find people, frames", len(chosen)) as advance:
+        for number, frame_id in chosen:
+            people += people_in(sets[number], number, frame_id)
+            advance(1)
+    scheme = sets[0].labels.scheme
+    preset = preset_named("people", TRAINING)
+    order = Order(replace(preset, scheme=scheme), IMAGES, SEED, SHARD)
+    with progress("generate, images", IMAGES) as advance, workers.processes(2) as hands:
+        rehearsed = generate(order, synthetic, hands, advance).dataset
+    crops = Crops.of(chain(((p.depth, p.parts, p.row) for p in people), _crops_of(rehearsed)), scheme=scheme)
+    checked = [n % CHECKED == 0 for n in range(len(crops) - len(people))]
+    return split_of(people, checked, crops)
+
+
+def measured(
+    start: Start, last: nn.Module, split: AdaptationSplit, trial: Path, progress: Progress
+) -> AdaptationGain:
+    """Return the gain of networks between start and last over the shipped one. trial: file for networks."""
+    held, checked = (split.crops.chosen(index) for index in (split.held, split.checked))
+
+    def networks() -> Iterator[OnnxNetwork]:
+        yield OnnxNetwork(start.shipped)
+        for share in SHARES:
+            export_network(between(start.model, last, share), trial, scheme=held.scheme)
+            yield OnnxNetwork(trial)
+
+    with progress("compare, images", (1 + len(SHARES)) * (len(held) + len(checked))) as advance:
+        found = [
+            [scores_on_crops(network.in_scheme(held.scheme), crops, advance) for crops in (held, checked)]
+            for network in networks()
+        ]
+    trial.unlink()
+    return adaptation_gain(found, split)
+
+
+def _crops_of(rehearsed: Dataset) -> Iterator[tuple[UInt16, UInt8, Float32]]:
+    """Yield the crops of synthetic people with their rows of ``body_targets``."""
+    for frame in rehearsed:
+        depth, parts = to_crop(frame)
+        yield np.rint(depth * DEPTH_STEPS).astype(np.uint16), parts, body_targets(rehearsed, frame)

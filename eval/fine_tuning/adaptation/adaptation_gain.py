@@ -1,0 +1,80 @@
+"""Gain of an adaptation on held-out people, and its loss on synthetic ones."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from annotate.array_types import Float64
+from eval.fine_tuning.adaptation.adaptation_split import AdaptationSplit
+from eval.fine_tuning.adaptation.scores_on_crops import CropScores
+from eval.fine_tuning.cross_validation import SHARES, Gain, chosen_by_others, gain
+
+MOST_LOST = 0.004  # of a score on synthetic people; more is forgetting; untuned
+
+
+@dataclass(frozen=True)
+class AdaptationGain:
+    """Scores on held-out people before and after an adaptation.
+
+    frames, spans: numbers that were held out. held_out: "people", "recordings" or "spans". parts: of the
+    mean recall over spans. joints: of the share of joints within a tenth of the trunk; None without joints.
+    synthetic: recall and share of near joints on synthetic people, before and after. share: of the way from
+    the first to the trained network.
+    """
+
+    frames: int
+    spans: int
+    held_out: str
+    parts: Gain
+    joints: Gain | None
+    synthetic: tuple[tuple[float, float], tuple[float, float]]
+    share: float
+
+    @property
+    def is_certain(self) -> bool:
+        """Return True if a gain is probable enough, no loss is, and synthetic people keep their scores."""
+        gains = [one for one in (self.parts, self.joints) if one]
+        harmless = all(one.high >= 0 for one in gains) and _kept(*np.array(self.synthetic))
+        return harmless and any(one.is_certain for one in gains)
+
+    @property
+    def text(self) -> str:
+        """Return the gain as text: scores before and after, intervals, probabilities."""
+        joints = f"; joints within a tenth of the trunk {self.joints.text}" if self.joints else ""
+        (parts, near), (parts_after, near_after) = self.synthetic
+        return (
+            f"{self.frames} frames of {self.spans} spans, of other {self.held_out}: parts "
+            f"{self.parts.text}{joints}; synthetic people: parts {parts:.1%} before, {parts_after:.1%} "
+            f"after, joints {near:.1%} before, {near_after:.1%} after"
+        )
+
+
+def adaptation_gain(found: Sequence[Sequence[CropScores]], split: AdaptationSplit) -> AdaptationGain:
+    """Return the gain from scores of held-out and of synthetic people: of the start, then by ``SHARES``.
+
+    Among the shares that keep the scores on synthetic people, others spans than a span's own choose. If
+    none does, the result has the one that loses least.
+    """
+    known = np.array([[checked.recall(), checked.near()] for _, checked in found])
+    scores = np.array([held.by_span(split.span_of) for held, _ in found])
+    lost = (known[0] - known[1:]).max(axis=1)
+    able = [n for n in range(len(SHARES)) if _kept(known[0], known[n + 1])] or [int(lost.argmin())]
+    change = scores[1:][able] - scores[0]
+    both = np.nansum(change, axis=1)
+    chosen = chosen_by_others(both, np.arange(both.shape[1]))
+    honest = change[chosen, :, np.arange(both.shape[1])].T
+    best = able[int(both.mean(axis=1).argmax())]
+    parts, joints = (
+        gain(before[there], own[there], SHARES[best]) if (there := np.isfinite(own)).sum() > 1 else None
+        for before, own in zip(scores[0], honest, strict=True)
+    )
+    assert parts is not None
+    synthetic = tuple(known[0].tolist()), tuple(known[best + 1].tolist())
+    sizes = len(split.held), both.shape[1]
+    return AdaptationGain(*sizes, split.held_out, parts, joints, synthetic, SHARES[best])
+
+
+def _kept(before: Float64, after: Float64) -> bool:
+    """Return whether no score (2,) fell by more than ``MOST_LOST``."""
+    return bool((before - after <= MOST_LOST).all())

@@ -1,0 +1,86 @@
+"""Crops of an adaptation: labelled people, taught and held out, and synthetic ones that are rehearsed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from annotate.array_types import Bool, Int64
+from eval.fine_tuning.adaptation.labelled_people import LabelledPerson
+from eval.training.crops import UNKNOWN, Crops
+from sensors.errors import CloudError
+
+SPANS = 12  # equal spans of a recording; neighbouring frames show one picture; untuned
+EACH = 4  # one person, recording or span of so many is held out; fewer than so many count as one; untuned
+LEAST_SPANS = 3  # that are held out, because an interval of fewer is endless
+
+
+@dataclass(frozen=True)
+class AdaptationSplit:
+    """Crops of labelled and of synthetic people.
+
+    taught, held: indices of labelled people. span_of: (len(held),), number of each one's span, from 0.
+    rehearsed, checked: indices of synthetic people. held_out: "people", "recordings" or "spans".
+    """
+
+    crops: Crops
+    taught: Int64
+    held: Int64
+    span_of: Int64
+    rehearsed: Int64
+    checked: Int64
+    held_out: str
+
+    @property
+    def mixed(self) -> Crops:
+        """Return the crops to train on: taught and rehearsed people in about equal shares."""
+        copies = max(1, round(len(self.rehearsed) / len(self.taught)))
+        return self.crops.chosen(np.concatenate([np.tile(self.taught, copies), self.rehearsed]))
+
+    @property
+    def left_out(self) -> Crops:
+        """Return the crops that are not trained on."""
+        return self.crops.chosen(np.concatenate([self.held, self.checked]))
+
+
+def held_out_of(people: Sequence[LabelledPerson]) -> tuple[Bool, str]:
+    """Return the labelled people (n,) to hold out, and what they are.
+
+    One of ``EACH`` people is held out, of fewer people one of ``EACH`` recordings, of fewer recordings one of
+    ``EACH`` spans.
+    """
+    whose = [", ".join(sorted(one.bodies)) for one in people]
+    nameless = any(one.bodies & {"", UNKNOWN} for one in people)
+    kinds: dict[str, Sequence[object]] = {} if nameless else {"people": whose}
+    kinds["recordings"] = [one.recording for one in people]
+    for name, keys in kinds.items():
+        known = list(dict.fromkeys(keys))
+        if len(known) >= EACH:
+            return np.isin([known.index(key) % EACH for key in keys], [EACH // 2]), name
+    return np.array([span(one) % EACH == EACH // 2 for one in people], np.bool_), "spans"
+
+
+def span(person: LabelledPerson) -> int:
+    """Return the number of a person's span in the recording."""
+    return int(person.place * SPANS)
+
+
+def split_of(people: Sequence[LabelledPerson], synthetic: Sequence[Bool], crops: Crops) -> AdaptationSplit:
+    """Return the split of crops: of labelled people, then of synthetic ones.
+
+    synthetic: True for each synthetic person that is held out. Raises CloudError for too few spans.
+    """
+    held, what = held_out_of(people)
+    keys = [(one.recording, one.bodies, span(one)) for one, out in zip(people, held, strict=True) if out]
+    known = list(dict.fromkeys(keys))
+    if len(known) < LEAST_SPANS or held.all():
+        raise CloudError(
+            f"the labelled frames show {len({(p.recording, span(p)) for p in people})} spans; label "
+            f"at least {LEAST_SPANS * EACH} frames of a recording, spread over its length"
+        )
+    checked = np.asarray(synthetic)
+    places = (np.flatnonzero(mask).astype(np.int64) for mask in (~held, held, ~checked, checked))
+    taught, left_out, rehearsed, also_left = places
+    span_of = np.array([known.index(key) for key in keys], np.int64)
+    first = len(people)
+    return AdaptationSplit(crops, taught, left_out, span_of, rehearsed + first, also_left + first, what)

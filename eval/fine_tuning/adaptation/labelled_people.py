@@ -1,0 +1,166 @@
+"""Labelled people of recordings as crops of the depth network, outlined as prediction outlines them.
+
+A pixel keeps its label with the probability of its confidence, so that the loss and the scores weigh labels
+by confidence. A frame that a person has accepted counts as sure; a rejected frame is left out.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from annotate.array_types import Bool, Float32, Float64, UInt8, UInt16
+from annotate.cloud.coarse import CoarseFuser
+from annotate.correction.correction import Correction
+from annotate.frame_labels import FrameLabels
+from annotate.labelset.cast_note import check_trainable
+from annotate.labelset.label_set import LabelSet
+from annotate.person.extract import PersonDetection
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED
+from eval.network.body_state import BodyState, body_state_notes
+from eval.network.refine import camera_in
+from eval.scores.joints import IN_SKELETON, N_JOINTS
+from eval.training.body_targets import no_targets, with_joints
+from eval.training.crops import DEPTH_STEPS, person_crop
+from eval.training.shared_bodies import bodies_in
+from sensors.errors import CloudError
+from sensors.rig.camera import Intrinsics
+from sensors.rig.rig_calibration import RigCalibration
+from synth.random_stream import stream
+
+MOST_FRAMES = 480  # of all recordings, evenly spread; detection takes 0.3 s each on one core
+LEAST_IOU = 0.5  # of a detected outline and a labelled person; untuned
+
+
+class LabelledPerson(NamedTuple):
+    """Person of a frame: depth uint16 and parts uint8, both (212, 212), and the row of ``body_targets``.
+
+    bodies: by ``eval.training.shared_bodies``. recording: index of the label set. place: of the frame in its
+    recording, 0 to 1.
+    """
+
+    depth: UInt16
+    parts: UInt8
+    row: Float32
+    bodies: frozenset[str]
+    recording: int
+    place: float
+
+
+class TaughtFrames(NamedTuple):
+    """Label set and its frames with usable labels. sure: ids of those that a person accepted, or truth."""
+
+    labels: LabelSet
+    frame_ids: list[str]
+    sure: frozenset[str]
+
+
+def taught_frames(path: Path) -> TaughtFrames:
+    """Return the usable frames of a label set: accepted ones, and automatic ones by suit or by colour.
+
+    Raises CloudError for a set without usable frames, and for people who are reserved for measuring.
+    """
+    with Correction.open(path, read_only=True) as correction:
+        labels = correction.labels
+        states = {frame_id: correction.state(frame_id) for frame_id in labels.frame_ids}
+    check_trainable(path, labels.info)
+    sure = frozenset(i for i, state in states.items() if state in ("accepted", "reviewed"))
+    witnessed = not steps_of(labels).keys() & {"predict"}
+    used = [i for i, state in states.items() if i in sure or (witnessed and state != "rejected")]
+    if not used:
+        why = "accept frames with fix, or label the recording by suit or colour"
+        raise CloudError(f"{path} has 0 of {len(states)} frames to adapt with; {why}")
+    return TaughtFrames(labels, used, sure)
+
+
+def steps_of(labels: LabelSet) -> dict[str, Any]:
+    """Return the entry of a label set's manifest about its makers."""
+    steps = labels.info.get("steps")
+    return steps if isinstance(steps, dict) else {}
+
+
+def chosen_frames(sets: Sequence[TaughtFrames]) -> list[tuple[int, str]]:
+    """Return at most ``MOST_FRAMES`` frames of label sets, evenly spread: index of the set, and id."""
+    every = [(n, frame_id) for n, taught in enumerate(sets) for frame_id in taught.frame_ids]
+    spread = np.linspace(0, len(every) - 1, min(len(every), MOST_FRAMES)).astype(int)
+    return [every[i] for i in spread.tolist()]
+
+
+def people_in(taught: TaughtFrames, recording: int, frame_id: str) -> Iterator[LabelledPerson]:
+    """Yield the labelled people of a frame."""
+    labels, ids = taught.labels, taught.labels.frame_ids
+    frame = _weighed(labels.read(frame_id), frame_id in taught.sure)
+    bodies, camera = bodies_in(labels, frame), camera_in(labels, frame)
+    for number, own in _labelled_persons(frame):
+        mask = detected_outline(camera, frame.depth_mm, own)
+        there = mask & ((frame.persons == number) if frame.persons is not None else own)
+        if not (there & frame.on_body).any():
+            continue
+        named = np.where(mask & (there | (frame.parts == UNDEFINED)), frame.parts, np.uint8(BACKGROUND))
+        depth, parts = person_crop(frame.depth_mm, mask, named)
+        row, joints_mm = no_targets(), joints_of(labels, frame, number, camera)
+        if joints_mm is not None:
+            row = with_joints(row, joints_mm, camera, (frame.depth_mm, mask))
+        packed = np.rint(depth * DEPTH_STEPS).astype(np.uint16)
+        yield LabelledPerson(packed, parts, row, bodies, recording, ids.index(frame_id) / len(ids))
+
+
+def _weighed(frame: FrameLabels, sure: bool) -> FrameLabels:
+    """Return a frame's labels, where a pixel of the body is undefined with the probability of its doubt."""
+    if sure or frame.confidence is None:
+        return frame
+    drawn = stream(0, "confidence", frame.frame_id).random(frame.parts.shape, np.float32)
+    doubted = frame.on_body & (drawn >= frame.confidence)
+    return replace(frame, parts=np.where(doubted, np.uint8(UNDEFINED), frame.parts))
+
+
+def _labelled_persons(frame: FrameLabels) -> Iterator[tuple[int, Bool]]:
+    """Yield the number and the pixels (h, w) of each person with labelled parts."""
+    seen = frame.on_person & (frame.depth_mm > 0)
+    whose = seen.astype(np.uint8) if frame.persons is None else np.where(seen, frame.persons, np.uint8(0))
+    for number in np.unique(whose[whose > 0]).tolist():
+        own = whose == number
+        if (own & frame.on_body).any():
+            yield number, own
+
+
+def detected_outline(camera: Intrinsics, depth_mm: UInt16, own: Bool) -> Bool:
+    """Return the detected person (h, w) that covers a labelled one, or the labelled one without such."""
+    cloud = _fuser(camera).fuse(depth_mm)
+    persons = PersonDetection(cloud, everybody=True).person().persons
+    counts = np.bincount(persons[own], minlength=2)
+    counts[0] = 0
+    found = (persons == counts.argmax()) & (depth_mm > 0)
+    same = np.count_nonzero(found & own) / max(1, np.count_nonzero(found | own))
+    return found if counts.any() and same >= LEAST_IOU else own
+
+
+@lru_cache(maxsize=2)
+def _fuser(camera: Intrinsics) -> CoarseFuser:
+    return CoarseFuser(RigCalibration(camera))
+
+
+def joints_of(labels: LabelSet, frame: FrameLabels, number: int, camera: Intrinsics) -> Float64 | None:
+    """Return a person's joints (15, 3), millimetres, that a colour network or a rig gave; None without."""
+    known = np.array(frame.notes.get("joints_mm", ()), np.float64)
+    if number == 1 and known.ndim == 2 and len(known) > max(IN_SKELETON) and np.isfinite(known).all():
+        return np.asarray(known[IN_SKELETON])
+    if "label_by_colour" not in steps_of(labels):
+        return None
+    state = BodyState.from_note(body_state_notes(frame.notes).get(number))
+    joints_mm = None if state is None else state.joints_mm(camera)
+    return joints_mm if joints_mm is not None and joints_mm.shape == (N_JOINTS, 3) else None
+
+
+def check_scheme(sets: Sequence[TaughtFrames]) -> None:
+    """Raise CloudError where label sets have several schemes."""
+    first = sets[0].labels
+    for labels in (taught.labels for taught in sets[1:]):
+        if labels.scheme != first.scheme:
+            raise CloudError(
+                f"{labels.path} has scheme {labels.scheme.name!r}, {first.path} has {first.scheme.name!r}; "
+                "convert the labels to one scheme"
+            )

@@ -1,0 +1,270 @@
+"""Adaptation to labelled recordings: what is taught, what is held out, and when a network is written."""
+
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+import torch
+
+from annotate.correction.correction import Correction
+from annotate.frame_labels import FrameLabels
+from annotate.labelset.label_set import LabelSet
+from annotate.parts import PAPER, UNDEFINED
+from eval.architecture.compact import CompactConfig, CompactUNet
+from eval.fine_tuning.adaptation import adapt as adaptation
+from eval.fine_tuning.adaptation import adaptation_gain
+from eval.fine_tuning.adaptation.adapt import RECORD, adapt
+from eval.fine_tuning.adaptation.adaptation_split import AdaptationSplit, held_out_of, split_of
+from eval.fine_tuning.adaptation.labelled_people import (
+    LabelledPerson,
+    check_scheme,
+    people_in,
+    taught_frames,
+)
+from eval.fine_tuning.adaptation.scores_on_crops import CropScores, near_joints
+from eval.fine_tuning.cross_validation import SHARES
+from eval.fine_tuning.weights_between import between
+from eval.network.onnx_export import export_network
+from eval.network.onnx_network import OnnxNetwork
+from eval.network.weights_file import save_weights
+from eval.scores.joints import JOINT, N_JOINTS
+from eval.training.body_targets import FACING, JOINTS, no_targets
+from eval.training.crops import Crops
+from eval.training.plan import ModernRecipe, Plan
+from sensors.errors import CloudError, ExistsError
+from sensors.rig.camera import Intrinsics
+from synth.images import workers
+from synth.images.workers import Workers
+
+CAMERA = Intrinsics(64, 48, 60, 60, 24, 24)
+COLOUR, BY_SUIT, BY_NETWORK = ({"steps": {name: {}}} for name in ("label_by_colour", "label", "predict"))
+
+
+@contextmanager
+def silent(what, total):
+    yield lambda n: None
+
+
+def joints_px(n: int) -> np.ndarray:
+    """Joints of a person who faces the camera: head up, own left on the image's right."""
+    at = np.full((N_JOINTS, 3), 1500.0)
+    for name, number in JOINT.items():
+        side = 4 if "left" in name else -4 if "right" in name else 0
+        row = {"head": 10, "neck": 15, "shoulder": 16, "elbow": 20, "wrist": 24}.get(name.split("_")[-1], 28)
+        at[number, :2] = 24 + n + side, row
+    return at
+
+
+def frame(n: int, sure: float = 0.75) -> FrameLabels:
+    """A head over a torso, another person's pixels beside; frames differ in their place."""
+    parts, persons = np.zeros((48, 64), np.uint8), np.zeros((48, 64), np.uint8)
+    parts[6:14, 20 + n : 28 + n], parts[14:40, 16 + n : 32 + n] = 1, 2
+    persons[parts > 0] = 1
+    persons[6:40, 50:60], parts[6:40, 50:60] = 2, UNDEFINED
+    depth = np.where(persons > 0, np.uint16(1500), np.uint16(0))
+    note = {
+        "facing_deg": 0.0,
+        "facing_sure": 1.0,
+        "postures": [0, 1, 0, 0, 0, 0],
+        "joints_px": joints_px(n).tolist(),
+    }
+    confidence = np.full(parts.shape, sure, np.float32)
+    return FrameLabels(f"{n:06d}", depth, parts, confidence, notes={"bearing": note}, persons=persons)
+
+
+def written(path: Path, info: dict, count: int = 3) -> Path:
+    labels = LabelSet.create(path, CAMERA, {"source": "test", **info})
+    for n in range(count):
+        labels.write(frame(n))
+    return path
+
+
+def judged(path: Path, frame_id: str, verdict: str) -> None:
+    with Correction.open(path, "ann") as correction:
+        correction.edit(frame_id).judge(verdict, "blurred")
+
+
+def test_rejected_frames_and_automatic_frames_of_predict_are_not_taught(tmp_path):
+    suit, network = written(tmp_path / "suit", BY_SUIT), written(tmp_path / "network", BY_NETWORK)
+    judged(suit, "000001", "reject")
+    assert taught_frames(suit).frame_ids == ["000000", "000002"]
+    with pytest.raises(CloudError, match="0 of 3 frames to adapt with; accept"):
+        taught_frames(network)
+    judged(network, "000001", "accept")
+    assert taught_frames(network).frame_ids == ["000001"]
+    with pytest.raises(CloudError, match="reserved for measuring"):
+        taught_frames(written(tmp_path / "judges", BY_SUIT | {"cast": "judge"}))
+
+
+def test_a_pixel_is_taught_with_the_probability_of_its_confidence_unless_accepted(tmp_path):
+    path = written(tmp_path / "labels", COLOUR)
+    judged(path, "000001", "accept")
+    taught = taught_frames(path)
+    (unsure,), (sure,) = (list(people_in(taught, 0, i)) for i in ("000000", "000001"))
+    body = unsure.depth > 0
+    share = (unsure.parts[body] == UNDEFINED).mean()
+    assert 0.2 < share < 0.3 and set(np.unique(unsure.parts)) == {0, 1, 2, UNDEFINED}
+    assert set(np.unique(sure.parts)) == {0, 1, 2}
+    (again,) = people_in(taught, 0, "000000")
+    np.testing.assert_array_equal(again.parts, unsure.parts)
+
+
+def test_a_person_is_cropped_alone_with_joints_by_colour_only(tmp_path):
+    """The undefined neighbour is not in the crop; joints lie where the image has them."""
+    (person,) = people_in(taught_frames(written(tmp_path / "labels", COLOUR)), 0, "000000")
+    rows, columns = np.nonzero(person.depth)
+    assert abs(np.ptp(rows) / np.ptp(columns) - 34 / 16) < 0.1
+    joints = person.row[JOINTS].reshape(N_JOINTS, 3)
+    head, neck = (joints[JOINT[name], :2] * 212 for name in ("head", "neck"))
+    assert person.parts[int(head[1]), int(head[0])] in (1, UNDEFINED) and neck[1] > head[1]
+    np.testing.assert_allclose(person.row[FACING], (1, 0), atol=1e-5)
+    np.testing.assert_allclose(joints[:, 2], 0.5, atol=1e-5)
+    (by_suit,) = people_in(taught_frames(written(tmp_path / "suit", BY_SUIT)), 0, "000000")
+    assert np.isnan(by_suit.row).all()
+
+
+def person(bodies: str = "p", recording: int = 0, place: float = 0.0) -> LabelledPerson:
+    nothing = np.zeros((2, 2), np.uint16)
+    return LabelledPerson(
+        nothing, nothing.astype(np.uint8), no_targets(), frozenset({bodies}), recording, place
+    )
+
+
+def test_people_are_held_out_or_recordings_or_spans():
+    many = [person(f"p{n % 8}", n % 2, n / 16) for n in range(16)]
+    held, what = held_out_of(many)
+    assert what == "people" and {
+        ", ".join(one.bodies) for one, out in zip(many, held, strict=True) if out
+    } == {
+        "p2",
+        "p6",
+    }
+    held, what = held_out_of(
+        [one._replace(bodies=frozenset({"p"}), recording=n % 4) for n, one in enumerate(many)]
+    )
+    assert what == "recordings" and np.flatnonzero(held).tolist() == [2, 6, 10, 14]
+    held, what = held_out_of([person(place=n / 24) for n in range(24)])
+    assert what == "spans" and np.flatnonzero(held).tolist() == [4, 5, 12, 13, 20, 21]
+
+
+def test_taught_and_held_out_share_nobody_and_are_mixed_with_as_many_synthetic_people():
+    people = [person(place=n / 24) for n in range(24)]
+    images = np.zeros((24 + 40, 2, 2), np.uint16)
+    crops = Crops.of((one, one.astype(np.uint8), no_targets()) for one in images)
+    split = split_of(people, [n % 5 == 0 for n in range(40)], crops)
+    every = np.concatenate([split.taught, split.held, split.rehearsed, split.checked])
+    np.testing.assert_array_equal(np.sort(every), np.arange(64))
+    assert split.span_of.tolist() == [0, 0, 1, 1, 2, 2]
+    assert len(split.mixed) == 2 * 18 + 32
+    with pytest.raises(CloudError, match="label at least 12 frames"):
+        split_of(people[:4], [False], crops)
+
+
+def test_a_joint_is_near_within_a_tenth_of_the_trunk():
+    """By hand: the trunk is 0.4 of the crop's side; one joint is outside, and one is unknown."""
+    truth = np.full((N_JOINTS, 3), 0.5)
+    truth[[JOINT["left_shoulder"], JOINT["right_shoulder"]], 1] = 0.1
+    truth[JOINT["head"], 0], truth[JOINT["neck"], 0] = 1.2, np.nan
+    found = truth + np.array([0.039, 0, 9])
+    assert near_joints(found, truth).tolist() == [13, 13]
+    found[JOINT["left_knee"], 0] += 0.002
+    assert near_joints(found, truth).tolist() == [12, 13]
+    assert near_joints(np.full((N_JOINTS, 3), np.nan), truth).tolist() == [0, 13]
+
+
+def scores(*right: float, joints: float = 0.5) -> CropScores:
+    """Scores of one crop a span: that share of the torso's thousand pixels is right."""
+    confusion = np.zeros((len(right), 12, 12), np.int64)
+    confusion[:, 2, 2] = np.round(1000 * np.array(right))
+    confusion[:, 2, 3] = 1000 - confusion[:, 2, 2]
+    return CropScores(confusion, np.full((len(right), 2), (round(1000 * joints), 1000)))
+
+
+def split(spans: int) -> AdaptationSplit:
+    index = np.arange(spans)
+    crops = Crops.of([(np.zeros((2, 2), np.uint16), np.zeros((2, 2), np.uint8), no_targets())])
+    return AdaptationSplit(crops, index, index, index, index, index, "spans")
+
+
+def test_a_gain_that_forgets_is_refused_and_a_share_that_keeps_is_preferred():
+    held = [scores(0.6, 0.7, 0.8), scores(0.8, 0.92, 0.99), scores(0.7, 0.81, 0.9)]
+    kept, forgot = scores(0.9), scores(0.89)
+    found = adaptation_gain.adaptation_gain([*zip(held, (kept, kept, kept), strict=True)], split(3))
+    assert found.is_certain and found.share == SHARES[0]
+    assert found.parts.after - found.parts.before == pytest.approx(0.61 / 3)
+    found = adaptation_gain.adaptation_gain([*zip(held, (kept, forgot, kept), strict=True)], split(3))
+    assert found.is_certain and found.share == SHARES[1]
+    found = adaptation_gain.adaptation_gain([*zip(held, (kept, forgot, forgot), strict=True)], split(3))
+    assert not found.is_certain and "90.0% before, 89.0% after" in found.text
+
+
+def test_a_gain_within_chance_and_a_certain_loss_of_joints_are_refused():
+    kept, before = scores(0.9), scores(0.6, 0.7, 0.8)
+    chance = scores(0.7, 0.65, 0.8)
+    found = adaptation_gain.adaptation_gain([(before, kept), (chance, kept), (chance, kept)], split(3))
+    assert not found.is_certain and "sure of a gain" in found.text
+    better = scores(0.7, 0.8, 0.9, joints=0.4)
+    assert not adaptation_gain.adaptation_gain(
+        [(before, kept), (better, kept), (better, kept)], split(3)
+    ).is_certain
+
+
+def test_a_network_between_two_has_their_mean():
+    first, last = torch.nn.Linear(2, 2), torch.nn.Linear(2, 2)
+    middle = between(first, last, 0.25)
+    expected = 0.75 * first.weight + 0.25 * last.weight
+    np.testing.assert_allclose(middle.weight.detach(), expected.detach(), atol=1e-6)
+
+
+def test_label_sets_of_two_schemes_are_refused(tmp_path):
+    taught = taught_frames(written(tmp_path / "labels", COLOUR))
+    other = LabelSet(tmp_path / "other", CAMERA, {})
+    other.scheme = replace(PAPER, name="other")
+    with pytest.raises(CloudError, match="convert the labels"):
+        check_scheme([taught, taught._replace(labels=other)])
+
+
+@contextmanager
+def here(count):
+    """Make the images in this process."""
+    with ThreadPoolExecutor(count) as pool:
+        yield Workers(pool, count)
+
+
+@pytest.fixture
+def small(monkeypatch, tmp_path) -> Path:
+    """A small network in place of the shipped one, and few images and steps."""
+    config = CompactConfig((4, 6, 6), 1)
+    torch.manual_seed(1)
+    model, shipped = CompactUNet(config), tmp_path / "shipped.onnx"
+    save_weights(shipped.with_suffix(".safetensors"), model, config)
+    export_network(model, shipped)
+    monkeypatch.setattr(adaptation, "shipped_weights", lambda scheme: shipped)
+    monkeypatch.setattr(adaptation, "IMAGES", 5)
+    recipe = ModernRecipe(4, 1e-2, averaged=0.9, coarse=0.0)
+    monkeypatch.setattr(adaptation, "planned", lambda config, minutes: Plan(config, recipe, epochs=8))
+    monkeypatch.setattr(workers, "processes", here)
+    torch.set_num_threads(1)
+    return shipped
+
+
+def test_adapting_improves_held_out_spans_and_repeats_itself(small, tmp_path, monkeypatch):
+    """Without a network that forgets nothing, none is written; the finished training is not repeated."""
+    taught, out = taught_frames(written(tmp_path / "labels", COLOUR, 12)), tmp_path / "adapted"
+    monkeypatch.setattr(adaptation_gain, "MOST_LOST", -1.0)
+    assert adapt([taught], out, 1.0, silent).weights is None and not (out / "weights.onnx").exists()
+    monkeypatch.setattr(adaptation_gain, "MOST_LOST", 1.0)
+    history = (out / "training" / "history.json").read_bytes()
+    done = adapt([taught], out, 1.0, silent)
+    assert (out / "training" / "history.json").read_bytes() == history
+    assert done.weights == out / "weights.onnx" and done.gain.frames == done.gain.spans == 3
+    assert done.gain.parts.low > 0.2
+    assert OnnxNetwork(done.weights).own == PAPER and (out / RECORD).is_file()
+    with pytest.raises(ExistsError, match="another adaptation"):
+        adapt([taught], out, 2.0, silent)
