@@ -1,4 +1,4 @@
-"""What a colour network shows: its note in a frame, and its drawing in the window."""
+"""Joints and outline of a colour network: their note in a frame, and their drawing in the window."""
 
 import shutil
 from dataclasses import replace

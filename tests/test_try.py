@@ -35,7 +35,8 @@ def test_a_session_is_tried_in_place_and_continued(annotate_cloud, rig_session, 
     assert (pair["a"], pair["b"], pair["frames"]) == (*SETS, 3)
     assert pair["mean_recall"] > 0.8
     assert sorted(path.name for path in out.iterdir()) == ["by-colour", "by-depth", "report.html", "try.json"]
-    window = shlex.split(done.result["commands"]["both in the window"])
+    window, adapt = (shlex.split(command) for command in done.result["commands"].values())
+    assert adapt[:3] == ["annotate-cloud", "adapt", str(out / "by-colour")]
     assert window[:3] == ["annotate-cloud", "fix", str(out / "by-colour")]
     assert window[-1] == str(rig_session)
     kept = tree(out)
@@ -64,7 +65,7 @@ def test_wrong_recordings_are_refused_before_anything_is_written(
     (tmp_path / "many").mkdir()
     shutil.copy(rig_session, tmp_path / "many")
     several = annotate_cloud("try", tmp_path / "many", "--out", out)
-    assert_refused(several, "has 1 sessions", tmp_path / "many" / rig_session.name)
+    assert_refused(several, "is a folder of 1 sessions", tmp_path / "many" / rig_session.name)
     assert not out.exists()
 
 

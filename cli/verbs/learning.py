@@ -2,8 +2,9 @@
 
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, BadParameter, Option
 
@@ -11,6 +12,9 @@ from cli.console import Json, Overwrite, check_room, clear, finish, progress, sa
 from cli.extras import check_extra, needing
 from sensors.errors import CloudError
 from sensors.files.atomic import check_there
+
+if TYPE_CHECKING:
+    from eval.fine_tuning.adaptation.adapt import Adapted
 
 LOW = 10  # niceness of the process, because other work has priority; untuned
 
@@ -85,8 +89,15 @@ def adapt(
     People, recordings or moments are held out; without a certain gain on these no network is written.
     Synthetic people are trained on too, so that nothing is forgotten.
     """
-    check_extra("train", "torch", "onnx", "safetensors")
     check_there(*labels)
+    started = time.monotonic()
+    done = adapted(labels, out, minutes, overwrite)
+    finish(done.fields() | {"seconds": round(time.monotonic() - started, 1)}, json, adapted_text(done))
+
+
+def adapted(labels: Sequence[Path], out: Path, minutes: float, overwrite: bool = False) -> "Adapted":
+    """Fine-tune the depth network on label sets into the folder ``out``, with progress."""
+    check_extra("train", "torch", "onnx", "safetensors")
     with needing("train"):
         from eval.fine_tuning.adaptation.adapt import ORDER
         from eval.fine_tuning.adaptation.adapt import adapt as run
@@ -95,14 +106,14 @@ def adapt(
     check_scheme(sets)
     check_room(out, ORDER, overwrite, *labels)
     clear(out, ORDER, overwrite, *labels)
-    started = time.monotonic()
-    done = run(sets, out, minutes, progress)
-    text = done.gain.text
+    return run(sets, out, minutes, progress)
+
+
+def adapted_text(done: "Adapted") -> str:
+    """Return the gain, and what follows from it."""
     if done.weights is None:
-        text += "; no network is written, because no gain is certain; label more recordings"
-    else:
-        text += f"; use predict --weights {done.weights}"
-    finish(done.fields() | {"seconds": round(time.monotonic() - started, 1)}, json, text)
+        return f"{done.gain.text}; no network is written, because no gain is certain; label more recordings"
+    return f"{done.gain.text}; use predict --weights {done.weights}"
 
 
 def _undo(labels: Path, json: bool) -> None:

@@ -82,8 +82,8 @@ def _sections(compared: Compared) -> Iterator[Section]:
     scheme = found[0].comparison.scheme
     yield Section(
         "Worst frames",
-        "The frame of least mIoU in each span of the recording, the worst first. A side that both labels "
-        "exchange, or furniture that both take for a person, is no difference: look at the pictures.",
+        "The frame of least mIoU in each span of the recording, the worst first. Labels also "
+        "agree where both are wrong in the same way, so look at the pictures.",
         rows=list(_rows(compared)),
         legends={"": scheme.parts},
     )

@@ -3,7 +3,7 @@
 import json as jsons
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
@@ -15,6 +15,7 @@ from cli.sessions import open_recording, recordings_in
 from cli.verbs.exchange import write_session
 from cli.verbs.labels.labelling import COLOUR, LabelChoices
 from cli.verbs.labels.prediction import PredictChoices
+from cli.verbs.learning import adapted, adapted_text
 from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import is_taken, write_bytes
 from sensors.importers.open_source import doubts_of
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 MARKER = "try.json"
 RECORDING, BY_COLOUR, BY_DEPTH, REPORT = "recording.mcap", "by-colour", "by-depth", "report.html"
+ADAPTED, ADAPT_MINUTES = "adapted", 10.0
 
 
 def try_(
@@ -34,40 +36,58 @@ def try_(
         Path, Argument(help="Recording with depth and colour, of any kind that import reads.")
     ],
     out: Annotated[Path, Option(help="Folder for all results; an interrupted run continues there.")],
+    adapt: Annotated[
+        bool, Option("--adapt", help="Then fine-tune the depth network on these labels, ten minutes.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Label your own RGB-D recording by colour and by depth alone, and report where both differ.
 
-    Writes the imported recording, both label sets and report.html; prints what was assumed, and the command
-    that opens both label sets in the window.
+    Writes the imported recording, both label sets and report.html. Prints what was assumed, how far the
+    labels agree, and the commands to continue with.
     """
     check_extra("report", "jinja2", "plotly")
+    if adapt:
+        check_extra("train", "torch", "onnx", "safetensors")
+    runs, session = _labelled(recording, out)
+    remarks, failed = _remarks(runs), [one for run in runs.values() for one in run.failed]
+    say(*remarks)
+    found = _reported(runs, session, out, remarks)
+    result: dict[str, Any] = {
+        "frames": len(found[0].comparison.frame_ids),
+        "remarks": remarks,
+        "pairs": [one.to_json() for one in found],
+        "report": str(out / REPORT),
+    }
+    lines = [agreement_text(found), "", f"report: {out / REPORT}"]
+    if adapt:
+        done = adapted([out / BY_COLOUR], out / ADAPTED, ADAPT_MINUTES)
+        result["adapted"] = done.fields()
+        lines.append(f"adapted: {adapted_text(done)}")
+    result["commands"] = next_commands(out, session)
+    lines += [f"{title}:\n  {command}" for title, command in result["commands"].items()]
+    finish(result, json, "\n".join(lines))
+    if failed:
+        raise typer.Exit(3)
+
+
+def _labelled(recording: Path, out: Path) -> "tuple[dict[str, Run], Path]":
+    """Label a recording by colour and by depth; return both runs by name, and the labelled session."""
     from annotate.witness.coloured_cloud import ColourFuser
 
     if several := recordings_in(recording):
-        raise CloudError(f"{recording} has {len(several)} sessions; give one, for example {several[0]}")
+        raise CloudError(f"{recording} is a folder of {len(several)} sessions; give one, e.g. {several[0]}")
     source = open_recording(recording, names=False)
-    ColourFuser(source.calibration)
+    ColourFuser(source.calibration)  # refuses colour that is neither aligned nor calibrated
     by_colour = LabelChoices(by=COLOUR).work()
     _begin(out, recording)
-    source = _as_session(source, recording, out)
+    source, session = _as_session(source, recording, out)
     with progress("label by colour", len(source)) as advance:
         runs = {BY_COLOUR: by_colour(source, out / BY_COLOUR, advance)}
     by_depth = PredictChoices(None, None, False, False, None, None).work(source, out / BY_DEPTH)
     with progress("label by depth", len(source)) as advance:
         runs[BY_DEPTH] = by_depth(advance)
-    remarks, failed = _remarks(runs), [one for run in runs.values() for one in run.failed]
-    say(*remarks)
-    session = out / RECORDING if (out / RECORDING).is_file() else recording
-    found = _reported(runs, session, out, remarks)
-    commands = next_commands(out, session)
-    pairs = [one.to_json() for one in found]
-    result = {"frames": len(source), "failed": len(failed), "remarks": remarks, "pairs": pairs}
-    lines = (f"{title}:\n  {command}" for title, command in commands.items())
-    text = "\n".join([agreement_text(found), "", f"report: {out / REPORT}", *lines])
-    finish({**result, "report": str(out / REPORT), "commands": commands}, json, text)
-    if failed:
-        raise typer.Exit(3)
+    return runs, session
 
 
 def _begin(out: Path, recording: Path) -> None:
@@ -82,16 +102,17 @@ def _begin(out: Path, recording: Path) -> None:
         raise ExistsError(f"{out} is of another recording; choose another folder")
 
 
-def _as_session(source: "Source", recording: Path, out: Path) -> "Source":
-    """Return the recording as a session: itself, or imported into the folder."""
+def _as_session(source: "Source", recording: Path, out: Path) -> "tuple[Source, Path]":
+    """Return the recording as a session with its path: itself, or imported into the folder."""
     from sensors.session.reader import Session
 
     if isinstance(source, Session):
         say(*source.notes, *doubts_of(source))
-        return source
-    if not (out / RECORDING).is_file():
-        write_session(source, out / RECORDING, overwrite=True)  # of the partial file of a killed run
-    return open_recording(out / RECORDING, names=False)
+        return source, recording
+    session = out / RECORDING
+    if not session.is_file():
+        write_session(source, session, overwrite=True)  # replaces the partial file of a killed run
+    return open_recording(session, names=False), session
 
 
 def _remarks(runs: "dict[str, Run]") -> list[str]:
@@ -116,6 +137,10 @@ def _reported(runs: "dict[str, Run]", session: Path, out: Path, remarks: list[st
 
 
 def next_commands(out: Path, session: Path) -> dict[str, str]:
-    """Return the commands that follow, by their purpose. session: the labelled recording."""
-    window = ["fix", str(out / BY_COLOUR), "--compare", str(out / BY_DEPTH), "--session", str(session)]
-    return {"both in the window": shlex.join(["annotate-cloud", *window])}
+    """Return the commands to continue with, by their purpose. session: the labelled recording."""
+    colour, depth = str(out / BY_COLOUR), str(out / BY_DEPTH)
+    commands = {
+        "both in the window": ["fix", colour, "--compare", depth, "--session", str(session)],
+        "a depth network for this camera": ["adapt", colour, "--out", str(out / ADAPTED)],
+    }
+    return {purpose: shlex.join(["annotate-cloud", *words]) for purpose, words in commands.items()}
