@@ -97,4 +97,4 @@ def test_real_recordings_are_tried(annotate_cloud, shared_data, tmp_path, name, 
     camera, (first, *_) = labels.intrinsics, labels.frame_ids
     x, y, z = labels.notes(first)["bearing"]["witness"]["joints_mm"]["left_shoulder"]
     found = np.array([x / z * camera.fx + camera.cx, y / z * camera.fy + camera.cy])
-    assert np.abs(found - judge[11, :2]).max() < 5
+    assert np.abs(found - judge[11, :2]).max() < 10
