@@ -1,6 +1,7 @@
 """Training in the scheme of the data: crops, losses, augmentation, and the data set for PyTorch."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from annotate.frame_labels import FrameLabels  # noqa: E402
 from annotate.labelset.label_set import LabelSet  # noqa: E402
 from annotate.labelset.scheme_note import scheme_note  # noqa: E402
 from annotate.parts import PAPER  # noqa: E402
-from annotate.scheme.merging import conversion_table  # noqa: E402
+from annotate.scheme.merging import class_sums, conversion_table  # noqa: E402
 from annotate.scheme.scheme_file import load_scheme  # noqa: E402
 from eval.architecture.networks import build  # noqa: E402
 from eval.training.augment import Augmentation, augment  # noqa: E402
@@ -104,6 +105,24 @@ def test_a_loss_counts_classes_by_id(scheme):
     batch = torch.from_numpy(depth[None, None]), torch.from_numpy(parts[None]), torch.zeros(1, 3)
     _, mean = Loss(ModernRecipe(), weight, scheme=scheme).of(output, batch)
     assert mean == pytest.approx(float(summed) / (target != 255).sum(), rel=1e-5)
+
+
+def test_a_network_of_regions_is_also_trained_on_the_sums_that_are_the_papers_parts():
+    frame = frame_of(REGIONS, 1)
+    depth, parts = to_crop(frame)
+    loss = Loss.weighed(ModernRecipe(), parts[None], scheme=REGIONS)
+    assert Loss.weighed(ModernRecipe(), parts[None], scheme=WARD).paper_weight is None
+    scores = torch.randn(1, 25, *parts.shape, generator=torch.Generator().manual_seed(0))
+    output = build(TINY, REGIONS)(torch.zeros(1, 1, 32, 32))._replace(
+        scores=scores, facing=None, posture=None, joints=None
+    )
+    batch = torch.from_numpy(depth[None, None]), torch.from_numpy(parts[None]), torch.zeros(1, 3)
+    both, alone = (one.of(output, batch)[0] for one in (loss, replace(loss, paper_weight=None)))
+    seen = (depth > 0) & (parts != 255)
+    sums = class_sums(torch.softmax(scores[0], 0).numpy(), REGIONS, PAPER)[:, seen]
+    classes = PAPER.class_table[conversion_table(REGIONS, PAPER)[parts[seen]]]
+    of_paper = -np.log(sums[classes, np.arange(seen.sum())]) * loss.paper_weight.numpy()[classes]
+    assert float(both - alone) == pytest.approx(of_paper.mean(), rel=1e-4)
 
 
 def test_a_training_in_a_scheme_with_gaps_predicts_and_counts_its_ids(tmp_path):

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from annotate.array_types import UInt8
 from annotate.parts import PAPER
+from annotate.scheme.merging import conversion_table
 from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Scheme
 from eval.architecture.blocks import NetworkOutput
 from eval.architecture.compact import CompactConfig
@@ -169,13 +170,26 @@ class Loss:
     """Loss of a recipe.
 
     weight: (K,), of the classes of ``scheme``. group: the processes that share each batch; the mean of their
-    losses is the loss of the batch.
+    losses is the loss of the batch. paper_weight: (12,), of the classes of ``paper``, whose cross entropy by
+    the modern recipe is added for a network of regions: sums of regions trained alone are worse paper parts.
     """
 
     recipe: Recipe
     weight: Tensor
     group: ProcessGroup = ALONE
     scheme: Scheme = PAPER
+    paper_weight: Tensor | None = None
+
+    @classmethod
+    def weighed(
+        cls, recipe: Recipe, parts: UInt8, group: ProcessGroup = ALONE, scheme: Scheme = PAPER
+    ) -> "Loss":
+        """Return the loss whose class weights are counted on labels (N, h, w) of a scheme."""
+        weight, paper = class_weights(recipe, parts, scheme).to(group.device), None
+        if scheme.is_of_regions and isinstance(recipe, ModernRecipe):
+            as_paper = conversion_table(scheme, PAPER)[parts]
+            paper = class_weights(recipe, as_paper, PAPER).to(group.device)
+        return cls(recipe, weight, group, scheme, paper)
 
     def of(self, output: NetworkOutput, batch: Batch) -> tuple[Tensor, float]:
         """Return the loss to minimise, and the mean part loss per pixel to report."""
@@ -189,9 +203,23 @@ class Loss:
         counted = group.total((target != UNDEFINED).sum()).clamp(min=1)
         summed = nn.functional.cross_entropy(scores, target, weight, ignore_index=UNDEFINED, reduction="sum")
         mean = float(group.total(summed) / counted)
+        if self.paper_weight is not None:
+            summed = summed + self._of_paper(scores, target)
         if isinstance(self.recipe, ModernRecipe):
             return group.world * summed / counted + self._of_body(self.recipe, output, whole, depth), mean
         return group.world * summed, mean
+
+    def _of_paper(self, scores: Tensor, target: Tensor) -> Tensor:
+        """Return the summed cross entropy of the parts of ``paper`` from scores and classes of regions."""
+        ids = conversion_table(self.scheme, PAPER)[self.scheme.class_ids]
+        merged = [scores[:, np.flatnonzero(ids == part)].logsumexp(dim=1) for part in PAPER.class_ids]
+        table = torch.from_numpy(PAPER.class_table[ids]).to(target.device).long()
+        known = target != UNDEFINED
+        coarse = torch.where(known, table[torch.where(known, target, 0)], UNDEFINED)
+        weight = self.paper_weight
+        return nn.functional.cross_entropy(
+            torch.stack(merged, dim=1), coarse, weight, ignore_index=UNDEFINED, reduction="sum"
+        )
 
     def _of_body(self, recipe: ModernRecipe, output: NetworkOutput, whole: Tensor, depth: Tensor) -> Tensor:
         """Return the weighted loss of facing, posture and joints; unknown targets are left out."""

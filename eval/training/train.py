@@ -23,7 +23,7 @@ from eval.architecture.networks import build
 from eval.scores.confusion import mean_recall, miou
 from eval.training.crops import Crops
 from eval.training.loader import Batch, BatchOrder, Images, batches, workers_watched
-from eval.training.plan import Loss, Plan, at_resolution, class_weights
+from eval.training.plan import Loss, Plan, at_resolution
 from eval.training.processes import ProcessGroup
 from eval.training.resumable_loop import Epoch, Point, Progress, Schedule, State, fit, load_progress, resumed
 from sensors.errors import ExistsError
@@ -143,9 +143,7 @@ class _NetworkTraining:
     @cached_property
     def _loss(self) -> Loss:
         _, weighed = next(self.data.crops.spread(WEIGHING_IMAGES).batches(WEIGHING_IMAGES))
-        scheme = self.data.crops.scheme
-        weight = class_weights(self.plan.recipe, weighed, scheme).to(self.group.device)
-        return Loss(self.plan.recipe, weight, self.group, scheme)
+        return Loss.weighed(self.plan.recipe, weighed, self.group, self.data.crops.scheme)
 
     def batches(self, step: int) -> Iterator[Batch]:
         images = Images(self.data.crops, self.plan.augmentation, self.plan.seed)
