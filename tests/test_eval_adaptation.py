@@ -1,4 +1,4 @@
-"""Adaptation to labelled recordings: what is taught, what is held out, and when a network is written."""
+"""Adaptation to labelled recordings: taught labels, held-out people, and refused networks."""
 
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -93,11 +93,11 @@ def judged(path: Path, frame_id: str, verdict: str) -> None:
 def test_rejected_frames_and_automatic_frames_of_predict_are_not_taught(tmp_path):
     suit, network = written(tmp_path / "suit", BY_SUIT), written(tmp_path / "network", BY_NETWORK)
     judged(suit, "000001", "reject")
-    assert taught_frames(suit).frame_ids == ["000000", "000002"]
+    assert taught_frames(suit).places == {"000000": 0, "000002": 2 / 3}
     with pytest.raises(CloudError, match="0 of 3 frames to adapt with; accept"):
         taught_frames(network)
     judged(network, "000001", "accept")
-    assert taught_frames(network).frame_ids == ["000001"]
+    assert list(taught_frames(network).places) == ["000001"]
     with pytest.raises(CloudError, match="reserved for measuring"):
         taught_frames(written(tmp_path / "judges", BY_SUIT | {"cast": "judge"}))
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
+from zlib import crc32
 
 import numpy as np
 
@@ -51,10 +52,14 @@ class LabelledPerson(NamedTuple):
 
 
 class TaughtFrames(NamedTuple):
-    """Label set and its frames with usable labels. sure: ids of those that a person accepted, or truth."""
+    """Label set and its frames with usable labels.
+
+    places: of these frames in the recording, 0 to 1, by id. sure: ids of frames that a person accepted, and
+    of true labels.
+    """
 
     labels: LabelSet
-    frame_ids: list[str]
+    places: dict[str, float]
     sure: frozenset[str]
 
 
@@ -69,7 +74,11 @@ def taught_frames(path: Path) -> TaughtFrames:
     check_trainable(path, labels.info)
     sure = frozenset(i for i, state in states.items() if state in ("accepted", "reviewed"))
     witnessed = not steps_of(labels).keys() & {"predict"}
-    used = [i for i, state in states.items() if i in sure or (witnessed and state != "rejected")]
+    used = {
+        frame_id: n / len(states)
+        for n, (frame_id, state) in enumerate(states.items())
+        if frame_id in sure or (witnessed and state != "rejected")
+    }
     if not used:
         why = "accept frames with fix, or label the recording by suit or colour"
         raise CloudError(f"{path} has 0 of {len(states)} frames to adapt with; {why}")
@@ -84,14 +93,14 @@ def steps_of(labels: LabelSet) -> dict[str, Any]:
 
 def chosen_frames(sets: Sequence[TaughtFrames]) -> list[tuple[int, str]]:
     """Return at most ``MOST_FRAMES`` frames of label sets, evenly spread: index of the set, and id."""
-    every = [(n, frame_id) for n, taught in enumerate(sets) for frame_id in taught.frame_ids]
+    every = [(n, frame_id) for n, taught in enumerate(sets) for frame_id in taught.places]
     spread = np.linspace(0, len(every) - 1, min(len(every), MOST_FRAMES)).astype(int)
     return [every[i] for i in spread.tolist()]
 
 
 def people_in(taught: TaughtFrames, recording: int, frame_id: str) -> Iterator[LabelledPerson]:
     """Yield the labelled people of a frame."""
-    labels, ids = taught.labels, taught.labels.frame_ids
+    labels = taught.labels
     frame = _weighed(labels.read(frame_id), frame_id in taught.sure)
     bodies, camera = bodies_in(labels, frame), camera_in(labels, frame)
     for number, own in _labelled_persons(frame):
@@ -105,14 +114,14 @@ def people_in(taught: TaughtFrames, recording: int, frame_id: str) -> Iterator[L
         if joints_mm is not None:
             row = with_joints(row, joints_mm, camera, (frame.depth_mm, mask))
         packed = np.rint(depth * DEPTH_STEPS).astype(np.uint16)
-        yield LabelledPerson(packed, parts, row, bodies, recording, ids.index(frame_id) / len(ids))
+        yield LabelledPerson(packed, parts, row, bodies, recording, taught.places[frame_id])
 
 
 def _weighed(frame: FrameLabels, sure: bool) -> FrameLabels:
     """Return a frame's labels, where a pixel of the body is undefined with the probability of its doubt."""
     if sure or frame.confidence is None:
         return frame
-    drawn = stream(0, "confidence", frame.frame_id).random(frame.parts.shape, np.float32)
+    drawn = stream(0, "confidence", crc32(frame.frame_id.encode())).random(frame.parts.shape, np.float32)
     doubted = frame.on_body & (drawn >= frame.confidence)
     return replace(frame, parts=np.where(doubted, np.uint8(UNDEFINED), frame.parts))
 
