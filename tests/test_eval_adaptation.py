@@ -20,7 +20,7 @@ from eval.architecture.compact import CompactConfig, CompactUNet
 from eval.fine_tuning.adaptation import adapt as adaptation
 from eval.fine_tuning.adaptation import adaptation_gain
 from eval.fine_tuning.adaptation.adapt import RECORD, adapt
-from eval.fine_tuning.adaptation.adaptation_split import AdaptationSplit, held_out_of, split_of
+from eval.fine_tuning.adaptation.adaptation_split import AdaptationSplit, HeldOut, split_of
 from eval.fine_tuning.adaptation.labelled_people import (
     LabelledPerson,
     check_scheme,
@@ -138,32 +138,27 @@ def person(bodies: str = "p", recording: int = 0, place: float = 0.0) -> Labelle
 
 def test_people_are_held_out_or_recordings_or_spans():
     many = [person(f"p{n % 8}", n % 2, n / 16) for n in range(16)]
-    held, what = held_out_of(many)
-    assert what == "people" and {
-        ", ".join(one.bodies) for one, out in zip(many, held, strict=True) if out
-    } == {
-        "p2",
-        "p6",
-    }
-    held, what = held_out_of(
-        [one._replace(bodies=frozenset({"p"}), recording=n % 4) for n, one in enumerate(many)]
-    )
-    assert what == "recordings" and np.flatnonzero(held).tolist() == [2, 6, 10, 14]
-    held, what = held_out_of([person(place=n / 24) for n in range(24)])
-    assert what == "spans" and np.flatnonzero(held).tolist() == [4, 5, 12, 13, 20, 21]
+    held = HeldOut.of(many)
+    assert held.kind == "people" and np.flatnonzero(held.mask).tolist() == [2, 6, 10, 14]
+    held = HeldOut.of([person("p", n % 4, n / 16) for n in range(16)])
+    assert held.kind == "recordings" and np.flatnonzero(held.mask).tolist() == [2, 6, 10, 14]
+    held = HeldOut.of([person(place=n / 24) for n in range(24)])
+    assert held.kind == "spans" and np.flatnonzero(held.mask).tolist() == [4, 5, 12, 13, 20, 21]
+    assert held.span_of.tolist() == [0, 0, 1, 1, 2, 2]
+    with pytest.raises(CloudError, match="label at least 12 frames"):
+        HeldOut.of([person(place=n / 24) for n in range(4)])
 
 
 def test_taught_and_held_out_share_nobody_and_are_mixed_with_as_many_synthetic_people():
-    people = [person(place=n / 24) for n in range(24)]
     images = np.zeros((24 + 40, 2, 2), np.uint16)
     crops = Crops.of((one, one.astype(np.uint8), no_targets()) for one in images)
-    split = split_of(people, [n % 5 == 0 for n in range(40)], crops)
+    held = HeldOut.of([person(place=n / 24) for n in range(24)])
+    split = split_of(held, [n % 5 == 0 for n in range(40)], crops)
     every = np.concatenate([split.taught, split.held, split.rehearsed, split.checked])
     np.testing.assert_array_equal(np.sort(every), np.arange(64))
-    assert split.span_of.tolist() == [0, 0, 1, 1, 2, 2]
+    np.testing.assert_array_equal(split.held, np.flatnonzero(held.mask))
+    np.testing.assert_array_equal(split.checked, 24 + np.arange(0, 40, 5))
     assert len(split.mixed) == 2 * 18 + 32
-    with pytest.raises(CloudError, match="label at least 12 frames"):
-        split_of(people[:4], [False], crops)
 
 
 def test_a_joint_is_near_within_a_tenth_of_the_trunk():

@@ -17,7 +17,7 @@ from annotate.labelset.dataset import Dataset
 from annotate.scheme.scheme import Scheme
 from eval.architecture.networks import NetworkConfig
 from eval.fine_tuning.adaptation.adaptation_gain import AdaptationGain, adaptation_gain
-from eval.fine_tuning.adaptation.adaptation_split import AdaptationSplit, split_of
+from eval.fine_tuning.adaptation.adaptation_split import AdaptationSplit, HeldOut, split_of
 from eval.fine_tuning.adaptation.labelled_people import (
     LabelledPerson,
     TaughtFrames,
@@ -48,7 +48,7 @@ from synth.images.presets import preset_named
 WEIGHTS, RECORD, ORDER = "weights.onnx", "adapted.json", "adapt.json"
 SYNTHETIC, TRAINED, TRIAL = "synthetic", "training", "trial.onnx"
 """Files of an adaptation: network, result, names of the label sets; images, training, trial network."""
-IMAGES, SHARD, CHECKED = 640, 64, 5  # synthetic images, in shards; one of five is not trained on; untuned
+IMAGES, SHARD, CHECKED = 640, 64, 5  # synthetic images, in shards; one of five people is left out; untuned
 RECIPE = ModernRecipe(batch=16, peak_rate=3e-4, averaged=0.99, coarse=0.0, statistics=False)
 SEED = 0  # of synthetic images
 CHECKPOINT_S = 30.0
@@ -136,14 +136,15 @@ def prepared(sets: Sequence[TaughtFrames], synthetic: Path, progress: Progress) 
         for number, frame_id in chosen:
             people += people_in(sets[number], number, frame_id)
             advance(1)
+    held = HeldOut.of(people)
     scheme = sets[0].labels.scheme
-    preset = preset_named("people", TRAINING)
-    order = Order(replace(preset, scheme=scheme), IMAGES, SEED, SHARD)
+    preset = replace(preset_named("people", TRAINING), scheme=scheme)
+    order = Order(preset, IMAGES, SEED, SHARD)
     with progress("generate, images", IMAGES) as advance, workers.processes(2) as hands:
         rehearsed = generate(order, synthetic, hands, advance).dataset
     crops = Crops.of(chain(((p.depth, p.parts, p.row) for p in people), _crops_of(rehearsed)), scheme=scheme)
-    checked = [n % CHECKED == 0 for n in range(len(crops) - len(people))]
-    return split_of(people, checked, crops)
+    checked = [n // preset.each % CHECKED == 0 for n in range(len(crops) - len(people))]
+    return split_of(held, checked, crops)
 
 
 def measured(

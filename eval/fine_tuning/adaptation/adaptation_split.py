@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -43,12 +44,37 @@ class AdaptationSplit:
         return self.crops.chosen(np.concatenate([self.held, self.checked]))
 
 
-def held_out_of(people: Sequence[LabelledPerson]) -> tuple[Bool, str]:
-    """Return the labelled people (n,) to hold out, and what they are.
+@dataclass(frozen=True)
+class HeldOut:
+    """People who are held out. mask: (n,), of labelled people. span_of: (mask.sum(),), as in the split.
 
-    One of ``EACH`` people is held out, of fewer people one of ``EACH`` recordings, of fewer recordings one of
-    ``EACH`` spans.
+    kind: "people", "recordings" or "spans".
     """
+
+    mask: Bool
+    span_of: Int64
+    kind: str
+
+    @classmethod
+    def of(cls, people: Sequence[LabelledPerson]) -> Self:
+        """Hold out one of ``EACH`` people, of fewer people one of ``EACH`` recordings, of fewer recordings
+        one of ``EACH`` spans.
+
+        Raises CloudError where fewer than ``LEAST_SPANS`` spans are held out.
+        """
+        mask, kind = _chosen(people)
+        keys = [(one.recording, one.bodies, span(one)) for one, out in zip(people, mask, strict=True) if out]
+        known = list(dict.fromkeys(keys))
+        if len(known) < LEAST_SPANS or mask.all():
+            raise CloudError(
+                f"{len(people)} labelled people are too few to hold some out; label at least "
+                f"{LEAST_SPANS * EACH} frames, spread over a recording"
+            )
+        return cls(mask, np.array([known.index(key) for key in keys], np.int64), kind)
+
+
+def _chosen(people: Sequence[LabelledPerson]) -> tuple[Bool, str]:
+    """Return the people (n,) to hold out, and what they are."""
     whose = [", ".join(sorted(one.bodies)) for one in people]
     nameless = any(one.bodies & {"", UNKNOWN} for one in people)
     kinds: dict[str, Sequence[object]] = {} if nameless else {"people": whose}
@@ -65,22 +91,17 @@ def span(person: LabelledPerson) -> int:
     return int(person.place * SPANS)
 
 
-def split_of(people: Sequence[LabelledPerson], synthetic: Sequence[Bool], crops: Crops) -> AdaptationSplit:
+def split_of(held: HeldOut, synthetic: Sequence[bool], crops: Crops) -> AdaptationSplit:
     """Return the split of crops: of labelled people, then of synthetic ones.
 
-    synthetic: True for each synthetic person that is held out. Raises CloudError for too few spans.
+    synthetic: True for each synthetic person that is not trained on.
     """
-    held, what = held_out_of(people)
-    keys = [(one.recording, one.bodies, span(one)) for one, out in zip(people, held, strict=True) if out]
-    known = list(dict.fromkeys(keys))
-    if len(known) < LEAST_SPANS or held.all():
-        raise CloudError(
-            f"the labelled frames show {len({(p.recording, span(p)) for p in people})} spans; label "
-            f"at least {LEAST_SPANS * EACH} frames of a recording, spread over its length"
-        )
-    checked = np.asarray(synthetic)
-    places = (np.flatnonzero(mask).astype(np.int64) for mask in (~held, held, ~checked, checked))
-    taught, left_out, rehearsed, also_left = places
-    span_of = np.array([known.index(key) for key in keys], np.int64)
-    first = len(people)
-    return AdaptationSplit(crops, taught, left_out, span_of, rehearsed + first, also_left + first, what)
+    every = np.concatenate([held.mask, np.array(synthetic, np.bool_)])
+    labelled = np.arange(len(every)) < len(held.mask)
+    places = (
+        np.flatnonzero(group & (every == out)).astype(np.int64)
+        for group in (labelled, ~labelled)
+        for out in (False, True)
+    )
+    taught, left_out, rehearsed, checked = places
+    return AdaptationSplit(crops, taught, left_out, held.span_of, rehearsed, checked, held.kind)
