@@ -107,7 +107,7 @@ def compared_images(
     columns |= {name: images.colorize_parts(part, first.scheme) for name, part in parts.items()}
     columns["Differences"] = images.colorize_error(parts[pair[1]], parts[pair[0]], first.scheme)
     for name, frame in labels.items():
-        drawn = _joints(frame, np.ones_like(person), crop)
+        drawn = _joints(frame, person, crop)
         columns |= {f"{name}, joints": image for image in drawn.values()}
     return columns
 

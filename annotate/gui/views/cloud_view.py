@@ -179,7 +179,7 @@ class CloudView(QWidget):
 
     def places_of(self, points_m: Float64) -> Float64:
         """Return the positions (n, 2) of points (n, 3) of space on the view, NaN for unknown ones."""
-        known = np.isfinite(points_m).all(axis=1)
+        known: Bool = np.asarray(np.isfinite(points_m).all(axis=1))
         return self._projected(points_m.astype(np.float32), known).xy_px.astype(np.float64)
 
     def pixel_at(self, place: QPointF) -> int | None:
