@@ -11,7 +11,7 @@ from sensors.errors import CloudError
 
 if TYPE_CHECKING:
     from annotate.labelset.labelled_frames import LabelledFrames
-    from eval.compare.agreement import Agreement
+    from eval.report.agreement import Agreement
 
 
 def are_label_sets(paths: Sequence[Path]) -> bool:
@@ -44,7 +44,7 @@ def open_sets(paths: Sequence[Path]) -> "dict[str, LabelledFrames]":
 
 def compared(sets: "dict[str, LabelledFrames]") -> "list[Agreement]":
     """Compare each pair of label sets, with progress."""
-    from eval.compare.agreement import agreements, work_of
+    from eval.report.agreement import agreements, work_of
 
     with progress("compare", work_of(sets)) as advance:
         return agreements(sets, advance)

@@ -7,9 +7,9 @@ import pytest
 from conftest import assert_refused
 
 from annotate.frame_labels import FrameLabels
-from eval.compare.agreement import agreements, work_of
 from eval.compare.compare import compare_sets
 from eval.network.body_state import BodyState
+from eval.report.agreement import agreements, work_of
 from eval.report.agreement_page import Compared, agreement_html, worst_frames
 from sensors.errors import CloudError
 from tests.test_eval_compare import CAMERA, PEOPLE, guess_frame, label_set, truth_frame

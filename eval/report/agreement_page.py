@@ -12,9 +12,9 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.labelled_frames import LabelledFrames
 from annotate.labelset.source_recording import Recorded
 from annotate.scheme.merging import conversion_table
-from eval.compare.agreement import TURNED_DEG, Agreement
 from eval.compare.common_scheme import converted
 from eval.report import figures
+from eval.report.agreement import TURNED_DEG, Agreement
 from eval.report.estimates import AGREED_JOINTS, agreed, agreement_row, printed
 from eval.report.frame_images import Image
 from eval.report.gallery import compared_images

@@ -8,8 +8,8 @@ import numpy as np
 
 from annotate.array_types import Float64, Index
 from annotate.scheme.scheme import BACKGROUND_PART, Part, Scheme
-from eval.compare.agreement import Agreement
 from eval.compare.compare import Comparison
+from eval.report.agreement import Agreement
 from eval.scores import confusion, intervals
 from eval.scores.joint_scores import GROUPS, INSIDE, SCORES, WITHIN_MM, JointDifference, JointEstimates
 

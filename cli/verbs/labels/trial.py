@@ -23,7 +23,7 @@ from sensors.importers.open_source import doubts_of
 if TYPE_CHECKING:
     from annotate.label_recording import Run
     from annotate.labelset.labelled_frames import LabelledFrames
-    from eval.compare.agreement import Agreement
+    from eval.report.agreement import Agreement
     from sensors.importers.open_source import Source
 
 MARKER = "try.json"
