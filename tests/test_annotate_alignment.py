@@ -16,6 +16,7 @@ from annotate.person.alignment import (
     misplacement_px,
     peak_px,
 )
+from annotate.person.warmth import warmth
 from sensors.errors import CalibrationError
 from sensors.rig.camera import Intrinsics, rays
 from sensors.rig.rig_calibration import Pose
@@ -75,6 +76,35 @@ def test_the_few_pixels_of_a_person_that_a_shift_still_meets_tell_nothing():
     assert not is_warmer(warmth, person, (17.0, -27.0))
     warmth[~person] = 0
     assert is_warmer(np.roll(warmth, (-27, 17), axis=(0, 1)), person, (17.0, -27.0))
+
+
+def contrast_naive(warmth, disc, shift):
+    """Mean warmth inside less outside of a disc's rim under one shift (down, right)."""
+    differences = []
+    for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        step = sign * np.eye(2, dtype=int)[axis]
+        for at in np.argwhere(disc):
+            if min(at) < 1 or disc[tuple(at + step)]:
+                continue
+            # The jump's middle is the pixel between the two that differ, on either side of the rim.
+            for middle in (at, at + step):
+                inside, outside = middle - SHIFT_PX * step + shift, middle + SHIFT_PX * step + shift
+                if (np.array([inside, outside]) >= 0).all() and (
+                    np.maximum(inside, outside) < warmth.shape
+                ).all():
+                    differences.append(warmth[tuple(inside)] - warmth[tuple(outside)])
+    return np.nanmean(differences)
+
+
+@pytest.mark.parametrize("shift", [(0, 0), (9, -12), (-15, 15)])
+def test_a_contrast_is_the_mean_over_all_silhouettes_in_the_image(shift):
+    cloud = warm_disc((52, 60), 26)
+    cloud.temperature_c[np.random.default_rng(2).random(CAMERA.shape) < 0.2] = np.nan
+    surface = contrasts(cloud, WINDOW_C, EVERYWHERE)
+    disc, middle = cloud.depth_mm < 2500, len(surface) // 2
+    at = tuple(middle + np.array(shift) // SHIFT_PX)
+    expected = contrast_naive(warmth(cloud.temperature_c, WINDOW_C).clip(0, 1), disc, np.array(shift))
+    assert surface[at] == pytest.approx(expected, abs=1e-6)
 
 
 def test_nothing_is_said_where_there_is_no_silhouette_or_no_warmth():

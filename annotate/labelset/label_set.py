@@ -282,7 +282,7 @@ class LabelSet:
 def as_read(frame: FrameLabels) -> FrameLabels:
     """Return a frame's labels as they are read after writing, e.g. with rounded confidence."""
     confidence = None if frame.confidence is None else images.stored_confidence(frame.confidence)
-    return replace(frame, confidence=confidence, notes=json.loads(encode_object(frame.notes)))
+    return replace(frame, confidence=confidence, notes=json.loads(json.dumps(frame.notes)))
 
 
 def validate(labels: LabelSet) -> list[str]:

@@ -170,19 +170,22 @@ def _contrasts(warmth: Float32, inside: Int64, outside: Int64, shifts: Int64) ->
     few readings.
     """
     height, width = warmth.shape
-    contrast = np.zeros((shifts.size, shifts.size))
-    for i in range(shifts.size):
-        for j in range(shifts.size):
-            total, seen, known = 0.0, 0, 0
-            for k in range(inside.shape[0]):
-                v0, u0 = inside[k, 0] + shifts[i], inside[k, 1] + shifts[j]
-                v1, u1 = outside[k, 0] + shifts[i], outside[k, 1] + shifts[j]
-                if min(v0, u0, v1, u1) >= 0 and max(v0, v1) < height and max(u0, u1) < width:
-                    seen += 1
+    shape, first, last = (shifts.size, shifts.size), shifts.min(), shifts.max()
+    total, seen, known = np.zeros(shape), np.zeros(shape, np.int64), np.zeros(shape, np.int64)
+    for k in range(inside.shape[0]):
+        near, far = inside[k], outside[k]
+        within = min(near[1], far[1]) + first >= 0 and max(near[1], far[1]) + last < width
+        for i in range(shifts.size):
+            v0, v1 = near[0] + shifts[i], far[0] + shifts[i]
+            if min(v0, v1) < 0 or max(v0, v1) >= height:
+                continue
+            for j in range(shifts.size):
+                u0, u1 = near[1] + shifts[j], far[1] + shifts[j]
+                # Checked before for all shifts of most points, so that the loop vectorises.
+                if within or (min(u0, u1) >= 0 and max(u0, u1) < width):
                     difference = warmth[v0, u0] - warmth[v1, u1]
-                    if not np.isnan(difference):
-                        total += difference
-                        known += 1
-            if known >= LEAST_EDGES and seen > inside.shape[0] // 2:
-                contrast[i, j] = total / known
-    return contrast
+                    seen[i, j] += 1
+                    known[i, j] += not np.isnan(difference)
+                    total[i, j] += np.float32(0) if np.isnan(difference) else difference
+    usable = (known >= LEAST_EDGES) & (seen > inside.shape[0] // 2)
+    return np.where(usable, total / np.maximum(known, 1), 0.0)

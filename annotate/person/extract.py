@@ -67,6 +67,7 @@ class PersonDetection:
     ) -> None:
         self.cloud, self._coarse, self._everybody = cloud, cloud.cloud, everybody
         self._suit = suit
+        self._whole: dict[bytes, UInt8] = {}
         self._is_felt = bool(np.isfinite(self._coarse.temperature_c).any())
         found = find_window(self._coarse, self._loose) if self._is_felt and window_c is None else window_c
         self.window_c = found or WINDOW_C
@@ -112,12 +113,15 @@ class PersonDetection:
 
         Without a person the mask is empty and a note gives the reason.
         """
-        found = self._person(None if before is None else self.cloud.coarse(before))
-        persons = self.cloud.enlarged(found.persons)
+        found = self._person(before)
+        key = found.persons.tobytes()
+        if key not in self._whole:
+            self._whole[key] = self.cloud.enlarged(found.persons)
+        persons = self._whole[key]
         return replace(found, mask=persons == 1, persons=persons)
 
     def _person(self, before: FrameLabels | None) -> PersonMask:
-        """Return the subject's mask in the coarse cloud. before: coarse labels."""
+        """Return the subject's mask in the coarse cloud. before: labels of the previous frame."""
         ranked = self._ranked(before)
         scores, persons = [score for score, _ in ranked], [person for _, person in ranked]
         found = self._numbered(persons, before)
@@ -141,6 +145,7 @@ class PersonDetection:
         """Return persons with their scores, best first; the first person is the subject."""
         if len(self._persons) < 2:
             return [(1.0, person) for person in self._persons]
+        before = None if before is None else self.cloud.coarse(before)
         shown = zip(self._persons, self._cloths, strict=True)
         scored = [(subject_score(one, before, cloths), one) for one, cloths in shown]
         return sorted(scored, key=lambda pair: -pair[0])

@@ -35,7 +35,7 @@ def refine_borders(
     mean over its parts. Solved with neighbours on a surface by iterated conditional modes (Besag 1986).
     """
     undecided = cloud.valid[where] & (chance[0] < SURELY_ROOM)
-    own = chance[:, undecided]
+    own = chance.reshape(len(chance), -1).take(np.flatnonzero(undecided), axis=1)
     scores = np.log(np.maximum(own, np.finfo(np.float32).tiny))
     if illuminant is not None:
         scores += np.float32(OWN_COLOR) * _by_color(cloud, where, undecided, scores, (illuminant, scheme))
@@ -74,15 +74,18 @@ def _modes(scores: Float32, depth_m: Float32, index: Int32) -> UInt8:
     row in ``scores``, -1 = none.
     """
     height, width = index.shape
-    chosen, total = np.empty(len(scores), np.uint8), np.empty(scores.shape[1], np.float32)
+    chosen = np.empty(len(scores), np.uint8)
     for i in range(len(scores)):
         chosen[i] = np.argmax(scores[i])
+    moved, total = _at_borders(chosen, index), np.empty(scores.shape[1], np.float32)
     for _ in range(ROUNDS):
-        last = chosen.copy()
+        last, moved_last, moved = chosen.copy(), moved, np.zeros(index.shape, np.bool_)
         for v in range(height):
             for u in range(width):
                 i = index[v, u]
-                if i < 0:
+                near = slice(max(v - 1, 0), v + 2), slice(max(u - 1, 0), u + 2)
+                # Elsewhere no neighbour has moved, so the class is the same again.
+                if i < 0 or not moved_last[near].any():
                     continue
                 total[:], jump_m = scores[i], np.float32(JUMP) * depth_m[v, u]
                 for r in range(max(v - 1, 0), min(v + 2, height)):
@@ -91,6 +94,24 @@ def _modes(scores: Float32, depth_m: Float32, index: Int32) -> UInt8:
                         if j >= 0 and j != i and abs(depth_m[r, c] - depth_m[v, u]) <= jump_m:
                             total[last[j]] += np.float32(NEIGHBOUR)
                 chosen[i] = np.argmax(total)
-        if np.array_equal(chosen, last):
+                moved[v, u] = chosen[i] != last[i]
+        if not moved.any():
             break
     return chosen
+
+
+@njit(cache=True, nogil=True)
+def _at_borders(chosen: UInt8, index: Int32) -> Bool:
+    """Return True (h, w) beside another class: a pixel among its own class keeps the class. index: (h, w),
+    each pixel's row in classes ``chosen`` (n,), -1 = none.
+    """
+    height, width = index.shape
+    found = np.zeros(index.shape, np.bool_)
+    for v in range(height):
+        for u in range(width):
+            for r, c in ((v, u + 1), (v + 1, u - 1), (v + 1, u), (v + 1, u + 1)):
+                if r >= height or not 0 <= c < width or min(index[v, u], index[r, c]) < 0:
+                    continue
+                if chosen[index[v, u]] != chosen[index[r, c]]:
+                    found[v, u] = found[r, c] = True
+    return found

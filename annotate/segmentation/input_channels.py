@@ -106,7 +106,9 @@ def channels(cloud: ThermalCloud, room: Room, person: PersonMask, where: Rectang
     z, own = cloud.points_m[where][..., 2], person.mask[where]
     valid, celsius = cloud.valid[where], cloud.temperature_c[where]
     rgb = cloud.color_rgb[where]
-    seen = valid & readable(rgb.reshape(-1, 3), cloud.color_valid[where].ravel()).reshape(valid.shape)
+    seen = valid & cloud.color_valid[where]
+    if seen.any():
+        seen &= readable(rgb.reshape(-1, 3), seen.ravel()).reshape(valid.shape)
     middle_m = float(np.median(z[own]))
     near = valid & (np.abs(z - middle_m) < RANGES["depth"][1])
     made = {
@@ -238,25 +240,32 @@ def network_input(planes: UInt8, parts: int = -1) -> Float32:
     of_parts = 4 + len(needed)
     parts = count - of_parts if parts < 0 else parts
     first, unit = len(bits) + parts, np.float32(1 / 64)
-    made = np.empty((first + count - 2, height, width), np.float32)
-    row, read = np.empty((count, width), np.uint8), np.empty(width, np.uint8)
+    made = np.zeros((first + count - 2, height, width), np.float32)
+    flags, row, read = np.empty(width, np.uint8), np.empty(width, np.uint8), np.empty(width, np.uint8)
     for v in range(height):
-        row[:], read[:] = planes[:, v], 0  # a copy side by side, so that the loops vectorise
+        flags[:], read[:] = planes[0, v], 0  # copies side by side, so that the loops vectorise
         for i in range(of_parts, count):
+            row[:] = planes[i, v]
             for u in range(width):
-                read[u] |= row[i, u]
+                read[u] |= row[u]
         for i, bit in enumerate(bits):
             for u in range(width):
-                made[i, v, u] = np.float32((row[0, u] & bit) > 0)
+                made[i, v, u] = np.float32((flags[u] & bit) > 0)
+        row[:] = planes[1, v]
         for part in range(1, parts + 1):
             for u in range(width):
-                made[len(bits) + part - 1, v, u] = np.float32(row[1, u] == part)
+                made[len(bits) + part - 1, v, u] = np.float32(row[u] == part)
+        every, known = 0, 0
+        for u in range(width):
+            every, known = every | flags[u], known | read[u]
         for i, bit in enumerate(needed):
+            row[:] = planes[2 + i, v]
+            for u in range(width if every & bit else 0):
+                value = (np.float32(row[u]) - np.float32(127.5)) * unit
+                made[first + i, v, u] = value if flags[u] & bit else np.float32(0)
+        for i in range(2 + len(needed), count if known else 0):
+            row[:] = planes[i, v]
             for u in range(width):
-                value = (np.float32(row[2 + i, u]) - np.float32(127.5)) * unit
-                made[first + i, v, u] = value if row[0, u] & bit else np.float32(0)
-        for i in range(2 + len(needed), count):
-            for u in range(width):
-                value = (np.float32(row[i, u]) - neutral) * unit
+                value = (np.float32(row[u]) - neutral) * unit
                 made[first + i - 2, v, u] = value if read[u] else np.float32(0)
     return made

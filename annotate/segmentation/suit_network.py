@@ -8,9 +8,11 @@ from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
+import cv2
 import numpy as np
+from numba import njit
 
-from annotate.array_types import Float32, UInt8
+from annotate.array_types import Float32, Index, UInt8
 from annotate.onnx_session import onnx_session, scheme_in_metadata
 from annotate.parts import PAPER
 from annotate.scheme.merging import converts
@@ -103,18 +105,19 @@ class SuitNetwork(SchemeNetwork):
         for top in range(step):
             for left in range(step):
                 moved = _between(around, top / place, left / place)
-                found[:, top::step, left::step] = self._of_own(own[:, top::step, left::step], moved)
+                scores = self._of_own(own[:, top::step, left::step], moved)
+                _softmax(scores, found[:, top::step, left::step])
         inner = (slice(own.start % place, own.start % place + own.stop - own.start) for own in near)
-        chance = _softmax(found[:, *inner])
-        return self.merged(chance)
+        return self.merged(found[:, *inner])
 
     def _input(self, planes: UInt8) -> Float32:
         return network_input(planes, len(self.own.parts))[None]
 
     def _of_all(self, planes: UInt8) -> Float32:
         """Return the encoder's features (k, h / 4, w / 4) of a whole image, padded at the end."""
-        height, width = planes.shape[1:]
-        padded = np.pad(planes, ((0, 0), (0, -height % MULTIPLE), (0, -width % MULTIPLE)))
+        count, height, width = planes.shape
+        padded = np.zeros((count, height + -height % MULTIPLE, width + -width % MULTIPLE), np.uint8)
+        padded[:, :height, :width] = planes
         found: Float32 = self._around.run(None, {INPUT: self._input(padded)})[0][0]
         return found
 
@@ -137,7 +140,8 @@ def shipped_suit_network() -> SuitNetwork:
 
 def flipped(planes: UInt8, scheme: Scheme = PAPER) -> UInt8:
     """Flip channels (n, h, w) of a scheme left to right; swap left and right in labels and likelihoods."""
-    turned = planes[:, :, ::-1].copy()
+    tall = np.ascontiguousarray(planes).reshape(-1, planes.shape[2])
+    turned = np.asarray(cv2.flip(tall, 1), np.uint8).reshape(planes.shape)
     before, of_parts = FIXED.index("before"), slice(len(FIXED), None)
     turned[before] = swap_classes(turned[before], scheme)
     body, twins = scheme.body_classes, scheme.twin_classes
@@ -160,9 +164,21 @@ def flip_averaged(network: SuitNetwork, planes: UInt8, step: int, near: Rectangl
         planes = np.pad(planes, ((0, 0), (0, 0), (0, more)))
     left, right = (planes.shape[2] - end for end in (near.columns.stop, near.columns.start))
     there = Rectangle(near.rows, slice(left, right))
-    twins = [*network.scheme.twin_classes, other_person(network.scheme)]
-    other = network.probabilities(flipped(planes, network.own), step, there)[twins, :, ::-1]
-    return np.float32(0.5) * (network.probabilities(planes, step, near) + other)
+    twins = np.append(network.scheme.twin_classes, other_person(network.scheme)).astype(np.intp)
+    other = network.probabilities(flipped(planes, network.own), step, there)
+    return mean_with_flip(network.probabilities(planes, step, near), other, twins)
+
+
+@njit(cache=True, nogil=True)
+def mean_with_flip(own: Float32, other: Float32, twins: Index) -> Float32:
+    """Return the mean (K, h, w) of planes for an image and for its flip. twins: (K,), twin of each plane."""
+    mean, half = np.empty(own.shape, np.float32), np.float32(0.5)
+    for k in range(own.shape[0]):
+        for v in range(own.shape[1]):
+            turned = other[twins[k], v, ::-1]
+            for u in range(turned.size):
+                mean[k, v, u] = half * (own[k, v, u] + turned[u])
+    return mean
 
 
 def _between(around: Float32, down: float, right: float) -> Float32:
@@ -171,6 +187,35 @@ def _between(around: Float32, down: float, right: float) -> Float32:
     return np.ascontiguousarray(rows[..., :-1] + np.float32(right) * (rows[..., 1:] - rows[..., :-1]))
 
 
-def _softmax(scores: Float32) -> Float32:
-    raised = np.exp(scores - scores.max(axis=0))
-    return np.asarray(raised / raised.sum(axis=0), np.float32)
+def _softmax(scores: Float32, chance: Float32) -> None:
+    """Write the softmax over k of scores (k, h, w) into ``chance`` (k, h, w); the scores are overwritten."""
+    _lower(scores)
+    _share(np.exp(scores, out=scores), chance)
+
+
+@njit(cache=True, nogil=True)
+def _lower(scores: Float32) -> None:
+    """Subtract from scores (k, h, w) the largest of each pixel."""
+    most = np.empty(scores.shape[2], np.float32)
+    for v in range(scores.shape[1]):
+        most[:] = scores[0, v]
+        for k in range(1, scores.shape[0]):
+            for u in range(most.size):
+                most[u] = max(most[u], scores[k, v, u])
+        for k in range(scores.shape[0]):
+            for u in range(most.size):
+                scores[k, v, u] -= most[u]
+
+
+@njit(cache=True, nogil=True)
+def _share(odds: Float32, chance: Float32) -> None:
+    """Write odds (k, h, w) divided by their sum over k into ``chance`` (k, h, w)."""
+    total = np.empty(odds.shape[2], np.float32)
+    for v in range(odds.shape[1]):
+        total[:] = odds[0, v]
+        for k in range(1, odds.shape[0]):
+            for u in range(total.size):
+                total[u] += odds[k, v, u]
+        for k in range(odds.shape[0]):
+            for u in range(total.size):
+                chance[k, v, u] = odds[k, v, u] / total[u]

@@ -31,13 +31,15 @@ def averaged(own: list[Float32], other: list[Float32], twins: UInt8) -> list[Flo
     Where the two disagree about left and right as a whole, the sides of the less sure facing are exchanged
     before; if both are equally sure, the sides of ``other``.
     """
-    half = np.float32(0.5)
     if len(own) > JOINTS:
         apart = _disagree(own, other)
         surer = _length(other[FACING]) > _length(own[FACING])
         own = _exchanged(own, twins, apart & surer)
         other = _exchanged(other, twins, apart & ~surer)
-    return [half * (a + b) for a, b in zip(own, other, strict=True)]
+    means = [a + b for a, b in zip(own, other, strict=True)]
+    for mean in means:
+        mean *= np.float32(0.5)
+    return means
 
 
 def _disagree(own: list[Float32], other: list[Float32]) -> Bool:

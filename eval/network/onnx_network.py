@@ -71,7 +71,7 @@ class OnnxNetwork(SchemeNetwork):
             self._body = list(wanted) if named >= set(BODY_OUTPUTS) else []
             self._input, self._float = depth.name, np.float16 if "float16" in depth.type else np.float32
             # A file's declaration of its inputs and outputs may be wrong.
-            trial, *body = self._each(np.full((2, SIZE, SIZE), 0.5, np.float32))
+            trial, *body = _joined(self._each(np.full((2, SIZE, SIZE), 0.5, np.float32)))
             named_scheme = scheme_in_metadata(self._session.get_modelmeta().custom_metadata_map)
         except FormatError as error:
             raise FormatError(f"weights {path}: {error}") from error
@@ -108,25 +108,24 @@ class OnnxNetwork(SchemeNetwork):
         joints, their deviations and visibility if the network gives them.
         """
         if not self._flip:
-            return self._each(crops)
-        pairs = [np.split(output, 2) for output in self._each(np.concatenate([crops, crops[..., ::-1]]))]
-        twins, (own, other) = self.own.twin_classes, zip(*pairs, strict=True)
-        return averaged(list(own), flipped_back(list(other), twins), twins)
+            return _joined(self._each(crops))
+        each, twins = self._each(np.concatenate([crops, crops[..., ::-1]])), self.own.twin_classes
+        pairs = zip(each[: len(crops)], each[len(crops) :], strict=True)
+        return _joined([averaged(own, flipped_back(other, twins), twins) for own, other in pairs])
 
-    def _each(self, crops: Float32) -> list[Float32]:
-        """Return the outputs for crops, without test-time augmentation."""
+    def _each(self, crops: Float32) -> list[list[Float32]]:
+        """Return the outputs for each crop, as for one crop, without test-time augmentation."""
         names = [self._session.get_outputs()[0].name, *self._body]
 
         # One crop at a time: products of matrices round otherwise with other crops beside it.
         def run(crop: Float32) -> list[Float32]:
-            crop = crop[None, None].astype(self._float)
-            return self._session.run(names, {self._input: crop})  # type: ignore[no-any-return]
+            outputs = self._session.run(names, {self._input: crop[None, None].astype(self._float)})
+            return [output.astype(np.float32, copy=False) for output in outputs]
 
         if len(crops) == 1:
-            return [output.astype(np.float32, copy=False) for output in run(crops[0])]
+            return [run(crops[0])]
         with ThreadPoolExecutor(AT_ONCE, "network") as threads:
-            each = list(threads.map(run, crops))
-        return [np.concatenate(outputs, dtype=np.float32) for outputs in zip(*each, strict=True)]
+            return list(threads.map(run, crops))
 
     def segment(self, depth_mm: UInt16, person: Bool, *, probabilities: bool = False) -> Segmentation:
         """Label the person of a depth image; both (h, w), see ``segment_all``."""
@@ -172,6 +171,11 @@ class OnnxNetwork(SchemeNetwork):
     def _unlabelled(self, shape: tuple[int, ...]) -> Segmentation:
         nothing, why = np.full(shape, BACKGROUND, np.uint8), ("no person: nothing to label",)
         return Segmentation(nothing, np.zeros(shape, np.float32), why, scheme=self.scheme)
+
+
+def _joined(each: list[list[Float32]]) -> list[Float32]:
+    """Return outputs of several crops joined; those of one crop without a copy."""
+    return each[0] if len(each) == 1 else [np.concatenate(outputs) for outputs in zip(*each, strict=True)]
 
 
 def _pasted(crop: Crop, seen: Bool, planes: Float32, mask: Bool) -> tuple[UInt8, Float32]:

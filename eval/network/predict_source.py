@@ -164,8 +164,7 @@ def _shows_room(depth_mm: UInt16, person: Bool) -> bool:
 
 def _without_things(found: Segmentation, person: PersonMask) -> tuple[Segmentation, PersonMask]:
     """Return labels and the person mask without the pixels that are labelled as things."""
-    things = found.scheme.is_thing[found.parts]
-    if not things.any():
+    if not found.scheme.is_thing.any() or not (things := found.scheme.is_thing[found.parts]).any():
         return found, person
     persons = np.where(things, np.uint8(0), person.persons)
     return found, replace(person, mask=person.mask & ~things, persons=persons)
