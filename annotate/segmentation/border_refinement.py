@@ -84,7 +84,7 @@ def _modes(scores: Float32, depth_m: Float32, index: Int32) -> UInt8:
             for u in range(width):
                 i = index[v, u]
                 near = slice(max(v - 1, 0), v + 2), slice(max(u - 1, 0), u + 2)
-                # Elsewhere no neighbour has moved, so the class is the same again.
+                # Elsewhere all neighbours are of the same class, or none has moved: the class stays.
                 if i < 0 or not moved_last[near].any():
                     continue
                 total[:], jump_m = scores[i], np.float32(JUMP) * depth_m[v, u]
@@ -102,8 +102,9 @@ def _modes(scores: Float32, depth_m: Float32, index: Int32) -> UInt8:
 
 @njit(cache=True, nogil=True)
 def _at_borders(chosen: UInt8, index: Int32) -> Bool:
-    """Return True (h, w) beside another class: a pixel among its own class keeps the class. index: (h, w),
-    each pixel's row in classes ``chosen`` (n,), -1 = none.
+    """Return True (h, w) at pixels with another class to the right or below.
+
+    index: (h, w), each pixel's row in classes ``chosen`` (n,), -1 = none.
     """
     height, width = index.shape
     found = np.zeros(index.shape, np.bool_)
@@ -113,5 +114,5 @@ def _at_borders(chosen: UInt8, index: Int32) -> Bool:
                 if r >= height or not 0 <= c < width or min(index[v, u], index[r, c]) < 0:
                     continue
                 if chosen[index[v, u]] != chosen[index[r, c]]:
-                    found[v, u] = found[r, c] = True
+                    found[v, u] = True
     return found

@@ -174,7 +174,7 @@ class OnnxNetwork(SchemeNetwork):
 
 
 def _joined(each: list[list[Float32]]) -> list[Float32]:
-    """Return outputs of several crops joined; those of one crop without a copy."""
+    """Return the outputs of all crops, joined; a single crop's outputs are not copied."""
     return each[0] if len(each) == 1 else [np.concatenate(outputs) for outputs in zip(*each, strict=True)]
 
 
