@@ -27,7 +27,7 @@ from cli.console import finish, say
 from cli.extras import needing
 from eval.network.body_state import BodyState, joint_quality, joint_row
 from eval.network.joint_filter import filter_joints
-from eval.network.onnx_network import OnnxNetwork
+from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.posture_model import with_posture
 from eval.network.predict_source import NetworkLabeller
 from eval.network.side_smoothing import sided_by_parts
@@ -49,7 +49,7 @@ class LiveOptions:
     """Options of ``live``. suit: None = parts by the network. record: session to record from the start.
 
     subject: name of the person, "" if unknown. seconds: None = until the user ends it. json: print one object
-    at the end. port: of the server for Foxglove, None = no server.
+    at the end. port: of the server for Foxglove, None = no server. weights: network (.onnx), None = shipped.
     """
 
     suit: Suit | None = None
@@ -60,6 +60,7 @@ class LiveOptions:
     json: bool = False
     window: bool = True
     port: int | None = None
+    weights: Path | None = None
 
 
 def watch(open_source: Callable[[], Rig], options: LiveOptions) -> None:
@@ -77,7 +78,7 @@ def _print_lines(running: Rig, options: LiveOptions, ending: Ending, stream: Str
     show = None if options.json else print_joints
     if options.record is not None:
         running.record(options.record, options.subject, options.overwrite)
-    with run_pipeline(running, labelling_by(options.suit), stream) as pipeline:
+    with run_pipeline(running, labelling_by(options.suit, options.weights), stream) as pipeline:
         shown = show_lines(pipeline, time.monotonic() + (options.seconds or math.inf), show, ending)
     # The frame that was being labelled at the end.
     show_latest(pipeline, shown, show)
@@ -106,7 +107,7 @@ def show_window(running: Rig, options: LiveOptions, ending: Ending, stream: Stre
     names = takes(options.record)
     if options.record is not None:
         running.record(next(names), options.subject, options.overwrite)
-    with run_pipeline(running, labelling_by(options.suit), stream) as pipeline:
+    with run_pipeline(running, labelling_by(options.suit, options.weights), stream) as pipeline:
         run_live(pipeline, names, options.subject, options.seconds or math.inf, ending)
     _finish(running, pipeline, options.json)
 
@@ -170,13 +171,13 @@ def print_joints(frame: LiveFrame) -> None:
     print(json_text.dumps(row), flush=True)
 
 
-def labelling_by(suit: Suit | None) -> Labelling:
-    """Return the labelling by a suit, or by the shipped network without one.
+def labelling_by(suit: Suit | None, weights: Path | None = None) -> Labelling:
+    """Return the labelling by a suit, or by a network without one. weights: of it; None = shipped.
 
     The network always gives joints, facing and posture. It runs without test-time augmentation, because
     latency matters more (docs/adr/0024).
     """
-    network = OnnxNetwork(flip=False)
+    network = OnnxNetwork(weights or SHIPPED_WEIGHTS, flip=False)
     network = network.in_scheme(network.usual_scheme)
     if suit is None:
         coarse = NetworkLabeller(network, single_pass=True)

@@ -86,7 +86,7 @@ def adapt(
 ) -> None:
     """Fine-tune the depth network on labelled recordings. Needs the extra 'train'.
 
-    People, recordings or moments are held out; without a certain gain on these no network is written.
+    People, recordings or spans of them are held out; without a certain gain on these no network is written.
     Synthetic people are trained on too, so that nothing is forgotten.
     """
     check_there(*labels)

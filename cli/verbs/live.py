@@ -23,6 +23,9 @@ def live(
     suit: Annotated[
         Path | None, Option(help="Palette of the suit (TOML). Default: parts from the network.")
     ] = None,
+    weights: Annotated[
+        Path | None, Option(help="Network (.onnx), from adapt for instance.", show_default="the shipped one")
+    ] = None,
     record: Annotated[Path | None, Option(help="Session to record from the start.")] = None,
     subject: Annotated[str, Option(help="Name of the person, for the recording.")] = "",
     no_window: Annotated[
@@ -52,6 +55,8 @@ def live(
         rig_of(rig, device)
     if record is not None:
         check_free(record, overwrite)
+    if weights is not None:
+        check_there(weights)
     palette = load_suit(suit) if suit else None
     if not no_window:
         check_window()
@@ -60,4 +65,5 @@ def live(
         return open_rig(rig, device) if session is None else Playback(open_source(session))
 
     served = port if serve else None
-    watch(open_one, LiveOptions(palette, record, subject, seconds, overwrite, json, not no_window, served))
+    options = LiveOptions(palette, record, subject, seconds, overwrite, json, not no_window, served, weights)
+    watch(open_one, options)
