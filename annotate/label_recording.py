@@ -24,7 +24,7 @@ from annotate.labelset.scheme_note import scheme_note
 from annotate.labelset.source_recording import recording_entry
 from annotate.person.extract import PersonDetection, PersonMask
 from annotate.scheme.scheme import Scheme
-from annotate.segmentation.labels_of_frame import labels_of
+from annotate.segmentation.labels_of_frame import labels_of, review_rank
 from annotate.segmentation.segment import SuitSegmenter, View, view_of
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
 from annotate.segmentation.suit_network import SuitNetwork, shipped_suit_network
@@ -90,8 +90,8 @@ class Run:
     failed: tuple[tuple[str, str], ...]
 
     def review_order(self) -> list[str]:
-        """Return the frame ids, the lowest mean confidence first."""
-        return sorted(self.labels.frame_ids, key=lambda i: float(self.labels.notes(i).get("confidence", 0.0)))
+        """Return the frame ids: frames with unsure islands, then the others; the least confident first."""
+        return sorted(self.labels.frame_ids, key=lambda i: review_rank(self.labels.notes(i)))
 
     def remarks(self) -> dict[str, list[str]]:
         """Return each warning with the ids of its frames."""

@@ -1,11 +1,16 @@
-"""Pieces of a mask that lie apart in space."""
+"""Pieces of a person's labels that lie apart in space. Constants are untuned unless a source is given."""
 
 import numpy as np
 from scipy import ndimage
 
-from annotate.array_types import Bool, Float32, Int32
+from annotate.array_types import Bool, Float32, Int32, Int64
+from annotate.cloud.thermal_cloud import ThermalCloud
 
-CELL_M = 0.1  # side of a cube; points in touching cubes belong together; untuned
+CELL_M = 0.1  # side of a cube; points in touching cubes belong together
+LEAST_CM2, UNSURE = (
+    20.0,
+    0.8,
+)  # of an island: area and mean confidence; 7 of 7 wrong ones in 152 virtual frames
 
 
 def pieces_apart(mask: Bool, points_m: Float32) -> Int32:
@@ -27,3 +32,19 @@ def pieces_apart(mask: Bool, points_m: Float32) -> Int32:
         rank[np.argsort(-area, kind="stable")] = np.arange(1, len(area) + 1)
         ids[mask] = rank[numbers]
     return ids
+
+
+def unsure_islands(cloud: ThermalCloud, on_body: Bool, confidence: Float32) -> list[Int64]:
+    """Return the flat pixels (n,) of each piece of a body that lies apart from the largest one and is unsure.
+
+    on_body, confidence: (h, w), of the labels. Smaller pieces than ``LEAST_CM2`` are left out.
+    """
+    ids = pieces_apart(on_body & cloud.valid, cloud.points_m)
+    if ids.max() < 2:
+        return []
+    at = np.flatnonzero(ids > 1)
+    piece = ids.ravel()[at]
+    cm2 = np.square(100 * cloud.points_m[..., 2].ravel()[at]) / (cloud.camera.fx * cloud.camera.fy)
+    mean = np.bincount(piece, confidence.ravel()[at]) / np.maximum(np.bincount(piece), 1)
+    unsure = (np.bincount(piece, cm2) >= LEAST_CM2) & (mean < UNSURE)
+    return [at[piece == number] for number in np.flatnonzero(unsure)]

@@ -9,6 +9,8 @@ import numpy as np
 
 from annotate.array_types import Bool, Int64, UInt8
 from annotate.cleanup import without_islands
+from annotate.cloud.pieces import unsure_islands
+from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.stroke import Stroke
 from annotate.scheme.scheme import BACKGROUND, Scheme
@@ -30,12 +32,17 @@ class Doubt:
 
 
 def doubts(
-    frame: FrameLabels, parts: UInt8, other: UInt8 | None = None, strokes: Sequence[Stroke] = ()
+    frame: FrameLabels,
+    parts: UInt8,
+    other: UInt8 | None = None,
+    strokes: Sequence[Stroke] = (),
+    cloud: ThermalCloud | None = None,
 ) -> list[Doubt]:
     """Return the doubtful places of a frame, most expected wrong pixels first.
 
     frame: as labelled automatically. parts: uint8 (h, w), current labels. other: uint8 (h, w), parts in
-    another set, or None. strokes: in effect; their pixels are doubtful only as islands.
+    another set, or None. strokes: in effect; their pixels are doubtful only as islands. cloud: of the frame,
+    which shows pieces apart from the body; None = without them.
     """
     untouched = np.ones(parts.size, np.bool_)
     for stroke in strokes:
@@ -46,13 +53,25 @@ def doubts(
     for pixels in _places(here & (without_islands(parts, frame.depth_mm) != parts)):
         found.append(place(pixels, "an island", 1.0))
     if frame.confidence is not None:
-        for pixels in _places(here & (frame.confidence < UNSURE) & (parts != BACKGROUND) & free):
-            mean = float(frame.confidence.ravel()[pixels].mean())
+        unsure = here & (frame.confidence < UNSURE) & (parts != BACKGROUND) & free
+        for pixels in _islands(frame, parts, cloud):
+            if free.flat[pixels].all():
+                mean = float(frame.confidence.flat[pixels].mean())
+                found.append(place(pixels, f"apart from the body, confidence {mean:.2f}", 1 - mean))
+                unsure.flat[pixels] = False
+        for pixels in _places(unsure):
+            mean = float(frame.confidence.flat[pixels].mean())
             found.append(place(pixels, f"confidence {mean:.2f}", 1 - mean))
     if other is not None:
         for pixels in _places(here & (parts != other) & free):
             found.append(place(pixels, f"{title(_commonest(other, pixels))} in the other set", 0.5))
     return sorted(found, key=lambda doubt: -doubt.weight)
+
+
+def _islands(frame: FrameLabels, parts: UInt8, cloud: ThermalCloud | None) -> list[Int64]:
+    if cloud is None or frame.confidence is None:
+        return []
+    return unsure_islands(cloud, frame.scheme.on_body(parts), frame.confidence)
 
 
 def pixels_text(count: int) -> str:

@@ -10,6 +10,7 @@ from statistics import median
 from annotate.correction.correction import Correction
 from annotate.correction.replay import is_stroke, rejected_by, verdicts
 from annotate.labelset.stroke import Stroke
+from annotate.segmentation.segment import UNSURE_ISLAND
 from sensors.errors import CloudError
 
 HASTY_S = 1.5  # active seconds on an accepted frame below which a review is worth while
@@ -84,6 +85,14 @@ def confidence_of(correction: Correction, frame_id: str) -> float | None:
     except CloudError:
         return -1.0
     return float(value) if isinstance(value, int | float) else None
+
+
+def has_unsure_island(correction: Correction, frame_id: str) -> bool:
+    """Return whether a frame's notes name a piece apart from the body; False for corrupt notes."""
+    try:
+        return UNSURE_ISLAND in correction.labels.notes(frame_id).get("notes", ())
+    except CloudError:
+        return False
 
 
 def _why(entries: Sequence[Stroke], confidence: float | None) -> tuple[str, float]:

@@ -1,6 +1,6 @@
 """Labels of a frame from its segmentation and its persons."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from annotate.array_types import UInt16
 from annotate.frame_labels import FrameLabels
 from annotate.person.extract import PersonMask
 from annotate.scheme.scheme import BACKGROUND
-from annotate.segmentation.segment import ILLUMINANT
+from annotate.segmentation.segment import ILLUMINANT, UNSURE_ISLAND
 from annotate.segmentation.segmented_person import Segmentation
 
 
@@ -26,6 +26,11 @@ def notes_of(result: Segmentation, remarks: Sequence[str] = ()) -> dict[str, Any
         **(result.probabilities.note() if result.probabilities else {}),
         **({"bearing": result.bearing} if result.bearing else {}),
     }
+
+
+def review_rank(notes: Mapping[str, Any]) -> tuple[bool, float]:
+    """Return the sort key of a frame's notes: unsure islands first, then the lowest mean confidence."""
+    return UNSURE_ISLAND not in notes.get("notes", ()), float(notes.get("confidence", 0.0))
 
 
 def labels_of(

@@ -10,12 +10,14 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32, Float64, UInt8
 from annotate.cloud.coarse import nearest_labels
+from annotate.cloud.pieces import unsure_islands
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.parts import PAPER
 from annotate.person.extract import PersonDetection, PersonMask
 from annotate.scheme.merging import converts
 from annotate.scheme.scheme import BACKGROUND, Scheme
+from annotate.segmentation.bare_sides import settle_sides
 from annotate.segmentation.border_refinement import refine_borders
 from annotate.segmentation.input_channels import (
     SEEN,
@@ -50,6 +52,8 @@ SAME_ILLUMINANT = 0.1  # largest difference of log gains to the previous frame's
 WORN_SHARE = 0.7  # least share of the colours that their parts wear in the previous illuminant
 ILLUMINANT = "light"
 """Name of the note of a frame's log gains of red and blue."""
+UNSURE_ISLAND = "a piece of the person is apart from the body and unsure: check it"
+"""Note of a frame to review first."""
 MOST_GAIN = 2.0  # largest log gain accepted from a note
 
 
@@ -143,6 +147,8 @@ class SuitSegmenter:
         where, named, sure = label(cloud, view, near, illuminant, self.network)
         parts, confidence = placed(mask.shape, where, parts_of(named, scheme), sure)
         on_body = scheme.on_body(parts)
+        if unsure_islands(cloud, on_body, confidence):
+            notes = (*notes, UNSURE_ISLAND)
         persons = np.where(on_body, np.uint8(1), np.where(person.mask, np.uint8(0), person.persons))
         found = Segmentation(parts, confidence, notes, illuminant=illuminant, scheme=scheme)
         return found, replace(person, mask=on_body, persons=persons)
@@ -175,6 +181,8 @@ def fine_pass(
         seen[::step, ::step], seen[near] = True, True
         planes = with_likelihoods(planes, view.rgb, illuminant, seen, network.own)
     chance = flip_averaged(network, planes, step, near)
+    if illuminant is not None:
+        chance = settle_sides(cloud, where, chance, illuminant, network.scheme)
     return where, *refine_borders(cloud, where, chance, illuminant, network.scheme)
 
 

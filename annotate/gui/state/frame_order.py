@@ -11,6 +11,7 @@ from annotate.correction.replay import STATE_NAMES, State
 from annotate.correction.review_queue import (
     Progress,
     confidence_of,
+    has_unsure_island,
     is_queued,
     progress,
     review_queue,
@@ -63,12 +64,18 @@ class FrameOrder:
         if order == "review":
             self.reasons = {queued.frame_id: queued.reason for queued in review_queue(self.correction)}
         if order == "worst":
-            found.sort(key=lambda i: 2.0 if (known := self.confidence(i)) is None else known)
+            found.sort(key=self._certainty)
         elif order != "time":
             first = list(self.reasons) if order == "review" else teaching_order(self.correction)
             rank = {i: n for n, i in enumerate(first)}
             found.sort(key=lambda i: rank.get(i, len(rank)))
         self.frame_ids = found
+
+    def _certainty(self, frame_id: str) -> tuple[bool, float]:
+        """Return the sort key of the least certain frames first; frames without a confidence are last."""
+        known = self.confidence(frame_id)
+        island = has_unsure_island(self.correction, frame_id)
+        return not island, 2.0 if known is None else known
 
     def passes(self, frame_id: str) -> bool:
         """Return whether the filter shows a frame."""

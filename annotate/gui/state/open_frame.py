@@ -56,7 +56,7 @@ class OpenFrame:
     def doubts(self) -> list[Doubt]:
         """Return the doubtful places of the current labels, most expected wrong pixels first."""
         strokes = self.editor.history.done if self.editor else ()
-        return doubts(self.scene.labels, self.parts, self.scene.other, strokes)
+        return doubts(self.scene.labels, self.parts, self.scene.other, strokes, self.scene.cloud)
 
 
 @dataclass
