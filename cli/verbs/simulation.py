@@ -82,7 +82,7 @@ def simulate(
     scene: Annotated[
         str,
         Option(
-            help="sofa, chair, bed, floor or wheelchair; or plate, the target for calibrate.",
+            help="sofa, chair, armchair, bed, floor or wheelchair; or plate, the target for calibrate.",
             autocompletion=scenes,
         ),
     ] = "sofa",

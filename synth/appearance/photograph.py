@@ -56,6 +56,7 @@ COLORS = {name: _color(entry["color"]) for name, entry in table("difficulties").
 CLEAN, NORMAL, HARD = COLORS.values()
 _PLAIN = (0.0, 1.0, 1.0)  # without grain
 COLORFUL = (Surface.SOFA, Surface.MUG, Surface.BED, Surface.BLANKET, Surface.PILLOW)
+LATER = (Surface.WOOD, Surface.PAD, Surface.PET)  # surfaces of training rooms with warm things
 
 
 def plain_room(cast: Cast = TRAINING) -> RoomColors:
@@ -87,6 +88,8 @@ def paint_room(suit_rgb: UInt8, equal: float, rng: np.random.Generator, cast: Ca
         same, swatch = rng.random() < equal, rng.choice(suit_rgb)
         if same:
             chosen[surface] = swatch
+    later = rng.spawn(1)[0]  # because further numbers of rng would change every recording of a seed
+    chosen |= {surface: later.choice(SURFACES[surface]["often"]) for surface in LATER}
     return _room(chosen, with_grain=True)
 
 

@@ -101,7 +101,7 @@ class BodyWarmth:
         return np.asarray(self._apart + touch * np.maximum(CONTACT_C - self._apart, 0.0), np.float64)
 
 
-_DRAWN = 32  # random numbers of a room's surfaces; another count changes every recording of a seed
+_DRAWN = slice(16, 48)  # surfaces with a random number; another count changes every recording of a seed
 
 
 def surface_temperatures(tags: Int32, room_c: float, spread: float, rng: np.random.Generator) -> Float64:
@@ -109,9 +109,10 @@ def surface_temperatures(tags: Int32, room_c: float, spread: float, rng: np.rand
     deviations.
     """
     table = np.full(max(Surface) + 1, room_c)
-    table[-_DRAWN:] += 0.3 * spread * rng.normal(size=_DRAWN)
+    table[_DRAWN] += 0.3 * spread * rng.normal(size=_DRAWN.stop - _DRAWN.start)
     for surface, (celsius, deviation) in SURFACE_C.items():
-        table[surface] = celsius + spread * deviation * float(rng.normal())
+        if surface < _DRAWN.stop or surface in tags:
+            table[surface] = celsius + spread * deviation * float(rng.normal())
     return np.asarray(table[tags], np.float64)
 
 

@@ -25,6 +25,7 @@ from synth.pose.pose_parameters import Moment
 from synth.rig.difficulty import Difficulty
 from synth.rig.locations import Location
 from synth.rig.surroundings import Guest, furnish, invite
+from synth.rig.warm_things import lay_warm_things
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import Mesh, face_means, merge, tagged
 
@@ -78,7 +79,7 @@ class EpisodeSetup(NamedTuple):
     """Settings that all episodes of a rig have in common.
 
     location: draws the place of an episode. body: body of the subject; None = draw one at random. wearers:
-    bodies to draw from; None = all of the cast's.
+    bodies to draw from; None = all of the cast's. warm_things: share of subjects beside whom warm things lie.
     """
 
     location: Callable[[np.random.Generator], Location]
@@ -89,6 +90,7 @@ class EpisodeSetup(NamedTuple):
     body: Body | None = None
     cast: Cast = TRAINING
     wearers: tuple[Body, ...] | None = None
+    warm_things: float = 0.0
 
 
 def blended_bodies(cast: Cast, seed: int, number: int) -> tuple[str, str]:
@@ -121,6 +123,9 @@ class Episode:
         behaviour = self._location.behaviour
         prior = [behaviour.pose(self._body, behaviour.draw(rng))[0] for _ in range(PRIOR_MOMENTS)]
         self._things = furnish(self._location, self._body, prior, difficulty.clutter, rng)
+        things_rng = np.random.default_rng((seed, number, 17))
+        if things_rng.random() < setup.warm_things:
+            self._things += lay_warm_things(self._location, prior, things_rng)
         other = bodies[int(rng.integers(len(bodies)))]
         come = rng.random() < difficulty.clutter.company
         self._visitor_skin, worn = other, self._wear(other, tailor)

@@ -15,7 +15,7 @@ from synth.pose.pose_parameters import Moment, Posed
 from synth.pose.postures import in_bed, on_seat
 from synth.rig.cushion import Cushion
 from synth.surface.furniture import Furniture, Ground, Seat, Solid
-from synth.surface.judge_furniture import draw_bed, draw_chair, draw_sofa
+from synth.surface.judge_furniture import draw_arm_chair, draw_bed, draw_chair, draw_sofa
 from synth.surface.rasterize import beside, look_at
 from synth.surface.room import PLAIN_ROOM, Room, draw_room
 from synth.surface.wheelchair import draw_wheelchair
@@ -82,6 +82,10 @@ def _chair(rng: np.random.Generator, cast: Cast) -> Location:
     return _seat(draw_chair(cast, rng), rng, cast)
 
 
+def _arm_chair(rng: np.random.Generator, cast: Cast) -> Location:
+    return _seat(draw_arm_chair(cast, rng), rng, cast)
+
+
 def _wheelchair(rng: np.random.Generator, cast: Cast) -> Location:
     return _seat(draw_wheelchair(cast, rng), rng, cast)
 
@@ -125,6 +129,7 @@ SCENES: dict[str, Callable[[np.random.Generator, Cast], Location]] = {
     "bed": _bed,
     "floor": _floor,
     "wheelchair": _wheelchair,
+    "armchair": _arm_chair,
 }
 
 

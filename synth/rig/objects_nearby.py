@@ -92,15 +92,20 @@ def mug(stands_m: Float64, body: Body, held: bool) -> Thing:
     return Thing("mug", tagged(still, faces, Surface.MUG), where if held else None)
 
 
-def laptop(aside_m: Float64, body: Body, on_lap: bool) -> Thing:
-    """Return a laptop at aside_m or, if ``on_lap``, on the thighs."""
+def laptop_mesh() -> Mesh:
+    """Return an open laptop on the plane z = 0, its lid at -y."""
     w, d, h = LAPTOP_M
     base = box((-w / 2, -d / 2, 0), (w / 2, d / 2, h - 0.002), Surface.LAPTOP)
     keys = box((-w / 2 + 0.02, -d / 2 + 0.09, h - 0.002), (w / 2 - 0.02, d / 2 - 0.01, h), Surface.KEYBOARD)
     lid = box((-w / 2, 0, 0), (w / 2, 0.006, d), Surface.LAPTOP)
     panel = box((-w / 2 + 0.01, 0.006, 0.01), (w / 2 - 0.01, 0.008, d - 0.01), Surface.SCREEN)
     tilt = Rotation.from_euler("x", LID_RAD - np.pi / 2).as_matrix()
-    mesh = merge([base, keys, merge([lid, panel]).placed(tilt, np.array([0, -d / 2, h]))])
+    return merge([base, keys, merge([lid, panel]).placed(tilt, np.array([0, -d / 2, h]))])
+
+
+def laptop(aside_m: Float64, body: Body, on_lap: bool) -> Thing:
+    """Return a laptop at aside_m or, if ``on_lap``, on the thighs."""
+    (w, d, h), mesh = LAPTOP_M, laptop_mesh()
     still = moved(mesh, aside_m)
     legs = np.isin(body.vertex_parts, PAPER.ids_of(_LEGS))
 

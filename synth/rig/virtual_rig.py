@@ -52,7 +52,8 @@ class RigOptions:
     the thermal camera. suit: None = the cast's own, or one drawn by the seed in another scheme than
     ``paper``. draft: small colour images and coarse multipath, in half the time. wearers: bodies of the
     people; None = all of the cast's. scheme: of the truth's parts; images depend on it through the suit
-    alone. camera: depth camera in the place of the rig's.
+    alone. camera: depth camera in the place of the rig's. warm_things: share of subjects beside whom a
+    laptop, a heating pad or a pet lies.
     """
 
     scene: str = "sofa"
@@ -65,6 +66,7 @@ class RigOptions:
     wearers: tuple[Body, ...] | None = None
     scheme: Scheme = PAPER
     camera: OwnCamera | None = None
+    warm_things: float = 0.0
 
     def __post_init__(self) -> None:
         check_choice("cast", self.cast, CASTS)
@@ -120,6 +122,7 @@ class VirtualRig(FrameSource):
             fps,
             cast=self.cast,
             wearers=options.wearers,
+            warm_things=options.warm_things,
         )
         self.times_ns = np.rint(np.arange(frames) / fps * 1e9).astype(np.int64)
         depth, color, color_pose, thermal, thermal_pose, _ = vars(self.calibration).values()

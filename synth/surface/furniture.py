@@ -24,7 +24,7 @@ Side = Literal["top", "front"]  # side of a box: upwards, or towards -y
 Surface = IntEnum(
     "Surface",
     "WHEELCHAIR FLOOR WALL SOFA BED TABLE RADIATOR MUG HAIR LAPTOP KEYBOARD SCREEN WINDOW SUNLIT BLANKET "
-    "PILLOW OTHER_PERSON",
+    "PILLOW OTHER_PERSON WOOD PAD PET",
     start=31,
 )
 THING_NAMES: dict[Surface, str] = {
@@ -43,6 +43,7 @@ THING_NAMES: dict[Surface, str] = {
     Surface.WINDOW: "window",
     Surface.BLANKET: "blanket",
     Surface.PILLOW: "pillow",
+    Surface.WOOD: "seat",
 }
 """Name of the thing of a scheme that carries a surface.
 
@@ -215,6 +216,31 @@ class Chair(Seat):
         ]
         seat = Solid((-half, 0, h - 0.05), (half, self.depth, h), self.give_m, tag, carries_m=0.1)
         return [seat, self._back_rest(0.03, 0.08), *legs]
+
+
+@dataclass(frozen=True)
+class ArmChair(Chair):
+    """Chair with two arm rests of wood or metal. rest_height: above the seat. rest_width, rest_thick: of a
+    bar.
+    """
+
+    rest_height: float = 0.22
+    rest_width: float = 0.05
+    rest_thick: float = 0.03
+
+    @property
+    def footprint(self) -> Footprint:
+        return Footprint(self.width / 2 + 0.02 + self.rest_width, 0.0, self.depth + 0.12)
+
+    def solids(self) -> list[Solid]:
+        wide, top, tag = self.rest_width, self.height + self.rest_height, Surface.WOOD
+        low, rests = top - self.rest_thick, list[Solid]()
+        for x in (-self.width / 2 - 0.02 - wide, self.width / 2 + 0.02):
+            rests.append(Solid((x, 0.0, low), (x + wide, self.depth + 0.04, top), 0.003, tag))
+            rests += [
+                Solid((x, y, 0.0), (x + wide, y + 0.03, low), 0.0, tag) for y in (0.03, self.depth - 0.03)
+            ]
+        return [*super().solids(), *rests]
 
 
 @dataclass(frozen=True)

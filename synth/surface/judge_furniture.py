@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from synth.data_files import JUDGE, Cast
-from synth.surface.furniture import Bed, Chair, Footprint, Furniture, Seat, Sofa, Solid, Surface
+from synth.surface.furniture import ArmChair, Bed, Chair, Footprint, Furniture, Seat, Sofa, Solid, Surface
 from synth.surface.rasterize import Mesh, tagged
 
 LEG_M = 0.05  # side of a leg; of a rail's post less
@@ -273,6 +273,11 @@ def draw_sofa(cast: Cast, rng: np.random.Generator) -> Sofa:
 def draw_chair(cast: Cast, rng: np.random.Generator) -> Chair:
     """Draw a cast's chair."""
     return (CHAIRS[int(rng.integers(len(CHAIRS)))] if cast == JUDGE else Chair).sample(rng)
+
+
+def draw_arm_chair(cast: Cast, rng: np.random.Generator) -> Chair:
+    """Draw a cast's chair with bare arm rests."""
+    return (OfficeChair if cast == JUDGE else ArmChair).sample(rng)
 
 
 def draw_bed(cast: Cast, rng: np.random.Generator) -> Bed:

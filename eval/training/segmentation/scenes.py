@@ -28,6 +28,16 @@ SUBJECTS, FRAMES = 8, 32  # of one recording
 FIRST_SEED, FIRST_SUIT = 8_800_000, 880_000  # of the first recording; used for nothing else
 OTHER_SUIT, FULL_COLOR = 0.7, 0.05  # shares of recordings in a random suit, and at full colour resolution
 PLACES = {"sofa": 0.2, "chair": 0.15, "bed": 0.35, "floor": 0.3}  # shares; lying people are the hardest
+WITH_THINGS = 4000  # first recording in whose rooms warm things and bare arm rests are common
+ROOMS_WITH_THINGS = {
+    "sofa": 0.2,
+    "chair": 0.05,
+    "armchair": 0.15,
+    "wheelchair": 0.05,
+    "bed": 0.3,
+    "floor": 0.25,
+}
+WARM_THINGS = 0.5  # share of their subjects beside whom one lies
 OTHER_RIGS = ("d455-lepton", "bolt-lepton", "azure-boson")
 CLOSED = 0.08  # share of frames behind a closed thermal flag
 MELTING, RECORDED_STEREO = "recorded_stereo", 0.4  # kind of depth camera whose filters melt depth; its share
@@ -57,12 +67,22 @@ def training_rig(number: int, held_out: bool = False) -> VirtualRig:
     held_out: its people have the bodies that are not trained on.
     """
     rng = np.random.default_rng((88001, number))
-    difficulty, scene, rig = draw_scene(rng, 0.6, PLACES, 0.18)
+    with_things = number >= WITH_THINGS
+    places = ROOMS_WITH_THINGS if with_things else PLACES
+    difficulty, scene, rig = draw_scene(rng, 0.6, places, 0.18)
     suit = random_suit(FIRST_SUIT + number) if rng.random() < OTHER_SUIT else DEFAULT_SUIT
     draft, seed = bool(rng.random() >= FULL_COLOR), FIRST_SEED + number
     stereo = draw_sensor(rng, MELTING)
     camera = OwnCamera(stereo.camera, MELTING) if rng.random() < RECORDED_STEREO else None
-    options = RigOptions(scene, rig=rig, suit=suit, draft=draft, wearers=wearers(held_out), camera=camera)
+    options = RigOptions(
+        scene,
+        rig=rig,
+        suit=suit,
+        draft=draft,
+        wearers=wearers(held_out),
+        camera=camera,
+        warm_things=WARM_THINGS * with_things,
+    )
     return VirtualRig(FRAMES, SUBJECTS, difficulty, seed, options)
 
 
