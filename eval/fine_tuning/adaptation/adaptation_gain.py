@@ -56,7 +56,8 @@ def adaptation_gain(found: Sequence[Sequence[CropScores]], split: AdaptationSpli
     Among the shares that keep the scores on synthetic people, others spans than a span's own choose. If
     none does, the result has the one that loses least.
     """
-    known = np.array([[checked.recall(), checked.near()] for _, checked in found])
+    synthetic = [(checked.recall(), checked.near()) for _, checked in found]
+    known = np.array(synthetic)
     scores = np.array([held.by_span(split.span_of) for held, _ in found])
     lost = (known[0] - known[1:]).max(axis=1)
     able = [n for n in range(len(SHARES)) if _kept(known[0], known[n + 1])] or [int(lost.argmin())]
@@ -70,9 +71,8 @@ def adaptation_gain(found: Sequence[Sequence[CropScores]], split: AdaptationSpli
         for before, own in zip(scores[0], honest, strict=True)
     )
     assert parts is not None
-    synthetic = tuple(known[0].tolist()), tuple(known[best + 1].tolist())
-    sizes = len(split.held), both.shape[1]
-    return AdaptationGain(*sizes, split.held_out, parts, joints, synthetic, SHARES[best])
+    sizes, kept = (len(split.held), both.shape[1]), (synthetic[0], synthetic[best + 1])
+    return AdaptationGain(*sizes, split.held_out, parts, joints, kept, SHARES[best])
 
 
 def _kept(before: Float64, after: Float64) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from annotate.array_types import Float64, Int64
+from annotate.array_types import Float32, Float64, Int64
 from annotate.scheme.scheme import BACKGROUND
 from eval.network.onnx_network import OnnxNetwork
 from eval.scores.confusion import confusion_matrix, mean_recall, ratio
@@ -49,7 +49,9 @@ def scores_on_crops(network: OnnxNetwork, crops: Crops, advance: Callable[[int],
     matrices, joints = list[Int64](), list[Int64]()
     for start, (depth, parts) in enumerate(crops.batches(BATCH)):
         planes, *body = network.outputs(depth)
-        places = body[PLACES] if len(body) > PLACES else np.full((len(depth), N_JOINTS, 3), np.nan)
+        places = (
+            body[PLACES] if len(body) > PLACES else np.full((len(depth), N_JOINTS, 3), np.nan, np.float32)
+        )
         truth = crops.wholes[start * BATCH :, JOINTS].reshape(-1, N_JOINTS, 3)
         for k, (seen, true) in enumerate(zip(depth > 0, parts, strict=True)):
             best = network.merged(planes[k])[1:].argmax(axis=0) + 1
@@ -60,7 +62,7 @@ def scores_on_crops(network: OnnxNetwork, crops: Crops, advance: Callable[[int],
     return CropScores(np.array(matrices), np.array(joints))
 
 
-def near_joints(found: Float64, truth: Float64) -> Int64:
+def near_joints(found: Float32, truth: Float32) -> Int64:
     """Return the number of found joints (15, 3) near the true ones, and of known true ones inside the crop.
 
     Both are in shares of the crop's side; NaN = unknown. A joint that was not found is not near.
