@@ -39,6 +39,7 @@ RANGES = {
 }
 """Channels on a scale, with the values of their bytes 0 and 255."""
 LOG_LIKELIHOOD = (-7.0, 2.0)  # values of the bytes 0 and 255 of a colour's log likelihood
+UNKNOWN = -2.5  # log likelihood in the middle of these
 SURE = np.float32(2.0)  # log odds of the rough outline, from which colours of person and room are learnt
 VALID, FELT, SEEN, SUBJECT, OTHER = 1, 2, 4, 8, 16
 """Bits of the channel ``flags``: depth, temperature, readable colour, rough subject, other person."""
@@ -169,6 +170,18 @@ def with_likelihoods(
     rows = (*match[illuminant.bare], *illuminant.by_part(match, scheme))
     for plane, likelihood in zip(made[FIXED.index("skin") :], rows, strict=True):
         _put(plane.reshape(-1), wanted, _bytes(likelihood, *LOG_LIKELIHOOD))
+    return made
+
+
+def with_evidence(planes: UInt8, rows: Float32, there: Bool) -> UInt8:
+    """Return the channels (n, h, w) of ``paper`` with log likelihoods (m, h, w) of its parts from another
+    source than colour.
+
+    there: bool (h, w), pixels with likelihoods. Skin and dark cloth have the likelihood ``UNKNOWN``.
+    """
+    made = planes.copy()
+    made[FIXED.index("skin") : len(FIXED)] = _bytes(np.full(there.shape, UNKNOWN), *LOG_LIKELIHOOD) * there
+    made[len(FIXED) :] = np.maximum(_bytes(rows, *LOG_LIKELIHOOD), 1) * there
     return made
 
 

@@ -77,9 +77,9 @@ class ColourFuser:
         self._view = PointView.of_color(calibration.depth, color, pose)
         self.calibration, self.camera = calibration, self._fuser.camera
 
-    def fuse(self, depth_mm: UInt16) -> ColouredCloud:
-        """Fuse a depth image without colour."""
-        return self._with(self._fuser.fuse(depth_mm), None)
+    def fuse(self, depth_mm: UInt16, rgb: UInt8 | None = None) -> ColouredCloud:
+        """Fuse a depth image with a colour image, if any."""
+        return self._with(self._fuser.fuse(depth_mm, rgb), rgb)
 
     def fuse_frame(self, frame: RigFrame) -> ColouredCloud:
         """Fuse a frame, decoding its colour image. Raises the errors of ``Fuser.fuse_frame``."""

@@ -1,5 +1,7 @@
 """Pixels of a witnessed person in the depth image."""
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 
@@ -7,6 +9,7 @@ from annotate.array_types import Bool, Float32
 from annotate.witness.coloured_cloud import ColouredCloud
 from annotate.witness.limbs import ALONG, distances
 from annotate.witness.outline import BORDER, outline
+from annotate.witness.outline import LEAST_PX as LEAST_BORDER_PX
 from annotate.witness.pose_network import PosedPerson
 from annotate.witness.skeleton import JOINT, Skeleton, skeleton_of
 
@@ -15,10 +18,25 @@ HEAD_LONG, HEAD_WIDE = 0.75, 0.25  # trunks above the neck (Winter: 0.63) and to
 LIMB_REACH = 0.3  # trunks from a limb, within which depth decides without a witness's mask; untuned
 
 
+class Outline(NamedTuple):
+    """Witnessed person in depth. mask: (h, w). border_px: width of the witness's border."""
+
+    mask: Bool
+    skeleton: Skeleton
+    border_px: float
+
+    def bounds(self) -> tuple[Bool, Bool]:
+        """Return the pixels (h, w) within the border, and the pixels within or on it."""
+        side = 2 * max(LEAST_BORDER_PX, round(self.border_px)) + 1
+        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+        own = self.mask.astype(np.uint8)
+        return cv2.erode(own, kernel, borderValue=1) > 0, cv2.dilate(own, kernel) > 0
+
+
 def person_outline(
     cloud: ColouredCloud, person: PosedPerson, names: tuple[str, ...], found: Bool
-) -> tuple[Bool, Skeleton] | None:
-    """Return the person's pixels (h, w) and skeleton; None for a person without depth.
+) -> Outline | None:
+    """Return the person's outline and skeleton; None for a person without depth.
 
     names: of the landmarks. found: pixels (h, w) of people found in depth.
     """
@@ -35,7 +53,7 @@ def person_outline(
     if mask is None:
         mask = _near_limbs(cloud.cloud.points_m, skeleton, found)
     own = outline(cloud.depth_mm, mask, found, known, border_px)
-    return (own, skeleton) if own.sum() >= LEAST_PX else None
+    return Outline(own, skeleton, border_px) if own.sum() >= LEAST_PX else None
 
 
 def _inner(shown: Bool, border_px: float) -> Bool:

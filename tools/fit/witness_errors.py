@@ -7,16 +7,20 @@ image. Heads are off by up to a trunk. Shares of missed and exchanged landmarks 
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
-from annotate.array_types import Float64
+from annotate.array_types import Float32, Float64
 from annotate.witness.onnx_pose import NAMES as COCO
+from annotate.witness.person_crop import PersonCrop
 from sensors.rig.camera import Intrinsics, project
 from synth.body.skeleton import JOINT_ID
 
 NAMES = tuple(name for name in COCO if "eye" not in name and "ear" not in name)
 """Landmarks of the simulated witness: nose and twelve joints of limbs."""
 _OF = {"nose": "head"}
+MASK_PX = 256  # side of a simulated mask's crop
+MASK_ERROR_PX = 1.5  # standard deviation of its border; assumed
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,11 @@ class WitnessErrors:
 
     def doubled(self) -> "WitnessErrors":
         """Return errors of twice the size and share."""
-        return WitnessErrors(*(2 * getattr(self, name) for name in self.__dataclass_fields__))
+        return self.times(2)
+
+    def times(self, size: float) -> "WitnessErrors":
+        """Return errors of ``size`` times the size and share."""
+        return WitnessErrors(*(size * getattr(self, name) for name in self.__dataclass_fields__))
 
     def landmarks(self, joints_m: Float64, camera: Intrinsics, rng: np.random.Generator) -> Float64:
         """Return landmarks (13, 3) by ``NAMES`` of joints (20, 3) of ``synth.body.skeleton``, camera frame;
@@ -58,3 +66,19 @@ class WitnessErrors:
         seen = np.where(rng.random(len(at)) < self.missed, 0.0, 0.95)
         inside = (at >= 0).all(axis=1) & (at[:, 0] <= camera.width) & (at[:, 1] <= camera.height)
         return np.column_stack([at, np.where(inside, seen, 0.0)])
+
+
+def mask_with_errors(at_px: Float64, crop: PersonCrop, rng: np.random.Generator, size: float) -> Float32:
+    """Return the mask (256, 256) of a person's points (n, 2), its border displaced by smooth noise.
+
+    size: factor of the displacement.
+    """
+    turn = cv2.invertAffineTransform(crop.placement(MASK_PX, MASK_PX))
+    at = np.rint((at_px - 0.5) @ turn[:, :2].T + turn[:, 2]).astype(int).clip(0, MASK_PX - 1)
+    plane = np.zeros((MASK_PX, MASK_PX), np.uint8)
+    plane[at[:, 1], at[:, 0]] = 1
+    plane = cv2.morphologyEx(plane, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    inside, outside = (cv2.distanceTransform(one, cv2.DIST_L2, 3) for one in (plane, 1 - plane))
+    noise = cv2.GaussianBlur(rng.normal(size=plane.shape), (0, 0), 6)
+    noise *= size * MASK_ERROR_PX / noise.std()
+    return (1 / (1 + np.exp(-(inside - outside + noise)))).astype(np.float32)

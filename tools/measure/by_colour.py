@@ -18,10 +18,9 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from annotate.array_types import Float32, Float64, UInt8
+from annotate.array_types import UInt8
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import PAPER
@@ -36,7 +35,7 @@ from sensors.errors import CloudError
 from sensors.importers.open_source import open_source
 from sensors.rig.frame import FrameSource
 from tools.fit import witness_errors
-from tools.fit.witness_errors import WitnessErrors
+from tools.fit.witness_errors import WitnessErrors, mask_with_errors
 from tools.measure.rgbd_tally import JUDGED, count_labels
 
 THIRD = 4  # of the 13 judged joints
@@ -46,8 +45,6 @@ ABOUT = {
     **{27 + side: (27 + side, 29 + side, 31 + side) for side in (0, 1)},
 }
 """Landmarks that are withheld with a judged one: face, hands, feet."""
-MASK_PX = 256  # side of a simulated mask's crop
-MASK_ERROR_PX = 1.5  # standard deviation of its border; assumed
 
 
 def withheld(image: UInt8) -> list[int]:
@@ -139,22 +136,9 @@ def simulated(session: Path, errors: WitnessErrors, step: int, size: float) -> S
         cloud = fuser.fuse_frame(frame)
         crop = cloud.crop(own)
         if crop is not None:
-            mask = _mask(cloud.surface(own).at_px, crop, rng, size)
+            mask = mask_with_errors(cloud.surface(own).at_px, crop, rng, size)
             people[zlib.crc32(rgb)] = PosedPerson(landmarks, crop, crop.pasted(mask, color.shape))
     return SimulatedWitness(people)
-
-
-def _mask(at_px: Float64, crop: PersonCrop, rng: np.random.Generator, size: float) -> Float32:
-    """Return the mask (256, 256) of a person's points (n, 2), its border displaced by smooth noise."""
-    turn = cv2.invertAffineTransform(crop.placement(MASK_PX, MASK_PX))
-    at = np.rint((at_px - 0.5) @ turn[:, :2].T + turn[:, 2]).astype(int).clip(0, MASK_PX - 1)
-    plane = np.zeros((MASK_PX, MASK_PX), np.uint8)
-    plane[at[:, 1], at[:, 0]] = 1
-    plane = cv2.morphologyEx(plane, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
-    inside, outside = (cv2.distanceTransform(one, cv2.DIST_L2, 3) for one in (plane, 1 - plane))
-    noise = cv2.GaussianBlur(rng.normal(size=plane.shape), (0, 0), 6)
-    noise *= size * MASK_ERROR_PX / noise.std()
-    return (1 / (1 + np.exp(-(inside - outside + noise)))).astype(np.float32)
 
 
 def of_session(session: Path, step: int) -> str:

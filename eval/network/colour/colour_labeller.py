@@ -7,23 +7,23 @@ from typing import Any
 
 import numpy as np
 
-from annotate.array_types import Bool, Float32, UInt8
+from annotate.array_types import Bool, UInt8
 from annotate.cloud.coarse import CoarseCloud
-from annotate.crop import nearest_seen, network_crop, normalize
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import Run, run
 from annotate.person.extract import PersonDetection, PersonMask
-from annotate.scheme.regions import Region
 from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Scheme
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
 from annotate.witness.coloured_cloud import ColouredCloud, ColourFuser
-from annotate.witness.fusion import fused, head_by_depth, in_scheme, shipped_spreads
+from annotate.witness.fusion import in_scheme
 from annotate.witness.person_crop import PersonCrop
-from annotate.witness.person_outline import person_outline
+from annotate.witness.person_outline import Outline, person_outline
 from annotate.witness.pose_network import LEAST, SURER, WIDENED, PosedPerson, PoseNetwork, people_in
 from annotate.witness.shown_person import NOTE, ShownPerson
 from annotate.witness.skeleton import Skeleton
 from eval.network.body_state import BodyState
+from eval.network.colour.witness_network import corrected, shipped_witness_network
+from eval.network.colour.witnessed_body import witnessed_body
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import joined
 from eval.scores.joints import N_JOINTS
@@ -92,9 +92,10 @@ class ColourLabeller:
             taken = np.zeros(whose.shape, np.bool_)
             for person in self._people(cloud, whose):
                 shown = person_outline(cloud, person, tuple(self.witness.names), (whose > 0) & ~taken)
-                if shown is not None and (mask := shown[0] & ~taken).any():
-                    labels, note = self._labelled(cloud, mask, shown[1]), _shown(cloud, person, shown[1])
-                    bearing = (labels.bearing or {}) | {NOTE: note}
+                if shown is not None and (shown.mask & ~taken).any():
+                    shown = shown._replace(mask=shown.mask & ~taken)
+                    mask, labels = self._labelled(cloud, shown, taken)
+                    bearing = (labels.bearing or {}) | {NOTE: _shown(cloud, person, shown.skeleton)}
                     witnessed.append((mask, replace(labels, bearing=bearing)))
                     taken |= mask
         return ColourDetection(cloud, persons, witnessed)
@@ -115,30 +116,17 @@ class ColourLabeller:
         found = (self.witness.landmark(rgb, crop._replace(side=k * crop.side), least) for k, least in each)
         return next((person for person in found if person), None)
 
-    def _labelled(self, cloud: ColouredCloud, mask: Bool, skeleton: Skeleton) -> Segmentation:
-        """Return the labels of a person's pixels (h, w), with its joints."""
-        planes, state = self._by_depth(cloud, mask)
-        points_m, own = cloud.cloud.points_m[mask], self.network.own
-        head = planes[own.class_table[own.table[Region.HEAD]]]
-        skeleton = head_by_depth(skeleton, points_m, head)
-        if state is not None:
-            skeleton = skeleton.completed(state.joints_mm(cloud.cloud.camera) / 1000)
-        chance = in_scheme(fused(planes, own, points_m, skeleton, shipped_spreads()), self.scheme)
+    def _labelled(self, cloud: ColouredCloud, outline: Outline, taken: Bool) -> tuple[Bool, Segmentation]:
+        """Return a person's pixels (h, w) and their labels, with its joints. taken: others' pixels."""
+        inner, wide = outline.bounds()
+        body = witnessed_body(cloud.cloud, outline, wide & ~taken, self.network)
+        mask, regions = corrected(cloud.cloud, body, inner, shipped_witness_network())
+        chance = in_scheme(regions, self.scheme)
         best = chance[1:].argmax(axis=0) + 1
         parts, sure = np.full(mask.shape, BACKGROUND, np.uint8), np.zeros(mask.shape, np.float32)
         parts[mask], sure[mask] = self.scheme.class_ids[best], chance.max(axis=0)
-        bearing = None if state is None else _placed(state, skeleton, cloud).note()
-        return Segmentation(parts, sure, bearing=bearing, scheme=self.scheme)
-
-    def _by_depth(self, cloud: ColouredCloud, mask: Bool) -> tuple[Float32, BodyState | None]:
-        """Return the network's probabilities (k, n) at a mask's pixels, in its own scheme, and its state."""
-        crop = network_crop(mask)
-        depth = normalize(crop.cut(cloud.depth_mm, 0), crop.cut(mask, False))
-        planes, *body = self.network.outputs(depth[None])
-        at = crop.paste(nearest_seen(depth > 0), (mask.shape[0], mask.shape[1]), 0)[mask]
-        outputs = tuple(one[0] for one in body)
-        state = BodyState.of(crop, (cloud.depth_mm, mask), outputs) if body else None
-        return planes[0].reshape(len(planes[0]), -1)[:, at], state
+        bearing = None if body.state is None else _placed(body.state, body.skeleton, cloud).note()
+        return mask, Segmentation(parts, sure, bearing=bearing, scheme=self.scheme)
 
     def label(
         self, detection: ColourDetection, before: FrameLabels | None
