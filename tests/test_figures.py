@@ -12,7 +12,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
+from annotate.parts import PAPER
+from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import predict_source
 from eval.scores.confusion import mean_recall
 from sensors.errors import CloudError
@@ -227,8 +228,8 @@ def images(tmp_path_factory):
     preset = replace(preset_named("sitting-test", "judge"), each=2)
     with network.ThreadPoolExecutor(1) as thread:
         generate(Order(preset, 32, 7), out, network.Workers(thread, 1), lambda n: None)
-    networks = OnnxNetwork(SHIPPED_WEIGHTS), OnnxNetwork(SHIPPED_WEIGHTS), Worse(SHIPPED_WEIGHTS)
-    return [measured(one, out)["all"] for one in networks]
+    networks = OnnxNetwork(), OnnxNetwork(), Worse()
+    return [measured(one.in_scheme(PAPER), out)["all"] for one in networks]
 
 
 def test_a_hundredth_of_recall_is_seen_and_a_run_again_is_not(images):
@@ -258,7 +259,7 @@ def test_a_posture_counts_where_another_was_possible(images):
 
 @pytest.mark.skipif(not real_people.PEOPLE.is_dir(), reason="recordings of real people are absent")
 def test_real_people_are_counted_as_their_own_score_does(tmp_path):
-    take, net = real_people.PEOPLE / "takes" / "a22_s1_t1", OnnxNetwork(SHIPPED_WEIGHTS)
+    take, net = real_people.PEOPLE / "takes" / "a22_s1_t1", OnnxNetwork()
     found = real_people.measure_people(take, net)
     labels = predict_source(open_source(take), net, tmp_path / "p", lambda n: None).labels
     command = [sys.executable, real_people.PEOPLE / "score.py", labels.path, take]

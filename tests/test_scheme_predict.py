@@ -21,17 +21,20 @@ from annotate.segmentation.segmented_person import Segmentation
 from annotate.segmentation.suit_network import SuitNetwork
 from eval.fine_tuning.by_depth import DepthFineTuner
 from eval.fine_tuning.training_split import CorrectedFrame
-from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork, shipped_weights
+from eval.network.finer_parts import in_finer_scheme
+from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import PredictOptions, fits, predict_frames
-from eval.network.predict_source import _without_things
+from eval.network.predict_source import _without_things, predict_source
 from eval.network.refine import refine, shipped_refinement_network
 from eval.network.side_smoothing import sided_by_parts
 from eval.network.support import CARRIED, support_of
 from eval.training.segmentation.network import FULL_REFINEMENT_NETWORK
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics
+from sensors.session.reader import Session
 from tests.helpers.schemes import WARD, frame_in
 from tests.test_eval_bearing import body_state
+from tests.test_eval_network_file import onnx_network
 
 ATLAS, SIX, HANDS = load_scheme("atlas"), load_scheme("six"), load_scheme("hands-and-feet")
 CAMERA = Intrinsics(128, 96, 110.0, 110.0, 63.5, 47.5)
@@ -73,28 +76,57 @@ def test_a_refinement_takes_the_first_labels_in_its_scheme_and_gives_the_wanted_
 
 
 def test_a_scheme_that_the_networks_cannot_give_is_refused_in_one_line(tmp_path, person, annotate_cloud):
-    network, room = OnnxNetwork(), shipped_refinement_network()
+    network, room = OnnxNetwork(onnx_network(tmp_path / "n.onnx", 12)), shipped_refinement_network()
     assert fits(PredictOptions(room_refiner=room), network)
-    assert not fits(PredictOptions(scheme=HANDS), network)
+    assert not fits(PredictOptions(room_refiner=room, scheme=HANDS), network)
     with pytest.raises(FormatError, match="several parts of scheme 'hands-and-feet'"):
-        predicted(person, tmp_path / "p", scheme=HANDS)
+        PredictOptions(scheme=HANDS).chained(network)
     wanted = ("--scheme", "hands-and-feet", "--out", tmp_path / "p")
-    done = annotate_cloud("predict", person.path, "--weights", SHIPPED_WEIGHTS, *wanted)
+    done = annotate_cloud("predict", person.path, "--weights", tmp_path / "n.onnx", *wanted)
     assert done.code == 1 and len(done.err.strip().splitlines()) == 1
     assert "'hands-and-feet'" in done.err and not (tmp_path / "p").exists()
 
 
-def test_a_scheme_that_splits_the_papers_parts_is_given_by_the_network_of_regions(
-    tmp_path, person, annotate_cloud
-):
-    assert shipped_weights() == shipped_weights(SIX) == shipped_weights(PAPER) == SHIPPED_WEIGHTS
-    assert shipped_weights(HANDS) == shipped_weights(ATLAS)
+def test_a_scheme_that_splits_the_papers_parts_is_given_by_the_regions(tmp_path, person, annotate_cloud):
     wanted = ("--scheme", "hands-and-feet", "--out", tmp_path / "p")
     assert annotate_cloud("predict", person.path, *wanted).code == 0
     frame = LabelSet.open(tmp_path / "p").read("000000")
-    network = OnnxNetwork(shipped_weights(ATLAS))
+    network = OnnxNetwork()
     expected = network.in_scheme(HANDS).segment(frame.depth_mm, frame.on_person)
     np.testing.assert_array_equal(frame.parts, expected.parts)
+
+
+def test_refined_labels_in_a_finer_scheme_keep_the_refined_parts_and_the_first_regions():
+    first = frame_in(ATLAS, 3, (48, 64))
+    to_paper, to_hands = conversion_table(ATLAS, PAPER), conversion_table(HANDS, PAPER)
+    same = in_finer_scheme(in_scheme(first, PAPER, to_paper), first, HANDS)
+    np.testing.assert_array_equal(same.parts, conversion_table(ATLAS, HANDS)[first.parts])
+    moved = replace(first, parts=np.roll(to_paper[first.parts], 5, 1), scheme=PAPER)
+    finer = in_finer_scheme(moved, first, HANDS)
+    np.testing.assert_array_equal(to_hands[finer.parts], moved.parts)
+    missing = replace(first, parts=np.zeros_like(first.parts))
+    np.testing.assert_array_equal(to_hands[in_finer_scheme(moved, missing, HANDS).parts], moved.parts)
+
+
+def test_recordings_are_refined_in_a_finer_scheme(tmp_path, rig_session):
+    """The refined parts are those of `paper`, and some pixels are hands."""
+    room, opened = shipped_refinement_network(), Session(rig_session)
+    coarse, fine = (
+        predict_source(
+            opened,
+            OnnxNetwork(),
+            tmp_path / name,
+            lambda n: None,
+            PredictOptions(room_refiner=room, scheme=scheme),
+        ).labels
+        for name, scheme in (("paper", PAPER), ("hands", HANDS))
+    )
+    hands = [part.id for part in HANDS.parts if "hand" in part.name]
+    for frame_id in fine.frame_ids:
+        found, expected = fine.read(frame_id).parts, coarse.read(frame_id).parts
+        same = conversion_table(HANDS, PAPER)[found] == expected
+        assert same[expected > 0].mean() > 0.98 and ((found > 0) == (expected > 0)).mean() > 0.999
+    assert np.isin(found, hands).any()
 
 
 @pytest.mark.parametrize("coarse", [PAPER, SIX], ids=lambda scheme: scheme.name)

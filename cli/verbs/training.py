@@ -64,13 +64,14 @@ class _Choices:
         if self.init and self.network:
             raise CloudError(f"{self.init} determines the network; leave out --network {self.network}")
 
-    def weights(self, scheme: "Scheme") -> Path | None:
-        """Return the weights file from which to start a training on a scheme, if any."""
+    @property
+    def weights(self) -> Path | None:
+        """Return the weights file from which to start a training, if any."""
         if self.init != SHIPPED:
             return self.init
-        from eval.network.onnx_network import shipped_weights
+        from eval.network.onnx_network import SHIPPED_WEIGHTS
 
-        return shipped_weights(scheme).with_suffix(".safetensors")
+        return SHIPPED_WEIGHTS.with_suffix(".safetensors")
 
     def plan(self, scheme: "Scheme") -> "tuple[Plan, nn.Module | None]":
         """Return the plan, and the network to start from if any, with the classes of a scheme."""
@@ -79,7 +80,7 @@ class _Choices:
         from eval.training.expansion import expanded
         from eval.training.plan import ModernRecipe, PaperRecipe, Plan, best_precision
 
-        weights, without = self.weights(scheme), self.without or []
+        weights, without = self.weights, self.without or []
         model: nn.Module | None = None
         if weights:
             start, config, known = load_weights(weights)

@@ -16,7 +16,6 @@ from annotate.labelset.images import Probabilities
 from annotate.onnx_session import onnx_session, scheme_in_metadata
 from annotate.parts import PAPER
 from annotate.posture import POSTURES
-from annotate.scheme.merging import converts
 from annotate.scheme.scheme import BACKGROUND, Scheme
 from annotate.scheme_network import SchemeNetwork
 from annotate.segmentation.segmented_person import Segmentation
@@ -28,20 +27,14 @@ from sensors.errors import FormatError, one_line
 from sensors.files.bounded import read_bounded
 
 SHIPPED_WEIGHTS = Path(str(files("eval").joinpath("weights", "compact.onnx")))
-SHIPPED_REGIONS = SHIPPED_WEIGHTS.with_name("regions.onnx")
 MAX_WEIGHT_BYTES = 1_000_000_000  # of a network's file, read whole; the paper's has 540 MB
-ROUNDING = 1 / 255  # of a probability, which some networks give in eight bits
+ROUNDING = 2 / 255  # of a probability, which some networks compute as a product of two in eight bits
 AT_ONCE = min(4, os.cpu_count() or 1)  # crops at once, a thread each: threads that share a crop wait
 BODY_OUTPUTS = {"facing": (2,), "posture": (len(POSTURES),), "joints": (N_JOINTS, 3)}
 JOINT_OUTPUTS = {"joint_sd": (N_JOINTS, 2), "joint_state": (N_JOINTS, len(VISIBILITIES))}
 """Outputs of networks from release 0.4, beside ``BODY_OUTPUTS``."""
 Image = tuple[UInt16, Bool]
 """Depth in millimetres and the person's pixels, both (h, w)."""
-
-
-def shipped_weights(scheme: Scheme | None = None) -> Path:
-    """Return the shipped network: of ``paper``, or of regions for a scheme that splits the paper's parts."""
-    return SHIPPED_WEIGHTS if scheme is None or converts(PAPER, scheme) else SHIPPED_REGIONS
 
 
 class OnnxNetwork(SchemeNetwork):

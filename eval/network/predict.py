@@ -15,6 +15,7 @@ from annotate.labelset.claim import Claim, login
 from annotate.labelset.label_set import LabelSet
 from annotate.labelset.labelled_frames import LabelledFrames
 from annotate.labelset.scheme_note import scheme_note
+from annotate.scheme.merging import converts
 from annotate.scheme.scheme import Scheme
 from annotate.segmentation.labels_of_frame import notes_of
 from annotate.segmentation.segmented_person import Segmentation
@@ -72,10 +73,14 @@ class PredictOptions:
         last = self.refiners[-1] if self.refiners else network
         target = self.scheme or last.usual_scheme
         refiners = self.all_refiners
+        if (room := self.room_refiner) and refiners == [room] and not converts(room.own, target):
+            for scheme in (room.own, target):
+                network.in_scheme(scheme)
+            return Networks(network.in_scheme(network.own), room.in_scheme(room.own), [], target)
         schemes = [*(one.own for one in refiners), target]
         chain = [one.in_scheme(after) for one, after in zip(refiners, schemes[1:], strict=True)]
-        room, rest = (chain[0], chain[1:]) if self.room_refiner else (None, chain)
-        return Networks(network.in_scheme(schemes[0]), room, rest, target)
+        refined, rest = (chain[0], chain[1:]) if room else (None, chain)
+        return Networks(network.in_scheme(schemes[0]), refined, rest, target)
 
     def step(self, network: OnnxNetwork) -> dict[str, Any]:
         """Return the entry of a label set's manifest about the networks."""
@@ -98,12 +103,20 @@ def fits(options: PredictOptions, network: OnnxNetwork) -> bool:
 
 @dataclass(frozen=True)
 class Networks:
-    """Network of the first labels, and the networks that refine them. scheme: of the last labels."""
+    """Network of the first labels, and the networks that refine them.
+
+    scheme: of the last labels, where ``room_refiner`` alone refines perhaps finer than its own.
+    """
 
     first: OnnxNetwork
     room_refiner: SuitNetwork | None
     refiners: Sequence[SuitNetwork]
     scheme: Scheme
+
+    @property
+    def after_room(self) -> Scheme:
+        """Return the scheme of the labels that ``room_refiner`` has refined, or need not refine."""
+        return self.refiners[0].own if self.refiners else self.scheme
 
 
 def predict_frames(
@@ -197,7 +210,7 @@ def _write(
         scheme=result.scheme,
     )
     if networks.room_refiner:
-        labelled = in_scheme(labelled, networks.room_refiner.scheme)
+        labelled = in_scheme(labelled, networks.after_room)
     if networks.refiners:
         labelled = reduce(partial(refine, camera_in(frames, labelled)), networks.refiners, labelled)
     predicted.write(labelled, result.probabilities)

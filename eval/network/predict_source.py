@@ -15,6 +15,7 @@ from annotate.person.extract import PersonDetection, PersonMask
 from annotate.scheme.scheme import Scheme
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
 from eval.network.body_state import BodyState
+from eval.network.finer_parts import in_finer_scheme
 from eval.network.joint_filter import filter_joints
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.posture_model import with_posture
@@ -87,10 +88,11 @@ class NetworkLabeller:
             scheme=found.scheme,
         )
         refined, room_refiner = first, self.networks.room_refiner
+        if room_refiner and _shows_room(cloud.depth_mm, person.mask):
+            refined = refine(cloud.camera, first, room_refiner, planes)
+            refined = keep_sure_parts(in_scheme(first, room_refiner.scheme), refined)
         if room_refiner:
-            refined = in_scheme(first, room_refiner.scheme)
-            if _shows_room(cloud.depth_mm, person.mask):
-                refined = keep_sure_parts(refined, refine(cloud.camera, first, room_refiner, planes))
+            refined = in_finer_scheme(refined, first, self.networks.after_room)
         refined = reduce(partial(refine, cloud.camera, planes=planes), self.networks.refiners, refined)
         assert refined.confidence is not None and refined.persons is not None
         found = replace(found, parts=refined.parts, confidence=refined.confidence, scheme=refined.scheme)

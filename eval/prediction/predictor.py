@@ -16,7 +16,7 @@ from annotate.scheme.scheme import Scheme
 from annotate.scheme.scheme_file import load_scheme
 from annotate.segmentation.labels_of_frame import labels_of
 from eval.network.body_state import BodyState, body_state_notes, joint_quality, joint_row
-from eval.network.onnx_network import OnnxNetwork, shipped_weights
+from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict import PredictOptions, fits
 from eval.network.predict_source import NetworkLabeller
 from eval.network.refine import shipped_refinement_network
@@ -159,7 +159,7 @@ def labeller_of(scheme: Scheme | None, everybody: bool, weights: str | Path | No
 
     The depth of the room refines the labels of one person, where the refinement network has the scheme.
     """
-    network = OnnxNetwork(Path(weights or shipped_weights(scheme)), scheme=scheme if weights else None)
+    network = OnnxNetwork(Path(weights or SHIPPED_WEIGHTS), scheme=scheme if weights else None)
     alone = PredictOptions(everybody=everybody, scheme=scheme)
     refined = replace(alone, room_refiner=None if everybody else shipped_refinement_network())
     return NetworkLabeller(network, refined if fits(refined, network) else alone)

@@ -11,7 +11,7 @@ import numpy as np
 
 from annotate.parts import PAPER
 from eval.compare.compare import Comparison, compare_sets
-from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
+from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import predict_frames
 from eval.scores.confusion import left_right_swap_rate, mean_recall
 from synth.data_files import JUDGE
@@ -74,7 +74,7 @@ def _judged(job: tuple[str, int, int]) -> Judged:
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as thread:
         out, workers = Path(folder) / "d", Workers(thread, 1)
         made = generate(Order(preset_named(name, JUDGE), count, seed), out, workers, lambda n: None)
-        network = OnnxNetwork(SHIPPED_WEIGHTS)
+        network = OnnxNetwork().in_scheme(PAPER)
         labels = predict_frames(made.dataset, network, Path(folder) / "p", lambda n: None).labels
         compared = compare_sets(labels, made.dataset, workers=1)
         drawn = {
@@ -131,7 +131,7 @@ def real(seed: int) -> Rows:
 @lru_cache(maxsize=1)
 def people() -> dict[Path, real_people.People]:
     """Return the measures of the shipped network by folder of real people; two tables share them."""
-    network = OnnxNetwork(SHIPPED_WEIGHTS)
+    network = OnnxNetwork()
     return {folder: real_people.measure_people(folder, network) for folder in real_people.folders()}
 
 

@@ -1,9 +1,8 @@
 """Write the shipped weights of a training: ``python -m tools.fit.network RUN CALIBRATION_SET``.
 
-Writes eval/weights/compact.onnx, or regions.onnx for a network of the atlas' regions; most convolutions are
-quantised. The safetensors file beside it has half precision. Both come from RUN's weights.safetensors. The
-calibration set is a dataset that was not trained on. Its images of the bodies that RUN left out give the
-temperature and the ranges of the quantisation.
+Writes eval/weights/compact.onnx; most convolutions are quantised. The safetensors file beside it has half
+precision. Both come from RUN's weights.safetensors. The calibration set is a dataset that was not trained on.
+Its images of the bodies that RUN left out give the temperature and the ranges of the quantisation.
 """
 
 import json
@@ -11,7 +10,7 @@ import sys
 from pathlib import Path
 
 from eval.network.onnx_export import LEAST_HALVED, export_network, halve_onnx, name_scheme
-from eval.network.onnx_network import shipped_weights
+from eval.network.onnx_network import SHIPPED_WEIGHTS
 from eval.network.weights_file import load_weights, save_weights
 from eval.scores.joint_visibility import VISIBILITIES
 from eval.training.calibration.calibration_split import LEAST_BODIES
@@ -36,11 +35,10 @@ def main() -> None:
     left_out = json.loads((run / HISTORY).read_text())["left_out"]
     if not left_out:
         sys.exit(f"{run} has left out 0 bodies; train with --hold-out, or on {LEAST_BODIES} bodies or more")
-    shipped = shipped_weights(scheme)
     crops = load_crops([calibration], only=frozenset(left_out))
     temperature, factors = fitted_temperature(network, crops), fitted_deviation_factors(network, crops)
     inputs = ({"depth": depth[:, None]} for depth, _ in crops.spread(CALIBRATED_ON).batches(1))
-    with replacing(shipped) as unfinished:
+    with replacing(SHIPPED_WEIGHTS) as unfinished:
         full = run / "full.onnx"
         export_network(network, full, temperature, scheme, factors)
         quantise(full, inputs, unfinished, EXACT)
@@ -49,7 +47,7 @@ def main() -> None:
     for name, value in network.state_dict().items():
         if value.is_floating_point() and value.numel() >= LEAST_HALVED:
             network.get_parameter(name).data = value.half()
-    save_weights(shipped.with_suffix(".safetensors"), network, config, scheme)
+    save_weights(SHIPPED_WEIGHTS.with_suffix(".safetensors"), network, config, scheme)
     named = ", ".join(f"{name} {one:.2f}" for name, one in zip(VISIBILITIES, factors, strict=True))
     print(f"temperature {temperature:.4f}; factors of deviations: {named}")
 

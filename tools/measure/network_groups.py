@@ -121,7 +121,7 @@ def measured(network: OnnxNetwork, path: Path) -> dict[str, Tally]:
     def count() -> None:
         planes, *whole = network.outputs(np.stack([crop[0] for crop, *_ in waiting]))
         for k, ((depth, parts), frame, names, row) in enumerate(waiting):
-            found = np.where(depth > 0, planes[k][1:].argmax(0) + 1, 0).astype(np.uint8)
+            found = np.where(depth > 0, network.merged(planes[k])[1:].argmax(0) + 1, 0).astype(np.uint8)
             matrix = confusion_matrix(np.where(depth > 0, parts, np.uint8(UNDEFINED)), found, PAPER)
             facing = posture = (False, False)
             true_posture = ""

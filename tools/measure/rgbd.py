@@ -27,7 +27,7 @@ from annotate.array_types import Float64
 from annotate.labelset.label_set import LabelSet
 from annotate.witness.blazepose import BlazePose
 from eval.network.body_state import BodyState, body_state_notes, joint_row
-from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
+from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import PredictOptions
 from eval.network.predict_source import predict_source
 from eval.network.refine import shipped_refinement_network
@@ -184,7 +184,7 @@ def over_recordings(values: list[tuple[str, Any]], statistic: Statistic) -> Figu
 
 def tallied(folders: Sequence[Path], models: Path | None) -> dict[str, dict[str, Tally]]:
     """Measure recordings; return the counts by recording and reading."""
-    network = OnnxNetwork(SHIPPED_WEIGHTS)
+    network = OnnxNetwork()
     colour = colour_network(models)
     ordered = sorted(folders, key=lambda folder: not (folder / PEOPLE_FILE).is_file())
     return {folder.name: measure_recording(folder, network, colour) for folder in ordered}

@@ -53,14 +53,13 @@ class PredictChoices:
         from annotate.labelset.labelled_frames import LabelledFrames
         from annotate.scheme.scheme_file import load_scheme
         from annotate.segmentation.suit_network import SuitNetwork
-        from eval.network.onnx_network import OnnxNetwork, shipped_weights
+        from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
         from eval.network.predict import PredictOptions, fits, predict_frames
         from eval.network.predict_source import predict_source
         from eval.network.refine import shipped_refinement_network
 
         scheme = load_scheme(str(self.scheme)) if self.scheme else None
-        weights = self.weights or shipped_weights(scheme)
-        network = OnnxNetwork(weights, scheme=scheme if self.weights else None)
+        network = OnnxNetwork(self.weights or SHIPPED_WEIGHTS, scheme=scheme if self.weights else None)
         refiners = [SuitNetwork(self.learnt)] if self.learnt else []
         if isinstance(opened, LabelledFrames):
             refiners = [shipped_refinement_network(), *refiners] if self.again else refiners
