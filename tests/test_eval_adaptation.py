@@ -240,7 +240,7 @@ def small(monkeypatch, tmp_path) -> Path:
     model, shipped = CompactUNet(config), tmp_path / "shipped.onnx"
     save_weights(shipped.with_suffix(".safetensors"), model, config)
     export_network(model, shipped)
-    monkeypatch.setattr(adaptation, "shipped_weights", lambda scheme: shipped)
+    monkeypatch.setattr(adaptation, "SHIPPED_WEIGHTS", shipped)
     monkeypatch.setattr(adaptation, "IMAGES", 5)
     recipe = ModernRecipe(4, 1e-2, averaged=0.9, coarse=0.0)
     monkeypatch.setattr(adaptation, "planned", lambda config, minutes: Plan(config, recipe, epochs=8))

@@ -1,5 +1,6 @@
 """Training in the scheme of the data: crops, losses, augmentation, and the data set for PyTorch."""
 
+import json
 import pickle
 from dataclasses import replace
 
@@ -15,8 +16,11 @@ from annotate.parts import PAPER  # noqa: E402
 from annotate.scheme.merging import class_sums, conversion_table  # noqa: E402
 from annotate.scheme.scheme_file import load_scheme  # noqa: E402
 from eval.architecture.networks import build  # noqa: E402
+from eval.scores.confusion import mean_recall  # noqa: E402
 from eval.training.augment import Augmentation, augment  # noqa: E402
 from eval.training.body_targets import no_targets  # noqa: E402
+from eval.training.calibration.confidence_temperature import fitted_temperature  # noqa: E402
+from eval.training.calibration.deviation_factors import fitted_deviation_factors  # noqa: E402
 from eval.training.crops import Crops, load_crops, to_crop  # noqa: E402
 from eval.training.plan import Loss, ModernRecipe, Plan, class_weights  # noqa: E402
 from eval.training.processes import ProcessGroup  # noqa: E402
@@ -147,6 +151,21 @@ def test_a_training_in_a_scheme_with_gaps_predicts_and_counts_its_ids(tmp_path):
     columns = [((found == i) & (truth != 255)).sum() for i in WARD.class_ids]
     np.testing.assert_array_equal(total.sum(axis=0), columns)
     assert '"scheme"' in (tmp_path / "run" / "plan.json").read_text()
+
+
+def test_a_network_of_regions_learns_from_coarser_labels_and_keeps_its_regions(tmp_path):
+    torch.set_num_threads(1)
+    whole = load_crops([set_of(tmp_path / "set", SIX).path])
+    images = ((whole.depth(i)[::4, ::4][:52, :52], whole.parts(i)[::4, ::4][:52, :52]) for i in range(4))
+    crops = Crops.of(((depth, parts, no_targets()) for depth, parts in images), scheme=SIX)
+    start, plan = build(TINY, REGIONS), Plan(TINY, ModernRecipe(2), epochs=1)
+    with ProcessGroup.join() as group:
+        model, progress = train(Data(crops, crops, start), tmp_path / "t", plan, group)
+    assert model(torch.zeros(1, 1, 32, 32)).scores.shape[1] == 25
+    assert json.loads((tmp_path / "t" / "history.json").read_text())["scheme"]["name"] == REGIONS.name
+    assert set(np.unique(next(predicted(model, crops)))) <= {0, *SIX.class_ids.tolist()}
+    assert progress.epochs[0].mean_recall == mean_recall(evaluate(model, crops))
+    assert fitted_temperature(model, crops) > 0 and len(fitted_deviation_factors(model, crops)) == 3
 
 
 def test_the_data_set_for_pytorch_gives_crops_and_classes_at_random_places(tmp_path):

@@ -231,10 +231,18 @@ def _say_unchecked(paths: list[Path]) -> None:
 
 def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSplit") -> dict[str, Any]:
     """Write a trained network in both formats; return its path, its temperature and the calibration set."""
+    from eval.architecture.networks import scheme_of
     from eval.training.calibration.calibrated_export import export_calibrated
 
     weights = out / "weights.onnx"
-    temperature = export_calibrated(model, plan.network, split.trained.scheme, split.calibrated, weights)
+    trained = split.trained.scheme
+    scheme = scheme_of(model, trained)
+    if scheme != trained:
+        say(
+            f"the network keeps its classes, of scheme {scheme.name!r}; predict --scheme {trained.name} "
+            "joins them"
+        )
+    temperature = export_calibrated(model, plan.network, scheme, split.calibrated, weights)
     return {
         "temperature": round(temperature, 4),
         "calibrated_on": split.described(),

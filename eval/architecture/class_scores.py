@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
+from annotate.scheme.merging import conversion_table
 from annotate.scheme.scheme import BACKGROUND, Scheme
 
 
@@ -46,6 +48,18 @@ def class_scores(classes: Kinds, kinds: Tensor, side: Tensor | None) -> Tensor:
         own = kinds[:, kind, None]
         scores.append(own + of_side[which] if which else own)
     return torch.cat(scores, dim=1)
+
+
+def merged_scores(scores: Tensor, own: Scheme, scheme: Scheme) -> Tensor:
+    """Return scores (B, k, ...) of the classes of ``scheme`` from (B, K, ...) of ``own``.
+
+    The probability of a class is the sum of its parts'. Raises FormatError where a class would be split.
+    """
+    if own == scheme:
+        return scores
+    ids = conversion_table(own, scheme)[own.class_ids]
+    merged = [scores[:, np.flatnonzero(ids == part)].logsumexp(dim=1) for part in scheme.class_ids]
+    return torch.stack(merged, dim=1)
 
 
 def softmax(scores: Tensor) -> Tensor:

@@ -12,18 +12,31 @@ from eval.architecture.compact import CompactConfig, CompactUNet
 from eval.architecture.reference_networks import PaperConfig, PaperFcn, SmpConfig, SmpUnet
 from sensors.errors import CloudError, FormatError, fault_of
 
+_SCHEME = "scheme"  # attribute of a network
 NetworkConfig = CompactConfig | PaperConfig | SmpConfig
 
 
 def build(config: NetworkConfig, scheme: Scheme = PAPER) -> nn.Module:
-    """Build an untrained network: (B, 1, h, w) depth in [0, 1] -> `NetworkOutput`. scheme: of its classes."""
+    """Build an untrained network: (B, 1, h, w) depth in [0, 1] -> `NetworkOutput`.
+
+    scheme: of its classes, which ``scheme_of`` returns.
+    """
+    network: nn.Module
     match config:
         case CompactConfig():
-            return CompactUNet(config, scheme)
+            network = CompactUNet(config, scheme)
         case PaperConfig():
-            return PaperFcn(config, scheme)
+            network = PaperFcn(config, scheme)
         case SmpConfig():
-            return SmpUnet(config, scheme)
+            network = SmpUnet(config, scheme)
+    vars(network)[_SCHEME] = scheme
+    return network
+
+
+def scheme_of(network: nn.Module, default: Scheme) -> Scheme:
+    """Return the scheme of a network's classes; ``default`` for a network that ``build`` has not built."""
+    scheme: Scheme = vars(network).get(_SCHEME, default)
+    return scheme
 
 
 def described(config: NetworkConfig) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
+from annotate.scheme.merging import conversion_table, converts
 from annotate.scheme.scheme import Scheme
 from eval.architecture.class_scores import Kinds
 from eval.architecture.compact import CompactConfig
@@ -36,6 +37,11 @@ def parents_of(old: Scheme, new: Scheme) -> list[list[int]]:
         else:
             parents.append(old.class_table[list(old.ids_of(part.regions))].tolist())
     return parents
+
+
+def joins(old: Scheme, new: Scheme) -> bool:
+    """Return whether each class of ``new`` is the union of some of ``old``."""
+    return converts(old, new) and set(conversion_table(old, new)[old.class_ids]) == {*new.class_ids.tolist()}
 
 
 def started(values: Tensor, parents: Parents) -> Tensor:
@@ -72,10 +78,12 @@ def start_inputs(values: dict[str, Tensor], name: str, parents: Parents, n_old: 
 def expanded(model: nn.Module, config: NetworkConfig, old: Scheme, new: Scheme) -> nn.Module:
     """Return a network for the classes of ``new`` from one for the classes of ``old``.
 
-    Where each class of ``new`` has one parent and each class of ``old`` a child, the probabilities summed by
-    parent are the old ones. Raises CloudError for a network whose last layer has no bias.
+    A network of classes that ``new`` joins stays as it is, because a training can use their sums
+    (``merged_scores``). Where each class of ``new`` has one parent and each class of ``old`` a child, the
+    probabilities summed by parent are the old ones. Raises CloudError for a network whose last layer has no
+    bias.
     """
-    if old == new:
+    if old == new or joins(old, new):
         return model
     values = dict(model.state_dict())
     if isinstance(config, CompactConfig):

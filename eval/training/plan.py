@@ -13,6 +13,7 @@ from annotate.parts import PAPER
 from annotate.scheme.merging import conversion_table
 from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Scheme
 from eval.architecture.blocks import NetworkOutput
+from eval.architecture.class_scores import merged_scores
 from eval.architecture.compact import CompactConfig
 from eval.architecture.networks import NetworkConfig, described
 from eval.training.augment import Augmentation
@@ -169,9 +170,10 @@ def class_weights(recipe: Recipe, parts: UInt8, scheme: Scheme = PAPER) -> Tenso
 class Loss:
     """Loss of a recipe.
 
-    weight: (K,), of the classes of ``scheme``. group: the processes that share each batch; the mean of their
-    losses is the loss of the batch. paper_weight: (12,), of the classes of ``paper``, whose cross entropy by
-    the modern recipe is added for a network of regions: sums of regions trained alone are worse paper parts.
+    weight: (K,), of the classes of ``scheme``, the labels'. group: the processes that share each batch; the
+    mean of their losses is the loss of the batch. own: scheme of the network's classes, if finer: sums of its
+    probabilities are trained. paper_weight: (12,), of the classes of ``paper``, whose cross entropy by the
+    modern recipe is added for labels of regions: sums of regions trained alone are worse paper parts.
     """
 
     recipe: Recipe
@@ -179,22 +181,29 @@ class Loss:
     group: ProcessGroup = ALONE
     scheme: Scheme = PAPER
     paper_weight: Tensor | None = None
+    own: Scheme | None = None
 
     @classmethod
     def weighed(
-        cls, recipe: Recipe, parts: UInt8, group: ProcessGroup = ALONE, scheme: Scheme = PAPER
+        cls,
+        recipe: Recipe,
+        parts: UInt8,
+        group: ProcessGroup = ALONE,
+        scheme: Scheme = PAPER,
+        own: Scheme | None = None,
     ) -> "Loss":
-        """Return the loss whose class weights are counted on labels (N, h, w) of a scheme."""
+        """Return the loss whose class weights are counted on labels (N, h, w) of ``scheme``."""
         weight, paper = class_weights(recipe, parts, scheme).to(group.device), None
         if scheme.is_of_regions and isinstance(recipe, ModernRecipe):
             as_paper = conversion_table(scheme, PAPER)[parts]
             paper = class_weights(recipe, as_paper, PAPER).to(group.device)
-        return cls(recipe, weight, group, scheme, paper)
+        return cls(recipe, weight, group, scheme, paper, own)
 
     def of(self, output: NetworkOutput, batch: Batch) -> tuple[Tensor, float]:
         """Return the loss to minimise, and the mean part loss per pixel to report."""
         depth, parts, whole = batch
-        scores, weight, group = output.scores.float(), self.weight, self.group
+        scores = merged_scores(output.scores.float(), self.own or self.scheme, self.scheme)
+        weight, group = self.weight, self.group
         target = torch.from_numpy(self.scheme.class_table).to(parts.device)[parts.long()].long()
         if isinstance(self.recipe, ModernRecipe):
             target = torch.where(depth[:, 0] > 0, target, UNDEFINED)
@@ -211,15 +220,13 @@ class Loss:
 
     def _of_paper(self, scores: Tensor, target: Tensor) -> Tensor:
         """Return the summed cross entropy of the parts of ``paper`` from scores and classes of regions."""
+        merged = merged_scores(scores, self.scheme, PAPER)
         ids = conversion_table(self.scheme, PAPER)[self.scheme.class_ids]
-        merged = [scores[:, np.flatnonzero(ids == part)].logsumexp(dim=1) for part in PAPER.class_ids]
         table = torch.from_numpy(PAPER.class_table[ids]).to(target.device).long()
         known = target != UNDEFINED
         coarse = torch.where(known, table[torch.where(known, target, 0)], UNDEFINED)
         weight = self.paper_weight
-        return nn.functional.cross_entropy(
-            torch.stack(merged, dim=1), coarse, weight, ignore_index=UNDEFINED, reduction="sum"
-        )
+        return nn.functional.cross_entropy(merged, coarse, weight, ignore_index=UNDEFINED, reduction="sum")
 
     def _of_body(self, recipe: ModernRecipe, output: NetworkOutput, whole: Tensor, depth: Tensor) -> Tensor:
         """Return the weighted loss of facing, posture and joints; unknown targets are left out."""

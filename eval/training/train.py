@@ -17,9 +17,10 @@ from annotate.array_types import Int64, UInt8
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.images import encode_parts, encode_png
 from annotate.parts import PAPER
-from annotate.scheme.scheme import BACKGROUND, UNDEFINED
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED, Scheme
 from annotate.scheme.scheme_file import scheme_to_fields
-from eval.architecture.networks import build
+from eval.architecture.class_scores import merged_scores
+from eval.architecture.networks import build, scheme_of
 from eval.scores.confusion import mean_recall, miou
 from eval.training.crops import Crops
 from eval.training.loader import Batch, BatchOrder, Images, batches, workers_watched
@@ -41,7 +42,8 @@ def predicted(model: nn.Module, crops: Crops, batch: int = 32) -> Iterator[UInt8
     for depth, _ in crops.batches(batch):
         x = torch.from_numpy(depth[:, None]).to(device).contiguous(memory_format=torch.channels_last)
         with torch.no_grad():
-            classes = model(x).scores[:, 1:].argmax(1) + 1
+            scores = merged_scores(model(x).scores, scheme_of(model, crops.scheme), crops.scheme)
+        classes = scores[:, 1:].argmax(1) + 1
         parts = crops.scheme.class_ids[classes.cpu().numpy()]
         yield np.where(depth > 0, parts, np.uint8(BACKGROUND))
 
@@ -70,6 +72,12 @@ class Data:
     start: nn.Module | None = None
     workers: int = 0
     left_out: tuple[str, ...] = ()
+
+    @property
+    def classes(self) -> Scheme:
+        """Return the scheme of the network's classes: that of ``start``, or the crops'."""
+        scheme = self.crops.scheme
+        return scheme if self.start is None else scheme_of(self.start, scheme)
 
 
 @dataclass(frozen=True)
@@ -143,7 +151,8 @@ class _NetworkTraining:
     @cached_property
     def _loss(self) -> Loss:
         _, weighed = next(self.data.crops.spread(WEIGHING_IMAGES).batches(WEIGHING_IMAGES))
-        return Loss.weighed(self.plan.recipe, weighed, self.group, self.data.crops.scheme)
+        scheme = self.data.crops.scheme
+        return Loss.weighed(self.plan.recipe, weighed, self.group, scheme, self.data.classes)
 
     def batches(self, step: int) -> Iterator[Batch]:
         images = Images(self.data.crops, self.plan.augmentation, self.plan.seed)
@@ -262,8 +271,8 @@ def _begin(out: Path, plan: Plan, data: Data) -> None:
 
 
 def _scheme_of(data: Data) -> dict[str, Any]:
-    """Return the scheme of a training as JSON values; empty for ``paper``."""
-    scheme = data.crops.scheme
+    """Return the scheme of the network's classes as JSON values; empty for ``paper``."""
+    scheme = data.classes
     return {} if scheme == PAPER else {"scheme": scheme_to_fields(scheme)}
 
 

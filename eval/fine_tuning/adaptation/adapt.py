@@ -14,8 +14,9 @@ from torch import nn
 from annotate.array_types import Float32, UInt8, UInt16
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.dataset import Dataset
+from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
-from eval.architecture.networks import NetworkConfig
+from eval.architecture.networks import NetworkConfig, scheme_of
 from eval.fine_tuning.adaptation.adaptation_gain import AdaptationGain, adaptation_gain
 from eval.fine_tuning.adaptation.adaptation_split import AdaptationSplit, HeldOut, split_of
 from eval.fine_tuning.adaptation.labelled_people import (
@@ -28,7 +29,7 @@ from eval.fine_tuning.adaptation.scores_on_crops import scores_on_crops
 from eval.fine_tuning.cross_validation import SHARES
 from eval.fine_tuning.weights_between import between
 from eval.network.onnx_export import export_network
-from eval.network.onnx_network import OnnxNetwork, shipped_weights
+from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.weights_file import load_weights
 from eval.training.body_targets import body_targets
 from eval.training.calibration.calibrated_export import export_calibrated
@@ -69,7 +70,7 @@ class Adapted:
 
 @dataclass(frozen=True)
 class Start:
-    """Network to start from, with the classes of the labels, and the shipped file that it stands for."""
+    """Network to start from, whose classes are the labels' or finer, and the shipped file it stands for."""
 
     model: nn.Module
     config: NetworkConfig
@@ -78,9 +79,13 @@ class Start:
     @classmethod
     def of(cls, scheme: Scheme) -> "Start":
         """Return the shipped network for a scheme."""
-        shipped = shipped_weights(scheme)
-        model, config, own = load_weights(shipped.with_suffix(".safetensors"))
-        return cls(expanded(model, config, own, scheme), config, shipped)
+        model, config, own = load_weights(SHIPPED_WEIGHTS.with_suffix(".safetensors"))
+        return cls(expanded(model, config, own, scheme), config, SHIPPED_WEIGHTS)
+
+    @property
+    def scheme(self) -> Scheme:
+        """Return the scheme of the network's classes."""
+        return scheme_of(self.model, PAPER)
 
 
 def planned(config: NetworkConfig, minutes: float) -> Plan:
@@ -108,7 +113,7 @@ def adapt(sets: Sequence[TaughtFrames], out: Path, minutes: float, progress: Pro
         weights = out / WEIGHTS if gain.is_certain else None
         if weights:
             final = between(start.model, last, gain.share)
-            export_calibrated(final, start.config, scheme, split.left_out, weights)
+            export_calibrated(final, start.config, start.scheme, split.left_out, weights)
         done = Adapted(gain, weights)
         fields = done.fields() | {"weights": WEIGHTS if weights else None}
         write_bytes(out / RECORD, (json.dumps(fields, indent=1) + "\n").encode())
@@ -156,7 +161,7 @@ def measured(
     def networks() -> Iterator[OnnxNetwork]:
         yield OnnxNetwork(start.shipped)
         for share in SHARES:
-            export_network(between(start.model, last, share), trial, scheme=held.scheme)
+            export_network(between(start.model, last, share), trial, scheme=start.scheme)
             yield OnnxNetwork(trial)
 
     with progress("compare, images", (1 + len(SHARES)) * (len(held) + len(checked))) as advance:

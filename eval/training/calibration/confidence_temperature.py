@@ -7,6 +7,8 @@ import torch
 from torch import Tensor, nn
 
 from annotate.scheme.scheme import UNDEFINED
+from eval.architecture.class_scores import merged_scores
+from eval.architecture.networks import scheme_of
 from eval.training.crops import Crops
 
 PIXELS = 200  # of an image that count, evenly spread; untuned
@@ -41,13 +43,16 @@ def _pixels(model: nn.Module, crops: Crops, batch: int) -> tuple[Tensor, Tensor]
     """Return scores (2, N, K), of image and flip, and classes (N,) of some pixels of each crop."""
     model.eval()
     device = next(model.parameters()).device
-    scheme = crops.scheme
+    scheme, classes = crops.scheme, scheme_of(model, crops.scheme)
     twins = torch.from_numpy(scheme.twin_classes.astype(np.int64))
     scores, targets = [torch.empty(2, 0, len(twins))], [torch.empty(0, dtype=torch.long)]
     for depth, parts in crops.batches(batch):
         images = torch.from_numpy(depth[:, None]).to(device)
         with torch.no_grad():
-            own, other = (model(view).scores.float().cpu() for view in (images, images.flip(-1)))
+            own, other = (
+                merged_scores(model(view).scores.float().cpu(), classes, scheme)
+                for view in (images, images.flip(-1))
+            )
         views = torch.stack([own, other[:, twins].flip(-1)], dim=1)
         counted = torch.from_numpy((depth > 0) & (parts != UNDEFINED))
         for image, true, known in zip(

@@ -6,6 +6,7 @@ from torch import nn
 
 from annotate.array_types import Float32, Float64, UInt8
 from eval.architecture.blocks import NetworkOutput
+from eval.architecture.networks import scheme_of
 from eval.network.flip_averaging import averaged, flipped_back
 from eval.scores.joint_visibility import VISIBILITIES
 from eval.scores.joints import N_JOINTS
@@ -36,7 +37,7 @@ def fitted_deviation_factors(model: nn.Module, crops: Crops, batch: int = 32) ->
 def _ratios(model: nn.Module, depth: Float32, crops: Crops, start: int) -> tuple[Float64, UInt8] | None:
     """Return errors of known joints over their deviations (n,), and their visibility (n,); None without."""
     model.eval()
-    device, twins = next(model.parameters()).device, crops.scheme.twin_classes
+    device, twins = next(model.parameters()).device, scheme_of(model, crops.scheme).twin_classes
     x = torch.from_numpy(depth[:, None]).to(device)
     with torch.no_grad():
         own, other = (_outputs(model(images)) for images in (x, x.flip(-1)))
