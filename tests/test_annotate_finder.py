@@ -8,11 +8,9 @@ import pytest
 
 from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
-from annotate.frame_labels import FrameLabels
 from annotate.person import finder
 from annotate.person.extract import PersonDetection
-from annotate.person.finder import Person
-from annotate.person.tracking import assign_track_ids
+from annotate.person.odds import Evidence
 from annotate.person.votes import Voters, persons_by_votes
 from sensors.rig.camera import Intrinsics
 from synth.rig.truth import truth_labels
@@ -112,11 +110,16 @@ def test_votes_for_two_middles_are_two_persons_and_stray_ones_the_nearer_ones():
     rng = np.random.default_rng(0)
     middles = np.repeat([(-0.2, 0, 2), (0.2, 0, 2), (-0.6, 0, 2), (9, 9, 9)], (300, 300, 1, 1), axis=0)
     voters = voters_of(rng.normal(middles, 0.06), rng.normal(middles, (0.15, 0.4, 0.1)))
-    whose = persons_by_votes(voters)
-    assert set(whose[:300]) != set(whose[300:600]) and set(whose[:600]) == {1, 2}
+    whose, evidence = persons_by_votes(voters)
+    assert set(whose[:300]) != set(whose[300:600]) and set(whose[:600]) == {1, 2} and len(evidence) == 2
     assert whose[600] == whose[0] and whose[601] == 0
-    assert not persons_by_votes(voters._replace(odds=voters.odds * 0.02)).any()
-    assert persons_by_votes(voters.chosen(np.s_[:0])).shape == (0,)
+    assert not persons_by_votes(voters._replace(odds=voters.odds * -1))[0].any()
+    assert persons_by_votes(voters.chosen(np.s_[:0]))[0].shape == (0,)
+
+
+def test_a_detection_is_the_likelier_a_person_the_surer_its_pixels_and_the_larger_it_is():
+    known = Evidence(3.0, 0.3)
+    assert known._replace(mean_odds=4.0).odds > known.odds > known._replace(area_m2=0.1).odds
 
 
 def test_a_limb_a_metre_nearer_whose_votes_fall_short_belongs_to_the_trunk():
@@ -126,28 +129,8 @@ def test_a_limb_a_metre_nearer_whose_votes_fall_short_belongs_to_the_trunk():
     middle = (points / points[:, 2:]).mean(axis=0) * points[:, 2].mean()
     short = np.repeat([0.0, 0.6], (300, 150))[:, None] * (points - middle)
     votes = rng.normal(middle + short, 0.04)
-    assert set(persons_by_votes(voters_of(votes, points))) == {1}
+    assert set(persons_by_votes(voters_of(votes, points))[0]) == {1}
     # The same limb whose votes meet in itself is another person, a child for instance.
     votes[300:] = rng.normal(leg.mean(axis=0), 0.04, (150, 3))
     votes[:300] = rng.normal(trunk.mean(axis=0), 0.04, (300, 3))
-    assert set(persons_by_votes(voters_of(votes, points))) == {1, 2}
-
-
-def walked(places, before, *, subject_first):
-    """Numbers of persons at places (x), and labels that keep them."""
-    people = [Person(np.ones((1, 1), np.bool_), 0.5, np.array([x, 0.0, 2.0])) for x in places]
-    numbers, known = assign_track_ids(people, before, subject_first=subject_first)
-    image = np.zeros((1, 1), np.uint8)
-    return numbers, FrameLabels("0", image.astype(np.uint16), image, notes={"people": known})
-
-
-def test_numbers_last_while_people_move_hide_and_come_in_any_order():
-    numbers, before = walked((0.0, 1.0), None, subject_first=False)
-    assert numbers == [1, 2]
-    numbers, before = walked((1.2, 0.2), before, subject_first=False)
-    assert numbers == [2, 1]
-    numbers, before = walked((1.3,), before, subject_first=False)
-    assert numbers == [2]
-    numbers, before = walked((-1.5, 0.3, 1.1), before, subject_first=False)
-    assert numbers == [3, 1, 2]
-    assert walked((1.1, 0.2), before, subject_first=True)[0] == [1, 4]
+    assert set(persons_by_votes(voters_of(votes, points))[0]) == {1, 2}

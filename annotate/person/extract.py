@@ -5,7 +5,7 @@ has its own temperature range, and a network weighs warmth and shape.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -15,10 +15,11 @@ from annotate.array_types import Bool, Float32, UInt8
 from annotate.cloud.coarse import CoarseCloud
 from annotate.frame_labels import FrameLabels
 from annotate.person.alignment import contrasts, degrees, is_warmer, misplacement_px
-from annotate.person.finder import Person, find_people
+from annotate.person.finder import find_people
+from annotate.person.odds import LIKELY_ODDS
 from annotate.person.planes import TOLERANCE, Plane, distance_m, find_planes
 from annotate.person.subject import cloths_shown, crowd_warnings, cut_warnings, subject_score
-from annotate.person.tracking import assign_track_ids
+from annotate.person.tracking import Sightings, Tracks
 from annotate.person.warmth import WINDOW_C, find_window, is_warm, warmth, warmth_share
 from annotate.suit.palette import Suit
 
@@ -30,8 +31,8 @@ class PersonMask:
     """Pixels (h, w) of the subject in the undistorted depth image, all with a reading.
 
     method: "depth" where the frame has no temperature. persons: uint8 (h, w), 0 = no person, 1 the subject,
-    others by track id. tracks: as ``assign_track_ids`` returns them. notes: for the user, e.g. the reason for
-    an empty mask. trusted: False for an unreliable frame; a note then names the stream and the remedy.
+    others by track id. notes: for the user, e.g. the reason for an empty mask. trusted: False for an
+    unreliable frame; a note then names the stream and the remedy. tracks: open ones, None without track ids.
     """
 
     mask: Bool
@@ -39,7 +40,7 @@ class PersonMask:
     persons: UInt8
     notes: tuple[str, ...] = ()
     trusted: bool = True
-    tracks: list[list[int]] = field(default_factory=list)
+    tracks: Tracks | None = None
 
     @property
     def others(self) -> Bool:
@@ -98,7 +99,9 @@ class PersonDetection:
         """Return a warning if the thermal image is shifted against the depth image."""
         surface = contrasts(self._coarse, self.window_c, self._warm)
         shift_px = None if surface is None else misplacement_px(surface)
-        persons = self._numbered(self._persons, None).persons > 0
+        persons = np.zeros(self._coarse.valid.shape, np.bool_)
+        for person in self._persons:
+            persons |= person.mask & (person.odds >= LIKELY_ODDS)
         if shift_px is None or not is_warmer(self.warmth.clip(0, 1), persons, shift_px):
             return ()
         right, down = (self.cloud.stride * px for px in shift_px)
@@ -122,14 +125,16 @@ class PersonDetection:
 
     def _person(self, before: FrameLabels | None) -> PersonMask:
         """Return the subject's mask in the coarse cloud. before: labels of the previous frame."""
-        ranked = self._ranked(before)
-        scores, persons = [score for score, _ in ranked], [person for _, person in ranked]
-        found = self._numbered(persons, before)
+        earlier = None if before is None else Tracks.of(before.notes)
+        sightings = Sightings(self._persons, earlier, self._coarse.stamp_ns)
+        ranked = self._ranked(sightings.shown, before)
+        scores = [score for score, _ in ranked]
+        found = self._numbered(sightings, [i for _, i in ranked])
         notes = () if self._is_felt else ("found by depth alone: record temperature for a surer outline",)
-        if not persons:
+        if not ranked:
             return replace(found, notes=(self._no_person(), *self._misaligned), trusted=not self._misaligned)
         crowded = [] if self._everybody else crowd_warnings(scores)
-        warnings = (*self._misaligned, *crowded, *cut_warnings(persons[0].mask))
+        warnings = (*self._misaligned, *crowded, *cut_warnings(self._persons[ranked[0][1]].mask))
         return replace(found, notes=(*notes, *warnings), trusted=not warnings)
 
     def _no_person(self) -> str:
@@ -141,13 +146,13 @@ class PersonDetection:
             f"{high_c:.1f} degrees warm; let a person step into the view, or give the window of temperatures"
         )
 
-    def _ranked(self, before: FrameLabels | None) -> list[tuple[float, Person]]:
-        """Return persons with their scores, best first; the first person is the subject."""
-        if len(self._persons) < 2:
-            return [(1.0, person) for person in self._persons]
+    def _ranked(self, shown: Sequence[bool], before: FrameLabels | None) -> list[tuple[float, int]]:
+        """Return the indices of the shown persons with their scores, best first; the first is the subject."""
+        chosen = [i for i, flag in enumerate(shown) if flag]
+        if len(chosen) < 2:
+            return [(1.0, i) for i in chosen]
         before = None if before is None else self.cloud.coarse(before)
-        shown = zip(self._persons, self._cloths, strict=True)
-        scored = [(subject_score(one, before, cloths), one) for one, cloths in shown]
+        scored = [(subject_score(self._persons[i], before, self._cloths[i]), i) for i in chosen]
         return sorted(scored, key=lambda pair: -pair[0])
 
     @cached_property
@@ -156,12 +161,12 @@ class PersonDetection:
         suit = self._suit if self._coarse.color_valid.any() else None
         return [cloths_shown(suit, self._coarse, one.mask) if suit else 1.0 for one in self._persons]
 
-    def _numbered(self, persons: Sequence[Person], before: FrameLabels | None) -> PersonMask:
-        """Return the person mask of ``persons``, the subject first, with track ids."""
-        numbers, tracks = assign_track_ids(persons, before, subject_first=not self._everybody)
+    def _numbered(self, sightings: Sightings, ranked: Sequence[int]) -> PersonMask:
+        """Return the person mask with track ids; ranked: indices of the shown persons, the subject first."""
+        numbers, tracks = sightings.numbered(ranked[0] if ranked and not self._everybody else None)
         whose = np.zeros(self._coarse.valid.shape, np.uint8)
-        for person, number in zip(reversed(persons), reversed(numbers), strict=True):
-            whose[person.mask] = number
+        for i in reversed(ranked):
+            whose[self._persons[i].mask] = numbers[i]
         return PersonMask(whose == 1, "thermal" if self._is_felt else "depth", whose, tracks=tracks)
 
     @cached_property

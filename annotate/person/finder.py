@@ -17,6 +17,7 @@ from numba import njit
 from annotate.array_types import Bool, Float32, Float64, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.onnx_session import Network, onnx_session
+from annotate.person.odds import KEPT_ODDS, Evidence
 from annotate.person.votes import Voters, persons_by_votes
 
 FOCAL_PX = 183.0  # of the images that the network is trained on, half of a Kinect v2's
@@ -32,19 +33,27 @@ MOST_PERSON_M2 = 2.5  # visible surface: twice the front of a tall adult
 @dataclass(frozen=True)
 class Person:
     """Detected person: mask (h, w), area of the visible surface, mean point (3,) in the depth
-    camera's frame.
+    camera's frame, and evidence for being a person.
     """
 
     mask: Bool
     area_m2: float
     centre_m: Float64
+    evidence: Evidence
+
+    @property
+    def odds(self) -> float:
+        """Return the log odds of being a person."""
+        return self.evidence.odds
 
 
-def find_people(cloud: ThermalCloud, warmth: Float32, *, single_pass: bool = False) -> list[Person]:
+def find_people(
+    cloud: ThermalCloud, warmth: Float32, *, single_pass: bool = False, least_odds: float = KEPT_ODDS
+) -> list[Person]:
     """Detect all people of a cloud, in no order.
 
     warmth: (h, w), 0 at the room's temperature, 1 at a person's; NaN = no reading. single_pass: skip the
-    flipped image, which halves the time.
+    flipped image, which halves the time. least_odds: of a person.
     """
     v, u = map(_grid, cloud.depth_mm.shape, (cloud.camera.fy, cloud.camera.fx))
     rows, columns = (np.rint(grid).astype(np.intp) for grid in (v, u))
@@ -59,20 +68,20 @@ def find_people(cloud: ThermalCloud, warmth: Float32, *, single_pass: bool = Fal
     voting = likely[::2, ::2]
     whose = np.zeros(odds.shape, np.uint8)
     voters = Voters(votes_m, small_m[::2, ::2], 4 * surface_m2[::2, ::2], odds[::2, ::2])
-    whose[::2, ::2][voting] = persons_by_votes(voters.chosen(voting))
+    whose[::2, ::2][voting], evidence = persons_by_votes(voters.chosen(voting), least_odds)
     # Every second pixel votes; pixels between take their neighbours' person.
     between = cv2.dilate(whose, np.ones((3, 3), np.uint8))
     whose = np.where(whose > 0, whose, np.where(likely, between, 0)).astype(np.uint8)
     odds[likely & (whose == 0)] = -1
     owner = _enlarged(cloud.points_m, _Small(z, odds, whose, v, u))
-    people = (owner == number for number in range(1, int(whose.max(initial=0)) + 1))
-    return [_person(cloud, mask) for mask in people if mask.any()]
+    people = ((owner == number, known) for number, known in enumerate(evidence, start=1))
+    return [_person(cloud, mask, known) for mask, known in people if mask.any()]
 
 
-def _person(cloud: ThermalCloud, mask: Bool) -> Person:
+def _person(cloud: ThermalCloud, mask: Bool, evidence: Evidence) -> Person:
     points = cloud.points_m[mask].astype(np.float64)
     area_m2 = float(np.sum(points[:, 2] ** 2)) / (cloud.camera.fx * cloud.camera.fy)
-    return Person(mask, area_m2, points.mean(axis=0))
+    return Person(mask, area_m2, points.mean(axis=0), evidence)
 
 
 def _grid(side: int, focal_px: float) -> Float64:

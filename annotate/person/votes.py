@@ -12,13 +12,12 @@ from numba import njit
 from scipy.spatial import cKDTree
 
 from annotate.array_types import Bool, Float32, Index, UInt8
+from annotate.person.odds import KEPT_ODDS, Evidence
 
-VOTE_M = 0.1  # scatter of votes for one middle
-PEAKS_M = 0.25  # least distance of two peaks of votes; of 70 persons 0 split, 4 joined (0.15: 1, 4)
+SCATTER = 0.5  # of votes for one middle, share of a vote's error
+PEAKS_M = 0.3  # least distance of two peaks of votes; 0.2 joins 2 % less and splits 5 % more
 STRAY_M = 0.7  # reach of a person's votes for stray ones; 0.25 finds 1 % fewer persons that are cut out
 MOST_VOTES = 500  # that decide on the middles, for speed
-SURE_ODDS = 1.0  # mean log odds of a person's pixels, below which it is a thing
-MIN_PERSON_M2 = 0.03  # visible surface: a head with a shoulder
 MOST_PERSONS = 255  # in a frame, because an image of persons is 8-bit
 NEAR_M, FAR_SHARE = 0.08, 0.25  # error of a vote: at its pixel, and more by the vote's length
 MOST_ERROR = 3.0  # bound of a vote's error over the expected one
@@ -38,39 +37,49 @@ class Voters(NamedTuple):
         return Voters(*(values[index] for values in self))
 
 
-def persons_by_votes(voters: Voters) -> UInt8:
-    """Return the person number (n,) of voters, 0 = no person."""
+def persons_by_votes(voters: Voters, least_odds: float = KEPT_ODDS) -> tuple[UInt8, list[Evidence]]:
+    """Return the person number (n,) of voters, 0 = no person, and the evidence for each person from 1 on.
+
+    least_odds: of a person; the votes of others go to the nearest person, if near.
+    """
     step = 1 + len(voters.votes_m) // MOST_VOTES
     some = voters.chosen(np.s_[::step])
     if not len(some.odds):
-        return np.zeros(0, np.uint8)
+        return np.zeros(0, np.uint8), []
     weight = some.surface_m2 * step
-    person = _peaks(some.votes_m, weight)
+    person = _peaks(some, weight)
     _join(some.votes_m, some.points_m, person)
-    area = np.bincount(person, weight)
-    sure = np.bincount(person, weight * some.odds) >= SURE_ODDS * area
-    kept = np.flatnonzero(sure & (area >= MIN_PERSON_M2))[:MOST_PERSONS]
-    if not len(kept):
-        return np.zeros(len(voters.votes_m), np.uint8)
-    # Votes of rejected clusters go to the nearest person, if near.
+    groups = {int(k): _evidence(some.chosen(person == k), step) for k in np.unique(person)}
+    kept = [k for k, evidence in groups.items() if evidence.odds >= least_odds]
+    kept = sorted(sorted(kept, key=lambda k: -groups[k].odds)[:MOST_PERSONS])
+    if not kept:
+        return np.zeros(len(voters.votes_m), np.uint8), []
     among = np.flatnonzero(np.isin(person, kept))
     number = np.searchsorted(kept, person[among]) + 1
     _, nearest = cKDTree(some.votes_m[among]).query(voters.votes_m, distance_upper_bound=STRAY_M)
-    return np.asarray(np.append(number, 0)[nearest], np.uint8)
+    return np.asarray(np.append(number, 0)[nearest], np.uint8), [groups[k] for k in kept]
 
 
-def _peaks(votes_m: Float32, weight: Float32) -> Index:
-    """Return the number (n,) of each vote's density peak, from 0 on."""
-    leader = _leaders(votes_m, weight)
+def _evidence(voters: Voters, step: int) -> Evidence:
+    """Return the evidence of every ``step``-th voter of a group."""
+    surface_m2 = float(voters.surface_m2.sum())
+    mean_odds = float(voters.surface_m2 @ voters.odds) / max(surface_m2, 1e-9)
+    return Evidence(mean_odds, step * surface_m2)
+
+
+def _peaks(voters: Voters, weight: Float32) -> Index:
+    """Return the number (n,) of each vote's density peak, from 0 on. weight: (n,), areas."""
+    lengths_m = np.linalg.norm(voters.votes_m - voters.points_m, axis=1)
+    leader = _leaders(voters.votes_m, weight, SCATTER * (NEAR_M + FAR_SHARE * lengths_m))
     while (leader[leader] != leader).any():
         leader = leader[leader]
     return np.unique(leader, return_inverse=True)[1]
 
 
 @njit(cache=True, nogil=True)
-def _leaders(votes: Float32, weight: Float32) -> Index:
+def _leaders(votes: Float32, weight: Float32, scatter_m: Float32) -> Index:
     """Return for each vote the index (n,) of the nearest vote of higher density within ``PEAKS_M``; its own
-    index at a density peak.
+    index at a density peak. scatter_m: (n,), standard deviations of the votes.
     """
     density, leader = np.zeros(len(votes), np.float32), np.arange(len(votes))
     for i in range(len(votes)):
@@ -78,8 +87,9 @@ def _leaders(votes: Float32, weight: Float32) -> Index:
             square = np.float32(0)
             for axis in range(3):
                 square += (votes[i, axis] - votes[j, axis]) ** 2
-            if square < np.float32((4 * VOTE_M) ** 2):
-                density[i] += weight[j] * np.exp(square * np.float32(-0.5 / VOTE_M**2))
+            square /= scatter_m[j] ** 2
+            if square < 16:
+                density[i] += weight[j] * np.exp(np.float32(-0.5) * square) / scatter_m[j] ** 2
     for i in range(len(votes)):
         least = np.float32(PEAKS_M**2)
         for j in range(len(votes)):

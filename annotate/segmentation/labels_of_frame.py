@@ -41,7 +41,7 @@ def labels_of(
     depth_mm: (h, w), undistorted. left_out: notes on streams or steps that this frame lacks.
     """
     notes = notes_of(result, [*left_out, *person.notes]) | {"extraction": person.method}
-    notes |= {"people": person.tracks} if person.tracks else {}
+    notes |= {"people": person.tracks.note()} if person.tracks else {}
     notes |= {ILLUMINANT: result.illuminant.log_gain.round(3).tolist()} if result.illuminant else {}
     persons = np.where(person.mask, np.uint8(1), np.where(person.others, person.persons, np.uint8(0)))
     images = depth_mm, result.parts, result.confidence

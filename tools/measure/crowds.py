@@ -10,6 +10,7 @@ a fifth of its pixels on people.
 import argparse
 from collections import Counter, defaultdict
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -43,24 +44,51 @@ def detected(scene: Scene) -> UInt8:
     return PersonDetection(CoarseCloud.of(cloud), everybody=True).person().persons
 
 
-def tally(scene: Scene, found: UInt8) -> Counter[str]:
-    """Return the counts of a scene with detected persons (h, w)."""
+class Match(NamedTuple):
+    """Detection of a person: its number, 0 = none covers the person; whether it shows another person more;
+    whether a second one has a share of the person.
+    """
+
+    detection: int
+    is_joined: bool = False
+    is_split: bool = False
+
+    @property
+    def is_found(self) -> bool:
+        return self.detection > 0 and not self.is_joined
+
+
+def matched(scene: Scene, found: UInt8) -> tuple[dict[int, Match], list[int]]:
+    """Return the match of each person of a scene who counts, and the numbers of phantoms.
+
+    found: detected persons (h, w), 0 = none.
+    """
     shared = np.zeros((int(scene.persons.max()) + 1, int(found.max()) + 1), np.int64)
     np.add.at(shared, (scene.persons, found), 1)
     mine = shared[1:, 1:]
-    phantoms = (mine.sum(axis=0) < ON_PEOPLE * shared[:, 1:].sum(axis=0)).sum()
-    counts = Counter(images=1, phantoms=int(phantoms))
-    if not mine.shape[0]:
-        return counts + Counter(empty=1, haunted=int(phantoms > 0))
+    detected_px = shared[:, 1:].sum(axis=0)
+    phantoms = np.flatnonzero((mine.sum(axis=0) < ON_PEOPLE * detected_px) & (detected_px > 0)) + 1
+    matches = {}
     for number, pixels in enumerate(shared[1:].sum(axis=1), start=1):
-        if not _counts(scene, number, int(pixels)):
-            continue
-        own = mine[number - 1] / pixels
-        best = int(own.argmax()) if own.size else 0
-        covered = own.size and own[best] >= COVERS
-        main = bool(covered and mine[:, best].argmax() == number - 1)
-        second = int((own >= SECOND).sum() > 1)
-        counts += Counter(people=1, found=int(main), joined=int(covered and not main), split=second)
+        if _counts(scene, number, int(pixels)):
+            own = mine[number - 1] / pixels
+            best = int(own.argmax()) if own.size else 0
+            covered = own.size and own[best] >= COVERS
+            is_joined = bool(covered and mine[:, best].argmax() != number - 1)
+            matches[number] = Match(best + 1 if covered else 0, is_joined, int((own >= SECOND).sum()) > 1)
+    return matches, phantoms.tolist()
+
+
+def tally(scene: Scene, found: UInt8) -> Counter[str]:
+    """Return the counts of a scene with detected persons (h, w)."""
+    matches, phantoms = matched(scene, found)
+    counts = Counter(images=1, phantoms=len(phantoms))
+    if not scene.persons.any():
+        return counts + Counter(empty=1, haunted=int(bool(phantoms)))
+    for match in matches.values():
+        counts += Counter(
+            people=1, found=int(match.is_found), joined=int(match.is_joined), split=int(match.is_split)
+        )
     return counts
 
 

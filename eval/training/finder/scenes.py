@@ -4,7 +4,7 @@ Some are recordings of the virtual rig with temperatures. The others are random 
 seven dressed people, as seen by any depth sensor. Constants are untuned.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from eval.training.finder.floor_plan import FloorPlan
 from eval.training.finder.gathering import aim, gather, middle
 from eval.training.finder.panes import wandering
 from eval.training.finder.people import FIRST_PERSON, Figures
-from eval.training.finder.rooms import draw_surroundings
+from eval.training.finder.rooms import Room, draw_surroundings
 from eval.training.finder.things import BLACK
 from eval.training.segmentation.scenes import training_rig
 from sensors.rig.camera import Intrinsics
@@ -26,7 +26,7 @@ from sensors.rig.rig_calibration import Pose
 from synth.body.body import blend
 from synth.body.crowd import crowd_of
 from synth.cameras.random_sensor import draw_sensor
-from synth.cameras.sensor import CleanDepth
+from synth.cameras.sensor import CleanDepth, Sensor
 from synth.clothes.dress import dress
 from synth.clothes.dressed import Dressed
 from synth.data_files import TRAINING, Cast
@@ -89,8 +89,15 @@ def _room(rng: np.random.Generator, people: list[Dressed], cast: Cast) -> Scene:
     meshes = [mesh for figures in placed for mesh in figures.people]
     middles = [middle(mesh) for mesh in meshes] or [np.array([0.0, 3.0, 1.0])]
     room = draw_surroundings(rng, np.stack([eye, *middles]), plan, cast, may_be_none=bool(meshes))
+    return rendered_scene(rng, sensor, aim(rng, eye, middles), placed, room)
+
+
+def rendered_scene(
+    rng: np.random.Generator, sensor: Sensor, camera_from_world: Pose, placed: Sequence[Figures], room: Room
+) -> Scene:
+    """Return the scene of people, their furniture and a room as a sensor reads it."""
+    meshes = [mesh for figures in placed for mesh in figures.people]
     whole = merge([*meshes, *(mesh for figures in placed for mesh in figures.things), *room.meshes])
-    camera_from_world = aim(rng, eye, middles)
     image = _rendered(sensor.camera, camera_from_world, whole)
     depth, face = image.depth_m, image.face
     tags = np.append(np.maximum(whole.tags - FIRST_PERSON + 1, 0), 0)[face].astype(np.uint8)
@@ -105,7 +112,7 @@ def _room(rng: np.random.Generator, people: list[Dressed], cast: Cast) -> Scene:
     return Scene(sensor.camera, reading.depth_mm, unfelt, reading.carry(tags), sensor.kind, whole_px)
 
 
-def _darkness(whole: Mesh, placed: list[Figures]) -> Float32:
+def _darkness(whole: Mesh, placed: Sequence[Figures]) -> Float32:
     """Return the absorbed share of infrared (F + 1,) of people's faces, other faces and no face."""
     dark = np.where(whole.tags == BLACK, np.float32(DARK_SCREEN), np.float32(0))
     own = [dark for figures in placed for dark in figures.dark]
