@@ -113,7 +113,7 @@ def test_votes_for_two_middles_are_two_persons_and_stray_ones_the_nearer_ones():
     whose, evidence = persons_by_votes(voters)
     assert set(whose[:300]) != set(whose[300:600]) and set(whose[:600]) == {1, 2} and len(evidence) == 2
     assert whose[600] == whose[0] and whose[601] == 0
-    assert not persons_by_votes(voters._replace(odds=voters.odds * -1))[0].any()
+    assert not persons_by_votes(voters._replace(surface_m2=voters.surface_m2 / 100))[0].any()
     assert persons_by_votes(voters.chosen(np.s_[:0]))[0].shape == (0,)
 
 

@@ -17,7 +17,7 @@ LIKELY_ODDS, SURE_ODDS = 0.0, 2.2  # log odds of detections that two frames, and
 
 
 class Evidence(NamedTuple):
-    """What the finder gives of some pixels: mean log odds, weighted by surface; visible surface in m2."""
+    """Evidence of some pixels for a person: mean log odds, weighted by surface; visible surface in m2."""
 
     mean_odds: float
     area_m2: float

@@ -29,7 +29,7 @@ MOST_AHEAD_S = 1.0  # for which a lost person's speed holds
 @dataclass(frozen=True)
 class Track:
     """Person over frames: id, 0 = not shown yet; last detected centre (3,) and speed (3,), depth camera's
-    frame; time of that detection.
+    frame; time of the last detection.
     """
 
     number: int
