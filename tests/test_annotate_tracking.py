@@ -59,7 +59,7 @@ def test_a_lost_person_is_expected_on_the_way():
     track = Track(1, np.zeros(3), np.zeros(3), 0)
     for frame in range(1, 20):
         track = track.seen_again(np.array([0.1 * frame, 0.0, 0.0]), round(frame * 1e8))
-    np.testing.assert_allclose(track.expected_m(0.5), (2.4, 0, 0), atol=0.05)
+    np.testing.assert_allclose(track.expected_m(0.3), (2.2, 0, 0), atol=0.05)
 
 
 def test_a_doubtful_detection_of_one_frame_is_not_shown_and_one_that_lasts_is():
