@@ -5,9 +5,9 @@ from itertools import islice
 
 import numpy as np
 
+from eval.training.finder.walkers import walking_scenes
 from synth.data_files import TRAINING
-from tools.measure.crossings import Paths, crossings, tally
-from tools.measure.walkers import walking_scenes
+from tools.tracks.crossings import Paths, crossings, tally
 
 
 def paths_of(columns, ids, counted=None):

@@ -21,7 +21,7 @@ LOST_S = 2.0
 USUAL_S = 1 / 30  # between frames without times
 PLACE_M, SPEED_M_S = 0.25, 0.5  # standard deviations of a predicted place: at once, and more a second
 MOST_ERROR = 3.5  # of a predicted place, standard deviations
-NEW_PERSON = 20.0  # -2 log likelihood of a place that continues no track, above that of any other
+NEW_PERSON = 20.0  # -2 log likelihood of a place without a track
 SPEED_S = 0.6  # decay of the earlier speed
 MOST_AHEAD_S = 0.3  # for which a lost person's speed holds
 
