@@ -15,7 +15,7 @@ from itertools import combinations
 
 import numpy as np
 
-from annotate.array_types import Float64, Int64, UInt8
+from annotate.array_types import Bool, Float64, Int64, UInt8
 from annotate.cloud.coarse import CoarseCloud, CoarseFuser
 from annotate.frame_labels import FrameLabels
 from annotate.person.extract import PersonDetection
@@ -51,7 +51,7 @@ class Paths:
 
     columns: Float64
     ids: Int64
-    counted: np.ndarray
+    counted: Bool
     false_ids: Counter[int] = field(default_factory=Counter)
 
 
