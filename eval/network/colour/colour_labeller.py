@@ -25,6 +25,7 @@ from eval.network.body_state import BodyState
 from eval.network.colour.witness_network import corrected, shipped_witness_network
 from eval.network.colour.witnessed_body import witnessed_body
 from eval.network.onnx_network import OnnxNetwork
+from eval.network.posture_model import with_posture
 from eval.network.predict_source import joined
 from eval.scores.joints import N_JOINTS
 from sensors.rig.camera import project
@@ -125,7 +126,7 @@ class ColourLabeller:
         best = chance[1:].argmax(axis=0) + 1
         parts, sure = np.full(mask.shape, BACKGROUND, np.uint8), np.zeros(mask.shape, np.float32)
         parts[mask], sure[mask] = self.scheme.class_ids[best], chance.max(axis=0)
-        bearing = None if body.state is None else _placed(body.state, body.skeleton, cloud).note()
+        bearing = None if body.state is None else _placed(body.state, body.skeleton, cloud, mask).note()
         return mask, Segmentation(parts, sure, bearing=bearing, scheme=self.scheme)
 
     def label(
@@ -179,11 +180,14 @@ def _shown(cloud: ColouredCloud, person: PosedPerson, skeleton: Skeleton) -> dic
     return ShownPerson.of(skeleton, mask).note()
 
 
-def _placed(state: BodyState, skeleton: Skeleton, cloud: ColouredCloud) -> BodyState:
-    """Return the state with the skeleton's joints, and the facing that follows from them."""
+def _placed(state: BodyState, skeleton: Skeleton, cloud: ColouredCloud, mask: Bool) -> BodyState:
+    """Return the state with the skeleton's joints, and the posture and the facing that follow from them.
+
+    mask: the person's pixels (h, w).
+    """
     joints_m, camera = skeleton.joints_m[:N_JOINTS], cloud.cloud.camera
     at = np.column_stack([project(camera, joints_m), 1000 * joints_m[:, 2]])
     known = np.isfinite(at).all(axis=1, keepdims=True)
     joints_px = np.where(known, at, state.joints_px)
     placed = replace(state, joints_px=joints_px, joints_sd=None, joints_seen=None)
-    return placed.faced_by_joints(camera)
+    return with_posture(placed, (cloud.depth_mm, mask & (cloud.depth_mm > 0)), camera).faced_by_joints(camera)
