@@ -79,6 +79,13 @@ def test_a_single_image_shows_likely_persons():
     assert walked([[person_at((0, 0, 2), LIKELY), person_at((2, 0, 2), WEAK)]]) == [[1, 0]]
 
 
+def test_likely_persons_of_unrelated_images_are_shown_but_no_flash_in_an_empty_room():
+    one, other = (person_at((x, 0, 3), LIKELY) for x in (-2, 2))
+    assert walked([[one], [other], [one]]) == [[1], [2], [1]]
+    assert walked([[one], [other]], seconds=LOST_S + 0.1) == [[1], [2]]
+    assert walked([[], [other], [], [one]]) == [[], [0], [], [0]]
+
+
 def test_the_subject_has_id_1_and_an_earlier_subject_another():
     assert walked([(0.0, 1.0), (1.0, 0.0)], subject=0) == [[1, 2], [1, 3]]
     assert walked([(0.0, 1.0), (0.0, 1.0)], subject=0) == [[1, 2], [1, 2]]

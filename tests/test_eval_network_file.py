@@ -238,3 +238,9 @@ def test_a_claim_of_large_weights_takes_no_memory(tmp_path, monkeypatch, network
         load_weights(path)
     assert "\n" not in str(error.value)
     assert all(p.is_meta for model in built for p in model.parameters())
+
+
+def test_live_loads_the_given_network(annotate_cloud, rig_session, tmp_path):
+    (tmp_path / "mine.onnx").write_bytes(b"no network")
+    done = annotate_cloud("live", rig_session, "--no-window", "--weights", tmp_path / "mine.onnx")
+    assert done.code == 1 and "mine.onnx are not a network" in done.err and not done.out

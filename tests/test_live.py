@@ -332,12 +332,6 @@ def test_a_session_is_played_back_as_lines_of_joints(annotate_cloud, rig_session
     assert len(rows[-1]["joints_mm"]) == 15 and "posture" in rows[-1]
 
 
-def test_the_given_network_is_loaded(annotate_cloud, rig_session, tmp_path):
-    (tmp_path / "mine.onnx").write_bytes(b"no network")
-    done = annotate_cloud("live", rig_session, "--no-window", "--weights", tmp_path / "mine.onnx")
-    assert done.code == 1 and "mine.onnx are not a network" in done.err and not done.out
-
-
 def rig_of(streams: dict[str, StreamHealth], skew_ppm: float = 0.0) -> Health:
     return Health(streams, skew_ppm={"kinect": skew_ppm})
 

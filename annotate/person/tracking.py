@@ -2,7 +2,8 @@
 
 The Hungarian method chooses the assignment of least cost (Kuhn 1955). A track without a detection stays open
 for ``LOST_S`` seconds of the recording. A detection is shown if it is sure or continues a shown track; a less
-sure one is shown from its second frame on, because most false detections last one frame.
+sure one is shown from its second frame on, because most false detections last one frame. In a frame that
+continues no track of a person shown just before, as in a folder of unrelated images, likely ones are shown.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -104,8 +105,16 @@ class Sightings:
         self._people, self._stamp_ns, self._latest = people, stamp_ns, earlier.latest if earlier else 0
         self._open = [t for t in earlier.tracks if _seconds(t.seen_ns, stamp_ns) <= LOST_S] if earlier else []
         self._track_of = assigned([person.centre_m for person in people], self._open, stamp_ns)
-        self.shown = [self._is_shown(i, earlier is None) for i in range(len(people))]
+        self.shown = [self._is_shown(i, self._is_new_scene(earlier)) for i in range(len(people))]
         """Flag of each person."""
+
+    def _is_new_scene(self, earlier: Tracks | None) -> bool:
+        """Return whether no one is from the frame before: the first frame, a gap, or an unrelated image."""
+        if earlier is None or _seconds(earlier.stamp_ns, self._stamp_ns) > LOST_S:
+            return True
+        return not self._track_of and any(
+            track.number > 0 and track.seen_ns == earlier.stamp_ns for track in self._open
+        )
 
     def _is_shown(self, i: int, is_first: bool) -> bool:
         odds, track = self._people[i].odds, self._track_of.get(i)

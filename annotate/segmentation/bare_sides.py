@@ -1,4 +1,4 @@
-"""Sides of bare hands and shoes, whose colours do not differ between the sides: those of sleeves and legs.
+"""Sides of bare hands and shoes, whose colours are the same on both sides: the sides of sleeves and legs.
 
 UNSIDED is the best of 0.25, 0.5, 1 on 176 virtual frames of all scenes; the other constants are untuned.
 """

@@ -4,12 +4,15 @@ Source: Wortsman et al., Robust fine-tuning of zero-shot models, CVPR 2022.
 """
 
 from copy import deepcopy
+from typing import TypeVar
 
 import torch
 from torch import nn
 
+N = TypeVar("N", bound=nn.Module)
 
-def between(first: nn.Module, last: nn.Module, share: float) -> nn.Module:
+
+def between(first: nn.Module, last: N, share: float) -> N:
     """Return the network at a share of the way from the first to the last one, of the same shape."""
     network, start = deepcopy(last), first.state_dict()
     with torch.no_grad():

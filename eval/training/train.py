@@ -75,7 +75,7 @@ class Data:
 
     @property
     def classes(self) -> Scheme:
-        """Return the scheme of the network's classes: that of ``start``, or the crops'."""
+        """Return the scheme of the network's classes: of ``start``, or of the crops without one."""
         scheme = self.crops.scheme
         return scheme if self.start is None else scheme_of(self.start, scheme)
 

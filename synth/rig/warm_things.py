@@ -83,8 +83,9 @@ def _ellipsoid(centre: tuple[float, float, float], radii: tuple[float, float, fl
 def _supports(
     location: Location, rng: np.random.Generator
 ) -> tuple[list[tuple[Float64, Float64]], tuple[Thing, Float64] | None]:
-    """Return the rectangles that carry things, each as two corners (3,) of one height, and a stool with the
-    middle of its top for a seat.
+    """Return the rectangles that carry things, each as two corners (3,) of one height.
+
+    A seat also has a stool: it follows with the middle of its top.
     """
     furniture, print_ = location.furniture, location.furniture.footprint
     z = furniture.height

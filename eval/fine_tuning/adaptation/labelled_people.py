@@ -143,7 +143,7 @@ def detected_outline(camera: Intrinsics, depth_mm: UInt16, own: Bool) -> Bool:
     counts = np.bincount(persons[own], minlength=2)
     counts[0] = 0
     found = (persons == counts.argmax()) & (depth_mm > 0)
-    same = np.count_nonzero(found & own) / max(1, np.count_nonzero(found | own))
+    same = int(np.count_nonzero(found & own)) / max(1, int(np.count_nonzero(found | own)))
     return found if counts.any() and same >= LEAST_IOU else own
 
 
