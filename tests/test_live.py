@@ -233,7 +233,7 @@ def test_every_frame_that_was_labelled_has_its_line(annotate_cloud, rig_session,
         time.sleep(0.5)
         return no_person(cloud)
 
-    monkeypatch.setattr("cli.live_view.labelling_by", lambda suit: Labelling(slow, lambda *_: None))
+    monkeypatch.setattr("cli.live_view.labelling_by", lambda suit, weights: Labelling(slow, lambda *_: None))
     done = annotate_cloud("live", rig_session, "--no-window", "--seconds", 0.3)
     lines = [json.loads(line) for line in done.out.splitlines()]
     frames, labelled, skipped = map(int, re.findall(r"(\d+) (?:frames|labelled|skipped)", done.err))

@@ -109,7 +109,7 @@ def test_refined_labels_in_a_finer_scheme_keep_the_refined_parts_and_the_first_r
 
 
 def test_recordings_are_refined_in_a_finer_scheme(tmp_path, rig_session):
-    """Joined to `paper`, labels are those of `paper`; some pixels are hands."""
+    """Joined to `paper`, the labels equal labels in `paper`; some pixels are hands."""
     room, opened = shipped_refinement_network(), Session(rig_session)
     coarse, fine = (
         predict_source(
