@@ -23,7 +23,7 @@ from eval.fine_tuning.adaptation.adapt import RECORD, adapt
 from eval.fine_tuning.adaptation.adaptation_split import AdaptationSplit, HeldOut, split_of
 from eval.fine_tuning.adaptation.labelled_people import (
     LabelledPerson,
-    check_scheme,
+    check_sets,
     people_in,
     taught_frames,
 )
@@ -216,12 +216,15 @@ def test_a_network_between_two_has_their_mean():
     np.testing.assert_allclose(middle.weight.detach(), expected.detach(), atol=1e-6)
 
 
-def test_label_sets_of_two_schemes_are_refused(tmp_path):
+def test_label_sets_of_two_schemes_and_one_set_twice_are_refused(tmp_path):
     taught = taught_frames(written(tmp_path / "labels", COLOUR))
     other = LabelSet(tmp_path / "other", CAMERA, {})
     other.scheme = replace(PAPER, name="other")
     with pytest.raises(CloudError, match="convert the labels"):
-        check_scheme([taught, taught._replace(labels=other)])
+        check_sets([taught, taught._replace(labels=other)])
+    (tmp_path / "link").symlink_to(taught.labels.path.resolve())
+    with pytest.raises(CloudError, match="link is given twice; give each label set once"):
+        check_sets([taught, taught._replace(labels=LabelSet(tmp_path / "link", CAMERA, {}))])
 
 
 @contextmanager

@@ -101,9 +101,9 @@ def adapted(labels: Sequence[Path], out: Path, minutes: float, overwrite: bool =
     with needing("train"):
         from eval.fine_tuning.adaptation.adapt import ORDER
         from eval.fine_tuning.adaptation.adapt import adapt as run
-        from eval.fine_tuning.adaptation.labelled_people import check_scheme, taught_frames
+        from eval.fine_tuning.adaptation.labelled_people import check_sets, taught_frames
     sets = [taught_frames(path) for path in labels]
-    check_scheme(sets)
+    check_sets(sets)
     check_room(out, ORDER, overwrite, *labels)
     clear(out, ORDER, overwrite, *labels)
     return run(sets, out, minutes, progress)
