@@ -23,7 +23,7 @@ from eval.fine_tuning.adaptation.adapt import RECORD, adapt
 from eval.fine_tuning.adaptation.adaptation_split import AdaptationSplit, HeldOut, split_of
 from eval.fine_tuning.adaptation.labelled_people import (
     LabelledPerson,
-    check_scheme,
+    check_sets,
     people_in,
     taught_frames,
 )
@@ -196,18 +196,17 @@ def test_a_gain_that_forgets_is_refused_and_a_share_that_keeps_is_preferred():
     found = adaptation_gain.adaptation_gain([*zip(held, (kept, forgot, kept), strict=True)], split(3))
     assert found.is_certain and found.share == SHARES[1]
     found = adaptation_gain.adaptation_gain([*zip(held, (kept, forgot, forgot), strict=True)], split(3))
-    assert not found.is_certain and "90.0% before, 89.0% after" in found.text
+    assert not found.is_certain and not found.is_harmless and "90.0% before, 89.0% after" in found.text
 
 
 def test_a_gain_within_chance_and_a_certain_loss_of_joints_are_refused():
     kept, before = scores(0.9), scores(0.6, 0.7, 0.8)
     chance = scores(0.7, 0.65, 0.8)
     found = adaptation_gain.adaptation_gain([(before, kept), (chance, kept), (chance, kept)], split(3))
-    assert not found.is_certain and "sure of a gain" in found.text
+    assert not found.is_certain and found.is_harmless and "sure of a gain" in found.text
     better = scores(0.7, 0.8, 0.9, joints=0.4)
-    assert not adaptation_gain.adaptation_gain(
-        [(before, kept), (better, kept), (better, kept)], split(3)
-    ).is_certain
+    found = adaptation_gain.adaptation_gain([(before, kept), (better, kept), (better, kept)], split(3))
+    assert not found.is_certain and not found.is_harmless
 
 
 def test_a_network_between_two_has_their_mean():
@@ -217,12 +216,15 @@ def test_a_network_between_two_has_their_mean():
     np.testing.assert_allclose(middle.weight.detach(), expected.detach(), atol=1e-6)
 
 
-def test_label_sets_of_two_schemes_are_refused(tmp_path):
+def test_label_sets_of_two_schemes_and_one_set_twice_are_refused(tmp_path):
     taught = taught_frames(written(tmp_path / "labels", COLOUR))
     other = LabelSet(tmp_path / "other", CAMERA, {})
     other.scheme = replace(PAPER, name="other")
     with pytest.raises(CloudError, match="convert the labels"):
-        check_scheme([taught, taught._replace(labels=other)])
+        check_sets([taught, taught._replace(labels=other)])
+    (tmp_path / "link").symlink_to(taught.labels.path.resolve())
+    with pytest.raises(CloudError, match="link is given twice; give each label set once"):
+        check_sets([taught, taught._replace(labels=LabelSet(tmp_path / "link", CAMERA, {}))])
 
 
 @contextmanager

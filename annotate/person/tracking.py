@@ -105,7 +105,8 @@ class Sightings:
         self._people, self._stamp_ns, self._latest = people, stamp_ns, earlier.latest if earlier else 0
         self._open = [t for t in earlier.tracks if _seconds(t.seen_ns, stamp_ns) <= LOST_S] if earlier else []
         self._track_of = assigned([person.centre_m for person in people], self._open, stamp_ns)
-        self.shown = [self._is_shown(i, self._is_new_scene(earlier)) for i in range(len(people))]
+        is_first = self._is_new_scene(earlier)
+        self.shown = [self._is_shown(i, is_first) for i in range(len(people))]
         """Flag of each person."""
 
     def _is_new_scene(self, earlier: Tracks | None) -> bool:

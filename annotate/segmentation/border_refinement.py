@@ -15,9 +15,7 @@ from annotate.segmentation.input_channels import Rectangle
 from annotate.suit.color_model import ColorModel, readable
 
 SURELY_ROOM = 0.98  # probability from which a pixel stays background
-OWN_COLOR = (
-    0.5  # weight of the colour's log likelihood; 0.75 and 1 lose 0.001 of recall on 176 virtual frames
-)
+OWN_COLOR = 0.5  # weight of a colour's log likelihood; 0.75 and 1 lose 0.001 recall on 176 virtual frames
 NEIGHBOUR = 0.5  # log score that each of eight neighbours on the surface adds to its own class
 ROUNDS = 4
 

@@ -71,7 +71,8 @@ class ColourFuser:
         color, pose = calibration.color, calibration.color_from_depth
         if color is None or pose is None:
             raise CalibrationError(
-                "the recording has no calibrated colour camera; register colour to depth, or calibrate"
+                "the recording has no colour camera that is aligned with depth or calibrated; "
+                "register colour to depth, or calibrate"
             )
         self._fuser, self._depth_from_color = Fuser(calibration), pose.inverse()
         self._view = PointView.of_color(calibration.depth, color, pose)

@@ -229,13 +229,9 @@ def diff(
 def report(
     results: Annotated[
         list[Path],
-        Argument(
-            help="Results of 'evaluate --out', the first is the baseline; or label sets of the same frames."
-        ),
+        Argument(help="Results of 'evaluate --out', baseline first; or label sets of the same frames."),
     ],
-    out: Annotated[
-        Path, Option(help="HTML file to write; of results, .csv, .json and .tex are saved beside it.")
-    ],
+    out: Annotated[Path, Option(help="HTML file to write; of results, also .csv, .json and .tex.")],
     ceiling: Annotated[
         Path | None, Option(help="Result of one person's corrections against another's.")
     ] = None,
@@ -248,14 +244,12 @@ def report(
     audit: Annotated[
         list[Path] | None, Option(help="Corrected label set, to show each person's corrections; repeatable.")
     ] = None,
-    shown: Annotated[
-        list[Path] | None, Option(help="Label set without a truth, to show it; repeatable.")
-    ] = None,
+    shown: Annotated[list[Path] | None, Option(help="Label set without a truth; repeatable.")] = None,
     note: Annotated[list[str] | None, Option(help="Text for each --shown, in the same order.")] = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Write one page with all results and the paper's, or on label sets, each with each; it opens offline."""
+    """Write one offline page with all results and the paper's, or on label sets, each with each."""
     check_extra("report", "jinja2", "plotly")
     if are_label_sets(results):
         if ceiling or history or audit or shown or note or len(session or []) > 1:
@@ -288,8 +282,7 @@ def report(
         shown=dict(zip(sets, [*notes, *[""] * len(sets)], strict=False)),
         facts=provenance(),
     )
-    material = gather(sources)
-    written = write_report(out, material, overwrite)
+    written = write_report(out, gather(sources), overwrite)
     finish({"path": str(out), "files": [str(path) for path in written]}, json, str(out))
 
 

@@ -86,8 +86,8 @@ def adapt(
 ) -> None:
     """Fine-tune the depth network on labelled recordings. Needs the extra 'train'.
 
-    People, recordings or spans of them are held out; without a certain gain on these no network is written.
-    Synthetic people are trained on too, so that nothing is forgotten.
+    Holds out people, recordings or spans; writes no network without a certain gain there. Also trains on
+    synthetic people, so that less is forgotten.
     """
     check_there(*labels)
     started = time.monotonic()
@@ -101,9 +101,9 @@ def adapted(labels: Sequence[Path], out: Path, minutes: float, overwrite: bool =
     with needing("train"):
         from eval.fine_tuning.adaptation.adapt import ORDER
         from eval.fine_tuning.adaptation.adapt import adapt as run
-        from eval.fine_tuning.adaptation.labelled_people import check_scheme, taught_frames
+        from eval.fine_tuning.adaptation.labelled_people import check_sets, taught_frames
     sets = [taught_frames(path) for path in labels]
-    check_scheme(sets)
+    check_sets(sets)
     check_room(out, ORDER, overwrite, *labels)
     clear(out, ORDER, overwrite, *labels)
     return run(sets, out, minutes, progress)
@@ -112,7 +112,8 @@ def adapted(labels: Sequence[Path], out: Path, minutes: float, overwrite: bool =
 def adapted_text(done: "Adapted") -> str:
     """Return the gain, and what follows from it."""
     if done.weights is None:
-        return f"{done.gain.text}; no network is written, because no gain is certain; label more recordings"
+        why = "no gain is certain" if done.gain.is_harmless else "a score falls"
+        return f"{done.gain.text}; no network is written, because {why}; label more recordings"
     return f"{done.gain.text}; use predict --weights {done.weights}"
 
 

@@ -75,7 +75,7 @@ class PredictOptions:
         refiners = self.all_refiners
         if (room := self.room_refiner) and refiners == [room] and not converts(room.own, target):
             for scheme in (room.own, target):
-                network.in_scheme(scheme)
+                network.in_scheme(scheme)  # raises FormatError where the network cannot give the scheme
             return Networks(network.in_scheme(network.own), room.in_scheme(room.own), [], target)
         schemes = [*(one.own for one in refiners), target]
         chain = [one.in_scheme(after) for one, after in zip(refiners, schemes[1:], strict=True)]
@@ -105,7 +105,7 @@ def fits(options: PredictOptions, network: OnnxNetwork) -> bool:
 class Networks:
     """Network of the first labels, and the networks that refine them.
 
-    scheme: of the last labels, where ``room_refiner`` alone refines perhaps finer than its own.
+    scheme: of the last labels; finer than ``room_refiner.scheme`` only if no other network refines.
     """
 
     first: OnnxNetwork
@@ -115,7 +115,7 @@ class Networks:
 
     @property
     def after_room(self) -> Scheme:
-        """Return the scheme of the labels that ``room_refiner`` has refined, or need not refine."""
+        """Return the scheme of the labels after the refinement by the room."""
         return self.refiners[0].own if self.refiners else self.scheme
 
 

@@ -157,7 +157,7 @@ def as_scheme(scheme: Scheme | str | Path | None) -> Scheme | None:
 def labeller_of(scheme: Scheme | None, everybody: bool, weights: str | Path | None) -> NetworkLabeller:
     """Return the labeller of the command ``predict`` for recordings; arguments as in ``Predictor``.
 
-    The depth of the room refines the labels of one person, where the refinement network has the scheme.
+    The depth of the room refines the labels of one person, if the networks give the scheme.
     """
     network = OnnxNetwork(Path(weights or SHIPPED_WEIGHTS), scheme=scheme if weights else None)
     alone = PredictOptions(everybody=everybody, scheme=scheme)

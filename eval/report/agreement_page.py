@@ -94,7 +94,7 @@ def _sections(compared: Compared) -> Iterator[Section]:
         "95 %, over people; fewer than two known people give none.",
         notes=compared.notes,
         figures={"mIoU of every frame": figures.over_frames(results)},
-        tables=[("Pairs", agreement_table(found)), ("IoU by part", _part_table(found))],
+        tables=[("Pairs", _pair_table(found)), ("IoU by part", _part_table(found))],
     )
     if any(one.comparison.joints for one in found):
         yield Section(
@@ -141,7 +141,7 @@ def _frame(rows: list[dict[str, str]]) -> pd.DataFrame:
     return pd.DataFrame([{writable(k): writable(v) for k, v in row.items()} for row in rows], dtype=object)
 
 
-def agreement_table(found: Sequence[Agreement]) -> pd.DataFrame:
+def _pair_table(found: Sequence[Agreement]) -> pd.DataFrame:
     """Return a row of scores for each pair."""
     return _frame([{"Labels": one.result.title, **agreement_row(one)} for one in found])
 

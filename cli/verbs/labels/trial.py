@@ -84,7 +84,10 @@ def _labelled(recording: Path, out: Path) -> "tuple[dict[str, Run], Path]":
     source, session = _as_session(source, recording, out)
     with progress("label by colour", len(source)) as advance:
         runs = {BY_COLOUR: by_colour(source, out / BY_COLOUR, advance)}
-    by_depth = PredictChoices(None, None, False, False, None, None).work(source, out / BY_DEPTH)
+    choices = PredictChoices(
+        weights=None, window_c=None, probabilities=False, everybody=False, again=None, learnt=None
+    )
+    by_depth = choices.work(source, out / BY_DEPTH)
     with progress("label by depth", len(source)) as advance:
         runs[BY_DEPTH] = by_depth(advance)
     return runs, session

@@ -57,7 +57,7 @@ CHECKPOINT_S = 30.0
 
 @dataclass(frozen=True)
 class Adapted:
-    """Result of an adaptation. weights: file of the network; None where no gain is certain."""
+    """Result of an adaptation. weights: file of the network; None where no gain is certain and harmless."""
 
     gain: AdaptationGain
     weights: Path | None = None

@@ -32,11 +32,18 @@ class AdaptationGain:
     share: float
 
     @property
+    def is_harmless(self) -> bool:
+        """Return True if no loss is probable, and synthetic people keep their scores."""
+        return all(one.high >= 0 for one in self._gains) and _kept(*np.array(self.synthetic))
+
+    @property
     def is_certain(self) -> bool:
-        """Return True if a gain is probable enough, no loss is, and synthetic people keep their scores."""
-        gains = [one for one in (self.parts, self.joints) if one]
-        harmless = all(one.high >= 0 for one in gains) and _kept(*np.array(self.synthetic))
-        return harmless and any(one.is_certain for one in gains)
+        """Return True if a gain is probable enough and harmless."""
+        return self.is_harmless and any(one.is_certain for one in self._gains)
+
+    @property
+    def _gains(self) -> list[Gain]:
+        return [one for one in (self.parts, self.joints) if one]
 
     @property
     def text(self) -> str:
@@ -53,7 +60,7 @@ class AdaptationGain:
 def adaptation_gain(found: Sequence[Sequence[CropScores]], split: AdaptationSplit) -> AdaptationGain:
     """Return the gain from scores of held-out and of synthetic people: of the start, then by ``SHARES``.
 
-    Among the shares that keep the scores on synthetic people, others spans than a span's own choose. If
+    Among the shares that keep the scores on synthetic people, spans other than a span's own choose. If
     none does, the result has the one that loses least.
     """
     synthetic = [(checked.recall(), checked.near()) for _, checked in found]

@@ -164,9 +164,15 @@ def joints_of(labels: LabelSet, frame: FrameLabels, number: int, camera: Intrins
     return joints_mm if joints_mm is not None and joints_mm.shape == (N_JOINTS, 3) else None
 
 
-def check_scheme(sets: Sequence[TaughtFrames]) -> None:
-    """Raise CloudError where label sets have several schemes."""
-    first = sets[0].labels
+def check_sets(sets: Sequence[TaughtFrames]) -> None:
+    """Raise CloudError where label sets have several schemes, or where one is given twice: its frames would
+    be taught and held out.
+    """
+    first, given = sets[0].labels, set[Path]()
+    for labels in (taught.labels for taught in sets):
+        if (path := labels.path.resolve()) in given:
+            raise CloudError(f"{labels.path} is given twice; give each label set once")
+        given.add(path)
     for labels in (taught.labels for taught in sets[1:]):
         if labels.scheme != first.scheme:
             raise CloudError(

@@ -40,7 +40,8 @@ ROOMS_WITH_THINGS = {
 WARM_THINGS = 0.5  # share of their subjects beside whom one lies
 OTHER_RIGS = ("d455-lepton", "bolt-lepton", "azure-boson")
 CLOSED = 0.08  # share of frames behind a closed thermal flag
-MELTING, RECORDED_STEREO = "recorded_stereo", 0.4  # kind of depth camera whose filters melt depth; its share
+FILTERED = "recorded_stereo"  # kind of depth camera whose filters smooth depth
+FILTERED_SHARE = 0.4  # share of recordings by such a camera
 
 
 def draw_scene(
@@ -72,8 +73,8 @@ def training_rig(number: int, held_out: bool = False) -> VirtualRig:
     difficulty, scene, rig = draw_scene(rng, 0.6, places, 0.18)
     suit = random_suit(FIRST_SUIT + number) if rng.random() < OTHER_SUIT else DEFAULT_SUIT
     draft, seed = bool(rng.random() >= FULL_COLOR), FIRST_SEED + number
-    stereo = draw_sensor(rng, MELTING)
-    camera = OwnCamera(stereo.camera, MELTING) if rng.random() < RECORDED_STEREO else None
+    stereo = draw_sensor(rng, FILTERED)
+    camera = OwnCamera(stereo.camera, FILTERED) if rng.random() < FILTERED_SHARE else None
     options = RigOptions(
         scene,
         rig=rig,
