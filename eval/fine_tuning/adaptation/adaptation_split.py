@@ -12,7 +12,7 @@ from eval.training.crops import UNKNOWN, Crops
 from sensors.errors import CloudError
 
 SPANS = 12  # equal spans of a recording; neighbouring frames show one picture; untuned
-EACH = 4  # one person, recording or span of so many is held out; fewer than so many count as one; untuned
+EACH = 4  # number of people, recordings or spans of which one is held out; untuned
 LEAST_SPANS = 3  # that are held out, because an interval of fewer is endless
 
 

@@ -62,9 +62,10 @@ def witness_view(cloud: ThermalCloud, body: WitnessedBody) -> View | None:
 def corrected(cloud: ThermalCloud, body: WitnessedBody, sure: Bool, network: SuitNetwork) -> Corrected:
     """Return a witnessed person with outline and parts corrected by the network.
 
-    sure: (h, w), pixels that stay the person's. Other pixels of ``body.wide`` are the person's if the network
-    takes them for a part. Probabilities of the parts of ``paper`` are products of the network's and the fused
-    ones; the fused ones divide a part among its regions.
+    sure: (h, w), pixels that stay the person's. Other pixels of ``body.wide`` are the person's where the
+    parts are likelier together than background and other people. The probability of a part of ``paper`` is
+    the product of the network's and the fused one, with exponents ``TRUST`` and ``FIRST``. The fused
+    probabilities divide a part among its regions.
     """
     view, regions = witness_view(cloud, body), np.maximum(body.regions, LEAST)
     if view is None:
