@@ -1,5 +1,7 @@
 """Training of the person finder: scenes and their people, augmentation, and the network's export."""
 
+from itertools import islice
+
 import cv2
 import numpy as np
 import torch
@@ -7,21 +9,23 @@ from scipy.spatial import cKDTree
 
 from annotate.onnx_session import onnx_session
 from annotate.person.finder import FOCAL_PX
-from eval.training.finder import images as finder_images
+from eval.training.finder import stored
+from eval.training.finder.close_rooms import close_scenes
 from eval.training.finder.floor_plan import FloorPlan
 from eval.training.finder.gathering import gather
 from eval.training.finder.images import (
+    FIRST_THING,
     HEIGHT,
     WIDTH,
     SceneImages,
+    _cut_out,
     _votes,
     draw_batch,
-    load_scenes,
-    store_scenes,
 )
-from eval.training.finder.network import FinderNet, FinderTraining, export_finder, load_finder
+from eval.training.finder.network import FinderNet, FinderTraining, TensorBatch, export_finder, load_finder
 from eval.training.finder.panes import wandering
 from eval.training.finder.scenes import room_scenes
+from eval.training.finder.stored import load_scenes, store_scenes
 from eval.training.finder.warm import UNFELT, degraded_warmth, random_warmth
 from synth.body.crowd import crowd
 from synth.clothes.dress import naked
@@ -31,17 +35,56 @@ from synth.surface.rasterize import box
 
 def test_rooms_are_the_same_for_a_seed_name_their_people_and_are_stored(tmp_path, monkeypatch):
     scenes, again = (list(room_scenes(3)) for _ in range(2))
-    monkeypatch.setattr(finder_images, "rig_scenes", lambda _: ())
-    monkeypatch.setattr(finder_images, "room_scenes", lambda _: scenes)
-    store_scenes(tmp_path, 1, 1)
+    monkeypatch.setattr(stored, "room_scenes", lambda _: scenes)
+    store_scenes(tmp_path, {"room": 1}, first=7)
+    assert [path.name for path in tmp_path.iterdir()] == ["room_000007.npz"]
     stock = load_scenes(tmp_path)
-    stored = stock.rooms
-    assert not stock.rig and [set(np.unique(p)) for _, _, p in stored] == [
+    assert not stock.rig and not stock.close
+    assert [set(np.unique(p[p < FIRST_THING])) for _, _, p in stock.rooms] == [
         set(np.unique(scene.persons)) for scene in scenes
     ]
     assert all(np.array_equal(a.depth_mm, b.depth_mm) for a, b in zip(scenes, again, strict=True))
     assert all((scene.depth_mm[scene.persons > 0] > 0).all() for scene in scenes)
     assert {int(scene.persons.max()) for scene in scenes} >= {0, 1}
+
+
+def test_close_rooms_have_near_things_and_most_have_no_person():
+    scenes = [scene for seed in (3, 4) for scene in close_scenes(seed)]
+    near_mm = np.array([np.percentile(one.depth_mm[one.depth_mm > 0], 5) for one in scenes])
+    assert np.mean(near_mm < 1000) >= 0.8
+    empty = [one for one in scenes if not one.whole_px]
+    assert 0.4 <= len(empty) / len(scenes) <= 0.8 and len(scenes) - len(empty) >= 2
+    assert not any(one.persons.any() for one in empty)
+    assert any(one.persons.any() for one in scenes)
+    assert all(one.things[one.persons > 0].max(initial=0) == 0 for one in scenes)
+    assert sum(one.things.any() for one in scenes) >= 0.8 * len(scenes)
+
+
+def test_things_are_cut_out_without_people():
+    whose = np.zeros((HEIGHT, WIDTH), np.uint8)
+    whose[40:150, 80:130], whose[60:150, 130:190], whose[:5, :5] = 1, FIRST_THING + 3, FIRST_THING
+    things, people = 0, 0
+    for seed in range(40):
+        kept = _cut_out(whose, np.random.default_rng(seed))
+        assert not kept[:40, :70].any() and 0.2 * whose.size > kept.sum() > 4000
+        alone = not (kept & (whose == 1)).any()
+        things, people = things + alone, people + (not alone)
+    assert things > 10 and people > 10
+    whose[whose == 1] = 0
+    assert _cut_out(whose, np.random.default_rng(0))[80:140, 140:180].all()
+    assert _cut_out(np.zeros_like(whose), np.random.default_rng(0)).all()
+
+
+def test_a_batch_depends_on_its_step_alone_also_with_worker_processes():
+    whose = np.zeros((212, 256), np.uint8)
+    whose[40:160, 80:130] = 1
+    image = (np.where(whose > 0, np.uint16(2000), np.uint16(3000)), whose.astype(np.float16), whose)
+    images = SceneImages([image], [], [image])
+    alone = list(islice(FinderTraining(images, 1).batches(0), 4))[2:]
+    with_workers = list(islice(FinderTraining(images, 1, workers=2).batches(2), 2))
+    for one, other in zip(alone, with_workers, strict=True):
+        assert all(torch.equal(a, b) for a, b in zip(one, other, strict=True))
+    assert not torch.equal(alone[0].inputs, alone[1].inputs)
 
 
 def test_a_place_is_taken_once():
@@ -107,7 +150,8 @@ def test_a_step_learns_and_the_exported_network_answers_as_the_trained_one(tmp_p
     cv2.ellipse(persons, (120, 100), (30, 70), 0, 0, 360, 1, -1)
     depth_mm = np.where(persons > 0, np.uint16(2000), np.uint16(3000))
     images = [(depth_mm, persons.astype(np.float16), persons)]
-    batch = draw_batch(SceneImages(images, []), 4, np.random.default_rng(0))
+    drawn = draw_batch(SceneImages(images, []), 4, np.random.default_rng(0))
+    batch = TensorBatch(*map(torch.from_numpy, drawn))
     torch.manual_seed(0)
     network = FinderNet().train()
     optimizer = torch.optim.AdamW(network.parameters(), 3e-3)

@@ -50,7 +50,7 @@ def _at_a_free_place(
 ) -> Figures | None:
     others = [middle(mesh) for one in placed for mesh in one.people]
     for at, step in _places(rng, others, half_view_rad):
-        turn = _facing(rng, at)
+        turn = facing(rng, at)
         for i in range(STEPS):
             moved = figures.placed(turn, at + i * step)
             if plan.take([*moved.people, *moved.things]):
@@ -84,7 +84,7 @@ def _places(
             yield other + 0.3 * along + rng.normal(0, 0.25) * aside, 2 * STEP_M * along
 
 
-def _facing(rng: np.random.Generator, at_m: Float64) -> Float64:
+def facing(rng: np.random.Generator, at_m: Float64) -> Float64:
     """Draw a rotation (3, 3) of people at a place (3,)."""
     towards = float(np.arctan2(at_m[1], at_m[0])) - np.pi / 2
     turn = rng.normal(towards, 0.6) if rng.random() < FACE_CAMERA else rng.uniform(-np.pi, np.pi)

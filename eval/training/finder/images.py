@@ -3,34 +3,44 @@
 A vote is the vector from a person's pixel to the middle of that person. Constants are untuned.
 """
 
-from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.array_types import Float32, UInt8, UInt16
+from annotate.array_types import Bool, Float32, UInt8, UInt16
 from annotate.person.finder import FOCAL_PX, network_input
-from eval.training.finder.scenes import Scene, rig_scenes, room_scenes
 from eval.training.finder.warm import degraded_warmth, random_warmth
-from sensors.files.atomic import replacing
 
 HEIGHT, WIDTH = 192, 256  # of a training image
 LEAST_PX, FARTHEST_M = 20, 2.0  # least pixels (at half the sides) of a voting person; longest vote on an axis
-CUT_OUT, FAR_CLIP, NEAR_CLIP = 0.15, 0.3, 0.35  # cumulative shares: people only, nothing far, nothing near
+CUT_OUT, FAR_CLIP, NEAR_CLIP = 0.2, 0.35, 0.4  # cumulative shares: people or a thing alone, nothing far, near
+THING_ALONE, LEAST_THING_PX = (
+    0.5,
+    400,
+)  # share of cut-outs with a thing in place of the people; its least pixels
+FIRST_THING = 32  # number of a thing's surface, less 1; people have lower ones
 NEARER, MOST_NEARER = 0.4, 0.9  # share of images from nearer, and the largest log factor
 FEELABLE = 0.6  # share of rooms with random warmth; the others have none
 
 Image: TypeAlias = tuple[UInt16, NDArray[np.float16], UInt8]
-"""Depth in millimetres, warmth and people (h, w) of a scene at the finder's focal length."""
+"""Depth in millimetres, warmth and surfaces (h, w) of a scene at the finder's focal length.
+
+Surfaces: number of a person from 1 on, of a thing from ``FIRST_THING`` on, 0 = neither.
+"""
 
 
 class SceneImages(NamedTuple):
-    """Stored training images of the virtual rig and of random rooms."""
+    """Stored training images of the virtual rig, of random rooms and of close rooms."""
 
     rig: list[Image]
     rooms: list[Image]
+    close: list[Image] = []  # noqa: RUF012
+
+    def in_turn(self) -> list[list[Image]]:
+        """Return the kinds in the order in which a batch takes them; kinds without images are left out."""
+        return [kind for kind in (self.rig, self.rooms, self.close, self.rooms) if kind]
 
 
 class Batch(NamedTuple):
@@ -46,53 +56,9 @@ class Batch(NamedTuple):
     known: Float32
 
 
-def store_scenes(folder: Path, rigs: int, rooms: int) -> None:
-    """Write training images once: recordings of the rig, ``rig_SEED.npz``, and random rooms,
-    ``room_SEED.npz``; seeds from 1 on.
-    """
-    kinds = (("room", room_scenes, rooms), ("rig", rig_scenes, rigs))
-    for kind, scenes, count in kinds:
-        for seed in range(1, count + 1):
-            path = folder / f"{kind}_{seed:06d}.npz"
-            if not path.exists():
-                images = map(_image_of, scenes(seed))
-                arrays = {
-                    f"{name}{i}": a
-                    for i, image in enumerate(images)
-                    for name, a in zip("dwp", image, strict=True)
-                }
-                with replacing(path) as temporary, temporary.open("wb") as file:
-                    np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
-
-
-def load_scenes(folder: Path) -> SceneImages:
-    """Return all images that ``store_scenes`` wrote."""
-    return SceneImages(*(_loaded(sorted(folder.glob(f"{kind}_*.npz"))) for kind in ("rig", "room")))
-
-
-def _loaded(paths: list[Path]) -> list[Image]:
-    images = []
-    for path in paths:
-        with np.load(path) as arrays:
-            count = len(arrays.files) // 3
-            images += [(arrays[f"d{i}"], arrays[f"w{i}"], arrays[f"p{i}"]) for i in range(count)]
-    return images
-
-
-def _image_of(scene: Scene) -> Image:
-    """Return a scene resampled to the focal length ``FOCAL_PX`` of the finder's input."""
-    scale = FOCAL_PX / scene.camera.fx
-    v, u = (
-        np.minimum(((np.arange(round(side * scale)) + 0.5) / scale).astype(int), side - 1)
-        for side in scene.depth_mm.shape
-    )
-    small = np.ix_(v, u)
-    return scene.depth_mm[small], scene.warmth[small].astype(np.float16), scene.persons[small]
-
-
 def draw_batch(images: SceneImages, size: int, rng: np.random.Generator) -> Batch:
-    """Return a batch of random, augmented images, every second one from the virtual rig."""
-    kinds = [kind for kind in images if kind]
+    """Return a batch of random, augmented images: rig, room, close room, room and so on."""
+    kinds = images.in_turn()
     drawn = (kinds[i % len(kinds)] for i in range(size))
     made = [_example(kind[int(rng.integers(len(kind)))], rng) for kind in drawn]
     return Batch(*(np.stack(arrays) for arrays in zip(*made, strict=True)))
@@ -103,19 +69,23 @@ def _example(image: Image, rng: np.random.Generator) -> Batch:
     depth_mm, felt, whose = image
     warmth = felt.astype(np.float32)
     if not np.isfinite(warmth).any() and rng.random() < FEELABLE:
-        warmth = random_warmth(depth_mm, whose, rng)
-    depth, warmth, persons = _moved(depth_mm, warmth, whose, rng)
-    depth = _worn(_cut(depth, persons, rng), rng)
-    persons = np.where(depth > 0, persons, 0)
+        warmth = random_warmth(depth_mm, _persons(whose), rng)
+    depth, warmth, whose = _moved(depth_mm, warmth, whose, rng)
+    depth = _worn(_cut(depth, whose, rng), rng)
+    persons = np.where(depth > 0, _persons(whose), np.uint8(0))
     votes = _votes(depth[::2, ::2], persons[::2, ::2])
     inputs = network_input(depth, degraded_warmth(warmth, rng))
     return Batch(inputs, (persons > 0).astype(np.float32), votes, (depth > 0).astype(np.float32))
 
 
+def _persons(whose: UInt8) -> UInt8:
+    return np.where(whose < FIRST_THING, whose, np.uint8(0))
+
+
 def _moved(
-    depth_mm: UInt16, warmth: Float32, persons: UInt8, rng: np.random.Generator
+    depth_mm: UInt16, warmth: Float32, whose: UInt8, rng: np.random.Generator
 ) -> tuple[Float32, Float32, UInt8]:
-    """Return depth in metres, warmth and people after random zoom, turn, shift, flip and change of size."""
+    """Return depth in metres, warmth and surfaces after random zoom, turn, shift, flip and change of size."""
     nearer = np.exp(rng.uniform(0, MOST_NEARER)) if rng.random() < NEARER else 1.0
     zoom, turn = nearer * np.exp(rng.uniform(-0.22, 0.22)), np.radians(rng.normal(0, 5))
     c, s, mirror = np.cos(turn) / zoom, np.sin(turn) / zoom, rng.choice((-1, 1))
@@ -124,21 +94,19 @@ def _moved(
     middle = np.array([width - 1, height - 1]) / 2 - linear @ (np.array([WIDTH - 1, HEIGHT - 1]) / 2 + shift)
     source_from_image = np.column_stack([linear, middle])
     flags = cv2.WARP_INVERSE_MAP | cv2.INTER_NEAREST
-    depth, felt, whose = (
+    depth, felt, moved = (
         cv2.warpAffine(plane, source_from_image, (WIDTH, HEIGHT), flags=flags)
-        for plane in (depth_mm, warmth, persons)
+        for plane in (depth_mm, warmth, whose)
     )
     size = 0.001 / nearer * np.exp(rng.uniform(-0.15, 0.15))
-    return (depth * np.float32(size)).astype(np.float32), felt.astype(np.float32), whose.astype(np.uint8)
+    return (depth * np.float32(size)).astype(np.float32), felt.astype(np.float32), moved.astype(np.uint8)
 
 
-def _cut(depth: Float32, persons: UInt8, rng: np.random.Generator) -> Float32:
+def _cut(depth: Float32, whose: UInt8, rng: np.random.Generator) -> Float32:
     """Return depth, in some images without the background, the far pixels or the near pixels."""
-    kind, person = rng.random(), persons > 0
+    kind, person = rng.random(), _persons(whose) > 0
     if kind < CUT_OUT:
-        rim = int(rng.integers(-2, 4))
-        change = cv2.dilate if rim > 0 else cv2.erode
-        kept = change(person.astype(np.uint8), np.ones((abs(rim) + 1,) * 2, np.uint8)) > 0
+        kept = _cut_out(whose, rng)
     elif kind < FAR_CLIP:
         middle = np.median(depth[person]) if person.any() else 2.0
         kept = depth < middle + rng.uniform(0.15, 2.5)
@@ -147,6 +115,22 @@ def _cut(depth: Float32, persons: UInt8, rng: np.random.Generator) -> Float32:
     else:
         return depth
     return np.where(kept, depth, np.float32(0))
+
+
+def _cut_out(whose: UInt8, rng: np.random.Generator) -> Bool:
+    """Return the pixels (h, w) of people alone or of one thing alone, with a rim; all if there is neither.
+
+    Things are cut out too, because otherwise whatever stands alone would be a person.
+    """
+    person = _persons(whose) > 0
+    pixels = np.bincount(whose.ravel(), minlength=256)
+    things = np.flatnonzero(pixels[FIRST_THING:] >= LEAST_THING_PX) + FIRST_THING
+    rim = int(rng.integers(-2, 4))
+    change, square = cv2.dilate if rim > 0 else cv2.erode, np.ones((abs(rim) + 1,) * 2, np.uint8)
+    if len(things) and (not person.any() or rng.random() < THING_ALONE):
+        thing = whose == things[int(rng.integers(len(things)))]
+        return (change(thing.astype(np.uint8), square) > 0) & ~person
+    return change(person.astype(np.uint8), square) > 0 if person.any() else np.ones(whose.shape, np.bool_)
 
 
 def _worn(depth: Float32, rng: np.random.Generator) -> Float32:

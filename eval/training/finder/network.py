@@ -4,22 +4,28 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
+from torch.utils.data import DataLoader, Dataset
 
 from annotate.person.finder import MULTIPLE
 from eval.architecture.blocks import convolution
 from eval.network.onnx_export import export_any_size, halve_onnx
-from eval.training.finder.images import Batch, SceneImages, draw_batch
+from eval.training.finder.images import SceneImages, draw_batch
+from eval.training.loader import workers_watched
 from eval.training.resumable_loop import Schedule, State, fit, resumed
+from synth.images.workers import check_semaphores
 from synth.random_stream import stream
 
 INPUTS, FINE = 24, 16  # channels of the input, and of the layers at half of the image's sides
 WIDTHS = (16, 32, 48, 80, 112)  # channels at a quarter, an eighth and so on of the image's sides
 BATCH, RATE, AVERAGED = 16, 2e-3, 0.998
+AHEAD = 4  # batches that a worker draws in advance
 PERSON_WEIGHT = 0.5  # extra weight of a person's pixels
 OVERLAP_WEIGHT, VOTE_WEIGHT = 0.5, 0.4  # of the losses by overlap and by votes
 
@@ -83,27 +89,65 @@ def _twice(x: Tensor) -> Tensor:
     return functional.interpolate(x, scale_factor=2.0, mode="nearest")
 
 
+class TensorBatch(NamedTuple):
+    """`Batch` as tensors."""
+
+    inputs: Tensor
+    person: Tensor
+    votes: Tensor
+    known: Tensor
+
+
+@dataclass(frozen=True)
+class _Batches(Dataset[TensorBatch]):
+    """Batches of training steps by their numbers."""
+
+    images: SceneImages
+
+    def __getitem__(self, step: int) -> TensorBatch:
+        return TensorBatch(*map(torch.from_numpy, draw_batch(self.images, BATCH, stream(0, "finder", step))))
+
+
 @dataclass(frozen=True)
 class FinderTraining:
-    """Training of the finder for a number of steps; an ``eval.training.resumable_loop.Training``."""
+    """Training of the finder; an ``eval.training.resumable_loop.Training``.
+
+    minutes: length by the clock, instead of ``steps``. workers: processes that draw batches in advance, 0 =
+    none.
+    """
 
     images: SceneImages
     steps: int
     peak_rate: float = RATE
+    minutes: float | None = None
+    workers: int = 0
 
     @property
     def schedule(self) -> Schedule:
-        return Schedule(self.peak_rate, AVERAGED, epoch_steps=self.steps, weight_decay=1e-3)
+        return Schedule(
+            self.peak_rate, AVERAGED, epoch_steps=self.steps, minutes=self.minutes, weight_decay=1e-3
+        )
 
-    def batches(self, step: int) -> Iterator[Batch]:
+    def batches(self, step: int) -> Iterator[TensorBatch]:
         """Yield batches; a step's batch depends on its number alone."""
-        for number in count(step):
-            yield draw_batch(self.images, BATCH, stream(0, "finder", number))
+        if self.workers:
+            check_semaphores()
+        steps: Any = count(step)  # torch takes any iterable
+        yield from DataLoader(
+            _Batches(self.images),
+            batch_size=None,
+            sampler=steps,
+            num_workers=self.workers,
+            pin_memory=torch.cuda.is_available(),
+            worker_init_fn=_begin_worker,
+            prefetch_factor=AHEAD if self.workers else None,
+        )
 
-    def loss(self, network: nn.Module, batch: Batch, share: float) -> tuple[Tensor, float]:
+    def loss(self, network: nn.Module, batch: TensorBatch, share: float) -> tuple[Tensor, float]:
         """Return the loss of the log odds, by pixels and by overlap, plus the loss of the votes."""
-        inputs, person, votes, known = (torch.from_numpy(array) for array in batch)
-        with torch.autocast("cpu", torch.bfloat16):
+        device = next(network.parameters()).device
+        inputs, person, votes, known = (tensor.to(device, non_blocking=True) for tensor in batch)
+        with torch.autocast(device.type, torch.bfloat16):
             found = network(inputs.contiguous(memory_format=torch.channels_last)).float()
         odds = functional.pixel_shuffle(found[:, :4], 2)[:, 0]
         own = person * known
@@ -122,16 +166,24 @@ class FinderTraining:
         return False
 
 
+def _begin_worker(_: int) -> None:
+    cv2.setNumThreads(1)
+
+
 def train_finder(
     training: FinderTraining, checkpoint: Path, watch: Callable[[int, float], None], start: Path | None = None
 ) -> nn.Module:
-    """Train a finder, or resume from its checkpoint; return the moving average.
+    """Train a finder on the GPU if any, or resume from its checkpoint; return the moving average.
 
     start: ONNX file by ``export_finder`` with the first weights; None = random ones.
     """
     torch.manual_seed(0)
-    network = load_finder(start) if start else FinderNet()
-    return fit(training, resumed(network, training.schedule, checkpoint), checkpoint, watch)
+    network = (load_finder(start) if start else FinderNet()).to(
+        "cuda" if torch.cuda.is_available() else "cpu"
+    )
+    state = resumed(network, training.schedule, checkpoint)
+    with workers_watched():
+        return fit(training, state, checkpoint, watch).cpu()
 
 
 def load_finder(path: Path) -> FinderNet:

@@ -23,10 +23,14 @@ TRIES = 4  # places drawn for a thing
 
 
 class Room(NamedTuple):
-    """Meshes of a room, and of its panes (`eval.training.finder.panes`), world frame, metres."""
+    """Meshes of a room, world frame, metres.
 
-    meshes: list[Mesh]
+    shell: floor, walls, pillar and ceiling. panes: see `eval.training.finder.panes`.
+    """
+
+    shell: list[Mesh]
     panes: list[Mesh]
+    things: list[Mesh]
 
 
 def draw_surroundings(
@@ -37,25 +41,26 @@ def draw_surroundings(
     may_be_none: allow a room without meshes.
     """
     if rng.random() < EMPTY and may_be_none:
-        return Room([], [])
+        return Room([], [], [])
     turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix()
     inside = points_m @ turn  # in the room's frame: turn.T p
     beyond = np.exp(rng.uniform(np.log(BEYOND_M[0]), np.log(BEYOND_M[1]), (2, 2)))
     low, high = inside[:, :2].min(axis=0) - beyond[0], inside[:, :2].max(axis=0) + beyond[1]
-    meshes, panes = _shell(rng, low, high)
+    meshes, panes = shell(rng, low, high)
     nobody = np.zeros(3)
-    room = Room([mesh.placed(turn, nobody) for mesh in meshes], [pane.placed(turn, nobody) for pane in panes])
+    walls, panes = ([mesh.placed(turn, nobody) for mesh in group] for group in (meshes, panes))
+    things: list[Mesh] = []
     for _ in range(int(rng.integers(MOST_THINGS + 1))):
         thing = draw_thing(rng, cast)
         for _ in range(TRIES):
-            moved = thing.placed(*_place(rng, turn, inside, np.array([low, high])))
+            moved = thing.placed(*place(rng, turn, inside, np.array([low, high])))
             if plan.take([moved]):
-                room.meshes.append(moved)
+                things.append(moved)
                 break
-    return room
+    return Room(walls, panes, things)
 
 
-def _shell(rng: np.random.Generator, low: Float64, high: Float64) -> tuple[list[Mesh], list[Mesh]]:
+def shell(rng: np.random.Generator, low: Float64, high: Float64) -> tuple[list[Mesh], list[Mesh]]:
     """Return floor, walls, a pillar and a ceiling, and panes, between two corners (2,)."""
     corner, up = np.array([*low, 0.0]), np.array([0.0, 0.0, rng.uniform(*ROOM_HEIGHT_M)])
     along, across = np.array([high[0] - low[0], 0, 0]), np.array([0, high[1] - low[1], 0])
@@ -75,7 +80,7 @@ def _shell(rng: np.random.Generator, low: Float64, high: Float64) -> tuple[list[
     return meshes, panes
 
 
-def _place(
+def place(
     rng: np.random.Generator, turn: Float64, inside: Float64, corners: Float64
 ) -> tuple[Float64, Float64]:
     """Draw a rotation (3, 3) and a place (3,) for a thing: near people, at a wall, or anywhere."""

@@ -46,6 +46,8 @@ class Scene(NamedTuple):
     warmth: float32 (h, w), NaN = unmeasured. persons: uint8 (h, w), 0 = no person, else a person's number.
     sensor: kind of the depth camera in ``synth/data/sensors.toml``, or "rig". whole_px: pixels of each person
     from number 1 on in an endless image without other people and things; empty for the rig.
+    things: uint8 (h, w), 0 = no thing, else the number of a piece of furniture or other thing, from 1 on; None
+    for the rig.
     """
 
     camera: Intrinsics
@@ -54,6 +56,7 @@ class Scene(NamedTuple):
     persons: UInt8
     sensor: str
     whole_px: tuple[float, ...] = ()
+    things: UInt8 | None = None
 
 
 def rig_scenes(number: int) -> Iterator[Scene]:
@@ -68,15 +71,21 @@ def rig_scenes(number: int) -> Iterator[Scene]:
 
 def room_scenes(seed: int, cast: Cast = TRAINING) -> Iterator[Scene]:
     """Yield random rooms; the same few people of a cast recur in them."""
-    rng, bodies = np.random.default_rng((seed, 62)), crowd_of(cast)
-    people = []
-    for _ in range(ACQUAINTED):
-        one, other = rng.choice(len(bodies), 2, replace=False)
-        people.append(dress(blend(bodies[one], bodies[other], float(rng.beta(0.6, 0.6) / 2)), rng, cast))
+    rng = np.random.default_rng((seed, 62))
+    people = acquaintances(rng, ACQUAINTED, cast)
     for _ in range(ROOMS_OF_PEOPLE):
         count = int(rng.choice(len(PEOPLE), p=PEOPLE))
         chosen = [people[i] for i in rng.permutation(ACQUAINTED)[:count]]
         yield _room(rng, chosen, cast)
+
+
+def acquaintances(rng: np.random.Generator, count: int, cast: Cast) -> list[Dressed]:
+    """Draw dressed people with bodies blended from two bodies of a cast."""
+    bodies, people = crowd_of(cast), []
+    for _ in range(count):
+        one, other = rng.choice(len(bodies), 2, replace=False)
+        people.append(dress(blend(bodies[one], bodies[other], float(rng.beta(0.6, 0.6) / 2)), rng, cast))
+    return people
 
 
 def _room(rng: np.random.Generator, people: list[Dressed], cast: Cast) -> Scene:
@@ -97,19 +106,33 @@ def rendered_scene(
 ) -> Scene:
     """Return the scene of people, their furniture and a room as a sensor reads it."""
     meshes = [mesh for figures in placed for mesh in figures.people]
-    whole = merge([*meshes, *(mesh for figures in placed for mesh in figures.things), *room.meshes])
+    own = [mesh for figures in placed for mesh in figures.things]
+    whole = merge([*meshes, *own, *room.shell, *room.things])
     image = _rendered(sensor.camera, camera_from_world, whole)
     depth, face = image.depth_m, image.face
     tags = np.append(np.maximum(whole.tags - FIRST_PERSON + 1, 0), 0)[face].astype(np.uint8)
+    numbers = _thing_numbers([meshes, own, room.shell, room.things])[face]
     if room.panes:
         panes = _rendered(sensor.camera, camera_from_world, merge(room.panes))
         depth, shown = wandering(depth, panes.depth_m, rng)
-        tags[~shown] = 0
+        tags[~shown] = numbers[~shown] = 0
     dark = _darkness(whole, placed)[face]
     reading = sensor.read(CleanDepth(sensor.camera, depth, dark), rng)
     unfelt = np.full(reading.depth_mm.shape, np.nan, np.float32)
     whole_px = tuple(_silhouette_px(sensor.camera, camera_from_world, mesh) for mesh in meshes)
-    return Scene(sensor.camera, reading.depth_mm, unfelt, reading.carry(tags), sensor.kind, whole_px)
+    persons, things = (reading.carry(image) for image in (tags, numbers))
+    return Scene(sensor.camera, reading.depth_mm, unfelt, persons, sensor.kind, whole_px, things)
+
+
+def _thing_numbers(groups: list[list[Mesh]]) -> UInt8:
+    """Return the number of the thing of each face and of no face (F + 1,); 0 for people and a room's shell.
+
+    groups: meshes of people, of things at people, of the shell, of other things.
+    """
+    is_thing = np.concatenate([np.full(len(group), i % 2, np.bool_) for i, group in enumerate(groups)])
+    numbers = np.where(is_thing, np.cumsum(is_thing).clip(max=255), 0)
+    faces = [len(mesh.faces) for group in groups for mesh in group]
+    return np.append(np.repeat(numbers, faces), 0).astype(np.uint8)
 
 
 def _darkness(whole: Mesh, placed: Sequence[Figures]) -> Float32:

@@ -84,7 +84,7 @@ def walking_scenes(seed: int, cast: Cast) -> Iterator[Scene]:
     middles = [np.array([*walker.lane_m, 1.0]) for walker in walkers]
     room = draw_surroundings(rng, np.stack([eye, *middles]), plan, cast, may_be_none=True)
     if rng.random() < PILLAR:
-        room.meshes.append(_pillar(rng, walkers[-1], half_view))
+        room.shell.append(_pillar(rng, walkers[-1], half_view))
     camera_from_world = aim(rng, eye, middles)
     for frame in range(FRAMES_PER_SECOND * SECONDS):
         meshes = [walker.mesh(frame / FRAMES_PER_SECOND, i) for i, walker in enumerate(walkers)]
