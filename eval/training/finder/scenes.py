@@ -46,8 +46,8 @@ class Scene(NamedTuple):
     warmth: float32 (h, w), NaN = unmeasured. persons: uint8 (h, w), 0 = no person, else a person's number.
     sensor: kind of the depth camera in ``synth/data/sensors.toml``, or "rig". whole_px: pixels of each person
     from number 1 on in an endless image without other people and things; empty for the rig.
-    things: uint8 (h, w), 0 = no thing, else the number of a piece of furniture or other thing, from 1 on; None
-    for the rig.
+    things: uint8 (h, w), 0 = no thing, else the number of a piece of furniture or another thing, from 1 on;
+    None for the rig.
     """
 
     camera: Intrinsics
