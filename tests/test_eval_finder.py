@@ -50,7 +50,8 @@ def test_rooms_are_the_same_for_a_seed_name_their_people_and_are_stored(tmp_path
 
 def test_close_rooms_have_near_things_and_most_have_no_person():
     scenes = [scene for seed in (3, 4) for scene in close_scenes(seed)]
-    near_mm = np.array([np.percentile(one.depth_mm[one.depth_mm > 0], 5) for one in scenes])
+    # A camera that stands too near to read anything has no reading beyond 1 m either.
+    near_mm = np.array([np.percentile(np.append(one.depth_mm[one.depth_mm > 0], 0), 5) for one in scenes])
     assert np.mean(near_mm < 1000) >= 0.8
     empty = [one for one in scenes if not one.whole_px]
     assert 0.4 <= len(empty) / len(scenes) <= 0.8 and len(scenes) - len(empty) >= 2
@@ -67,8 +68,9 @@ def test_things_are_cut_out_without_people():
     for seed in range(40):
         kept = _cut_out(whose, np.random.default_rng(seed))
         assert not kept[:40, :70].any() and 0.2 * whose.size > kept.sum() > 4000
-        alone = not (kept & (whose == 1)).any()
-        things, people = things + alone, people + (not alone)
+        shown = kept[whose == 1].mean()
+        assert shown == 0 or shown > 0.85
+        things, people = things + (shown == 0), people + (shown > 0)
     assert things > 10 and people > 10
     whose[whose == 1] = 0
     assert _cut_out(whose, np.random.default_rng(0))[80:140, 140:180].all()

@@ -1,10 +1,15 @@
 """Counts of detected people in crowded scenes: found, joined, split, phantoms."""
 
+from itertools import islice
+
 import numpy as np
+import pytest
 
 from eval.training.finder.scenes import Scene
 from sensors.rig.camera import Intrinsics
+from synth.data_files import TRAINING
 from tools.measure.crowds import tally
+from tools.measure.empty_rooms import COLUMNS, ROOMS, empty_scenes, row
 
 CAMERA = Intrinsics(300, 100, 200.0, 200.0, 149.5, 49.5)
 
@@ -35,3 +40,19 @@ def test_an_empty_image_is_haunted_by_any_detection():
     assert tally(scene_of(empty, ()), empty) == {"images": 1, "empty": 1}
     seen[:10, :10], seen[20:30, :10] = 1, 2
     assert tally(scene_of(empty, ()), seen) == {"images": 1, "empty": 1, "haunted": 1, "phantoms": 2}
+
+
+@pytest.mark.parametrize("kind", ROOMS)
+def test_empty_rooms_have_no_person_and_one_kind_of_sensor(kind):
+    scenes, again = (list(islice(empty_scenes(kind, "lidar", 5, TRAINING), 2)) for _ in range(2))
+    assert not any(scene.persons.any() or scene.whole_px for scene in scenes)
+    assert {scene.sensor for scene in scenes} == {"lidar"}
+    assert all(np.array_equal(a.depth_mm, b.depth_mm) for a, b in zip(scenes, again, strict=True))
+    assert not np.array_equal(scenes[0].depth_mm, scenes[1].depth_mm)
+
+
+def test_phantoms_are_counted_per_thousand_frames():
+    cells = dict(zip(COLUMNS, row("close", "lidar", np.array([0, 2, 0, 0])), strict=True))
+    assert (cells["with phantoms"], cells["phantoms per 1,000 frames"], cells["standard error"]) == (
+        "1", "500", "433"
+    )  # fmt: skip

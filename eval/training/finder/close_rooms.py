@@ -19,6 +19,7 @@ from eval.training.finder.rooms import Room, place, shell
 from eval.training.finder.scenes import ROOMS_OF_PEOPLE, Scene, acquaintances, rendered_scene
 from sensors.rig.rig_calibration import Pose
 from synth.cameras.random_sensor import draw_sensor
+from synth.cameras.sensor import Sensor
 from synth.clothes.dressed import Dressed
 from synth.data_files import TRAINING, Cast
 from synth.surface.furniture import Surface
@@ -50,11 +51,12 @@ def close_scenes(seed: int, cast: Cast = TRAINING) -> Iterator[Scene]:
     people = acquaintances(rng, ACQUAINTED, cast)
     for _ in range(ROOMS_OF_PEOPLE):
         person = None if rng.random() < EMPTY else people[int(rng.integers(ACQUAINTED))]
-        yield _close_room(rng, person, cast)
+        yield close_room(rng, draw_sensor(rng), person, cast)
 
 
-def _close_room(rng: np.random.Generator, person: Dressed | None, cast: Cast) -> Scene:
-    sensor, plan = draw_sensor(rng), FloorPlan()
+def close_room(rng: np.random.Generator, sensor: Sensor, person: Dressed | None, cast: Cast) -> Scene:
+    """Return the scene of a random close room, with a person if there is a free place near the camera."""
+    plan = FloorPlan()
     half_view = float(np.arctan(sensor.camera.width / 2 / sensor.camera.fx))
     plan.take_circle(np.zeros(2), EYE_M)
     stand = _stand(rng)

@@ -76,7 +76,7 @@ def room_scenes(seed: int, cast: Cast = TRAINING) -> Iterator[Scene]:
     for _ in range(ROOMS_OF_PEOPLE):
         count = int(rng.choice(len(PEOPLE), p=PEOPLE))
         chosen = [people[i] for i in rng.permutation(ACQUAINTED)[:count]]
-        yield _room(rng, chosen, cast)
+        yield room(rng, draw_sensor(rng), chosen, cast)
 
 
 def acquaintances(rng: np.random.Generator, count: int, cast: Cast) -> list[Dressed]:
@@ -88,17 +88,17 @@ def acquaintances(rng: np.random.Generator, count: int, cast: Cast) -> list[Dres
     return people
 
 
-def _room(rng: np.random.Generator, people: list[Dressed], cast: Cast) -> Scene:
+def room(rng: np.random.Generator, sensor: Sensor, people: list[Dressed], cast: Cast) -> Scene:
     """Return the scene of a random room with ``people`` in it, as far as they have a place."""
-    sensor, plan = draw_sensor(rng), FloorPlan()
+    plan = FloorPlan()
     plan.take_circle(np.zeros(2), EYE_M)
     half_view = float(np.arctan(sensor.camera.width / 2 / sensor.camera.fx))
     placed = gather(rng, people, plan, half_view, cast)
     eye = np.array([0.0, 0.0, rng.uniform(*EYE_HEIGHT_M)])
     meshes = [mesh for figures in placed for mesh in figures.people]
     middles = [middle(mesh) for mesh in meshes] or [np.array([0.0, 3.0, 1.0])]
-    room = draw_surroundings(rng, np.stack([eye, *middles]), plan, cast, may_be_none=bool(meshes))
-    return rendered_scene(rng, sensor, aim(rng, eye, middles), placed, room)
+    around = draw_surroundings(rng, np.stack([eye, *middles]), plan, cast, may_be_none=bool(meshes))
+    return rendered_scene(rng, sensor, aim(rng, eye, middles), placed, around)
 
 
 def rendered_scene(
