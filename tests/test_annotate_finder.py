@@ -134,3 +134,14 @@ def test_a_limb_a_metre_nearer_whose_votes_fall_short_belongs_to_the_trunk():
     votes[300:] = rng.normal(leg.mean(axis=0), 0.04, (150, 3))
     votes[:300] = rng.normal(trunk.mean(axis=0), 0.04, (300, 3))
     assert set(persons_by_votes(voters_of(votes, points))[0]) == {1, 2}
+
+
+def test_without_temperatures_fewer_inputs_give_the_same_result():
+    depth, _ = seen([(1, 0.0)])
+    given = finder.network_input(depth.astype(np.float32) / 1000, np.full(depth.shape, np.nan, np.float32))
+    assert not given[finder.DEPTH_INPUTS :].any() and given[: finder.DEPTH_INPUTS].any(axis=(1, 2)).all()
+    given = given[None, :, :64, :64]
+    fewer = finder._network(is_felt=False).run(None, {"image": given[:, : finder.DEPTH_INPUTS]})[0]
+    every = finder._network(is_felt=True).run(None, {"image": given})[0]
+    np.testing.assert_allclose(fewer, every, atol=1e-5)
+    assert np.ptp(every) > 1

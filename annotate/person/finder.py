@@ -16,6 +16,7 @@ from numba import njit
 
 from annotate.array_types import Bool, Float32, Float64, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.onnx_graph import without_channels
 from annotate.onnx_session import Network, onnx_session
 from annotate.person.odds import KEPT_ODDS, Evidence
 from annotate.person.votes import Voters, persons_by_votes
@@ -24,6 +25,7 @@ FOCAL_PX = 183.0  # of the images that the network is trained on, half of a Kine
 MULTIPLE = 64  # sides are padded to multiples, because the network halves an image six times
 LOCAL_GAINS = {61: 8.0, 15: 40.0}  # factors of log depth less its local mean, by side of the mean's window
 MOST_LOCAL = 4.0  # bound of these channels
+DEPTH_INPUTS = 4 * (2 + len(LOCAL_GAINS))  # images of the input that depth gives, the first ones
 WARMTH = (-1.0, 2.0)  # range of the channel: from a cold pane to a radiator
 CUT_OUT_ODDS = 4.0  # added where the background is cut away; finds 0.997 of these persons instead of 0.99
 BESIDE_SURFACE = 0.03  # share of the depth at which a neighbour's weight falls to 1/e
@@ -117,8 +119,10 @@ def network_input(depth_m: Float32, warmth: Float32) -> Float32:
 
 
 @cache
-def _network() -> Network:
-    return onnx_session(files("annotate").joinpath("person/finder.onnx").read_bytes())
+def _network(*, is_felt: bool) -> Network:
+    """Return the network; without temperatures, with fewer inputs and the same result."""
+    file = files("annotate").joinpath("person/finder.onnx").read_bytes()
+    return onnx_session(file if is_felt else without_channels(file, "image", range(DEPTH_INPUTS)))
 
 
 def _found(points_m: Float32, warmth: Float32, single_pass: bool = False) -> tuple[Float32, Float32]:
@@ -130,10 +134,12 @@ def _found(points_m: Float32, warmth: Float32, single_pass: bool = False) -> tup
     height, width = points_m.shape[:2]
     more = ((0, -height % MULTIPLE), (0, -width % MULTIPLE))
     given = network_input(np.pad(points_m[..., 2], more), np.pad(warmth, more))
-    voters = points_m[::2, ::2]
+    voters, is_felt = points_m[::2, ::2], bool(np.isfinite(warmth).any())
+    given = given if is_felt else given[:DEPTH_INPUTS]
     # A flip swaps the columns' parity channels and negates the votes to the right.
     images = [given] if single_pass else [given, given[np.arange(len(given)) ^ 1, :, ::-1]]
-    outputs = [_network().run(None, {"image": image[None]})[0][0] for image in images]
+    network = _network(is_felt=is_felt)
+    outputs = [network.run(None, {"image": image[None]})[0][0] for image in images]
     for turned in outputs[1:]:
         turned[:] = turned[[1, 0, 3, 2, 4, 5, 6], :, ::-1]
         turned[4] *= -1

@@ -4,7 +4,8 @@ Its training: `annotate/segmentation/suit_network.md`.
 """
 
 import hashlib
-from functools import cache
+from collections.abc import Sequence
+from functools import cache, cached_property
 from importlib.resources import files
 from pathlib import Path
 
@@ -13,13 +14,15 @@ import numpy as np
 from numba import njit
 
 from annotate.array_types import Float32, Index, UInt8
+from annotate.onnx_graph import without_channels
 from annotate.onnx_session import onnx_session, scheme_in_metadata
 from annotate.parts import PAPER
 from annotate.scheme.merging import converts
 from annotate.scheme.scheme import Scheme
 from annotate.scheme_network import SchemeNetwork
+from annotate.segmentation.depth_inputs import depth_input, inputs_by_depth, is_depth_alone
 from annotate.segmentation.input_channels import FIXED, Rectangle, fitted_to, network_input
-from annotate.segmentation.split_network import INPUT, PLACE, split_network
+from annotate.segmentation.split_network import INPUT, PLACE, SHUFFLE, split_network
 from annotate.suit.palette import Suit, divides
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
@@ -47,7 +50,8 @@ class SuitNetwork(SchemeNetwork):
         file = read_bounded(path, MAX_BYTES, REMEDY)
         try:
             self._load(file)
-            self.probabilities(np.zeros((len(FIXED), MULTIPLE, 2 * MULTIPLE), np.uint8), 1)
+            for byte in (np.uint8(0), np.uint8(255)):  # without colour and temperature, and with
+                self.probabilities(np.full((len(FIXED), MULTIPLE, 2 * MULTIPLE), byte), 1)
         except SystemError:  # Numba's, interrupted
             raise
         except Exception as error:  # ONNX Runtime's own errors share no public base
@@ -78,10 +82,21 @@ class SuitNetwork(SchemeNetwork):
 
     def _load(self, file: bytes) -> None:
         self._file, self.sha256 = file, hashlib.sha256(file).hexdigest()
-        first, second, self._context = split_network(file)
-        self._around, self._fine = onnx_session(first), onnx_session(second)
-        metadata = self._around.get_modelmeta().custom_metadata_map
+        self._all_inputs = _Halves(file)
+        metadata = self._all_inputs.around.get_modelmeta().custom_metadata_map
         self.own = self.scheme = scheme_in_metadata(metadata) or PAPER
+
+    @cached_property
+    def _depth_inputs(self) -> "_Halves":
+        """Return the network without inputs of colour and temperature."""
+        try:
+            return _Halves(self._file, inputs_by_depth(len(self.own.parts)))
+        except ValueError:  # other layers than convolutions read the inputs
+            return self._all_inputs
+
+    def _halves(self, planes: UInt8) -> "_Halves":
+        """Return the smallest network that reads all known values of channels (n, h, w)."""
+        return self._depth_inputs if is_depth_alone(planes) else self._all_inputs
 
     def probabilities(self, planes: UInt8, step: int, near: Rectangle | None = None) -> Float32:
         """Return class probabilities (K + 1, h, w), another person's last, of the rectangle ``near`` of
@@ -93,9 +108,9 @@ class SuitNetwork(SchemeNetwork):
         """
         near = near or Rectangle(*(slice(0, side) for side in planes.shape[1:]))
         planes = fitted_to(planes, self.own)
-        place = PLACE * step
+        halves, place = self._halves(planes), PLACE * step
         sides = [slice(own.start // place, -(-own.stop // place)) for own in near]
-        around = np.pad(self._of_all(planes[:, ::step, ::step]), ((0, 0), (0, 1), (0, 1)), "edge")
+        around = np.pad(self._of_all(halves, planes[:, ::step, ::step]), ((0, 0), (0, 1), (0, 1)), "edge")
         around = around[:, *(slice(own.start, own.stop + 1) for own in sides)]
         height, width = ((side.stop - side.start) * place for side in sides)
         seen = planes[:, *(slice(side.start * place, side.stop * place) for side in sides)]
@@ -105,31 +120,52 @@ class SuitNetwork(SchemeNetwork):
         for top in range(step):
             for left in range(step):
                 moved = _between(around, top / place, left / place)
-                scores = self._of_own(own[:, top::step, left::step], moved)
+                scores = self._of_own(halves, own[:, top::step, left::step], moved)
                 _softmax(scores, found[:, top::step, left::step])
         inner = (slice(own.start % place, own.start % place + own.stop - own.start) for own in near)
         return self.merged(found[:, *inner])
 
-    def _input(self, planes: UInt8) -> Float32:
-        return network_input(planes, len(self.own.parts))[None]
+    def _input(self, halves: "_Halves", planes: UInt8) -> Float32:
+        made = network_input if halves.inputs is None else depth_input
+        return made(planes, len(self.own.parts))[None]
 
-    def _of_all(self, planes: UInt8) -> Float32:
+    def _of_all(self, halves: "_Halves", planes: UInt8) -> Float32:
         """Return the encoder's features (k, h / 4, w / 4) of a whole image, padded at the end."""
         count, height, width = planes.shape
         padded = np.zeros((count, height + -height % MULTIPLE, width + -width % MULTIPLE), np.uint8)
         padded[:, :height, :width] = planes
-        found: Float32 = self._around.run(None, {INPUT: self._input(padded)})[0][0]
+        found: Float32 = halves.around.run(None, {INPUT: self._input(halves, padded)})[0][0]
         return found
 
-    def _of_own(self, planes: UInt8, around: Float32) -> Float32:
-        """Return the decoder's scores (K + 1, h, w) for channels (n, h, w). around: features (k, h / 4, w /
-        4).
+    def _of_own(self, halves: "_Halves", planes: UInt8, around: Float32) -> Float32:
+        """Return the decoder's scores (K + 1, 2, 2, h / 2, w / 2) for channels (n, h, w): of each class, rows
+        and columns of a cell, then of cells.
+
+        around: features (k, h / 4, w / 4).
         """
-        given = {INPUT: self._input(planes), self._context: around[None]}
-        scores: Float32 = self._fine.run(None, given)[0][0]
-        if scores.shape != (other_person(self.own) + 1, *planes.shape[1:]):
+        given = {INPUT: self._input(halves, planes), halves.context: around[None]}
+        scores: Float32 = halves.fine.run(None, given)[0][0]
+        count, (height, width) = other_person(self.own) + 1, planes.shape[1:]
+        if scores.shape == (count, height, width):
+            cells = scores.reshape(count, height // SHUFFLE, SHUFFLE, width // SHUFFLE, SHUFFLE)
+            return np.ascontiguousarray(cells.transpose(0, 2, 4, 1, 3))
+        if scores.shape != (count * SHUFFLE**2, height // SHUFFLE, width // SHUFFLE):
             raise ValueError(f"scores of shape {scores.shape}")
-        return scores
+        return scores.reshape(count, SHUFFLE, SHUFFLE, *scores.shape[1:])
+
+
+class _Halves:
+    """Loaded halves of a network: encoder, decoder, and the name of the features between them.
+
+    inputs: the only ones that the halves read, the others count as 0; None = all. Raises ValueError as
+    ``without_channels`` and ``split_network``.
+    """
+
+    def __init__(self, file: bytes, inputs: Sequence[int] | None = None) -> None:
+        self.inputs = inputs
+        file = file if inputs is None else without_channels(file, INPUT, inputs)
+        first, second, self.context = split_network(file)
+        self.around, self.fine = onnx_session(first), onnx_session(second)
 
 
 @cache
@@ -188,8 +224,10 @@ def _between(around: Float32, down: float, right: float) -> Float32:
 
 
 def _softmax(scores: Float32, chance: Float32) -> None:
-    """Write the softmax over k of scores (k, h, w) into ``chance`` (k, h, w); the scores are overwritten."""
-    _lower(scores)
+    """Write the softmax over k of scores (k, 2, 2, h, w), of cells, into ``chance`` (k, 2 h, 2 w); the scores
+    are overwritten.
+    """
+    _lower(scores.reshape(len(scores), -1, scores.shape[-1]))
     _share(np.exp(scores, out=scores), chance)
 
 
@@ -209,13 +247,21 @@ def _lower(scores: Float32) -> None:
 
 @njit(cache=True, nogil=True)
 def _share(odds: Float32, chance: Float32) -> None:
-    """Write odds (k, h, w) divided by their sum over k into ``chance`` (k, h, w)."""
-    total = np.empty(odds.shape[2], np.float32)
-    for v in range(odds.shape[1]):
-        total[:] = odds[0, v]
-        for k in range(1, odds.shape[0]):
-            for u in range(total.size):
-                total[u] += odds[k, v, u]
-        for k in range(odds.shape[0]):
-            for u in range(total.size):
-                chance[k, v, u] = odds[k, v, u] / total[u]
+    """Write odds (k, 2, 2, h, w) of cells, divided by their sum over k, into ``chance`` (k, 2 h, 2 w)."""
+    count, rows, columns, height, width = odds.shape
+    total, share = np.empty(width, np.float32), np.empty(width, np.float32)
+    row = np.empty((count, columns * width), np.float32)
+    for v in range(height * rows):
+        for right in range(columns):
+            total[:] = odds[0, v % rows, right, v // rows]
+            for k in range(1, count):
+                for u in range(width):
+                    total[u] += odds[k, v % rows, right, v // rows, u]
+            for k in range(count):
+                for u in range(width):  # apart from the scattered writing, so that the division vectorises
+                    share[u] = odds[k, v % rows, right, v // rows, u] / total[u]
+                for u in range(width):
+                    row[k, u * columns + right] = share[u]
+        for k in range(count):
+            for u in range(columns * width):
+                chance[k, v, u] = row[k, u]
