@@ -1,26 +1,30 @@
 """Adaptation to labelled recordings: taught labels, held-out people, and refused networks."""
 
+import json
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 pytest.importorskip("torch")
 
 import torch
 
-from annotate.correction.correction import Correction
-from annotate.frame_labels import FrameLabels
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import PAPER, UNDEFINED
+from cli.main import app
 from eval.architecture.compact import CompactConfig, CompactUNet
+from eval.architecture.networks import build
 from eval.fine_tuning.adaptation import adapt as adaptation
 from eval.fine_tuning.adaptation import adaptation_gain
 from eval.fine_tuning.adaptation.adapt import RECORD, adapt
+from eval.fine_tuning.adaptation.adaptation_gain import SHARES
 from eval.fine_tuning.adaptation.adaptation_split import AdaptationSplit, HeldOut, split_of
+from eval.fine_tuning.adaptation.distillation import distance
 from eval.fine_tuning.adaptation.labelled_people import (
     LabelledPerson,
     check_sets,
@@ -28,7 +32,6 @@ from eval.fine_tuning.adaptation.labelled_people import (
     taught_frames,
 )
 from eval.fine_tuning.adaptation.scores_on_crops import CropScores, near_joints
-from eval.fine_tuning.cross_validation import SHARES
 from eval.fine_tuning.weights_between import between
 from eval.network.onnx_export import export_network
 from eval.network.onnx_network import OnnxNetwork
@@ -38,56 +41,16 @@ from eval.training.body_targets import FACING, JOINTS, no_targets
 from eval.training.crops import Crops
 from eval.training.plan import ModernRecipe, Plan
 from sensors.errors import CloudError, ExistsError
-from sensors.rig.camera import Intrinsics
+from synth.data_files import TRAINING
 from synth.images import workers
+from synth.images.presets import preset_named
 from synth.images.workers import Workers
-
-CAMERA = Intrinsics(64, 48, 60, 60, 24, 24)
-COLOUR, BY_SUIT, BY_NETWORK = ({"steps": {name: {}}} for name in ("label_by_colour", "label", "predict"))
+from tests.helpers.witnessed_sets import BY_NETWORK, BY_SUIT, CAMERA, COLOUR, judged, written
 
 
 @contextmanager
 def silent(what, total):
     yield lambda n: None
-
-
-def joints_px(n: int) -> np.ndarray:
-    """Joints of a person who faces the camera: head up, own left on the image's right."""
-    at = np.full((N_JOINTS, 3), 1500.0)
-    for name, number in JOINT.items():
-        side = 4 if "left" in name else -4 if "right" in name else 0
-        row = {"head": 10, "neck": 15, "shoulder": 16, "elbow": 20, "wrist": 24}.get(name.split("_")[-1], 28)
-        at[number, :2] = 24 + n + side, row
-    return at
-
-
-def frame(n: int, sure: float = 0.75) -> FrameLabels:
-    """A head over a torso, another person's pixels beside; frames differ in their place."""
-    parts, persons = np.zeros((48, 64), np.uint8), np.zeros((48, 64), np.uint8)
-    parts[6:14, 20 + n : 28 + n], parts[14:40, 16 + n : 32 + n] = 1, 2
-    persons[parts > 0] = 1
-    persons[6:40, 50:60], parts[6:40, 50:60] = 2, UNDEFINED
-    depth = np.where(persons > 0, np.uint16(1500), np.uint16(0))
-    note = {
-        "facing_deg": 0.0,
-        "facing_sure": 1.0,
-        "postures": [0, 1, 0, 0, 0, 0],
-        "joints_px": joints_px(n).tolist(),
-    }
-    confidence = np.full(parts.shape, sure, np.float32)
-    return FrameLabels(f"{n:06d}", depth, parts, confidence, notes={"bearing": note}, persons=persons)
-
-
-def written(path: Path, info: dict, count: int = 3) -> Path:
-    labels = LabelSet.create(path, CAMERA, {"source": "test", **info})
-    for n in range(count):
-        labels.write(frame(n))
-    return path
-
-
-def judged(path: Path, frame_id: str, verdict: str) -> None:
-    with Correction.open(path, "ann") as correction:
-        correction.edit(frame_id).judge(verdict, "blurred")
 
 
 def test_rejected_frames_and_automatic_frames_of_predict_are_not_taught(tmp_path):
@@ -121,12 +84,19 @@ def test_a_person_is_cropped_alone_with_joints_by_colour_only(tmp_path):
     rows, columns = np.nonzero(person.depth)
     assert abs(np.ptp(rows) / np.ptp(columns) - 34 / 16) < 0.1
     joints = person.row[JOINTS].reshape(N_JOINTS, 3)
-    head, neck = (joints[JOINT[name], :2] * 212 for name in ("head", "neck"))
-    assert person.parts[int(head[1]), int(head[0])] in (1, UNDEFINED) and neck[1] > head[1]
+    (shoulder_u, shoulder_v), hip = (joints[JOINT[f"left_{name}"], :2] * 212 for name in ("shoulder", "hip"))
+    assert person.parts[int(shoulder_v), int(shoulder_u)] in (2, UNDEFINED) and hip[1] > shoulder_v
     np.testing.assert_allclose(person.row[FACING], (1, 0), atol=1e-5)
-    np.testing.assert_allclose(joints[:, 2], 0.5, atol=1e-5)
     (by_suit,) = people_in(taught_frames(written(tmp_path / "suit", BY_SUIT)), 0, "000000")
     assert np.isnan(by_suit.row).all()
+
+
+def test_of_a_witness_s_joints_only_shown_places_are_taught(tmp_path):
+    """Hidden joints, a head that depth moved, and middles of landmarks stay unknown, and so do depths."""
+    (person,) = people_in(taught_frames(written(tmp_path / "labels", COLOUR)), 0, "000000")
+    joints = person.row[JOINTS].reshape(N_JOINTS, 3)
+    unknown = {name for name, i in JOINT.items() if np.isnan(joints[i, :2]).any()}
+    assert unknown == {"head", "neck", "pelvis", "left_wrist"} and np.isnan(joints[:, 2]).all()
 
 
 def person(bodies: str = "p", recording: int = 0, place: float = 0.0) -> LabelledPerson:
@@ -149,7 +119,7 @@ def test_people_are_held_out_or_recordings_or_spans():
         HeldOut.of([person(place=n / 24) for n in range(4)])
 
 
-def test_taught_and_held_out_share_nobody_and_are_mixed_with_as_many_synthetic_people():
+def test_taught_and_held_out_share_nobody():
     images = np.zeros((24 + 40, 2, 2), np.uint16)
     crops = Crops.of((one, one.astype(np.uint8), no_targets()) for one in images)
     held = HeldOut.of([person(place=n / 24) for n in range(24)])
@@ -158,7 +128,7 @@ def test_taught_and_held_out_share_nobody_and_are_mixed_with_as_many_synthetic_p
     np.testing.assert_array_equal(np.sort(every), np.arange(64))
     np.testing.assert_array_equal(split.held, np.flatnonzero(held.mask))
     np.testing.assert_array_equal(split.checked, 24 + np.arange(0, 40, 5))
-    assert len(split.mixed) == 2 * 18 + 32
+    np.testing.assert_array_equal(split.trained, np.concatenate([split.taught, split.rehearsed]))
 
 
 def test_a_joint_is_near_within_a_tenth_of_the_trunk():
@@ -171,6 +141,8 @@ def test_a_joint_is_near_within_a_tenth_of_the_trunk():
     found[JOINT["left_knee"], 0] += 0.002
     assert near_joints(found, truth).tolist() == [12, 13]
     assert near_joints(np.full((N_JOINTS, 3), np.nan), truth).tolist() == [0, 13]
+    truth[JOINT["left_hip"]] = np.nan
+    assert near_joints(found, truth).tolist() == [0, 0]
 
 
 def scores(*right: float, joints: float = 0.5) -> CropScores:
@@ -187,26 +159,47 @@ def split(spans: int) -> AdaptationSplit:
     return AdaptationSplit(crops, index, index, index, index, index, "spans")
 
 
+def gain_of(*networks: tuple[CropScores, CropScores]) -> adaptation_gain.AdaptationGain:
+    """Gain of scores on held-out and on synthetic people: of the start, then one for each share."""
+    return adaptation_gain.adaptation_gain(networks, split(3))
+
+
 def test_a_gain_that_forgets_is_refused_and_a_share_that_keeps_is_preferred():
-    held = [scores(0.6, 0.7, 0.8), scores(0.8, 0.92, 0.99), scores(0.7, 0.81, 0.9)]
+    before, most, half, least = (
+        scores(0.6, 0.7, 0.8),
+        scores(0.8, 0.92, 0.99),
+        scores(0.7, 0.81, 0.9),
+        scores(0.65, 0.76, 0.85),
+    )
     kept, forgot = scores(0.9), scores(0.89)
-    found = adaptation_gain.adaptation_gain([*zip(held, (kept, kept, kept), strict=True)], split(3))
+    found = gain_of((before, kept), (most, kept), (half, kept), (least, kept))
     assert found.is_certain and found.share == SHARES[0]
     assert found.parts.after - found.parts.before == pytest.approx(0.61 / 3)
-    found = adaptation_gain.adaptation_gain([*zip(held, (kept, forgot, kept), strict=True)], split(3))
+    found = gain_of((before, kept), (most, forgot), (half, kept), (least, kept))
     assert found.is_certain and found.share == SHARES[1]
-    found = adaptation_gain.adaptation_gain([*zip(held, (kept, forgot, forgot), strict=True)], split(3))
+    found = gain_of((before, kept), (most, forgot), (half, forgot), (least, kept))
+    assert found.is_certain and found.share == SHARES[2]
+    found = gain_of((before, kept), (most, forgot), (half, forgot), (least, forgot))
     assert not found.is_certain and not found.is_harmless and "90.0% before, 89.0% after" in found.text
 
 
 def test_a_gain_within_chance_and_a_certain_loss_of_joints_are_refused():
     kept, before = scores(0.9), scores(0.6, 0.7, 0.8)
     chance = scores(0.7, 0.65, 0.8)
-    found = adaptation_gain.adaptation_gain([(before, kept), (chance, kept), (chance, kept)], split(3))
+    found = gain_of((before, kept), *[(chance, kept)] * len(SHARES))
     assert not found.is_certain and found.is_harmless and "sure of a gain" in found.text
     better = scores(0.7, 0.8, 0.9, joints=0.4)
-    found = adaptation_gain.adaptation_gain([(before, kept), (better, kept), (better, kept)], split(3))
+    found = gain_of((before, kept), *[(better, kept)] * len(SHARES))
     assert not found.is_certain and not found.is_harmless
+
+
+def test_a_gain_is_read_from_its_record():
+    kept = scores(0.9)
+    found = gain_of(*[(scores(0.6, 0.7, 0.8), kept)] * (1 + len(SHARES)))
+    for gain in (found, replace(found, joints=None)):
+        assert type(gain).of_fields(json.loads(json.dumps(asdict(gain)))) == gain
+    with pytest.raises(KeyError):
+        type(found).of_fields({"frames": 3})
 
 
 def test_a_network_between_two_has_their_mean():
@@ -243,6 +236,8 @@ def small(monkeypatch, tmp_path) -> Path:
     save_weights(shipped.with_suffix(".safetensors"), model, config)
     export_network(model, shipped)
     monkeypatch.setattr(adaptation, "SHIPPED_WEIGHTS", shipped)
+    people = replace(preset_named("people", TRAINING), each=2, views=1)
+    monkeypatch.setattr(adaptation, "preset_named", lambda name, cast: people)
     monkeypatch.setattr(adaptation, "IMAGES", 5)
     recipe = ModernRecipe(4, 1e-2, averaged=0.9, coarse=0.0)
     monkeypatch.setattr(adaptation, "planned", lambda config, minutes: Plan(config, recipe, epochs=8))
@@ -252,16 +247,58 @@ def small(monkeypatch, tmp_path) -> Path:
 
 
 def test_adapting_improves_held_out_spans_and_repeats_itself(small, tmp_path, monkeypatch):
-    """Without a network that forgets nothing, none is written; the finished training is not repeated."""
+    """Without a network that forgets nothing, none is written. An interrupted comparison is made again by the
+    finished training, a finished one is not made again.
+    """
     taught, out = taught_frames(written(tmp_path / "labels", COLOUR, 12)), tmp_path / "adapted"
     monkeypatch.setattr(adaptation_gain, "MOST_LOST", -1.0)
     assert adapt([taught], out, 1.0, silent).weights is None and not (out / "weights.onnx").exists()
+    (checkpoint,) = (out / "training").glob("*.safetensors")
+    trained = checkpoint.read_bytes()
     monkeypatch.setattr(adaptation_gain, "MOST_LOST", 1.0)
-    history = (out / "training" / "history.json").read_bytes()
+    assert adapt([taught], out, 1.0, silent).weights is None
+    (out / RECORD).unlink()
     done = adapt([taught], out, 1.0, silent)
-    assert (out / "training" / "history.json").read_bytes() == history
+    assert checkpoint.read_bytes() == trained
     assert done.weights == out / "weights.onnx" and done.gain.frames == done.gain.spans == 3
     assert done.gain.parts.low > 0.2
-    assert OnnxNetwork(done.weights).own == PAPER and (out / RECORD).is_file()
+    assert OnnxNetwork(done.weights).own == PAPER
+    monkeypatch.setattr(adaptation, "found_people", None)
+    assert adapt([taught], out, 1.0, silent) == done
     with pytest.raises(ExistsError, match="another adaptation"):
         adapt([taught], out, 2.0, silent)
+    judged(taught.labels.path, "000001", "accept")
+    with pytest.raises(ExistsError, match="another adaptation"):
+        adapt([taught], out, 1.0, silent)
+
+
+def test_too_few_frames_leave_nothing_behind(small, tmp_path):
+    taught, out = taught_frames(written(tmp_path / "labels", COLOUR)), tmp_path / "adapted"
+    with pytest.raises(CloudError, match="label at least 12 frames"):
+        adapt([taught], out, 1.0, silent)
+    assert not out.exists()
+
+
+def test_a_folder_inside_a_label_set_is_refused(tmp_path):
+    path = written(tmp_path / "labels", COLOUR)
+    done = CliRunner().invoke(app, ["adapt", str(path), "--out", str(path / "adapted")])
+    assert isinstance(done.exception, ExistsError)
+    assert "is inside the label set" in str(done.exception) and not (path / "adapted").exists()
+
+
+def test_outputs_are_apart_by_what_differs():
+    """A network is 0 apart from itself; each of its outputs alone adds to the distance."""
+    torch.manual_seed(0)
+    network = build(CompactConfig((4, 6, 6), 1), PAPER).eval()
+    depth = torch.rand(2, 1, 212, 212)
+    depth[:, :, :20] = 0
+    with torch.no_grad():
+        known = network(depth)
+    assert float(distance(known, known, depth, ModernRecipe())) == pytest.approx(0, abs=1e-6)
+    for name in ("scores", "facing", "posture", "joint_sd", "joint_state", "joint_maps"):
+        other = known._replace(**{name: getattr(known, name) * 1.5})
+        assert float(distance(other, known, depth, ModernRecipe())) > 1e-5, name
+    unseen = known.scores.clone()
+    unseen[:, 1, :20] += 9
+    apart = distance(known._replace(scores=unseen), known, depth, ModernRecipe())
+    assert float(apart) == pytest.approx(0, abs=1e-6)

@@ -91,6 +91,22 @@ class Centred(torch.nn.Module):
         return NetworkOutput(scores, facing, posture, joints / 2, sd * self.sd, states)
 
 
+def test_a_joint_of_unknown_depth_trains_its_place_alone():
+    images = torch.rand(1, 1, SIZE, SIZE)
+    output = network()(images)
+    whole = torch.rand(1, N_JOINTS, 3)
+    part = whole.clone()
+    part[..., 2] = torch.nan
+    full, placed = (
+        joint_losses(output, JointTargets.of(joints, images), JointWeights()) for joints in (whole, part)
+    )
+    for n, ((loss, known), (own, counted)) in enumerate(zip(full, placed, strict=True)):
+        if n < 2:
+            assert torch.equal(known, counted) and torch.equal((loss * known), (own * counted))
+        else:
+            assert not counted.any() and torch.isfinite(own).all()
+
+
 def test_calibrated_deviations_hold_68_percent_of_the_errors():
     rng, rows = np.random.default_rng(0), [no_targets() for _ in range(60)]
     for row in rows:

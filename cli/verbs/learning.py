@@ -10,7 +10,7 @@ from typer import Argument, BadParameter, Option
 
 from cli.console import Json, Overwrite, check_room, clear, finish, progress, say
 from cli.extras import check_extra, needing
-from sensors.errors import CloudError
+from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import check_there
 
 if TYPE_CHECKING:
@@ -104,6 +104,9 @@ def adapted(labels: Sequence[Path], out: Path, minutes: float, overwrite: bool =
         from eval.fine_tuning.adaptation.labelled_people import check_sets, taught_frames
     sets = [taught_frames(path) for path in labels]
     check_sets(sets)
+    for path in labels:
+        if out.resolve().is_relative_to(path.resolve()):
+            raise ExistsError(f"{out} is inside the label set {path}; choose another folder")
     check_room(out, ORDER, overwrite, *labels)
     clear(out, ORDER, overwrite, *labels)
     return run(sets, out, minutes, progress)

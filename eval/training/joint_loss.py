@@ -33,8 +33,8 @@ class JointWeights:
 class JointTargets:
     """True joints of crops.
 
-    joints: (B, J, 3) as ``NetworkOutput.joints``. known: bool (B, J). inside: bool (B, J), known and within
-    the crop. states: int64 (B, J), ids of ``VISIBILITIES``.
+    joints: (B, J, 3) as ``NetworkOutput.joints``. known: bool (B, J), place and depth. inside: bool (B, J),
+    place known and within the crop. states: int64 (B, J), ids of ``VISIBILITIES`` where known.
     """
 
     joints: Tensor
@@ -45,7 +45,7 @@ class JointTargets:
     @classmethod
     def of(cls, joints: Tensor, depth: Tensor) -> "JointTargets":
         """Return the targets from joints, NaN = unknown, and the input depth (B, 1, h, w)."""
-        known = torch.isfinite(joints).all(dim=-1)
+        known, placed = (torch.isfinite(joints[..., :n]).all(dim=-1) for n in (3, 2))
         joints = joints.nan_to_num(0)
         within = (joints[..., :2] - 0.5).abs().amax(dim=-1) < 0.5
         height, width = depth.shape[-2:]
@@ -55,7 +55,7 @@ class JointTargets:
         in_front_mm = RANGE_MM * (joints[..., 2] - reading)
         near = (in_front_mm <= joints.new_tensor(REACHES_MM)) & (in_front_mm >= -BEHIND_MM)
         states = torch.where(within, (near & (reading > 0)).long(), OUTSIDE)
-        return cls(joints, known, known & within, states)
+        return cls(joints, known, placed & within, states)
 
 
 def joint_losses(
@@ -81,7 +81,7 @@ def joint_losses(
     return [
         (weights.heat * crossed, targets.inside),
         (weights.place * near, right),
-        (weights.depth * off, targets.inside),
+        (weights.depth * off, targets.inside & targets.known),
         (weights.deviation * unlikely, targets.known),
         (weights.state * named, targets.known),
     ]

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterator, Sequence
-from copy import deepcopy
 from dataclasses import asdict, dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -13,12 +12,14 @@ from torch import nn
 
 from annotate.array_types import Float32, UInt8, UInt16
 from annotate.labelset.claim import Claim, login
-from annotate.labelset.dataset import Dataset
+from annotate.labelset.dataset import Dataset, sha256
+from annotate.labelset.journal import JOURNAL
 from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
 from eval.architecture.networks import NetworkConfig, scheme_of
-from eval.fine_tuning.adaptation.adaptation_gain import AdaptationGain, adaptation_gain
+from eval.fine_tuning.adaptation.adaptation_gain import SHARES, AdaptationGain, adaptation_gain
 from eval.fine_tuning.adaptation.adaptation_split import AdaptationSplit, HeldOut, split_of
+from eval.fine_tuning.adaptation.adaptation_training import AdaptationTraining, trained, work_left
 from eval.fine_tuning.adaptation.labelled_people import (
     LabelledPerson,
     TaughtFrames,
@@ -26,7 +27,6 @@ from eval.fine_tuning.adaptation.labelled_people import (
     people_in,
 )
 from eval.fine_tuning.adaptation.scores_on_crops import scores_on_crops
-from eval.fine_tuning.cross_validation import SHARES
 from eval.fine_tuning.weights_between import between
 from eval.network.onnx_export import export_network
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
@@ -36,10 +36,8 @@ from eval.training.calibration.calibrated_export import export_calibrated
 from eval.training.crops import DEPTH_STEPS, Crops, to_crop
 from eval.training.expansion import expanded
 from eval.training.plan import ModernRecipe, Plan, fastest_precision
-from eval.training.processes import ALONE
 from eval.training.segmentation.train import Progress
-from eval.training.train import Data, Watch, train, work_left
-from sensors.errors import ExistsError
+from sensors.errors import ExistsError, FormatError
 from sensors.files.atomic import is_taken, write_bytes
 from synth.data_files import TRAINING
 from synth.images import workers
@@ -49,10 +47,9 @@ from synth.images.presets import preset_named
 WEIGHTS, RECORD, ORDER = "weights.onnx", "adapted.json", "adapt.json"
 SYNTHETIC, TRAINED, TRIAL = "synthetic", "training", "trial.onnx"
 """Files of an adaptation: network, result, names of the label sets; images, training, trial network."""
-IMAGES, SHARD, CHECKED = 640, 64, 5  # synthetic images, in shards; one of five people is left out; untuned
+IMAGES, SHARD, CHECKED = 640, 64, 2  # synthetic images, in shards; one of two people is left out; untuned
 RECIPE = ModernRecipe(batch=16, peak_rate=3e-4, averaged=0.99, coarse=0.0, statistics=False)
 SEED = 0  # of synthetic images
-CHECKPOINT_S = 30.0
 
 
 @dataclass(frozen=True)
@@ -66,6 +63,17 @@ class Adapted:
         """Return the result as JSON values."""
         weights = str(self.weights) if self.weights else None
         return {**asdict(self.gain), "text": self.gain.text, "weights": weights}
+
+    @classmethod
+    def read(cls, folder: Path) -> "Adapted":
+        """Return the result in a folder. Raises FormatError for a file that holds none."""
+        path = folder / RECORD
+        try:
+            fields = json.loads(path.read_text())
+            weights = fields.pop("weights")
+            return cls(AdaptationGain.of_fields(fields), folder / weights if weights else None)
+        except (ValueError, KeyError, TypeError, AttributeError, UnicodeDecodeError) as error:
+            raise FormatError(f"{path} holds no result; remove the file to compare again") from error
 
 
 @dataclass(frozen=True)
@@ -96,19 +104,24 @@ def planned(config: NetworkConfig, minutes: float) -> Plan:
 def adapt(sets: Sequence[TaughtFrames], out: Path, minutes: float, progress: Progress) -> Adapted:
     """Adapt the shipped depth network to label sets of one scheme, in a folder; resume an interrupted run.
 
-    minutes: of training. Raises CloudError for too few labels, ExistsError where ``out`` holds something
-    else, ClaimedError while another process works there.
+    minutes: of training. A finished run gives its result again. Raises CloudError for too few labels, and
+    then writes nothing; ExistsError where ``out`` holds something else, ClaimedError while another process
+    works there.
     """
-    begin(sets, out, minutes)
+    order = order_of(sets, minutes)
+    if (done := finished(out, order)) is not None:
+        return done
+    people = found_people(sets, progress)
+    held = HeldOut.of(people)
+    begin(out, order)
     with Claim.take(out, login()):
-        split = prepared(sets, out / SYNTHETIC, progress)
-        scheme = split.crops.scheme
-        start = Start.of(scheme)
-        plan = planned(start.config, minutes)
-        data = Data(split.mixed, start=deepcopy(start.model))
-        left, unit = work_left(out / TRAINED, plan, data.crops)
+        split = prepared(people, held, (sets[0].labels.scheme, out / SYNTHETIC), progress)
+        start = Start.of(split.crops.scheme)
+        training = AdaptationTraining(split, start.model, planned(start.config, minutes))
+        (out / TRAINED).mkdir(exist_ok=True)
+        left, unit = work_left(training, out / TRAINED)
         with progress(f"train, {unit}", left) as advance:
-            last, _ = train(data, out / TRAINED, plan, ALONE, Watch(advance, checkpoint_s=CHECKPOINT_S))
+            last = trained(training, out / TRAINED, advance)
         gain = measured(start, last, split, out / TRIAL, progress)
         weights = out / WEIGHTS if gain.is_certain else None
         if weights:
@@ -120,33 +133,56 @@ def adapt(sets: Sequence[TaughtFrames], out: Path, minutes: float, progress: Pro
     return done
 
 
-def begin(sets: Sequence[TaughtFrames], out: Path, minutes: float) -> None:
-    """Write the order of a new adaptation, or check it. Raises ExistsError for another one."""
-    named = [str(taught.labels.path.resolve()) for taught in sets]
-    text = json.dumps({"labels": named, "minutes": minutes}, indent=1) + "\n"
-    if (out / ORDER).is_file():
-        if (out / ORDER).read_text() != text:
-            raise ExistsError(f"{out} holds another adaptation; choose another folder or pass --overwrite")
-        return
-    if is_taken(out):
-        raise ExistsError(f"{out} already exists; choose another folder")
+def order_of(sets: Sequence[TaughtFrames], minutes: float) -> str:
+    """Return what determines an adaptation, as JSON: label sets, corrections, network, length."""
+    paths = [taught.labels.path.resolve() for taught in sets]
+    journals = [sha256(path / JOURNAL) if (path / JOURNAL).is_file() else None for path in paths]
+    named = {"labels": list(map(str, paths)), "corrections": journals, "start": sha256(SHIPPED_WEIGHTS)}
+    return json.dumps({**named, "minutes": minutes}, indent=1) + "\n"
+
+
+def finished(out: Path, order: str) -> Adapted | None:
+    """Return the result of an order's finished adaptation in a folder; None before it is finished.
+
+    Raises ExistsError for a folder with another adaptation or with something else.
+    """
+    if not (out / ORDER).is_file():
+        if is_taken(out):
+            raise ExistsError(f"{out} already exists; choose another folder")
+        return None
+    if (out / ORDER).read_text() != order:
+        raise ExistsError(f"{out} holds another adaptation; choose another folder or pass --overwrite")
+    return Adapted.read(out) if (out / RECORD).is_file() else None
+
+
+def begin(out: Path, order: str) -> None:
+    """Write the order of an adaptation into its folder."""
     out.mkdir(parents=True, exist_ok=True)
-    write_bytes(out / ORDER, text.encode())
+    write_bytes(out / ORDER, order.encode())
 
 
-def prepared(sets: Sequence[TaughtFrames], synthetic: Path, progress: Progress) -> AdaptationSplit:
-    """Return the crops of label sets and of synthetic people, which are generated into ``synthetic``."""
+def found_people(sets: Sequence[TaughtFrames], progress: Progress) -> list[LabelledPerson]:
+    """Return the labelled people of label sets."""
     people, chosen = list[LabelledPerson](), chosen_frames(sets)
     with progress("find people, frames", len(chosen)) as advance:
         for number, frame_id in chosen:
             people += people_in(sets[number], number, frame_id)
             advance(1)
-    held = HeldOut.of(people)
-    scheme = sets[0].labels.scheme
+    return people
+
+
+def prepared(
+    people: Sequence[LabelledPerson], held: HeldOut, rehearsal: tuple[Scheme, Path], progress: Progress
+) -> AdaptationSplit:
+    """Return the crops of labelled and of synthetic people.
+
+    rehearsal: scheme of the synthetic people, and the folder into which they are generated.
+    """
+    scheme, folder = rehearsal
     preset = replace(preset_named("people", TRAINING), scheme=scheme)
     order = Order(preset, IMAGES, SEED, SHARD)
     with progress("generate, images", IMAGES) as advance, workers.processes(2) as hands:
-        rehearsed = generate(order, synthetic, hands, advance).dataset
+        rehearsed = generate(order, folder, hands, advance).dataset
     crops = Crops.of(chain(((p.depth, p.parts, p.row) for p in people), _crops_of(rehearsed)), scheme=scheme)
     checked = [n // preset.each % CHECKED == 0 for n in range(len(crops) - len(people))]
     return split_of(held, checked, crops)

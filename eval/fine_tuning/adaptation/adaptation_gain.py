@@ -1,15 +1,17 @@
 """Gain of an adaptation on held-out people, and its loss on synthetic ones."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 
 from annotate.array_types import Float64
 from eval.fine_tuning.adaptation.adaptation_split import AdaptationSplit
 from eval.fine_tuning.adaptation.scores_on_crops import CropScores
-from eval.fine_tuning.cross_validation import SHARES, Gain, chosen_by_others, gain
+from eval.fine_tuning.cross_validation import Gain, chosen_by_others, gain
 
+SHARES = (1.0, 0.5, 0.25)  # of the way from the first to the trained network, to choose from
 MOST_LOST = 0.004  # of a score on synthetic people; more is forgetting; untuned
 
 
@@ -30,6 +32,14 @@ class AdaptationGain:
     joints: Gain | None
     synthetic: tuple[tuple[float, float], tuple[float, float]]
     share: float
+
+    @classmethod
+    def of_fields(cls, fields: Mapping[str, Any]) -> Self:
+        """Return the gain of JSON values. Raises KeyError and TypeError for values of something else."""
+        known = {name: fields[name] for name in cls.__dataclass_fields__}
+        parts, joints = (Gain(**known[name]) if known[name] else None for name in ("parts", "joints"))
+        before, after = (tuple(map(float, pair)) for pair in known["synthetic"])
+        return cls(**known | {"parts": parts, "joints": joints, "synthetic": (before, after)})
 
     @property
     def is_harmless(self) -> bool:
@@ -60,8 +70,9 @@ class AdaptationGain:
 def adaptation_gain(found: Sequence[Sequence[CropScores]], split: AdaptationSplit) -> AdaptationGain:
     """Return the gain from scores of held-out and of synthetic people: of the start, then by ``SHARES``.
 
-    Among the shares that keep the scores on synthetic people, spans other than a span's own choose. If
-    none does, the result has the one that loses least.
+    Only shares that keep the scores on synthetic people are chosen from. For each span other spans choose, so
+    that several tries do not flatter the gain. If no share keeps the scores, the result has the share that
+    loses least.
     """
     synthetic = [(checked.recall(), checked.near()) for _, checked in found]
     known = np.array(synthetic)

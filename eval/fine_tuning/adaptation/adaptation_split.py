@@ -33,10 +33,9 @@ class AdaptationSplit:
     held_out: str
 
     @property
-    def mixed(self) -> Crops:
-        """Return the crops to train on: taught and rehearsed people in about equal shares."""
-        copies = max(1, round(len(self.rehearsed) / len(self.taught)))
-        return self.crops.chosen(np.concatenate([np.tile(self.taught, copies), self.rehearsed]))
+    def trained(self) -> Int64:
+        """Return the indices of the crops to train on."""
+        return np.concatenate([self.taught, self.rehearsed])
 
     @property
     def left_out(self) -> Crops:

@@ -21,10 +21,11 @@ from annotate.labelset.cast_note import check_trainable
 from annotate.labelset.label_set import LabelSet
 from annotate.person.extract import PersonDetection
 from annotate.scheme.scheme import BACKGROUND, UNDEFINED
+from annotate.witness.shown_person import NOTE, ShownPerson
 from eval.network.body_state import BodyState, body_state_notes
 from eval.network.refine import camera_in
-from eval.scores.joints import IN_SKELETON, N_JOINTS
-from eval.training.body_targets import no_targets, with_joints
+from eval.scores.joints import IN_SKELETON, JOINT, N_JOINTS
+from eval.training.body_targets import JOINTS, no_targets, with_joints
 from eval.training.crops import DEPTH_STEPS, person_crop
 from eval.training.shared_bodies import bodies_in
 from sensors.errors import CloudError
@@ -34,6 +35,10 @@ from synth.random_stream import stream
 
 MOST_FRAMES = 480  # of all recordings, evenly spread; detection takes 0.3 s each on one core
 LEAST_IOU = 0.5  # of a detected outline and a labelled person; untuned
+MOVED_MM = 20.0  # from the witness's joint to the labels' joint, as of a head by depth; untuned
+BETWEEN = [JOINT["neck"], JOINT["pelvis"]]
+"""Joints that are middles of landmarks to a witness: its neck is 0.19 trunks below the skeleton's, its pelvis
+0.05 (64 development images)."""
 
 
 class LabelledPerson(NamedTuple):
@@ -110,9 +115,7 @@ def people_in(taught: TaughtFrames, recording: int, frame_id: str) -> Iterator[L
             continue
         named = np.where(mask & (there | (frame.parts == UNDEFINED)), frame.parts, np.uint8(BACKGROUND))
         depth, parts = person_crop(frame.depth_mm, mask, named)
-        row, joints_mm = no_targets(), joints_of(labels, frame, number, camera)
-        if joints_mm is not None:
-            row = with_joints(row, joints_mm, camera, (frame.depth_mm, mask))
+        row = targets_of(labels, frame, number, (camera, mask))
         packed = np.rint(depth * DEPTH_STEPS).astype(np.uint16)
         yield LabelledPerson(packed, parts, row, bodies, recording, taught.places[frame_id])
 
@@ -152,16 +155,39 @@ def _fuser(camera: Intrinsics) -> CoarseFuser:
     return CoarseFuser(RigCalibration(camera))
 
 
-def joints_of(labels: LabelSet, frame: FrameLabels, number: int, camera: Intrinsics) -> Float64 | None:
-    """Return a person's joints (15, 3), millimetres, that a colour network or a rig gave; None without."""
+def targets_of(labels: LabelSet, frame: FrameLabels, number: int, image: tuple[Intrinsics, Bool]) -> Float32:
+    """Return a person's row of targets, by joints of a rig or of a witness; unknown without.
+
+    A witness shows places in the image, and its joints in ``BETWEEN`` are other points of the body. image:
+    camera, and the pixels (h, w) of the crop's person.
+    """
+    (camera, mask), row = image, no_targets()
     known = np.array(frame.notes.get("joints_mm", ()), np.float64)
     if number == 1 and known.ndim == 2 and len(known) > max(IN_SKELETON) and np.isfinite(known).all():
-        return np.asarray(known[IN_SKELETON])
-    if "label_by_colour" not in steps_of(labels):
+        return with_joints(row, known[IN_SKELETON], camera, (frame.depth_mm, mask))
+    joints_mm = witnessed_joints(frame, number, camera) if "label_by_colour" in steps_of(labels) else None
+    if joints_mm is None:
+        return row
+    row = with_joints(row, joints_mm, camera, (frame.depth_mm, mask))
+    joints = row[JOINTS].reshape(N_JOINTS, 3)
+    joints[BETWEEN], joints[:, 2] = np.nan, np.nan
+    return row
+
+
+def witnessed_joints(frame: FrameLabels, number: int, camera: Intrinsics) -> Float64 | None:
+    """Return a person's joints (15, 3), millimetres, where the witness shows them; None without a witness.
+
+    NaN = unknown: hidden joints, and joints that the labels place elsewhere.
+    """
+    note = body_state_notes(frame.notes).get(number)
+    state = BodyState.from_note(note)
+    shown = ShownPerson.from_note(note.get(NOTE)) if isinstance(note, dict) else None
+    if state is None or shown is None:
         return None
-    state = BodyState.from_note(body_state_notes(frame.notes).get(number))
-    joints_mm = None if state is None else state.joints_mm(camera)
-    return joints_mm if joints_mm is not None and joints_mm.shape == (N_JOINTS, 3) else None
+    joints_mm = shown.joints_mm[:N_JOINTS].copy()
+    moved_mm = np.linalg.norm(joints_mm - state.joints_mm(camera), axis=1)
+    joints_mm[~(moved_mm < MOVED_MM)] = np.nan
+    return joints_mm
 
 
 def check_sets(sets: Sequence[TaughtFrames]) -> None:

@@ -65,11 +65,12 @@ def scores_on_crops(network: OnnxNetwork, crops: Crops, advance: Callable[[int],
 def near_joints(found: Float32, truth: Float32) -> Int64:
     """Return the number of found joints (15, 3) near the true ones, and of known true ones inside the crop.
 
-    Both are in shares of the crop's side; NaN = unknown. A joint that was not found is not near.
+    Both are in shares of the crop's side; NaN = unknown. A joint that was not found is not near. Without a
+    trunk none is known.
     """
     at = truth[:, :2]
     trunk = np.linalg.norm(at[SHOULDERS].mean(axis=0) - at[HIPS].mean(axis=0))
     with np.errstate(invalid="ignore"):
-        known = (np.abs(at - 0.5) < 0.5).all(axis=1)
+        known = (np.abs(at - 0.5) < 0.5).all(axis=1) & np.isfinite(trunk)
         near = known & (np.linalg.norm(found[:, :2] - at, axis=1) < NEAR * trunk)
     return np.array([near.sum(), known.sum()])
