@@ -77,6 +77,16 @@ def test_a_person_cut_out_is_all_that_is_there_whole_or_cut_off(rows):
     assert iou(survey_of(cloud).person().mask, cloud.valid) > 0.98
 
 
+def test_a_close_corner_of_a_room_is_no_cut_out_person(monkeypatch):
+    monkeypatch.setattr(finder, "CUT_OUT_ODDS", 100.0)
+    u = np.arange(CAMERA.width) - CAMERA.cx
+    corner = np.broadcast_to(1 / (0.9 + 0.8 * np.abs(u) / CAMERA.fx), CAMERA.shape)
+    assert (corner**2).sum() / CAMERA.fx**2 < finder.MOST_PERSON_M2
+    nothing = np.full(CAMERA.shape, np.nan, np.float32)
+    assert finder.find_people(cloud_of(corner), nothing) == []
+    assert finder.find_people(cloud_of(np.where(np.abs(u) < 60, corner, np.nan)), nothing)
+
+
 def test_noise_does_not_make_the_outline_flicker():
     masks = [survey_of(cloud_of(seen([(5, 0.1)], seed=seed)[0])).person().mask for seed in range(4)]
     assert min(iou(one, other) for one, other in pairwise(masks)) > 0.96

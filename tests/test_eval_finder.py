@@ -22,7 +22,14 @@ from eval.training.finder.images import (
     _votes,
     draw_batch,
 )
-from eval.training.finder.network import FinderNet, FinderTraining, TensorBatch, export_finder, load_finder
+from eval.training.finder.network import (
+    FinderNet,
+    FinderTraining,
+    TensorBatch,
+    averaged_finder,
+    export_finder,
+    load_finder,
+)
 from eval.training.finder.panes import wandering
 from eval.training.finder.scenes import room_scenes
 from eval.training.finder.stored import load_scenes, store_scenes
@@ -174,3 +181,19 @@ def test_a_step_learns_and_the_exported_network_answers_as_the_trained_one(tmp_p
             # Weights are stored in half precision.
             assert np.allclose(read.run(None, {"image": image})[0], trained, atol=0.05)
             assert np.allclose(again(torch.from_numpy(image)), trained, atol=0.05)
+
+
+def test_averaged_weights_lie_between_the_new_and_the_old_ones(tmp_path):
+    new, old = (tmp_path / name for name in ("new.onnx", "old.onnx"))
+    for seed, path in enumerate((new, old)):
+        torch.manual_seed(seed)
+        network = FinderNet()
+        for tensor in network.state_dict().values():
+            # Equal tensors would be written once.
+            tensor.copy_(torch.rand(tensor.shape) + 0.5)
+        export_finder(network, path)
+    ends = [load_finder(path).state_dict() for path in (new, old)]
+    for share in (0.0, 0.25, 1.0):
+        mixed = averaged_finder(new, old, share).state_dict()
+        for name in ("fine.0.weight", "head.bias", "down.0.0.1.running_var"):
+            assert torch.allclose(mixed[name], share * ends[0][name] + (1 - share) * ends[1][name], atol=1e-6)

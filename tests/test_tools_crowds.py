@@ -8,8 +8,8 @@ import pytest
 from eval.training.finder.scenes import Scene
 from sensors.rig.camera import Intrinsics
 from synth.data_files import TRAINING
+from tools.finder.empty_rooms import COLUMNS, ROOMS, empty_scenes, row
 from tools.measure.crowds import tally
-from tools.measure.empty_rooms import COLUMNS, ROOMS, empty_scenes, row
 
 CAMERA = Intrinsics(300, 100, 200.0, 200.0, 149.5, 49.5)
 

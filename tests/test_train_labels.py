@@ -45,6 +45,7 @@ from eval.training.segmentation.validation import validate
 from sensors.errors import CloudError, FormatError
 from synth.rig.simulate import suit_path
 from synth.rig.virtual_rig import DRAFT_PX, RigOptions, VirtualRig
+from tools.fit import suit_network as fit
 from tools.fit.quantise import quantise
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -223,6 +224,33 @@ def test_an_interrupted_training_ends_with_the_same_file(files, tmp_path, monkey
         with pytest.raises(KeyboardInterrupt):
             run("broken", killed)
     assert run("broken", killed) == whole and done == [1, 2, 3, 1, 2]
+
+
+def test_given_weights_are_trained_further_on_the_chosen_recordings(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(train, "BATCH", 2)
+    monkeypatch.setattr(fit, "CONTINUED", (Stage(Sampling(0.02, 16), 2, 1e-4, 0.99),))
+    rng, seen = np.random.default_rng(4), []
+    for number in (4006, 4007):  # of twelve recordings the last is held out: 4007 = 12 * 333 + 11
+        (tmp_path / "examples").mkdir(exist_ok=True)
+        store_examples([example(rng)] * (number - 4005), tmp_path / "examples" / f"{number}.npz")
+    stages = train.train_stages
+    monkeypatch.setattr(fit, "train_stages", lambda *given: seen.append(given) or stages(*given))
+    options = ["--first", "4006", "--recordings", "2", "--start", str(FULL_SUIT_NETWORK)]
+    monkeypatch.setattr("sys.argv", ["suit_network", str(tmp_path), *options])
+    fit.main()
+    ((_, (training,), held_out, *_),) = seen
+    assert len(training.examples) == 1 and len(held_out) == 2
+    start, found = (
+        load_suit_network(path).state_dict() for path in (FULL_SUIT_NETWORK, tmp_path / "reader.onnx")
+    )
+    gap = torch.stack(
+        [
+            (found[name] - start[name]).abs().max()
+            for name in start
+            if name.startswith("enter.") and "weight" in name
+        ]
+    )
+    assert 0 < gap.max() < 0.01 and str(tmp_path / "reader.onnx") in capsys.readouterr().out
 
 
 def test_labels_drawn_at_a_temperature_give_it_back(tmp_path):

@@ -30,6 +30,9 @@ WARMTH = (-1.0, 2.0)  # range of the channel: from a cold pane to a radiator
 CUT_OUT_ODDS = 4.0  # added where the background is cut away; finds 0.997 of these persons instead of 0.99
 BESIDE_SURFACE = 0.03  # share of the depth at which a neighbour's weight falls to 1/e
 MOST_PERSON_M2 = 2.5  # visible surface: twice the front of a tall adult
+# Greatest shares of the border and of the image with depth, where the background is cut away. Of 200 tight
+# crops of development people 99 % have less, of 89 empty close rooms 13 %.
+MOST_BORDER, MOST_KNOWN = 0.5, 0.75
 
 
 @dataclass(frozen=True)
@@ -64,7 +67,7 @@ def find_people(
     odds, votes_m = _found(small_m, felt, single_pass)
     z = np.ascontiguousarray(small_m[..., 2])
     surface_m2 = z**2 * np.float32(_spacing(v) * _spacing(u) / (cloud.camera.fx * cloud.camera.fy))
-    if surface_m2.sum() <= MOST_PERSON_M2:
+    if surface_m2.sum() <= MOST_PERSON_M2 and _is_cut_out(z):
         odds += CUT_OUT_ODDS
     likely = (odds > 0) & (z > 0)
     voting = likely[::2, ::2]
@@ -84,6 +87,13 @@ def _person(cloud: ThermalCloud, mask: Bool, evidence: Evidence) -> Person:
     points = cloud.points_m[mask].astype(np.float64)
     area_m2 = float(np.sum(points[:, 2] ** 2)) / (cloud.camera.fx * cloud.camera.fy)
     return Person(mask, area_m2, points.mean(axis=0), evidence)
+
+
+def _is_cut_out(depth_m: Float32) -> bool:
+    """Return whether the background of depth (h, w) is missing; the walls of a close room are background."""
+    known = depth_m > 0
+    border = np.concatenate([known[0], known[-1], known[:, 0], known[:, -1]])
+    return bool(border.mean() <= MOST_BORDER and known.mean() <= MOST_KNOWN)
 
 
 def _grid(side: int, focal_px: float) -> Float64:

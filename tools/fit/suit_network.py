@@ -1,13 +1,14 @@
 """Train the suit network: python -m tools.fit.suit_network FOLDER [--recordings 160] [--workers 2].
 
-FOLDER gets examples of the virtual rig, ``examples/NUMBER.npz``, checkpoints, and ``reader.onnx``, for
+``--start`` trains given weights further, at a lower rate, ``--first`` chooses the recordings. FOLDER gets
+examples of the virtual rig, ``examples/NUMBER.npz``, checkpoints, and ``reader.onnx``, for
 eval/weights/full/, from which tools.fit.quantise makes the quantised one. The same command resumes an
 interrupted run. Constants are untuned.
 """
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -18,10 +19,11 @@ import torch
 
 from annotate.labelset.cast_note import check_trainable
 from annotate.labelset.claim import Claim, login
+from annotate.labelset.dataset import sha256
 from annotate.labelset.labelled_frames import open_frames
 from eval.training.segmentation.augmentation import Sampling
 from eval.training.segmentation.examples import Example, ExampleFiles, store_examples
-from eval.training.segmentation.network import SuitNet
+from eval.training.segmentation.network import SuitNet, load_suit_network
 from eval.training.segmentation.scenes import rig_examples, training_rig
 from eval.training.segmentation.train import (
     EXAMPLES,
@@ -32,6 +34,7 @@ from eval.training.segmentation.train import (
     claim,
     train_stages,
 )
+from eval.training.segmentation.validation import Validation
 from sensors.errors import CloudError
 from synth.images.workers import processes
 
@@ -39,6 +42,7 @@ STAGES = (  # first the whole person, at half the time a step; then borders, at 
     Stage(Sampling(0.022, 112), 9_000, 1.5e-3, 0.998),
     Stage(Sampling(0.012, 160), 4_500, 1e-3, 0.998),
 )
+CONTINUED = (Stage(Sampling(0.012, 160), 2_400, 5e-4, 0.998, precision="bfloat16"),)  # from trained weights
 EVERY, SEED = 12, 0  # of twelve files the last is held out, with bodies of its own
 LINE_STEPS = 20  # steps between two lines
 Maker = Callable[[], Iterator[Example | None]]
@@ -49,22 +53,35 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--recordings", type=int, default=160, help="of 32 frames")
+    parser.add_argument("--first", type=int, default=0, help="number of the first recording")
+    parser.add_argument("--start", type=Path, help="full-precision weights to train further (random ones)")
     parser.add_argument("--workers", type=int, default=2, help="processes that make examples")
     given = parser.parse_args()
     one_thread()
-    stages = [asdict(stage) for stage in STAGES]
-    claim(given.folder, {"seed": SEED, "recordings": given.recordings, "stages": stages})
+    stages = CONTINUED if given.start else STAGES
+    plan = {"seed": SEED, "first": given.first, "recordings": given.recordings}
+    start = sha256(given.start) if given.start else None
+    claim(given.folder, {**plan, "start": start, "stages": [asdict(stage) for stage in stages]})
     with Claim.take(given.folder, login()):
-        made = {
-            given.folder / EXAMPLES / f"{number:04d}.npz": partial(_examples, number, is_held_out(number))
-            for number in range(given.recordings)
-        }
-        make_files(made, given.workers)
-        learnt, held_out = split_files(list(made))
+        numbers = range(given.first, given.first + given.recordings)
+        files = {number: given.folder / EXAMPLES / f"{number:04d}.npz" for number in numbers}
+        make_files({path: partial(_examples, n, is_held_out(n)) for n, path in files.items()}, given.workers)
         torch.manual_seed(SEED)
-        trainings = [SuitTraining(ExampleFiles(learnt), stage, SEED + n) for n, stage in enumerate(STAGES)]
-        found = train_stages(SuitNet(), trainings, ExampleFiles(held_out), given.folder, lines(LINE_STEPS))
+        network = load_suit_network(given.start) if given.start else SuitNet()
+        found = _trained(network, stages, files, given.folder)
     print(f"{given.folder / WEIGHTS}: {found}")
+
+
+def _trained(
+    network: SuitNet, stages: Sequence[Stage], files: Mapping[int, Path], folder: Path
+) -> Validation:
+    """Train a network in stages on the recordings of ``files``, by number; return its validation."""
+    learnt, held_out = (
+        ExampleFiles([path for number, path in files.items() if is_held_out(number) == held])
+        for held in (False, True)
+    )
+    trainings = [SuitTraining(learnt, stage, SEED + n) for n, stage in enumerate(stages)]
+    return train_stages(network, trainings, held_out, folder, lines(LINE_STEPS))
 
 
 def _examples(number: int, held_out: bool) -> Iterator[Example]:

@@ -91,7 +91,7 @@ class AdaptationTraining:
     @property
     def digest(self) -> str:
         """Return the shortened SHA-256 of all inputs of the training."""
-        found = hashlib.sha256(f"{self.plan.described()} {self.split.crops.crc32}".encode())
+        found = hashlib.sha256(f"{self.plan.described()} {TRUTH} {KEPT} {self.split.crops.crc32}".encode())
         for index in (self.split.taught, self.split.rehearsed):
             found.update(index.tobytes())
         for tensor in self.start.state_dict().values():

@@ -1,4 +1,4 @@
-"""Distance of a network's outputs from those of the network that it started from.
+"""Distance between the outputs of a network and the outputs of the network that it started from.
 
 Source: Li & Hoiem, Learning without forgetting, ECCV 2016.
 """
@@ -45,6 +45,6 @@ def _of_joints(output: NetworkOutput, known: NetworkOutput, recipe: ModernRecipe
 
 
 def _divergence(scores: Tensor, known: Tensor, dim: int) -> Tensor:
-    """Return the divergence of the softmax of scores from that of known scores, without ``dim``."""
+    """Return the divergence of the softmax of scores from the softmax of known scores, without ``dim``."""
     own, other = (torch.log_softmax(one.float(), dim) for one in (scores, known))
     return nn.functional.kl_div(own, other, reduction="none", log_target=True).sum(dim)

@@ -201,6 +201,17 @@ def load_finder(path: Path) -> FinderNet:
     return network
 
 
+def averaged_finder(new: Path, old: Path, share: float) -> FinderNet:
+    """Return the network whose weights are ``share`` times those in the file ``new`` plus the rest of
+    those in ``old``; both by ``export_finder``. The new training must have begun with the old weights.
+    """
+    network, other = load_finder(new), load_finder(old).state_dict()
+    for name, tensor in network.state_dict().items():
+        if tensor.is_floating_point():
+            tensor.lerp_(other[name], 1 - share)
+    return network
+
+
 def export_finder(network: nn.Module, path: Path) -> None:
     """Write a network as `annotate.person.finder` loads it, its weights in half precision."""
     export_any_size(network, path, INPUTS, MULTIPLE, ["image", "found"])

@@ -1,7 +1,7 @@
-"""Phantoms in rooms without people: ``python -m tools.measure.empty_rooms SEED [FRAMES]``.
+"""Phantoms in rooms without people: ``python -m tools.finder.empty_rooms SEED [FRAMES]``.
 
 SEED: of the rooms. FRAMES: for each kind of room and sensor, default 100. ``--cast judge`` draws the judging
-cast's furniture. Random rooms are those of ``eval.training.finder.scenes``; close rooms have walls and things
+cast's furniture. ``eval.training.finder.scenes`` draws the random rooms. Close rooms have walls and things
 within a metre or so of a low camera. A phantom is a person that `detected` finds in a single frame.
 """
 
