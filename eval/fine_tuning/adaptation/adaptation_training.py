@@ -100,7 +100,8 @@ class AdaptationTraining:
 
 
 def _slice(output: NetworkOutput, images: slice) -> NetworkOutput:
-    return NetworkOutput(*(None if one is None else one[images] for one in output))
+    scores, *others = output
+    return NetworkOutput(scores[images], *(None if one is None else one[images] for one in others))
 
 
 def trained(training: AdaptationTraining, folder: Path, advance: Callable[[int], None]) -> nn.Module:
