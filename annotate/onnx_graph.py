@@ -1,4 +1,4 @@
-"""Changes of ONNX files without the package onnx: networks with fewer input channels."""
+"""Changes of ONNX files without the package onnx: fewer input channels, fewer outputs."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -45,16 +45,12 @@ def without_channels(file: bytes, image: str, kept: Sequence[int]) -> bytes:
     graph = model.graph
     made_by = {name: node for node in graph.node for name in node.output}
     tensors = {tensor.name: tensor for tensor in graph.initializer}
-    scaled = {image}
+    readers = [node for node in graph.node if any(_source(name, made_by) == image for name in node.input)]
     weights = set()
-    for node in graph.node:
-        if not scaled & set(node.input):
-            continue
-        if node.kind in _SCALES:
-            scaled |= set(node.output)
-        elif node.kind == "Conv" and node.input[0] in scaled:
+    for node in readers:
+        if node.kind == "Conv" and _source(node.input[0], made_by) == image:
             weights.add(_source(node.input[1], made_by))
-        else:
+        elif node.kind not in _SCALES:
             raise ValueError(f"{node.kind} reads the image")
     if not weights or not weights <= set(tensors):
         raise ValueError("no convolution with constant weights reads the image")
@@ -64,6 +60,40 @@ def without_channels(file: bytes, image: str, kept: Sequence[int]) -> bytes:
         if given.name == image:
             given.type.tensor.ClearField("shape")
     return bytes(model.SerializeToString())
+
+
+def with_outputs(file: bytes, wanted: Sequence[str]) -> bytes:
+    """Return the ONNX file of a network that computes only some outputs; the file itself without one of them.
+
+    ONNX Runtime computes all outputs of a network, also those that a run does not name.
+    """
+    model = parsed(file)
+    graph = model.graph
+    outputs = {value.name: value for value in graph.output}
+    if not set(wanted) <= set(outputs):
+        return file
+    keep_needed(graph, set(), set(wanted))
+    chosen = [outputs[name] for name in wanted]
+    del graph.output[:]
+    graph.output.extend(chosen)
+    return bytes(model.SerializeToString())
+
+
+def keep_needed(graph: Message, given: set[str], wanted: set[str]) -> None:
+    """Delete the nodes and constants of a graph that are not needed to compute ``wanted`` from ``given``."""
+    made_by = {name: i for i, node in enumerate(graph.node) for name in node.output}
+    needed, used, left = set(wanted), set(), list(wanted)
+    while left:
+        name = left.pop()
+        if name in made_by and name not in given and made_by[name] not in used:
+            used.add(made_by[name])
+            left.extend(graph.node[made_by[name]].input)
+            needed.update(graph.node[made_by[name]].input)
+    nodes = [node for i, node in enumerate(graph.node) if i in used]
+    constants = [tensor for tensor in graph.initializer if tensor.name in needed]
+    for listed, new in ((graph.node, nodes), (graph.initializer, constants)):
+        del listed[:]
+        listed.extend(new)
 
 
 def _source(name: str, made_by: dict[str, Message]) -> str:

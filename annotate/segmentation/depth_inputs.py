@@ -1,4 +1,4 @@
-"""Inputs of the suit network for frames of depth alone: those of ``network_input`` that are not constant."""
+"""Inputs of the suit network for frames of depth alone, without the constant ones of ``network_input``."""
 
 import numpy as np
 from numba import njit

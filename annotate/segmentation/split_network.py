@@ -6,7 +6,7 @@ the scores of any part of an image from these features and the part's samples (d
 
 from google.protobuf.message import Message
 
-from annotate.onnx_graph import parsed
+from annotate.onnx_graph import keep_needed, parsed
 
 PLACE = 4
 INPUT, OUTPUT = "channels", "scores"
@@ -44,19 +44,11 @@ def _part(model: Message, given: set[str], wanted: str) -> bytes:
     """Return the ONNX file with the nodes that compute ``wanted`` from ``given``."""
     part = type(model)()
     part.CopyFrom(model)
-    graph, needed, kept = part.graph, {wanted}, []
-    for node in reversed(model.graph.node):
-        if needed & set(node.output) - given:
-            needed |= set(node.input)
-            kept.append(node)
-    size = graph.input[0].type
+    graph, value = part.graph, type(model.graph.input[0])
+    keep_needed(graph, given, {wanted})
+    size = model.graph.input[0].type
     size.tensor.ClearField("shape")  # because the two inputs differ in shape
-    for listed, new in (
-        (graph.node, kept[::-1]),
-        (graph.initializer, [tensor for tensor in model.graph.initializer if tensor.name in needed]),
-        (graph.input, [type(graph.input[0])(name=name, type=size) for name in sorted(given)]),
-        (graph.output, [type(graph.output[0])(name=wanted, type=size)]),
-    ):
+    for listed, names in ((graph.input, sorted(given)), (graph.output, [wanted])):
         del listed[:]
-        listed.extend(new)
+        listed.extend(value(name=name, type=size) for name in names)
     return bytes(part.SerializeToString())

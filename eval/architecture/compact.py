@@ -13,8 +13,9 @@ from annotate.parts import PAPER
 from annotate.posture import POSTURES
 from annotate.scheme.scheme import Scheme
 from eval.architecture.blocks import NetworkOutput, convolution, self_attention
-from eval.architecture.class_scores import Kinds, class_scores, softmax
+from eval.architecture.class_scores import class_scores, softmax
 from eval.architecture.joint_head import JointHead
+from eval.architecture.kinds import Kinds
 from eval.scores.joints import N_JOINTS
 
 JOINT_LEVELS = (2, 1)
@@ -67,14 +68,16 @@ class CompactUNet(nn.Module):
 
     def forward(self, depth: Tensor) -> NetworkOutput:
         """Return the output for depth (B, 1, H, W) float32; H and W are even."""
-        (kinds, side), others = self.factors(depth)
-        return NetworkOutput(class_scores(self.classes, kinds, side), *others)
+        cells, others = self.factors(depth)
+        return NetworkOutput(class_scores(self.classes, *in_pixels(cells)), *others)
 
     def factors(
         self, depth: Tensor, temperature: float = 1.0
     ) -> tuple[tuple[Tensor, Tensor | None], tuple[Tensor, ...]]:
-        """Return scores of kinds (B, n, H, W) and of the side (B, 1, H, W), None without sides, divided by a
-        temperature; then the outputs after the scores.
+        """Return scores of cells, divided by a temperature, then the outputs after the scores.
+
+        Channels are the 2 x 2 pixels of a cell, row by row, of each kind (B, 4 n, H / 2, W / 2). Scores of
+        the side follow (B, 4, H / 2, W / 2), None without sides. See ``in_pixels``.
         """
         x = self.stem(depth)
         skips = [x]
@@ -92,11 +95,11 @@ class CompactUNet(nn.Module):
         x = self.refine(torch.cat([x, nn.functional.pixel_unshuffle(depth, 2)], dim=1))
         coarse, fine = (levels[max(0, len(levels) - 1 - level)] for level in JOINT_LEVELS)
         side = self._side(x, whole)
-        labels = self._labels(x, side, fine.shape[-2:]).detach()
+        labels = self._labels(x, None if side is None else _shuffled(side), fine.shape[-2:]).detach()
         joints, deviations, states, maps = self.joint_head((coarse, fine), labels, depth, whole)
         facing = self.facing(whole) + self.turned((joints - joints.mean(dim=1, keepdim=True)).flatten(1))
-        # Divided before the shuffle, because ONNX Runtime then folds the factor into the convolution.
-        kinds = nn.functional.pixel_shuffle(self.kinds(x) * (1 / temperature), 2)
+        # ONNX Runtime folds the factor into the convolution.
+        kinds = self.kinds(x) * (1 / temperature)
         side = None if side is None else side * (1 / temperature)
         return (kinds, side), (facing, self.posture(whole), joints, deviations, states, maps)
 
@@ -109,7 +112,7 @@ class CompactUNet(nn.Module):
         return cells.transpose(1, 2).reshape(x.shape), cells.mean(dim=1)
 
     def _side(self, x: Tensor, whole: Tensor) -> Tensor | None:
-        """Return the score (B, 1, H, W) of left against right; None without sides.
+        """Return the scores (B, 4, H / 2, W / 2) of left against right in each cell; None without sides.
 
         whole: (B, C), mean of the attention cells.
         """
@@ -118,7 +121,7 @@ class CompactUNet(nn.Module):
         batch, channels, height, width = x.shape
         weights = self.sides(whole).reshape(batch, 4, channels + 1)
         side = weights[..., :-1] @ x.flatten(2) + weights[..., -1:]
-        return nn.functional.pixel_shuffle(side.reshape(batch, 4, height, width), 2)
+        return side.reshape(batch, 4, height, width)
 
     def _labels(self, x: Tensor, side: Tensor | None, size: torch.Size) -> Tensor:
         """Return label probabilities (B, K, h, w) of larger cells: the softmax of a cell's mean scores.
@@ -139,6 +142,16 @@ class CompactUNet(nn.Module):
         left = torch.sigmoid(nn.functional.avg_pool2d(side, 2 * step, ceil_mode=True))
         shares = torch.cat([torch.ones_like(left), left, 1 - left], dim=1)
         return of_class * shares[:, [which % 3 for which in self.classes.sides]]
+
+
+def in_pixels(cells: tuple[Tensor, Tensor | None]) -> tuple[Tensor, Tensor | None]:
+    """Return scores of kinds (B, n, H, W) and of the side (B, 1, H, W) from scores of cells."""
+    kinds, side = cells
+    return _shuffled(kinds), None if side is None else _shuffled(side)
+
+
+def _shuffled(cells: Tensor) -> Tensor:
+    return nn.functional.pixel_shuffle(cells, 2)
 
 
 class _Attention(nn.Module):

@@ -14,20 +14,24 @@ from annotate.onnx_session import SCHEME
 from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
 from annotate.scheme.scheme_file import scheme_to_fields
-from eval.architecture.class_scores import Kinds, class_probabilities
-from eval.architecture.compact import CompactUNet
+from eval.architecture.class_scores import class_probabilities, kind_odds
+from eval.architecture.compact import CompactUNet, in_pixels
+from eval.architecture.kinds import Kinds
+from eval.network.flip_averaging import CELL_OUTPUTS
 from eval.scores.joint_visibility import VISIBILITIES
 from sensors.files.atomic import replacing
 
 LEAST_HALVED = 1024  # numbers of a tensor from which half precision makes the file smaller
 
-OUTPUTS = ("probability", "facing", "posture", "joints", "joint_sd", "joint_state")
+OUTPUTS = ("probability", "facing", "posture", "joints", "joint_sd", "joint_state", *CELL_OUTPUTS)
+CELL = 4  # pixels, 2 x 2, whose scores are channels in the last layer
 
 
 class _Probabilities(nn.Module):
     """Network that outputs probabilities instead of scores; a pixel without depth is background.
 
-    The other ``OUTPUTS`` follow if the network has them, postures and states as probabilities.
+    The other ``OUTPUTS`` follow if the network has them, postures and states as probabilities. Networks with
+    sides also give the factors of the probabilities (see ``CELL_OUTPUTS``).
     """
 
     factors: Tensor
@@ -43,11 +47,15 @@ class _Probabilities(nn.Module):
             scores = self.network(depth).scores
             without_sides = Kinds(tuple(range(scores.shape[1])), (0,) * scores.shape[1])
             return (class_probabilities(without_sides, scores / self.temperature, None, depth > 0),)
-        factors, others = self.network.factors(depth, self.temperature)
+        cells, others = self.network.factors(depth, self.temperature)
         facing, posture, joints, deviations, states, _ = others
-        parts = class_probabilities(self.network.classes, *factors, depth > 0)
+        parts = class_probabilities(self.network.classes, *in_pixels(cells), depth > 0)
         seen = torch.softmax(states, dim=2)
-        return parts, facing, torch.softmax(posture, dim=1), joints, deviations * (seen @ self.factors), seen
+        kinds, side = cells
+        odds = kind_odds(kinds.reshape(len(kinds), -1, CELL, *kinds.shape[2:])).flatten(1, 2)
+        by_cell = () if side is None else (odds, torch.sigmoid(side))
+        sd = deviations * (seen @ self.factors)
+        return parts, facing, torch.softmax(posture, dim=1), joints, sd, seen, *by_cell
 
 
 def export_network(

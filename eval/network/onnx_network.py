@@ -13,14 +13,16 @@ from numba import njit
 from annotate.array_types import Bool, Float32, UInt8, UInt16
 from annotate.crop import SIZE, Crop, nearest_seen, network_crop, normalize
 from annotate.labelset.images import Probabilities
+from annotate.onnx_graph import with_outputs
 from annotate.onnx_session import onnx_session, scheme_in_metadata
 from annotate.parts import PAPER
 from annotate.posture import POSTURES
 from annotate.scheme.scheme import BACKGROUND, Scheme
 from annotate.scheme_network import SchemeNetwork
 from annotate.segmentation.segmented_person import Segmentation
+from eval.architecture.kinds import Kinds
 from eval.network.body_state import BodyState
-from eval.network.flip_averaging import averaged, flipped_back
+from eval.network.flip_averaging import CELL_OUTPUTS, averaged, flipped_back, mean_of_factors
 from eval.scores.joint_visibility import VISIBILITIES
 from eval.scores.joints import N_JOINTS
 from sensors.errors import FormatError, one_line
@@ -33,6 +35,8 @@ AT_ONCE = min(4, os.cpu_count() or 1)  # crops at once, a thread each: threads t
 BODY_OUTPUTS = {"facing": (2,), "posture": (len(POSTURES),), "joints": (N_JOINTS, 3)}
 JOINT_OUTPUTS = {"joint_sd": (N_JOINTS, 2), "joint_state": (N_JOINTS, len(VISIBILITIES))}
 """Outputs of networks from release 0.4, beside ``BODY_OUTPUTS``."""
+FACTORED = (*CELL_OUTPUTS, *BODY_OUTPUTS, *JOINT_OUTPUTS)
+"""Outputs of networks with factors of the probabilities, which are computed faster."""
 Image = tuple[UInt16, Bool]
 """Depth in millimetres and the person's pixels, both (h, w)."""
 
@@ -57,15 +61,7 @@ class OnnxNetwork(SchemeNetwork):
         if not data:
             raise FormatError(f"weights {path} are empty; give an exported network (.onnx)")
         try:
-            self._session = onnx_session(data)
-            depth = self._session.get_inputs()[0]
-            named = {output.name for output in self._session.get_outputs()}
-            wanted = BODY_OUTPUTS | (JOINT_OUTPUTS if named >= set(JOINT_OUTPUTS) else {})
-            self._body = list(wanted) if named >= set(BODY_OUTPUTS) else []
-            self._input, self._float = depth.name, np.float16 if "float16" in depth.type else np.float32
-            # A file's declaration of its inputs and outputs may be wrong.
-            trial, *body = _joined(self._each(np.full((2, SIZE, SIZE), 0.5, np.float32)))
-            named_scheme = scheme_in_metadata(self._session.get_modelmeta().custom_metadata_map)
+            named_scheme, (trial, *body) = self._tried(data)
         except FormatError as error:
             raise FormatError(f"weights {path}: {error}") from error
         except Exception as error:  # ONNX Runtime's own errors share no public base
@@ -87,10 +83,39 @@ class OnnxNetwork(SchemeNetwork):
             raise FormatError(
                 f"weights {path} do not give probabilities; export the network with its softmax"
             )
-        shapes = [(2, *wanted[name]) for name in self._body]
+        shapes = [(2, *(BODY_OUTPUTS | JOINT_OUTPUTS)[name]) for name in self._body]
         if [values.shape for values in body] != shapes:
             raise FormatError(f"weights {path} give {self._body} of other shapes than {shapes}; export again")
         self.sha256, self._flip = hashlib.sha256(data).hexdigest(), flip
+
+    def _tried(self, data: bytes) -> tuple[Scheme | None, list[Float32]]:
+        """Load a network; return the scheme that its file names, and its outputs for two crops.
+
+        A file's declaration of its inputs and outputs may be wrong. Raises ValueError for outputs of wrong
+        shapes.
+        """
+        crops = np.full((2, SIZE, SIZE), 0.5, np.float32)
+        for file in (with_outputs(data, FACTORED), data):
+            named = self._load(file)
+            try:
+                return named, self._looks(crops, flip=False)
+            except ValueError:
+                if self._kinds is None:
+                    raise
+        raise ValueError("factors of an unknown scheme's classes")
+
+    def _load(self, file: bytes) -> Scheme | None:
+        """Load a network; return the scheme that its file names."""
+        self._session = onnx_session(file)
+        depth = self._session.get_inputs()[0]
+        outputs = {output.name for output in self._session.get_outputs()}
+        wanted = BODY_OUTPUTS | (JOINT_OUTPUTS if outputs >= set(JOINT_OUTPUTS) else {})
+        self._body = list(wanted) if outputs >= set(BODY_OUTPUTS) else []
+        self._input, self._float = depth.name, np.float16 if "float16" in depth.type else np.float32
+        named = scheme_in_metadata(self._session.get_modelmeta().custom_metadata_map)
+        # The exporter names every scheme but ``paper``.
+        self._kinds = Kinds.of(named or PAPER) if outputs == set(FACTORED) else None
+        return named
 
     def probabilities(self, crops: Float32) -> Float32:
         """Return class probabilities (B, K, 212, 212), in ``scheme``, of normalised crops (B, 212, 212)."""
@@ -100,15 +125,28 @@ class OnnxNetwork(SchemeNetwork):
         """Return probabilities of the own classes of normalised crops (B, 212, 212), then facing, posture,
         joints, their deviations and visibility if the network gives them.
         """
-        if not self._flip:
-            return _joined(self._each(crops))
-        each, twins = self._each(np.concatenate([crops, crops[..., ::-1]])), self.own.twin_classes
-        pairs = zip(each[: len(crops)], each[len(crops) :], strict=True)
-        return _joined([averaged(own, flipped_back(other, twins), twins) for own, other in pairs])
+        return self._looks(crops, flip=self._flip)
+
+    def _looks(self, crops: Float32, *, flip: bool) -> list[Float32]:
+        """Return the outputs for normalised crops (B, 212, 212), with or without test-time augmentation."""
+        looks = np.concatenate([crops, crops[..., ::-1]]) if flip else crops
+        each = self._each(looks)
+        groups = [each[i :: len(crops)] for i in range(len(crops))]
+        return _joined([self._mean(crop, outputs) for crop, outputs in zip(crops, groups, strict=True)])
+
+    def _mean(self, crop: Float32, looks: list[list[Float32]]) -> list[Float32]:
+        """Return the mean of the outputs for a crop (212, 212), and for its flip if there are two."""
+        if self._kinds is not None:
+            return mean_of_factors(crop, looks, self._kinds)
+        if len(looks) == 1:
+            return looks[0]
+        twins = self.own.twin_classes
+        return averaged(looks[0], flipped_back(looks[1], twins), twins)
 
     def _each(self, crops: Float32) -> list[list[Float32]]:
         """Return the outputs for each crop, as for one crop, without test-time augmentation."""
-        names = [self._session.get_outputs()[0].name, *self._body]
+        first = [self._session.get_outputs()[0].name] if self._kinds is None else list(CELL_OUTPUTS)
+        names = [*first, *self._body]
 
         # One crop at a time: products of matrices round otherwise with other crops beside it.
         def run(crop: Float32) -> list[Float32]:

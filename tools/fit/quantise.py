@@ -24,6 +24,7 @@ from sensors.files.atomic import replacing
 
 CALIBRATED_ON = 96  # inputs that give the ranges; untuned
 EXACT = ("leave",)  # layers in full precision: the last, which decides
+QUANTISED = ("Conv", "MatMul")  # kinds of nodes of convolutions and linear layers
 Inputs = dict[str, Float32]
 
 
@@ -35,31 +36,41 @@ class _Inputs(CalibrationDataReader):  # type: ignore[misc]
         return next(self._left, None)
 
 
-def quantise(source: Path, inputs: Iterable[Inputs], out: Path, exact: Sequence[str]) -> None:
+def quantise(
+    source: Path, inputs: Iterable[Inputs], out: Path, exact: Sequence[str], linear: Sequence[str] = ()
+) -> None:
     """Write the network of an ONNX file with quantised convolutions.
 
-    inputs: arrays by the network's input names, for the ranges. exact: names of layers in full precision.
-    Raises ValueError where one of them is missing.
+    inputs: arrays by the network's input names, for the ranges. exact: names of convolutions in full
+    precision. linear: names of linear layers that are quantised too. Raises ValueError where a named layer is
+    missing.
     """
     with TemporaryDirectory() as folder, replacing(out) as unfinished:
         whole = Path(folder) / "whole.onnx"
         quant_pre_process(source, whole, skip_symbolic_shape=True)
-        names = [node.name for node in onnx.load(whole).graph.node if node.op_type == "Conv"]
-        if missing := [layer for layer in exact if not any(f"/{layer}/" in name for name in names)]:
-            raise ValueError(f"{source} has no layers {missing}")
+        nodes = onnx.load(whole).graph.node
+        convolutions, products = ([n.name for n in nodes if n.op_type == kind] for kind in QUANTISED)
+        kept, chosen = _named(convolutions, exact), _named(products, linear)
         quantize_static(
             whole,
             unfinished,
             _Inputs(inputs),
             quant_format=QuantFormat.QDQ,
-            op_types_to_quantize=["Conv"],
-            nodes_to_exclude=[name for name in names if any(f"/{layer}/" in name for layer in exact)],
+            op_types_to_quantize=list(QUANTISED),
+            nodes_to_exclude=[*kept, *(name for name in products if name not in chosen)],
             per_channel=True,
             reduce_range=True,
             activation_type=QuantType.QUInt8,
             weight_type=QuantType.QInt8,
         )
         onnx.checker.check_model(onnx.load(unfinished))
+
+
+def _named(nodes: Sequence[str], layers: Sequence[str]) -> list[str]:
+    """Return the names of the nodes of layers. Raises ValueError for a layer without nodes."""
+    if missing := [layer for layer in layers if not any(f"/{layer}/" in name for name in nodes)]:
+        raise ValueError(f"the network has no layers {missing}")
+    return [name for name in nodes if any(f"/{layer}/" in name for layer in layers)]
 
 
 def main() -> None:
