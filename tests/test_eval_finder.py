@@ -89,6 +89,7 @@ def test_a_batch_depends_on_its_step_alone_also_with_worker_processes():
     whose[40:160, 80:130] = 1
     image = (np.where(whose > 0, np.uint16(2000), np.uint16(3000)), whose.astype(np.float16), whose)
     images = SceneImages([image], [], [image])
+    cv2.GaussianBlur(np.zeros((2000, 2000), np.float32), (0, 0), 5)  # starts OpenCV's threads: workers hung
     alone = list(islice(FinderTraining(images, 1).batches(0), 4))[2:]
     with_workers = list(islice(FinderTraining(images, 1, workers=2).batches(2), 2))
     for one, other in zip(alone, with_workers, strict=True):

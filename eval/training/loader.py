@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+import cv2
 import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
@@ -85,7 +86,23 @@ def batches(images: Images, order: BatchOrder, step: int, workers: int = 0) -> I
     if workers:
         check_semaphores()
     pinned = torch.cuda.is_available()
-    yield from DataLoader(images, batch_sampler=order.after(step), num_workers=workers, pin_memory=pinned)
+    loader = DataLoader(images, batch_sampler=order.after(step), num_workers=workers, pin_memory=pinned)
+    with no_opencv_threads():
+        drawn = iter(loader)
+    yield from drawn
+
+
+@contextmanager
+def no_opencv_threads() -> Iterator[None]:
+    """End OpenCV's threads while worker processes start: a fork copies their locks without the threads, and
+    the worker then waits for ever.
+    """
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
 
 
 @contextmanager

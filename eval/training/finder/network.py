@@ -6,7 +6,6 @@ from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 import torch
 from torch import Tensor, nn
@@ -17,7 +16,7 @@ from annotate.person.finder import MULTIPLE
 from eval.architecture.blocks import convolution
 from eval.network.onnx_export import export_any_size, halve_onnx
 from eval.training.finder.images import SceneImages, draw_batch
-from eval.training.loader import workers_watched
+from eval.training.loader import no_opencv_threads, workers_watched
 from eval.training.resumable_loop import Schedule, State, fit, resumed
 from synth.images.workers import check_semaphores
 from synth.random_stream import stream
@@ -133,15 +132,17 @@ class FinderTraining:
         if self.workers:
             check_semaphores()
         steps: Any = count(step)  # torch takes any iterable
-        yield from DataLoader(
+        loader = DataLoader(
             _Batches(self.images),
             batch_size=None,
             sampler=steps,
             num_workers=self.workers,
             pin_memory=torch.cuda.is_available(),
-            worker_init_fn=_begin_worker,
             prefetch_factor=AHEAD if self.workers else None,
         )
+        with no_opencv_threads():
+            drawn = iter(loader)
+        yield from drawn
 
     def loss(self, network: nn.Module, batch: TensorBatch, share: float) -> tuple[Tensor, float]:
         """Return the loss of the log odds, by pixels and by overlap, plus the loss of the votes."""
@@ -164,10 +165,6 @@ class FinderTraining:
     def record(self, state: State, loss: float) -> bool:
         """Return False, because ``fit`` saves the state by the clock."""
         return False
-
-
-def _begin_worker(_: int) -> None:
-    cv2.setNumThreads(1)
 
 
 def train_finder(
