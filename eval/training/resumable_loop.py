@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -111,7 +111,7 @@ class State:
         self.model, self.progress, self._schedule = model, Progress(), schedule
         self.optimizer = schedule.optimizer(model.parameters())
         self._average = (
-            AveragedModel(model, avg_fn=self._follow, use_buffers=True) if schedule.averaged else None
+            AveragedModel(model, multi_avg_fn=self._follow, use_buffers=True) if schedule.averaged else None
         )
 
     @property
@@ -119,10 +119,13 @@ class State:
         """Return the network to measure and ship: the moving average, or the model without one."""
         return self._average.module if self._average else self.model
 
-    def _follow(self, average: Tensor, new: Tensor, step: Tensor | int) -> Tensor:
-        if not new.is_floating_point():
-            return new
-        return average.lerp(new, 1 - min(self._schedule.averaged, int(step) / (int(step) + WARM_STEPS)))
+    def _follow(self, averages: Any, new: Any, step: Tensor | int) -> None:
+        """Move averages, of one kind of number, towards new values; all in one call, as a GPU wants it."""
+        if not new[0].is_floating_point():
+            torch._foreach_copy_(averages, new)
+            return
+        share = 1 - min(self._schedule.averaged, int(step) / (int(step) + WARM_STEPS))
+        torch._foreach_lerp_(averages, new, share)
 
     def step(self, loss: Tensor, share: float) -> None:
         """Take one step of the optimizer and of the moving average."""
