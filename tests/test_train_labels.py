@@ -305,8 +305,12 @@ def test_quantisation_leaves_the_named_layers_and_refuses_unknown_names(tmp_path
     quantise(tmp_path / "w.onnx", inputs, tmp_path / "few.onnx", ["leave"])
     full, few = (SuitNetwork(tmp_path / name).probabilities(planes, 1) for name in ("w.onnx", "few.onnx"))
     assert 0 < np.abs(full - few).mean() < 0.02
-    with pytest.raises(ValueError, match="leaf"):
-        quantise(tmp_path / "w.onnx", inputs, tmp_path / "none.onnx", ["leave", "leaf"])
+    quantise(tmp_path / "w.onnx", inputs, tmp_path / "fewer.onnx", ["leave"], ["ask"])
+    fewer = SuitNetwork(tmp_path / "fewer.onnx").probabilities(planes, 1)
+    assert 0 < np.abs(fewer - few).mean() < 0.02
+    for layers in ((["leave", "leaf"], []), (["leave"], ["leaf"])):
+        with pytest.raises(ValueError, match="leaf"):
+            quantise(tmp_path / "w.onnx", inputs, tmp_path / "none.onnx", *layers)
     assert not (tmp_path / "none.onnx").exists()
 
 
