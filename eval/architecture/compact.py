@@ -120,7 +120,7 @@ class CompactUNet(nn.Module):
             return None
         batch, channels, height, width = x.shape
         weights = self.sides(whole).reshape(batch, 4, channels + 1)
-        side = weights[..., :-1] @ x.flatten(2) + weights[..., -1:]
+        side: Tensor = weights[..., :-1] @ x.flatten(2) + weights[..., -1:]
         return side.reshape(batch, 4, height, width)
 
     def _labels(self, x: Tensor, side: Tensor | None, size: torch.Size) -> Tensor:

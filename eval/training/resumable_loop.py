@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeAlias, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -18,6 +18,7 @@ from sensors.errors import CloudError, FormatError, fault_of
 
 WARM_STEPS = 10.0  # after these the average reaches further back than half of the steps; untuned
 B = TypeVar("B")
+Tensors: TypeAlias = tuple[Tensor, ...] | list[Tensor]
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,7 @@ class State:
         """Return the network to measure and ship: the moving average, or the model without one."""
         return self._average.module if self._average else self.model
 
-    def _follow(self, averages: Any, new: Any, step: Tensor | int) -> None:
+    def _follow(self, averages: Tensors, new: Tensors, step: Tensor | int) -> None:
         """Move averages, of one kind of number, towards new values; all in one call, as a GPU wants it."""
         if not new[0].is_floating_point():
             torch._foreach_copy_(averages, new)

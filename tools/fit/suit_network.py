@@ -42,7 +42,7 @@ STAGES = (  # first the whole person, at half the time a step; then borders, at 
     Stage(Sampling(0.022, 112), 9_000, 1.5e-3, 0.998),
     Stage(Sampling(0.012, 160), 4_500, 1e-3, 0.998),
 )
-CONTINUED = (Stage(Sampling(0.012, 160), 2_400, 5e-4, 0.998, precision="bfloat16"),)  # from trained weights
+CONTINUED = (Stage(Sampling(0.012, 160), 2_000, 5e-4, 0.998, precision="bfloat16"),)  # from trained weights
 EVERY, SEED = 12, 0  # of twelve files the last is held out, with bodies of its own
 LINE_STEPS = 20  # steps between two lines
 Maker = Callable[[], Iterator[Example | None]]
@@ -55,32 +55,36 @@ def main() -> None:
     parser.add_argument("--recordings", type=int, default=160, help="of 32 frames")
     parser.add_argument("--first", type=int, default=0, help="number of the first recording")
     parser.add_argument("--start", type=Path, help="full-precision weights to train further (random ones)")
+    parser.add_argument("--seed", type=int, default=SEED, help="of the samples and the first weights (0)")
     parser.add_argument("--workers", type=int, default=2, help="processes that make examples")
     given = parser.parse_args()
     one_thread()
     stages = CONTINUED if given.start else STAGES
-    plan = {"seed": SEED, "first": given.first, "recordings": given.recordings}
+    plan = {"seed": given.seed, "first": given.first, "recordings": given.recordings}
     start = sha256(given.start) if given.start else None
     claim(given.folder, {**plan, "start": start, "stages": [asdict(stage) for stage in stages]})
     with Claim.take(given.folder, login()):
         numbers = range(given.first, given.first + given.recordings)
         files = {number: given.folder / EXAMPLES / f"{number:04d}.npz" for number in numbers}
         make_files({path: partial(_examples, n, is_held_out(n)) for n, path in files.items()}, given.workers)
-        torch.manual_seed(SEED)
+        torch.manual_seed(given.seed)
         network = load_suit_network(given.start) if given.start else SuitNet()
-        found = _trained(network, stages, files, given.folder)
+        settings = [(stage, given.seed + number) for number, stage in enumerate(stages)]
+        found = _trained(network, settings, files, given.folder)
     print(f"{given.folder / WEIGHTS}: {found}")
 
 
 def _trained(
-    network: SuitNet, stages: Sequence[Stage], files: Mapping[int, Path], folder: Path
+    network: SuitNet, stages: Sequence[tuple[Stage, int]], files: Mapping[int, Path], folder: Path
 ) -> Validation:
-    """Train a network in stages on the recordings of ``files``, by number; return its validation."""
+    """Train a network in stages, each with its seed, on the recordings of ``files``, by number; return its
+    validation.
+    """
     learnt, held_out = (
         ExampleFiles([path for number, path in files.items() if is_held_out(number) == held])
         for held in (False, True)
     )
-    trainings = [SuitTraining(learnt, stage, SEED + n) for n, stage in enumerate(stages)]
+    trainings = [SuitTraining(learnt, *stage_and_seed) for stage_and_seed in stages]
     return train_stages(network, trainings, held_out, folder, lines(LINE_STEPS))
 
 
