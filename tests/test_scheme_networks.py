@@ -8,8 +8,9 @@ torch = pytest.importorskip("torch")
 from annotate.parts import PAPER  # noqa: E402
 from annotate.scheme.merging import class_sums  # noqa: E402
 from annotate.scheme.scheme_file import load_scheme  # noqa: E402
-from eval.architecture.class_scores import Kinds, class_probabilities, class_scores, merged_scores  # noqa: E402
+from eval.architecture.class_scores import class_probabilities, class_scores, merged_scores  # noqa: E402
 from eval.architecture.compact import CompactConfig  # noqa: E402
+from eval.architecture.kinds import Kinds  # noqa: E402
 from eval.architecture.networks import build, scheme_of  # noqa: E402
 from eval.architecture.reference_networks import PaperConfig  # noqa: E402
 from eval.network.onnx_export import export_network  # noqa: E402

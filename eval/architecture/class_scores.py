@@ -6,7 +6,7 @@ from torch import Tensor, nn
 
 from annotate.scheme.merging import conversion_table
 from annotate.scheme.scheme import BACKGROUND, Scheme
-from eval.architecture.kinds import Kinds as Kinds
+from eval.architecture.kinds import Kinds
 
 
 def class_scores(classes: Kinds, kinds: Tensor, side: Tensor | None) -> Tensor:

@@ -13,9 +13,9 @@ from torch import Tensor, nn
 
 from annotate.scheme.merging import conversion_table, converts
 from annotate.scheme.scheme import Scheme
-from eval.architecture.class_scores import Kinds
 from eval.architecture.compact import CompactConfig
 from eval.architecture.joint_head import HEAD
+from eval.architecture.kinds import Kinds
 from eval.architecture.networks import NetworkConfig, build
 from eval.architecture.reference_networks import SmpConfig
 from sensors.errors import CloudError
