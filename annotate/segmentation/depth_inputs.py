@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 from annotate.array_types import Float32, UInt8
-from annotate.segmentation.input_channels import FELT, FIXED, OTHER, SEEN, SUBJECT, VALID
+from annotate.segmentation.input_channels import FELT, FIXED, OTHER, SEEN, SUBJECT, VALID, write_one_hot
 
 DEPTH_BITS, DEPTH_RANGES = (VALID, SUBJECT, OTHER), 3
 """Flags without colour and temperature; number of the first channels of ``RANGES``, which depth gives."""
@@ -37,13 +37,8 @@ def depth_input(planes: UInt8, parts: int) -> Float32:
     flags, row = np.empty(width, np.uint8), np.empty(width, np.uint8)
     for v in range(height):
         flags[:] = planes[0, v]  # copies side by side, so that the loops vectorise
-        for i, bit in enumerate(DEPTH_BITS):
-            for u in range(width):
-                made[i, v, u] = np.float32((flags[u] & bit) > 0)
         row[:] = planes[1, v]
-        for part in range(1, parts + 1):
-            for u in range(width):
-                made[len(DEPTH_BITS) + part - 1, v, u] = np.float32(row[u] == part)
+        write_one_hot(made, v, (flags, row), DEPTH_BITS, parts)
         for i in range(DEPTH_RANGES):
             row[:] = planes[2 + i, v]
             for u in range(width):

@@ -237,6 +237,21 @@ def _put(made: UInt8, places: Index, values: UInt8) -> None:
 
 
 @njit(cache=True, nogil=True)
+def write_one_hot(made: Float32, v: int, row: tuple[UInt8, UInt8], bits: tuple[int, ...], parts: int) -> None:
+    """Write flags and labels (w,) as zeros and ones into row ``v`` of the first planes of ``made`` (m, h, w).
+
+    row: flags, labels. bits: flags, in the planes' order. parts: number of parts; a plane of each follows.
+    """
+    flags, labels = row
+    for i, bit in enumerate(bits):
+        for u in range(len(flags)):
+            made[i, v, u] = np.float32((flags[u] & bit) > 0)
+    for part in range(1, parts + 1):
+        for u in range(len(labels)):
+            made[len(bits) + part - 1, v, u] = np.float32(labels[u] == part)
+
+
+@njit(cache=True, nogil=True)
 def network_input(planes: UInt8, parts: int = -1) -> Float32:
     """Return the network's input float32 (m, h, w) for channels (n, h, w); flags and parts become one-hot
     planes.
@@ -261,13 +276,8 @@ def network_input(planes: UInt8, parts: int = -1) -> Float32:
             row[:] = planes[i, v]
             for u in range(width):
                 read[u] |= row[u]
-        for i, bit in enumerate(bits):
-            for u in range(width):
-                made[i, v, u] = np.float32((flags[u] & bit) > 0)
         row[:] = planes[1, v]
-        for part in range(1, parts + 1):
-            for u in range(width):
-                made[len(bits) + part - 1, v, u] = np.float32(row[u] == part)
+        write_one_hot(made, v, (flags, row), bits, parts)
         every, known = 0, 0
         for u in range(width):
             every, known = every | flags[u], known | read[u]
