@@ -1,13 +1,14 @@
 """Train the refinement network: python -m tools.fit.refinement_network FOLDER DATASET... [--workers 2].
 
 It refines a network's labels (`eval.network.refine`), of people on the virtual rig without their suit's
-colours, and of people cut out in datasets. FOLDER gets ``examples/NAME.npz``, checkpoints, and
-``reader.onnx``, for eval/weights/full/refine.onnx, from which tools.fit.quantise makes the quantised one. The
-same command resumes an interrupted run. Constants are untuned.
+colours, and of people cut out in datasets. ``--start`` trains given weights further, in one stage,
+``--first`` chooses the recordings. FOLDER gets ``examples/NAME.npz``, checkpoints, and ``reader.onnx``, for
+eval/weights/full/refine.onnx, from which tools.fit.quantise makes the quantised one. The same command resumes
+an interrupted run. Constants are untuned.
 """
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -17,6 +18,7 @@ import torch
 
 from annotate.label_recording import label_cloud
 from annotate.labelset.claim import Claim, login
+from annotate.labelset.dataset import sha256
 from annotate.labelset.labelled_frames import open_frames
 from annotate.scheme.scheme import BACKGROUND
 from annotate.segmentation.input_channels import CHANNELS, VALID, Rectangle
@@ -30,17 +32,18 @@ from eval.network.refine import camera_in
 from eval.training.segmentation.augmentation import Sampling
 from eval.training.segmentation.examples import Example, ExampleFiles
 from eval.training.segmentation.network import FULL_SUIT_NETWORK, load_suit_network
-from eval.training.segmentation.scenes import draw_scene, wearers
+from eval.training.segmentation.scenes import ROOMS_WITH_THINGS, draw_filtered, draw_scene, wearers
 from eval.training.segmentation.train import EXAMPLES, WEIGHTS, Stage, SuitTraining, claim, train_stages
+from eval.training.segmentation.validation import Validation
 from eval.training.shared_bodies import HELD_OUT, bodies_in
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import RigOptions, VirtualRig
 from tools.fit import suit_network
 from tools.fit.suit_network import LINE_STEPS, SEED, is_held_out, lines, make_files, split_files
 
-RIGS, SUBJECTS, FRAMES, FRAMES_PER_SECOND = 300, 8, 16, 0.5  # few frames, because neighbours are alike
+SUBJECTS, FRAMES, FRAMES_PER_SECOND = 8, 16, 0.5  # few frames, because neighbours are alike
 FIRST_SEED = 8_900_000  # of the first recording
-PLACES = {"sofa": 0.3, "chair": 0.25, "bed": 0.25, "floor": 0.2}  # shares of the scenes
+HARD, OTHER_RIG = 0.4, 0.3  # shares of recordings
 COLD = 0.5  # share of frames without temperature
 LEAST_IOU = 0.5  # of the network's outline and the person's; below it another person was labelled
 SHARD = 100  # frames of a dataset in one file
@@ -48,6 +51,8 @@ STAGES = (  # first on the network's labels; then, in half of the files, on labe
     Stage(Sampling(0.012, 128, degrade=False), 4_000, 1.5e-3, 0.998),
     Stage(Sampling(0.012, 128, degrade=False), 2_000, 1e-3, 0.998),
 )
+CONTINUED = Stage(Sampling(0.012, 128, degrade=False), 2_500, 5e-4, 0.998, precision="bfloat16")
+"""Of given weights, on both kinds of labels."""
 
 
 def main() -> None:
@@ -55,41 +60,55 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("datasets", type=Path, nargs="*")
+    parser.add_argument("--recordings", type=int, default=300, help="of the virtual rig")
+    parser.add_argument("--first", type=int, default=0, help="number of the first recording")
+    parser.add_argument("--start", type=Path, help="full-precision weights to train further")
     parser.add_argument("--workers", type=int, default=2, help="processes that make examples")
     given = parser.parse_args()
-    folder, once = given.folder, given.folder / "once"
     suit_network.check_inputs(given.datasets)
     suit_network.one_thread()
-    stages = [asdict(stage) for stage in STAGES]
-    claim(folder, {"seed": SEED, "stages": stages, "datasets": list(map(str, given.datasets))})
-    with Claim.take(folder, login()):
-        made = {
-            path: partial(maker, is_held_out(number))
-            for number, (path, maker) in enumerate(_makers(folder / EXAMPLES, given.datasets))
-        }
-        make_files(made, given.workers)
-        learnt, held_out = split_files(list(made))
-        torch.manual_seed(SEED)
-        if not (once / WEIGHTS).exists():
-            once.mkdir(exist_ok=True)
-            _train(FULL_SUIT_NETWORK, learnt, held_out, 0, once)
-        refined = {path.with_stem(f"{path.stem}-again"): path for path in learnt[::2]}
-        again = {path: partial(of_refined, once / WEIGHTS, first) for path, first in refined.items()}
-        make_files(again, given.workers)
-        _train(once / WEIGHTS, [*learnt[1::2], *refined], held_out, 1, folder)
+    stages = (CONTINUED,) if given.start else STAGES
+    plan = {"seed": SEED, "first": given.first, "recordings": given.recordings}
+    start = sha256(given.start) if given.start else None
+    settings = {"start": start, "datasets": list(map(str, given.datasets))}
+    claim(given.folder, plan | settings | {"stages": [asdict(stage) for stage in stages]})
+    with Claim.take(given.folder, login()):
+        print(_trained(given))
 
 
-def _train(start: Path, learnt: list[Path], held_out: list[Path], stage: int, out: Path) -> None:
-    training = SuitTraining(ExampleFiles(learnt), STAGES[stage], SEED + stage)
+def _trained(given: argparse.Namespace) -> Validation:
+    """Make the missing examples, train the stages that are not finished; return the validation."""
+    folder, once = given.folder, given.folder / "once"
+    numbers = range(given.first, given.first + given.recordings)
+    made = {
+        path: partial(maker, is_held_out(number))
+        for number, (path, maker) in enumerate(_makers(folder / EXAMPLES, numbers, given.datasets))
+    }
+    make_files(made, given.workers)
+    learnt, held_out = split_files(list(made))
+    torch.manual_seed(SEED)
+    if not given.start and not (once / WEIGHTS).exists():
+        once.mkdir(exist_ok=True)
+        _train(FULL_SUIT_NETWORK, SuitTraining(ExampleFiles(learnt), STAGES[0], SEED), held_out, once)
+    first = given.start or once / WEIGHTS
+    refined = {path.with_stem(f"{path.stem}-again"): path for path in learnt[::2]}
+    again = {path: partial(of_refined, first, labels) for path, labels in refined.items()}
+    make_files(again, given.workers)
+    examples = ExampleFiles([*learnt[1::2], *refined])
+    last = CONTINUED if given.start else STAGES[1]
+    return _train(first, SuitTraining(examples, last, SEED + 1), held_out, folder)
+
+
+def _train(start: Path, training: SuitTraining, held_out: list[Path], out: Path) -> Validation:
     network = load_suit_network(start)
-    print(train_stages(network, [training], ExampleFiles(held_out), out, lines(LINE_STEPS)))
+    return train_stages(network, [training], ExampleFiles(held_out), out, lines(LINE_STEPS))
 
 
 def _makers(
-    folder: Path, datasets: list[Path]
+    folder: Path, numbers: Iterable[int], datasets: list[Path]
 ) -> Iterator[tuple[Path, Callable[[bool], Iterator[Example | None]]]]:
     """Yield files of examples, and their makers by whether the file is held out."""
-    for number in range(RIGS):
+    for number in numbers:
         yield folder / f"rig-{number:03d}.npz", partial(of_rig, number)
     for dataset in datasets:
         for shard in range(-(-len(open_frames(dataset)) // SHARD)):
@@ -115,8 +134,9 @@ def of_rig(number: int, held_out: bool) -> Iterator[Example | None]:
     held_out: its people have the bodies that are not trained on.
     """
     rng, seed = np.random.default_rng((88003, number)), FIRST_SEED + number
-    difficulty, scene, kind = draw_scene(rng, 0.3, PLACES, 0.3)
-    options = RigOptions(scene, FRAMES_PER_SECOND, rig=kind, draft=True, wearers=wearers(held_out))
+    difficulty, scene, kind = draw_scene(rng, HARD, ROOMS_WITH_THINGS, OTHER_RIG)
+    stereo, bodies = draw_filtered(rng), wearers(held_out)
+    options = RigOptions(scene, FRAMES_PER_SECOND, rig=kind, draft=True, wearers=bodies, camera=stereo)
     rig = VirtualRig(FRAMES, SUBJECTS, difficulty, seed, options)
     labeller, camera = NetworkLabeller(OnnxNetwork()), rig.calibration.depth.undistorted()
     fuser = labeller.fuser(rig.calibration)

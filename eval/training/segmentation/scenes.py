@@ -57,6 +57,12 @@ def draw_scene(
     return difficulty, scene, str(rng.choice(OTHER_RIGS)) if rng.random() < other_rig else REFERENCE
 
 
+def draw_filtered(rng: np.random.Generator) -> OwnCamera | None:
+    """Draw the depth camera of a recording: one with filters that smooth depth, or None for the rig's own."""
+    stereo = draw_sensor(rng, FILTERED)
+    return OwnCamera(stereo.camera, FILTERED) if rng.random() < FILTERED_SHARE else None
+
+
 def wearers(held_out: bool) -> tuple[Body, ...]:
     """Return the bodies of recordings to train on, or the bodies of held-out recordings."""
     return tuple(body for body in suit_wearers(TRAINING) if (body.name in HELD_OUT) == held_out)
@@ -73,8 +79,7 @@ def training_rig(number: int, held_out: bool = False) -> VirtualRig:
     difficulty, scene, rig = draw_scene(rng, 0.6, places, 0.18)
     suit = random_suit(FIRST_SUIT + number) if rng.random() < OTHER_SUIT else DEFAULT_SUIT
     draft, seed = bool(rng.random() >= FULL_COLOR), FIRST_SEED + number
-    stereo = draw_sensor(rng, FILTERED)
-    camera = OwnCamera(stereo.camera, FILTERED) if rng.random() < FILTERED_SHARE else None
+    camera = draw_filtered(rng)
     options = RigOptions(
         scene,
         rig=rig,
