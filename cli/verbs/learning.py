@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, BadParameter, Option
 
 from cli.console import Json, Overwrite, check_room, clear, finish, progress, say
+from cli.durations import duration
 from cli.extras import check_extra, needing
 from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import check_there
@@ -80,7 +81,7 @@ def adapt(
         Argument(help="Label sets of label by suit or colour, or accepted frames of predict."),
     ],
     out: Annotated[Path, Option(help="Folder for the network; an interrupted run continues there.")],
-    minutes: Annotated[float, Option(min=0.1, help="How long to train.")] = 10.0,
+    minutes: Annotated[float, Option(min=0.1, callback=duration, help="How long to train.")] = 10.0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
