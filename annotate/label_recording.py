@@ -24,7 +24,7 @@ from annotate.labelset.scheme_note import scheme_note
 from annotate.labelset.source_recording import recording_entry
 from annotate.person.extract import PersonDetection, PersonMask
 from annotate.scheme.scheme import Scheme
-from annotate.segmentation.labels_of_frame import labels_of, review_rank
+from annotate.segmentation.labels_of_frame import labels_of, remarks_in, review_rank
 from annotate.segmentation.segment import SuitSegmenter, View, view_of
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
 from annotate.segmentation.suit_network import SuitNetwork, shipped_suit_network
@@ -97,7 +97,7 @@ class Run:
         """Return each warning with the ids of its frames."""
         remarks: dict[str, list[str]] = {}
         for frame_id in self.labels.frame_ids:
-            for note in self.labels.notes(frame_id)["notes"]:
+            for note in remarks_in(self.labels.notes(frame_id)):
                 remarks.setdefault(note, []).append(frame_id)
         return remarks
 

@@ -35,11 +35,15 @@ class AdaptationGain:
 
     @classmethod
     def of_fields(cls, fields: Mapping[str, Any]) -> Self:
-        """Return the gain of JSON values. Raises KeyError and TypeError for values of something else."""
-        known = {name: fields[name] for name in cls.__dataclass_fields__}
-        parts, joints = (Gain(**known[name]) if known[name] else None for name in ("parts", "joints"))
-        before, after = (tuple(map(float, pair)) for pair in known["synthetic"])
-        return cls(**known | {"parts": parts, "joints": joints, "synthetic": (before, after)})
+        """Return the gain of JSON values.
+
+        Raises KeyError, TypeError, ValueError and OverflowError for values of something else.
+        """
+        sizes = int(fields["frames"]), int(fields["spans"]), str(fields["held_out"])
+        joints = None if fields["joints"] is None else Gain.of_fields(fields["joints"])
+        (before, near), (after, near_after) = fields["synthetic"]
+        known = (float(before), float(near)), (float(after), float(near_after))
+        return cls(*sizes, Gain.of_fields(fields["parts"]), joints, known, float(fields["share"]))
 
     @property
     def is_harmless(self) -> bool:
