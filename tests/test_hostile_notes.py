@@ -8,16 +8,29 @@ from conftest import assert_refused
 
 from annotate.correction.correction import Correction
 from annotate.correction.review_queue import confidence_of, has_unsure_island
+from annotate.exchange.keypoints import keypoints_of
 from annotate.label_recording import Run
 from annotate.labelset.label_set import LabelSet
 from cli.verbs.labels.labelling import LabelChoices
 from sensors.errors import ExistsError, FormatError
+from synth.images.distributions import figures_of_labels
 from tests.helpers.witnessed_sets import CAMERA, COLOUR, frame, written
 
 JOINTS = [
     *([["a"] * 3] * 20, [[1, 2], [3]], {"head": 1}, [[10**400] * 3] * 20, [[1e308] * 3] * 20, None, 5),
     *([[None] * 3] * 20, [[0.0, 0.0, 0.0]] * 20),
 ]
+
+
+def test_joints_that_no_number_holds_are_refused_by_exports_and_statistics():
+    known = frame(0)
+    known.notes["bearing"]["joints_px"] = known.notes["joints_mm"] = [[10**400] * 3] * 15
+    with pytest.raises(FormatError, match="joints_px is malformed"):
+        keypoints_of(known)
+    with pytest.raises(FormatError, match="joints_mm is malformed"):
+        figures_of_labels(known)
+
+
 NOTES = [5, "x", None, [[]], [{}], {"a": 1}]
 
 
