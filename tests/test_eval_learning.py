@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("torch")
 
 import torch
-from conftest import tree
+from conftest import assert_refused, tree
 
 from annotate.correction.correction import Correction
 from annotate.correction.relabel import relabel
@@ -32,6 +32,7 @@ from eval.training.segmentation.network import load_suit_network
 from eval.training.segmentation.train import Stage
 from sensors.errors import CloudError, ExistsError
 from sensors.rig.camera import Intrinsics
+from tests.helpers import witnessed_sets
 
 SIDE, IDS = 48, tuple(f"{i:06}" for i in range(8))
 DONE = IDS[:5]
@@ -136,6 +137,22 @@ def test_the_interval_covers_the_mean_change():
         found = gain_of(np.full(5, 0.9), 0.9 + rng.normal(0.01, 0.02, (1, 5)).repeat(2, 0), np.arange(5))
         hit += found.low < 0.01 < found.high
     assert 0.86 < hit / 400 < 0.94
+
+
+def test_a_set_without_untouched_frames_has_none_to_rehearse(tmp_path):
+    path = witnessed_sets.written(tmp_path / "labels", witnessed_sets.COLOUR)
+    for frame_id in LabelSet.open(path).frame_ids:
+        witnessed_sets.judged(path, frame_id, "accept")
+    assert rehearsed_frames(path) == []
+
+
+def test_a_network_is_not_written_into_its_label_set(annotate_cloud, tmp_path):
+    path = witnessed_sets.written(tmp_path / "labels", witnessed_sets.COLOUR)
+    before = tree(path)
+    for verb in ("learn", "adapt"):
+        refused = annotate_cloud(verb, path, "--out", path / "model")
+        assert_refused(refused, f"{path / 'model'} is inside the label set {path}; choose another folder")
+    assert tree(path) == before
 
 
 def test_rehearsed_frames_are_untouched_and_keep_sure_parts_only(corrected):

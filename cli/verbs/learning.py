@@ -60,6 +60,7 @@ def learn(
 
         from eval.fine_tuning.fine_tune import check_folder, fine_tune, fine_tuner_of
     check_folder(out)
+    _check_outside(out, labels)
     os.nice(LOW)
     torch.set_num_threads(1)
     started = time.monotonic()
@@ -105,12 +106,17 @@ def adapted(labels: Sequence[Path], out: Path, minutes: float, overwrite: bool =
         from eval.fine_tuning.adaptation.labelled_people import check_sets, taught_frames
     sets = [taught_frames(path) for path in labels]
     check_sets(sets)
-    for path in labels:
-        if out.resolve().is_relative_to(path.resolve()):
-            raise ExistsError(f"{out} is inside the label set {path}; choose another folder")
+    _check_outside(out, *labels)
     check_room(out, ORDER, overwrite, *labels)
     clear(out, ORDER, overwrite, *labels)
     return run(sets, out, minutes, progress)
+
+
+def _check_outside(out: Path, *labels: Path) -> None:
+    """Raise ExistsError where a folder to write lies in a label set."""
+    for path in labels:
+        if out.resolve().is_relative_to(path.resolve()):
+            raise ExistsError(f"{out} is inside the label set {path}; choose another folder")
 
 
 def adapted_text(done: "Adapted") -> str:
