@@ -73,10 +73,11 @@ class OnnxNetwork(SchemeNetwork):
         schemes = [named_scheme] if named_scheme else [scheme or PAPER, PAPER]
         fitting = [one for one in schemes if trial.shape == (2, len(one.class_ids), SIZE, SIZE)]
         if not fitting:
+            other = "" if named_scheme or scheme else ", or name the scheme of its classes (--scheme)"
             raise FormatError(
                 f"weights {path} output {trial.shape} for two crops; give a network of "
                 f"{len(schemes[0].class_ids)} classes (scheme {schemes[0].name!r} and the background) at "
-                f"{SIZE}x{SIZE}"
+                f"{SIZE}x{SIZE}{other}"
             )
         self.own = self.scheme = fitting[0]
         if not ((trial >= 0).all() and np.abs(trial.sum(axis=1) - 1).max() < ROUNDING * trial.shape[1]):
