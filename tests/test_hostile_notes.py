@@ -22,6 +22,15 @@ JOINTS = [
 ]
 
 
+@pytest.mark.parametrize(("field", "remedy"), [("subject", "a text"), ("notes", "an object")])
+def test_a_field_of_the_wrong_type_is_named(tmp_path, field, remedy):
+    labels = LabelSet.open(written(tmp_path / "labels", COLOUR, 1))
+    file = labels.path / "frames" / "000000.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {field: 5}))
+    with pytest.raises(FormatError, match=f"frame 000000: {field} is 5; give {remedy}"):
+        labels.read("000000")
+
+
 def test_joints_that_no_number_holds_are_refused_by_exports_and_statistics():
     known = frame(0)
     known.notes["bearing"]["joints_px"] = known.notes["joints_mm"] = [[10**400] * 3] * 15
