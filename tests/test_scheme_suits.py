@@ -10,7 +10,7 @@ from annotate.label_recording import SuitLabeller, label_cloud
 from annotate.parts import BODY_PARTS, PAPER
 from annotate.scheme.merging import class_shares, class_sums
 from annotate.scheme.regions import Region
-from annotate.scheme.scheme import scheme_of
+from annotate.scheme.scheme import Part, scheme_of
 from annotate.scheme.scheme_file import SHIPPED, load_scheme, scheme_to_toml
 from annotate.segmentation.input_channels import CHANNELS, Rectangle
 from annotate.segmentation.segment import View
@@ -37,7 +37,8 @@ from synth.rig.virtual_rig import RigOptions, VirtualRig
 from tests.helpers.schemes import WARD, frame_in
 
 SCHEMES = [*map(load_scheme, SHIPPED), WARD]
-HANDS = load_scheme("hands-and-feet")
+HANDS, KINECT = load_scheme("hands-and-feet"), load_scheme("kinect")
+CHAIR = scheme_of("chair", [*PAPER.parts, Part(12, "wheelchair", "Wheelchair", (9, 200, 9))])
 SUITS = [random_suit(3, scheme=scheme) for scheme in (load_scheme("six"), load_scheme("atlas"), WARD)]
 
 
@@ -178,10 +179,43 @@ def test_labels_have_the_suit_s_parts_where_its_colours_tell_them_apart():
         (bare, PAPER),
         (in_gloves(alike=True), PAPER),
         (random_suit(4, scheme=load_scheme("six")), PAPER),
+        (random_suit(4, scheme=load_scheme("trunk-and-limbs")), PAPER),
+        (random_suit(4, scheme=KINECT), KINECT),
         (SUITS[2], WARD),
     ):
-        assert network.for_suit(suit).scheme == scheme
+        assert network.for_suit(suit).scheme == SuitLabeller(suit).scheme == scheme
+        states = suit is not None and suit.scheme != scheme
+        notes = [note for note in SuitLabeller(suit).notes if "labels have the parts of" in note]
+        assert len(notes) == states, notes
     assert network.scheme == PAPER
+
+
+def test_a_suit_of_the_network_s_parts_keeps_its_things():
+    """A network that has learnt a wheelchair, and the same suit as before."""
+    taught = shipped_suit_network().labelling(CHAIR)
+    vars(taught)["own"] = CHAIR
+    for suit, scheme, lost in (
+        (DEFAULT_SUIT, CHAIR, []),
+        (replace(DEFAULT_SUIT, scheme=CHAIR), CHAIR, []),
+        (random_suit(4, scheme=load_scheme("six")), CHAIR, []),
+        (in_gloves(), HANDS, ["wheelchair"]),
+        (SUITS[2], WARD, []),
+    ):
+        labeller = SuitLabeller(suit, taught.for_suit(suit))
+        assert labeller.scheme == scheme
+        assert [note.split()[2] for note in labeller.notes if "labels lack" in note] == lost
+
+
+def test_kinect_s_pelvis_is_labelled_by_its_colour():
+    rig = VirtualRig(1, 1, "clean", 5, RigOptions(draft=True, scheme=KINECT))
+    ((frame, truth),) = rig.with_truth()
+    true = truth_labels(frame, truth, rig.calibration.depth, KINECT).parts
+    labeller = SuitLabeller(rig.suit)
+    found, _ = label_cloud(labeller, labeller.fuser(rig.calibration).fuse_frame(frame), None)
+    assert found.scheme == KINECT
+    for name in ("pelvis", "spine_navel", "spine_chest", "hip_left", "hip_right"):
+        part = KINECT.part_id[name]
+        assert (found.parts[true == part] == part).mean() > 0.7, name
 
 
 @pytest.mark.parametrize("scheme", [HANDS, WARD, load_scheme("atlas")], ids=lambda scheme: scheme.name)
