@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from annotate.array_types import Float32, UInt8
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset import images
+from annotate.labelset.dataset import MANIFEST as DATASET_MANIFEST
 from annotate.labelset.dataset import Entry
 from annotate.labelset.images import Probabilities
 from annotate.labelset.journal import Journal
@@ -347,4 +348,6 @@ def _no_label_set(path: Path) -> str:
         return f"{path} does not exist; check its name"
     if inside := label_sets_in(path):
         return f"{path} is a folder of label sets ({len(inside)} in all); give one, e.g. {inside[0]}"
+    if (path / DATASET_MANIFEST).is_file():
+        return f"{path} is a dataset, not a label set; give the label set that predict writes of it"
     return f"{path} is not a label set (it has no {MANIFEST}); give one that label wrote"
