@@ -222,7 +222,7 @@ def _divided(chance: Float32, planes: UInt8, rgb: UInt8, illuminant: ColorModel,
     colors = rgb.reshape(-1, 3)
     usable = readable(colors, ((planes[0] & SEEN) > 0).ravel())
     scores += by_color(colors, usable, scores, (illuminant, scheme))
-    return scores.argmax(axis=0).astype(np.uint8).reshape(chance.shape[1:])
+    return np.asarray(scores.argmax(axis=0).reshape(chance.shape[1:]), np.uint8)
 
 
 def coarse_pass(view: View, suit: Suit, network: SuitNetwork) -> tuple[Rectangle, ColorModel]:
