@@ -1,6 +1,8 @@
 """Malformed notes of frames, results and markers: one line or unknown values, never a traceback."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -20,6 +22,20 @@ JOINTS = [
     *([["a"] * 3] * 20, [[1, 2], [3]], {"head": 1}, [[10**400] * 3] * 20, [[1e308] * 3] * 20, None, 5),
     *([[None] * 3] * 20, [[0.0, 0.0, 0.0]] * 20),
 ]
+
+
+@pytest.mark.parametrize("image", ["depth", "parts", "confidence", "persons"])
+def test_a_cut_off_image_is_refused_in_one_line_by_the_script(tmp_path, image):
+    """OpenCV writes warnings to stderr beside Python, so another process runs the command."""
+    labels = LabelSet.open(written(tmp_path / "labels", COLOUR, 1))
+    file = labels.path / "frames" / f"000000.{image}.png"
+    file.write_bytes(file.read_bytes()[:40])
+    words = ("export", str(labels.path), str(tmp_path / "out"), "--format", "coco")
+    done = subprocess.run(
+        [sys.executable, "-m", "cli.main", *words], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith("annotate-cloud: ") and done.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize(("field", "remedy"), [("subject", "a text"), ("notes", "an object")])
