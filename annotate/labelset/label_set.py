@@ -337,16 +337,11 @@ def _of_step(step: object) -> str:
     return f"{step}.confidence.png"
 
 
-def label_sets_in(folder: Path) -> list[Path]:
-    """Return the label sets directly inside a folder."""
-    return paths_in_order(manifest.parent for manifest in folder.glob(f"*/{MANIFEST}"))
-
-
 def _no_label_set(path: Path) -> str:
     """Return the reason and the remedy for a path without a label set."""
     if not path.exists():
         return f"{path} does not exist; check its name"
-    if inside := label_sets_in(path):
+    if inside := paths_in_order(manifest.parent for manifest in path.glob(f"*/{MANIFEST}")):
         return f"{path} is a folder of label sets ({len(inside)} in all); give one, e.g. {inside[0]}"
     if (path / DATASET_MANIFEST).is_file():
         return f"{path} is a dataset, not a label set; give the label set that predict writes of it"
