@@ -36,7 +36,7 @@ def rehearsed_frames(path: Path) -> list[CorrectedFrame]:
 
 def _sure(first: FrameLabels) -> FrameLabels:
     """Return labels whose unsure parts are undefined. The background stays in a scheme without things; with
-    things it is undefined, because things that nobody has drawn yet lie in it.
+    things it is undefined, because things that are not drawn yet lie in it.
     """
     unsure = np.zeros(first.parts.shape, np.bool_)
     if first.confidence is not None:
